@@ -3,9 +3,10 @@
 //! `cargo run -p actuator --example actuator`
 //!
 //! The action model brings a type, two predicates and an action of its own. No other agent has to know
-//! them in advance: they become a part of the composite domain when the machine joins. The method has an
-//! argument. When the beans are used up, the machine announces a model without the action, so that no
-//! plan uses it any more. sensor.rs says how such a device gets into a real ecosystem.
+//! them in advance: they become a part of the composite domain when the machine joins. The method has
+//! an argument. When the beans are used up, the machine announces a model without the action, so that
+//! no plan uses it any more. The example sensor.rs describes how such a device is added to a real
+//! ecosystem.
 
 mod office;
 
@@ -24,7 +25,7 @@ use serde_json::json;
 
 use office::{Wish, play};
 
-/// The entry of a daemon's table of plugins.
+/// The entry of this plugin in a daemon's table of plugins.
 const PLUGIN: PluginEntry = PluginEntry {
     name: "example-coffee-machine",
     about: "makes coffee in the room it stands in",
@@ -33,12 +34,12 @@ const PLUGIN: PluginEntry = PluginEntry {
     build,
 };
 
-/// The `config` of an agent in the ecosystem file.
+/// The `config` of a coffee machine in the ecosystem file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Config {
     location: PlaceName,
-    /// Cups for which there are beans.
+    /// Number of cups for which there are beans.
     cups: u32,
 }
 
@@ -49,7 +50,8 @@ struct CoffeeMachine {
     is_ready: bool,
 }
 
-/// Reads the config and checks it. Opens no hardware: `althing check` builds agents, too.
+/// Reads the config of the machine and checks it. Opens no hardware, because `althing check` also
+/// builds agents.
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let Config { location, cups } = blueprint.config_as()?;
     let checked = blueprint.host.has_place(location.as_str());
@@ -60,7 +62,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
 }
 
 impl CoffeeMachine {
-    /// Checks a request, and returns the time that brewing takes.
+    /// Checks a request to brew, and returns the time that brewing takes.
     fn brewing_time(&self, call: &MethodCall) -> Result<Duration, MethodFailure> {
         if call.method != "brew" {
             return Err(MethodFailure::UnknownMethod(call.method.clone()));
@@ -101,14 +103,15 @@ impl Device for CoffeeMachine {
         Description { model, methods: [("make-coffee".to_owned(), method)].into() }
     }
 
-    /// Returns all facts that the machine answers for: what is missing is false.
+    /// Returns all facts that the machine answers for: a fact that is missing from the list is false.
     fn facts(&self) -> Vec<OwnFact> {
         let CoffeeMachine { id, room, is_ready, .. } = self;
         let ready = if *is_ready { format!("(coffee-ready {room})") } else { String::new() };
         facts_of(&format!("(stands-in {id} {room}) {ready}"))
     }
 
-    /// Runs the method. Dropping the future cancels it, so a real driver has to stop the machine then.
+    /// Runs the method that a request names. Dropping the returned future cancels the method, so a real
+    /// driver has to stop the machine when the future is dropped.
     fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<(), MethodFailure>> {
         let time = self.brewing_time(call);
         Box::pin(async move {

@@ -2,10 +2,11 @@
 //!
 //! `cargo run -p actuator --example sensor`
 //!
-//! The sensor implements [`Device`]. Heartbeats, bids, its own planner and the ledger of commands are
-//! those of [`Actuator`]. The example runs the sensor on an in-memory network (`office`). In a real
-//! ecosystem, the constant `PLUGIN` is given to `plugin_process::run`, which makes a package's program of
-//! it (docs/plugins.md), or it gets a line in daemon/althing/src/plugins.rs.
+//! The sensor implements [`Device`]. [`Actuator`] adds the heartbeats, the bids with a planner of the
+//! device's own, and the ledger of commands. The example runs the sensor on an in-memory network
+//! (`office`). In a real ecosystem, the constant `PLUGIN` is given to `plugin_process::run`, which
+//! makes it the program of a package (docs/plugins.md), or the constant is listed in
+//! daemon/althing/src/plugins.rs.
 
 mod office;
 
@@ -25,7 +26,7 @@ use serde_json::json;
 
 use office::{Wish, play};
 
-/// The entry of a daemon's table of plugins.
+/// The entry of this plugin in a daemon's table of plugins.
 const PLUGIN: PluginEntry = PluginEntry {
     name: "example-thermometer",
     about: "reports the temperature of the room it stands in",
@@ -37,7 +38,7 @@ const PLUGIN: PluginEntry = PluginEntry {
 /// How long a measured temperature counts as known.
 const VALID_FOR: Duration = Duration::from_secs(600);
 
-/// The `config` of an agent in the ecosystem file.
+/// The `config` of a sensor in the ecosystem file.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Config {
@@ -47,11 +48,12 @@ struct Config {
 struct Thermometer {
     id: String,
     room: PlaceName,
-    /// The last measurement in °C, and its time.
+    /// The last measured temperature in °C, and the time of the measurement.
     measured: Option<(f64, Instant)>,
 }
 
-/// Reads the config and checks it. Opens no hardware: `althing check` builds agents, too.
+/// Reads the config of the sensor and checks it. Opens no hardware, because `althing check` also builds
+/// agents.
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let Config { location } = blueprint.config_as()?;
     let checked = blueprint.host.has_place(location.as_str());
@@ -61,7 +63,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
 }
 
 impl Device for Thermometer {
-    /// The result of the method: a temperature in °C.
+    /// The result of the method `measure`: a temperature in °C.
     type Yield = f64;
 
     fn describe(&self) -> Description {
@@ -86,8 +88,8 @@ impl Device for Thermometer {
         Description { model, methods: [("report-temperature".to_owned(), method)].into() }
     }
 
-    /// Returns all facts that the sensor answers for. A fact that is missing is false, and a number that
-    /// is missing has no value.
+    /// Returns all facts that the sensor answers for. A fact that is missing from the list is false,
+    /// and a number that is missing has no value.
     fn facts(&self) -> Vec<OwnFact> {
         let Thermometer { id, room, measured } = self;
         let mut facts = facts_of(&format!("(located {id} {room})"));
@@ -100,7 +102,8 @@ impl Device for Thermometer {
         facts
     }
 
-    /// Runs the method. The agent's task must not block, so the work is in the future.
+    /// Runs the method that a request names. The agent's task must not block, so the work is done in
+    /// the returned future.
     fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<f64, MethodFailure>> {
         if call.method != "measure" {
             let unknown = MethodFailure::UnknownMethod(call.method.clone());
@@ -109,7 +112,8 @@ impl Device for Thermometer {
         Box::pin(async { measure().await.map_err(MethodFailure::Driver) })
     }
 
-    /// Keeps the measurement. [`Device::facts`] is called next, before the action is confirmed.
+    /// Keeps the measurement that a method has returned. [`Device::facts`] is called next, before the
+    /// action is confirmed.
     fn on_success(&mut self, _call: &MethodCall, celsius: f64) -> MethodResult {
         self.measured = Some((celsius, Instant::now()));
         let observations = self.facts().into_iter().map(|fact| fact.fact).collect();
@@ -117,7 +121,8 @@ impl Device for Thermometer {
     }
 }
 
-/// Reads the hardware; here, a number after a moment. An error completes “failed to …”.
+/// Reads the hardware; in this example it returns a fixed number after a moment. The text of an error
+/// completes “failed to …”.
 async fn measure() -> Result<f64, String> {
     tokio::time::sleep(Duration::from_millis(20)).await;
     Ok(21.5)

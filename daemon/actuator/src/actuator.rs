@@ -21,15 +21,16 @@ use crate::device::{Description, Device, MethodCall, MethodFailure, MethodResult
 use crate::initiative::OpenInitiatives;
 use crate::ledger::{Ledger, TokenState};
 
-/// Maximum number of calls for proposals that are answered side by side; more are refused. Each uses a
-/// thread for some milliseconds.
+/// Maximum number of calls for proposals that are answered side by side; further calls are refused.
+/// Each answer uses a thread for some milliseconds.
 const BIDS_MAX: usize = 16;
 
-/// How long the ground task is kept after the last call. A goal that fails is called for again within
-/// seconds; if a hundred devices kept theirs for ever, they would take tens of megabytes.
+/// How long an actuator keeps the ground task of its planner after the last call for proposals. A goal
+/// that fails is called for again within seconds; if a hundred devices kept their ground tasks for
+/// ever, these would take tens of megabytes.
 const CACHE_TTL: Duration = Duration::from_secs(60);
 
-/// An agent that senses or acts.
+/// An agent that drives a device: a sensor, or a device that acts.
 pub struct Actuator<D: Device> {
     pub(crate) device: D,
     pub(crate) initiatives: OpenInitiatives,
@@ -37,40 +38,41 @@ pub struct Actuator<D: Device> {
     ledger: Ledger,
     announced: AnnouncedModel,
     running_command: Option<RunningCommand>,
-    /// Final reports that are being written to disk and are sent afterwards.
+    /// Writes to disk of final reports, by token. Each report is sent when its write has ended.
     pending_reports: BTreeMap<ActionToken, WorkHandle>,
     running_bids: BTreeMap<ReplyToken, (Cancel, WorkHandle)>,
-    /// The device's own planner, used by one bid at a time. A bid beside it starts with an empty
-    /// planner instead of waiting.
+    /// Data that the device's own planner keeps, used by one bid at a time. A bid that is made at the
+    /// same time starts with an empty planner instead of waiting.
     bid_cache: Arc<Mutex<BidCache>>,
-    /// Timer that drops the composed domain and the ground task.
+    /// Timer that drops the composed domain and the ground task kept for the next bid.
     cache_expiry: Option<TimerId>,
 }
 
-/// Data that one bid leaves for the next.
+/// Data that the planner keeps from one bid for the next.
 #[derive(Default)]
 struct BidCache {
     sight: CompositionCache,
     replanner: Replanner,
 }
 
-/// The last announcement.
+/// Content of the actuator's last announcement.
 #[derive(Default)]
 struct AnnouncedModel {
     digest: String,
-    /// The offered actions, each with the method that carries it out.
+    /// The announced actions, each with the method that carries it out.
     offered: Box<[(String, Method)]>,
     sequence: u64,
 }
 
-/// How long a running action waits for a new requester after the former one has stood down. A new
+/// How long a running action waits for a new requester after the former requester has stood down. A new
 /// leader asks within milliseconds, or as soon as a lost message is repeated.
 const ORPHAN_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Maximum number of requesters of one token: an executor, and the replicas that took over from it.
+/// Maximum number of requesters of one token: the Plan Executor that asked first, and the replicas that
+/// took over from it.
 const SUBSCRIBERS_MAX: usize = 8;
 
-/// A method that is running.
+/// An action that the actuator is carrying out by a method.
 struct RunningCommand {
     token: ActionToken,
     /// Exchanges in which the action was requested, the latest last.
@@ -80,7 +82,7 @@ struct RunningCommand {
 }
 
 impl<D: Device> Actuator<D> {
-    /// Creates an actuator that uses the domain shared by the actuators of its host.
+    /// Creates an actuator for `device`. It uses the domain that all actuators of its host share.
     ///
     /// # Errors
     ///
@@ -163,8 +165,9 @@ impl<D: Device> Agent for Actuator<D> {
 }
 
 impl<D: Device> Actuator<D> {
-    /// Returns a function that computes the local domain: everything public, and in full the actions of
-    /// this agent and of those it carries. Computed only when needed, because it takes a millisecond.
+    /// Returns a function that computes the local domain, which contains everything public, and in full
+    /// the actions of this agent and of the agents that it carries. The domain is computed only when it
+    /// is needed, because the computation takes a millisecond.
     fn local_domain(
         &self,
         ctx: &Context<Self>,
@@ -202,14 +205,14 @@ impl<D: Device> Actuator<D> {
         ctx.broadcast_state(&Inform::Model(Box::new(announcement)));
     }
 
-    /// Sends a heartbeat; announces the full model instead if it has changed.
+    /// Broadcasts a heartbeat; if the action model has changed, announces the full model instead.
     pub(crate) fn send_heartbeat(&mut self, ctx: &mut Context<Self>) {
         if let Some(heartbeat) = self.heartbeat_or_announce(ctx) {
             ctx.broadcast_state(&Inform::Heartbeat(heartbeat));
         }
     }
 
-    /// Builds the next heartbeat. If the action model has changed since it was last announced,
+    /// Builds the next heartbeat. If the action model has changed since the last announcement,
     /// announces the full model instead and returns `None`.
     fn heartbeat_or_announce(&mut self, ctx: &mut Context<Self>) -> Option<Heartbeat> {
         let Description { model, methods } = self.device.describe();
@@ -317,8 +320,8 @@ impl<D: Device> Actuator<D> {
         Ok(())
     }
 
-    /// Whether a token was requested before, by any executor of the plan. Such a token is not executed
-    /// again; the new requester gets the result, now or when the action ends.
+    /// Whether the action of a token was requested before, by any executor of the plan. Such an action
+    /// is not executed again; the new requester gets its result, at once or when the action ends.
     fn answer_if_known(
         &mut self,
         engagement: &Participation,
@@ -364,8 +367,8 @@ impl<D: Device> Actuator<D> {
         Ok(true)
     }
 
-    /// Checks that an action is announced by this agent and is its own to do. Returns the time limit of
-    /// its method.
+    /// Checks that this agent has announced an action and is the agent that acts in it. Returns the
+    /// time limit of the method that carries out the action.
     fn admissible(&self, action: &str, method: &str, own: &AgentId) -> Result<Duration, Refusal> {
         let incapable = |detail: String| Refusal::new(Reason::Incapable, detail);
         let step = pddl::parse_step(action).into_result().map_err(|diagnostics| {
@@ -412,7 +415,7 @@ impl<D: Device> Actuator<D> {
         self.conclude(token, askers, report, ctx);
     }
 
-    /// Writes the outcome of a token to disk, then reports it.
+    /// Writes the outcome of an action to disk under the action's token, then reports the outcome.
     fn conclude(
         &mut self,
         token: ActionToken,
@@ -457,8 +460,8 @@ impl<D: Device> Actuator<D> {
         }
     }
 
-    /// Handles that a requester has stood down: the action goes on if another requester follows it, now
-    /// or soon.
+    /// Handles that a requester of the running action has stood down. The action goes on if another
+    /// requester follows it now or soon.
     fn requester_stood_down(&mut self, exchange: &ReplyToken, ctx: &mut Context<Self>) {
         let Some(acting) = &mut self.running_command else { return };
         if !acting.subscribers.iter().any(|asker| asker.exchange == *exchange) {
@@ -469,8 +472,8 @@ impl<D: Device> Actuator<D> {
         self.check_orphaned(token, false, ctx);
     }
 
-    /// Cancels the action if no requester follows it: no other has asked for it, or all others are
-    /// absent at two checks in a row.
+    /// Cancels the running action if no requester follows it: either no other requester has asked for
+    /// the action, or all others are absent at two checks in a row.
     fn check_orphaned(&mut self, token: ActionToken, is_second: bool, ctx: &mut Context<Self>) {
         // A short absence at the first check is over by the second, and another has not begun.
         let wait = if is_second { ctx.settings().grace } else { ORPHAN_TIMEOUT };

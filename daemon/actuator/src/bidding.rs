@@ -1,8 +1,8 @@
-//! An actuator's bid in answer to a call for proposals: the conjuncts that it can reach alone or with
-//! the agents it carries, in its own local domain.
+//! An actuator's bid in answer to a call for proposals: the plans for those conjuncts that the actuator
+//! can reach alone or with the agents that it carries, made in the actuator's own local domain.
 //!
-//! A bid has one alternative per conjunct, and one for all reachable conjuncts together. No two of them
-//! can be accepted at once, because each starts from the present state.
+//! A bid has one alternative per conjunct, and one for all reachable conjuncts together. No two
+//! alternatives can be accepted at once, because each of them starts from the present state.
 
 use acl::content::{Bid, CallForProposals, Proposal};
 use capability::{DomainSnapshot, problem_digest};
@@ -11,7 +11,8 @@ use planner::{Budget, Cancel, Options, Replanner};
 
 const NOTHING: &str = "it reaches no part of the goal";
 
-/// Plans for a call, and reuses what `replanner` keeps from the last one.
+/// Plans for a call for proposals and returns the bid. Reuses the data that `replanner` keeps from the
+/// last call.
 ///
 /// # Errors
 ///
@@ -64,7 +65,7 @@ pub(crate) fn bid(
     Ok(Bid { proposals, domain_digest })
 }
 
-/// Moves the objects and facts of a problem into the problem that is returned.
+/// Returns a problem with the objects and facts of `problem`, which are moved out of it.
 fn take_contents(problem: &mut Problem) -> Problem {
     let (objects, init) = (std::mem::take(&mut problem.objects), std::mem::take(&mut problem.init));
     Problem { objects, init, ..problem.clone() }
@@ -82,8 +83,8 @@ fn readable(call: &CallForProposals) -> Result<Vec<(String, Condition)>, String>
     call.conjuncts.iter().map(read).collect()
 }
 
-/// Removes the conjuncts that are proved unreachable. Of the goal of a large building, a sensor on a
-/// wall can reach one conjunct and need not plan for each of the others.
+/// Removes the conjuncts that are proved unreachable for this actuator, so that it does not plan for
+/// each of them. Of a goal about a large building, a sensor on a wall can reach one conjunct.
 fn drop_unreachable(
     snapshot: &DomainSnapshot,
     conjuncts: Vec<(String, Condition)>,
@@ -105,13 +106,14 @@ fn drop_unreachable(
     kept.filter(|(position, _)| !proven.contains(position)).map(|(_, kept)| kept).collect()
 }
 
-/// Planner options within this machine's share of memory.
+/// Returns planner options that keep the planner within its share of this machine's memory.
 fn bounded() -> Options {
     let memory_max_bytes = agent::computation_bytes_max();
     Options { budget: Budget { memory_max_bytes, ..Budget::default() }, ..Options::default() }
 }
 
-/// Returns a proposal for these conjuncts together; `None` if there is no plan or the plan is empty.
+/// Returns a proposal that reaches these conjuncts together; `None` if there is no plan for them or the
+/// plan is empty.
 fn propose(
     snapshot: &DomainSnapshot,
     problem: &mut Problem,
@@ -145,8 +147,9 @@ fn propose(
     })
 }
 
-/// Removes the called-for conjuncts from the problem's facts. The caller has found that they do not
-/// hold; a fact to the contrary is out of date, such as one of an agent that has just died.
+/// Removes the conjuncts of a call for proposals from the facts of the problem. The sender of the call
+/// has found that these conjuncts do not hold, so a fact to the contrary is out of date: it may come
+/// from an agent that has just died.
 fn remove_called_for<'c>(
     problem: &mut Problem,
     conjuncts: impl IntoIterator<Item = &'c (String, Condition)>,

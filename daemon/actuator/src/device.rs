@@ -9,54 +9,58 @@ use substrate::BoxFuture;
 
 use crate::initiative::{DeviceEvent, Initiative, InitiativeUpdate};
 
-/// A device that senses or acts.
+/// A device that an actuator drives: one that senses or acts.
 ///
-/// Called on its agent's task, so no method here may block. Slow work belongs into the future that
-/// [`Device::perform`] returns. Dropping that future cancels the method.
+/// The methods of this trait are called on the task of the device's agent, so none of them may block.
+/// Slow work belongs into the future that [`Device::perform`] returns. Dropping that future cancels the
+/// method.
 pub trait Device: Sized + Send + 'static {
-    /// The result of a method.
+    /// The result of a method of the device that has succeeded.
     type Yield: Send + 'static;
 
-    /// Returns the action model and the methods as of now. Called again after every method and at every
-    /// heartbeat: a robot with an empty battery offers no `move`.
+    /// Returns the action model and the methods that the device offers at present. Called again after
+    /// every method and at every heartbeat, because the offer may change: a robot with an empty battery
+    /// offers no `move`.
     fn describe(&self) -> Description;
 
-    /// Returns all facts that the device answers for now. A fact that is missing is false.
+    /// Returns all facts that the device answers for now. A fact that is missing from the list is
+    /// false.
     fn facts(&self) -> Vec<OwnFact>;
 
     /// Reads the device's real state before the first announcement: an earlier incarnation may have
-    /// left it in another state than the config says. Nothing is announced until the future ends, so it
-    /// must be bounded in time.
+    /// left it in another state than the config says. Nothing is announced until the returned future
+    /// ends, so its time must be bounded.
     fn read_state(&self) -> Option<BoxFuture<()>> {
         None
     }
 
-    /// Returns a refusal if the device declines to run an offered method; called before it agrees.
+    /// Returns a refusal if the device declines the call of an offered method, otherwise `None`. Called
+    /// before the agent agrees to the request.
     fn check_call(&mut self, _call: &MethodCall) -> Option<Refusal> {
         None
     }
 
-    /// Runs a method.
+    /// Runs a method of the device. Dropping the returned future cancels the method.
     fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<Self::Yield, MethodFailure>>;
 
-    /// Called when a method has succeeded. [`Device::facts`] returns the new facts from now on.
+    /// Called when a method has succeeded. [`Device::facts`] returns the new facts from this call on.
     fn on_success(&mut self, call: &MethodCall, yielded: Self::Yield) -> MethodResult;
 
-    /// Called when a method has failed or was cancelled.
+    /// Called when a method of the device has failed or was cancelled.
     fn on_failure(&mut self, _call: &MethodCall, _failure: &MethodFailure) {}
 
-    /// Waits for the next event that happens to the device by itself: a person moves, a battery runs
-    /// low. Then the [`DeviceEvent`] changes the device, the facts and the action model are announced at once,
-    /// and the initiatives are carried out.
+    /// Waits for the next event that no request caused: a person moves, a battery runs low. Then the
+    /// [`DeviceEvent`] that the future returns changes the device, the new facts and action model are
+    /// announced at once, and the initiatives of the event are carried out.
     ///
     /// Called on activation and again after each event. The future may wait until an event happens, and
-    /// is dropped with the agent. `None` if the device has no such events.
+    /// is dropped with the agent. Returns `None` if the device has no such events.
     fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<Self>>> {
         None
     }
 
     /// Called with the news of the initiative `name`; returns what the device does next. A device that
-    /// was refused and asks again at once is refused at once.
+    /// requests a refused goal again at once is refused again at once.
     fn receive_news(&mut self, _name: &str, _news: &InitiativeUpdate) -> Vec<Initiative> {
         Vec::new()
     }
@@ -67,58 +71,58 @@ pub trait Device: Sized + Send + 'static {
     }
 }
 
-/// Abilities of a device at present.
+/// What a device offers at present: its action model and its methods.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Description {
-    /// Its action model.
+    /// The action model of the device.
     pub model: ActionModel,
-    /// The method that carries out each action.
+    /// The method that carries out each action of the model.
     pub methods: Methods,
 }
 
-/// A fact that a device answers for.
+/// A fact about which the device has the decisive word: its reports count more than those of others.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OwnFact {
-    /// The fact.
+    /// The fact, as it is written in the `:init` section of a problem.
     pub fact: InitElement,
-    /// How long the fact is still known; `None` until the device says otherwise.
+    /// How long the fact is still known; with `None` it is known until the device reports otherwise.
     pub known_for: Option<Duration>,
 }
 
-/// A method to run.
+/// A call of a device's method: its name and arguments, and the action that it carries out.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct MethodCall {
     /// The ground action that the method carries out.
     pub action: String,
-    /// The method.
+    /// Name of the method to run.
     pub method: String,
-    /// Its arguments.
+    /// Arguments of the method, by name.
     pub arguments: BTreeMap<String, String>,
 }
 
 /// Result of a method that has succeeded.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MethodResult {
-    /// One line for a person.
+    /// Description of the result, one line for a person.
     pub detail: String,
-    /// Observed facts, to be sent with the confirmation.
+    /// Facts that the method has observed, to be sent with the confirmation.
     pub observations: Vec<InitElement>,
 }
 
-/// Why a method did not succeed. Completes “failed to …”.
+/// Why a method did not succeed. The text of each variant completes “failed to …”.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MethodFailure {
-    /// The device has no such method.
+    /// The device has no method of this name.
     #[error("find a method `{0}`")]
     UnknownMethod(String),
-    /// The method needs an argument that was not given.
+    /// The method needs this argument, which was not given.
     #[error("run a method without its argument `{0}`")]
     MissingArgument(&'static str),
-    /// The driver returned an error.
+    /// The driver of the device returned this error.
     #[error("{0}")]
     Driver(String),
-    /// The method took longer than its time limit.
+    /// The method took longer than its time limit, which is given here.
     #[error("finish within {0:?}")]
     TimedOut(Duration),
     /// The method was cancelled on request.
@@ -127,11 +131,11 @@ pub enum MethodFailure {
 }
 
 impl MethodCall {
-    /// Returns an argument.
+    /// Returns the argument `name` of the method.
     ///
     /// # Errors
     ///
-    /// Returns [`MethodFailure::MissingArgument`] if it was not given.
+    /// Returns [`MethodFailure::MissingArgument`] if the call has no such argument.
     pub fn argument(&self, name: &'static str) -> Result<&str, MethodFailure> {
         self.arguments.get(name).map(String::as_str).ok_or(MethodFailure::MissingArgument(name))
     }

@@ -1,8 +1,8 @@
-//! Initiatives of an actuator: it announces events of its device at once, requests goals as users do,
-//! and asks people questions.
+//! Initiatives of an actuator, which no request causes: it announces events of its device at once,
+//! requests goals as users do, and asks people questions.
 //!
-//! - A device reports events by [`Device::watch`] and answers each with [`Initiative`]s. News of an
-//!   initiative are passed to [`Device::on_update`].
+//! - A device reports events by [`Device::next_event`] and answers each with [`Initiative`]s. News of
+//!   an initiative are passed to [`Device::receive_news`].
 //! - A goal stays requested until it ends or is withdrawn. If the Plan Requester was absent or was
 //!   restarted, the goal is requested (again) when it joins.
 //! - The first answer to a question counts, and the question is then withdrawn at all keyboards. A
@@ -28,71 +28,73 @@ use crate::device::Device;
 /// The first event is announced at once.
 const EVENT_INTERVAL_MIN: Duration = Duration::from_millis(100);
 
-/// How long a goal may go without any report. A maintained goal may hold for a year.
+/// How long a requested goal may go without any report. A maintained goal may hold for a year.
 const GOAL_PATIENCE: Duration = Duration::from_secs(365 * 24 * 3_600);
 
-/// Delay before a goal is requested again after the Plan Requester's mailbox was full: a burst is over
-/// by then.
+/// Delay before a goal is requested again after the Plan Requester's mailbox was full. A burst of
+/// messages is over after this time.
 const FULL: Duration = Duration::from_secs(1);
 
-/// Delay before a failed goal that the device insists on is requested again. It doubles with each
-/// failure, from the time another agent needs to start to the time a repair takes.
+/// First delay before a failed goal that the device insists on is requested again. The delay doubles
+/// with each failure, from the time that another agent needs to start up to the time that a repair
+/// takes.
 const INSISTING_FIRST: Duration = Duration::from_secs(1);
 const INSISTING_MAX: Duration = Duration::from_secs(300);
 
-/// Maximum number of open goals, and of open questions, of one device. A camera has one or two.
+/// Maximum number of open goals, and of open questions, of one device. A camera has one or two of them.
 const OPEN_MAX: usize = 32;
 
-/// An event of a device: changes the device and returns its initiatives.
+/// An event of a device, as a function that changes the device and returns the device's initiatives.
 pub type DeviceEvent<D> = Box<dyn FnOnce(&mut D) -> Vec<Initiative> + Send>;
 
-/// An action that a device takes by itself. The device chooses the names, which identify its goals and
-/// its questions.
+/// An action that a device takes without a request. The device chooses the names of its initiatives,
+/// which identify its goals and its questions.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Initiative {
     /// Requests a goal from the Plan Requester. The same goal under the same name is requested once;
-    /// another goal replaces the one before.
+    /// another goal under this name replaces the former one.
     RequestGoal {
-        /// Its name.
+        /// Name of the goal, chosen by the device.
         name: String,
-        /// The goal.
+        /// The goal that is requested.
         goal: Achieve,
         /// Whether the goal is requested again after a failure, at growing intervals, until it is
         /// withdrawn.
         insists: bool,
     },
-    /// Withdraws the goal and the question of this name, if there are any. No more news of them follow.
+    /// Withdraws the goal and the question of this name, if there are any. No more news about them
+    /// follow.
     Withdraw {
-        /// Its name.
+        /// Name under which the goal was requested or the question was asked.
         name: String,
     },
-    /// Asks people at all keyboards, and takes the first answer. The answer may be a secret and is
-    /// encrypted on its way here. Another question of the same name replaces this one.
+    /// Asks people at all keyboards a question, and takes the first answer. The answer may be a secret,
+    /// and is encrypted on its way to the device. Another question of the same name replaces this one.
     AskPeople {
-        /// Its name.
+        /// Name of the question, chosen by the device.
         name: String,
-        /// The question.
+        /// The question that people are asked.
         question: Question,
-        /// How long to wait for an answer.
+        /// How long to wait for an answer to the question.
         patience: Duration,
     },
 }
 
-/// News of an initiative.
+/// News of an initiative, which the device receives.
 #[derive(Clone, Debug, PartialEq)]
 pub enum InitiativeUpdate {
-    /// The state of the goal.
+    /// A report about the requested goal: progress or outcome.
     Report(Report),
-    /// The goal was refused.
+    /// The Plan Requester refused the goal.
     Refused(Refusal),
-    /// A person's answer.
+    /// The text with which a person answered the question.
     Answer(String),
-    /// No agent took the goal, or no person answered in time; with the reason.
+    /// No agent took the goal, or no person answered the question in time. The text is the reason.
     Unanswered(String),
 }
 
 impl InitiativeUpdate {
-    /// Whether no more news follow, so that the name is free again.
+    /// Whether no more news of the initiative follow, so that its name is free again.
     pub fn is_final(&self) -> bool {
         match self {
             InitiativeUpdate::Report(report) => report.outcome.is_final(),
@@ -102,7 +104,7 @@ impl InitiativeUpdate {
         }
     }
 
-    /// Whether a goal failed, other than by a cancellation.
+    /// Whether a report says that a goal failed, other than by a cancellation.
     fn has_failed(&self) -> bool {
         match self {
             InitiativeUpdate::Report(report) => report.outcome == Outcome::Failed,
@@ -122,21 +124,21 @@ pub(crate) struct OpenInitiatives {
     event_watch: Option<WorkHandle>,
     goals: BTreeMap<String, WantedGoal>,
     questions: BTreeMap<String, ReplyToken>,
-    /// Number of requests so far. Identifies each request, so that answers to an earlier one of the
-    /// same name are recognised.
+    /// Number of requests so far. The number identifies each request, so that answers to an earlier
+    /// request of the same name are recognised.
     request_count: u64,
 }
 
-/// A goal that the device wants.
+/// A goal that the device has requested and not withdrawn.
 struct WantedGoal {
     goal: Achieve,
-    /// Conversation of the goal, the same for every Plan Requester that leads, so that repeated
-    /// requests mean one goal. A new one after a failure.
+    /// Conversation of the goal. It stays the same for every Plan Requester that leads, so that
+    /// repeated requests mean one goal. After a failure the goal gets a new conversation.
     conversation: ConversationId,
     insists: bool,
-    /// Number of failures in a row.
+    /// Number of failures of the goal in a row.
     failures: u32,
-    /// The open request; `None` while no Plan Requester is present.
+    /// The open request for the goal; `None` while no Plan Requester is present.
     open_request: Option<PendingRequest>,
 }
 
@@ -153,7 +155,8 @@ fn plan_requester() -> AgentId {
 impl<D: Device> Actuator<D> {
     // === watching ===
 
-    /// Stores the initial look at the device; the device is watched when it is done.
+    /// Stores the task that reads the device's state for the first time. The device's events are
+    /// watched when this task has ended.
     pub(crate) fn looks(&mut self, work: WorkHandle) {
         self.initiatives.event_watch = Some(work);
     }
@@ -299,8 +302,8 @@ impl<D: Device> Actuator<D> {
         self.deliver_update(name, &news, ctx);
     }
 
-    /// Requests a goal again after `wait`, if it is still wanted. The request was not read, or the goal
-    /// failed.
+    /// Requests a goal again after `wait`, if the device still wants it. Called when the request was
+    /// not read, or when the goal failed.
     fn request_later(
         &mut self,
         name: String,
@@ -331,12 +334,12 @@ impl<D: Device> Actuator<D> {
         ctx.extend(&exchange, ctx.settings().answer_deadline * 4);
     }
 
-    /// Whether the device has goals that a joining Plan Requester must be asked for.
+    /// Whether the device has goals that must be requested from a Plan Requester when it joins.
     pub(crate) fn has_wanted_goals(&self) -> bool {
         !self.initiatives.goals.is_empty()
     }
 
-    /// Requests all goals from a Plan Requester that has joined: it does not know them.
+    /// Requests all goals from a Plan Requester that has joined: that agent does not know these goals.
     pub(crate) fn plan_requester_joined(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
         let Presence::Joined(resident) = presence else { return };
         if resident.agent != plan_requester() {
@@ -358,7 +361,7 @@ impl<D: Device> Actuator<D> {
         }
     }
 
-    /// Withdraws all goals and questions, because the daemon is stopping.
+    /// Withdraws all goals and questions of the device, because the daemon is stopping.
     pub(crate) fn withdraw_all(&mut self, ctx: &mut Context<Self>) {
         self.initiatives.event_watch = None;
         let names: Vec<_> = self.initiatives.goals.keys().cloned().collect();
@@ -400,7 +403,7 @@ impl<D: Device> Actuator<D> {
         self.initiatives.questions.insert(name, exchange);
     }
 
-    /// Withdraws a question, if it is open.
+    /// Withdraws a question of the device, if the question is open.
     fn withdraw_question(&mut self, name: &str, detail: String, ctx: &mut Context<Self>) {
         if let Some(exchange) = self.initiatives.questions.remove(name) {
             ctx.cancel(&exchange, &Withdrawal { detail });
@@ -448,7 +451,7 @@ impl<D: Device> Actuator<D> {
     }
 }
 
-/// Reads the Plan Requester's message about a goal.
+/// Reads a message of the Plan Requester about a goal as news of an initiative.
 fn read(message: &Message) -> Result<InitiativeUpdate, String> {
     match message.performative {
         Performative::Confirm => message.content_as().map(InitiativeUpdate::Report),

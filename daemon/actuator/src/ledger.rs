@@ -1,8 +1,10 @@
-//! Command ledger of an actuator: each token is executed at most once, also across incarnations.
+//! Command ledger of an actuator: a file that makes sure that each token is executed at most once, also
+//! across incarnations.
 //!
-//! The actuator is the arbiter (docs/design.md, “Execution”). A token is on disk before its method
-//! runs. A token of an older plan for a goal than the newest one seen is refused. An executor that
-//! takes over and requests a token again gets its outcome; if an earlier incarnation began the token
+//! The actuator is the arbiter (docs/design.md, “Execution”). A token identifies the execution of one
+//! step, and is on disk before the method of that step runs. A token is refused if it belongs to an
+//! older plan than the newest one seen for its goal. A Plan Executor that takes over and requests a
+//! token again gets the outcome of that token. If an earlier incarnation of the actuator began a token
 //! and did not end it, the outcome cannot be known.
 
 use std::collections::{HashMap, VecDeque};
@@ -16,14 +18,14 @@ use acl::{AgentId, ConversationId};
 use agent::StateFolder;
 use serde::{Deserialize, Serialize};
 
-/// Maximum number of reports kept in full: an executor that takes over asks for those of the running
-/// plans. Of older tokens only the outcome is kept.
+/// Maximum number of reports kept in full: a Plan Executor that takes over asks for the reports of
+/// running plans. Of older tokens only the outcome is kept.
 const REPORTS_MAX: usize = 256;
 
-/// Factor by which the file may have more lines than needed before it is rewritten.
+/// Factor by which the ledger's file may have more lines than needed before the file is rewritten.
 const LONGER_MAX: usize = 4;
 
-/// Command ledger: the tokens begun so far.
+/// Command ledger of an actuator: the tokens begun so far, and how they ended.
 #[derive(Debug)]
 pub(crate) struct Ledger {
     file: Option<Arc<Mutex<LedgerFile>>>,
@@ -31,20 +33,21 @@ pub(crate) struct Ledger {
     tokens: HashMap<ActionToken, TokenMark>,
     order: VecDeque<ActionToken>,
     reports: VecDeque<(ActionToken, Report)>,
-    /// The newest plan seen for each goal, as term and round.
+    /// The newest plan seen for each goal, as the term of its leader and its number (round) in that
+    /// term.
     newest_plans: HashMap<ConversationId, (u64, u32)>,
 }
 
-/// State of a token.
+/// State of a token in the ledger.
 #[derive(Debug, PartialEq)]
 pub(crate) enum TokenState {
-    /// Not seen before: it may be executed.
+    /// The token was not seen before: it may be executed.
     New,
-    /// Belongs to an older plan than the newest one seen for its goal.
+    /// The token belongs to an older plan than the newest one seen for its goal.
     Stale,
-    /// Begun; no end is recorded.
+    /// The token was begun, and no end of it is recorded.
     Begun,
-    /// Ended with this report.
+    /// The execution of the token ended with this report.
     Ended(Box<Report>),
 }
 
@@ -54,7 +57,7 @@ enum TokenMark {
     Ended(Outcome),
 }
 
-/// The file, with the number of its lines.
+/// The ledger's file, with the number of its lines.
 #[derive(Debug)]
 struct LedgerFile {
     path: PathBuf,
@@ -62,16 +65,16 @@ struct LedgerFile {
     tokens_max: usize,
 }
 
-/// Content of a file.
+/// Content of a ledger's file.
 struct LedgerContents {
     ledger: Ledger,
     lines: usize,
-    /// Number of lines that could not be parsed: torn ones, of a token that never ran or has an unknown
-    /// outcome; or lines of a newer version.
+    /// Number of lines that could not be parsed: torn lines, of a token that never ran or has an
+    /// unknown outcome, or lines that a newer version wrote.
     unread: usize,
 }
 
-/// A line of the file.
+/// A line of the ledger's file.
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 enum LedgerLine {
@@ -80,7 +83,7 @@ enum LedgerLine {
         token: ActionToken,
         report: Report,
     },
-    /// Line of an earlier version, for a token that was begun.
+    /// Line that an earlier version wrote for a token that was begun.
     #[serde(untagged)]
     Bare(ActionToken),
 }
@@ -98,12 +101,12 @@ impl Ledger {
         }
     }
 
-    /// Loads the command ledger of earlier incarnations from `folder`. With `None` the ledger is in
-    /// memory only.
+    /// Loads the command ledger of earlier incarnations from `folder`. If `folder` is `None`, the
+    /// ledger is in memory only.
     ///
     /// # Errors
     ///
-    /// Returns an error if the file exists and cannot be read.
+    /// Returns an error if the ledger's file exists and cannot be read.
     pub(crate) fn open(
         agent: &AgentId,
         folder: Option<&StateFolder>,
@@ -126,7 +129,7 @@ impl Ledger {
         Ok(ledger)
     }
 
-    /// Returns the state of a token.
+    /// Returns the state of a token in the ledger.
     pub(crate) fn state_of(&self, token: &ActionToken) -> TokenState {
         match self.tokens.get(token) {
             Some(TokenMark::Begun) => TokenState::Begun,
@@ -148,8 +151,8 @@ impl Ledger {
         }
     }
 
-    /// Begins a token. Returns a function that writes this to disk and waits for the disk; the method
-    /// must run only after it has succeeded.
+    /// Marks a token as begun. Returns a function that writes this mark to disk and waits for the disk;
+    /// the method of the step may run only after that function has succeeded.
     pub(crate) fn begin_token(
         &mut self,
         token: ActionToken,
@@ -163,8 +166,8 @@ impl Ledger {
         }
     }
 
-    /// Ends a token. Returns a function that appends this to the file, without waiting for the disk.
-    /// After a power cut the outcome may be missing; the token then counts as begun.
+    /// Marks a token as ended. Returns a function that appends its outcome to the file, without waiting
+    /// for the disk. After a power cut the outcome may be missing; the token then counts as begun.
     pub(crate) fn end_token(
         &mut self,
         token: ActionToken,
@@ -215,7 +218,7 @@ impl Ledger {
         self.reports.push_back((token, report));
     }
 
-    /// Returns the lines of a file with everything that the ledger keeps.
+    /// Returns the lines of a new file with everything that the ledger keeps.
     fn lines(&self) -> impl Iterator<Item = LedgerLine> + '_ {
         self.order.iter().map(|token| match self.state_of(token) {
             TokenState::Ended(report) => {
@@ -243,9 +246,9 @@ impl LedgerFile {
         self.lines > LONGER_MAX * 2 * self.tokens_max.max(REPORTS_MAX)
     }
 
-    /// Rewrites the file with only what the ledger keeps. A full disk is tolerated: lines are appended
-    /// as long as there is room, and the rewriting is tried again when the file has grown by half of
-    /// its bound.
+    /// Shortens the file to the lines that the ledger keeps. A full disk is tolerated: lines are
+    /// appended as long as there is room, and shortening is tried again when the file has grown by half
+    /// of its maximum length.
     fn compact(&mut self) {
         match self.rewrite() {
             Ok(lines) => self.lines = lines,
@@ -257,8 +260,9 @@ impl LedgerFile {
         }
     }
 
-    /// Writes a new file beside the old one and renames it, so that a crash leaves one or the other. If
-    /// some lines cannot be parsed, keeps a copy of the file: a newer version may have written them.
+    /// Writes a new file beside the old one and renames it, so that a crash leaves either the old or
+    /// the new file complete. Returns the number of lines in the new file. If some lines cannot be
+    /// parsed, keeps a copy of the file: a newer version may have written them.
     fn rewrite(&self) -> io::Result<usize> {
         let LedgerContents { ledger, unread, .. } = read(&self.path, self.tokens_max)?;
         if unread > 0 {
@@ -288,7 +292,7 @@ impl LedgerContents {
     }
 }
 
-/// Reads a file.
+/// Reads the ledger's file `path`.
 fn read(path: &Path, tokens_max: usize) -> io::Result<LedgerContents> {
     let LedgerContents { mut ledger, mut lines, mut unread } = LedgerContents::nothing(tokens_max);
     for line in BufReader::new(File::open(path)?).split(b'\n') {

@@ -4,11 +4,12 @@
 //!   heartbeat.
 //! - Executes an announced action on request, at most once per token.
 //! - Has its own planner and its own local domain, composed of what its daemon receives. Answers a call
-//!   for proposals with plans for what it can do alone or with the agents it carries (the paper,
-//!   “Decentralized Planning”).
+//!   for proposals with plans for the conjuncts that it can reach alone or with the agents it carries
+//!   (the paper, “Decentralized Planning”).
 //! - Takes initiatives: announces events of its device at once, requests goals, asks people.
 //!
-//! A plugin implements [`Device`]: its model, its facts, its methods. Everything above is here.
+//! A plugin implements [`Device`], with the model, the facts and the methods of its device. This crate
+//! does everything that is listed above.
 
 mod actuator;
 mod bidding;

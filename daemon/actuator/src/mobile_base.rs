@@ -3,10 +3,11 @@
 //!
 //! - [`BaseDriver`] is the interface to the hardware; each robot's plugin has its own.
 //! - After a move, however it ended, the base asks its driver for its real place and the range left.
-//! - “Re-evaluates what it can do”: with an empty battery it offers no `move`. Long before, it requests
-//!   a charge by itself.
+//! - The base adapts its offer (the paper: “re-evaluates what it can do”): with an empty battery it
+//!   offers no `move`. Long before the battery is empty, the base requests a charge by itself.
 //!
-//! A robot takes its part of the model, the facts and the methods from here, and adds its own.
+//! A robot's plugin takes the base's part of the model, the facts and the methods from this module, and
+//! adds those of the robot.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -25,63 +26,64 @@ use crate::device::{MethodCall, MethodFailure, MethodResult};
 use crate::initiative::Initiative;
 use crate::pddl_text::{PlaceName, facts_of};
 
-/// Share of the range at which the battery counts as empty: below it cells are damaged, and the next
-/// place is too far anyway.
+/// Share of the full range at which the battery counts as empty. With less charge the cells are
+/// damaged, and the next place is too far anyway.
 const EMPTY: f64 = 0.01;
 
-/// Share of the range at which the base requests a charge: enough for the way to the dock in most
-/// buildings.
+/// Share of the full range at which the base requests a charge. The rest is enough for the way to the
+/// dock in most buildings.
 const LOW: f64 = 0.25;
 
 /// Priority of charging, above people's goals: a robot that is stranded in a doorway is of no use.
 const CHARGING_PRIORITY: i32 = 10;
 
-/// Time allowed for docking, in addition to the charging itself.
+/// Time that the action of charging may take for docking, in addition to the charging itself.
 const DOCKING: Duration = Duration::from_secs(60);
 
-/// How long the driver may take to report the robot's place after a start: longer than a running
-/// localization needs, and short enough that the robot's absence has no effect.
+/// How long the driver may take to report the robot's place after a start: longer than a localization
+/// that is already running needs, and short enough that the robot's absence has no effect.
 const LOOKED_WITHIN: Duration = Duration::from_secs(1);
 
-/// Cost of charging in a plan, in meters: more than a detour past the dock is worth.
+/// Cost of charging in a plan, in meters: a detour past the dock alone is not worth this cost.
 const RECHARGE_COST: u32 = 10;
 
-/// Driver of a mobile base.
+/// Interface to the hardware of a mobile base.
 pub trait BaseDriver: Send + Sync + 'static {
-    /// Drives to a neighboring place. The error completes “failed to …”. Dropping the future stops the
-    /// base.
+    /// Drives the base to a neighboring place. The text of an error completes “failed to …”. Dropping
+    /// the future stops the base.
     fn navigate_to(&self, place: &str) -> BoxFuture<Result<(), String>>;
 
-    /// Charges the battery; the base must be at the dock.
+    /// Charges the battery of the base, which must be at the dock.
     fn recharge(&self) -> BoxFuture<Result<(), String>>;
 
-    /// Returns the place where the base stands.
+    /// Returns the place where the base really stands.
     fn place(&self) -> BoxFuture<Result<String, String>>;
 
-    /// Returns how far the base can still drive, in meters; `None` if it needs no battery.
+    /// Returns how far the base can still drive, in meters; `None` if the range of the base is
+    /// unlimited.
     fn charge(&self) -> BoxFuture<Result<Option<f64>, String>>;
 }
 
-/// Part of an entry's `config` that describes a mobile base.
+/// Part of a robot's `config` in the ecosystem file that describes its mobile base.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct BaseConfig {
-    /// Place where the base stands at first.
+    /// Place where the base stands at the start.
     start: PlaceName,
-    /// Speed, in meters per second.
+    /// Speed of the base, in meters per second.
     #[serde(default = "default_speed")]
     speed: f64,
-    /// Time limit of one move, in seconds: enough for a corridor of 30 meters at 0.3 m/s, with a person
-    /// in the way.
+    /// Time limit of one move of the base, in seconds: enough for a corridor of 30 meters at 0.3 m/s,
+    /// with a person in the way.
     #[serde(default = "default_move_timeout")]
     move_timeout: f64,
-    /// The battery; `None` if the range is unlimited.
+    /// The battery of the base; `None` if its range is unlimited.
     #[serde(default)]
     battery: Option<BatteryConfig>,
-    /// Place where the battery is charged.
+    /// Place where the battery is charged; `None` if the base has no battery.
     #[serde(default)]
     dock: Option<PlaceName>,
-    /// Poses: spots beside the places of the map, by name.
+    /// Poses, which are spots beside the places of the map, by their names.
     #[serde(default)]
     poses: BTreeMap<String, PoseConfig>,
 }
@@ -91,7 +93,7 @@ pub struct BaseConfig {
 struct BatteryConfig {
     /// Range of a full battery, in meters.
     range: f64,
-    /// Range at first, in meters; the full range if it is missing.
+    /// Range that is left in the battery at the start, in meters; a full range if the key is missing.
     #[serde(default)]
     charge: Option<f64>,
     /// Time to charge an empty battery, in seconds.
@@ -99,7 +101,8 @@ struct BatteryConfig {
     recharge_time: f64,
 }
 
-/// A spot beside a place of the map: the place alone, or with the distance to it in meters.
+/// A pose, which is a spot beside a place of the map. The config gives the place alone, or the place
+/// with its distance from the pose in meters.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(untagged)]
 enum PoseConfig {
@@ -119,7 +122,7 @@ fn default_recharge_time() -> f64 {
     600.0
 }
 
-/// The base of one robot.
+/// The mobile base of one robot.
 pub struct MobileBase {
     id: String,
     kind: &'static str,
@@ -140,7 +143,8 @@ struct PowerSupply {
     dock: PlaceName,
 }
 
-/// State of the base, shared with the future that moves it, which may be dropped at any time.
+/// State of a mobile base. It is shared with the future that moves the base, because that future may be
+/// dropped at any time.
 #[derive(Clone)]
 struct BaseState {
     place: String,
@@ -153,12 +157,12 @@ impl BaseState {
     }
 }
 
-/// Result of a method of the base.
+/// Result of a method of the base that has succeeded.
 #[derive(Clone, Debug, PartialEq)]
 pub enum BaseOutcome {
     /// The base stands at this place now.
     Arrived(String),
-    /// The battery is full.
+    /// The battery of the base is full.
     Recharged,
 }
 
@@ -194,7 +198,7 @@ impl MobileBase {
         })
     }
 
-    /// Returns the place where the base stands, as last known.
+    /// Returns the place where the base stands, as its driver last reported it.
     pub fn place(&self) -> String {
         self.current_state().place
     }
@@ -203,8 +207,8 @@ impl MobileBase {
         self.state.borrow().clone()
     }
 
-    /// Reads the real place and range after a start. If the driver does not answer in time, the values
-    /// of the config stay.
+    /// Reads the real place and the range left from the driver after a start. If the driver does not
+    /// answer in time, the base keeps the values of the config.
     pub fn locate(&self) -> BoxFuture<()> {
         let (body, id) = (self.handle(), self.id.clone());
         Box::pin(async move {
@@ -226,8 +230,8 @@ impl MobileBase {
         self.current_state().charge.is_some_and(|charge| charge <= power.range * EMPTY)
     }
 
-    /// Waits until the base wants something by itself: a charge, when its battery runs low.
-    /// [`MobileBase::take_initiatives`] then returns it.
+    /// Waits until the base has an initiative of its own: a request to be charged when its battery runs
+    /// low. [`MobileBase::take_initiatives`] then returns this initiative.
     pub fn next_initiative(&self) -> BoxFuture<()> {
         let Some(PowerSupply { range, .. }) = self.power else { return Box::pin(pending()) };
         let (mut changes, wants_charge) = (self.state.subscribe(), self.wants_charge);
@@ -241,7 +245,7 @@ impl MobileBase {
         })
     }
 
-    /// Returns what the base wants now by itself.
+    /// Returns the initiatives that the base has at present, such as a request to be charged.
     pub fn take_initiatives(&mut self) -> Vec<Initiative> {
         let Some(PowerSupply { range, .. }) = self.power else { return Vec::new() };
         let is_low = self.current_state().is_low(range);
@@ -281,7 +285,7 @@ impl PowerSupply {
 }
 
 impl PoseConfig {
-    /// Distance in meters if none is given: half a step into a room.
+    /// Distance between pose and place in meters if the config gives none: half a step into a room.
     const METERS: f64 = 1.0;
 
     fn of(
@@ -311,7 +315,7 @@ impl PoseConfig {
 // === impl MobileBase: its part of a robot's self-description ===
 
 impl MobileBase {
-    /// Returns the objects of the base as PDDL: itself and its poses.
+    /// Returns the PDDL objects of the base: the robot itself and its poses.
     pub fn objects(&self) -> String {
         let mut text = format!("{} - {}", self.id, self.kind);
         for (pose, ..) in &self.poses {
@@ -320,7 +324,7 @@ impl MobileBase {
         text
     }
 
-    /// Returns the facts that never change, as PDDL.
+    /// Returns the facts of the base that never change, as PDDL.
     pub fn constant_facts(&self) -> String {
         let mut text = format!("(= (speed {}) {})", self.id, self.speed);
         for (pose, near, meters) in &self.poses {
@@ -337,7 +341,7 @@ impl MobileBase {
         text
     }
 
-    /// Returns all facts known now, as PDDL.
+    /// Returns all facts of the base that are known at present, as PDDL.
     pub fn facts(&self) -> String {
         let BaseState { place, charge } = self.current_state();
         let mut text = format!("(at {} {place}) {}", self.id, self.constant_facts());
@@ -350,8 +354,8 @@ impl MobileBase {
         text
     }
 
-    /// Returns the actions offered now, as PDDL. `guard` is an additional precondition of moving, a
-    /// condition on `?b`.
+    /// Returns the actions that the base offers at present, as PDDL. `guard` is an additional
+    /// precondition of moving: a condition on `?b`, the robot.
     pub fn actions(&self, guard: &str) -> String {
         let kind = self.kind;
         if self.power.is_none() {
@@ -388,7 +392,7 @@ impl MobileBase {
         )
     }
 
-    /// Returns the methods that carry out the actions.
+    /// Returns the methods that carry out the actions of the base.
     pub fn methods(&self) -> Methods {
         let navigate = Method {
             method: "navigate_to".to_owned(),
@@ -415,8 +419,8 @@ fn push(text: &mut String, piece: std::fmt::Arguments<'_>) {
 // === impl MobileBase: acting ===
 
 impl MobileBase {
-    /// Runs a method of the base; fails with [`MethodFailure::UnknownMethod`] if the method is not one of the
-    /// base.
+    /// Runs a method of the base; fails with [`MethodFailure::UnknownMethod`] if the base has no such
+    /// method.
     pub fn perform(&self, call: &MethodCall) -> BoxFuture<Result<BaseOutcome, MethodFailure>> {
         let body = self.handle();
         match (call.method.as_str(), call.argument("place")) {
@@ -433,7 +437,7 @@ impl MobileBase {
         }
     }
 
-    /// Returns the result of a method for the report.
+    /// Returns what is reported about a method of the base that has succeeded.
     pub fn performed(&self, moved: &BaseOutcome) -> MethodResult {
         let (detail, observed) = match moved {
             BaseOutcome::Arrived(place) => {
@@ -448,7 +452,7 @@ impl MobileBase {
     }
 }
 
-/// Driver and state that a running method uses.
+/// Driver and state of a mobile base, as a running method uses them.
 struct BaseHandle {
     driver: Arc<dyn BaseDriver>,
     state: Arc<watch::Sender<BaseState>>,
@@ -471,7 +475,8 @@ impl BaseHandle {
         charged.map(|()| BaseOutcome::Recharged).map_err(MethodFailure::Driver)
     }
 
-    /// Reads the real place and range, however the method ended. Returns the place.
+    /// Reads the real place and the range left from the driver, and stores both. Called however a
+    /// method ended. Returns the place.
     async fn refresh(&self) -> Result<String, MethodFailure> {
         let place = self.driver.place().await.map_err(MethodFailure::Driver)?;
         let charge = self.driver.charge().await.map_err(MethodFailure::Driver)?;

@@ -1,26 +1,28 @@
 //! PDDL for things in a room that are on or off: the state of the thing itself, and the state of the
-//! room that follows from it. A room may have several things of a kind.
+//! room that follows from it. A room may have several things of one kind.
 
 use pddl::Domain;
 
-/// PDDL names for one kind of thing.
+/// PDDL names for one kind of thing that is on or off, such as lamps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OnOffPredicates<'w> {
-    /// The type of the agents of this kind.
+    /// The PDDL type of the agents that are things of this kind.
     pub agent: &'w str,
-    /// The predicate about a room.
+    /// The predicate about a room that follows from the things in the room.
     pub state: &'w str,
     /// The predicate about the thing itself, true if the thing is on.
     pub own: &'w str,
-    /// Whether the predicate holds for a room only if all things in it are on; otherwise one is enough.
+    /// Whether `state` holds for a room only if all things of this kind in it are on; otherwise one
+    /// thing that is on is enough.
     pub all: bool,
 }
 
 // === impl OnOffPredicates ===
 
 impl OnOffPredicates<'_> {
-    /// Returns the atom that is true if the thing `id` is on. If the ontology has the predicate of the
-    /// room without an axiom, the room's own state is meant and the atom is about the room.
+    /// Returns the atom that is true if the thing `id` is on. If the ontology declares the predicate of
+    /// the room without an axiom, the atom is about the room instead: things then have no state of
+    /// their own.
     pub fn term(&self, id: &str, room: &str, ontology: &Domain) -> String {
         let OnOffPredicates { state, own, .. } = self;
         match is_told(ontology, state) {
@@ -29,7 +31,8 @@ impl OnOffPredicates<'_> {
         }
     }
 
-    /// Returns the predicates that an action model must declare because the ontology does not.
+    /// Returns the declarations of those predicates that an action model must declare because the
+    /// ontology does not.
     pub fn predicates(&self, ontology: &Domain) -> String {
         let OnOffPredicates { agent, state, own, .. } = self;
         let declared = |name: &str| ontology.predicates.iter().any(|known| known.name == name);
@@ -43,7 +46,8 @@ impl OnOffPredicates<'_> {
         predicates
     }
 
-    /// Returns the axiom that derives the state of a room; empty if the ontology has the predicate.
+    /// Returns the axiom that derives the state of a room; empty if the ontology declares the predicate
+    /// of the room.
     pub fn axiom(&self, ontology: &Domain) -> String {
         let OnOffPredicates { agent, state, own, all } = self;
         if ontology.predicates.iter().any(|known| known.name == *state) {
@@ -65,7 +69,7 @@ pub fn is_derived(ontology: &Domain, predicate: &str) -> bool {
     ontology.derived.iter().any(|axiom| axiom.predicate == predicate)
 }
 
-/// Whether an ontology has a predicate that no axiom derives.
+/// Whether an ontology declares a predicate and has no axiom that derives it.
 fn is_told(ontology: &Domain, predicate: &str) -> bool {
     ontology.predicates.iter().any(|known| known.name == predicate)
         && !is_derived(ontology, predicate)

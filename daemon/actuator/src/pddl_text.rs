@@ -5,12 +5,12 @@ use serde::Deserialize;
 
 use crate::device::OwnFact;
 
-/// The name of a place on the map, from a config: a PDDL name.
+/// The name of a place on the map, as a config gives it. The name is a valid PDDL name.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(try_from = "String")]
 pub struct PlaceName(String);
 
-/// A text that cannot be the name of a place.
+/// Error for a text that cannot be the name of a place.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "`{0}` cannot be the name of a place: use lower-case letters, digits, `-` and `_`, and begin \
@@ -19,7 +19,7 @@ pub struct PlaceName(String);
 pub struct InvalidPlaceName(String);
 
 impl PlaceName {
-    /// Returns the name.
+    /// Returns the name of the place as text.
     pub fn as_str(&self) -> &str {
         &self.0
     }
@@ -49,17 +49,18 @@ impl TryFrom<String> for PlaceName {
 ///
 /// # Panics
 ///
-/// Panics if the text is no action model. This is a bug of the device, whatever its config says.
+/// Panics if the text is not a valid action model. Such a text is a bug of the device's plugin,
+/// whatever its config contains.
 pub fn model_of(text: &str) -> ActionModel {
     let parsed = pddl::parse_action_model(text);
     assert!(parsed.is_ok(), "a device's own model: {:?}\n{text}", parsed.diagnostics);
     parsed.value.expect("invariant: a text without errors has a value")
 }
 
-/// Parses facts that a device knows until it says otherwise.
+/// Parses facts of a device that stay known until the device reports otherwise.
 ///
-/// Returns no facts if the text cannot be parsed, and logs this: a device may have measured a value
-/// that PDDL cannot express, such as infinity, and goes on with its next value.
+/// Returns no facts if the text cannot be parsed, and logs the error: a device may have measured a
+/// value that PDDL cannot express, such as infinity, and goes on with its next value.
 pub fn facts_of(text: &str) -> Vec<OwnFact> {
     let parsed = pddl::parse_init_elements(text);
     if !parsed.is_ok() {

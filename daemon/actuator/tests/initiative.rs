@@ -1,5 +1,5 @@
-//! Initiatives of a device, over the in-memory substrate: announces facts at once, requests and
-//! withdraws a goal, asks a question and takes its answer.
+//! Tests of a device's initiatives, over the in-memory substrate: the device announces facts at once,
+//! requests and withdraws a goal, asks a question and takes the answer.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
@@ -104,10 +104,11 @@ fn ask() -> Initiative {
 
 // === the other agents ===
 
-/// Receives heartbeats, takes goals as the Plan Requester does, and answers questions as a keyboard
-/// does.
+/// An agent in the place of all others: receives heartbeats, takes goals as the Plan Requester does,
+/// and answers questions as a keyboard does.
 struct Other {
-    /// Number of goals to refuse first, and the reason.
+    /// Number of goals that the agent refuses before it accepts one. `reason` is the reason of these
+    /// refusals.
     refuses: usize,
     reason: Reason,
     answer: Option<&'static str>,
@@ -177,7 +178,8 @@ struct Room {
     _network: Network,
 }
 
-/// Heartbeats are rare here, so a message that arrives at once was sent by an event.
+/// Returns the network of the tests. Heartbeats are rare in it, so that a message which arrives at once
+/// was sent because of an event.
 fn room() -> Room {
     let settings = AgentSettings {
         heartbeat_period: Duration::from_secs(3_600),
@@ -220,7 +222,8 @@ impl Room {
         self.launch(Other { refuses: 0, reason, answer, told, asked: None }, id, life).0
     }
 
-    /// Builds the doorbell; at its first ring it takes the first of these initiatives, and so on.
+    /// Starts the doorbell. At its first ring the doorbell takes the first list of initiatives in
+    /// `scripts`, at its second ring the second list, and so on.
     fn bell(&mut self, scripts: impl Into<VecDeque<Vec<Initiative>>>) -> CancellationToken {
         let rings = Arc::new(Mutex::new(self.rings.take().expect("one bell")));
         let bell = Doorbell { rings, scripts: scripts.into(), rung: 0, told: self.told.clone() };
@@ -242,7 +245,7 @@ impl Room {
         self.launch(Actuator::new(&blueprint, bell).expect("built"), "bell", 1).0
     }
 
-    /// Rings once and collects messages until none arrives for ten milliseconds.
+    /// Rings the doorbell once and collects messages until none arrives for ten milliseconds.
     async fn ring(&mut self) -> Vec<String> {
         self.ring.send(()).await.expect("the bell is there");
         self.quiet().await

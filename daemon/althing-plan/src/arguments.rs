@@ -1,4 +1,4 @@
-//! Command line arguments for planning.
+//! Command line arguments for planning, and their parsing.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -22,7 +22,8 @@ after `pip install up-fast-downward`, in a Python on PATH; Metric-FF on PATH.
 The variables ALTHING_FAST_DOWNWARD and ALTHING_METRIC_FF name another program.
 The memory limit applies to each of their processes.";
 
-/// Returns the help text below the options; `name` is the command in its examples.
+/// Returns the help text that is printed below the options. `name` is the command that the examples in
+/// this text use.
 pub fn help(name: &str) -> String {
     format!(
         "{HELP}\n\n\
@@ -84,7 +85,7 @@ fn mebibytes(text: &str) -> Result<u32, String> {
     limit.ok_or_else(|| "a whole number of MiB, 1 or more, such as 512".to_owned())
 }
 
-/// Returns a parser for the names of the planner's search configurations.
+/// Returns a parser that accepts the names of the planner's search configurations.
 fn search() -> clap::builder::PossibleValuesParser {
     planner::CONFIGURATIONS.iter().map(|one| one.name).collect::<Vec<_>>().into()
 }
@@ -103,7 +104,7 @@ pub enum EngineChoice {
 // === impl EngineChoice ===
 
 impl EngineChoice {
-    /// Returns the name used on the command line.
+    /// Returns the name of the planner that is used on the command line.
     pub fn name(self) -> &'static str {
         match self {
             EngineChoice::Embedded => "embedded",

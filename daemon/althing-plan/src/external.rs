@@ -1,10 +1,10 @@
 //! `althing plan --engine …`: plans with a planner outside of this process.
 //!
-//! - Ctrl-C cancels: the engine ends without leaving anything behind, and the exit code reports the
-//!   signal.
+//! - Ctrl-C cancels: the external engine ends without leaving processes or files behind, and the exit
+//!   code reports the signal.
 //! - On a terminal, a line is printed from time to time while the engine runs.
-//! - The cost of a plan is the one that the own validator computes, never the one that the engine
-//!   prints.
+//! - The cost of a plan is computed by Althing's own validator; the cost that the engine prints is
+//!   never used.
 
 use std::process::ExitCode;
 use std::sync::{Arc, OnceLock};
@@ -29,7 +29,7 @@ use crate::progress::ProgressPrinter;
 /// Exit code if the engine failed or returned an invalid plan: “critical error” in the field.
 const BROKE_DOWN: u8 = 32;
 
-/// Plans with an engine, and shows the plan or the reason why there is none.
+/// Plans with an external engine, and shows the plan or the reason why there is none.
 pub(crate) fn run(
     args: &PlanArgs,
     engine: ExternalEngine,
@@ -67,7 +67,8 @@ pub(crate) fn run(
     }
 }
 
-/// Sets `cancel` at SIGINT or SIGTERM. Returns a cell that will contain the received signal.
+/// Sets `cancel` at SIGINT or SIGTERM. Returns a cell that contains the number of the signal once one
+/// was received.
 fn on_interrupt(cancel: Cancel) -> Arc<OnceLock<i32>> {
     let interrupted = Arc::new(OnceLock::new());
     let tell = Arc::clone(&interrupted);
@@ -141,7 +142,7 @@ fn ending_text(ending: Ending, args: &PlanArgs) -> String {
     }
 }
 
-/// Returns the status for programs: one word with a meaning that never changes.
+/// Returns the status of a run for the JSON output: one word with a meaning that never changes.
 fn status(ending: Ending) -> &'static str {
     match ending {
         Ending::GoalReached => "plan-found",
@@ -184,7 +185,7 @@ fn show_error(args: &PlanArgs, task: &PddlTask, err: &EngineError) -> ExitCode {
     output::show(&report, args.print.json, status, code)
 }
 
-/// Formats the error with its source.
+/// Returns the text of an error, followed by the text of the error that caused it.
 fn full(err: &EngineError) -> String {
     let behind = std::error::Error::source(err).map(|source| format!(": {source}"));
     format!("{err}{}", behind.unwrap_or_default())

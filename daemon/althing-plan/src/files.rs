@@ -2,14 +2,14 @@
 //! has either the old text or the new one.
 //!
 //! The new text is written to a file in the same folder, synchronised to the disk, and renamed. A
-//! target that cannot be replaced in this way is written in place: a pipe, a terminal, or a file in a
-//! read-only folder.
+//! target that cannot be replaced in this way (a pipe, a terminal, or a file in a read-only folder) is
+//! written in place.
 
 use std::fs::{self, File, Permissions};
 use std::io::{self, ErrorKind, Write as _};
 use std::path::{Path, PathBuf};
 
-/// Writes `text` to `file`.
+/// Writes `text` to `file`, in place of the old text.
 pub(crate) fn write(file: &Path, text: &str) -> io::Result<()> {
     let known = fs::metadata(file);
     // A target that is not a regular file cannot be replaced, nor can a missing target of a link.
@@ -46,7 +46,8 @@ fn replace(file: &Path, text: &str, known: Option<fs::Metadata>) -> io::Result<(
     Ok(())
 }
 
-/// Gives a new file the permissions and the owner of the old one, as far as this process is allowed to.
+/// Gives a new file the permissions and the owner of the old file, as far as this process is allowed to
+/// change them.
 fn keep_as_it_was(new: &File, known: &fs::Metadata) -> io::Result<()> {
     #[cfg(unix)]
     {
@@ -57,7 +58,8 @@ fn keep_as_it_was(new: &File, known: &fs::Metadata) -> io::Result<()> {
     new.set_permissions(permissions)
 }
 
-/// Overwrites the old text, and truncates it only after the new one is written.
+/// Writes the new text over the old one in the same file, and truncates the file only after the whole
+/// new text is written.
 fn in_place(file: &Path, text: &str) -> io::Result<()> {
     let mut open = File::options().write(true).create(true).truncate(false).open(file)?;
     open.write_all(text.as_bytes())?;
@@ -67,7 +69,7 @@ fn in_place(file: &Path, text: &str) -> io::Result<()> {
     }
 }
 
-/// Whether the error means that no file can be created in the folder.
+/// Whether an error means that no file can be created in the folder.
 fn is_of_folder(err: &io::Error) -> bool {
     matches!(err.kind(), ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem)
 }

@@ -1,7 +1,8 @@
-//! The planner alone, with the conventions of the planning competitions: `althing plan`, and a program
-//! of its own that starts in a quarter of the time, `althing-plan`.
+//! The planner without a daemon, with the conventions of the planning competitions. It is the command
+//! `althing plan`, and also the program `althing-plan`, which starts in a quarter of the time.
 //!
-//! - Leaves planning with other engines to `external`, and listing the choices to `list`.
+//! - Leaves planning with other engines to `external`, and listing heuristics and search configurations
+//!   to `list`.
 //! - Watches the wall clock: the planner reads no clock, so that a timer sets its `Cancel` flag.
 //! - Refuses unsupported options by name; no requested option is ignored silently.
 
@@ -31,7 +32,7 @@ use terminal::{exit, output};
 use crate::arguments::{EngineChoice, PlanArgs};
 use crate::progress::{PlanningStage, Progress, ProgressPrinter};
 
-/// Plans, and shows the plan or the reason why there is none.
+/// Plans as the arguments require, and shows the plan or the reason why there is none.
 pub fn run(args: &PlanArgs) -> ExitCode {
     let started = Instant::now();
     let (Some(domain), Some(problem), false) = (&args.domain, &args.problem, args.list) else {
@@ -63,7 +64,7 @@ pub fn run(args: &PlanArgs) -> ExitCode {
     deadline.answer(|| external::run(args, engine, &task, started))
 }
 
-/// Plans with the embedded planner.
+/// Plans with the embedded planner, and shows the plan or the reason why there is none.
 fn embedded(
     args: &PlanArgs,
     task: &PddlTask,
@@ -112,8 +113,8 @@ fn embedded(
     }
 }
 
-/// Returns an explanation why there is no plan; `None` if the problem is not proved unsolvable, or if
-/// no explanation is found.
+/// Returns an explanation why a problem has no plan; `None` if the problem is not proved unsolvable, or
+/// if no explanation is found.
 fn explained(
     task: &PddlTask,
     outcome: &PlanningOutcome,
@@ -126,7 +127,8 @@ fn explained(
     why_unsolvable(&task.domain, &task.problem, memory_bytes, cancel).ok()
 }
 
-/// Returns the function that prints the result when a limit ends the process.
+/// Returns the function that prints the best plan so far, or that there is none, when a limit ends the
+/// process.
 fn limit_reporter(args: &PlanArgs, started: Instant) -> LimitReporter {
     let (json, is_optimal, file) = (args.print.json, args.optimal, args.plan.clone());
     Box::new(move |reason, best| {
@@ -175,8 +177,8 @@ fn limit_reporter(args: &PlanArgs, started: Instant) -> LimitReporter {
     })
 }
 
-/// Returns the limit on the size of the planner's tables, in bytes: the given one, or else 2 GiB or
-/// half of the available memory, if that is less.
+/// Returns the limit on the size of the planner's tables, in bytes: the limit given on the command
+/// line; without one, 2 GiB, or half of the available memory if that is less.
 fn memory_max_bytes(args: &PlanArgs) -> usize {
     let bytes = match args.memory_limit {
         Some(mib) => u64::from(mib) << 20,
@@ -188,10 +190,10 @@ fn memory_max_bytes(args: &PlanArgs) -> usize {
     usize::try_from(bytes).unwrap_or(usize::MAX)
 }
 
-/// The time that planning took.
+/// The time that planning took: until the search began, and in all.
 #[derive(Clone, Copy)]
 struct PlanningTimes {
-    /// Time until the search was set up; `None` if no search was needed.
+    /// Time from the start until the search was set up; `None` if no search was needed.
     search_began: Option<Duration>,
     whole: Duration,
 }
@@ -237,7 +239,8 @@ fn options(args: &PlanArgs, memory_max_bytes: usize) -> Options {
     Options { budget, configuration, effort, threads, ..Options::default() }
 }
 
-/// Reports that a better plan was found, and writes it to the plan file in place of the last one.
+/// Reports that a better plan was found, and writes this plan to the plan file in place of the last
+/// one.
 fn report_better_plan(args: &PlanArgs, task: &PddlTask, plan: &Plan, elapsed: Duration) {
     let unit_cost = task.problem.metric.is_none();
     let seconds = elapsed.as_secs_f64();
@@ -285,7 +288,8 @@ fn show(
     }
 }
 
-/// Writes a plan to the requested file. Returns the exit code of the process if that fails.
+/// Writes a plan to the file given on the command line, if there is one. If writing fails, shows the
+/// error and returns the exit code of the process.
 fn write_plan(
     args: &PlanArgs,
     text: Option<&str>,
@@ -307,7 +311,7 @@ fn ipc(plan: &Plan, unit_cost: bool) -> String {
     text
 }
 
-/// Returns the cost of the plan; the number of its steps if it has none.
+/// Returns the cost of a plan; if the plan has no cost, the number of its steps.
 fn cost(plan: &Plan) -> f64 {
     plan.cost.map_or(plan.steps.len() as f64, |cost| cost.0)
 }
@@ -316,7 +320,7 @@ fn cost_kind(unit_cost: bool) -> &'static str {
     if unit_cost { "unit cost" } else { "general cost" }
 }
 
-/// Returns the one or two summary lines for a person.
+/// Returns one or two lines that summarise the result of planning, for a person.
 fn summary(outcome: &PlanningOutcome, unit_cost: bool, elapsed: Duration) -> String {
     let first = match &outcome.plan {
         Some(plan) => {
@@ -336,7 +340,7 @@ fn summary(outcome: &PlanningOutcome, unit_cost: bool, elapsed: Duration) -> Str
     )
 }
 
-/// Returns a description of a plan, for a person.
+/// Returns a description of a plan in one line, for a person.
 fn plan_summary(plan: &Plan, unit_cost: bool, proven_optimal: bool) -> String {
     let proof = match (proven_optimal, unit_cost) {
         (true, true) => "; no shorter plan exists",
@@ -347,8 +351,8 @@ fn plan_summary(plan: &Plan, unit_cost: bool, proven_optimal: bool) -> String {
     format!("plan found: {steps}, cost {} ({}){proof}", cost(plan), cost_kind(unit_cost))
 }
 
-/// Returns the reason for a person. The planner's own text is replaced if it does not fit this command
-/// line.
+/// Returns why planning ended, as text for a person. The planner's own text is replaced where it does
+/// not fit the options of this command line.
 fn stop_reason_text(reason: StopReason) -> String {
     match reason {
         StopReason::Cancelled => "out of time (--time-limit)".to_owned(),
@@ -359,7 +363,7 @@ fn stop_reason_text(reason: StopReason) -> String {
     }
 }
 
-/// Returns the reason why a plan is not proved to be the cheapest, if a proof was requested.
+/// Returns the reason why a plan is not proved to be the cheapest although a proof was requested.
 fn unproven(reason: StopReason, unprovable: Option<Unprovable>) -> String {
     let why = match (reason, unprovable) {
         (StopReason::Exhausted, Some(costs)) => costs.to_string(),
@@ -368,7 +372,7 @@ fn unproven(reason: StopReason, unprovable: Option<Unprovable>) -> String {
     format!("not proven to be the cheapest: {why}")
 }
 
-/// Returns the status for programs: one word with a meaning that never changes.
+/// Returns the status of a search for the JSON output: one word with a meaning that never changes.
 fn status(reason: StopReason) -> &'static str {
     match reason.exit_code() {
         exit::DONE => "plan-found",

@@ -8,7 +8,7 @@ use planner::{CONFIGURATIONS, Configuration, HEURISTICS, Heuristic};
 use serde_json::{Value, json};
 use terminal::{exit, output};
 
-/// Prints the lists.
+/// Prints the lists of heuristics and search configurations.
 pub(crate) fn run(as_json: bool) -> ExitCode {
     if as_json {
         let heuristics: Vec<Value> = HEURISTICS.iter().map(json_heuristic).collect();

@@ -1,8 +1,9 @@
 //! `althing-plan`: the command `althing plan` as a program without a daemon.
 //!
 //! If planning is a process of its own, most of its time is spent on starting the process. This program
-//! has a tenth of the daemon's code, and uses the system's allocator. Another allocator is faster in a
-//! daemon that plans for weeks, but costs more than it saves in a process that plans once.
+//! therefore has only a tenth of the daemon's code, and uses the system's allocator. The daemon's
+//! allocator is faster in a process that plans for weeks, but costs more than it saves in a
+//! process that plans once.
 
 use std::process::ExitCode;
 

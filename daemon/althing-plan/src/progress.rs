@@ -15,7 +15,7 @@ use crate::arguments::PlanArgs;
 /// Interval between two progress lines.
 const PROGRESS_INTERVAL: Duration = Duration::from_secs(5);
 
-/// Prints progress lines from time to time, until it is dropped.
+/// Thread that prints progress lines from time to time, until this value is dropped.
 pub(crate) struct ProgressPrinter {
     stop: Option<mpsc::Sender<()>>,
     thread: Option<thread::JoinHandle<()>>,
@@ -35,7 +35,7 @@ pub(crate) enum PlanningStage {
     },
 }
 
-/// The current stage. Clones share it.
+/// The stage that planning has reached. Clones share the same stage.
 #[derive(Clone, Default)]
 pub(crate) struct Progress(Arc<Mutex<PlanningStage>>);
 
@@ -46,7 +46,8 @@ impl Progress {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = stage;
     }
 
-    /// Returns a function that formats the progress line, given the seconds since the start.
+    /// Returns a function that makes the progress line for the current stage from the number of seconds
+    /// since the start.
     pub(crate) fn line(&self) -> impl Fn(u64) -> String + Send + 'static {
         let Progress(stage) = self.clone();
         move |seconds| {
@@ -76,7 +77,7 @@ impl fmt::Display for PlanningStage {
 
 impl ProgressPrinter {
     /// Starts to print, if stderr is a terminal and no JSON is requested; otherwise returns `None`.
-    /// `line` formats a line, given the seconds since the start.
+    /// `line` makes a progress line from the number of seconds since the start.
     pub(crate) fn start(
         args: &PlanArgs,
         started: Instant,

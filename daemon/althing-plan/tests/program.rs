@@ -11,7 +11,7 @@ const DOMAIN: &str = "\
 ";
 const PROBLEM: &str = "(define (problem evening) (:domain lamp) (:init) (:goal (on)))\n";
 
-/// Runs it in a folder with a domain and a problem.
+/// Runs `althing-plan` in a folder that contains a domain and a problem.
 fn run(arguments: &[&str]) -> Output {
     let folder = tempfile::tempdir().expect("a folder");
     for (name, text) in [("domain.pddl", DOMAIN), ("evening.pddl", PROBLEM)] {
@@ -55,7 +55,7 @@ fn it_calls_itself_by_its_name() {
     assert_eq!(run(&["--no-such-option"]).status.code(), Some(64));
 }
 
-/// Creates a folder with these files.
+/// Creates a folder with the given files, each as name and text.
 fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
     let folder = tempfile::tempdir().expect("a folder");
     for (name, text) in files {
@@ -64,7 +64,7 @@ fn folder(files: &[(&str, &str)]) -> tempfile::TempDir {
     folder
 }
 
-/// Runs it on a domain and a problem, each in a file.
+/// Runs `althing-plan` on the texts of a domain and a problem, each in a file.
 fn plan(domain: &str, problem: &str, options: &[&str]) -> Output {
     let folder = folder(&[("domain.pddl", domain), ("problem.pddl", problem)]);
     let program = env!("CARGO_BIN_EXE_althing-plan");
@@ -81,7 +81,7 @@ fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// A task with two ways to its goal; the cost of the second depends on the load.
+/// Domain of a task with two ways to the goal; the cost of the second way depends on the load.
 const LOADED: &str = "(define (domain loaded) (:predicates (there)) (:functions (load) (spent))
   (:action pack :parameters () :precondition (< (load) 2) :effect (increase (load) 1))
   (:action go :parameters () :precondition (> (load) 1)
@@ -105,8 +105,8 @@ fn a_plan_that_is_not_proven_to_be_the_cheapest_is_given_and_said_to_be_so() {
     assert!(value["unproven"].is_string(), "{value}");
 }
 
-/// With every option, exit code and output must agree: “no plan” never comes with success, nor a plan
-/// with a failure.
+/// Tests that exit code and output agree with every option: “no plan” never comes with success, nor a
+/// plan with a failure.
 #[test]
 fn no_plan_and_success_never_meet() {
     let costs = [
@@ -221,7 +221,8 @@ fn what_cannot_be_reached_is_explained() {
     assert!(stderr(&output).contains("not all of them together"), "{}", stderr(&output));
 }
 
-/// Returns a text of so many bytes, with deep conditions of many quantifiers and alternatives.
+/// Returns a domain with a text of about `bytes` bytes, which has deep conditions of many quantifiers
+/// and alternatives.
 fn nested(bytes: usize) -> String {
     let (mut open, mut close) = (String::new(), String::new());
     for at in 0..40 {

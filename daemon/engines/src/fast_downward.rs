@@ -1,7 +1,8 @@
 //! Fast Downward: its command line, and the meaning of its exit codes.
 //!
-//! Source of the codes: its documentation, “Exit codes”. A plan is written to a file. A search that
-//! continues after the first plan numbers the files (`plan.1`, `plan.2`, …); the last plan is the best.
+//! The codes are those of Fast Downward's documentation, “Exit codes”. Fast Downward writes a plan to a
+//! file. A search that continues after the first plan numbers the files (`plan.1`, `plan.2`, …); the
+//! last plan is the best.
 
 use std::path::{Path, PathBuf};
 
@@ -11,19 +12,20 @@ use crate::outcome::{Ending, EngineError};
 use crate::planning::{EngineJob, EngineResult, ExternalEngine, PlanningAim};
 use crate::process::EngineRun;
 
-/// Name of the file that plans are written to.
+/// Name of the file that Fast Downward writes plans to.
 const PLAN: &str = "plan";
 
-/// A* with landmark cut: the usual choice in the field.
+/// Search configuration for a cheapest plan: A* with landmark cut, the usual choice in the field.
 const LANDMARK_CUT: &str = "astar(lmcut())";
 
-/// A* without a heuristic, for tasks that landmark cut refuses: with axioms or conditional effects.
+/// Search configuration for a cheapest plan of a task that landmark cut refuses, because it has axioms
+/// or conditional effects: A* without a heuristic.
 const BLIND: &str = "astar(blind())";
 
-/// Exit code “unsupported”: the search refuses a feature of the task.
+/// Exit code of Fast Downward for “unsupported”: the search refuses a feature of the task.
 const UNSUPPORTED: i32 = 34;
 
-/// Runs Fast Downward and reads its result.
+/// Runs Fast Downward for a task and reads the result of the run.
 pub(crate) fn answer(job: &EngineJob<'_>) -> Result<EngineResult, EngineError> {
     let folder = job.folder()?;
     let files = ["domain.pddl", "problem.pddl"];
@@ -51,13 +53,14 @@ pub(crate) fn answer(job: &EngineJob<'_>) -> Result<EngineResult, EngineError> {
     Ok(EngineResult { ending, plans, proven_optimal })
 }
 
-/// Whether landmark cut will surely refuse the task, so that it need not be tried. For other tasks it
-/// may still refuse what the translator makes of them; then the attempt is in vain.
+/// Whether landmark cut will surely refuse the task, so that it need not be tried. Landmark cut may
+/// still refuse another task in the form into which Fast Downward translates it; then the attempt is in
+/// vain.
 fn is_refused_anyway(job: &EngineJob<'_>) -> bool {
     ["(:derived ", "(when "].iter().any(|word| job.lowered.domain.contains(word))
 }
 
-/// Returns the ending that the exit code stands for.
+/// Returns the ending that the exit code of Fast Downward stands for.
 fn ending(job: &EngineJob<'_>, run: &EngineRun) -> Result<Ending, EngineError> {
     let engine = ExternalEngine::FastDownward;
     match run.code() {
@@ -75,8 +78,9 @@ fn ending(job: &EngineJob<'_>, run: &EngineRun) -> Result<Ending, EngineError> {
     }
 }
 
-/// Returns the plans that were written, the best last. Unreadable plans are an error only if no plan
-/// can be read although the goal was reached: a plan may be incomplete if the engine was killed.
+/// Returns the plans that Fast Downward wrote, the best last. A plan may be incomplete if the engine
+/// was killed, so unreadable plans are an error only if no plan can be read although the goal was
+/// reached.
 fn plans(job: &EngineJob<'_>, folder: &Path, ending: Ending) -> Result<Vec<Plan>, EngineError> {
     let mut plans = Vec::new();
     let mut unreadable = None;
@@ -102,7 +106,7 @@ fn plans(job: &EngineJob<'_>, folder: &Path, ending: Ending) -> Result<Vec<Plan>
     }
 }
 
-/// Returns the existing files among `plan`, `plan.1`, `plan.2`, ….
+/// Returns the plan files that exist in `folder`, among `plan`, `plan.1`, `plan.2`, ….
 fn files(folder: &Path) -> impl Iterator<Item = PathBuf> {
     let single = folder.join(PLAN);
     let folder = folder.to_owned();

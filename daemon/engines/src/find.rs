@@ -1,7 +1,8 @@
-//! Finds an engine: as configured, on `PATH`, or, for Fast Downward, in an installed Python package.
+//! Finds an external engine: at the configured path, on `PATH`, or, for Fast Downward, in an installed
+//! Python package.
 //!
-//! - `ALTHING_FAST_DOWNWARD` and `ALTHING_METRIC_FF` name the program. If one is set, its value is used
-//!   without a further search.
+//! - `ALTHING_FAST_DOWNWARD` and `ALTHING_METRIC_FF` give the path of the engine's program. If the
+//!   variable of an engine is set, its value is used without a further search.
 //! - `pip install up-fast-downward` puts no program on `PATH`: it installs the driver script as data of
 //!   a package. Each `python3` and `python` on `PATH` is run to find the folder of that package. The
 //!   package is not imported, which would take a second and require its dependencies.
@@ -15,15 +16,16 @@ use std::process::{Command, Stdio};
 use crate::outcome::EngineError;
 use crate::planning::ExternalEngine;
 
-/// The command that calls an engine.
+/// An installed engine: the command that starts it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Installation {
     pub(crate) engine: ExternalEngine,
-    /// The program and its first arguments.
+    /// The engine's program and the first arguments of that program.
     pub(crate) command: Vec<OsString>,
 }
 
-/// Python script that prints the folder of the package, or exits with 1 if it is not installed.
+/// Python script that prints the folder of the package `up-fast-downward`, or exits with 1 if that
+/// package is not installed.
 const WHERE: &str = "import importlib.util, sys
 spec = importlib.util.find_spec('up_fast_downward')
 sys.exit(1) if spec is None else print(list(spec.submodule_search_locations)[0])";
@@ -31,8 +33,8 @@ sys.exit(1) if spec is None else print(list(spec.submodule_search_locations)[0])
 // === impl Installation ===
 
 impl Installation {
-    /// Creates the installation of an engine that is called with this command, for example
-    /// `python3 fast-downward.py`.
+    /// Creates the installation of an engine from the command that starts it, for example `python3
+    /// fast-downward.py`.
     pub fn of(
         engine: ExternalEngine,
         command: impl IntoIterator<Item = impl Into<OsString>>,
@@ -40,12 +42,12 @@ impl Installation {
         Installation { engine, command: command.into_iter().map(Into::into).collect() }
     }
 
-    /// Returns the program and its first arguments.
+    /// Returns the command that starts the engine: its program and the first arguments.
     pub fn command(&self) -> &[OsString] {
         &self.command
     }
 
-    /// Finds an engine. Returns an error if it is not found.
+    /// Finds an engine. Returns an error if the engine is not found.
     pub fn find(engine: ExternalEngine) -> Result<Installation, EngineError> {
         if let Some(configured) = env::var_os(engine.variable()).filter(|it| !it.is_empty()) {
             return configured_at(engine, PathBuf::from(configured));
@@ -74,7 +76,8 @@ fn on_path(engine: ExternalEngine, path: &OsStr) -> Option<Installation> {
     Some(Installation::of(engine, [found]))
 }
 
-/// Returns the driver script in the first Python that has it, with that Python.
+/// Returns the command for the driver script of Fast Downward: the first Python on `path` that has the
+/// script, and the script.
 fn in_a_python(path: &OsStr) -> Option<Installation> {
     let pythons = ["python3", "python"].into_iter().flat_map(|name| programs(path, name));
     pythons.into_iter().find_map(|python| {
@@ -100,7 +103,7 @@ fn driver_in(python: &Path) -> Option<PathBuf> {
     (output.status.success() && driver.is_file()).then_some(driver)
 }
 
-/// Returns the programs of that name, in the order of `PATH`.
+/// Returns the programs called `name` in the folders of `path`, in the order of these folders.
 fn programs(path: &OsStr, name: &str) -> impl Iterator<Item = PathBuf> {
     // An empty part would mean the current folder, which is hardly ever intended.
     let folders = env::split_paths(path).filter(|folder| !folder.as_os_str().is_empty());

@@ -7,15 +7,16 @@
 //! - `lower` translates a task to the engine's dialect of PDDL, with names that every engine can read.
 //!   A feature that the engine does not support is refused, with its name and place.
 //! - `process` runs the engine within limits of time and memory, and leaves no process or file behind.
-//! - `fast_downward` and `metric_ff` have the command lines, the meaning of endings, and known
-//!   pitfalls.
+//! - `fast_downward` and `metric_ff` have the engines' command lines, the meaning of their exit codes
+//!   and outputs, and known pitfalls.
 //!
-//! Leaves to others: planning in this process and validating plans (`planner`), showing mistakes (the
-//! binary). No engine is required: the embedded planner works without them.
+//! This crate leaves planning in the own process and validating plans to `planner`, and showing
+//! mistakes to the binary. No engine is required: the embedded planner works without any.
 //!
-//! **Invariants:** Each returned plan has passed the validator, and its cost is that of the validator:
-//! the cost that an engine prints is not read. A task is called unsolvable only if the engine has
-//! proved it. Whenever this process ends, also by SIGKILL, the engine's processes end with it.
+//! **Invariants:** Each returned plan has passed the validator, and its cost is computed by the
+//! validator: the cost that an engine prints is not read. A task is called unsolvable only if the
+//! engine has proved it. Whenever this process ends, also by SIGKILL, the engine's processes end with
+//! it.
 
 mod planning;
 

@@ -1,8 +1,9 @@
 //! Metric-FF: its command line, and the meaning of its output.
 //!
-//! Its exit code is 0 or 1 whether it found a plan or not, so that everything is read from its output.
-//! It prints names in upper case (`A-MOVE O-ROBOT`), adds a last step `REACH-GOAL` for disjunctive
-//! goals, and computes costs in single precision, which is one more reason not to read them.
+//! The exit code of Metric-FF does not show whether it found a plan, so that everything is read from
+//! its output. Metric-FF prints names in upper case (`A-MOVE O-ROBOT`), adds a last step `REACH-GOAL`
+//! for disjunctive goals, and computes costs in single precision, which is one more reason not to read
+//! these costs.
 
 use pddl::{Name, Plan, PlanStep};
 
@@ -10,22 +11,25 @@ use crate::outcome::{Ending, EngineError};
 use crate::planning::{EngineJob, EngineResult, ExternalEngine, PlanningAim};
 use crate::process::EngineRun;
 
-/// Enforced hill-climbing, then best-first search: ignores costs, complete.
+/// Number of Metric-FF's search configuration that ignores costs: enforced hill-climbing, then
+/// best-first search. It is complete.
 const WITHOUT_COSTS: &str = "0";
 
-/// The same, then A*epsilon: respects costs. If it does not support the metric, Metric-FF gives up
-/// here.
+/// Number of Metric-FF's search configuration that respects costs: enforced hill-climbing and
+/// best-first search, then A*epsilon. Metric-FF gives up at A*epsilon if it does not support the
+/// metric.
 const WITH_COSTS: &str = "5";
 
-/// Output before the plan.
+/// Line that Metric-FF prints before a plan.
 const FOUND: &str = "found legal plan as follows";
 
-/// Output if the goal holds already.
+/// Text that Metric-FF prints if the goal holds already.
 const TRUE_ALREADY: &str = "goal can be simplified to TRUE";
 
-/// Outputs that mean that there is no plan, with their endings.
+/// Texts that Metric-FF prints if it finds no plan, each with the ending that it stands for.
 ///
-/// The last one alone is no proof: a search that prunes states that do not look helpful prints it too.
+/// The last text alone is no proof that no plan exists: a search that prunes states which do not look
+/// helpful also prints it.
 const NO_PLAN: &[(&str, Ending)] = &[
     ("goal can be simplified to FALSE", Ending::Unsolvable { before_search: true }),
     (
@@ -36,14 +40,15 @@ const NO_PLAN: &[(&str, Ending)] = &[
     ("search space empty", Ending::Exhausted),
 ];
 
-/// Outputs that mean that the task is beyond Metric-FF.
+/// Texts that Metric-FF prints if the task is beyond it.
 const BEYOND: &[&str] =
     &["This is not a linear task", "increase MAX_", "can't be handled by this version"];
 
-/// Step that it adds to plans for goals that are not conjunctions.
+/// Name of the last step that Metric-FF adds to plans for goals that are not conjunctions.
 const REACH_GOAL: &str = "reach-goal";
 
-/// Runs Metric-FF, and a second time without costs if it does not support the metric.
+/// Runs Metric-FF, and reads the result. Runs it a second time without costs if it does not support the
+/// metric.
 pub(crate) fn answer(job: &EngineJob<'_>) -> Result<EngineResult, EngineError> {
     if job.options.aim == PlanningAim::CheapestPlan {
         let said = "none of its searches proves that a plan is the cheapest".to_owned();
@@ -61,7 +66,8 @@ pub(crate) fn answer(job: &EngineJob<'_>) -> Result<EngineResult, EngineError> {
     read(job, &run)
 }
 
-/// Whether the output has “A*epsilon not defined for plan length …”.
+/// Whether Metric-FF's output shows that it does not support the metric (“A*epsilon not defined for
+/// plan length …”).
 fn rejects_metric(run: &EngineRun) -> bool {
     run.stdout.contains("not defined")
 }
@@ -92,7 +98,7 @@ fn no_plan(said: &str) -> Option<Ending> {
     NO_PLAN.iter().find(|(sign, _)| said.contains(sign)).map(|(_, ending)| *ending)
 }
 
-/// Parses `step    0: OP A B`, then `        1: OP A B`, ….
+/// Parses the steps of a plan in Metric-FF's output: `step    0: OP A B`, then `        1: OP A B`, ….
 fn steps(job: &EngineJob<'_>, said: &str) -> Result<Plan, EngineError> {
     let lines = said.lines().filter_map(|line| step(line.trim()));
     let steps: Vec<PlanStep> = lines.filter(|step| step.action != REACH_GOAL).collect();
@@ -102,7 +108,8 @@ fn steps(job: &EngineJob<'_>, said: &str) -> Result<Plan, EngineError> {
     })
 }
 
-/// Parses `[step] NUMBER: OP NAME*`.
+/// Parses one line of a plan, `[step] NUMBER: OP NAME*`. Returns `None` if the line is not of this
+/// form.
 fn step(line: &str) -> Option<PlanStep> {
     let line = line.strip_prefix("step").unwrap_or(line).trim_start();
     let (number, call) = line.split_once(':')?;

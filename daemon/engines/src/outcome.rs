@@ -1,6 +1,7 @@
 //! The result of an engine's run: a valid plan, or the reason why there is none.
 //!
-//! An ending distinguishes a proof from giving up, and giving up from reaching a limit.
+//! An [`Ending`] distinguishes a proof that there is no plan from giving up, and giving up from
+//! reaching a limit.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -10,102 +11,103 @@ use planner::{Fault, Unsupported};
 
 use crate::planning::ExternalEngine;
 
-/// The result of one run.
+/// The result of one run of an engine.
 #[derive(Clone, Debug)]
 pub struct EngineOutcome {
     /// A plan with the task's own names that the independent validator has accepted, with the cost that
     /// the validator computes.
     pub plan: Option<Plan>,
-    /// Why the run ended.
+    /// Why the run of the engine ended.
     pub ending: Ending,
-    /// Whether it is proved that no cheaper plan exists: by the engine, if it was asked for a proof.
+    /// Whether the engine has proved that no cheaper plan exists. It tries to only if the caller
+    /// requests a proof.
     pub proven_optimal: bool,
 }
 
-/// Why a run ended.
+/// Why a run of an engine ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
-    /// A goal state was reached.
+    /// The engine reached a goal state, so that there is a plan.
     GoalReached,
-    /// No plan exists, which the engine has proved.
+    /// The engine has proved that no plan exists.
     Unsolvable {
-        /// Whether this was found while the task was translated, before the search.
+        /// Whether the engine proved this while it translated the task, before the search.
         before_search: bool,
     },
-    /// The engine gave up: it searched as far as its search goes, which is *not* a proof.
+    /// The engine gave up: its search ended without a plan, which is *not* a proof that none exists.
     Exhausted,
-    /// The limit on memory was reached.
+    /// The engine reached the limit on memory.
     OutOfMemory,
-    /// The limit on time was reached.
+    /// The engine reached the limit on time.
     OutOfTime,
-    /// The caller set [`planner::Cancel`].
+    /// The run was cancelled: the caller set [`planner::Cancel`].
     Cancelled,
 }
 
-/// The reason why there is no outcome at all. Messages complete “failed to …”.
+/// The reason why there is no outcome at all. The text of each variant completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum EngineError {
-    /// The texts have mistakes.
+    /// The texts of the domain and the problem have mistakes.
     #[error("read the domain and the problem{}", MistakeSuffix(.0))]
     BadInput(Vec<Diagnostic>),
     /// The task has a feature that this engine does not support.
     #[error("plan with {}: {engine} does not support it", unsupported.feature)]
     Unsupported {
-        /// The engine.
+        /// The engine that does not support the feature.
         engine: ExternalEngine,
-        /// The feature and its place.
+        /// The unsupported feature and its place.
         unsupported: Unsupported,
     },
-    /// The engine itself reports that the task is beyond it, without a place.
+    /// The engine itself reports that the task is beyond it, without a place in the task.
     #[error("plan with {engine}, which says: {said}")]
     Beyond {
-        /// The engine.
+        /// The engine that reports this.
         engine: ExternalEngine,
-        /// The engine's message.
+        /// The message that the engine printed.
         said: String,
     },
     /// The engine is not installed.
     #[error("find {engine}{}", PathSuffix(configured))]
     NotFound {
-        /// The engine.
+        /// The engine that is not installed.
         engine: ExternalEngine,
-        /// The configured path, if there is one.
+        /// The configured path of the engine, if there is one.
         configured: Option<PathBuf>,
     },
     /// The engine or its folder could not be set up.
     #[error("run {engine}")]
     Run {
-        /// The engine.
+        /// The engine that could not be set up.
         engine: ExternalEngine,
-        /// The cause.
+        /// The error of the system.
         #[source]
         source: std::io::Error,
     },
-    /// The engine failed.
+    /// The engine failed: it ended without a result.
     #[error("get an answer from {engine}, which ended with {status}{}", TextSuffix(said))]
     BrokeDown {
-        /// The engine.
+        /// The engine that failed.
         engine: ExternalEngine,
-        /// Its exit code or signal.
+        /// The exit code or signal with which the engine ended.
         status: String,
-        /// The last line of its output.
+        /// The last line of the engine's output.
         said: String,
     },
-    /// The engine's plan is not valid. It is not returned.
+    /// The engine's plan is not valid, and is not returned.
     #[error("confirm the plan of {engine}: {fault}")]
     WrongPlan {
-        /// The engine.
+        /// The engine that returned the invalid plan.
         engine: ExternalEngine,
-        /// The fault that the validator found.
+        /// The fault in the plan that the validator found.
         fault: Box<Fault>,
     },
     /// The engine's plan cannot be parsed.
     #[error("read the plan of {engine}: {problem}")]
     UnreadablePlan {
-        /// The engine.
+        /// The engine that returned the unreadable plan.
         engine: ExternalEngine,
-        /// The mistake in it.
+        /// The mistake in the plan.
         problem: String,
     },
 }
@@ -113,7 +115,8 @@ pub enum EngineError {
 // === impl Ending ===
 
 impl Ending {
-    /// Returns the exit code that planners in the field use for it; `None` for a cancelled run.
+    /// Returns the exit code that planners in the field use for this ending; `None` for a cancelled
+    /// run.
     pub fn exit_code(self) -> Option<u8> {
         match self {
             Ending::GoalReached => Some(0),
@@ -144,7 +147,7 @@ impl fmt::Display for Ending {
 // === impl EngineError ===
 
 impl EngineError {
-    /// Returns advice for the user; `None` if there is none.
+    /// Returns advice for the user on this error; `None` if there is none.
     pub fn help(&self) -> Option<String> {
         match self {
             EngineError::NotFound { engine, .. } => Some(engine.how_to_get().to_owned()),
@@ -156,7 +159,7 @@ impl EngineError {
     }
 }
 
-/// Formats each mistake as `; MISTAKE`.
+/// Formats each mistake as `; MISTAKE`, to be appended to an error's text.
 struct MistakeSuffix<'e>(&'e [Diagnostic]);
 
 impl fmt::Display for MistakeSuffix<'_> {
@@ -165,7 +168,7 @@ impl fmt::Display for MistakeSuffix<'_> {
     }
 }
 
-/// Formats the path as ` at PATH`, if there is one.
+/// Formats a path as ` at PATH`, to be appended to an error's text; empty if there is no path.
 struct PathSuffix<'e>(&'e Option<PathBuf>);
 
 impl fmt::Display for PathSuffix<'_> {
@@ -174,7 +177,7 @@ impl fmt::Display for PathSuffix<'_> {
     }
 }
 
-/// Formats the text as `: TEXT`, if it is not empty.
+/// Formats a text as `: TEXT`, to be appended to an error's text; empty if the text is empty.
 struct TextSuffix<'e>(&'e str);
 
 impl fmt::Display for TextSuffix<'_> {

@@ -1,8 +1,8 @@
 //! The entry point: the engines, and the function that plans with one of them.
 //!
-//! check → lower → run → read → validate. The engine gets the lowered task. Its plan is translated back
-//! to the task's own names and validated on the original task, so that a mistake in `lower` cannot go
-//! unnoticed.
+//! The order of work is: check → lower → run → read → validate. The engine gets the lowered task, which
+//! is the task translated to its dialect. The engine's plan is translated back to the task's own names
+//! and validated on the original task, so that a mistake in `lower` cannot go unnoticed.
 
 use std::fmt;
 use std::time::{Duration, Instant};
@@ -19,51 +19,53 @@ use crate::{fast_downward, metric_ff};
 /// A planner that runs as a process of its own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ExternalEngine {
-    /// Fast Downward: all of ADL, axioms, action costs; no numbers.
+    /// Fast Downward. It supports all of ADL, axioms and action costs, but no other numbers.
     FastDownward,
-    /// Metric-FF: all of ADL, linear numbers; no axioms.
+    /// Metric-FF. It supports all of ADL and linear arithmetic, but no axioms.
     MetricFf,
 }
 
-/// The aim of planning.
+/// What kind of plan the engine is to find.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PlanningAim {
-    /// A plan, as soon as possible.
+    /// Any plan, as soon as possible.
     #[default]
     Plan,
-    /// A plan that is proved to be the cheapest. Only Fast Downward supports this.
+    /// A plan that is proved to be the cheapest. Only Fast Downward supports this aim.
     CheapestPlan,
 }
 
-/// Limits and aim of a run.
+/// Limits on the time and the memory of an engine's run, and the aim of planning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EngineOptions {
-    /// Limit on wall-clock time, from the call on.
+    /// Limit on the wall-clock time of planning, from the call on; `None` for no limit.
     pub time_limit: Option<Duration>,
-    /// Limit on the address space of each of the engine's processes, in bytes.
+    /// Limit on the address space of each of the engine's processes, in bytes; `None` for no limit.
     pub memory_limit: Option<u64>,
-    /// The aim of planning.
+    /// What kind of plan the engine is to find.
     pub aim: PlanningAim,
 }
 
 impl Default for EngineOptions {
-    /// No limit on time; 2 GiB, as for the embedded planner; a plan as soon as possible.
+    /// Returns the default options: no limit on time; 2 GiB of memory, as for the embedded planner; any
+    /// plan, as soon as possible.
     fn default() -> EngineOptions {
         EngineOptions { time_limit: None, memory_limit: Some(2 << 30), aim: PlanningAim::Plan }
     }
 }
 
-/// The result of an engine: the ending, and the plans it wrote, the best last.
+/// The result that is read from an engine's run: why the run ended, and the plans that were written,
+/// the best last.
 pub(crate) struct EngineResult {
     pub(crate) ending: Ending,
     pub(crate) plans: Vec<Plan>,
     pub(crate) proven_optimal: bool,
 }
 
-/// Plans with an engine.
+/// Plans for a task with an external engine.
 ///
-/// Blocks until the engine has ended; set `cancel` to end it sooner. When this returns, no process and
-/// no file of the run is left.
+/// This function blocks until the engine has ended; set `cancel` to end the engine sooner. When the
+/// function returns, no process and no file of the run is left.
 pub fn plan(
     installation: &Installation,
     domain: &Domain,
@@ -88,7 +90,7 @@ pub fn plan(
     best_valid_plan(engine, domain, problem, answer, lowered.costs_exact)
 }
 
-/// Context of one run, for the engines' modules.
+/// Context of one run of an engine, for the modules of the engines.
 pub(crate) struct EngineJob<'j> {
     pub(crate) installation: &'j Installation,
     pub(crate) lowered: &'j Lowered,
@@ -97,8 +99,8 @@ pub(crate) struct EngineJob<'j> {
     pub(crate) cancel: &'j Cancel,
 }
 
-/// Returns an error if the texts have mistakes. If the domain has some, only those are returned, as in
-/// `planner`.
+/// Returns an error if the texts have mistakes. If the domain has mistakes, only those are returned, as
+/// in `planner`.
 fn refuse_mistakes(domain: &Domain, problem: &Problem) -> Result<(), EngineError> {
     let errors = |mut found: Vec<Diagnostic>| {
         found.retain(Diagnostic::is_error);
@@ -108,7 +110,8 @@ fn refuse_mistakes(domain: &Domain, problem: &Problem) -> Result<(), EngineError
     errors(pddl::check_problem(domain, problem))
 }
 
-/// Returns the best valid plan, with the cost that the validator computes.
+/// Returns the best valid plan among those that an engine wrote, with the cost that the validator
+/// computes.
 ///
 /// If an engine that ended on its own wrote an invalid plan, that is an error. If the engine was ended
 /// by this process, its last plan may be incomplete and is only used if it is valid.
@@ -155,7 +158,7 @@ impl ExternalEngine {
         }
     }
 
-    /// Returns the names that the engine's program may have.
+    /// Returns the names that the engine's program may have on `PATH`.
     pub(crate) fn programs(self) -> &'static [&'static str] {
         match self {
             ExternalEngine::FastDownward => &["fast-downward.py", "fast-downward"],
@@ -226,8 +229,8 @@ impl EngineJob<'_> {
         }
     }
 
-    /// Returns the ending of a run that the engine's own exit code and output do not explain. Returns
-    /// an error if the engine failed.
+    /// Returns the ending of a run in the case that the engine's own exit code and output do not
+    /// explain it: the run reached a limit or was cancelled. Returns an error if the engine failed.
     pub(crate) fn unexplained(&self, run: &EngineRun) -> Result<Ending, EngineError> {
         match run.end {
             EngineEnd::OutOfTime => Ok(Ending::OutOfTime),

@@ -1,14 +1,14 @@
 //! Runs a foreign program within limits, and leaves nothing of it behind.
 //!
 //! The program runs in a process group of its own. A second process, the *watch*, is a shell that reads
-//! from a pipe; only this process has the other end. When this process ends in any way, the kernel
-//! closes that pipe, and the watch kills the whole group and removes the folder. A parent death signal
-//! (`PR_SET_PDEATHSIG`) would reach the program, but not the processes that it has started: Fast
-//! Downward is a driver that starts a translator, then a search.
+//! from a pipe; only the process of Althing has the other end of that pipe. When the process of Althing
+//! ends in any way, the kernel closes that pipe, and the watch kills the whole group and removes the
+//! folder. A parent death signal (`PR_SET_PDEATHSIG`) would reach the program, but not the processes
+//! that it has started: Fast Downward is a driver that starts a translator, then a search.
 //!
-//! The program does not start before it is watched: the *gate*, the shell that sets its limits, waits
-//! for a line that is sent when the watch runs. Not guarded against: a program that leaves its process
-//! group, and a watch that is killed first.
+//! The program does not start before it is watched: the *gate*, a shell that sets the program's limits,
+//! waits for a line that is sent when the watch runs. The watch cannot handle two cases: a program that
+//! leaves its process group, and a watch that is killed first.
 //!
 //! Memory is limited with `ulimit -v` (`RLIMIT_AS`), which every child inherits: the limit holds for
 //! each process of the engine, not for their sum. Time is wall-clock time.
@@ -27,60 +27,64 @@ use planner::Cancel;
 use rustix::io::Errno;
 use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
 
-/// The command to run, its folder and its limits.
+/// The command that runs a program, the folder of the run and its limits.
 pub(crate) struct EngineLaunch<'l> {
-    /// The program and its arguments.
+    /// The program that is run, and its arguments.
     pub(crate) command: &'l [OsString],
-    /// Folder in which it runs. Its output is written there too.
+    /// Folder in which the program runs. Its standard output and standard error are written there as
+    /// files.
     pub(crate) folder: &'l Path,
-    /// Time at which it is killed if it still runs.
+    /// Time at which the program is killed if it still runs; `None` for no limit.
     pub(crate) deadline: Option<Instant>,
-    /// Bytes of address space for each process.
+    /// Limit on the address space of each process of the program, in bytes; `None` for no limit.
     pub(crate) memory_limit: Option<u64>,
 }
 
-/// The result of a run.
+/// The result of a program's run.
 pub(crate) struct EngineRun {
     pub(crate) end: EngineEnd,
-    /// Standard output, up to [`OUTPUT_MAX`].
+    /// Standard output of the program, up to [`OUTPUT_MAX`].
     pub(crate) stdout: String,
-    /// Standard error, up to the same limit.
+    /// Standard error of the program, up to [`OUTPUT_MAX`].
     pub(crate) stderr: String,
 }
 
-/// The way a run ended.
+/// The way in which the run of a program ended.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum EngineEnd {
     /// The process exited on its own (not killed by a limit).
     Itself(ExitStatus),
-    /// The process was killed because its time was up.
+    /// The process was killed because its time limit was reached.
     OutOfTime,
     /// The process was killed because the caller cancelled it.
     Cancelled,
 }
 
-/// Largest part of an output that is read, in bytes. A plan of a hundred thousand steps fits.
+/// Maximum number of bytes of a program's output that are read. A plan of a hundred thousand steps
+/// fits.
 const OUTPUT_MAX: u64 = 64 << 20;
 
 /// Interval at which the caller's cancel flag is checked. A person does not notice the delay.
 const CANCEL_CHECK_INTERVAL: Duration = Duration::from_millis(20);
 
-/// Shell script: waits for a line, sets its limits, executes the program. `$1` is the memory limit in
-/// KiB, or empty.
+/// Shell script of the gate: waits for a line, sets the limits, executes the program. `$1` is the
+/// memory limit in KiB, or empty.
 const START_SCRIPT: &str = "read -r word || exit 125
 ulimit -c 0
 [ -z \"$1\" ] || ulimit -v \"$1\" || exit 125
 shift
 exec \"$@\" </dev/null";
 
-/// Shell script: waits for a line, which means that all is well, or for the end of this process.
-/// Removes the folder twice: a process that was just killed may have written a file meanwhile.
+/// Shell script of the watch: waits for a line, which means that nothing needs to be cleaned up, or for
+/// the end of the process of Althing. After that end it kills the group `$1` and removes the folder
+/// `$2`. If removing fails, it tries once more: a process that was just killed may have written a file
+/// meanwhile.
 const CLEANUP_SCRIPT: &str = "trap '' HUP INT TERM
 read -r word && exit
 kill -KILL \"-$1\"
 rm -rf \"$2\" || rm -rf \"$2\"";
 
-/// Runs a program until it ends, its time is up, or the caller cancels it.
+/// Runs a program until it ends, its time is up, or the caller cancels the run.
 pub(crate) fn run(launch: &EngineLaunch<'_>, cancel: &Cancel) -> io::Result<EngineRun> {
     let (stdout, stderr) = (launch.folder.join("stdout"), launch.folder.join("stderr"));
     let (child, gate) = spawn_waiting(launch, File::create(&stdout)?, File::create(&stderr)?)?;
@@ -111,7 +115,8 @@ fn spawn_waiting(
     Ok((child, gate))
 }
 
-/// Lets the program start. A failed write means that the gate has ended, which is detected next.
+/// Opens the gate: lets the program start. A failed write means that the gate has ended; the caller
+/// detects this next.
 fn open(gate: Option<ChildStdin>) {
     let _ = gate.map(|mut gate| gate.write_all(b"start\n"));
 }
@@ -145,9 +150,11 @@ fn read(path: &Path) -> io::Result<String> {
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// The program and all processes that it starts. They are killed when it is dropped.
+/// The process group of a program: the program and all processes that it starts. They are killed when
+/// this value is dropped.
 struct EngineGroup {
-    /// The group leader. Until it is reaped, the group's number cannot be reused.
+    /// The leader of the group, which is the program itself. Until it is reaped, the number of the
+    /// group cannot be reused.
     child: Child,
     is_reaped: bool,
 }
@@ -159,7 +166,8 @@ impl EngineGroup {
         Pid::from_raw(i32::try_from(self.child.id()).ok()?)
     }
 
-    /// Returns a channel that receives a message when the leader has ended. Does not reap it.
+    /// Returns a channel that receives a message when the group leader has ended. Does not reap the
+    /// leader.
     fn ended(&self) -> mpsc::Receiver<()> {
         let (tell, ended) = mpsc::channel();
         let pid = self.pid();
@@ -174,7 +182,7 @@ impl EngineGroup {
         ended
     }
 
-    /// Kills all that is left of the group, then reaps the leader.
+    /// Kills all processes that are left of the group, then reaps the group leader.
     fn end(&mut self) -> io::Result<ExitStatus> {
         if let Some(pid) = self.pid()
             && !self.is_reaped
@@ -196,7 +204,7 @@ impl Drop for EngineGroup {
     }
 }
 
-/// The process that cleans up after this process has ended.
+/// The watch: the process that cleans up if the process of Althing ends before the run does.
 struct CleanupWatch {
     child: Child,
     word: Option<ChildStdin>,
@@ -220,7 +228,8 @@ impl CleanupWatch {
         Ok(CleanupWatch { child, word })
     }
 
-    /// Ends the watch without cleaning up: the group is gone, and its number may soon be reused.
+    /// Ends the watch without cleaning up. Called when the group is gone, because its number may soon
+    /// be reused.
     fn dismiss(mut self) {
         let _ = self.word.take().map(|mut word| word.write_all(b"well\n"));
         let _ = self.child.wait();
@@ -228,7 +237,7 @@ impl CleanupWatch {
 }
 
 impl EngineRun {
-    /// Returns the exit code; `None` if the program was killed or ended by a signal.
+    /// Returns the exit code of the program; `None` if it was killed or ended by a signal.
     pub(crate) fn code(&self) -> Option<i32> {
         match self.end {
             EngineEnd::Itself(status) => status.code(),
@@ -236,7 +245,7 @@ impl EngineRun {
         }
     }
 
-    /// Formats the ending for a person.
+    /// Returns a description of how the program ended, for a person.
     pub(crate) fn status(&self) -> String {
         match self.end {
             EngineEnd::Itself(status) => match (status.code(), status.signal()) {
@@ -249,7 +258,8 @@ impl EngineRun {
         }
     }
 
-    /// Returns the last line that is not empty: of standard error, or else of standard output.
+    /// Returns the last line of standard error that is not empty; if there is none, that of standard
+    /// output.
     pub(crate) fn last_output_line(&self) -> String {
         let last = |text: &str| {
             text.lines().map(str::trim).rfind(|line| !line.is_empty()).map(str::to_owned)
@@ -257,8 +267,8 @@ impl EngineRun {
         last(&self.stderr).or_else(|| last(&self.stdout)).unwrap_or_default()
     }
 
-    /// Whether the output has a message about lack of memory, as interpreters, loaders and allocators
-    /// print it.
+    /// Whether the program's output has a message about lack of memory, as interpreters, loaders and
+    /// allocators print it.
     pub(crate) fn wants_memory(&self) -> bool {
         let complaints = [
             "MemoryError",

@@ -17,8 +17,8 @@ pub struct PrintArgs {
     pub json: bool,
 }
 
-/// Parses the command line. Returns the exit code if it is wrong or asks for help; the message has been
-/// printed then.
+/// Parses the command line. If the command line is wrong or asks for help, prints the message and
+/// returns the exit code.
 pub fn parse<P: Parser>(words: impl IntoIterator<Item = OsString>) -> Result<P, ExitCode> {
     let words: Vec<OsString> = words.into_iter().collect();
     P::try_parse_from(&words).map_err(|err| {
@@ -32,7 +32,7 @@ pub fn parse<P: Parser>(words: impl IntoIterator<Item = OsString>) -> Result<P, 
     })
 }
 
-/// Parses a positive number of seconds, fractions allowed.
+/// Parses a positive number of seconds, which may have a fraction.
 pub fn seconds(text: &str) -> Result<Duration, String> {
     let seconds: f64 =
         text.parse().map_err(|_| "a number of seconds, such as 30 or 0.5".to_owned())?;

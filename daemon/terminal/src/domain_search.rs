@@ -1,5 +1,5 @@
-//! Finds the domain of a problem: by the domain name in the problem, and if several domains have that name,
-//! by the file names that collections of problems use.
+//! Finds the domain of a problem by the domain name in the problem. If several domains have that name,
+//! the choice depends on the file names, which follow the habits of collections of problems.
 
 use std::path::{Path, PathBuf};
 
@@ -7,10 +7,12 @@ use crate::pddl_files::{self, DomainText};
 use crate::report::{DiagnosticReport, SourceText};
 use pddl::Name;
 
-/// Maximum number of files searched for a domain; a folder of problems may hold thousands.
+/// Maximum number of files of one folder that are searched for a domain; a folder of problems may hold
+/// thousands.
 const CANDIDATES_MAX: usize = 100;
 
-/// Returns the given domain of this name with the most similar file name.
+/// Returns, of the domains given by the user that have the wanted name, the one with the most similar
+/// file name.
 pub fn domain_given<'d>(
     path: &Path,
     name: &Name,
@@ -20,8 +22,8 @@ pub fn domain_given<'d>(
     named.min_by_key(|text| distance(Path::new(&text.source.name), path))
 }
 
-/// Returns the domain of this name from the `.pddl` files in the file's folder, or in the one above, where
-/// collections of problems keep it.
+/// Returns the domain `name` from the `.pddl` files in the folder of the problem's file `path`, or in
+/// the folder above, where collections of problems keep it.
 pub fn nearby_domain(path: &Path, name: &Name) -> Option<DomainText> {
     let folder = path.parent()?;
     let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
@@ -39,8 +41,8 @@ fn is_named(text: &DomainText, name: &Name) -> bool {
     text.domain.as_ref().is_some_and(|domain| domain.name == *name)
 }
 
-/// Returns the files that may be the domain of `path`, the likely ones first. They are sorted, because the
-/// system lists a folder in any order.
+/// Returns the files of a folder that may contain the domain of the problem in `path`, the likely ones
+/// first. The files are sorted, because the system lists a folder in any order.
 fn domain_files(folder: &Path, path: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let mut files: Vec<PathBuf> = entries
@@ -52,8 +54,9 @@ fn domain_files(folder: &Path, path: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// Returns how unlikely a file is to be the domain of another, by their names alone: `p07-domain` and
-/// `domain_p07` belong to `p07`; `domain` belongs to all problems without a domain of their own.
+/// Returns how unlikely it is, by the file names alone, that one file contains the domain of the
+/// problem in another (0 is the most likely): `p07-domain` and `domain_p07` belong to `p07`; `domain`
+/// belongs to all problems without a domain of their own.
 pub(crate) fn distance(domain: &Path, problem: &Path) -> usize {
     let own = words(domain);
     let Some(at) = own.iter().position(|word| word == "domain") else { return 3 };

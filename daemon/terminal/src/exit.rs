@@ -1,4 +1,5 @@
-//! Exit codes of the process. They are an interface: scripts, units and planner benchmarks match on them.
+//! Exit codes of the process. The codes are an interface: scripts, service units and planner benchmarks
+//! depend on them.
 //!
 //! Codes below 64 are those of other planners (Fast Downward's table); codes from 64 on are those of
 //! `sysexits.h`, which service managers know. The codes for the end of a search (10, 11, 12; 32 for a
@@ -6,29 +7,32 @@
 
 use std::process::ExitCode;
 
-/// Success; for `plan`: a plan was found.
+/// Success. For `plan`: a plan was found.
 pub const DONE: u8 = 0;
-/// `validate`: the plan is not valid. Other validators use the same code.
+/// Exit code of `validate`: the plan is not valid. Other validators use the same code.
 pub const INVALID_PLAN: u8 = 1;
-/// `plan --optimal`: a plan was found, and memory ran out before it was proven to be the cheapest.
+/// Exit code of `plan --optimal`: a plan was found, and memory ran out before it was proven to be the
+/// cheapest.
 pub const UNPROVEN_OUT_OF_MEMORY: u8 = 1;
-/// `plan --optimal`: a plan was found, and time ran out before it was proven to be the cheapest.
+/// Exit code of `plan --optimal`: a plan was found, and time ran out before it was proven to be the
+/// cheapest.
 pub const UNPROVEN_OUT_OF_TIME: u8 = 2;
-/// `plan --optimal`: a plan was found, and for another reason is not proven to be the cheapest.
+/// Exit code of `plan --optimal`: a plan was found, which for another reason is not proven to be the
+/// cheapest.
 pub const UNPROVEN: u8 = 4;
-/// `plan`: out of memory.
+/// Exit code of `plan`: memory ran out before a plan was found.
 pub const OUT_OF_MEMORY: u8 = 22;
-/// `plan`: out of time.
+/// Exit code of `plan`: time ran out before a plan was found.
 pub const OUT_OF_TIME: u8 = 23;
-/// A file of the user's cannot be read, or has errors.
+/// A file that the user has given cannot be read, or has errors.
 pub const BAD_INPUT: u8 = 33;
-/// Valid input that this version does not support.
+/// The input is valid, but uses a feature that this version does not support.
 pub const UNSUPPORTED: u8 = 34;
-/// `EX_USAGE`: the command line is wrong. Not clap's 2, which for a planner means “a plan was found,
-/// then time ran out”.
+/// `EX_USAGE`: the command line is wrong. Clap's code 2 is not used, because for a planner it means “a
+/// plan was found, then time ran out”.
 pub const USAGE: u8 = 64;
-/// `EX_UNAVAILABLE`: a required part is not there: a command not built yet, a substrate that cannot be
-/// reached.
+/// `EX_UNAVAILABLE`: a required part is not available, such as a command that is not built yet, or a
+/// substrate that cannot be reached.
 pub const UNAVAILABLE: u8 = 69;
 /// `EX_IOERR`: a result could not be written.
 pub const OUTPUT: u8 = 74;
@@ -43,7 +47,7 @@ pub fn by_signal(signal: i32) -> ExitCode {
     u8::try_from(128 + signal).map_or_else(|_| with(UNAVAILABLE), with)
 }
 
-/// Converts a code to an [`ExitCode`].
+/// Converts a code to an [`ExitCode`] of the process.
 pub fn with(code: u8) -> ExitCode {
     ExitCode::from(code)
 }

@@ -1,41 +1,42 @@
-//! Parses the error messages of serde about the form of a text, so that a caller can word them for the
-//! author of the text. Serde uses terms of Rust: “invalid type: map, expected a sequence”.
+//! Parses the error messages of serde about the form of a text, so that a caller can express the errors
+//! in words for the author of the text. Serde uses terms of Rust: “invalid type: map, expected a
+//! sequence”.
 
 use std::borrow::Cow;
 
-/// An error in the form of a text.
+/// An error in the form of a text that serde reads.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FormError<'a> {
-    /// An unknown key, and the keys that are allowed there.
+    /// The text has a key that is not allowed at its place.
     UnknownKey {
-        /// The key.
+        /// The unknown key.
         key: &'a str,
-        /// The allowed keys.
+        /// The keys that are allowed at this place.
         known: Vec<&'a str>,
     },
-    /// A required key is missing.
+    /// The text lacks this key, which is required.
     MissingKey(&'a str),
-    /// A word that is not one of those allowed there.
+    /// The text has a word that is not one of those allowed at its place.
     UnknownWord {
-        /// The word.
+        /// The unknown word.
         word: &'a str,
-        /// The allowed words.
+        /// The words that are allowed at this place.
         known: Vec<&'a str>,
     },
-    /// A value of another kind than expected.
+    /// The text has a value of another kind than expected.
     Kind {
-        /// Serde's description of the value, for [`got`].
+        /// Serde's description of the value; [`got`] turns it into words for the author.
         got: &'a str,
-        /// Serde's name of the expected type, for [`kind`].
+        /// Serde's name of the expected type; [`kind`] turns it into words for the author.
         wanted: &'a str,
     },
-    /// A value that matches none of the allowed forms.
+    /// The text has a value that matches none of the allowed forms.
     NoForm,
 }
 
 impl<'a> FormError<'a> {
-    /// Parses a message of serde, or of a format that uses serde. Returns `None` if it is none of these
-    /// errors.
+    /// Parses a message of serde, or of a format that uses serde. Returns `None` if the message is
+    /// about none of these errors.
     pub fn of(said: &'a str) -> Option<FormError<'a>> {
         let said = without_place(said.trim());
         if let Some(rest) = said.strip_prefix("unknown field ") {
@@ -59,7 +60,7 @@ impl<'a> FormError<'a> {
     }
 }
 
-/// Removes the place that `serde_json` appends.
+/// Removes the place (line and column) that `serde_json` appends to a message.
 fn without_place(said: &str) -> &str {
     match said.rsplit_once(" at line ") {
         Some((before, place)) if place.contains(" column ") => before,
@@ -67,13 +68,13 @@ fn without_place(said: &str) -> &str {
     }
 }
 
-/// Returns the first word in backquotes, and the others.
+/// Returns the first word in backquotes in a text, and all other words in backquotes.
 fn first_and_rest(text: &str) -> Option<(&str, Vec<&str>)> {
     let mut quoted = text.split('`').skip(1).step_by(2);
     Some((quoted.next()?, quoted.collect()))
 }
 
-/// Describes a Rust type as a kind of value, for an author.
+/// Describes a Rust type as a kind of value, in words for the author of a text.
 pub fn kind(wanted: &str) -> Cow<'_, str> {
     let whole = |to: u32| Cow::from(format!("a whole number from 0 to {to}"));
     match wanted {
@@ -93,7 +94,7 @@ pub fn kind(wanted: &str) -> Cow<'_, str> {
     }
 }
 
-/// Describes a value that serde names, for an author.
+/// Describes a value that a message of serde contains, in words for the author of a text.
 pub fn got(said: &str) -> String {
     let within = |prefix: &str| said.strip_prefix(prefix).map(|rest| rest.trim_matches('`'));
     match said {

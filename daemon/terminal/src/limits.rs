@@ -1,10 +1,11 @@
 //! Limits of time and memory that hold from the first byte read, whatever the process is doing.
 //!
 //! - The planner counts its own work and memory, and ends by itself where it can. Reading, checking and
-//!   normalising a text count nothing; so a thread of this module checks the clock and the memory of the
-//!   whole process.
-//! - When the time is over it asks the planner to stop. If there is no answer within a grace period, it
-//!   prints the answer and ends the process: the best plan reported so far, or that there is none.
+//!   normalising a text are not counted by the planner; therefore a thread of this module checks the
+//!   clock and the memory of the whole process.
+//! - When the time is over, the thread asks the planner to stop. If the planner gives no answer within
+//!   a grace period, the thread prints the answer itself (the best plan reported so far, or that there
+//!   is none) and ends the process.
 
 use std::process::ExitCode;
 use std::sync::mpsc::{self, RecvTimeoutError};
@@ -17,51 +18,53 @@ use planner::{Cancel, StopReason};
 /// How often the memory of the process is checked.
 const MEMORY_CHECK_INTERVAL: Duration = Duration::from_millis(20);
 
-/// Minimum time after the limit that the planner may take for its answer.
+/// Minimum time after the end of the time limit in which the planner may still give its answer.
 const GRACE_MIN: Duration = Duration::from_millis(300);
 
-/// Memory of the process in addition to what the planner counts: its code and its texts.
+/// Memory that the process uses in addition to what the planner counts: for its code and its texts.
 const BESIDE_BYTES: u64 = 64 << 20;
 
-/// Handle of a limit, which is watched until the answer is given.
+/// Handle of the thread that watches the limits of the process until the process gives its answer.
 pub struct LimitWatch {
     answer: Arc<AnswerLock>,
-    /// Dropping it ends the watching thread.
+    /// Sender that is never used. Dropping it ends the watching thread.
     _stop: mpsc::Sender<()>,
 }
 
-/// State of the one answer of the process.
+/// Makes sure that the process gives only one answer: its own, or that of the watching thread.
 #[derive(Default)]
 struct AnswerLock(Mutex<AnswerState>);
 
 #[derive(Default)]
 struct AnswerState {
-    /// Whether the process itself has begun to answer.
+    /// Whether the process itself, and not the watching thread, has begun to give the answer.
     is_given: bool,
     /// The best plan reported so far.
     best: Option<String>,
 }
 
-/// Prints the answer of a process that is ended: the reason, and the best plan. Returns the exit code.
+/// Prints the answer of a process that a limit ends: the reason, and the best plan found so far.
+/// Returns the exit code.
 pub type LimitReporter = Box<dyn FnOnce(StopReason, Option<String>) -> u8 + Send>;
 
-/// Limits of a process.
+/// Limits on the time and the memory of a process.
 pub struct RunLimits {
-    /// Maximum run time.
+    /// Maximum run time of the process; `None` for no limit.
     pub time: Option<Duration>,
     /// Maximum memory of the planner's tables, in bytes.
     pub memory_bytes: usize,
 }
 
 impl RunLimits {
-    /// Returns a limit of time, and half of the available memory.
+    /// Returns limits with the given time, and with half of the available memory.
     pub fn of_time(time: Option<Duration>) -> RunLimits {
         let available = machine::memory_available().map_or(u64::MAX, |available| available / 2);
         RunLimits { time, memory_bytes: usize::try_from(available).unwrap_or(usize::MAX) }
     }
 }
 
-/// Returns a function that prints the reason of an ended command: one line, or a JSON object with a status.
+/// Returns a function that prints why a limit has ended a command: as one line, or as a JSON object
+/// with a status.
 pub fn refusal(json: bool) -> LimitReporter {
     Box::new(move |reason, _| {
         let (status, words) = match reason {
@@ -82,7 +85,8 @@ pub fn refusal(json: bool) -> LimitReporter {
 // === impl LimitWatch ===
 
 impl LimitWatch {
-    /// Starts the watching thread, which sets `cancel` when the time is over.
+    /// Starts the watching thread. The thread sets `cancel` when the time is over, and calls `give` if
+    /// it has to print the answer itself.
     pub fn start(
         limits: RunLimits,
         started: Instant,
@@ -100,20 +104,21 @@ impl LimitWatch {
         LimitWatch { answer, _stop: stop }
     }
 
-    /// Stores a plan that has been found.
+    /// Stores the best plan found so far, in place of the one before.
     pub fn record_plan(&self, plan: String) {
         self.answer.lock_state().best = Some(plan);
     }
 
-    /// Gives the answer. If the watching thread is giving one already, this blocks until it ends the
-    /// process.
+    /// Gives the answer of the process by calling `answer`. If the watching thread is already giving an
+    /// answer, blocks until that thread ends the process.
     pub fn answer(&self, answer: impl FnOnce() -> ExitCode) -> ExitCode {
         self.answer.lock_state().is_given = true;
         answer()
     }
 }
 
-/// Waits until a limit is exceeded. Returns `None` if the process has answered before.
+/// Waits until a limit is exceeded, and returns the limit as the reason. Returns `None` if the process
+/// has given its answer before.
 fn watch(
     limits: &RunLimits,
     started: Instant,

@@ -1,12 +1,12 @@
-//! The two streams: results on stdout, notes about them on stderr.
+//! The two output streams: results go to stdout, notes about the results go to stderr.
 //!
-//! A reader that goes away (`althing plan … | head -1`) is not an error; a program that prints continuously
-//! checks [`is_reader_gone`]. Colors are used only on a terminal, and never with `NO_COLOR`. While there is
-//! a prompt on the terminal, everything is printed [`set_prompt`] it, so that the line being edited stays
-//! intact.
+//! A reader of stdout that goes away (`althing plan … | head -1`) is not an error; a program that
+//! prints continuously checks [`is_reader_gone`]. Colors are used only on a terminal, and never with
+//! `NO_COLOR`. While there is a prompt on the terminal, everything is printed above the prompt
+//! ([`set_prompt`]), so that the line being edited stays intact.
 //!
-//! Everything that is printed goes through this module, which makes control characters [`visible`]: much of
-//! the text comes from outside, and a terminal would execute them.
+//! Everything that is printed goes through this module, which makes control characters [`visible`]:
+//! much of the text comes from outside, and a terminal would execute them.
 
 use std::borrow::Cow;
 use std::fmt::Display;
@@ -21,33 +21,34 @@ use crate::report::DiagnosticReport;
 use crate::styled::Styled;
 use crate::{exit, visible};
 
-/// Whether a write to stdout has failed because no process reads it.
+/// Whether a write to stdout has failed because no process reads stdout any more.
 static READER_GONE: AtomicBool = AtomicBool::new(false);
 
 /// Channel that prints lines above the interactive prompt; `None` when no prompt is active.
 static PROMPT_PRINTER: Mutex<Option<Sender<String>>> = Mutex::new(None);
 
-/// Color of a word, by its meaning.
+/// Color of a word, which expresses the meaning of the word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Color {
-    /// No color.
+    /// No color: the word has no special meaning.
     Plain,
-    /// Unimportant.
+    /// Dim text: the word is unimportant.
     Dim,
-    /// Good.
+    /// Green: the word stands for something good.
     Green,
-    /// The user should do something.
+    /// Yellow: the user should do something.
     Yellow,
-    /// Bad.
+    /// Red: the word stands for something bad.
     Red,
 }
 
-/// Prints everything above a prompt from now on, or, with `None`, to the two streams again.
+/// Sets the channel to the active prompt. From now on everything is printed above the prompt; with
+/// `None`, everything is printed to the two streams again.
 pub fn set_prompt(prompt: Option<Sender<String>>) {
     *lock() = prompt;
 }
 
-/// Prints above the prompt. Returns the text as an error if no prompt is active.
+/// Prints text above the prompt. If no prompt is active, returns the text as an error.
 fn print_above(text: String) -> Result<(), String> {
     match &*lock() {
         Some(prompt) => prompt.send(text).map_err(|unsent| unsent.0),
@@ -59,7 +60,8 @@ fn lock() -> MutexGuard<'static, Option<Sender<String>>> {
     PROMPT_PRINTER.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Colors a word if stdout is colored. The word must not come from outside: [`Styled`] is for those.
+/// Returns a word with color if stdout is colored. The word must not come from outside the program:
+/// words from outside need [`Styled`].
 pub fn paint(color: Color, word: &str) -> String {
     let code = match color {
         Color::Plain => return word.to_owned(),
@@ -71,8 +73,8 @@ pub fn paint(color: Color, word: &str) -> String {
     if stdout_is_colored() { format!("\x1b[{code}m{word}\x1b[0m") } else { word.to_owned() }
 }
 
-/// Standard error, or the place above the prompt: for the log. Its text is safe already, because the
-/// formatter of log lines makes control characters visible.
+/// The stream for the log: standard error, or the place above the prompt if one is active. The text of
+/// the log is safe already, because the formatter of log lines makes control characters visible.
 pub struct NoteStream;
 
 impl Write for NoteStream {
@@ -88,17 +90,18 @@ impl Write for NoteStream {
     }
 }
 
-/// Writes a result to stdout. Returns `code` if that worked.
+/// Writes a result to stdout. Returns the exit code: `code` if writing worked.
 pub fn print(text: impl Display, code: u8) -> ExitCode {
     write(visible::text(&text.to_string()), code)
 }
 
-/// Writes a result with colors in it to stdout. Returns `code` if that worked.
+/// Writes a result that contains colors to stdout. Returns the exit code: `code` if writing worked.
 pub fn print_styled(text: &Styled, code: u8) -> ExitCode {
     write(text.as_str().into(), code)
 }
 
-/// Writes text literally, such as a script for a shell. It must not contain text from outside.
+/// Writes text to stdout without changing it, such as a script for a shell. The text must not contain
+/// parts from outside the program. Returns the exit code: `code` if writing worked.
 pub fn print_raw(text: &str, code: u8) -> ExitCode {
     write(text.into(), code)
 }
@@ -127,7 +130,8 @@ pub fn is_reader_gone() -> bool {
     READER_GONE.load(Ordering::Relaxed)
 }
 
-/// Breaks a long line between words if stdout is a terminal; all lines but the first are indented.
+/// Returns a line broken between words where it is too long, if stdout is a terminal. All lines but the
+/// first are indented by `indent` columns.
 pub fn folded(line: &str, indent: usize) -> String {
     let Some((columns, _)) = terminal_size::terminal_size_of(io::stdout()) else {
         return line.to_owned();
@@ -145,7 +149,7 @@ fn fold(line: &str, columns: usize, indent: usize) -> String {
     textwrap::fill(line, options)
 }
 
-/// Writes one JSON value and a newline to stdout.
+/// Writes one JSON value and a newline to stdout. Returns the exit code: `code` if writing worked.
 pub fn print_json(value: &serde_json::Value, code: u8) -> ExitCode {
     let mut text = visible::json(&value.to_string()).into_owned();
     text.push('\n');
@@ -159,7 +163,8 @@ pub fn print_note(line: &str) {
     }
 }
 
-/// Shows diagnostics: to people on stderr, or on stdout as one JSON object.
+/// Shows the diagnostics of a report: to people on stderr, or, if `json`, to programs as one JSON
+/// object on stdout.
 pub fn show(report: &DiagnosticReport, json: bool, status: &str, code: u8) -> ExitCode {
     if json {
         let diagnostics = render::json(report);
@@ -170,7 +175,7 @@ pub fn show(report: &DiagnosticReport, json: bool, status: &str, code: u8) -> Ex
     exit::with(code)
 }
 
-/// Shows diagnostics and their number on stderr.
+/// Shows the diagnostics of a report, and how many there are, on stderr.
 pub fn show_to_person(report: &DiagnosticReport) {
     if report.is_empty() {
         return;

@@ -1,7 +1,7 @@
-//! Reads a domain and a problem, with all diagnostics.
+//! Reads a domain and a problem, and collects all diagnostics about them.
 //!
-//! Shared by `plan`, `validate`, `check` and the ecosystem file, so that all treat a file in the same
-//! way.
+//! The commands `plan`, `validate` and `check` and the reader of the ecosystem file share this module,
+//! so that all of them treat a PDDL file in the same way.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -12,29 +12,31 @@ use crate::report::{DiagnosticReport, SourceText};
 
 /// A domain and a problem without errors, and their texts.
 pub struct PddlTask {
-    /// The domain.
+    /// The parsed domain.
     pub domain: Domain,
-    /// The problem.
+    /// The parsed problem.
     pub problem: Problem,
-    /// The domain's text.
+    /// Text of the domain.
     pub domain_source: Arc<SourceText>,
-    /// The problem's text.
+    /// Text of the problem.
     pub problem_source: Arc<SourceText>,
-    /// Warnings.
+    /// Warnings about the domain and the problem.
     pub report: DiagnosticReport,
 }
 
-/// A domain, as far as it can be parsed.
+/// The text of a domain, and as much of the domain as can be parsed.
 pub struct DomainText {
-    /// The text.
+    /// Text of the domain.
     pub source: Arc<SourceText>,
-    /// The parsed part; `None` if there is none.
+    /// The part of the domain that can be parsed; `None` if there is none.
     pub domain: Option<Domain>,
-    /// Lines that cannot be parsed: their declarations are missing in `domain`.
+    /// Lines of the text that cannot be parsed. The declarations in these lines are missing in
+    /// `domain`.
     damaged: Vec<String>,
 }
 
-/// Reads both files. Returns the diagnostics of both if one of them has errors.
+/// Reads the files of a domain and a problem. If one of them has errors, returns the diagnostics of
+/// both.
 pub fn read_task(domain: &Path, problem: &Path) -> Result<PddlTask, DiagnosticReport> {
     let mut report = DiagnosticReport::default();
     let domain = read(domain, &mut report).map(|source| domain_of(source, &mut report));
@@ -64,20 +66,21 @@ pub fn read_task(domain: &Path, problem: &Path) -> Result<PddlTask, DiagnosticRe
     }
 }
 
-/// Whether the first text is a problem and the second a domain.
+/// Whether the two texts are swapped: the text given as the domain is a problem, and the other is a
+/// domain.
 fn are_swapped(domain: &DomainText, problem: &SourceText) -> bool {
     domain.domain.is_none()
         && pddl::parse_problem(&domain.source.text).value.is_some()
         && pddl::parse_domain(&problem.text).value.is_some()
 }
 
-/// Reads a file. If it cannot be read, adds that to the report and returns `None`.
+/// Reads a file. If the file cannot be read, adds an error to the report and returns `None`.
 pub fn read(path: &Path, report: &mut DiagnosticReport) -> Option<Arc<SourceText>> {
     SourceText::read(path).map_err(|failure| report.add_failure(failure)).ok()
 }
 
-/// Returns the text that most likely contains an error that the planner reports without a place: the domain
-/// if it is wrong without any problem, otherwise the problem.
+/// Returns the text that most likely contains an error that the planner reports without a place: the
+/// domain if it has an error even with an empty problem, otherwise the problem.
 pub fn likely_faulty_text(task: &PddlTask) -> &Arc<SourceText> {
     let nothing = Problem::named("nothing", task.domain.name.clone());
     match planner::validate::World::initial(&task.domain, &nothing) {
@@ -86,7 +89,7 @@ pub fn likely_faulty_text(task: &PddlTask) -> &Arc<SourceText> {
     }
 }
 
-/// Parses a domain as far as possible, and adds its diagnostics to the report.
+/// Parses a domain as far as possible, and adds the diagnostics about it to the report.
 pub fn domain_of(source: Arc<SourceText>, report: &mut DiagnosticReport) -> DomainText {
     let Parsed { value: domain, diagnostics } = pddl::parse_domain(&source.text);
     let damaged = damaged_lines(&source.text, &diagnostics);
@@ -95,7 +98,8 @@ pub fn domain_of(source: Arc<SourceText>, report: &mut DiagnosticReport) -> Doma
     DomainText { source, domain, damaged }
 }
 
-/// Parses a problem, which must have a goal, and checks it against its domain if that is known.
+/// Parses a problem, which must have a goal, and checks the problem against its domain if the domain is
+/// known.
 pub fn problem_of(
     source: &Arc<SourceText>,
     domain: Option<&DomainText>,
@@ -138,7 +142,7 @@ fn problem_by(
     value
 }
 
-/// Parses an action model, and checks it against the ontology if that is known.
+/// Parses an action model, and checks the model against the ontology if the ontology is known.
 pub fn action_model_of(
     source: &Arc<SourceText>,
     ontology: Option<&DomainText>,
@@ -166,8 +170,8 @@ fn checked_against(
     merged(&source.text, &damaged, parsed, check(domain))
 }
 
-/// Merges the diagnostics of the parser and the check, without those that are only a consequence: if a
-/// declaration cannot be parsed, every use of its name would be “unknown”.
+/// Merges the diagnostics of the parser and the check, without those that only follow from another
+/// error: if a declaration cannot be parsed, every use of its name would be “unknown”.
 fn merged(
     text: &str,
     damaged: &[String],
@@ -184,7 +188,7 @@ fn merged(
     all
 }
 
-/// Returns the lines with errors in them.
+/// Returns the lines of a text that have errors in them, according to `diagnostics`.
 pub fn damaged_lines(text: &str, diagnostics: &[Diagnostic]) -> Vec<String> {
     let errors = diagnostics.iter().filter(|found| found.is_error());
     errors.map(|found| marked_lines(text, found).to_owned()).collect()
@@ -198,7 +202,7 @@ fn marked_lines<'t>(text: &'t str, found: &Diagnostic) -> &'t str {
     &text[start..end]
 }
 
-/// Whether a text contains this word, in any case.
+/// Whether a text contains this word, in upper, lower or mixed case.
 pub fn has_word(text: &str, word: &str) -> bool {
     let is_break = |c: char| c.is_whitespace() || "(),;".contains(c);
     !word.is_empty() && text.split(is_break).any(|other| other.eq_ignore_ascii_case(word))

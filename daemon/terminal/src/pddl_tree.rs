@@ -1,9 +1,10 @@
 //! Folders of PDDL files: every file is read as `check` reads it, and the outcomes are counted.
 //!
-//! - Folders are walked by name, so that the same tree gives the same result everywhere. Links to files are
-//!   followed, links to folders are not: so there can be no cycle.
-//! - A problem is checked against the domain with the most similar file name: beside it, in the folder
-//!   above, or in a folder `domains`, where collections of problems keep them.
+//! - Folders are walked by name, so that the same tree gives the same result everywhere. Links to files
+//!   are followed. Links to folders are not followed, so that there can be no cycle.
+//! - A problem is checked against the domain with the most similar file name. This domain is beside the
+//!   problem, in the folder above, or in a folder `domains`: the places where collections of problems
+//!   keep domains.
 //! - Texts are dropped once they are read; only the outcome of a file is kept.
 
 use std::collections::BTreeMap;
@@ -16,76 +17,76 @@ use crate::domain_search::distance;
 use crate::pddl_files::{self, DomainText};
 use crate::report::{DiagnosticReport, SourceText};
 
-/// Outcomes of all files of a tree.
+/// Outcomes of reading all files of a folder and the folders in it.
 #[derive(Debug, Default)]
 pub struct PddlTree {
-    /// The files, sorted by path.
+    /// Outcome of each file, sorted by path.
     pub files: Vec<ReadFile>,
 }
 
-/// Outcome of one file.
+/// Outcome of reading one file.
 #[derive(Debug)]
 pub struct ReadFile {
-    /// The file.
+    /// Path of the file.
     pub path: PathBuf,
-    /// “domain”, “problem”, “action model”, or “unknown”.
+    /// Kind of the file: “domain”, “problem”, “action model”, or “unknown”.
     pub kind: &'static str,
-    /// The domain that a problem or action model was checked against.
+    /// File of the domain that a problem or action model was checked against; `None` if there is none.
     pub domain: Option<PathBuf>,
-    /// Whether it can be used.
+    /// Whether the file can be used, and why not.
     pub outcome: FileOutcome,
     /// Warnings about the file.
     pub warnings: Vec<String>,
 }
 
-/// Whether a file can be used.
+/// Whether a PDDL file can be used.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FileOutcome {
     /// The file is valid and can be planned with.
     Read,
-    /// The file is valid, but uses a feature that this version does not plan with.
+    /// The file is valid, but uses this feature, which this version does not plan with.
     Unsupported(String),
-    /// A problem without errors, but its domain was not found.
+    /// The file is a problem without errors, but its domain was not found. The text gives the reason.
     Alone(String),
     /// The file has errors: the place and text of the first one.
     Refused(String),
 }
 
-/// How many files have each outcome.
+/// Number of files with each outcome.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct OutcomeCounts {
-    /// All files.
+    /// Number of all files.
     pub files: usize,
-    /// Valid, without warnings.
+    /// Number of files that are valid and have no warnings.
     pub read: usize,
-    /// Valid, with warnings.
+    /// Number of files that are valid and have warnings.
     pub odd: usize,
-    /// Valid, but not supported.
+    /// Number of files that are valid, but use a feature that is not supported.
     pub unsupported: usize,
-    /// Problems without a domain.
+    /// Number of problems without errors for which no domain was found.
     pub alone: usize,
-    /// Files with errors.
+    /// Number of files with errors.
     pub refused: usize,
 }
 
-/// Domains read so far, by path; problems share them.
+/// Domains read so far, by path. Problems with the same domain share it.
 #[derive(Default)]
 struct DomainCache {
     known: BTreeMap<PathBuf, Option<Arc<DomainText>>>,
-    /// Files with a domain, by folder.
+    /// Files that contain a domain, by folder.
     folders: BTreeMap<PathBuf, Arc<Vec<PathBuf>>>,
 }
 
-/// Maximum number of domains kept in memory; the others are read again when needed.
+/// Maximum number of domains kept in memory; other domains are read again when they are needed.
 const DOMAINS_KEPT: usize = 64;
 
 /// Maximum number of files of one folder that are searched for a domain.
 const CANDIDATES_MAX: usize = 2_000;
 
-/// Number of bytes at the beginning of a file that are searched for its kind.
+/// Number of bytes at the beginning of a file that are read to find out which kind of file it is.
 const HEAD_BYTES: usize = 4_096;
 
-/// Reads every PDDL file below `folder`, and calls `tell` with each.
+/// Reads every PDDL file below `folder`, and calls `tell` with the outcome of each file.
 pub fn read(folder: &Path, tell: &mut dyn FnMut(&ReadFile)) -> Result<PddlTree, String> {
     if !folder.is_dir() {
         return Err(format!("read `{}`: it is not a folder", folder.display()));
@@ -171,7 +172,7 @@ fn read_file(path: PathBuf, domains: &mut DomainCache) -> ReadFile {
     ReadFile { path, kind, domain: beside.map(|(path, _)| path), outcome, warnings }
 }
 
-/// Returns the feature of a domain that needs time, if there is one.
+/// Returns the feature of a domain that involves time (which is not supported), if the domain has one.
 fn time_in_domain(domain: &Domain) -> Option<&'static str> {
     (!domain.durative_actions.is_empty()).then_some("durative actions")
 }
@@ -197,7 +198,8 @@ fn outcome(report: &DiagnosticReport, feature: Option<&str>) -> FileOutcome {
 // === impl PddlTree ===
 
 impl PddlTree {
-    /// Returns the number of files of this kind per outcome; with `None`, of all kinds.
+    /// Returns the number of files with each outcome. Counts only files of the given kind; with `None`,
+    /// files of all kinds.
     pub fn counts(&self, kind: Option<&str>) -> OutcomeCounts {
         let mut counts = OutcomeCounts::default();
         for file in self.files.iter().filter(|file| kind.is_none_or(|kind| file.kind == kind)) {
@@ -217,8 +219,9 @@ impl PddlTree {
 // === impl DomainCache ===
 
 impl DomainCache {
-    /// Returns the domain that most likely belongs to a problem: first by file names, then by the domain
-    /// name in the problem.
+    /// Returns the domain that most likely belongs to a problem: the first one with the same words in its
+    /// file name, or with the domain name `name` that the problem gives. If there is none, returns the one
+    /// with the most similar file name.
     fn of(&mut self, problem: &Path, name: &str) -> Option<(PathBuf, Arc<DomainText>)> {
         let folder = problem.parent()?;
         let above = folder.parent().map(Path::to_owned);
@@ -284,8 +287,9 @@ impl DomainCache {
     }
 }
 
-/// Returns how unlikely a file is to be the domain of a problem, by their names alone: 0 if both have the
-/// same words except for their kind (`domain-7` and `instance-7`); otherwise as `check` rates it.
+/// Returns how unlikely it is, by the file names alone, that `domain` is the domain of `problem` (0 is
+/// the most likely). The result is 0 if both names have the same words except for the kind of the file
+/// (`domain-7` and `instance-7`); otherwise it is one more than the distance that `check` uses.
 fn fitness(domain: &Path, problem: &Path) -> usize {
     let words = |path: &Path| {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy().to_lowercase();
@@ -296,7 +300,7 @@ fn fitness(domain: &Path, problem: &Path) -> usize {
     if !own.is_empty() && own == others { 0 } else { 1 + distance(domain, problem) }
 }
 
-/// Fitness of a domain with a file name that belongs to another problem.
+/// Result of `fitness` for a domain with a file name that belongs to another problem.
 const OF_ANOTHER: usize = 3;
 
 /// Whether a file begins with a domain definition, apart from comments.

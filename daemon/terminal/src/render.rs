@@ -1,7 +1,8 @@
 //! Draws diagnostics: for people with the line and a caret, for programs as JSON.
 //!
-//! - Only this module knows how a diagnostic looks. The text fits 80 columns; it uses a wider terminal.
-//! - It takes [`DiagnosticReport`]s, and writes nothing itself.
+//! - Only this module knows how a diagnostic looks. The text fits into 80 columns, and uses more
+//!   columns on a wider terminal.
+//! - The module draws [`DiagnosticReport`]s as text, and writes nothing to a stream itself.
 
 use std::borrow::Cow;
 
@@ -12,11 +13,13 @@ use serde_json::{Value, json};
 use crate::report::{DiagnosticReport, SourceText, SourcedDiagnostic};
 use crate::visible;
 
-/// Number of columns if it is not known.
+/// Number of columns of the terminal if it is not known.
 const WIDTH: usize = 80;
-/// Maximum width: longer lines of prose are hard to read, however wide the terminal.
+/// Maximum number of columns of a line: longer lines of prose are hard to read, however wide the
+/// terminal is.
 const WIDTH_MAX: usize = 120;
-/// Maximum distance in lines of a diagnostic and its note for one excerpt to show both.
+/// Maximum number of lines between a diagnostic and its note that one excerpt of the text can show
+/// together.
 const EXCERPT_LINES_MAX: usize = 30;
 /// Maximum number of diagnostics shown to a person; `--json` lists all.
 const FINDINGS_MAX: usize = 200;
@@ -28,7 +31,8 @@ pub struct RenderStyle {
     colored: bool,
 }
 
-/// Part of a text that is drawn, with its offset in the text and its first line number.
+/// Part of a text that is drawn with a diagnostic, with its offset in the text and the number of its
+/// first line.
 struct Excerpt<'a> {
     text: &'a str,
     start: usize,
@@ -38,7 +42,7 @@ struct Excerpt<'a> {
 // === impl RenderStyle ===
 
 impl RenderStyle {
-    /// Returns the width and colors of stderr.
+    /// Returns the style for stderr: the width of its terminal, and whether it may have colors.
     pub fn of_stderr() -> RenderStyle {
         let width = terminal_size::terminal_size_of(std::io::stderr())
             .map_or(WIDTH, |(width, _)| usize::from(width.0));
@@ -54,7 +58,7 @@ impl RenderStyle {
     }
 }
 
-/// Draws all diagnostics, a blank line after each.
+/// Draws all diagnostics of a report for people, with a blank line after each.
 pub fn human(report: &DiagnosticReport, look: RenderStyle) -> String {
     let renderer = look.renderer();
     let shown = report.findings().iter().take(FINDINGS_MAX);
@@ -67,7 +71,7 @@ pub fn human(report: &DiagnosticReport, look: RenderStyle) -> String {
     text
 }
 
-/// Returns the numbers of diagnostics, such as “2 errors and 1 warning”.
+/// Returns the number of errors and warnings in words, such as “2 errors and 1 warning”.
 pub fn summary(report: &DiagnosticReport) -> String {
     let counts =
         [(Severity::Error, "error"), (Severity::Warning, "warning"), (Severity::Hint, "hint")]
@@ -97,7 +101,8 @@ pub fn number(value: f64) -> Value {
     }
 }
 
-/// Returns all diagnostics as a JSON array. `line` and `column` count from 1, columns in characters.
+/// Returns all diagnostics of a report as a JSON array. `line` and `column` count from 1; a column is
+/// one character.
 pub fn json(report: &DiagnosticReport) -> Value {
     report.findings().iter().map(json_finding).collect()
 }
@@ -160,7 +165,8 @@ fn draw(finding: &SourcedDiagnostic, renderer: &Renderer, width: usize) -> Strin
     renderer.render(&[group])
 }
 
-/// Makes the texts of a diagnostic visible, so that a terminal executes nothing in them.
+/// Returns a diagnostic with the control characters in its texts made visible, so that a terminal
+/// executes nothing in them.
 fn safe(diagnostic: &Diagnostic) -> Diagnostic {
     let text = |text: &String| visible::text(text).into_owned();
     let mut safe = diagnostic.clone();
@@ -175,8 +181,8 @@ fn safe(diagnostic: &Diagnostic) -> Diagnostic {
     safe
 }
 
-/// Returns the excerpt of the diagnostic, with the notes that are near, and one excerpt for each other
-/// note.
+/// Returns the excerpts that are drawn for a diagnostic: one with the place of the diagnostic and of
+/// the notes near it, and one for each other note.
 fn snippets<'a>(
     source: &'a SourceText,
     diagnostic: &'a Diagnostic,
@@ -213,7 +219,8 @@ fn snippets<'a>(
 // === impl Excerpt ===
 
 impl<'a> Excerpt<'a> {
-    /// Returns the lines of `text` from the first span to the last.
+    /// Returns the lines of `text` from the first line in which one of `spans` begins to the last such
+    /// line.
     fn of(text: &'a str, spans: impl IntoIterator<Item = Span>) -> Excerpt<'a> {
         let mut starts: Vec<usize> =
             spans.into_iter().map(|span| boundary(text, span.start as usize)).collect();
@@ -238,7 +245,8 @@ impl<'a> Excerpt<'a> {
         Snippet::source(text).line_start(self.line).path(name).fold(true)
     }
 
-    /// Marks a span; if it has several lines, only the first.
+    /// Returns the mark for a span in this excerpt; if the span has several lines, only the first is
+    /// marked.
     fn annotation(
         &self,
         kind: AnnotationKind,
@@ -252,7 +260,7 @@ impl<'a> Excerpt<'a> {
     }
 }
 
-/// Returns the offset, or the nearest character boundary below it.
+/// Returns `offset`, or the nearest boundary of a character below it.
 fn boundary(text: &str, offset: usize) -> usize {
     let mut offset = offset.min(text.len());
     while !text.is_char_boundary(offset) {
@@ -261,7 +269,7 @@ fn boundary(text: &str, offset: usize) -> usize {
     offset
 }
 
-/// Breaks lines at spaces if they would be longer than `width` characters.
+/// Breaks the lines of a text at spaces if they would be longer than `width` characters.
 fn wrap(text: &str, width: usize) -> String {
     let mut wrapped = String::with_capacity(text.len());
     let mut column = 0;
@@ -279,8 +287,8 @@ fn wrap(text: &str, width: usize) -> String {
     wrapped
 }
 
-/// Masks passwords, so that the text can be logged: in `SCHEME://USER:PASSWORD@HOST` each byte of the
-/// password becomes a star, so that byte offsets stay the same.
+/// Masks the passwords in a text, so that it can be shown and logged: in `SCHEME://USER:PASSWORD@HOST`
+/// each byte of the password becomes a star, so that byte offsets stay the same.
 fn without_passwords(text: &str) -> Cow<'_, str> {
     let mut masked = Cow::Borrowed(text);
     for (scheme, _) in text.match_indices("://") {

@@ -1,7 +1,7 @@
-//! Diagnostics of several texts, each with its text.
+//! Reports: diagnostics about several texts, each diagnostic with its text.
 //!
-//! [`pddl::Diagnostic`] describes a problem in a text, in all crates; here it is combined with the file of
-//! the text. [`crate::render`] draws it.
+//! [`pddl::Diagnostic`] describes a problem in a text, in all crates; here it is combined with the file
+//! of the text. [`crate::render`] draws it.
 
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -17,25 +17,26 @@ use crate::visible;
 /// fill the memory.
 const TEXT_BYTES_MAX: u64 = 1 << 30;
 
-/// A text and its name.
+/// A text that is read as input, and its name.
 #[derive(Debug)]
 pub struct SourceText {
-    /// The file as the user named it, or a description of the text.
+    /// Path of the file as the user gave it, or a description of a text that is not from a file.
     pub name: String,
-    /// The whole text.
+    /// The whole text of the file.
     pub text: String,
 }
 
-/// A diagnostic and its text.
+/// A diagnostic together with the text that it is about.
 #[derive(Clone, Debug)]
 pub struct SourcedDiagnostic {
-    /// The text; `None` if the diagnostic belongs to no text, such as for a file that cannot be read.
+    /// The text that the diagnostic is about; `None` if it is about no text, for example if a file
+    /// cannot be read.
     pub source: Option<Arc<SourceText>>,
-    /// The diagnostic; its spans are places of the text.
+    /// The diagnostic; its spans are places in the text.
     pub diagnostic: Diagnostic,
 }
 
-/// Diagnostics in the order in which they were found.
+/// Diagnostics about several texts, in the order in which they were found.
 #[derive(Clone, Debug, Default)]
 pub struct DiagnosticReport {
     findings: Vec<SourcedDiagnostic>,
@@ -44,14 +45,14 @@ pub struct DiagnosticReport {
 // === impl SourceText ===
 
 impl SourceText {
-    /// Returns a source for a text that is not from a file.
+    /// Returns a source text that is not from a file. `name` describes the text in diagnostics.
     pub fn new(name: impl Into<String>, text: impl Into<String>) -> Arc<SourceText> {
         Arc::new(SourceText { name: name.into(), text: text.into() })
     }
 
     /// Reads a file in UTF-8, UTF-16 (with a byte order mark) or Latin-1.
     ///
-    /// The error completes “failed to …” and names the file.
+    /// The text of an error completes “failed to …” and names the file.
     pub fn read(path: &Path) -> Result<Arc<SourceText>, String> {
         let name = visible::line(&path.display().to_string()).into_owned();
         SourceText::read_as(path, &name).map_err(|reason| match nearby(path) {
@@ -62,7 +63,7 @@ impl SourceText {
         })
     }
 
-    /// Reads a file that is called `name` in diagnostics. The error is the reason alone.
+    /// Reads a file that is called `name` in diagnostics. The text of an error is the reason alone.
     pub fn read_as(path: &Path, name: &str) -> Result<Arc<SourceText>, String> {
         let bytes = read_bytes(path)?;
         if let Some(text) = utf16(&bytes) {
@@ -78,21 +79,21 @@ impl SourceText {
         Ok(SourceText::new(name, text))
     }
 
-    /// Returns line and column of a place, both from 1.
+    /// Returns line and column at which a span begins; both count from 1.
     pub fn line_column(&self, span: Span) -> (usize, usize) {
         pddl::line_column(&self.text, span.start as usize)
     }
 }
 
-/// Returns a file in the same folder with a similar name.
+/// Returns a file in the same folder as `path` that has a similar name.
 fn nearby(path: &Path) -> Option<String> {
     let wanted = path.file_name()?.to_string_lossy().into_owned();
     let folder = path.parent().unwrap_or(Path::new(""));
     Some(folder.join(similar_name(folder, &wanted)?).display().to_string())
 }
 
-/// Returns the file name in a folder that was likely meant: a similar name with the same extension, or the
-/// same name with a similar extension.
+/// Returns the file name in a folder that the user probably meant with `wanted`: a similar name with
+/// the same extension, or the same name with a similar extension.
 pub fn similar_name(folder: &Path, wanted: &str) -> Option<String> {
     let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let entries = std::fs::read_dir(here).ok()?.flatten();
@@ -116,7 +117,8 @@ pub fn similar_name(folder: &Path, wanted: &str) -> Option<String> {
     nearest_by(&stem, &stems).or_else(|| nearest_by(&ending, &endings))
 }
 
-/// Decodes a file in UTF-16, as editors of Windows write it. Returns `None` if it has no byte order mark.
+/// Decodes a file in UTF-16, as editors of Windows write it. Returns `None` if the file has no byte
+/// order mark.
 fn utf16(bytes: &[u8]) -> Option<String> {
     let (mark, rest) = bytes.split_at_checked(2)?;
     let unit = match mark {
@@ -128,9 +130,9 @@ fn utf16(bytes: &[u8]) -> Option<String> {
     Some(char::decode_utf16(units).map(|c| c.unwrap_or(char::REPLACEMENT_CHARACTER)).collect())
 }
 
-/// Whether a file is binary, by its first bytes: a program, a picture, an archive. In random bytes every
-/// ninth is a control character that no text has. A text with a single one is read, and the error is shown
-/// at its place.
+/// Whether a file is binary, by its first bytes: a program, a picture, an archive. Of random bytes
+/// every ninth is a control character that texts do not contain. A text that contains only a single
+/// such character is read, and the error is shown at its place.
 fn is_binary(bytes: &[u8]) -> bool {
     let head = &bytes[..bytes.len().min(8 << 10)];
     let controls = head.iter().filter(|byte| matches!(byte, 0..=8 | 14..=31 | 127)).count();
@@ -152,7 +154,8 @@ fn read_bytes(path: &Path) -> Result<Vec<u8>, String> {
     Ok(bytes)
 }
 
-/// Describes an error of the system, without its number if the words are sufficient.
+/// Describes an error of the system on reading a file. The number of the error is left out if the words
+/// are sufficient.
 pub fn reason(err: &std::io::Error) -> String {
     match err.kind() {
         std::io::ErrorKind::NotFound => "there is no such file".to_owned(),
@@ -175,7 +178,7 @@ pub fn reason_of_writing(err: &std::io::Error) -> String {
 // === impl DiagnosticReport ===
 
 impl DiagnosticReport {
-    /// Adds diagnostics of one text.
+    /// Adds diagnostics about one text to the report.
     pub fn add(
         &mut self,
         source: &Arc<SourceText>,
@@ -189,38 +192,38 @@ impl DiagnosticReport {
         );
     }
 
-    /// Adds an error that belongs to no text. `failure` completes “failed to …”.
+    /// Adds an error that is about no text to the report. `failure` completes “failed to …”.
     pub fn add_failure(&mut self, failure: impl std::fmt::Display) {
         let diagnostic = Diagnostic::error(Span::default(), format!("failed to {failure}"));
         self.findings.push(SourcedDiagnostic { source: None, diagnostic });
     }
 
-    /// Adds a diagnostic that belongs to no text.
+    /// Adds a diagnostic that is about no text to the report.
     pub fn add_general(&mut self, diagnostic: Diagnostic) {
         self.findings.push(SourcedDiagnostic { source: None, diagnostic });
     }
 
-    /// Adds the diagnostics of another report.
+    /// Adds all diagnostics of another report to this report.
     pub fn extend(&mut self, other: DiagnosticReport) {
         self.findings.extend(other.findings);
     }
 
-    /// Returns the diagnostics.
+    /// Returns the diagnostics of the report.
     pub fn findings(&self) -> &[SourcedDiagnostic] {
         &self.findings
     }
 
-    /// Whether there are no diagnostics.
+    /// Whether the report has no diagnostics.
     pub fn is_empty(&self) -> bool {
         self.findings.is_empty()
     }
 
-    /// Whether there are errors.
+    /// Whether the report has errors.
     pub fn has_errors(&self) -> bool {
         self.count(Severity::Error) > 0
     }
 
-    /// Whether a diagnostic says that a feature is not supported.
+    /// Whether a diagnostic of the report is about a feature that is not supported.
     pub fn is_unsupported(&self) -> bool {
         self.findings.iter().any(|finding| finding.diagnostic.is_unsupported)
     }
@@ -234,8 +237,8 @@ impl DiagnosticReport {
         }
     }
 
-    /// Returns the report without the errors that may only follow from an unsupported feature, which leaves
-    /// gaps in the parsed text.
+    /// Returns the report; if a feature is not supported, without the errors that may only follow from that
+    /// feature, which leaves gaps in the parsed text.
     pub fn refused(mut self) -> DiagnosticReport {
         if self.is_unsupported() {
             self.findings.retain(|finding| {
@@ -245,12 +248,13 @@ impl DiagnosticReport {
         self
     }
 
-    /// Returns the number of diagnostics of one severity.
+    /// Returns the number of diagnostics of one severity in the report.
     pub fn count(&self, severity: Severity) -> usize {
         self.findings.iter().filter(|finding| finding.diagnostic.severity == severity).count()
     }
 
-    /// Sorts the diagnostics by place within each text, and the texts by their first diagnostic.
+    /// Sorts the diagnostics by text, and within each text by place. Texts are in the order of their
+    /// first diagnostics.
     pub fn sort(&mut self) {
         let mut texts: Vec<String> = Vec::new();
         let rank = |finding: &SourcedDiagnostic| {
@@ -270,7 +274,7 @@ impl DiagnosticReport {
         self.findings = ranked.into_iter().map(|(_, finding)| finding).collect();
     }
 
-    /// Removes repeated diagnostics of one place: a file may have been read twice.
+    /// Removes repeated diagnostics about one place. They occur if a file was read twice.
     pub fn dedup(&mut self) {
         let mut seen = BTreeSet::new();
         self.findings.retain(|SourcedDiagnostic { source, diagnostic }| {

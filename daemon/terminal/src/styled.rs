@@ -1,54 +1,56 @@
-//! Text for people with colors: its only escape sequences are those added here.
+//! Text with colors for people. Its only escape sequences are those that this module adds.
 
 use std::fmt;
 
 use crate::output::{self, Color};
 use crate::visible;
 
-/// A text that can be sent to a terminal: escape sequences of this program, and other texts in which
-/// control characters are visible.
+/// A text that can be sent to a terminal safely. It consists of escape sequences of this program, and
+/// of other texts in which control characters were made visible.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Styled(String);
 
 impl Styled {
-    /// Returns a part of a line, made visible.
+    /// Creates a styled text from a part of a line, in which control characters are made visible.
     pub fn line(text: &str) -> Styled {
         Styled(visible::line(text).into_owned())
     }
 
-    /// Returns a part of a line, made visible and colored if stdout is colored.
+    /// Creates a styled text from a part of a line, in which control characters are made visible. The
+    /// text is colored if stdout is colored.
     pub fn painted(color: Color, text: &str) -> Styled {
         Styled(output::paint(color, &visible::line(text)))
     }
 
-    /// Appends more of the line, made visible.
+    /// Appends a part of a line, in which control characters are made visible.
     #[must_use]
     pub fn and(mut self, text: &str) -> Styled {
         self.0.push_str(&visible::line(text));
         self
     }
 
-    /// Appends styled text.
+    /// Appends another styled text.
     #[must_use]
     pub fn and_styled(mut self, other: &Styled) -> Styled {
         self.0.push_str(&other.0);
         self
     }
 
-    /// Appends a line break.
+    /// Appends a line break to the text.
     #[must_use]
     pub fn end(mut self) -> Styled {
         self.0.push('\n');
         self
     }
 
-    /// Breaks the text between words if stdout is a terminal; all lines but the first are indented.
+    /// Breaks the text between words if stdout is a terminal; all lines but the first are indented by
+    /// `indent` columns.
     #[must_use]
     pub fn folded(self, indent: usize) -> Styled {
         Styled(output::folded(&self.0, indent))
     }
 
-    /// Returns its characters, escape sequences included.
+    /// Returns the characters of the text, escape sequences included.
     pub fn as_str(&self) -> &str {
         &self.0
     }

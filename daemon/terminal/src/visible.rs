@@ -1,25 +1,28 @@
-//! Makes control characters and misleading characters visible: a terminal executes control characters, and
-//! characters that change the direction of the text or have no width mislead a reader.
+//! Makes control characters and misleading characters visible: a terminal executes control characters,
+//! and characters that change the direction of the text or have no width mislead a reader.
 //!
-//! - Control characters of ASCII are shown by their pictures (`␛`), all others by their numbers (`\u{9b}`).
+//! - Control characters of ASCII are shown by their pictures (`␛`), all other such characters by their
+//!   numbers (`\u{9b}`).
 //! - [`crate::output`] applies this to everything that is printed for people.
 //! - Line breaks are kept in a text of several lines ([`text`]), and shown in a part of a line
-//!   ([`line()`]): otherwise a text from outside could continue as one of this program's.
+//!   ([`line()`]): otherwise a text from outside could pretend to be a line of this program.
 
 use std::borrow::Cow;
 use std::fmt::Write as _;
 
-/// Makes a text of several lines visible.
+/// Makes the control characters and misleading characters in a text of several lines visible.
 pub fn text(text: &str) -> Cow<'_, str> {
     shown(text, |c| c == '\n')
 }
 
-/// Makes a part of a line visible.
+/// Makes the control characters and misleading characters in a part of a line visible, and line breaks
+/// as well.
 pub fn line(text: &str) -> Cow<'_, str> {
     shown(text, |_| false)
 }
 
-/// Makes the strings in a JSON text visible, by escapes of JSON: JSON itself escapes fewer characters.
+/// Makes control characters and misleading characters in the strings of a JSON text visible, by JSON
+/// escapes. A JSON writer alone escapes fewer characters.
 pub fn json(text: &str) -> Cow<'_, str> {
     if !has_hidden(text, |_| false) {
         return Cow::Borrowed(text);
@@ -38,7 +41,8 @@ pub fn json(text: &str) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
-/// Makes a text visible without changing its length in bytes, for excerpts that are marked by byte offsets.
+/// Makes characters in a text visible without changing the length of the text in bytes: misleading
+/// characters, and control characters beyond ASCII. Used for excerpts, which are marked by byte offsets.
 /// Control characters of ASCII stay, because the excerpt renderer shows them.
 pub fn same_length(text: &str) -> Cow<'_, str> {
     let is_ours = |c: char| is_hidden(c) && !c.is_ascii();
@@ -92,8 +96,9 @@ fn picture(c: char) -> Option<char> {
     }
 }
 
-/// Whether a character has to be made visible at this place. Joiners are allowed between two characters
-/// beyond ASCII: words of some scripts and emoji of several parts need them.
+/// Whether a character has to be made visible between the characters `before` and `after`. Joiners are
+/// allowed between two characters beyond ASCII: words of some scripts and emoji of several parts need
+/// them.
 fn is_deceptive(c: char, before: Option<char>, after: Option<char>) -> bool {
     let is_joined = |c: Option<char>| c.is_some_and(|c| !c.is_ascii() && !is_hidden(c));
     match c {

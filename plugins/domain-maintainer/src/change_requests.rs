@@ -1,8 +1,8 @@
-//! Requests that change the running ecosystem: the state, the plan metric, the available actions, and
-//! observations (docs/design.md, “Action models”).
+//! Requests that change the running ecosystem (docs/design.md, “Action models”): its state, its plan
+//! metric, or its available actions. Observations are such requests as well.
 //!
-//! A request is confirmed, with remarks about facts that do not count now and about agents that
-//! contradict it; or it is refused as a whole, with the reason.
+//! A request is either confirmed, with remarks about facts that do not count now and about agents that
+//! contradict the request; or it is refused as a whole, with the reason.
 
 use acl::content::{
     ActionOf, ChangeActions, ChangeMetric, ChangeState, Observation, Outcome, Reason, Refusal,
@@ -16,10 +16,10 @@ use pddl::{Diagnostic, InitElement, Name, Severity, check_init_elements};
 
 use crate::{AnnouncementScope, DomainMaintainer};
 
-/// Result of an accepted request: the resulting change, and the text of the answer.
+/// Result of an accepted request: the change of the domain, and the text of the answer.
 type AcceptedChange = (DomainChange, String);
 
-/// Maximum number of remarks in an answer.
+/// Maximum number of remarks in the answer to a request.
 const REMARKS_MAX: usize = 8;
 
 impl DomainMaintainer {
@@ -84,9 +84,9 @@ impl DomainMaintainer {
         Ok((changed, with_remarks(detail, notes)))
     }
 
-    /// Checks the facts of a person's request against the present domain. A fact with an undeclared
-    /// predicate would be stored and never seen again. The facts of an agent are not checked: they may
-    /// arrive before the agent's declarations.
+    /// Checks the facts of a person's request against the present domain, and returns a refusal if one
+    /// has an error. A fact with an undeclared predicate would be stored, but would never become
+    /// visible. The facts of an agent are not checked: they may arrive before the agent's declarations.
     fn check_against_domain(&self, change: &ChangeState, effects: &Effects) -> Result<(), Refusal> {
         let snapshot = self.upkeep.maintainer.snapshot(self.upkeep.timestamp());
         let texts = [(&change.believe, &effects.believe), (&change.retract, &effects.retract)];
@@ -148,7 +148,8 @@ impl DomainMaintainer {
         Ok((changed.map_err(|declined| declined.refusal())?, with_remarks("believed", notes)))
     }
 
-    /// Returns remarks about facts that do not count now, and about agents that contradict them.
+    /// Returns remarks about those of `facts` that do not count now, and about agents that contradict
+    /// them.
     fn remarks(&self, facts: &[InitElement], speaker: &Owner) -> Vec<String> {
         let maintainer = &self.upkeep.maintainer;
         let mut notes = Vec::new();

@@ -1,4 +1,5 @@
-//! Facts that follow by axioms from the known facts; part of the answer to a query for the state.
+//! Derived facts: facts that follow by axioms from the known facts. They are part of the answer to a
+//! query for the state.
 
 use acl::content::BelievedFact;
 use capability::DomainSnapshot;
@@ -6,10 +7,11 @@ use pddl::knowledge::AuxiliaryPredicates;
 use pddl::{Atom, Condition, Name};
 use planner::validate::World;
 
-/// Name of the owner of derived facts.
+/// Text that an answer gives as the owner of a derived fact.
 const AXIOM: &str = "axiom";
 
-/// Returns the facts that axioms derive, and as unknown those that axioms neither derive nor rule out.
+/// Returns the facts that axioms derive, and, marked as unknown, the facts that axioms neither derive
+/// nor rule out.
 pub(crate) fn derived_facts(snapshot: &DomainSnapshot) -> Vec<BelievedFact> {
     if snapshot.domain.derived.is_empty() {
         return Vec::new();

@@ -1,5 +1,6 @@
-//! Hand-over after a partition: a Domain Maintainer that becomes a standby sends the leader what
-//! requests changed while both led, each in its partition (docs/design.md, “Fail-over”).
+//! Hand-over after a partition: a Domain Maintainer that becomes a standby sends the leader those
+//! changes by request that it noted while both led, each in its own partition (docs/design.md,
+//! “Fail-over”).
 //!
 //! No agent repeats requested changes by itself, so the hand-over is tried until it is confirmed. If
 //! both sides changed the same thing, the change of the remaining leader stands.
@@ -17,26 +18,28 @@ use capability::{RequestedChangesSince, Timestamp};
 
 use crate::{AnnouncementScope, DomainMaintainer, REQUESTED};
 
-/// Interval between tries to hand over, and their maximum number. The new leader may have left in the
-/// same moment, and a partition may last minutes.
+/// Interval between tries to hand changes over, and the maximum number of tries. The new leader may
+/// have left in the same moment, and a partition may last minutes.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 const RETRIES_MAX: u32 = 600;
 
-/// How long all replicas must see each other before none of them has anything to hand over.
+/// How long all replicas must be present to each other before the leader drops the changes that it
+/// noted for a hand-over.
 const REUNITED_AFTER: Duration = Duration::from_secs(10);
 
-/// Other replicas of this agent.
+/// Other replicas of this agent, and since when they are present.
 #[derive(Debug, Default)]
 pub(crate) struct KnownReplicas {
-    /// Daemons on which replicas were present; a daemon that is missing now has not come back.
+    /// Daemons on which other replicas were present. A daemon that is in this set and not present now
+    /// has left and not come back.
     seen_on: BTreeSet<DaemonId>,
-    /// Since when all of them are present.
+    /// Time since which the replicas on all these daemons are present; `None` if one is missing.
     complete_since: Option<Timestamp>,
 }
 
 impl DomainMaintainer {
     /// Checks whether another leader may be active in another partition, and if so begins to note
-    /// changes. To be called before anything is changed, so that no change is left out.
+    /// changes. Must be called before each change, so that no change is left out.
     pub(crate) fn check_replicas(&mut self, ctx: &Context<Self>) {
         let (directory, own) = (ctx.directory(), ctx.router().daemon());
         let daemons = directory.all(ctx.id()).iter().map(|resident| &resident.daemon);
@@ -55,7 +58,7 @@ impl DomainMaintainer {
         }
     }
 
-    /// Stands down: sends the noted changes to the new leader.
+    /// Stands down from leading: sends the changes noted for a hand-over to the new leader.
     pub(crate) fn stand_down(&mut self, ctx: &mut Context<Self>) {
         let changed = self.upkeep.maintainer.stand_down(self.upkeep.timestamp());
         if changed != RequestedSince::default() {
@@ -94,7 +97,7 @@ impl DomainMaintainer {
         });
     }
 
-    /// Takes the changes of another incarnation of this agent that has become a standby.
+    /// Takes over the changes that another incarnation of this agent sends when it becomes a standby.
     pub(crate) fn receive_handover(
         &mut self,
         message: &Message,
@@ -139,7 +142,7 @@ impl DomainMaintainer {
     }
 }
 
-/// Tries again after [`AGAIN`], up to [`TIMES_MAX`] times.
+/// Tries the hand-over again after [`RETRY_INTERVAL`], up to [`RETRIES_MAX`] times in all.
 fn retry_handover(changed: RequestedSince, times: u32, ctx: &mut Context<DomainMaintainer>) {
     if times >= RETRIES_MAX {
         return tracing::warn!("no leader takes over what was requested here");
@@ -149,7 +152,8 @@ fn retry_handover(changed: RequestedSince, times: u32, ctx: &mut Context<DomainM
     });
 }
 
-/// Returns the changes with their remaining times reduced by `by`; expired facts are dropped.
+/// Returns the requested changes `changed` with the remaining times of their facts reduced by `by`;
+/// expired facts are dropped.
 fn with_time_passed(mut changed: RequestedSince, by: Duration) -> RequestedSince {
     changed.facts.retain_mut(|fact| match &mut fact.known_for {
         None => true,

@@ -4,8 +4,8 @@
 //! - Receives action models and heartbeats, follows the membership, and composes the domain
 //!   (`capability`).
 //! - Broadcasts every change (`inform`); answers queries for the domain and the state.
-//! - Takes changes of the state, the metric and the actions, and observations, by `request`
-//!   (`change_requests`), and announces them to the actuators.
+//! - Takes `request`s that change the state, the plan metric or the available actions, and `request`s
+//!   with observations (`change_requests`). Announces the resulting changes to the actuators.
 //! - Does not plan, and decides nothing about goals.
 
 mod change_requests;
@@ -35,18 +35,20 @@ use serde::Deserialize;
 use crate::handover::KnownReplicas;
 use crate::stored_requests::StoredRequests;
 
-/// Minimum time between two announcements. The models of a daemon that starts arrive within this time,
-/// and one announcement serves them all. A single change after a longer pause is announced at once.
+/// Minimum time between two announcements of changes. The models of a daemon that starts arrive within
+/// this time, and one announcement serves them all. A single change after a longer pause is announced
+/// at once.
 const ANNOUNCE_INTERVAL_MIN: Duration = Duration::from_millis(5);
 
-/// Delay between news of requests and the announcement of everything that requests changed. The full
-/// announcement reaches agents that missed the news; it is sent once, however many news come meanwhile.
+/// Delay between the announcement of new requested changes and the announcement of all requested
+/// changes. The full announcement serves agents that missed the first one; it is sent once, however
+/// many news come meanwhile.
 const FULL_ANNOUNCEMENT_DELAY: Duration = Duration::from_secs(1);
 
-/// Key of the record in which the Journals keep everything that requests changed.
+/// Key of the record in which the Journals keep all changes made by request.
 const REQUESTED: &str = "state/requested";
 
-/// The line in the daemon's table of plugins.
+/// The entry of the Domain Maintainer in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "domain-maintainer",
     about: "composes the actions of all agents, and keeps the known facts",
@@ -80,33 +82,35 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
 
 struct DomainMaintainer {
     upkeep: DomainSync,
-    /// Changes since the last announcement.
+    /// Changes of the domain and the state since the last announcement.
     unannounced: Option<EpochChange>,
     announcement_timer: Option<TimerId>,
-    /// When the last announcement was sent.
+    /// Time at which the last announcement was sent.
     last_announced: Option<Timestamp>,
-    /// How much of the requested changes the next announcement contains.
+    /// The part of the requested changes that the next announcement contains.
     announcement_scope: AnnouncementScope,
     full_announcement_timer: Option<TimerId>,
-    /// Whether any requested changes were in force at the last announcement of them.
+    /// Whether any requested changes were in force when requested changes were last announced.
     has_requests: bool,
     keeper: JournalClient<DomainMaintainer>,
-    /// Whether this replica leads. A standby receives the same messages and sends none.
+    /// Whether this replica of the Domain Maintainer leads. A standby receives the same messages and
+    /// sends none.
     is_leading: bool,
-    /// Version of the last record of requested changes that was read or written.
+    /// Version of the record of requested changes that this replica last read or wrote.
     record_version: Option<Version>,
     known_replicas: KnownReplicas,
 }
 
-/// How much of the requested changes an announcement contains: as much as the agent that lacks most
-/// needs.
+/// The part of the requested changes that an announcement contains. It is as large as the agent that
+/// lacks most of them needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum AnnouncementScope {
     Nothing,
     Changes,
-    /// All of them, for agents that missed the news.
+    /// All requested changes, repeated for agents that missed the announcement of the new ones.
     FullRepeat,
-    /// All of them, because they are more than facts, or because an agent may have received none yet.
+    /// All requested changes, because they are more than facts, or because an agent may have received
+    /// none of them yet.
     Full,
 }
 
@@ -210,7 +214,8 @@ impl ReplicatesRecords for DomainMaintainer {
         &mut self.keeper
     }
 
-    /// Restores the requested changes from before all replicas were restarted.
+    /// Restores, from records of the Journals, the requested changes that were in force before all
+    /// replicas were restarted.
     fn records_restored(&mut self, records: Vec<Record>, ctx: &mut Context<Self>) {
         let Some(record) = records.into_iter().find(|record| record.key == REQUESTED) else {
             return;
@@ -251,14 +256,14 @@ impl DomainMaintainer {
         domain_sync::receive_inform(self, &message, ctx);
     }
 
-    /// Announces the requested changes, even if nothing else is new.
+    /// Announces the requested changes in force, even if nothing else has changed.
     fn announce_requests(&mut self, ctx: &mut Context<Self>) {
         let maintainer = &self.upkeep.maintainer;
         let (epoch, revision) = (maintainer.epoch(), maintainer.revision());
         self.announce_soon(EpochChange { epoch, revision, ..EpochChange::default() }, ctx);
     }
 
-    /// Sends the requested changes to the Journals: no agent repeats them by itself.
+    /// Sends the requested changes to the Journals, because no agent repeats such changes by itself.
     fn replicate_requests(&mut self, requested: Requested, ctx: &mut Context<Self>) {
         if self.keeper.journals().is_empty() {
             return;
@@ -269,7 +274,7 @@ impl DomainMaintainer {
         replication::replicate_detached(self, &[record], ctx);
     }
 
-    /// Collects changes, to announce them in one message.
+    /// Collects changes until the next announcement, so that one message announces them all.
     fn announce_soon(&mut self, change: EpochChange, ctx: &mut Context<Self>) {
         if !self.is_leading {
             return;
@@ -314,8 +319,9 @@ impl DomainMaintainer {
         }
     }
 
-    /// Adds the new requested changes to the announcement and schedules the full list. So the message
-    /// is only as long as the news, and an agent that missed it soon gets the full list.
+    /// Adds the new requested changes to the announcement `change`, and schedules the announcement of
+    /// all requested changes. So the message contains only what is new, and an agent that missed it
+    /// gets all requested changes soon.
     fn add_changes(&mut self, change: &mut EpochChange, ctx: &mut Context<Self>) {
         let now = self.upkeep.timestamp();
         let Some(since) = self.upkeep.maintainer.requested_since(now) else {

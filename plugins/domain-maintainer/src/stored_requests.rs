@@ -6,10 +6,11 @@ use acl::Deadline;
 use acl::content::Requested;
 use serde::{Deserialize, Serialize};
 
-/// Requested changes in force at a wall-clock time of the replica that wrote them.
+/// Requested changes, as a replica stores them: with the replica's wall-clock time at which they were
+/// in force.
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct StoredRequests {
-    /// Milliseconds since the Unix epoch.
+    /// Wall-clock time at which the changes were stored, in milliseconds since the Unix epoch.
     at_ms: u64,
     requested: Requested,
 }
@@ -21,8 +22,9 @@ impl StoredRequests {
         StoredRequests { at_ms: milliseconds(now), requested }
     }
 
-    /// Returns the changes that are in force `now`, with the remaining times of their facts. If the
-    /// clock has gone back, the remaining times are unknown, and facts with a limit are dropped.
+    /// Returns the stored changes that are in force `now`, with the remaining times of their facts. If
+    /// the clock shows an earlier time than the stored one, the remaining times are unknown, and facts
+    /// with a time limit are dropped.
     pub(crate) fn in_force_at(self, now: SystemTime) -> Requested {
         let passed = milliseconds(now).checked_sub(self.at_ms).map(Duration::from_millis);
         let mut requested = self.requested;

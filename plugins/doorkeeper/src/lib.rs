@@ -1,8 +1,9 @@
-//! The Doorkeeper: if the ecosystem file says `admit = "ask"`, asks people at all keyboards whether
-//! discovered agents may take part, and stores the answers.
+//! The Doorkeeper: if the ecosystem file contains `admit = "ask"`, this agent asks people at all
+//! keyboards whether discovered agents may take part, and stores the answers.
 //!
 //! - Agents that appear within a moment are put into one question (`question`).
-//! - An answer is on disk before it takes effect, so no question is repeated after a restart.
+//! - An answer is on disk before it takes effect, so that an answered question is not asked again after
+//!   a restart.
 //! - A question without an answer is asked again. A keyboard that joins later receives the open
 //!   questions.
 
@@ -23,19 +24,20 @@ use agent::{
 use serde::{Deserialize, Serialize};
 use tokio::sync::watch;
 
-/// How long to wait for more agents to appear: the devices of a gateway come at once.
+/// How long to wait for more agents to appear before people are asked about them. The devices of a
+/// gateway appear within this time of each other.
 const APPLICANT_DELAY: Duration = Duration::from_millis(500);
 
-/// How long a person has to answer.
+/// How long a person has to answer a question.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(600);
 
-/// Delay before the next try when no person has answered.
+/// Delay before a question that no person has answered is asked again.
 const REASK_DELAY: Duration = Duration::from_secs(10);
 
-/// Maximum number of open questions. Agents that appear beyond them wait.
+/// Maximum number of open questions. Agents that appear when so many questions are open must wait.
 const OPEN_QUESTIONS_MAX: usize = 8;
 
-/// The line in the daemon's table of plugins.
+/// The entry of the Doorkeeper in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "doorkeeper",
     about: "asks a person whether agents that no file names may take part",
@@ -60,12 +62,12 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
 
 struct Doorkeeper {
     admissions: Arc<Admissions>,
-    /// File of the answers; `None` keeps them only until the daemon stops.
+    /// File in which the answers are stored; with `None` they are kept only until the daemon stops.
     file: Option<PathBuf>,
-    /// The open questions, with the agents that each is about.
+    /// The open questions by number, each with the agents that it is about.
     open_questions: BTreeMap<u64, AdmissionQuestion>,
     last_question_id: u64,
-    /// Whether a check for new applicants is scheduled.
+    /// Whether a check for agents that wait for admission is scheduled.
     is_check_scheduled: bool,
     admission_watch: Option<WorkHandle>,
 }
@@ -73,11 +75,12 @@ struct Doorkeeper {
 struct AdmissionQuestion {
     applicants: Vec<(Applicant, String)>,
     text: String,
-    /// One exchange with all keyboards, and one with each that has joined since.
+    /// Exchanges in which the question was put: one with all keyboards, and one with each keyboard that
+    /// has joined since.
     exchanges: Vec<ReplyToken>,
 }
 
-/// One answer, as stored on disk.
+/// The answer about one agent, as it is stored on disk.
 #[derive(Serialize, Deserialize)]
 struct StoredAnswer {
     by: String,
@@ -133,8 +136,8 @@ impl Doorkeeper {
         });
     }
 
-    /// Asks about applicants that are in no open question. Withdraws questions about agents that have
-    /// all left.
+    /// Asks people about those applicants (agents that wait for admission) that no open question is
+    /// about. Withdraws a question if all agents that it is about have left.
     fn check_applicants(&mut self, ctx: &mut Context<Self>) {
         let open = self.admissions.open();
         let here: BTreeSet<_> = open.iter().map(|(applicant, _)| applicant).collect();
@@ -177,7 +180,7 @@ impl Doorkeeper {
         self.send_question(id, None, ctx);
     }
 
-    /// Sends an open question to one agent, or to all if `to` is `None`.
+    /// Sends an open question to the agent `to`, or to all agents if `to` is `None`.
     fn send_question(&mut self, id: u64, to: Option<AgentId>, ctx: &mut Context<Self>) {
         let Some(asking) = self.open_questions.get_mut(&id) else { return };
         let is_to_all = to.is_none();
@@ -250,8 +253,8 @@ impl Doorkeeper {
         Some(asking)
     }
 
-    /// Stores answers on disk and applies them. They apply even if they cannot be stored; people are
-    /// then asked again after a restart.
+    /// Stores answers on disk and applies them. Answers that cannot be stored apply until the daemon
+    /// stops; people are asked again after a restart.
     fn store_answers(&self, answers: Vec<(Applicant, bool)>) {
         if let Some(file) = &self.file {
             let mut all: BTreeMap<_, _> = self.admissions.answers().into_iter().collect();
@@ -264,7 +267,7 @@ impl Doorkeeper {
     }
 }
 
-/// Reads the stored answers. The error completes “failed to …”.
+/// Reads the stored answers. The text of an error completes “failed to …”.
 fn read(file: &Path) -> Result<Vec<(Applicant, bool)>, String> {
     let text = match std::fs::read_to_string(file) {
         Ok(text) => text,

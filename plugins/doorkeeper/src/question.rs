@@ -1,11 +1,13 @@
-//! Text of the question about discovered agents, and parsing of the answers.
+//! The question that the Doorkeeper asks about discovered agents: making its text, and parsing answers
+//! to it.
 
 use agent::Applicant;
 
-/// Maximum number of agents that a question lists by name; the rest is only counted.
+/// Maximum number of agents that a question lists by name; further agents are only counted.
 const NAMED_MAX: usize = 12;
 
-/// Returns the question about these applicants, preceded by the mistake in the last answer, if any.
+/// Returns the text of the question about the agents in `about`, preceded by the mistake in the last
+/// answer if there was one.
 pub(crate) fn question_text(about: &[(Applicant, String)], mistake: Option<&str>) -> String {
     let named: Vec<_> = about
         .iter()
@@ -27,7 +29,7 @@ pub(crate) fn question_text(about: &[(Applicant, String)], mistake: Option<&str>
     }
 }
 
-/// Parses an answer: which applicants may take part, and which may not.
+/// Parses an answer, and returns for each agent whether it may take part.
 ///
 /// # Errors
 ///

@@ -1,10 +1,11 @@
 //! The Journal: replica store for records that must outlive a process, such as goals and plans; a new
 //! leader reads them (docs/design.md, “Fail-over”).
 //!
-//! - `request` (records) → `confirm` when they are on this machine's disk, `refuse` with the reason if
-//!   they cannot be stored. Of each key the newest version is kept, whichever agent wrote it.
-//! - Answers queries for all its records. When another Journal joins, fetches newer records from it; so
-//!   the copies converge after a crash or a partition.
+//! - `request` (records) → `confirm` when these records are on this machine's disk, or `refuse` with
+//!   the reason if they cannot be stored. Of each key the newest version is kept, whichever agent wrote
+//!   it.
+//! - Answers queries for all its records. When another Journal joins, fetches newer records from that
+//!   Journal, so that the copies become equal after a crash or a partition.
 //! - Decides nothing about goals: it does not interpret records.
 //!
 //! There is one Journal on each daemon that keeps a copy, each under its own name.
@@ -27,18 +28,19 @@ use crate::records::Records;
 pub use crate::store::{FORMAT, MemoryStore};
 use crate::store::{Store, StoreError};
 
-/// Maximum number of requests that wait for the running write; more are refused. Each is a change of
-/// one goal, and one write serves all that wait.
+/// Maximum number of requests that wait for the running write; further requests are refused. Each
+/// request is a change of one goal, and one write serves all that wait.
 const QUEUED_MAX: usize = 256;
 
-/// Interval between tries to open the file. The disk may have been full when the daemon started, or an
-/// earlier process may still hold the file.
+/// Interval between tries to open the Journal's file. The disk may have been full when the daemon
+/// started, or an earlier process may still have the file open.
 const REOPEN_INTERVAL: Duration = Duration::from_secs(5);
 
-/// Delay before another Journal is asked again that gave no answer; it may still be opening its file.
+/// Delay before another Journal that gave no answer is asked again; that Journal may still be opening
+/// its file.
 const FETCH_RETRY_DELAY: Duration = Duration::from_secs(2);
 
-/// The line in the daemon's table of plugins.
+/// The entry of the Journal in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "journal",
     about: "keeps goals, plans and outcomes for a standby that takes over",
@@ -64,7 +66,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     }))
 }
 
-/// Storage location of the records.
+/// Storage location of a Journal's records: a file, or memory.
 #[derive(Clone)]
 struct StoreLocation {
     path: Option<PathBuf>,
@@ -76,21 +78,21 @@ struct Journal {
     location: StoreLocation,
     disk: DiskState,
     records: Records,
-    /// Records for the next write, with the exchange that waits for each. `None` for records from
-    /// another Journal.
+    /// Records for the next write, with the exchange that waits for the answer. The exchange is `None`
+    /// for records from another Journal.
     queued: Vec<(Option<Participation>, Vec<Record>)>,
-    /// The running write, or the opening of the file.
+    /// The running write to the file, or the opening of the file.
     work: Option<WorkHandle>,
     fetching: Vec<(AgentId, WorkHandle)>,
-    /// Whether the last write failed, so that other Journals may have newer records.
+    /// Whether the last write failed; other Journals may then have newer records.
     has_missed_writes: bool,
 }
 
 enum DiskState {
-    /// Opening; holds the requests that have arrived meanwhile.
+    /// The file is being opened. Holds the requests that have arrived meanwhile.
     Opening(Vec<(Option<Participation>, Vec<Record>)>),
     Open(Arc<Store>),
-    /// The file cannot be used, for this reason.
+    /// The file cannot be used, for the reason in this text.
     Unusable(String),
 }
 
@@ -263,7 +265,7 @@ impl Journal {
         }
     }
 
-    /// Fetches all records of another Journal and takes those that are newer.
+    /// Fetches all records of another Journal, and stores those that are newer than the records here.
     fn fetch(&mut self, other: AgentId, ctx: &mut Context<Self>) {
         let Some(resident) = ctx.find(&other) else { return };
         let ask = ResourceQuery {

@@ -1,19 +1,19 @@
-//! All records of a Journal by key, the newest version of each. Without I/O.
+//! All records of a Journal in memory: the newest version of each, by key. This module does no I/O.
 
 use std::collections::BTreeMap;
 
 use acl::content::Record;
 
-/// Maximum number of records. If it is reached, the oldest deletion markers are dropped first. A goal
-/// has two records, and a building has hundreds of goals at the very most.
+/// Maximum number of records. At the maximum, the oldest markers of deleted records are dropped to make
+/// room. A goal has two records, and a building has hundreds of goals at the very most.
 const RECORDS_MAX: usize = 4_096;
 
-/// Maximum length of a key, and of a record's body as JSON. The composite domain of a large building is
-/// below 1 MiB.
+/// Maximum length of a record's key in bytes, and maximum length of a record's body as JSON in bytes.
+/// The composite domain of a large building is below 1 MiB.
 const KEY_BYTES_MAX: usize = 512;
 const BODY_BYTES_MAX: usize = 4 << 20;
 
-/// The newest version of each record.
+/// All records of a Journal: the newest version of each, by key.
 #[derive(Debug, Default)]
 pub(crate) struct Records(BTreeMap<String, Record>);
 
@@ -25,7 +25,7 @@ impl Records {
         self.0.get(&record.key).is_none_or(|kept| kept.version < record.version)
     }
 
-    /// Stores a record, if it is newer.
+    /// Stores a record, if it is newer than the stored version of its key.
     pub(crate) fn insert_if_newer(&mut self, record: Record) {
         if self.is_newer(&record) {
             self.0.insert(record.key.clone(), record);
@@ -36,7 +36,7 @@ impl Records {
         self.0.remove(key);
     }
 
-    /// Returns the reason why these records cannot be taken; `None` if they can.
+    /// Returns the reason why the Journal cannot take these records; `None` if it can.
     pub(crate) fn rejection_reason(&self, records: &[Record]) -> Option<String> {
         let key = |record: &&Record| record.key.is_empty() || record.key.len() > KEY_BYTES_MAX;
         if let Some(record) = records.iter().find(key) {
@@ -55,8 +55,8 @@ impl Records {
         (new > room).then(|| format!("{RECORDS_MAX} records are kept already"))
     }
 
-    /// Returns the keys that must be dropped to make room for `more` records: the oldest deletion
-    /// markers.
+    /// Returns the keys that must be dropped to make room for `more` records: those of the oldest
+    /// markers of deleted records.
     pub(crate) fn keys_to_evict(&self, more: usize) -> Vec<String> {
         let surplus = (self.0.len() + more).saturating_sub(RECORDS_MAX);
         let mut forgotten: Vec<_> = self.deletion_markers().collect();

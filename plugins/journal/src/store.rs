@@ -1,4 +1,5 @@
-//! The records on disk: one file of an embedded store that stays consistent after a crash.
+//! The Journal's records on disk, in one file of an embedded store (a database library). The file stays
+//! consistent after a crash.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -11,99 +12,100 @@ use redb::{
     Database, DatabaseError, ReadableDatabase, ReadableTable, StorageError, TableDefinition,
 };
 
-/// The format that this version writes, and the newest it reads.
+/// Format of the Journal's file that this version writes; this is also the newest format that it can
+/// read.
 pub const FORMAT: u64 = 1;
 
 const RECORDS: TableDefinition<&str, &[u8]> = TableDefinition::new("records");
 const METADATA: TableDefinition<&str, u64> = TableDefinition::new("about");
 const FORMAT_KEY: &str = "format";
 
-/// Text in the store's error about a file that a newer version of it wrote.
+/// Text that the embedded store's error contains if another version of the store wrote the file.
 const FOREIGN_FORMAT: &str = "file format version";
 
-/// Size of the database's cache, in bytes. All records are in memory already; the default would be a
-/// gigabyte.
+/// Size of the database's cache, in bytes. All records are in memory already; the default size would be
+/// a gigabyte.
 const CACHE_BYTES: usize = 4 << 20;
 
-/// Records in memory that outlive their Journal. Replaces a disk when a whole building runs in one
-/// process.
+/// Storage of a Journal's records in memory, which outlives the Journal. It replaces the disk when a
+/// whole building runs in one process.
 #[derive(Debug, Default)]
 pub struct MemoryStore(Mutex<BTreeMap<String, Vec<u8>>>);
 
 impl MemoryStore {
-    /// Returns the records in it.
+    /// Returns all records in this storage.
     pub fn records(&self) -> Vec<Record> {
         let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         kept.values().filter_map(|bytes| serde_json::from_slice(bytes).ok()).collect()
     }
 }
 
-/// Backing store of the records.
+/// Where a Journal's records are stored: in a file, or in memory.
 pub(crate) enum Store {
     File(JournalFile),
     Memory(std::sync::Arc<MemoryStore>),
 }
 
 /// A file of the embedded store. After a failed write the store accepts no further writes until it is
-/// opened again; so the next write opens it again, and a disk that was full for a moment does no
+/// opened again; so the next write opens the file again, and a disk that was full for a moment does no
 /// lasting harm.
 pub(crate) struct JournalFile {
     path: PathBuf,
-    /// `None` after a failed write.
+    /// The open database; `None` after a failed write.
     database: Mutex<Option<Database>>,
 }
 
-/// Why records cannot be stored. Completes “failed to …”.
+/// Why records cannot be stored. The text of each variant completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub(crate) enum StoreError {
-    /// The daemon has no state folder.
+    /// The daemon has no state folder in which records could be stored.
     #[error("keep anything: this daemon has no state folder")]
     Nowhere,
-    /// A newer version of Althing wrote the file.
+    /// A newer version of Althing wrote the Journal's file.
     #[error(
         "read {}: a newer Althing wrote it (format {found}; this one reads up to {FORMAT}); \
          update this machine, or move the file away: the other Journals have copies",
         path.display()
     )]
     Newer {
-        /// The file.
+        /// Path of the file that a newer version of Althing wrote.
         path: PathBuf,
-        /// Format of the file.
+        /// Number of the format in which the file is written.
         found: u64,
     },
-    /// Another version of the embedded store wrote the file.
+    /// Another version of the embedded store wrote the Journal's file.
     #[error(
         "read {}: another version of the store wrote it ({why}); update this machine, or move the file \
          away: the other Journals have copies",
         path.display()
     )]
     Foreign {
-        /// The file.
+        /// Path of the file that another version of the embedded store wrote.
         path: PathBuf,
-        /// The store's error about the format.
+        /// The embedded store's error about the format of the file.
         why: String,
     },
-    /// Another process has the file open.
+    /// Another process has the Journal's file open.
     #[error("open {}: another process has it open", path.display())]
     InUse {
-        /// The file.
+        /// Path of the file that is in use.
         path: PathBuf,
     },
-    /// The disk or the store returned an error when the file was opened or moved.
+    /// The disk or the embedded store returned an error when the file was opened or moved.
     #[error("{what} {}: {why}", path.display())]
     Failed {
-        /// The operation that failed.
+        /// The operation that failed, as the words that follow “failed to”.
         what: &'static str,
-        /// The file.
+        /// Path of the file with which the operation failed.
         path: PathBuf,
-        /// Reason of the failure.
+        /// Reason of the failure, as the disk or the store gave it.
         why: String,
     },
-    /// The store returned an error on a write.
+    /// The embedded store returned an error when records were written.
     #[error("write to the journal: {0}")]
     Write(String),
-    /// The thread that used the disk was lost.
+    /// The thread that used the disk ended without a result.
     #[error("use the disk: {0}")]
     Lost(String),
 }
@@ -111,7 +113,7 @@ pub(crate) enum StoreError {
 // === impl StoreError ===
 
 impl StoreError {
-    /// Whether the error may disappear without a person's action.
+    /// Whether the cause of the error may disappear without a person's action.
     pub(crate) fn is_transient(&self) -> bool {
         match self {
             StoreError::Nowhere | StoreError::Newer { .. } | StoreError::Foreign { .. } => false,
@@ -126,8 +128,8 @@ impl StoreError {
 // === impl Store ===
 
 impl Store {
-    /// Opens the file, or creates it. A damaged file is moved aside and logged; the other Journals have
-    /// its records.
+    /// Opens the Journal's file, or creates it, and returns it with all records in it. A damaged file
+    /// is moved aside, and this is logged; the other Journals have the records of that file.
     pub(crate) fn open(path: &Path) -> Result<(Store, Vec<Record>), StoreError> {
         if !path.exists() {
             return create_file(path);
@@ -149,7 +151,8 @@ impl Store {
         (Store::Memory(std::sync::Arc::clone(shelf)), shelf.records())
     }
 
-    /// Writes records and removes the keys in `gone` in one transaction; returns when it is on disk.
+    /// Writes `records` and removes the records with the keys `gone`, all in one transaction; returns
+    /// when the transaction is on disk.
     pub(crate) fn write(&self, records: &[Record], gone: &[String]) -> Result<(), StoreError> {
         let bytes = |record: &Record| {
             serde_json::to_vec(record).map_err(|error| StoreError::Write(error.to_string()))
@@ -205,7 +208,7 @@ fn write(database: &Database, records: &[Record], gone: &[String]) -> Result<(),
     Ok(writing.commit()?)
 }
 
-/// Cause of a failure with a file.
+/// Why the Journal's file cannot be opened or created.
 enum OpenFailure {
     Broken(String),
     Newer(u64),
@@ -232,8 +235,8 @@ fn failed(what: &'static str, path: &Path, error: &io::Error) -> StoreError {
     StoreError::Failed { what, path: path.to_owned(), why: error.to_string() }
 }
 
-/// Creates a file. On failure removes a partial file, as a full disk leaves it: it would count as
-/// damaged when there is room again.
+/// Creates the Journal's file. If this fails, removes the partial file that a full disk may leave: such
+/// a file would count as damaged when there is room again.
 fn create_file(path: &Path) -> Result<(Store, Vec<Record>), StoreError> {
     read(path).map_err(|trouble| {
         if matches!(trouble, OpenFailure::Broken(_) | OpenFailure::Other(_)) {
@@ -243,12 +246,12 @@ fn create_file(path: &Path) -> Result<(Store, Vec<Record>), StoreError> {
     })
 }
 
-/// Opens a database, or creates it.
+/// Opens a database file, or creates it.
 fn open_database(path: &Path) -> Result<Database, DatabaseError> {
     Database::builder().set_cache_size(CACHE_BYTES).create(path)
 }
 
-/// Returns an unused name for a damaged file.
+/// Returns an unused path beside `path`, to which a damaged file can be moved.
 fn free_name_beside(path: &Path) -> PathBuf {
     let name = |number: u32| path.with_extension(format!("broken-{number}"));
     (1..).map(name).find(|name| !name.exists()).unwrap_or_else(|| name(0))
@@ -280,7 +283,7 @@ fn read(path: &Path) -> Result<(Store, Vec<Record>), OpenFailure> {
     Ok((Store::File(JournalFile::new(path, database)), records))
 }
 
-/// Whether the error comes from the content or length of the file, and not from the disk.
+/// Whether an I/O error comes from the content or the length of the file, and not from the disk.
 fn is_content_error(kind: io::ErrorKind) -> bool {
     matches!(kind, io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof)
 }
@@ -296,7 +299,7 @@ impl<E: Into<redb::Error>> From<E> for ReadFailure {
     }
 }
 
-/// Returns all records; writes the format number to a new file first.
+/// Returns all records in a database. If the database is new, writes the format number to it first.
 fn read_all(database: &Database) -> Result<Vec<Record>, ReadFailure> {
     let writing = database.begin_write()?;
     {

@@ -1,13 +1,13 @@
 //! The Keyboard Agent (the paper, “User Interface”): a person's interface to the ecosystem.
 //!
-//! - Requests goals and single actions, changes the state and the flow, and passes their outcomes back
-//!   to the person.
-//! - Cancels goals, also those that another keyboard requested.
+//! - Requests goals and single actions, changes the state and the planning mode (centralised or
+//!   decentralised), and passes the outcomes back to the person.
+//! - Cancels goals, also goals that another keyboard requested.
 //! - Keeps the questions that agents put to a person (`query-ref`) until a person at this or another
-//!   keyboard answers, or the asking agent withdraws them. At its deadline a question is refused with a
-//!   reason.
+//!   keyboard answers, or the asking agent withdraws them. A question that is still open at its
+//!   deadline is refused with a reason.
 //!
-//! There is one per terminal. The owner of the [`Terminal`] decides what is shown.
+//! There is one Keyboard Agent per terminal. The owner of the [`Terminal`] decides what is shown.
 
 mod questions;
 mod single_action;
@@ -32,24 +32,26 @@ use tokio::time::Instant;
 use crate::questions::Questions;
 pub use crate::terminal::{GoalRequest, MessageDraft, Terminal, UserEvent, UserRequest};
 
-/// Capacity of each of the two channels between keyboard and terminal, in messages.
+/// Capacity in messages of each of the two channels between a Keyboard Agent and its terminal.
 const CHANNEL_CAPACITY: usize = 1_024;
 
-/// How long a goal may go without any report. A maintained goal may hold for a year.
+/// How long a requested goal may go without any report. A maintained goal may hold for a year.
 const GOAL_TIMEOUT: Duration = Duration::from_secs(365 * 24 * 3_600);
 
 /// How long a new leader of the Plan Requesters may take to report the goals that it has taken over,
 /// before this keyboard requests its goals again. The leader reads the Journals first.
 const TAKEOVER_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// How long a question without a deadline stays open: a person at the terminal has seen it by then.
+/// How long a question without a deadline stays open: after this time, a person at the terminal has
+/// seen the question.
 const QUESTION_PATIENCE: Duration = Duration::from_secs(60);
 
-/// How long before its deadline a question is refused, so that the asking agent gets the reason while
-/// it still waits; a tenth of the time if that is less.
+/// How long before its deadline a question without an answer is refused, so that the asking agent gets
+/// the reason while it still waits. If a tenth of the question's whole time is less, that tenth is
+/// used.
 const QUESTION_MARGIN: Duration = Duration::from_millis(500);
 
-/// The line in the daemon's table of plugins.
+/// The entry of the Keyboard Agent in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "keyboard",
     about: "serves a person: sends goals, actions, changes and answers, shows reports",
@@ -58,43 +60,44 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     build,
 };
 
-/// The entry's `config`.
+/// The `config` of a Keyboard Agent in the ecosystem file.
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 struct Config {
-    /// Goals to request on activation.
+    /// Goals that the keyboard requests when it is activated.
     goals: Vec<GoalRequest>,
 }
 
-/// Handling of a Plan Requester that leaves before it has received a goal: how long its return is
-/// waited for, the interval of the checks, and how often this may happen to one goal.
+/// Handling of a Plan Requester that leaves before it has received a goal: how long the keyboard waits
+/// for the Plan Requester's return, the interval of its checks, and how often this may happen to one
+/// goal.
 const RETURN_TIMEOUT: Duration = Duration::from_secs(5);
 const SEEK_INTERVAL: Duration = Duration::from_millis(200);
 const DEPARTURES_MAX: u32 = 5;
 
-/// A requested goal.
+/// A goal that this keyboard has requested.
 struct RequestedGoal {
     exchange: ReplyToken,
-    /// Time of the last report about it.
+    /// Time of the last report about the goal.
     last_report_at: Instant,
-    /// The request.
+    /// The request for the goal, as it was sent to the Plan Requester.
     request: Request,
-    /// How often the Plan Requester has left before it had received this request.
+    /// Number of times that a Plan Requester has left before it had received this request.
     departures: u32,
 }
 
-/// The Keyboard Agent.
+/// The Keyboard Agent: a person's interface to the ecosystem.
 pub struct Keyboard {
     plan_requester: AgentId,
     plan_executor: AgentId,
     domain_maintainer: AgentId,
     startup_goals: Vec<GoalRequest>,
     questions: Questions,
-    /// Actions in preparation: the domain is being fetched.
+    /// Requested actions that are in preparation: the domain is being fetched for each of them.
     actions_in_preparation: BTreeMap<ConversationId, WorkHandle>,
     /// Requested goals that have not ended.
     goals: BTreeMap<ConversationId, RequestedGoal>,
-    /// Running actions, by conversation.
+    /// Running actions that the person requested singly, by conversation.
     running_actions: BTreeMap<ConversationId, ReplyToken>,
     user_requests: Option<mpsc::Receiver<UserRequest>>,
     listening: Option<WorkHandle>,
@@ -107,7 +110,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
 }
 
 impl Keyboard {
-    /// Creates a keyboard and its terminal.
+    /// Creates a keyboard and the terminal that is connected to it.
     pub fn with_terminal() -> (Keyboard, Terminal) {
         let (say, said) = mpsc::channel(CHANNEL_CAPACITY);
         let (heard, hear) = mpsc::channel(CHANNEL_CAPACITY);
@@ -185,7 +188,7 @@ impl Agent for Keyboard {
 impl Keyboard {
     // === input of the person ===
 
-    /// Waits for the next input of the person.
+    /// Waits for the next input of the person at the terminal.
     fn listen(&mut self, ctx: &mut Context<Self>) {
         let Some(mut said) = self.user_requests.take() else { return };
         let next = async move {
@@ -237,9 +240,9 @@ impl Keyboard {
         );
     }
 
-    /// Requests a goal again when a Plan Requester is present, because the former one left before it
-    /// had received the request. A busy daemon may have been mistaken for gone. Reports a failure if
-    /// none is present at `until`.
+    /// Requests a goal again when a Plan Requester is present, because the former Plan Requester left
+    /// before it had received the request. A busy daemon may have been taken for one that is gone.
+    /// Reports a failure if no Plan Requester is present at `until`.
     fn request_on_return(
         &mut self,
         about: ConversationId,
@@ -274,8 +277,8 @@ impl Keyboard {
         }
     }
 
-    /// Requests goals again from the Plan Requester that leads since `came`, if it has reported nothing
-    /// about them: then no Journal had them.
+    /// Requests goals again from the Plan Requester that has led since the time `came`, if it has
+    /// reported nothing about them. In that case no Journal had these goals.
     fn reopen_goals(&mut self, came: Instant, ctx: &mut Context<Self>) {
         for asked in self.goals.values().filter(|asked| asked.last_report_at < came) {
             ctx.reopen_with_leader(&asked.exchange);
@@ -332,7 +335,7 @@ impl Keyboard {
 
     // === one action ===
 
-    /// Queries the domain, to make a plan of one step for the action.
+    /// Queries the domain, to make a plan of one step for an action that the person requested.
     fn prepare_action(&mut self, action: String, ctx: &mut Context<Self>) {
         let conversation = ctx.new_conversation();
         self.emit(UserEvent::Sent(conversation.clone()));
@@ -538,8 +541,8 @@ impl Keyboard {
         self.emit(UserEvent::QuestionClosed(number, format!("withdrawn: {why}")));
     }
 
-    /// Delivers an answer: to the asking agent if the question is this keyboard's own, otherwise to the
-    /// keyboard that has it.
+    /// Delivers a person's answer to a question: to the asking agent if this keyboard keeps the
+    /// question, otherwise to the keyboard that keeps it.
     fn give_answer(&mut self, keyboard: AgentId, answer: AnswerQuestion, ctx: &mut Context<Self>) {
         if keyboard != *ctx.id() {
             let patience = ctx.settings().answer_deadline * 2;
@@ -556,7 +559,8 @@ impl Keyboard {
         self.emit(heard);
     }
 
-    /// Takes an answer from another keyboard.
+    /// Handles a request of another keyboard, which contains an answer to a question that this keyboard
+    /// keeps.
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
         let engagement = Participation::of(&message);
         let answer = match message.content_as::<Request>() {
@@ -602,7 +606,7 @@ impl Keyboard {
     }
 }
 
-/// Returns an answer encrypted to the key of its question.
+/// Returns a person's answer encrypted to the key of the question.
 fn sealed(key: &str, said: &PersonsAnswer) -> Result<PersonsAnswer, Refusal> {
     match credentials::seal_answer(key, &said.text) {
         Ok(sealed) => Ok(PersonsAnswer { text: String::new(), sealed: Some(sealed) }),
@@ -610,7 +614,7 @@ fn sealed(key: &str, said: &PersonsAnswer) -> Result<PersonsAnswer, Refusal> {
     }
 }
 
-/// Reads an answer about a goal or an action.
+/// Reads a message about a requested goal or action as an output to the person.
 fn read(message: &Message) -> Result<UserEvent, String> {
     let about = message.conversation_id.clone();
     match message.performative {

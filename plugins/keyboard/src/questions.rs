@@ -1,4 +1,4 @@
-//! Open questions to a person: numbered, each with its deadline.
+//! Open questions to a person. Each question has a number and a deadline.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -8,39 +8,40 @@ use acl::{AgentId, Deadline, ReplyToken};
 use agent::{Participation, TimerId};
 use tokio::time::Instant;
 
-/// Maximum number of open questions; further ones are refused. A person answers a few.
+/// Maximum number of open questions; further ones are refused. A person can answer only a few.
 const QUESTIONS_MAX: usize = 64;
 
-/// The open questions of one keyboard.
+/// The open questions that one keyboard keeps.
 #[derive(Debug, Default)]
 pub(crate) struct Questions {
     open: BTreeMap<u64, PendingQuestion>,
     last_number: u64,
 }
 
-/// One question.
+/// A question that waits for a person's answer.
 #[derive(Debug)]
 pub(crate) struct PendingQuestion {
-    /// Exchange that the answer goes to.
+    /// Exchange in which the asking agent put the question, and to which the answer is sent.
     pub(crate) engagement: Participation,
     /// Text of the question.
     pub(crate) text: String,
-    /// Key that the answer is encrypted to; `None` if it travels in plain text.
+    /// Key that the answer is encrypted to; `None` if the answer travels in plain text.
     pub(crate) seal_to: Option<String>,
-    /// How long the question stays open in all.
+    /// How long the question stays open in all, from its arrival on.
     pub(crate) patience: Duration,
-    /// Timer that closes the question.
+    /// Timer that closes the question at the end of its time.
     pub(crate) timer: TimerId,
     until: Instant,
 }
 
 impl Questions {
-    /// Returns the number of the next question; `None` if there is no room for it.
+    /// Returns the number that the next question will get; `None` if the maximum number of questions is
+    /// open.
     pub(crate) fn next_number(&self) -> Option<u64> {
         (self.open.len() < QUESTIONS_MAX).then_some(self.last_number + 1)
     }
 
-    /// Stores a question under [`Questions::next_number`]. Returns that number.
+    /// Stores a question under the number from [`Questions::next_number`], and returns that number.
     pub(crate) fn store(
         &mut self,
         engagement: Participation,
@@ -57,12 +58,12 @@ impl Questions {
         self.last_number
     }
 
-    /// Returns the key that the answer to a question is encrypted to, if there is one.
+    /// Returns the key that the answer to a question is encrypted to; `None` if there is no such key.
     pub(crate) fn seal_to(&self, number: u64) -> Option<&str> {
         self.open.get(&number)?.seal_to.as_deref()
     }
 
-    /// Removes and returns a question that is answered or has expired.
+    /// Removes and returns the question `number`, because it is answered or has expired.
     pub(crate) fn take(&mut self, number: u64) -> Option<PendingQuestion> {
         self.open.remove(&number)
     }
@@ -81,7 +82,7 @@ impl Questions {
         self.take(number).map(|question| (number, question))
     }
 
-    /// Removes and returns the oldest question.
+    /// Removes and returns the oldest open question.
     pub(crate) fn take_first(&mut self) -> Option<(u64, PendingQuestion)> {
         self.open.pop_first()
     }
@@ -92,13 +93,13 @@ impl Questions {
         if numbers.is_empty() { "none is open".to_owned() } else { numbers.join(", ") }
     }
 
-    /// Returns all open questions, as sent to other agents.
+    /// Returns all open questions, in the form in which they are sent to other agents.
     pub(crate) fn list(&self, keyboard: &AgentId, now: Instant) -> Vec<OpenQuestion> {
         let open = self.open.iter();
         open.map(|(number, question)| question.to_content(keyboard, *number, now)).collect()
     }
 
-    /// Returns one open question, as sent to other agents.
+    /// Returns one open question, in the form in which it is sent to other agents.
     pub(crate) fn find(
         &self,
         keyboard: &AgentId,

@@ -1,8 +1,8 @@
 //! Makes a plan of one step from a ground action that a person typed, and checks it against the Domain
-//! Maintainer's state: a mistake is reported before any agent is asked to act.
+//! Maintainer's state: so a mistake is reported before any agent is asked to act.
 //!
-//! The Plan Executor executes it like any plan: it checks the precondition, gives the actuator a token
-//! that is executed at most once, and notifies the Domain Maintainer of the changes.
+//! The Plan Executor executes this plan like any other: it checks the precondition, gives the actuator
+//! a token that is executed at most once, and notifies the Domain Maintainer of the changes.
 
 use std::time::Duration;
 
@@ -10,7 +10,8 @@ use acl::AgentId;
 use acl::content::{Execute, Offer, Offers, Snapshot};
 use pddl::{Condition, Plan, PlanStep, Problem, Severity};
 
-/// Returns a plan of one step, and the time limit of its method.
+/// Returns a plan with the given action as its only step, and the time limit of the method that carries
+/// out the action.
 ///
 /// # Errors
 ///
@@ -49,7 +50,7 @@ pub(crate) fn one_step_plan(
     Ok((execute, timeout))
 }
 
-/// Returns the agent that is to act and its offer of the action.
+/// Returns the agent that is to act in a step, and the agent's offer of the action.
 fn offer_of(step: &PlanStep, offers: &Offers) -> Result<(AgentId, Offer), String> {
     let named = step.arguments.first().map_or("", |name| name.as_str());
     let hint = |word: &str, known: Vec<&str>| {

@@ -1,4 +1,5 @@
-//! The terminal: the channels between a person and a Keyboard Agent, and their messages.
+//! The terminal of a Keyboard Agent: two channels between the agent and a person, and the messages in
+//! them.
 
 use acl::content::{ChangeState, Keep, Mode, OpenQuestion, Outcome, Partition, Refusal, Report};
 use acl::{AgentId, ConversationId, Message, Performative, Protocol};
@@ -10,85 +11,85 @@ use tokio::sync::mpsc;
 #[derive(Clone, Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct GoalRequest {
-    /// The goal, a PDDL condition.
+    /// The condition to be reached, in PDDL.
     pub goal: String,
-    /// Whether it is to be achieved once or kept.
+    /// Whether the goal is to be achieved once or kept.
     #[serde(default)]
     pub keep: Keep,
-    /// Priority; greater goes first.
+    /// Priority of the goal; a goal of greater priority goes first.
     #[serde(default)]
     pub priority: i32,
-    /// Behaviour during a partition of the ecosystem.
+    /// What happens to the goal during a partition of the ecosystem.
     #[serde(default)]
     pub partition: Partition,
 }
 
-/// An input of the person.
+/// An input of the person at the terminal.
 #[derive(Clone, Debug)]
 pub enum UserRequest {
     /// Requests a goal.
     RequestGoal(GoalRequest),
     /// Cancels a goal or an action.
     Cancel(ConversationId),
-    /// Requests one ground action.
+    /// Requests one ground action, written in PDDL.
     Act(String),
-    /// Changes the state.
+    /// Changes facts of the known state.
     Set(ChangeState),
-    /// Selects the flow by which plans are made from now on.
+    /// Selects the planning mode (centralised or decentralised) in which plans are made from now on.
     Mode(Mode),
-    /// Answers a question of this keyboard or of another.
+    /// Answers a question that this keyboard or another one keeps.
     Answer {
         /// The keyboard that keeps the question.
         keyboard: AgentId,
-        /// Number of the question at that keyboard.
+        /// Number of the question at the keyboard that keeps it.
         question: u64,
         /// Text of the answer.
         text: String,
-        /// Key that the answer is encrypted to, as named by the question. May be `None` for this
-        /// keyboard's own questions: it knows their keys.
+        /// Key that the answer is encrypted to, as the question gives it. May be `None` for a question
+        /// that this keyboard keeps, because the keyboard then knows the key.
         seal_to: Option<String>,
     },
-    /// Sends a message as written.
+    /// Sends a message as the person wrote it.
     Send(MessageDraft),
 }
 
 /// A message as a person wrote it; the keyboard adds the rest of the envelope.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MessageDraft {
-    /// Receiver; `None` sends to all agents.
+    /// Receiver of the message; with `None` it is sent to all agents.
     pub to: Option<AgentId>,
-    /// Performative; it must open an exchange of the protocol.
+    /// Performative of the message; it must open an exchange of the protocol.
     pub performative: Performative,
-    /// Protocol of the exchange.
+    /// Protocol of the exchange that the message opens.
     pub protocol: Protocol,
-    /// Conversation; `None` starts a new one.
+    /// Conversation of the message; `None` starts a new one.
     pub conversation: Option<ConversationId>,
     /// Content of the message.
     pub content: Value,
-    /// How long answers are waited for.
+    /// How long the keyboard waits for answers to the message.
     pub patience: std::time::Duration,
 }
 
-/// An output to the person.
+/// An output to the person at the terminal.
 #[derive(Clone, Debug)]
 pub enum UserEvent {
-    /// A request was sent, in this conversation.
+    /// A request of the person was sent, in the conversation given here.
     Sent(ConversationId),
-    /// Progress or outcome of a request.
+    /// A report about the progress or outcome of the request in a conversation.
     Report(ConversationId, Report),
-    /// The request was refused.
+    /// The request in a conversation was refused.
     Refused(ConversationId, Refusal),
-    /// No agent took the request, or none answered in time; with the reason.
+    /// No agent took the request in a conversation, or none answered in time. The text is the reason.
     Unanswered(ConversationId, String),
-    /// An answer to a message that was sent as written.
+    /// An answer to a message that was sent as the person wrote it.
     Answered(Box<Message>),
-    /// An agent asks a question.
+    /// An agent asks the person a question.
     Question(OpenQuestion),
-    /// A question was closed, for this reason.
+    /// The question with this number was closed, for the reason in the text.
     QuestionClosed(u64, String),
 }
 
-/// The person's end of the channels.
+/// The ends of the two channels to a Keyboard Agent that belong to the person.
 pub struct Terminal {
     /// Inputs of the person.
     pub requests: mpsc::Sender<UserRequest>,
@@ -99,7 +100,7 @@ pub struct Terminal {
 // === impl UserEvent ===
 
 impl UserEvent {
-    /// Returns the conversation that this is about; `None` for questions.
+    /// Returns the conversation that this output is about; `None` for an output about a question.
     pub fn conversation(&self) -> Option<&ConversationId> {
         match self {
             UserEvent::Sent(about)
@@ -111,7 +112,7 @@ impl UserEvent {
         }
     }
 
-    /// Whether no more outputs follow about its conversation.
+    /// Whether no more outputs follow in the conversation that this output is about.
     pub fn is_final(&self) -> bool {
         match self {
             UserEvent::Sent(_) | UserEvent::Question(_) | UserEvent::QuestionClosed(..) => false,
@@ -121,7 +122,7 @@ impl UserEvent {
         }
     }
 
-    /// Whether the request has ended well, or the goal holds.
+    /// Whether this output reports that the request has ended well, or that the goal holds.
     pub fn is_success(&self) -> bool {
         match self {
             UserEvent::Report(_, Report { outcome, .. }) => {
@@ -135,8 +136,9 @@ impl UserEvent {
     }
 }
 
-/// Whether this message ends the exchange from the sender's side. A bid (`agree` to a `cfp`) counts as
-/// the end, because a message sent as written is never followed by an acceptance or a rejection.
+/// Whether `message` is the last one that its sender sends in an exchange. A bid (`agree` to a `cfp`)
+/// counts as the last one, because a message that a person wrote is never followed by an acceptance or
+/// a rejection.
 fn is_last(message: &Message) -> bool {
     match message.performative {
         Performative::Confirm => {

@@ -1,8 +1,9 @@
 //! Verification of confirmed steps: an agent that confirms a change and contradicts it in its next
 //! heartbeat has not made the change.
 //!
-//! A device updates its heartbeat before it confirms, so its last heartbeat agrees already. Only if it
-//! does not, the next heartbeat is waited for.
+//! A device updates its heartbeat before it confirms a change, so that its last heartbeat normally
+//! agrees with the change already. The Plan Executor waits for the next heartbeat only if the last one
+//! does not agree.
 
 use std::collections::BTreeMap;
 
@@ -23,11 +24,11 @@ struct LastHeartbeat {
 /// A confirmed change that contradicts the last heartbeat of its agent.
 #[derive(Clone, Debug)]
 pub(crate) struct UnverifiedEffect {
-    /// The ground action, under the name that its agent uses.
+    /// The ground action that the agent confirmed, under the name that the agent uses.
     pub(crate) action: String,
     change: ChangeState,
-    /// Incarnation and sequence number of the heartbeat that contradicts the change; only a later one
-    /// decides.
+    /// Incarnation and sequence number of the heartbeat that contradicts the change; only a later
+    /// heartbeat decides whether the change was made.
     contradicted_by: (Incarnation, u64),
 }
 
@@ -45,13 +46,13 @@ impl LastHeartbeats {
         self.0.insert(agent.clone(), LastHeartbeat { received_as: at, facts });
     }
 
-    /// Removes an agent that has left.
+    /// Removes the heartbeat of an agent that has left.
     pub(crate) fn remove_agent(&mut self, agent: &AgentId) {
         self.0.remove(agent);
     }
 
-    /// Returns a doubt about a change that `agent` confirmed, if its last heartbeat contradicts the
-    /// change.
+    /// Compares a change that `agent` confirmed with the last heartbeat of that agent. Returns the
+    /// change as unverified if the heartbeat contradicts it; otherwise `None`.
     pub(crate) fn check_effect(
         &self,
         agent: &AgentId,
@@ -63,8 +64,10 @@ impl LastHeartbeats {
         Some(UnverifiedEffect { action, change: change.clone(), contradicted_by: word.received_as })
     }
 
-    /// Checks the heartbeat that `agent` sent after the doubtful one. Returns `None` if there is none
-    /// yet, `Some(None)` if it agrees, and the contradicting fact otherwise.
+    /// Checks an unverified change (`doubt`) against a heartbeat of `agent` that is later than the one
+    /// which contradicted the change. Returns `None` if no later heartbeat has arrived, `Some(None)` if
+    /// the later heartbeat agrees with the change, and otherwise a fact of it that contradicts the
+    /// change.
     pub(crate) fn check_again(
         &self,
         agent: &AgentId,
@@ -75,8 +78,9 @@ impl LastHeartbeats {
     }
 }
 
-/// Returns a fact of `said` that contradicts a change: one that the change made false, or another value
-/// of one that it made true, as `(at robot here)` against `(at robot there)`.
+/// Returns a fact in the heartbeat text `said` that contradicts a change. Such a fact is one that the
+/// change made false, or one with another value than a fact that the change made true: `(at robot
+/// here)` contradicts the change to `(at robot there)`.
 fn contradiction(said: &str, change: &ChangeState) -> Option<String> {
     let (said, believed, retracted) = (atoms(said), atoms(&change.believe), atoms(&change.retract));
     let about = |atom: &Atom| (atom.predicate.clone(), atom.arguments.first().cloned());

@@ -1,5 +1,5 @@
 //! Execution state of one plan: the order of its steps, their phases, and the state of the world that
-//! follows from the confirmed steps. Without I/O.
+//! follows from the confirmed steps. This module does no I/O.
 
 use acl::AgentId;
 use acl::content::{ChangeState, Execute, Offer, Offers, Snapshot};
@@ -37,8 +37,8 @@ impl Execution {
     ///
     /// # Errors
     ///
-    /// Returns an error, as text for a person, if a part cannot be parsed or the plan does not reach
-    /// the goal.
+    /// Returns an error, as text for a person, if a part of the request cannot be parsed or the plan
+    /// does not reach the goal.
     pub(crate) fn new(execute: &Execute) -> Result<Execution, String> {
         let domain = pddl::parse_domain(&execute.domain).into_result().map_err(first_diagnostic)?;
         let problem =
@@ -70,7 +70,8 @@ impl Execution {
         Ok(execution)
     }
 
-    /// Marks a step as done that another executor completed before this one took the plan over.
+    /// Marks as done a step that another executor completed before this Plan Executor took the plan
+    /// over.
     fn take_over(&mut self, step: usize) -> Result<(), String> {
         match self.phases.get(step) {
             Some(StepPhase::Waiting) => self.finish(step).map(drop),
@@ -85,7 +86,7 @@ impl Execution {
         (0..self.steps.len()).filter(is_done).map(|step| (step, self.outside(step))).collect()
     }
 
-    /// Returns the waiting steps with all predecessors done.
+    /// Returns the steps that have not begun although all steps they depend on are done.
     pub(crate) fn ready(&self) -> Vec<usize> {
         let is_done = |step: &usize| self.phases[*step] == StepPhase::Done;
         (0..self.steps.len())
@@ -98,7 +99,8 @@ impl Execution {
     ///
     /// # Errors
     ///
-    /// Returns an error if its agent does not offer the action, or offers it without a usable method.
+    /// Returns an error if the agent of the step does not offer the action, or offers it without a
+    /// usable method.
     pub(crate) fn start(&mut self, step: usize) -> Result<ActionRequest, String> {
         let order = translate(&self.steps[step], &self.domain, &self.offers)
             .map_err(|problem| format!("{}: {problem}", self.step_text(step)))?;
@@ -106,11 +108,11 @@ impl Execution {
         Ok(order)
     }
 
-    /// Applies the effects of a confirmed step. Returns the facts that changed.
+    /// Applies the effects of a confirmed step. Returns the facts that these effects changed.
     ///
     /// # Errors
     ///
-    /// Returns an error if the step is not applicable in the state as known.
+    /// Returns an error if the step is not applicable in the known state.
     pub(crate) fn finish(&mut self, step: usize) -> Result<ChangeState, String> {
         let before = self.world.clone();
         self.world.apply(&self.steps[step]).map_err(|fault| {
@@ -131,15 +133,16 @@ impl Execution {
     }
 
     /// Returns the part of the goal that does not hold in the state after the confirmed steps; `None`
-    /// if the goal holds.
+    /// if the whole goal holds in that state.
     pub(crate) fn unmet_goal(&self) -> Option<String> {
         let unmet = self.world.failing(&self.problem.goal)?;
         Some(format!("{} does not hold", self.knowledge.original_condition(&unmet)))
     }
 
     /// Checks the remaining steps against the Domain Maintainer's state and the present action models.
-    /// If they still reach the goal and the domain has changed, continues with the new domain and
-    /// state. A running step counts as remaining: its effects are not confirmed.
+    /// If these steps still reach the goal and the domain has changed, execution continues with the new
+    /// domain and state. A running step counts as a remaining step, because its effects are not
+    /// confirmed.
     ///
     /// # Errors
     ///
@@ -173,7 +176,7 @@ impl Execution {
         Ok(())
     }
 
-    /// Returns a step with the action name that the composite domain has for it now.
+    /// Returns a step with the action name that the composite domain now has for the step's action.
     fn renamed(&self, step: &PlanStep, offers: &Offers) -> Result<PlanStep, String> {
         let agent = acting_agent(step).ok_or("no agent acts in it")?;
         let is_it = |(_, offer): &(&String, &Offer)| step.action == *offer.inside.as_str();
@@ -186,8 +189,8 @@ impl Execution {
         Ok(PlanStep { action: offer.inside.as_str().into(), ..step.clone() })
     }
 
-    /// Returns the change after a step that may or may not have been done: every fact that it would
-    /// have made true or false is unknown.
+    /// Returns the change after a step that may or may not have been done: every fact that the step
+    /// would have made true or false is unknown.
     pub(crate) fn uncertain(&self, step: usize) -> ChangeState {
         let mut after = self.world.clone();
         // The step was not applicable, so it changed nothing.
@@ -201,7 +204,7 @@ impl Execution {
         ChangeState { believe, retract: text(&lost), owner: None }
     }
 
-    /// Returns the steps that are not done.
+    /// Returns the steps that are not done, including the running ones.
     fn remaining_steps(&self) -> Vec<usize> {
         let is_left = |step: &usize| self.phases[*step] != StepPhase::Done;
         (0..self.steps.len()).filter(is_left).collect()
@@ -218,7 +221,7 @@ impl Execution {
         self.remaining_steps().into_iter().filter_map(|step| acting_agent(&self.steps[step]))
     }
 
-    /// Returns a step as text for a person, under the name that its agent uses.
+    /// Returns a step as text for a person, with the action name that its agent uses.
     pub(crate) fn step_text(&self, step: usize) -> String {
         format!("`{}`", self.outside(step))
     }
@@ -229,7 +232,7 @@ impl Execution {
     }
 }
 
-/// Returns a fault in the predicates that the goal uses.
+/// Returns a fault of a plan, written in the predicates that the goal uses.
 fn plain_fault(fault: Fault, knowledge: &Knowledge) -> Fault {
     fault.map(|part| knowledge.original_condition(part))
 }

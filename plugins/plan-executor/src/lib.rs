@@ -2,11 +2,13 @@
 //! each one to its `confirm`.
 //!
 //! - Takes a plan by `request` from the Plan Requester. Sends a `request` (an action) to an actuator as
-//!   soon as the steps it depends on are done; steps run side by side where the order allows it.
+//!   soon as the steps that the action depends on are done; steps run side by side where the order
+//!   allows it.
 //! - Notifies the Domain Maintainer of the effects of each confirmed action. Reports every step and the
 //!   outcome to the Plan Requester.
-//! - Watches: when the known state or the action models change, checks whether the rest of the plan
-//!   still reaches the goal. Does not believe a `confirm` that the agent's next heartbeat contradicts.
+//! - Watches running plans: when the known state or the action models change, checks whether the rest
+//!   of each plan still reaches its goal. Does not believe a `confirm` that the agent's next heartbeat
+//!   contradicts.
 //! - Does not replan: on failure it cancels the running steps and reports; the Plan Requester decides.
 
 mod effect_check;
@@ -29,11 +31,11 @@ use crate::effect_check::{LastHeartbeats, UnverifiedEffect};
 use crate::execution::Execution;
 use crate::takeover::{FinishedPlans, PlanId, Subscribers};
 
-/// Maximum number of plans that run side by side. Each keeps a copy of the state; a building has few
-/// goals.
+/// Maximum number of plans that run side by side. Each plan keeps a copy of the state. A building has
+/// few goals at a time.
 const EXECUTIONS_MAX: usize = 64;
 
-/// The line in the daemon's table of plugins.
+/// The entry of the Plan Executor in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "plan-executor",
     about: "carries plans out, step by step, and watches them",
@@ -42,11 +44,11 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     build,
 };
 
-/// The entry's `config`.
+/// The `config` of a Plan Executor in the ecosystem file.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 struct Config {
-    /// Name of the Domain Maintainer.
+    /// Name of the Domain Maintainer that the Plan Executor works with.
     domain_maintainer: AgentId,
 }
 
@@ -77,49 +79,52 @@ struct PlanExecutor {
     /// Running plans, by the exchange in which each was first requested.
     running_plans: BTreeMap<ReplyToken, RunningPlan>,
     finished_plans: FinishedPlans,
-    /// Set while any agent has left less than the grace ago.
+    /// Timer that runs while any agent has left less than the grace ago; `None` if there is no such
+    /// agent.
     departure_timer: Option<TimerId>,
 }
 
 /// A running plan.
 struct RunningPlan {
-    /// Exchanges in which the plan was requested; each gets all reports.
+    /// Exchanges in which the plan was requested. All reports about the plan are sent in each of them.
     subscribers: Subscribers,
     plan: PlanId,
-    /// The request for the plan, as received.
+    /// The request for the plan, as the Plan Requester sent it.
     original_request: Box<Execute>,
     execution: Execution,
-    /// The exchanges with actuators that are acting, by step.
+    /// The steps that actuators are carrying out, with the exchange of each, by the index of the step.
     running_steps: BTreeMap<usize, RunningStep>,
-    /// Set when the plan is given up: its final report, sent when no agent acts any more.
+    /// Final report of a plan that is given up, sent when no agent acts any more; `None` while the plan
+    /// is not given up.
     final_report: Option<Report>,
-    /// Number of changes that the Domain Maintainer has not confirmed yet. While it is not zero, the
-    /// Domain Maintainer's state is older than the state known here.
+    /// Number of changes that were sent to the Domain Maintainer and that it has not confirmed yet.
+    /// While the number is not zero, the Domain Maintainer's state is older than the state known here.
     unconfirmed_changes: usize,
     check_timer: Option<TimerId>,
-    /// Timer that ends the grace of an absent agent that the plan needs.
+    /// Timer that ends the wait (grace) for an agent that the plan needs and that is absent.
     grace_timer: Option<TimerId>,
-    /// Whether the grace was used since the last check that succeeded.
+    /// Whether the plan has waited for the grace since the last check that succeeded.
     grace_used: bool,
     state_query: Option<WorkHandle>,
-    /// 1 if the last check failed, otherwise 0. A failed check is repeated before the plan is given up:
-    /// news may still be on their way.
+    /// Number of checks of the plan that have failed in a row: 0 or 1. A failed check is repeated once
+    /// before the plan is given up, because news may still be on their way.
     retries: u32,
     /// Confirmed changes that contradict the last heartbeat of their agents, kept until the next
-    /// heartbeat of each.
+    /// heartbeat of each agent.
     unverified_effects: BTreeMap<AgentId, UnverifiedEffect>,
-    /// Timer that limits how long a completed plan waits for these heartbeats.
+    /// Timer that limits how long a completed plan waits for the heartbeats that verify its effects.
     verification_timer: Option<TimerId>,
 }
 
-/// A running step.
+/// A step that an actuator is carrying out.
 #[derive(Clone)]
 struct RunningStep {
     exchange: ReplyToken,
     agent: AgentId,
-    /// Incarnation of the agent that was asked; `None` if the agent was not present.
+    /// Incarnation of the agent that was asked to carry out the step; `None` if the agent was not
+    /// present.
     agent_incarnation: Option<Incarnation>,
-    /// The ground action, under the name that its agent uses.
+    /// The ground action of the step, under the name that its agent uses.
     action: String,
 }
 
@@ -234,7 +239,8 @@ impl PlanExecutor {
 
     // === acting ===
 
-    /// Sends a request for every step with all predecessors done; ends the plan if no step is left.
+    /// Sends a request to an actuator for every step with all predecessors done; ends the plan if no
+    /// step is left.
     fn dispatch(&mut self, token: &ReplyToken, ctx: &mut Context<Self>) {
         let Some(running) = self.running_plans.get_mut(token) else { return };
         if running.final_report.is_some() {
@@ -380,8 +386,8 @@ impl PlanExecutor {
         }
     }
 
-    /// Handles a step that is done: applies its effects, sends them to the Domain Maintainer, and goes
-    /// on.
+    /// Handles a step that is done: applies its effects, sends these effects to the Domain Maintainer,
+    /// and goes on with the plan.
     fn step_done(
         &mut self,
         token: &ReplyToken,
@@ -410,9 +416,9 @@ impl PlanExecutor {
         self.dispatch(token, ctx);
     }
 
-    /// Handles a step that may or may not have been done: the facts it would have changed become
-    /// unknown, and the Plan Requester plans again. The action is not blamed if its agent was
-    /// restarted.
+    /// Handles a step that may or may not have been done: the facts that the step would have changed
+    /// become unknown, and the Plan Requester plans again. The action does not count as failed if its
+    /// agent was restarted.
     fn step_uncertain(
         &mut self,
         (token, step): (&ReplyToken, usize),
@@ -500,8 +506,8 @@ impl PlanExecutor {
 
     // === ending ===
 
-    /// Cancels the running steps; the plan ends when no agent acts any more. An absent agent gets the
-    /// `cancel` if it comes back soon, and is not waited for.
+    /// Gives a plan up: cancels its running steps. The plan ends when no agent acts any more. An absent
+    /// agent receives the `cancel` if it comes back soon, but the end of the plan does not wait for it.
     fn give_up(&mut self, token: &ReplyToken, report: Report, ctx: &mut Context<Self>) {
         let Some(running) = self.running_plans.get_mut(token) else { return };
         if running.final_report.is_none() {

@@ -9,8 +9,8 @@ use agent::{Context, Resource};
 
 use crate::{PlanExecutor, RunningPlan, failure};
 
-/// Delay between a change of the world and the check of the plans. News of one event arrive in several
-/// messages.
+/// Delay between a change of the world and the check of the running plans. News of one event arrive in
+/// several messages, which one check then covers.
 const SETTLE_DELAY: Duration = Duration::from_millis(30);
 
 impl PlanExecutor {
@@ -37,7 +37,7 @@ impl PlanExecutor {
         }
     }
 
-    /// Compares a change that an agent confirmed with its next heartbeat.
+    /// Compares a change that an agent confirmed with the next heartbeat of this agent.
     fn verify_effect(&mut self, token: &ReplyToken, agent: &AgentId, ctx: &mut Context<Self>) {
         let Some(running) = self.running_plans.get_mut(token) else { return };
         let Some(doubt) = running.unverified_effects.get(agent) else { return };
@@ -54,8 +54,9 @@ impl PlanExecutor {
         }
     }
 
-    /// Waits for the next heartbeats of agents that confirmed a step against their last heartbeat,
-    /// after all steps are confirmed; at most as long as an agent may be silent.
+    /// Waits, after all steps of a plan are confirmed, for the next heartbeats of agents that confirmed
+    /// a step although their last heartbeat contradicts it. The wait is at most as long as an agent may
+    /// be silent.
     pub(crate) fn await_verification(&mut self, token: &ReplyToken, ctx: &mut Context<Self>) {
         let Some(running) = self.running_plans.get_mut(token) else { return };
         if running.verification_timer.is_some() {
@@ -72,8 +73,8 @@ impl PlanExecutor {
     }
 
     /// Schedules a check of a plan. If an agent that the plan needs has left, the check waits for the
-    /// grace, so that a short interruption of the network does not end the plan. News about other
-    /// agents do not change this grace.
+    /// grace, so that a short interruption of the network does not end the plan. News about agents that
+    /// the plan does not need do not change this wait.
     fn schedule_check(
         &mut self,
         token: &ReplyToken,
@@ -104,7 +105,7 @@ impl PlanExecutor {
         *timer = Some(check);
     }
 
-    /// Asks for the known state, to check the rest of the plan against it.
+    /// Asks the Domain Maintainer for the known state, to check the rest of a plan against this state.
     fn check(&mut self, token: &ReplyToken, ctx: &mut Context<Self>) {
         let Some(running) = self.running_plans.get_mut(token) else { return };
         (running.check_timer, running.grace_timer) = (None, None);

@@ -4,11 +4,12 @@
 //! A Plan Requester that takes a goal over asks for the plan that its predecessor was running. Three
 //! cases:
 //!
-//! - The plan runs here: it goes on, and the new requester gets its reports too.
+//! - The plan runs here: it goes on, and the new requester gets the plan's reports in addition to the
+//!   former one.
 //! - The plan has ended here: its outcome is sent again.
-//! - The plan is not known here, because the executor that had it is gone: it is begun at the steps
-//!   that are known to be done. The other steps are requested under the same tokens, so that their
-//!   actuators do nothing twice.
+//! - The plan is not known here, because the executor that had it is gone: it is begun here, and the
+//!   steps that are known to be done are left out. The other steps are requested under the same tokens,
+//!   so that their actuators do nothing twice.
 //!
 //! For a moment two daemons may disagree about the leader, and a request of the former leader may
 //! arrive after one of the new leader. So all requesters of a plan get its reports.
@@ -21,21 +22,23 @@ use agent::{Context, Participation, Resident};
 
 use crate::{PlanExecutor, RunningStep};
 
-/// Maximum number of outcomes kept for replicas that take over: more than plans can run side by side.
+/// Maximum number of outcomes that are kept for replicas of the Plan Requester that take over. It
+/// exceeds the number of plans that can run at the same time.
 const ENDED_MAX: usize = 128;
 
 /// Identifier of a plan for a goal. Of two plans, the one with the greater identifier was made later.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct PlanId {
     pub(crate) conversation: ConversationId,
-    /// Term of the leader that made the plan.
+    /// Term of the leading Plan Requester that made the plan.
     pub(crate) term: u64,
-    /// Number of the plan within that term.
+    /// Number of the plan within the leader's term.
     pub(crate) round: u32,
 }
 
-/// Maximum number of requesters that get the reports of one plan: one for each daemon that hosts a Plan
-/// Requester, and repeated requests after executors came and went.
+/// Maximum number of requesters that get the reports of one plan: enough for one on each daemon that
+/// hosts a Plan Requester, and for requests that are repeated after the leader of the Plan Executors
+/// has changed.
 const SUBSCRIBERS_MAX: usize = 8;
 
 /// Exchanges in which a plan was requested, the latest last.
@@ -66,9 +69,9 @@ impl Subscribers {
         Subscribers(vec![first])
     }
 
-    /// Adds a requester. A requester that asks twice gets each report twice: its requests may come in
-    /// any order, so the exchange in which it still listens is not known. If the list is full, drops a
-    /// requester that is not the leader.
+    /// Adds a requester of a plan. A requester that asks twice gets each report twice: its requests may
+    /// arrive in any order, so it is not known in which exchange it still listens. If the list of
+    /// requesters is full, drops a requester that is not the leader.
     fn add(&mut self, asker: &Participation, ctx: &Context<PlanExecutor>) {
         if self.has(Some(&asker.exchange)) {
             return;
@@ -109,8 +112,10 @@ impl FinishedPlans {
 // === impl PlanExecutor ===
 
 impl PlanExecutor {
-    /// Whether a plan is known here, and the request is thereby answered. Gives up an older plan for
-    /// the same goal of the same term; a running plan of another term goes on.
+    /// Answers a request for a plan that this Plan Executor already runs or has ended, and refuses the
+    /// request if a newer plan, or a plan of another term, runs for the same goal. Returns whether the
+    /// request was answered. If an older plan of the same goal and the same term runs, gives that plan
+    /// up.
     pub(crate) fn answer_if_known(
         &mut self,
         engagement: &Participation,
@@ -151,8 +156,8 @@ impl PlanExecutor {
         false
     }
 
-    /// Cancels a plan that is no longer needed. If it does not run here, remembers it as ended: a
-    /// request for it may still be on its way.
+    /// Cancels a plan that is no longer needed. If the plan does not run here, stores it as ended,
+    /// because a request for the plan may still be on its way.
     pub(crate) fn called_off(
         &mut self,
         engagement: &Participation,
@@ -175,8 +180,9 @@ impl PlanExecutor {
         self.running_plans.get(token).is_some_and(|running| running.final_report.is_none())
     }
 
-    /// Refuses a new plan for a goal and returns the running one. The requester did not know of it: it
-    /// was made just before that replica took over, or on the other side of a partition.
+    /// Refuses a request for a new plan for a goal, and sends the running plan with the refusal. The
+    /// requester did not know of the running plan, which was made just before the requester took over,
+    /// or on the other side of a partition.
     fn refuse_with_running(
         &mut self,
         token: &ReplyToken,
@@ -192,7 +198,7 @@ impl PlanExecutor {
         ctx.answer(engagement, Performative::Refuse, &refusal);
     }
 
-    /// Adds a requester to a running plan and reports to it all steps that are done.
+    /// Adds a requester to a running plan and reports to this requester all steps that are done.
     fn add_subscriber(
         &mut self,
         token: &ReplyToken,
@@ -210,7 +216,7 @@ impl PlanExecutor {
     }
 
     /// Repeats the requests to an actuator that was restarted during a step, under the same tokens. The
-    /// new incarnation answers whether the step had begun; the former one will not answer.
+    /// new incarnation answers whether the step had begun; the former incarnation will not answer.
     pub(crate) fn repeat_requests(&mut self, resident: &Resident, ctx: &mut Context<Self>) {
         for running in
             self.running_plans.values_mut().filter(|running| running.final_report.is_none())
@@ -228,9 +234,9 @@ impl PlanExecutor {
         }
     }
 
-    /// Stops following all running plans: another executor leads and continues them under the same
-    /// tokens. A step that the new leader does not continue, because it has another plan for that goal,
-    /// is cancelled by its actuator.
+    /// Stops following all running plans: another Plan Executor leads and continues these plans under
+    /// the same tokens. A step that the new leader does not continue, because that leader has another
+    /// plan for the goal, is cancelled by the actuator of the step.
     pub(crate) fn abandon_all(&mut self, ctx: &mut Context<Self>) {
         let cancelling = value(&Cancelling { unless_followed: true });
         for (_, running) in std::mem::take(&mut self.running_plans) {

@@ -8,28 +8,29 @@ use acl::AgentId;
 use acl::content::{Method, Offer, Offers};
 use pddl::{Domain, PlanStep};
 
-/// Request to an actuator.
+/// The request that is sent to an actuator for one step.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct ActionRequest {
     pub(crate) agent: AgentId,
-    /// The ground action, under the name that its agent uses.
+    /// The ground action to carry out, under the name that its agent uses.
     pub(crate) action: String,
     pub(crate) method: String,
     pub(crate) arguments: BTreeMap<String, String>,
     pub(crate) timeout: Duration,
 }
 
-/// Returns the agent that acts in a step: its first argument. `None` if that is no valid agent name.
+/// Returns the agent that acts in a step, which is the first argument of the step; `None` if that
+/// argument is not a valid agent name.
 pub(crate) fn acting_agent(step: &PlanStep) -> Option<AgentId> {
     AgentId::new(step.arguments.first()?.as_str()).ok()
 }
 
-/// Translates a step.
+/// Translates a step of a plan into the request for its actuator.
 ///
 /// # Errors
 ///
-/// Returns an error if the agent does not offer the action or its method does not fit; the text
-/// completes “step `…`: ”.
+/// Returns an error if the agent does not offer the action or if the method of the action does not fit.
+/// The text of the error completes “step `…`: ”.
 pub(crate) fn translate(
     step: &PlanStep,
     domain: &Domain,

@@ -1,9 +1,10 @@
-//! The decentralised flow, initiator side of the contract net: calls all actuators for proposals; the
-//! cheapest set that covers the goal wins (the paper, “Flow of Control in Decentralized Plan
-//! Execution”).
+//! The decentralised planning flow, from the side of the initiator of the contract net. The Plan
+//! Requester calls all actuators for proposals. The cheapest set that covers the goal wins (the paper,
+//! “Flow of Control in Decentralized Plan Execution”).
 //!
-//! A round closes when all called agents have answered or left, or at its deadline. If one agent is the
-//! cheapest bidder for several conjuncts, a second round asks it for all of them together.
+//! A round of calls closes when all called agents have answered or left, or at the deadline of the
+//! round. If one agent is the cheapest bidder for several conjuncts, a second round asks it for all of
+//! them together.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -27,31 +28,32 @@ use crate::scheduling::PlanDecision;
 use crate::selection::{Bids, Selection, bundles, selections, uncovered};
 use crate::{ANNOUNCEMENT_DELAY, PlanRequester};
 
-/// A call under way.
+/// State of a call for proposals that has not ended.
 pub(crate) struct ContractNetState {
     known: Arc<PlanningSnapshot>,
     open: Vec<Condition>,
     conjuncts: Vec<String>,
-    /// Agents that have not answered in this round, with the exchange of each.
+    /// Called agents that have not answered in this round, each with the exchange of its call.
     awaited: BTreeMap<AgentId, ReplyToken>,
     bids: Bids,
     refusals: BTreeMap<AgentId, String>,
     silent: BTreeSet<AgentId>,
-    /// Bidders with plans that use actions which the Domain Maintainer does not list for them yet.
+    /// Agents with bids that use actions which the Domain Maintainer does not list for these agents
+    /// yet.
     ahead: BTreeSet<AgentId>,
-    /// The exchange in which each proposal was made.
+    /// The agent and the conjuncts of each proposal, with the exchange in which the proposal was made.
     made_in: Vec<(AgentId, Vec<String>, ReplyToken)>,
     tokens: Vec<ReplyToken>,
-    /// Closes the round at its deadline.
+    /// Timer that closes the round at its deadline.
     timer: TimerId,
-    /// Sends the call again to agents that have not answered.
+    /// Timer that sends the call again to agents that have not answered.
     reminder: TimerId,
     is_second_round: bool,
 }
 
 impl ContractNetState {
     /// Returns the cheapest set of proposals that together reach the goal, with the combined plan and
-    /// its cost. Otherwise returns the faults of the sets that were tried.
+    /// its cost. Otherwise returns the reasons why the sets that were tried are not valid.
     fn cheapest_valid(
         &mut self,
         wanted: &Condition,
@@ -85,8 +87,8 @@ impl ContractNetState {
         Err(problems)
     }
 
-    /// Drops proposals with a plan that does not reach the conjuncts they cover. Returns whether there
-    /// were any.
+    /// Drops each proposal with a plan that does not reach all conjuncts that the proposal covers.
+    /// Returns whether any proposal was dropped.
     fn drop_unsound(&mut self) -> bool {
         let count = |bids: &Bids| bids.values().map(Vec::len).sum::<usize>();
         let before = count(&self.bids);
@@ -95,13 +97,13 @@ impl ContractNetState {
         count(&self.bids) < before
     }
 
-    /// Rejects all proposals and closes the exchanges.
+    /// Rejects all proposals of the call and closes the exchanges with the bidders.
     pub(crate) fn reject_all(self, why: &str, ctx: &mut Context<PlanRequester>) {
         self.award(None, why, ctx);
     }
 
-    /// Accepts the chosen proposals, rejects all others with the reason `why`, and closes the
-    /// exchanges.
+    /// Accepts the chosen proposals, rejects all others with the reason `why`, and closes the exchanges
+    /// with the bidders.
     fn award(self, chosen: Option<&Selection>, why: &str, ctx: &mut Context<PlanRequester>) {
         ctx.cancel_timer(self.timer);
         ctx.cancel_timer(self.reminder);
@@ -141,7 +143,7 @@ impl ContractNetState {
 }
 
 impl PlanRequester {
-    /// Calls all actuators for proposals.
+    /// Calls all actuators for proposals for a goal.
     pub(crate) fn call_for_proposals(
         &mut self,
         id: &ConversationId,
@@ -216,8 +218,8 @@ impl PlanRequester {
         ctx.after(deadline, move |requester: &mut Self, ctx| requester.close_round(&called, ctx))
     }
 
-    /// Sends the call again to silent agents after `after`, and again at doubled intervals until the
-    /// round ends.
+    /// Starts the timer that sends the call again to agents without an answer: first after the time
+    /// `after`, then at doubled intervals until the round ends.
     fn reminder(
         &mut self,
         id: &ConversationId,
@@ -368,7 +370,8 @@ impl PlanRequester {
         self.explain_missing_plan(id, Arc::unwrap_or_clone(known), explained, ctx);
     }
 
-    /// Handles a set of proposals that is valid: executes it, unless other goals come first.
+    /// Handles a valid set of proposals that was chosen: executes the combined plan, unless other goals
+    /// come first.
     fn chosen(
         &mut self,
         id: &ConversationId,
@@ -393,7 +396,8 @@ impl PlanRequester {
     }
 }
 
-/// Returns why no set of proposals is valid. `missing` are the conjuncts that no proposal covers.
+/// Returns the reason why no set of proposals is valid. `missing` are the conjuncts that no proposal
+/// covers.
 fn why_none(
     known: &PlanningSnapshot,
     goal: &Condition,

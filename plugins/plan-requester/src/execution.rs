@@ -1,4 +1,5 @@
-//! Execution of a plan, and replanning when it fails. Both flows use it.
+//! Execution of a plan, and replanning when it fails. Centralised and decentralised planning share this
+//! module.
 
 use std::time::Duration;
 
@@ -12,7 +13,7 @@ use crate::goal::GoalPhase;
 use crate::planning_snapshot::PlanningSnapshot;
 
 impl PlanRequester {
-    /// Reports the plan to the user and asks the Plan Executor to execute it.
+    /// Reports the plan of a goal to the user and asks the Plan Executor to execute it.
     pub(crate) fn execute(
         &mut self,
         id: &ConversationId,
@@ -53,8 +54,9 @@ impl PlanRequester {
         self.schedule_next(ctx);
     }
 
-    /// Asks the Plan Executor to execute the goal's plan from its present step. The executor may
-    /// already run this plan, for this replica or for another.
+    /// Asks the Plan Executor to execute the goal's plan from the first step that is not done. The Plan
+    /// Executor may already run this plan, for this replica or for another replica of the Plan
+    /// Requester.
     pub(crate) fn ask_executor(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         let Some(execute) = goal.plan.clone() else { return };
@@ -136,8 +138,8 @@ impl PlanRequester {
         }
     }
 
-    /// Adopts another plan of the goal that is already running. Another replica made it without the
-    /// knowledge of this one.
+    /// Adopts a plan of the goal that is already running, in place of the plan made here. Another
+    /// replica of the Plan Requester made the running plan without the knowledge of this one.
     fn adopt_running_plan(&mut self, id: &ConversationId, plan: Execute, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         let is_cancelled = matches!(goal.phase, GoalPhase::Cancelling(_));
@@ -186,7 +188,8 @@ impl PlanRequester {
         }
     }
 
-    /// Handles a failed plan: avoids the failed action for a while and makes another plan at once.
+    /// Handles a failed plan: avoids the failed action for a while, and makes another plan for the goal
+    /// at once.
     fn execution_failed(&mut self, id: &ConversationId, report: Report, ctx: &mut Context<Self>) {
         let now = ctx.now();
         let Some(goal) = self.goals.get_mut(id) else { return };
@@ -197,8 +200,8 @@ impl PlanRequester {
     }
 }
 
-/// Returns the plan that runs instead, if the executor refused for that reason; otherwise returns
-/// `answer`.
+/// Returns the plan that is running instead of the requested one, if the Plan Executor refused the
+/// request for that reason; otherwise returns `answer` unchanged.
 pub(crate) fn running_plan_of_refusal(
     answer: ExchangeEvent,
 ) -> Result<Box<Execute>, ExchangeEvent> {
@@ -210,8 +213,8 @@ pub(crate) fn running_plan_of_refusal(
     refusal.and_then(|refusal| refusal.under_way).ok_or(answer)
 }
 
-/// Reads the Plan Executor's report. If there is none, returns the reason and how long to wait before
-/// the next try.
+/// Returns the Plan Executor's report from `answer`. If the answer contains no report, returns the
+/// reason and how long to wait before the next try.
 fn read(answer: ExchangeEvent) -> Result<Report, (String, Duration)> {
     let message = match answer {
         ExchangeEvent::Message(message) => message,
@@ -229,7 +232,8 @@ fn read(answer: ExchangeEvent) -> Result<Report, (String, Duration)> {
     })
 }
 
-/// Returns the agent and the name of a ground action that failed. `None` if it cannot be parsed.
+/// Returns the agent and the action name of a ground action that failed; `None` if `action` cannot be
+/// parsed.
 fn blamed(action: &str) -> Option<(AgentId, String)> {
     let step = pddl::parse_step(action).into_result().ok()?;
     let agent = AgentId::new(step.arguments.first()?.as_str()).ok()?;

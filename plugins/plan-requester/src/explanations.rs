@@ -1,5 +1,5 @@
 //! Explanations for people: why there is no plan, why these agents were chosen, what changed since the
-//! last plan. Pure functions: they make text of what the other modules found.
+//! last plan. All functions here are pure: they turn results of the other modules into text.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,7 +14,8 @@ use crate::selection::{Bids, Selection};
 /// Maximum number of things of one kind that are listed by name; the rest is only counted.
 const NAMED_MAX: usize = 3;
 
-/// Returns why a goal cannot be reached; `None` if the relaxation shows no obstacle.
+/// Returns why a goal cannot be reached; `None` if the relaxation (planning as if no action undid
+/// another) shows no obstacle.
 pub(crate) fn obstacles(explanation: &Explanation, avoided: &AvoidedActions) -> Option<String> {
     if explanation.obstacles.is_empty() {
         return None;
@@ -38,8 +39,8 @@ pub(crate) fn describe_avoided(avoided: &AvoidedActions) -> String {
     if told.is_empty() { told } else { format!(" ({told})") }
 }
 
-/// Returns why these agents were chosen, and the bids and refusals of the others; `None` if no other
-/// agent answered or stayed silent.
+/// Returns, as text for a person, why the agents of the chosen proposals were chosen, and the bids,
+/// refusals and silence of the other agents. `None` if there is nothing to report of any other agent.
 pub(crate) fn describe_choice(
     chosen: &Selection,
     bids: &Bids,
@@ -84,8 +85,9 @@ pub(crate) fn describe_choice(
     Some(text)
 }
 
-/// Returns the proposal of another agent that shares most conjuncts with a chosen one, and the number
-/// of shared conjuncts. Of several the cheapest. `None` if no proposal shares any.
+/// Returns the proposal among `others` that shares most conjuncts with the chosen proposal, and the
+/// number of shared conjuncts. If several share as many, returns the cheapest of them; `None` if no
+/// proposal shares any conjunct.
 fn closest<'a>(chosen: &Proposal, others: &'a [Proposal]) -> Option<(usize, &'a Proposal)> {
     let shared = |other: &Proposal| {
         other.covers.iter().filter(|conjunct| chosen.covers.contains(conjunct)).count()
@@ -96,13 +98,14 @@ fn closest<'a>(chosen: &Proposal, others: &'a [Proposal]) -> Option<(usize, &'a 
         .max_by(|(one, first), (two, second)| one.cmp(two).then(second.cost.total_cmp(&first.cost)))
 }
 
-/// Facts and offers seen by a round of planning that concern its goal. The next round reports the
-/// differences.
+/// The facts, and the actions offered by agents, that concern a goal, as one round of planning saw
+/// them. The next round reports what has changed since.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct GoalContext {
-    /// Agents that offer any action.
+    /// Agents that offer any action at all.
     agents: BTreeSet<AgentId>,
-    /// Preconditions and effects of each action, by agent and action.
+    /// Preconditions and effects of each action, by the agent that offers the action and by the
+    /// action's name.
     offers: BTreeMap<(AgentId, String), String>,
     facts: BTreeSet<String>,
 }
@@ -110,8 +113,8 @@ pub(crate) struct GoalContext {
 // === impl GoalContext ===
 
 impl GoalContext {
-    /// Collects what concerns a goal: the actions that could contribute to it, and the facts that the
-    /// goal or these actions use.
+    /// Collects what concerns a goal: the actions that could contribute to the goal, and the facts that
+    /// the goal or these actions use.
     pub(crate) fn of(known: &PlanningSnapshot, goal: &Condition) -> GoalContext {
         let relevant = RelevantSymbols::to(known, goal);
         let guards: BTreeSet<&Name> = known.guards.values().map(|guard| &guard.predicate).collect();
@@ -141,8 +144,9 @@ impl GoalContext {
         }
     }
 
-    /// Returns the differences between `self` and `now` as text for a person; `None` if there are none.
-    /// Facts that plans change are left out, unless they are among the `open` conjuncts of the goal.
+    /// Returns the differences between the earlier context `self` and the present context `now` as text
+    /// for a person; `None` if there are none. Facts that plans change are left out, unless they are
+    /// among the `open` conjuncts of the goal.
     pub(crate) fn describe_changes(
         &self,
         now: &GoalContext,
@@ -184,8 +188,8 @@ impl GoalContext {
     }
 }
 
-/// Symbols and actions that may matter to a goal: every action that changes a symbol of the goal, the
-/// symbols in that action's precondition, and so on, transitively.
+/// Symbols and actions that may matter to a goal: the symbols of the goal, every action that changes
+/// one of them, the symbols in the preconditions of these actions, and so on, transitively.
 struct RelevantSymbols<'k> {
     symbols: BTreeSet<&'k Name>,
     actions: BTreeSet<&'k Name>,
@@ -226,7 +230,7 @@ impl<'k> RelevantSymbols<'k> {
     }
 }
 
-/// Whether an effect changes one of these symbols.
+/// Whether `effect` changes any of `symbols`.
 fn touches(effect: &Effect, symbols: &BTreeSet<&Name>) -> bool {
     effect.parts().any(|part| match part {
         Effect::Add(atom) | Effect::Delete(atom) => symbols.contains(&atom.predicate),
@@ -235,7 +239,8 @@ fn touches(effect: &Effect, symbols: &BTreeSet<&Name>) -> bool {
     })
 }
 
-/// Returns parameters, precondition and effect of a schema as text, without its name and its guards.
+/// Returns the parameters, the precondition and the effect of an action schema as text, without the
+/// name of the action and without guards (the facts that let one agent use an action).
 fn meaning(schema: &ActionSchema, guards: &BTreeSet<&Name>) -> String {
     let is_guard = |part: &Condition| matches!(part, Condition::Atom(atom) if guards.contains(&atom.predicate));
     let parts = match &schema.precondition {
@@ -269,18 +274,18 @@ fn changed_by(effect: &Effect, names: &mut BTreeSet<String>) {
     }
 }
 
-/// Whether a fact, given as text, is an atom of this predicate.
+/// Whether a fact, given as text, is an atom of `predicate`.
 fn is_of(fact: &str, predicate: &str) -> bool {
     let inner = fact.trim_start_matches('(').trim_end_matches(')');
     inner.split(' ').next().is_some_and(|first| first.eq_ignore_ascii_case(predicate))
 }
 
-/// Joins sentences about parts of one goal; at most [`NAMED_MAX`] of them.
+/// Joins sentences about parts of one goal; joins at most [`NAMED_MAX`] of them.
 pub(crate) fn listed_all(sentences: impl Iterator<Item = String>) -> String {
     listed(sentences.collect(), ". Also, ")
 }
 
-/// Joins the first [`NAMED_MAX`] things and adds how many more there are.
+/// Joins the first [`NAMED_MAX`] of `things` and adds how many more there are.
 fn listed(mut things: Vec<String>, separator: &str) -> String {
     let rest = things.len().saturating_sub(NAMED_MAX);
     things.truncate(NAMED_MAX);
@@ -397,7 +402,7 @@ mod tests {
         assert_eq!(describe_choice(&selection, &alone, &BTreeMap::new(), &BTreeSet::new()), None);
     }
 
-    /// Returns the news of a goal between two rounds of planning.
+    /// Returns the changes that are reported for a goal between two rounds of planning.
     fn news(
         before: &PlanningSnapshot,
         after: &PlanningSnapshot,

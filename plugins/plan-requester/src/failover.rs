@@ -27,7 +27,7 @@ use crate::{PlanRequester, SETTLE_DELAY};
 const GOAL: &str = "goal/";
 const PLAN: &str = "plan/";
 
-/// Replicated record of a goal.
+/// Record of a goal, as it is replicated to the Journals.
 #[derive(Debug, Serialize, Deserialize)]
 struct GoalRecord {
     engagement: Participation,
@@ -36,16 +36,18 @@ struct GoalRecord {
     asked: Achieve,
     rounds: u32,
     failures: u32,
-    /// The running plan; `None` if none runs.
+    /// Identifier of the running plan of the goal; `None` if no plan runs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     running: Option<RunningPlanId>,
-    /// History of the goal, oldest entry first. Records of older versions lack it.
+    /// History of the goal, oldest entry first. Records that older versions of Althing wrote lack the
+    /// history.
     #[serde(default)]
     happened: Vec<HistoryEntry>,
-    /// Whether the goal is being cancelled. The agent that asked for this was told that it is.
+    /// Whether the goal is being cancelled. The agent that requested the cancellation has received the
+    /// confirmation.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     cancelled: bool,
-    /// The final report; `None` if the goal has not ended.
+    /// The final report about the goal; `None` if the goal has not ended.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     ended: Option<Report>,
 }
@@ -54,7 +56,7 @@ struct GoalRecord {
 struct RunningPlanId {
     term: u64,
     round: u32,
-    /// Indices of the steps that are known to be done.
+    /// Indices of the plan's steps that are known to be done.
     done: Vec<u32>,
 }
 
@@ -96,7 +98,7 @@ impl ReplicatesRecords for PlanRequester {
 impl PlanRequester {
     // === replication ===
 
-    /// Sends the record of a new goal to the Journals, and reports to the initiator which of them have
+    /// Sends the record of a new goal to the Journals, and reports to the initiator which Journals have
     /// it.
     pub(crate) fn replicate_new_goal(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         if self.keeper.journals().is_empty() {
@@ -138,7 +140,7 @@ impl PlanRequester {
         self.send(&records, ctx);
     }
 
-    /// Records in the Journals that a goal is cancelled, and calls `then` once enough of them have
+    /// Records in the Journals that a goal is cancelled, and calls `then` once enough Journals have
     /// answered or the time for an answer has passed.
     pub(crate) fn replicate_cancellation(
         &mut self,
@@ -152,7 +154,8 @@ impl PlanRequester {
         replication::replicate(self, &[record], ctx, move |_, _, ctx| then(ctx));
     }
 
-    /// Sends all records again. Called when a Journal joins, which may have missed any of them.
+    /// Sends all records to the Journals again. Called when a Journal joins, because it may have missed
+    /// any of the records.
     pub(crate) fn replicate_all(&mut self, ctx: &mut Context<Self>) {
         let goals: Vec<_> = self.goals.keys().cloned().collect();
         goals.iter().for_each(|id| self.replicate_plan(id, ctx));
@@ -162,8 +165,8 @@ impl PlanRequester {
         }
     }
 
-    /// Sends an initiator that has joined the outcomes of its goals and which of them hold. It may have
-    /// missed them.
+    /// Sends the outcomes of ended goals, and which kept goals hold, to their initiator when it has
+    /// joined: it may have missed these reports.
     pub(crate) fn send_missed_outcomes(&mut self, asker: &Resident, ctx: &mut Context<Self>) {
         for (engagement, report) in self.ended.of_asker(asker) {
             self.send_or_queue(&engagement, report, ctx);
@@ -208,8 +211,8 @@ impl PlanRequester {
         self.send(&records, ctx);
     }
 
-    /// Removes the plan of a goal that has ended or holds from the Journals. The replica that ended the
-    /// goal may not know of this plan, if the plan was made on the other side of a partition.
+    /// Removes the plan of a goal from the Journals when the goal has ended or holds. The replica that
+    /// ended the goal may not know of this plan, if the plan was made on the other side of a partition.
     pub(crate) fn forget_plan(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let forgotten = self.keeper.write(format!("{PLAN}{id}"), Value::Null);
         self.send(&[forgotten], ctx);
@@ -225,7 +228,7 @@ impl PlanRequester {
         Some(record)
     }
 
-    /// Returns the records of a goal and of its running plan, if one runs.
+    /// Returns the record of a goal and, if its plan is running, the record of that plan.
     fn records_of(&mut self, id: &ConversationId) -> Vec<Record> {
         let Some(goal) = self.goals.get(id) else { return Vec::new() };
         let body = value(&record_of(goal));
@@ -310,7 +313,8 @@ impl PlanRequester {
         self.resume_from_record(record, version, plan, ctx);
     }
 
-    /// Whether a later incarnation of the initiator has asked again before the record arrived.
+    /// Whether a later incarnation of the initiator has requested the same goal again here, before the
+    /// record of the earlier request arrived.
     fn is_asked_anew(&self, GoalRecord { engagement, life, asked, .. }: &GoalRecord) -> bool {
         self.goals.values().any(|goal| {
             let is_same = goal.text == asked.goal && goal.keep == asked.keep;
@@ -320,15 +324,15 @@ impl PlanRequester {
         })
     }
 
-    /// Returns the exchange in which the same incarnation of the initiator has asked this replica;
-    /// `None` if it has not.
+    /// Returns the exchange in which this replica was asked for the goal by the same incarnation of the
+    /// initiator that asked `elsewhere`; `None` if that incarnation has not asked this replica.
     fn local_exchange(&self, elsewhere: &Participation) -> Option<Participation> {
         let engagement = &self.goals.get(&elsewhere.conversation)?.engagement;
         (engagement.life == elsewhere.life).then(|| engagement.clone())
     }
 
-    /// Handles a record that is older than the goal here. If no plan runs here, the plan of the other
-    /// replica is called off: a kept goal may already hold without it.
+    /// Handles a record that is older than this replica's own state of the goal. If no plan runs here,
+    /// cancels the plan of the other replica: a kept goal may already hold without that plan.
     fn keep_own_state(
         &mut self,
         id: &ConversationId,
@@ -341,7 +345,7 @@ impl PlanRequester {
         }
     }
 
-    /// Calls off the running plan of a goal that has ended, and removes the plan from the Journals.
+    /// Cancels the running plan of a goal that has ended, and removes the plan from the Journals.
     fn drop_plan(&mut self, id: &ConversationId, plan: Option<&Execute>, ctx: &mut Context<Self>) {
         if plan.is_some() || self.goals.get(id).is_some_and(|goal| goal.plan.is_some()) {
             self.forget_plan(id, ctx);
@@ -351,8 +355,8 @@ impl PlanRequester {
         }
     }
 
-    /// Cancels a goal that had not ended when the leader changed, although its cancellation was already
-    /// confirmed.
+    /// Cancels a goal that had not ended when the leader changed, although the former leader had
+    /// already confirmed its cancellation.
     fn cancel_restored(
         &mut self,
         id: &ConversationId,
@@ -367,8 +371,8 @@ impl PlanRequester {
         self.replicate_finished(id, report, record, ctx);
     }
 
-    /// Sends the outcome of a goal to its initiator, if the same incarnation is still present. It may
-    /// have missed the outcome; if not, the repetition has no effect.
+    /// Sends the outcome of a goal to its initiator, if the incarnation that requested the goal is
+    /// still present. The initiator may have missed the outcome; if not, the repetition has no effect.
     fn send_outcome(&mut self, record: &GoalRecord, report: &Report, ctx: &mut Context<Self>) {
         let GoalRecord { engagement, life, .. } = record;
         self.ended.store_sent(engagement.clone(), report.clone());
@@ -377,7 +381,7 @@ impl PlanRequester {
         }
     }
 
-    /// Resumes a goal from its record.
+    /// Resumes a goal from the record in the Journals.
     fn resume_from_record(
         &mut self,
         record: GoalRecord,
@@ -413,21 +417,21 @@ impl PlanRequester {
         }
     }
 
-    /// Whether this side keeps its own state of a goal that the other side has too: always, unless only
-    /// the other side has a running plan.
+    /// Whether this replica keeps its own state of a goal that was pursued on both sides of a
+    /// partition: always, unless only the other side has a running plan (`theirs_runs`).
     fn keeps_own_state(&self, id: &ConversationId, theirs_runs: bool) -> bool {
         self.goals.get(id).is_some_and(|goal| goal.phase.is_running() || !theirs_runs)
     }
 
-    /// Asks the executor for the running plan again. If the other side has asked for the same plan, the
-    /// executor would report to that side only.
+    /// Asks the Plan Executor again for the running plan of a goal. If the other side has asked for the
+    /// same plan, the Plan Executor would otherwise report to that side only.
     fn follow_again(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         if self.goals.get(id).is_some_and(|goal| matches!(goal.phase, GoalPhase::Executing(_))) {
             self.ask_executor(id, ctx);
         }
     }
 
-    /// Cancels the plan of a goal that has ended on the other side.
+    /// Cancels the running plan of a goal that has ended on the other side of a partition.
     fn cancel_running_plan(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         if let GoalPhase::Executing(token) = &goal.phase {
@@ -439,7 +443,7 @@ impl PlanRequester {
         }
     }
 
-    /// Removes a goal without ending it: another replica resumes it.
+    /// Removes a goal from this replica without ending it: another replica resumes the goal.
     fn drop_goal(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.remove(id) else { return };
         if let Some(timer) = goal.timer {
@@ -457,7 +461,7 @@ impl PlanRequester {
         }
     }
 
-    /// Stands down: hands all goals over to the new leader.
+    /// Stands down from leading: hands all goals over to the new leader.
     pub(crate) fn resign(&mut self, ctx: &mut Context<Self>) {
         let mut records = self.ended.records();
         let goals: Vec<_> = self.goals.keys().cloned().collect();
@@ -472,8 +476,8 @@ impl PlanRequester {
 
     /// Asks a new leader or incarnation of the Plan Executor for all running plans.
     ///
-    /// It asks [`SETTLING`] later: if the leader of the Plan Requesters changes at the same time, this
-    /// replica stands down first, and only the new leader asks.
+    /// The requests are sent after [`SETTLE_DELAY`]: if the leader of the Plan Requesters changes at the
+    /// same time, this replica stands down first, and only the new leader asks.
     pub(crate) fn executor_came(&mut self, ctx: &mut Context<Self>) {
         let asked = |goal: &Goal| match &goal.phase {
             GoalPhase::Executing(token) => Some(token.clone()),
@@ -494,7 +498,7 @@ impl PlanRequester {
 
     /// Returns the reason why this partition must not plan for the goal: it does not hold a quorum. A
     /// partition has the quorum if it reaches a majority of the configured Journals, or exactly half of
-    /// them including the first one listed. `None` if the goal may be planned for.
+    /// them including the Journal that is listed first. `None` if the goal may be planned for.
     pub(crate) fn missing_quorum(
         &self,
         id: &ConversationId,
@@ -515,7 +519,7 @@ impl PlanRequester {
         })
     }
 
-    /// Makes a goal wait for the quorum, and reports this once.
+    /// Makes a goal wait until this partition holds the quorum, and reports the waiting once.
     pub(crate) fn wait_for_quorum(
         &mut self,
         id: &ConversationId,
@@ -532,7 +536,7 @@ impl PlanRequester {
         self.schedule_next(ctx);
     }
 
-    /// Considers the goals again that wait for a quorum.
+    /// Considers again all goals that wait for the quorum.
     pub(crate) fn reconsider_waiting(&mut self, ctx: &mut Context<Self>) {
         let waits = |goal: &Goal| {
             goal.partition == Partition::Wait
@@ -544,13 +548,13 @@ impl PlanRequester {
     }
 }
 
-/// Returns the conversation of the goal that the key of a record names; `None` if it is no record of a
-/// goal.
+/// Returns the conversation of the goal that the key of a record names; `None` if `key` is not the key
+/// of a goal's record.
 pub(crate) fn conversation_of(key: &str) -> Option<ConversationId> {
     key.strip_prefix(GOAL).map(ConversationId::new)
 }
 
-/// Report that a kept goal holds.
+/// Returns the report that a kept goal holds.
 pub(crate) fn holding() -> Report {
     Report::new(Outcome::Holds, "the goal holds; it is watched")
 }
@@ -585,7 +589,7 @@ fn record_of(goal: &Goal) -> GoalRecord {
     }
 }
 
-/// Text that tells the initiator which Journals have its new goal.
+/// Returns the text that tells the initiator which Journals have its new goal.
 fn acceptance(kept: &ReplicationOutcome, listed: usize) -> String {
     let mut names: Vec<_> = kept.stored_by.iter().map(|journal| format!("`{journal}`")).collect();
     names.sort();

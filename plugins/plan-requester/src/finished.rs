@@ -13,11 +13,11 @@ use crate::failover::conversation_of;
 const KNOWN_MAX: usize = 128;
 
 /// Maximum number of final records that are sent once more to Journals that join and to a new leader.
-/// Either may have missed the first message.
+/// The Journals and the new leader may have missed the first message.
 const OWN_MAX: usize = 32;
 
-/// Maximum number of outcomes that are sent once more to initiators that come back or ask again: as
-/// many as goals can be pursued at a time.
+/// Maximum number of outcomes that are sent once more to initiators that come back or ask again: the
+/// number of goals that can be pursued at a time.
 const TOLD_MAX: usize = crate::GOALS_MAX;
 
 /// Cache of goals that have ended.
@@ -32,7 +32,7 @@ pub(crate) struct FinishedGoals {
 }
 
 impl FinishedGoals {
-    /// Whether a record of at least this version says that the goal has ended.
+    /// Whether the cache knows that a goal has ended, from a record of this version or a later one.
     pub(crate) fn has(&self, id: &ConversationId, version: Version) -> bool {
         self.known.iter().any(|(other, at, _)| other == id && *at >= version)
     }
@@ -42,7 +42,7 @@ impl FinishedGoals {
         self.known.iter().find(|(other, ..)| other == id).map(|(_, _, report)| report)
     }
 
-    /// Adds an outcome. Returns the goals that were dropped to make room.
+    /// Adds the outcome of a goal. Returns the goals that were dropped from the cache to make room.
     pub(crate) fn add_outcome(
         &mut self,
         id: ConversationId,
@@ -64,18 +64,19 @@ impl FinishedGoals {
         self.own.push_back(record);
     }
 
-    /// Returns the final record of a goal; `None` if there is none here.
+    /// Returns the final record of a goal; `None` if the cache has no record of it.
     pub(crate) fn record(&self, id: &ConversationId) -> Option<Record> {
         let is_it = |record: &&Record| conversation_of(&record.key).as_ref() == Some(id);
         self.own.iter().find(is_it).cloned()
     }
 
-    /// Returns the final records of the goals that ended last, the oldest first.
+    /// Returns the final records of the goals that this replica ended last, the oldest first.
     pub(crate) fn records(&self) -> Vec<Record> {
         self.own.iter().cloned().collect()
     }
 
-    /// Stores an outcome that was sent to the initiator. Whether it arrived is not known.
+    /// Stores an outcome that was sent to the initiator of a goal. Whether the message arrived is not
+    /// known.
     pub(crate) fn store_sent(&mut self, engagement: Participation, report: Report) {
         self.sent.retain(|(other, _)| other.exchange != engagement.exchange);
         if self.sent.len() >= TOLD_MAX {
@@ -84,8 +85,8 @@ impl FinishedGoals {
         self.sent.push_back((engagement, report));
     }
 
-    /// Queues an outcome that could not be sent. The queue has a bound: each entry counts towards the
-    /// goals that are accepted at a time.
+    /// Queues an outcome that could not be sent to its initiator. The queue is bounded, because each
+    /// outcome in it counts towards the maximum number of goals that are accepted at a time.
     pub(crate) fn queue_unsent(&mut self, engagement: Participation, report: Report) {
         self.unsent.push_back((engagement, report));
     }
@@ -107,7 +108,8 @@ impl FinishedGoals {
         self.unsent.len()
     }
 
-    /// Returns the outcome of the goal that `engagement` asks for once more; `None` if it is unknown.
+    /// Returns the outcome of the goal that is requested once more with `engagement`; `None` if no
+    /// outcome is known.
     pub(crate) fn of(&self, engagement: &Participation) -> Option<&Report> {
         let is_it = |other: &Participation| {
             other.conversation == engagement.conversation && other.initiator == engagement.initiator
@@ -115,7 +117,7 @@ impl FinishedGoals {
         self.sent.iter().find(|(other, _)| is_it(other)).map(|(_, report)| report)
     }
 
-    /// Returns the outcomes that an agent which has just joined may not have received.
+    /// Returns the outcomes that `asker`, an agent that has just joined, may not have received.
     pub(crate) fn of_asker(&self, asker: &Resident) -> Vec<(Participation, Report)> {
         let is_its = |engagement: &Participation| {
             engagement.initiator == asker.agent

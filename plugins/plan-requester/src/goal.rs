@@ -1,4 +1,4 @@
-//! One goal: its condition, its phase, and its history.
+//! One goal of the Plan Requester: its condition, its phase, and its history.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, SystemTime};
@@ -20,23 +20,24 @@ use crate::scheduling::{ExplanationTask, PlanningMode};
 const HISTORY_LINES_MAX: usize = 64;
 
 /// How long a failed action is avoided after its first failure. The time doubles with every failure, up
-/// to `AVOIDED_MAX`. A loose contact needs seconds, a repair minutes.
+/// to `AVOIDED_MAX`. A loose contact recovers within seconds, a repair takes minutes.
 const AVOIDED_FIRST: Duration = Duration::from_secs(10);
 const AVOIDED_MAX: Duration = Duration::from_secs(300);
 
-/// Warm-up after a fail-over. During this time a missing agent does not count as gone: daemons that
-/// boot together need this long to connect and to announce their models.
+/// Duration of the warm-up after a fail-over, in which a missing agent does not count as gone. Daemons
+/// that boot together need this long to connect and to announce their models.
 const WARM_UP: Duration = Duration::from_secs(10);
 
-/// Number of failures after which a goal to be achieved stops using an action. The action is tried at
-/// once, after ten seconds and after thirty; then the user is told.
+/// Number of failures of an action after which it is no longer used for a goal that is to be achieved
+/// once. The action is tried at once, after ten seconds and after thirty; then the failure is reported
+/// to the user.
 const TRIES_MAX: u32 = 3;
 
-/// Number of plans in a row that may fail before a goal to be achieved is given up. Every failure rules
-/// out an action for a while, so this many failures mean that no other way is left.
+/// Number of plans in a row that may fail before a goal that is to be achieved once is given up. Every
+/// failure rules out an action for a while, so this many failures mean that no other way is left.
 pub(crate) const FAILURES_MAX: u32 = 12;
 
-/// One goal.
+/// A goal that the Plan Requester pursues.
 pub(crate) struct Goal {
     pub(crate) engagement: Participation,
     /// Incarnation of the initiator that asked for this goal.
@@ -47,41 +48,42 @@ pub(crate) struct Goal {
     pub(crate) priority: i32,
     pub(crate) partition: Partition,
     pub(crate) phase: GoalPhase,
-    /// Number of plans executed so far.
+    /// Number of plans for this goal executed so far.
     pub(crate) rounds: u32,
-    /// Number of plans in a row that have failed.
+    /// Number of plans for this goal in a row that have failed.
     pub(crate) failures: u32,
-    /// The constraints of the next round of planning.
+    /// The constraints of the next round of planning for this goal.
     pub(crate) planning_mode: PlanningMode,
-    /// The plan that runs, or ran last, as the executor was asked for it, with the steps that are known
-    /// to be done.
+    /// The plan of this goal that runs or ran last, as it was requested from the Plan Executor, with
+    /// the steps that are known to be done.
     pub(crate) plan: Option<Box<Execute>>,
     /// Version of the last record of this goal that was sent to the Journals.
     pub(crate) version: Version,
-    /// When this replica took the goal over; `None` if it has had the goal from the start.
+    /// Time at which this replica took the goal over; `None` if it has had the goal from the start.
     pub(crate) adopted_at: Option<Instant>,
-    /// Steps of the running plan that are not known to be done, under the names that their agents use.
+    /// Steps of the running plan that are not known to be done, with the action names that their agents
+    /// use.
     pub(crate) steps_left: Vec<PlanStep>,
     /// Steps of the failed plan that were not done; the planner may reuse them.
     pub(crate) failed_steps: Vec<PlanStep>,
-    /// The reason for waiting that the user was last told.
+    /// Reason why the goal waits, as the user was last told.
     pub(crate) blocked_by: String,
-    /// Set when this goal needs agents that other goals use: the agents in use then, and the time until
-    /// which this is believed. While all these agents are still in use, planning again would find
-    /// nothing new.
+    /// The agents that other goals used when this goal was found to need some of them, and the time
+    /// until which this finding counts. While all these agents are still in use, planning again would
+    /// find nothing new.
     pub(crate) blocked_by_agents: Option<(BTreeSet<AgentId>, Instant)>,
-    /// Why there was no plan last time, as the user was told.
+    /// Reason why the last round of planning found no plan, as the user was told.
     pub(crate) no_plan_because: String,
     /// Whether agents have joined or left since planning for this goal began.
     pub(crate) is_request_stale: bool,
-    /// Since when there is no plan, with no agent joining or leaving in between.
+    /// Time since which there is no plan for the goal, with no agent joining or leaving in between.
     pub(crate) no_plan_since: Option<Instant>,
-    /// Since when bids use action models that the Domain Maintainer does not have yet.
+    /// Time since which bids use action models that the Domain Maintainer does not have yet.
     pub(crate) behind_since: Option<Instant>,
-    /// Whether the user was told that the goal holds, since it last did not hold.
+    /// Whether the user was told that the goal holds, since the goal last did not hold.
     pub(crate) holds_reported: bool,
     pub(crate) timer: Option<TimerId>,
-    /// Facts and offers seen by the last round of planning.
+    /// Facts and offered actions that concern the goal, as the last round of planning saw them.
     pub(crate) last_context: Option<GoalContext>,
     avoided: BTreeMap<(AgentId, String), ActionBackoff>,
     history: Vec<HistoryEntry>,
@@ -101,31 +103,32 @@ struct ActionBackoff {
 
 /// The phase of a goal.
 pub(crate) enum GoalPhase {
-    /// Another goal is being planned for.
+    /// The goal waits in the queue while another goal is being planned for.
     Queued,
-    /// The goal needs agents or facts that the plans of other goals use.
+    /// The goal waits for agents or facts that the plans of other goals use.
     WaitingForAgents(String),
-    /// The goal waits for a capability, or for the state to change.
+    /// The goal waits for a capability, or for a change of the known state.
     WaitingForChange(String),
-    /// The state and the domain are being fetched.
+    /// The state and the domain are being fetched, to plan for the goal.
     FetchingDomain(
         #[expect(dead_code, reason = "ends the question when it is dropped")] WorkHandle,
     ),
-    /// The central planner is asked.
+    /// The Planning Agent has been asked for a plan.
     Planning(ReplyToken),
-    /// Proposals are called for.
+    /// The actuators have been called for proposals.
     CollectingProposals(Box<crate::contract_net::ContractNetState>),
-    /// There is no plan; the reason is being computed.
+    /// There is no plan for the goal; the reason is being computed.
     Explaining(#[expect(dead_code, reason = "ends the work when it is dropped")] ExplanationTask),
-    /// A plan is being executed.
+    /// A plan for the goal is being executed.
     Executing(ReplyToken),
-    /// The executor was asked to cancel the plan, because the goal was cancelled.
+    /// The Plan Executor was asked to cancel the plan, because the goal was cancelled.
     Cancelling(ReplyToken),
-    /// The executor was asked to cancel the plan, because another goal or a better plan comes first.
+    /// The Plan Executor was asked to cancel the plan, because another goal or a better plan comes
+    /// first.
     Preempted(ReplyToken),
-    /// The plan was carried out; whether the goal holds is being checked.
+    /// The plan was carried out; the Plan Requester is checking whether the goal holds.
     Verifying(Option<WorkHandle>),
-    /// The goal holds and is watched.
+    /// The goal holds, and the known state is watched for changes.
     Holding,
 }
 
@@ -158,7 +161,7 @@ impl GoalPhase {
         )
     }
 
-    /// Whether a plan of the goal uses agents at present.
+    /// Whether agents are in use by a plan of the goal at present.
     pub(crate) fn is_running(&self) -> bool {
         self.is_under_way() || matches!(self, GoalPhase::Preempted(_) | GoalPhase::Verifying(_))
     }
@@ -212,13 +215,13 @@ impl Goal {
         &self.engagement.conversation
     }
 
-    /// Returns the agents that act in the remaining steps of the plan.
+    /// Returns the agents that act in the plan's steps that are not known to be done.
     pub(crate) fn acting(&self) -> impl Iterator<Item = AgentId> + '_ {
         let actors = self.steps_left.iter().filter_map(|step| step.arguments.first());
         actors.filter_map(|actor| AgentId::new(actor.as_str()).ok())
     }
 
-    /// Adopts a plan that another replica has carried out up to the steps `done`.
+    /// Adopts `plan`, of which the steps `done` were carried out for another replica.
     pub(crate) fn adopt_plan(&mut self, plan: Execute, done: Vec<u32>) {
         let steps = pddl::parse_plan(&plan.plan).into_result().map(|plan| plan.steps);
         let is_left = |step: &usize| u32::try_from(*step).is_ok_and(|step| !done.contains(&step));
@@ -228,12 +231,12 @@ impl Goal {
         self.plan = Some(Box::new(Execute { done, ..plan }));
     }
 
-    /// Returns the history, oldest entry first.
+    /// Returns the history of the goal, oldest entry first.
     pub(crate) fn history(&self) -> &[HistoryEntry] {
         &self.history
     }
 
-    /// Restores the history from before the goal was taken over.
+    /// Restores the part of the goal's history from before this replica took the goal over.
     pub(crate) fn recall_history(&mut self, history: Vec<HistoryEntry>) {
         self.history = history;
         self.history.truncate(HISTORY_LINES_MAX);
@@ -251,8 +254,8 @@ impl Goal {
         }
     }
 
-    /// Adds an entry to the history, at wall-clock time `at`. Drops the oldest entry if the history is
-    /// full.
+    /// Adds an entry to the history of the goal, at wall-clock time `at`. Drops the oldest entry if the
+    /// history is full.
     pub(crate) fn add_history(
         &mut self,
         at: SystemTime,
@@ -289,14 +292,14 @@ impl Goal {
         avoidance.why.clone_from(&report.detail);
     }
 
-    /// Makes all actions of an agent available again, because the agent has announced itself anew.
+    /// Ends the avoiding of all actions of an agent, because the agent has announced itself anew.
     pub(crate) fn reset_backoffs(&mut self, agent: &AgentId) {
         self.avoided.retain(|(avoided, _), _| avoided != agent);
     }
 
     /// Compares the avoided actions with the present offers. An avoided action that is not offered now
-    /// is marked as withdrawn: its agent knows of the fault. When the agent offers it again, it is no
-    /// longer avoided.
+    /// is marked as withdrawn, because its agent knows of the fault. When the agent offers the action
+    /// again, it is no longer avoided.
     pub(crate) fn compare_with(&mut self, offers: &Offers) {
         self.avoided.retain(|(agent, action), avoidance| {
             let is_offered = offers.get(agent).is_some_and(|actions| actions.contains_key(action));
@@ -321,14 +324,14 @@ impl Goal {
             .collect()
     }
 
-    /// Whether an action is not tried again until its agent offers it anew. Always `false` for a kept
-    /// goal: it is tried any number of times, at growing intervals.
+    /// Whether an action is tried no more for this goal until its agent offers the action anew. Always
+    /// `false` for a kept goal, for which an action is tried any number of times, at growing intervals.
     fn is_done_with(&self, avoidance: &ActionBackoff) -> bool {
         self.keep == Keep::Achieve && (avoidance.is_refused || avoidance.times >= TRIES_MAX)
     }
 
-    /// Returns the earliest time at which a failed action may be tried again; `None` if there is no
-    /// such action.
+    /// Returns the earliest time at which a failed action may be tried again; `None` if no failed
+    /// action may be tried again.
     pub(crate) fn next_chance(&self, now: Instant) -> Option<Instant> {
         self.avoided
             .values()
@@ -338,20 +341,21 @@ impl Goal {
             .min()
     }
 
-    /// Whether the goal was taken over less than [`MEETING`] ago. The agents that could reach it may
-    /// not be known yet: after a power cut all machines start at once, some of them slowly.
+    /// Whether the goal was taken over less than [`WARM_UP`] ago. The agents that could reach the goal
+    /// may not be known yet: after a power cut all machines start at once, some of them slowly.
     pub(crate) fn in_warm_up(&self, now: Instant) -> bool {
         self.adopted_at.is_some_and(|taken_over| now < taken_over + WARM_UP)
     }
 
-    /// Whether `asked` repeats this goal, because its initiator did not learn that it was received.
+    /// Whether the request `asked` repeats the request of this goal. An initiator repeats a request if
+    /// it did not learn that the goal was received.
     pub(crate) fn is_asked_again(&self, by: &Participation, asked: &Achieve) -> bool {
         let is_same = self.text == asked.goal && self.keep == asked.keep;
         is_same && self.engagement.initiator == by.initiator
     }
 
-    /// Whether `asked` is this goal, requested again by a later incarnation of its initiator. Two
-    /// requests of the same incarnation are two goals.
+    /// Whether `asked` requests the same as this goal, but comes from a later incarnation of the
+    /// initiator. Two requests of one incarnation are two goals.
     pub(crate) fn is_asked_anew(&self, by: &AgentId, life: Incarnation, asked: &Achieve) -> bool {
         let is_same = self.text == asked.goal && self.keep == asked.keep;
         is_same && self.engagement.initiator == *by && self.initiator_incarnation < life

@@ -1,8 +1,9 @@
 //! Hand-over from a leader that becomes a standby to the new leader (docs/design.md, “Fail-over”).
 //!
-//! The Journals may lack some goals: those that were requested in a partition without a Journal, or
-//! that ended a moment ago. So the former leader sends its records to the new leader directly, until
-//! they are confirmed. Of two records of a goal the later version counts, as everywhere.
+//! The Journals may lack some goals: those goals that were requested in a partition without a Journal,
+//! and goals that ended a moment ago. So the former leader sends its records to the new leader
+//! directly, until the new leader confirms them. Of two records of a goal the later version counts, as
+//! it does for records from the Journals.
 
 use std::time::Duration;
 
@@ -14,13 +15,14 @@ use agent::{Context, ExchangeEvent, ExchangeOpening, Participation};
 use crate::PlanRequester;
 use crate::failover::conversation_of;
 
-/// Interval between tries to hand over, and their maximum number. The new leader may have left in the
-/// same moment, and a partition may last minutes.
+/// Interval between tries to hand the records over, and the maximum number of tries. The new leader may
+/// have left in the same moment, and a partition may last minutes.
 const AGAIN: Duration = Duration::from_secs(1);
 const TIMES_MAX: u32 = 600;
 
 impl PlanRequester {
-    /// Sends the records of this replica to the new leader, until it confirms them.
+    /// Sends the records of this replica to the new leader, until the new leader confirms them. `times`
+    /// counts the tries so far.
     pub(crate) fn hand_over(&mut self, records: Vec<Record>, times: u32, ctx: &mut Context<Self>) {
         if records.is_empty() {
             return;
@@ -53,7 +55,7 @@ impl PlanRequester {
         });
     }
 
-    /// Takes the records of another incarnation of this agent that has become a standby.
+    /// Takes over the records that another incarnation of this agent sends when it becomes a standby.
     pub(crate) fn receive_handover(
         &mut self,
         message: &Message,
@@ -88,7 +90,7 @@ impl PlanRequester {
     }
 }
 
-/// Tries again after [`AGAIN`], up to [`TIMES_MAX`] times.
+/// Tries the hand-over again after [`AGAIN`], up to [`TIMES_MAX`] times in all.
 fn retry_handover(records: Vec<Record>, times: u32, ctx: &mut Context<PlanRequester>) {
     if times >= TIMES_MAX {
         return tracing::warn!(goals = records.len(), "no leader takes these goals over");

@@ -1,21 +1,21 @@
-//! Explains what several agents could do together if no agent proposes a plan of its own. The answer
-//! comes from a plan with all agents, so that what the user is told is true.
+//! Explains what several agents could do together if no agent proposes a plan of its own. The
+//! explanation is taken from a plan made with the actions of all agents, so that it is true.
 
 use pddl::{Condition, Plan};
 use planner::{Cancel, StopReason};
 
 use crate::planning_snapshot::PlanningSnapshot;
 
-/// Maximum number of conjuncts of a goal for which pairs are tested for mutual exclusion.
+/// Maximum number of conjuncts of a goal for which pairs of conjuncts are tested for mutual exclusion.
 const PARTS_MAX: usize = 6;
 
 /// Result of planning with the actions of all agents.
 pub(crate) enum JointPlanning {
-    /// A plan of several agents.
+    /// A plan in which several agents act.
     Plan(Plan),
-    /// Proved that no plan exists.
+    /// Planning has proved that no plan exists.
     NoPlan,
-    /// Neither was found within the bounds.
+    /// Planning reached its bounds with neither a plan nor a proof that none exists.
     Undecided,
 }
 
@@ -33,8 +33,9 @@ impl JointPlanning {
     }
 }
 
-/// Returns why no agent proposes a plan for the conjuncts in `names`, although each can be reached in
-/// the relaxation. `parts` are all conjuncts of the goal.
+/// Returns the reason why no agent proposes a plan for the conjuncts in `names`, although each conjunct
+/// can be reached in the relaxation (planning as if no action undid another). `parts` are all conjuncts
+/// of the goal.
 pub(crate) fn reason(
     known: &PlanningSnapshot,
     parts: &[Condition],
@@ -67,7 +68,7 @@ pub(crate) fn reason(
     }
 }
 
-/// Returns the agents that act in a plan.
+/// Returns the agents that act in `plan`.
 fn actors(plan: &Plan) -> Vec<String> {
     let mut actors: Vec<String> = Vec::new();
     for actor in plan.steps.iter().filter_map(|step| step.arguments.first()) {

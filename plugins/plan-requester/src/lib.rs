@@ -1,10 +1,10 @@
-//! The Plan Requester (the paper, “Plan Requester”): takes goals, obtains a plan for each, and has the
-//! plan carried out.
+//! The Plan Requester (the paper, “Plan Requester”): takes goals, obtains a plan for each goal, and has
+//! the plan carried out.
 //!
 //! - `request` (a goal) from a user or an agent → `confirm`s of progress and outcome.
-//! - Reads domain and state from the Domain Maintainer. Then, by the ecosystem's mode, asks the
-//!   Planning Agent for a plan (`planning`) or calls all actuators for proposals (`contract_net`). Asks the
-//!   Plan Executor to execute the chosen plan.
+//! - Reads domain and state from the Domain Maintainer. Then, depending on the planning mode of the
+//!   ecosystem (centralised or decentralised), asks the Planning Agent for a plan (`planning`) or calls
+//!   all actuators for proposals (`contract_net`). Asks the Plan Executor to execute the chosen plan.
 //! - Replans at once when a plan fails, and reports the reason. Plans again for a kept goal whenever it
 //!   no longer holds.
 //! - Several goals run side by side; no plan breaks another's causal links (`scheduling`).
@@ -45,32 +45,32 @@ use crate::finished::FinishedGoals;
 use crate::goal::{FAILURES_MAX, Goal, GoalPhase};
 use crate::planning_snapshot::{PlanningSnapshot, first};
 
-/// Maximum number of goals pursued at a time. A building has tens. A further goal is refused, not
-/// dropped.
+/// Maximum number of goals pursued at a time. A building has tens of goals. A further goal is refused
+/// with a reason, not dropped silently.
 const GOALS_MAX: usize = 256;
 
-/// Delay between a change of the world and the next look at the goals. News of one event arrive in
-/// several messages.
+/// Delay between a change of the world and the next check of the goals. News of one event arrive in
+/// several messages, which one check then covers.
 const SETTLE_DELAY: Duration = Duration::from_millis(20);
 
-/// Delay before planning again when no plan was found. By then the latest announcements of all agents
-/// have arrived here, also on a busy machine.
+/// Delay before planning again when no plan was found. After this delay the latest announcements of all
+/// agents have arrived here, also on a busy machine.
 const ANNOUNCEMENT_DELAY: Duration = Duration::from_millis(100);
 
 /// Interval at which waiting and holding goals are checked even if no news have come. A broadcast may
 /// be lost.
 const RECHECK_INTERVAL: Duration = Duration::from_secs(10);
 
-/// Delay before a question is asked again that received no answer.
+/// Delay before a question to another agent is asked again if no answer was received.
 const ASK_AGAIN: Duration = Duration::from_millis(500);
 
 /// Delay before the outcome of a goal is sent again, if there was no room for it in the outbox.
 const TELL_AGAIN: Duration = Duration::from_millis(200);
 
-/// Delay before a plan is tried again that was declined because an actuator is busy.
+/// Delay before another try of a plan that was declined because an actuator is busy.
 const BUSY: Duration = Duration::from_millis(200);
 
-/// The line in the daemon's table of plugins.
+/// The entry of the Plan Requester in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "plan-requester",
     about: "takes goals, has plans made for them and carried out",
@@ -79,14 +79,16 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     build,
 };
 
-/// The entry's `config`: the names of the other reasoning agents.
+/// The `config` of a Plan Requester in the ecosystem file: the names of the other agents that take part
+/// in planning.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 struct Config {
     domain_maintainer: AgentId,
     planning_agent: AgentId,
     plan_executor: AgentId,
-    /// Whether a new plan is made when a plan fails. Off only in tests that show its effect.
+    /// Whether a new plan is made when a plan fails. Switched off only in tests that show the effect of
+    /// replanning.
     replanning: bool,
 }
 
@@ -124,9 +126,9 @@ struct PlanRequester {
     goals: BTreeMap<ConversationId, Goal>,
     ended: FinishedGoals,
     keeper: JournalClient<PlanRequester>,
-    /// Work that checks whether running plans could be much cheaper.
+    /// Background work that checks whether running plans could be replaced by much cheaper ones.
     cheaper_plan_check: Option<WorkHandle>,
-    /// Timer until the next try to send outcomes that could not be sent before.
+    /// Timer until the next try to send outcomes for which there was no room in the outbox.
     resend_timer: Option<TimerId>,
 }
 
@@ -224,9 +226,9 @@ impl PlanRequester {
         }
     }
 
-    /// Cancels the goals that an earlier incarnation of the sender asked for and that `asked` repeats.
-    /// The earlier incarnation can no longer receive their outcome or cancel them, so one goal is
-    /// enough.
+    /// Cancels the goals that an earlier incarnation of the sender requested and that the new request
+    /// `asked` repeats. The earlier incarnation can no longer receive the outcomes of these goals or
+    /// cancel them, so the new goal replaces them.
     fn take_place(&mut self, message: &Message, asked: &Achieve, ctx: &mut Context<Self>) {
         let (by, life) = (&message.sender, message.incarnation);
         let former = self.goals.iter().filter(|(_, goal)| goal.is_asked_anew(by, life, asked));
@@ -310,7 +312,8 @@ impl PlanRequester {
 
     // === considering ===
 
-    /// Checks whether a goal holds. If it does not, and no other goal comes first, plans for it.
+    /// Checks whether a goal holds. If the goal does not hold, and no other goal comes first, plans for
+    /// it.
     fn consider(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         if let Some(why) = self.missing_quorum(id, ctx) {
             return self.wait_for_quorum(id, why, ctx);
@@ -419,7 +422,8 @@ impl PlanRequester {
 
     // === waiting ===
 
-    /// Handles a plan that failed or could not be made: tries again after `wait`, or gives the goal up.
+    /// Handles a plan that failed or could not be made: plans for the goal again after the time `wait`,
+    /// or gives the goal up.
     fn retry(&mut self, id: &ConversationId, why: String, wait: Duration, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         goal.failures += 1;
@@ -436,7 +440,8 @@ impl PlanRequester {
         self.wait(id, why, wait, ctx);
     }
 
-    /// Considers a goal again after `wait`. Other goals may be planned for meanwhile.
+    /// Makes a goal wait for the time `wait`, and then considers it again. Other goals may be planned
+    /// for meanwhile.
     fn wait(&mut self, id: &ConversationId, why: String, wait: Duration, ctx: &mut Context<Self>) {
         let considered = id.clone();
         let timer = ctx.after(wait, move |requester: &mut Self, ctx| {
@@ -454,9 +459,9 @@ impl PlanRequester {
         self.schedule_next(ctx);
     }
 
-    /// Handles that there is no plan. While news may still be on their way, plans once more. After that
-    /// a goal to be achieved ends; a kept goal waits until the ecosystem changes, or until a failed
-    /// action may be tried again.
+    /// Handles that planning found no plan for a goal. While news may still be on their way, plans once
+    /// more. After that a goal that is to be achieved once ends; a kept goal waits until the ecosystem
+    /// changes, or until a failed action may be tried again.
     fn no_plan(&mut self, id: &ConversationId, why: String, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         if std::mem::take(&mut goal.is_request_stale) {
@@ -515,7 +520,8 @@ impl PlanRequester {
         }
     }
 
-    /// Sends the outcome of a goal to its initiator: now, or when there is room in the outbox.
+    /// Sends the outcome of a goal to its initiator: at once, or as soon as there is room in the
+    /// outbox.
     fn send_or_queue(&mut self, to: &Participation, report: Report, ctx: &mut Context<Self>) {
         if ctx.try_answer(to, Performative::Confirm, &report).is_err() {
             self.ended.queue_unsent(to.clone(), report);
@@ -523,7 +529,7 @@ impl PlanRequester {
         }
     }
 
-    /// Starts the timer after which pending outcomes are sent.
+    /// Starts the timer after which outcomes that are still unsent are sent.
     fn schedule_resend(&mut self, ctx: &mut Context<Self>) {
         if self.resend_timer.is_none() {
             self.resend_timer = Some(ctx.after(TELL_AGAIN, |requester: &mut Self, ctx| {
@@ -625,22 +631,22 @@ impl PlanRequester {
     }
 }
 
-/// Returns the errors in a goal, checked against the composite domain.
+/// Returns the errors that checking a goal against the composite domain finds.
 fn errors_in(goal: &Goal, known: &PlanningSnapshot) -> Vec<pddl::Diagnostic> {
     let diagnostics = pddl::check::check_condition(&known.domain, &known.problem, &goal.condition);
     diagnostics.into_iter().filter(pddl::Diagnostic::is_error).collect()
 }
 
-/// Returns the parts of a goal that were valid before and are not now, because the agent that brought
-/// them has left; as text for a person. `None` if there are none.
+/// Returns, as text for a person, the parts of a goal that were valid before and are not valid now,
+/// because the agent that declared the names in them has left. `None` if there are no such parts.
 fn lost_to(goal: &Goal, known: &PlanningSnapshot) -> Option<String> {
     let errors = errors_in(goal, known);
     let lost: Vec<_> = errors.iter().map(|error| error.message.as_str()).collect();
     (!lost.is_empty()).then(|| format!("{}: its agent is not here", lost.join(", ")))
 }
 
-/// Returns what is wrong in a goal, checked against the composite domain, as text for a person. `None`
-/// if nothing is.
+/// Returns, as text for a person, the errors that checking a goal against the composite domain finds;
+/// `None` if there are none.
 fn wrong_in(goal: &Goal, known: &PlanningSnapshot) -> Option<String> {
     let errors = errors_in(goal, known);
     if errors.is_empty() {

@@ -1,5 +1,6 @@
-//! Cancels plans of goals that have ended or hold, made by another replica of the Plan Requester. That
-//! replica was cut off or died, and its plans may still run (docs/design.md, “Fail-over”).
+//! Cancels orphan plans: plans that another replica of the Plan Requester made for goals that have
+//! ended or already hold. That replica was cut off or died, and its plans may still run
+//! (docs/design.md, “Fail-over”).
 
 use acl::content::{CallOff, Execute, Request, value};
 use acl::{ConversationId, Performative, Protocol};
@@ -8,13 +9,13 @@ use agent::{Context, ExchangeOpening};
 use crate::PlanRequester;
 use crate::execution::running_plan_of_refusal;
 
-/// Maximum number of times that the executor may answer with another running plan of the same goal,
-/// each of which is then cancelled too.
+/// Maximum number of orphan plans that are cancelled one after the other for one goal. The Plan
+/// Executor may answer each cancellation with another running plan of the same goal.
 const TIMES_MAX: u32 = 4;
 
 impl PlanRequester {
-    /// Asks the executor to cancel a plan that is no longer needed. `times` counts the plans of this
-    /// goal cancelled so far.
+    /// Asks the Plan Executor to cancel an orphan plan. `times` counts the plans of the goal cancelled
+    /// so far.
     pub(crate) fn cancel_orphan(
         &mut self,
         id: &ConversationId,
@@ -40,7 +41,8 @@ impl PlanRequester {
         });
     }
 
-    /// Whether `plan` is the plan that this replica runs for the goal; it may have begun meanwhile.
+    /// Whether `plan` is the plan that this replica runs for the goal. It may have started to run this
+    /// plan since the cancellation was decided.
     fn runs(&self, id: &ConversationId, plan: &Execute) -> bool {
         let running = self.goals.get(id).filter(|goal| goal.phase.is_running());
         let own = running.and_then(|goal| goal.plan.as_deref());

@@ -1,4 +1,4 @@
-//! The centralised flow: the Planning Agent computes the plan (the paper, “Flow of Control in
+//! The centralised planning flow: the Planning Agent computes the plan (the paper, “Flow of Control in
 //! Centralized Plan Execution”).
 
 use acl::content::{
@@ -17,7 +17,7 @@ use crate::planning_snapshot::PlanningSnapshot;
 use crate::scheduling::PlanDecision;
 
 impl PlanRequester {
-    /// Asks the Planning Agent for a plan.
+    /// Asks the Planning Agent for a plan for a goal.
     pub(crate) fn ask_planner(
         &mut self,
         id: &ConversationId,
@@ -49,7 +49,8 @@ impl PlanRequester {
         goal.phase = GoalPhase::Planning(token);
     }
 
-    /// Reports what changed since the last round of planning.
+    /// Reports to the user which facts and agents of a goal have changed since the last round of
+    /// planning.
     pub(crate) fn report_changes(
         &mut self,
         id: &ConversationId,
@@ -125,7 +126,8 @@ impl PlanRequester {
         }
     }
 
-    /// Returns the plan of a proposal and its cost, or why it has none that is valid here.
+    /// Returns the plan in the Planning Agent's proposal and its cost, or the reason why the proposal
+    /// has no plan that is valid here.
     fn judge(
         &self,
         id: &ConversationId,
@@ -145,8 +147,9 @@ impl PlanRequester {
     }
 }
 
-/// Explains which conjuncts cannot be reached and what is missing, if known facts or the relaxation
-/// show it; otherwise returns the text of `otherwise`. `None` if the domain cannot be analysed.
+/// Explains which conjuncts cannot be reached and what is missing for them, if the known facts or the
+/// relaxation (planning as if no action undid another) show this; otherwise returns the text of
+/// `otherwise`. `None` if the domain cannot be analysed.
 pub(crate) fn explain(
     known: &PlanningSnapshot,
     open: &[Condition],

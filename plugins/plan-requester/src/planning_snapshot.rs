@@ -17,47 +17,49 @@ use planner::order::interference;
 use planner::validate::{Fault, World, cost_from};
 use planner::{Budget, Cancel, Options, StopReason};
 
-/// Maximum number of grounding candidates examined for an explanation: about a second in the largest
-/// buildings.
+/// Maximum number of grounding candidates that are examined to explain why there is no plan. The limit
+/// is reached after about a second in the largest buildings.
 const EXPLAINING_STEPS_MAX: u64 = 20_000_000;
 
-/// Maximum number of states examined for an explanation: some seconds in the largest buildings.
+/// Maximum number of states that are examined to explain why there is no plan. The limit is reached
+/// after some seconds in the largest buildings.
 const EXPLAINING_EXPANSIONS_MAX: u64 = 50_000;
 
-/// Snapshot of domain and state that a round of planning works with.
+/// The domain and the state that a round of planning works with.
 #[derive(Clone, Debug)]
 pub(crate) struct PlanningSnapshot {
     pub(crate) epoch: u64,
     pub(crate) domain: Domain,
     pub(crate) problem: Problem,
-    /// The initial state of the problem, or why it has none. Computed at first use.
+    /// The initial state of the problem, or the reason why it cannot be made. Computed at first use.
     world: OnceLock<Result<World, String>>,
     pub(crate) domain_text: String,
     pub(crate) offers: Offers,
-    /// Offers of all agents, including those that are not planned with.
+    /// Actions offered by all agents, including agents that are left out of planning.
     pub(crate) all_offers: Offers,
-    /// The problem with all agents, including those that are not planned with.
+    /// The problem that includes all agents, also those that are left out of planning.
     whole: Problem,
-    /// The guards of each schema.
+    /// The guard of each action schema: the fact that lets one agent use the action.
     pub(crate) guards: BTreeMap<Name, ActionGuard>,
-    /// Action models of agents that no longer offer them.
+    /// Former action models: models that agents offered earlier and no longer offer.
     former: Vec<ActionModel>,
     /// The predicates that the domain uses for unknown facts.
     knowledge: Knowledge,
-    /// The same, as it is sent in messages.
+    /// The predicates that the domain uses for unknown facts, in the form in which messages contain
+    /// them.
     pub(crate) words: BTreeMap<String, content::Auxiliary>,
     pub(crate) avoided: AvoidedActions,
-    /// Agents that other goals use; they are not planned with.
+    /// Agents that other goals use; planning leaves them out.
     pub(crate) spared: BTreeSet<AgentId>,
 }
 
 /// Actions that failed in earlier plans of a goal. They are avoided for a while.
 pub(crate) type AvoidedActions = BTreeMap<(AgentId, String), AvoidedAction>;
 
-/// Why an action is avoided, and for how long.
+/// The reason why an action is avoided, and whether it may be tried again.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct AvoidedAction {
-    /// The reason, as text for a person.
+    /// Reason why the action is avoided, as text for a person.
     pub(crate) why: String,
     /// Whether the action is never tried again for this goal.
     pub(crate) is_for_good: bool,
@@ -66,7 +68,7 @@ pub(crate) struct AvoidedAction {
 }
 
 impl PlanningSnapshot {
-    /// Reads a snapshot.
+    /// Reads a snapshot of the Domain Maintainer.
     ///
     /// # Errors
     ///
@@ -103,7 +105,7 @@ impl PlanningSnapshot {
         })
     }
 
-    /// Returns the snapshot without the actions that failed a moment ago.
+    /// Returns the snapshot without the actions `avoided`, which failed a short time ago.
     pub(crate) fn without_avoided(mut self, avoided: AvoidedActions) -> PlanningSnapshot {
         let guards = take_avoided(&mut self.offers, &avoided);
         if !guards.is_empty() {
@@ -114,7 +116,7 @@ impl PlanningSnapshot {
         self
     }
 
-    /// Returns the snapshot without the agents that other goals use.
+    /// Returns the snapshot without the agents `reserved`, which other goals use.
     pub(crate) fn without_agents(mut self, reserved: &BTreeSet<AgentId>) -> PlanningSnapshot {
         let taken = reserved.iter().filter_map(|agent| self.offers.remove(agent));
         let guards = taken.flat_map(BTreeMap::into_values).map(|offer| offer.guard).collect();
@@ -123,7 +125,8 @@ impl PlanningSnapshot {
         self
     }
 
-    /// Removes these guards from the problem, so that their agents cannot act in plans.
+    /// Removes the facts `guards` from the problem, so that the agents they belong to cannot act in
+    /// plans.
     fn leave_out(&mut self, guards: &BTreeSet<String>) {
         // Parsing cannot fail here: a Domain Maintainer printed the guards.
         let read = |guard: &String| pddl::parse_init_elements(guard).into_result().ok();
@@ -138,30 +141,32 @@ impl PlanningSnapshot {
         world.as_ref().map_err(String::as_str)
     }
 
-    /// Translates a condition into the predicates of the domain: that it is known to hold.
+    /// Returns the condition that `condition` is known to hold, written in the predicates that the
+    /// domain uses for unknown facts.
     pub(crate) fn sure(&self, condition: &Condition) -> Condition {
         self.knowledge.known_to_hold(condition)
     }
 
-    /// Returns the problem of reaching `goal`, known to hold, from the present state.
+    /// Returns the problem of reaching a state in which `goal` is known to hold, from the present
+    /// state.
     pub(crate) fn problem_of(&self, goal: &Condition) -> Problem {
         Problem { goal: self.knowledge.known_to_hold(goal), ..self.problem.clone() }
     }
 
-    /// Returns the ground conjuncts of a goal that are not known to hold.
+    /// Returns the ground conjuncts of a goal that are not known to hold now.
     pub(crate) fn open_conjuncts(&self, goal: &Condition) -> Result<Vec<Condition>, String> {
         let world = self.world()?;
         let conjuncts = self.conjuncts(world, goal).into_iter();
         Ok(conjuncts.filter(|conjunct| !self.holds_in(world, conjunct)).collect())
     }
 
-    /// Returns the conjuncts of a goal in the predicates that the goal uses; the goal itself if it
-    /// cannot be split.
+    /// Returns the conjuncts of a goal, written in the goal's own predicates; returns the goal itself
+    /// as the only part if it cannot be split.
     pub(crate) fn parts(&self, goal: &Condition) -> Vec<Condition> {
         self.world().map_or_else(|_| vec![goal.clone()], |world| self.conjuncts(world, goal))
     }
 
-    /// Splits a goal into its conjuncts in a given state.
+    /// Splits a goal into its conjuncts. `world` gives the objects over which quantifiers are expanded.
     fn conjuncts(&self, world: &World, goal: &Condition) -> Vec<Condition> {
         // A fact about a room may come from a device that has left, although no device derives it now.
         let is_unknown = |atom: &pddl::Atom| {
@@ -176,8 +181,8 @@ impl PlanningSnapshot {
         world.holds(&self.knowledge.known_to_hold(condition))
     }
 
-    /// Returns a conjunct that the goal requires and also requires not to hold; `None` if there is
-    /// none.
+    /// Returns a conjunct of the goal that the goal requires both to hold and not to hold; `None` if
+    /// there is no such conjunct.
     pub(crate) fn contradiction(&self, goal: &Condition) -> Option<Condition> {
         let conjuncts = self.conjuncts(self.world().ok()?, goal);
         let denied = conjuncts.iter().filter_map(|conjunct| match conjunct {
@@ -188,7 +193,8 @@ impl PlanningSnapshot {
         conjuncts.iter().find(|conjunct| denied.contains(conjunct)).cloned()
     }
 
-    /// Whether a condition is unreachable even in the relaxation, with the actions of all agents.
+    /// Whether a condition cannot be reached with the actions of all agents even in the relaxation
+    /// (planning as if no action undid another).
     pub(crate) fn is_hopeless(&self, condition: &Condition, cancel: &Cancel) -> bool {
         let Ok(open) = self.open_conjuncts(condition) else { return true };
         let open: Vec<_> = open.iter().map(|part| self.knowledge.known_to_hold(part)).collect();
@@ -243,8 +249,9 @@ impl PlanningSnapshot {
         self.world().is_ok_and(|world| self.holds_in(world, condition))
     }
 
-    /// Whether a plan can run beside the remaining steps of other plans without undoing what already
-    /// holds of their goals. The steps use the action names of their agents.
+    /// Whether a plan can run at the same time as the remaining steps of other plans without undoing
+    /// what already holds of the goals of those plans. The remaining steps use the action names of
+    /// their agents.
     pub(crate) fn can_run_beside<'g>(
         &self,
         plan: &Plan,
@@ -259,7 +266,7 @@ impl PlanningSnapshot {
         })
     }
 
-    /// Whether every conjunct of these goals that holds now also holds after a plan.
+    /// Whether every conjunct of `goals` that holds now also holds after a plan.
     fn leaves<'g>(
         &self,
         now: &World,
@@ -274,16 +281,16 @@ impl PlanningSnapshot {
         reached.all(|conjunct| !self.holds_in(now, &conjunct) || self.holds_in(&end, &conjunct))
     }
 
-    /// Returns the cost of the remaining steps of a plan from the present state; `None` if they do not
-    /// reach the goal.
+    /// Returns the cost of the remaining steps of a plan from the present state; `None` if these steps
+    /// do not reach the goal.
     pub(crate) fn cost_of_rest(&self, steps: &[PlanStep], goal: &Condition) -> Option<f64> {
         let steps = steps.iter().map(|step| self.named(step, &self.all_offers));
         let plan = Plan { steps: steps.collect::<Result<_, _>>().ok()?, cost: None };
         self.validate(&plan, goal).ok()
     }
 
-    /// Returns the longest tail of a plan that consists of steps which agents still offer, with the
-    /// action names of the composite domain; `None` if it is empty.
+    /// Returns the longest part at the end of a plan in which agents still offer the action of every
+    /// step, with the action names of the composite domain; `None` if the last step is not offered.
     pub(crate) fn nameable(&self, steps: &[PlanStep]) -> Option<Plan> {
         let named = steps.iter().rev().map_while(|step| self.named(step, &self.all_offers).ok());
         let mut steps: Vec<_> = named.collect();
@@ -291,9 +298,9 @@ impl PlanningSnapshot {
         (!steps.is_empty()).then_some(Plan { steps, cost: None })
     }
 
-    /// Plans with the actions of all agents for some conjuncts of a goal, within the bounds of an
-    /// explanation. Returns the plan, if any, and why planning ended; `None` if planning is not
-    /// possible at all.
+    /// Plans for some conjuncts of a goal with the actions of all agents, within the bounds that are
+    /// set for explanations. Returns the plan, if one was found, and the reason why planning ended;
+    /// `None` if planning is not possible at all.
     pub(crate) fn plan_for(
         &self,
         parts: &[Condition],
@@ -305,7 +312,7 @@ impl PlanningSnapshot {
         Some((outcome.plan, outcome.stop_reason))
     }
 
-    /// Returns which of these conjuncts are unreachable even in the relaxation, where no action undoes
+    /// Returns which of `conjuncts` are unreachable even in the relaxation, where no action undoes
     /// another, and what is missing for them. `None` if the domain cannot be analysed.
     pub(crate) fn explain(&self, conjuncts: &[Condition], cancel: &Cancel) -> Option<Explanation> {
         let PlanningSnapshot { domain, whole: problem, guards, former, .. } = self;
@@ -326,7 +333,7 @@ impl PlanningSnapshot {
         Ok(Plan { steps, cost: None })
     }
 
-    /// Returns the cost of a plan that reaches `goal`, or why it does not reach it.
+    /// Returns the cost of `plan` if it reaches `goal`; otherwise the reason why it does not.
     pub(crate) fn validate(&self, plan: &Plan, goal: &Condition) -> Result<f64, String> {
         let goal = self.knowledge.known_to_hold(goal);
         let fault = |fault: Box<Fault>| {
@@ -335,13 +342,14 @@ impl PlanningSnapshot {
         cost_from(self.world()?, &plan.steps, &goal).map_err(fault)
     }
 
-    /// Whether an agent's plan is not empty, and all its steps are offered and not avoided.
+    /// Whether the plan that an agent proposes has steps, and the action of each step is offered and
+    /// not avoided.
     pub(crate) fn admits(&self, plan: &str) -> bool {
         self.combine(&[plan]).is_ok_and(|plan| !plan.steps.is_empty())
     }
 
     /// Whether a plan has a step that its agent is not known to offer, though the agent itself is
-    /// known: the agent has announced a newer action model, which the Domain Maintainer does not have
+    /// known: such an agent has announced a newer action model that the Domain Maintainer does not have
     /// yet.
     pub(crate) fn uses_newer_model(&self, plan: &str) -> bool {
         let is_newer = |step: &PlanStep| {
@@ -352,7 +360,8 @@ impl PlanningSnapshot {
         pddl::parse_plan(plan).into_result().is_ok_and(|plan| plan.steps.iter().any(is_newer))
     }
 
-    /// Whether the plan of a proposal alone reaches all conjuncts that the proposal covers.
+    /// Whether the plan of a proposal reaches all conjuncts that the proposal covers, without steps of
+    /// other plans.
     pub(crate) fn is_sound(&self, proposal: &Proposal) -> bool {
         let read = |text: &String| pddl::parse_condition(text).into_result().ok();
         let covered: Option<Vec<_>> = proposal.covers.iter().map(read).collect();
@@ -371,7 +380,8 @@ impl PlanningSnapshot {
         self.named(&step, &self.offers)
     }
 
-    /// Translates a step from the action name of its agent to that of the composite domain.
+    /// Returns a step with the action name of the composite domain in place of the name that its agent
+    /// uses.
     fn named(&self, step: &PlanStep, offers: &Offers) -> Result<PlanStep, String> {
         let offer = step
             .arguments
@@ -382,7 +392,7 @@ impl PlanningSnapshot {
         Ok(PlanStep { action: offer.inside.as_str().into(), ..step.clone() })
     }
 
-    /// Translates a plan for people: every action gets the name that its agent uses.
+    /// Returns a plan as people are to read it: every action has the name that its agent uses.
     pub(crate) fn outside(&self, plan: &Plan) -> Plan {
         let steps = plan.steps.iter().map(|step| outside(step, &self.offers));
         Plan { steps: steps.collect(), cost: plan.cost }
@@ -402,7 +412,8 @@ impl PlanningSnapshot {
     }
 }
 
-/// Translates a step to the action name that its agent uses.
+/// Returns a step with the action name that its agent uses, in place of the name in the composite
+/// domain.
 pub(crate) fn outside(step: &PlanStep, offers: &Offers) -> PlanStep {
     let agent = step.arguments.first().map_or("", |agent| agent.as_str());
     let offered = offers.get(agent).into_iter().flatten();
@@ -411,7 +422,7 @@ pub(crate) fn outside(step: &PlanStep, offers: &Offers) -> PlanStep {
     PlanStep { action: action.into(), ..step.clone() }
 }
 
-/// Bounds of the search for an explanation.
+/// Returns planner options with the bounds that are set for explanations.
 fn bounded() -> Options {
     let budget = Budget {
         join_steps_max: EXPLAINING_STEPS_MAX,
@@ -421,13 +432,14 @@ fn bounded() -> Options {
     Options { budget, ..Options::default() }
 }
 
-/// Bounds of the search for a plan of several agents, which is needed for one sentence only.
+/// Returns planner options with the bounds for a plan of several agents. The plan is needed for one
+/// sentence of an explanation only.
 fn looking() -> Options {
     let budget = Budget { expansions_max: EXPLAINING_EXPANSIONS_MAX, ..bounded().budget };
     Options { budget, ..Options::default() }
 }
 
-/// Removes the avoided actions from the offers; returns their guards.
+/// Removes the avoided actions from `offers`, and returns the guards of the removed actions.
 fn take_avoided(offers: &mut Offers, avoided: &AvoidedActions) -> BTreeSet<String> {
     let mut guards = BTreeSet::new();
     for (agent, action) in avoided.keys() {

@@ -2,13 +2,14 @@
 //! plans may run side by side, and which goal yields.
 //!
 //! - One goal is planned for at a time, by priority; plans run side by side.
-//! - A plan is first made without the agents that act in other plans ([`PlanningMode::Beside`]), then with
-//!   those of goals of lower priority, which yield ([`PlanningMode::Instead`]). If neither succeeds, the
-//!   goal waits.
-//! - A plan must not undo kept goals of at least its own priority. If there is no such plan, one is
-//!   made without this constraint, only to explain which goals conflict ([`PlanningMode::Regardless`]).
-//! - When an agent joins with which a running plan would be much cheaper, its goal is planned for
-//!   again. For a small gain the running plan is not given up.
+//! - A plan is first made without the agents that act in other plans ([`PlanningMode::Cooperative`]),
+//!   then also with the agents that act for goals of lower priority, which yield
+//!   ([`PlanningMode::Preemptive`]). If neither succeeds, the goal waits.
+//! - A plan must not undo kept goals of at least the priority of its own goal. If there is no such
+//!   plan, one is made without this constraint, only to explain which goals conflict
+//!   ([`PlanningMode::DiagnoseConflict`]).
+//! - When an agent joins that would make a running plan much cheaper, the goal of that plan is planned
+//!   for again. For a small gain the running plan is not given up.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -24,30 +25,32 @@ use crate::PlanRequester;
 use crate::goal::{Goal, GoalPhase};
 use crate::planning_snapshot::PlanningSnapshot;
 
-/// A running plan is replaced only by a plan that costs at most this part of its remaining cost: begun
-/// steps are lost, and two plans of about the same cost must not alternate.
+/// A running plan is replaced only by a plan that costs at most this share of the running plan's
+/// remaining cost: steps that have begun are lost, and two plans of about the same cost must not
+/// alternate.
 const WORTH_CHANGING: f64 = 0.8;
 
-/// How long a goal counts as blocked by other goals' agents without planning again. The state may
-/// change meanwhile.
+/// How long a goal counts as blocked by agents that other goals use, without planning for it again.
+/// After this time planning is tried again, because the state may have changed.
 const STILL_BLOCKED: Duration = Duration::from_secs(5);
 
-/// Maximum number of blocking goals that are listed by name.
+/// Maximum number of goals that are listed by name in a message about what blocks a goal.
 const BLOCKERS_TOLD: usize = 3;
 
-/// Constraints of a round of planning.
+/// The other plans and goals that a round of planning must respect.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum PlanningMode {
-    /// Respects all running plans and all kept goals.
+    /// The new plan respects all running plans and all kept goals.
     #[default]
     Cooperative,
-    /// Respects only goals of at least its own priority; the others yield.
+    /// The new plan respects only goals of at least the priority of its own goal; the other goals
+    /// yield.
     Preemptive,
-    /// Respects nothing. The plan is not executed; it only explains a conflict.
+    /// The new plan respects no other plan or goal. It is not executed; it only explains a conflict.
     DiagnoseConflict,
 }
 
-/// Computation of why there is no plan; cancelled on drop.
+/// Background computation of the reason why there is no plan for a goal; cancelled when it is dropped.
 pub(crate) struct ExplanationTask {
     cancel: Cancel,
     _work: WorkHandle,
@@ -59,22 +62,23 @@ impl Drop for ExplanationTask {
     }
 }
 
-/// Decision about a plan that was found.
+/// Decision about what is done with a plan that was found.
 pub(crate) enum PlanDecision {
-    /// Execute it.
+    /// Execute the plan at once.
     Run,
-    /// Execute it after these goals have yielded.
+    /// Execute the plan after the goals listed here have yielded.
     Preempt(Vec<ConversationId>),
-    /// Wait for these goals.
+    /// Do not execute the plan yet: wait for the goals listed here.
     WaitFor(Vec<ConversationId>),
-    /// Do not execute it: it would undo these kept goals.
+    /// Do not execute the plan: it would undo the kept goals named in this text.
     Conflict(String),
 }
 
 impl PlanRequester {
     // === before planning ===
 
-    /// Whether a goal may be planned for now. If another goal is being planned for, queues this one.
+    /// Whether a goal may be planned for now. If another goal is being planned for, puts this goal into
+    /// the queue.
     pub(crate) fn is_its_turn(&mut self, id: &ConversationId) -> bool {
         let is_busy = self.goals.values().any(|other| other.phase.is_planning());
         let Some(goal) = self.goals.get_mut(id) else { return false };
@@ -88,7 +92,7 @@ impl PlanRequester {
     }
 
     /// Whether planning would find the goal blocked again, because all agents that blocked it last are
-    /// still in use. Saves planning when many goals share few agents.
+    /// still in use. This check saves rounds of planning when many goals share few agents.
     pub(crate) fn is_still_blocked(&mut self, id: &ConversationId, now: Instant) -> bool {
         let reserved = self.agents_in_use(id);
         let Some(goal) = self.goals.get_mut(id) else { return false };
@@ -101,9 +105,9 @@ impl PlanRequester {
         is_still
     }
 
-    /// Makes the goal wait if other goals use all agents that offer anything, and none of these goals
-    /// has a lower priority. No search is needed to see that there is no plan. Returns whether the goal
-    /// waits.
+    /// Makes the goal wait if all agents that offer any action are in use by other goals, and none of
+    /// these goals has a lower priority. No search is needed to see that there is no plan. Returns
+    /// whether the goal waits.
     pub(crate) fn wait_if_all_in_use(
         &mut self,
         id: &ConversationId,
@@ -125,7 +129,8 @@ impl PlanRequester {
         true
     }
 
-    /// Returns the agents that other goals use, as far as the present attempt respects them.
+    /// Returns the agents that other goals use and that the goal's present [`PlanningMode`] leaves to
+    /// them.
     pub(crate) fn agents_in_use(&self, id: &ConversationId) -> BTreeSet<AgentId> {
         let Some(goal) = self.goals.get(id) else { return BTreeSet::new() };
         let respects = |other: &Goal| match goal.planning_mode {
@@ -157,7 +162,7 @@ impl PlanRequester {
         })
     }
 
-    /// Returns other kept goals that hold and have at least the priority of this one.
+    /// Returns the other kept goals that hold and have at least the priority of a goal.
     fn kept_beside<'a>(
         &'a self,
         id: &'a ConversationId,
@@ -180,7 +185,7 @@ impl PlanRequester {
 
     // === a plan ===
 
-    /// Decides what is done with a plan.
+    /// Decides what is done with a plan that was found for a goal.
     pub(crate) fn decide(
         &self,
         id: &ConversationId,
@@ -216,7 +221,7 @@ impl PlanRequester {
         }
     }
 
-    /// Acts on the verdict about a plan.
+    /// Carries out the decision about a plan.
     pub(crate) fn apply_decision(
         &mut self,
         id: &ConversationId,
@@ -246,8 +251,9 @@ impl PlanRequester {
         }
     }
 
-    /// Handles that there is no plan in this attempt. Computes in the background why, and whether the
-    /// agents of other goals would help; it takes tens of milliseconds in a large building.
+    /// Handles that the present attempt found no plan. Computes in the background the reason, and
+    /// whether the agents of other goals would help; this computation takes tens of milliseconds in a
+    /// large building.
     pub(crate) fn explain_missing_plan(
         &mut self,
         id: &ConversationId,
@@ -273,7 +279,7 @@ impl PlanRequester {
     }
 
     /// Continues when the reason for the missing plan is known: tries the next attempt, waits for other
-    /// goals, or reports it.
+    /// goals, or reports the reason.
     fn explained(
         &mut self,
         id: &ConversationId,
@@ -335,7 +341,7 @@ impl PlanRequester {
         }
     }
 
-    /// Makes a goal wait until one of the others no longer runs.
+    /// Makes a goal wait until the plan of one of the goals `others` no longer runs.
     fn block(&mut self, id: &ConversationId, others: &[ConversationId], ctx: &mut Context<Self>) {
         let texts: Vec<_> = others
             .iter()
@@ -360,7 +366,7 @@ impl PlanRequester {
         self.schedule_next(ctx);
     }
 
-    /// Asks the Plan Executor to cancel a plan; its goal is planned for again afterwards.
+    /// Asks the Plan Executor to cancel the plan of a goal; the goal is planned for again afterwards.
     fn preempt(&mut self, id: &ConversationId, why: &str, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         let GoalPhase::Executing(token) = &goal.phase else { return };
@@ -372,7 +378,8 @@ impl PlanRequester {
         self.send_report(id, Report::new(Outcome::Progress, why), ctx);
     }
 
-    /// Frees the agents of a plan that no longer runs; goals that waited for them may be planned for.
+    /// Frees the agents that were in use by the plan of a goal which no longer runs; goals that waited
+    /// for these agents may be planned for.
     pub(crate) fn release_agents(&mut self, id: &ConversationId) {
         if let Some(goal) = self.goals.get_mut(id) {
             goal.steps_left.clear();
@@ -384,7 +391,7 @@ impl PlanRequester {
         }
     }
 
-    /// Takes up the queued goal of the greatest priority.
+    /// Plans for the queued goal of the greatest priority.
     pub(crate) fn schedule_next(&mut self, ctx: &mut Context<Self>) {
         let first = self
             .goals
@@ -401,7 +408,8 @@ impl PlanRequester {
 
     // === better plans ===
 
-    /// Checks whether running plans would be much cheaper with agents that have joined.
+    /// Checks whether running plans would be much cheaper with the agents `joined`, which have just
+    /// joined.
     pub(crate) fn check_for_cheaper_plans(&mut self, joined: &[AgentId], ctx: &mut Context<Self>) {
         let is_executing = |goal: &Goal| matches!(goal.phase, GoalPhase::Executing(_));
         if joined.is_empty() || !self.goals.values().any(is_executing) {
@@ -419,7 +427,7 @@ impl PlanRequester {
             }));
     }
 
-    /// Estimates in the background what each running goal would cost if it were planned for now.
+    /// Estimates in the background what the plan of each running goal would cost if it were made now.
     fn compare(&mut self, snapshot: &Snapshot, joined: &str, ctx: &mut Context<Self>) {
         let Ok(known) = PlanningSnapshot::read(snapshot.clone()) else { return };
         let executing = self.goals.iter().filter(|(_, goal)| {

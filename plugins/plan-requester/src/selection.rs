@@ -1,21 +1,21 @@
 //! Selection of proposals (docs/design.md, “The two flows”): the cheapest set that covers the goal and
 //! has a valid combined plan.
 //!
-//! The proposals of one agent are alternatives: at most one of each agent is chosen. Ties are broken by
-//! fewer agents, then by agent names, so that every Plan Requester chooses alike.
+//! The proposals of one agent are alternatives: at most one proposal of each agent is chosen. Ties are
+//! broken by fewer agents, then by agent names, so that every Plan Requester chooses the same set.
 
 use std::collections::BTreeMap;
 
 use acl::AgentId;
 use acl::content::Proposal;
 
-/// Up to this number of conjuncts the cheapest set is found exactly, by dynamic programming over sets
-/// of conjuncts. Beyond it each conjunct goes to its cheapest bidder, and the second round asks for
-/// bundles.
+/// Maximum number of conjuncts for which the cheapest set of proposals is found exactly, by dynamic
+/// programming over sets of conjuncts. For more conjuncts, each one goes to its cheapest bidder, and
+/// the second round asks for bundles of conjuncts.
 const EXACT_CONJUNCTS_MAX: usize = 10;
 
-/// Number of sets kept per covered set of conjuncts. The next best sets are tried if the combined plan
-/// of the best is not valid.
+/// Number of sets of proposals that are kept for each covered set of conjuncts. The next best sets are
+/// tried if the combined plan of the best set is not valid.
 const SETS_KEPT: usize = 4;
 
 /// Alternative proposals of each bidder, one per set of conjuncts.
@@ -41,8 +41,9 @@ pub(crate) fn uncovered(conjuncts: &[String], bids: &Bids) -> Vec<String> {
     conjuncts.iter().filter(|conjunct| !is_covered(conjunct)).cloned().collect()
 }
 
-/// Returns the bundles that the second round asks for: if one agent is the cheapest for several
-/// conjuncts, it is asked for the cost of all of them together.
+/// Returns the bundles of conjuncts that the second round asks for, each with the agent that is asked:
+/// if one agent is the cheapest for several conjuncts, it is asked for the cost of all of them
+/// together.
 pub(crate) fn bundles(conjuncts: &[String], bids: &Bids) -> Vec<(AgentId, Vec<String>)> {
     let mut wanted: BTreeMap<&AgentId, Vec<String>> = BTreeMap::new();
     for conjunct in conjuncts {
@@ -129,8 +130,8 @@ fn keep(kept: &mut Vec<Selection>, selection: Selection) {
     kept.truncate(SETS_KEPT);
 }
 
-/// Gives each conjunct to its cheapest bidder, with that bidder's bundle if it offered one; adds every
-/// proposal that covers all conjuncts alone.
+/// Gives each conjunct to its cheapest bidder, with that bidder's bundle if it offered one; in addition
+/// returns every proposal that covers all conjuncts alone.
 fn by_cheapest_bidder(conjuncts: &[String], bids: &Bids) -> Vec<Selection> {
     let mut groups: BTreeMap<&AgentId, Vec<String>> = BTreeMap::new();
     for conjunct in conjuncts {
@@ -163,7 +164,7 @@ fn by_cheapest_bidder(conjuncts: &[String], bids: &Bids) -> Vec<Selection> {
 mod tests {
     use super::*;
 
-    /// Parses lines such as `robot: a=5 b=6 ab=8` into the bids of one agent each.
+    /// Parses lines such as `robot: a=5 b=6 ab=8`, each of which has the bids of one agent.
     fn bids(lines: &[&str]) -> Bids {
         let proposal = |text: &str| {
             let (covers, cost) = text.split_once('=').expect("a cost");
@@ -183,7 +184,8 @@ mod tests {
         text.chars().map(String::from).collect()
     }
 
-    /// Checks the best selection, written as `agent:covers` in order.
+    /// Checks that the best selection from the bids `lines` is `expected`, written as `agent:covers` in
+    /// order.
     #[track_caller]
     fn check(wanted: &str, lines: &[&str], expected: &str) {
         let best = selections(&conjuncts(wanted), &bids(lines)).into_iter().next();

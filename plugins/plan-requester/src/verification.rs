@@ -1,7 +1,7 @@
 //! Verification: whether a goal holds after its plan was carried out.
 //!
-//! The effects of the plan are only what was expected. Whether the goal holds is decided by the known
-//! state: a lamp of another agent may still be on in the room, or a measured value may be too low.
+//! The plan's effects are only expectations; the known state decides whether the goal holds: a lamp of
+//! another agent may still be on in the room, or a measured value may be too low.
 
 use acl::ConversationId;
 use acl::content::{Outcome, Snapshot};
@@ -11,13 +11,13 @@ use crate::PlanRequester;
 use crate::goal::GoalPhase;
 use crate::planning_snapshot::PlanningSnapshot;
 
-/// Number of checks before a plan counts as carried out in vain. An agent's last heartbeat may still be
-/// on its way.
+/// Number of checks of the goal before its plan counts as carried out in vain. An agent's last
+/// heartbeat may still be on its way.
 const LOOKS_MAX: u32 = 3;
 
 impl PlanRequester {
-    /// Checks whether a goal to be achieved holds, now that its plan was carried out. `look` counts the
-    /// checks.
+    /// Checks whether a goal that is to be achieved once holds, now that its plan was carried out.
+    /// `look` counts the checks.
     pub(crate) fn verify(&mut self, id: &ConversationId, look: u32, ctx: &mut Context<Self>) {
         let asked = ctx.ask(Resource::Domain, &self.config.domain_maintainer);
         let verified = id.clone();

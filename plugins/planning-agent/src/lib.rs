@@ -19,11 +19,11 @@ use agent::{
 use pddl::{Domain, PlanStep};
 use planner::{Budget, Cancel, Options, PlanError, Replanner, StopReason};
 
-/// Maximum number of searches side by side. A board has few cores, and a search that would wait is
-/// better refused, so that the requester can report it.
+/// Maximum number of searches side by side. A board has few cores. A further request is refused instead
+/// of waiting, so that the requester can report the refusal.
 const SEARCHES_MAX: usize = 8;
 
-/// The line in the daemon's table of plugins.
+/// The entry of the Planning Agent in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "planning-agent",
     about: "plans centrally, with the embedded planner",
@@ -38,14 +38,15 @@ fn build(_: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
 
 struct PlanningAgent {
     searches: BTreeMap<ReplyToken, RunningSearch>,
-    /// Used by one search at a time. A search beside it starts with an empty memory instead of waiting.
+    /// Data kept for the next search, used by one search at a time. A search that runs at the same time
+    /// starts with an empty cache instead of waiting.
     cache: Arc<Mutex<PlannerCache>>,
 }
 
-/// Data kept from one request to the next.
+/// Data that the planner keeps from one request to the next.
 #[derive(Default)]
 struct PlannerCache {
-    /// The last domain: its text and the parsed form.
+    /// The domain of the last request: its text and the parsed form.
     domain: Option<(String, Arc<Domain>)>,
     replanner: Replanner,
 }
@@ -129,7 +130,8 @@ impl PlanningAgent {
 }
 
 impl PlannerCache {
-    /// Returns the parsed domain of a text; parses it only if it is not the last one.
+    /// Returns the parsed form of a domain's text. The text is parsed only if it differs from the text
+    /// of the last request.
     fn domain(&mut self, text: &str) -> Result<Arc<Domain>, Vec<pddl::Diagnostic>> {
         if let Some((_, known)) = self.domain.as_ref().filter(|(known, _)| known == text) {
             return Ok(Arc::clone(known));
@@ -140,7 +142,7 @@ impl PlannerCache {
     }
 }
 
-/// Plans, and returns the plan or the reason why there is none.
+/// Plans for a request, and returns the plan or the reason why there is none.
 fn propose(request: &PlanRequest, memory: &mut PlannerCache, cancel: &Cancel) -> PlanProposal {
     let nothing = |status, detail: String| PlanProposal {
         status,
@@ -180,7 +182,7 @@ fn propose(request: &PlanRequest, memory: &mut PlannerCache, cancel: &Cancel) ->
     }
 }
 
-/// Returns the remaining steps of the plan that was running.
+/// Returns the remaining steps of the plan that was running for the goal, as the request gives them.
 fn remaining_steps(request: &PlanRequest) -> Result<Vec<PlanStep>, Vec<pddl::Diagnostic>> {
     let Some(text) = &request.rest else { return Ok(Vec::new()) };
     Ok(pddl::parse_plan(text).into_result()?.steps)

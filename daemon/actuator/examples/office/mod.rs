@@ -24,20 +24,21 @@ use tokio_util::sync::CancellationToken;
 const ONTOLOGY: &str = include_str!("../../../../domains/smart-office/domain.pddl");
 const MAP: &str = include_str!("../../../../domains/smart-office/map.pddl");
 
-/// Time limit of the call for proposals, and of the action.
+/// Maximum time that the visitor waits for bids, and for the end of the action.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// The wish of the visitor.
+/// What the visitor wants: a goal, and the call of the method that carries out the plan's first step.
 pub(crate) struct Wish {
-    /// The goal: one PDDL fact.
+    /// The goal, written as one PDDL fact.
     pub(crate) goal: &'static str,
-    /// The method that carries out the first step. The Plan Executor reads it from the announcement.
+    /// The method that carries out the first step of the plan. In an ecosystem, the Plan Executor reads
+    /// the method from the device's announcement.
     pub(crate) method: &'static str,
     /// The arguments of the method.
     pub(crate) arguments: BTreeMap<String, String>,
 }
 
-/// Runs the device `name` until the visitor's wish has come true or has failed.
+/// Runs the device `name` until the visitor's request has succeeded or failed.
 pub(crate) async fn play(
     plugin: PluginEntry,
     name: &str,
@@ -129,7 +130,7 @@ impl Visitor {
         ctx.open(call, PATIENCE, Visitor::judge);
     }
 
-    /// Accepts a bid, and requests the first step of its plan.
+    /// Accepts a bid, and requests the first step of the plan in the bid.
     fn judge(&mut self, answer: ExchangeEvent, ctx: &mut Context<Visitor>) {
         let ExchangeEvent::Message(message) = answer else { return };
         if message.performative != Performative::Agree {

@@ -1,11 +1,11 @@
-//! MA-PDDL: the acting agent becomes the first parameter, as it is the first argument of a plan's step.
-//! Privacy is removed, because it does not matter to engines.
+//! Translation of MA-PDDL: the acting agent becomes the first parameter of an action, because it is the
+//! first argument of a plan's step. Privacy is removed, because it does not matter to engines.
 
 use std::sync::Arc;
 
 use pddl::{Domain, Privacy, Problem};
 
-/// Removes agents and privacy.
+/// Removes acting agents and privacy from a task.
 pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) {
     for action in &mut domain.actions {
         if let Some(agent) = action.agent.take() {

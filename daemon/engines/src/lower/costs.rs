@@ -1,8 +1,8 @@
 //! Costs as Fast Downward reads them: `(increase (total-cost) N)` or `(… (f ?x))`, once for each
 //! action, where N and the values of `f` are whole numbers that are not negative.
 //!
-//! - Several costs of one action, sums, weights and fractions become one static function. It is
-//!   tabulated over the objects that it depends on, and scaled to whole numbers.
+//! - Several costs of one action, sums, weights and fractions become one static function. The values of
+//!   this function are listed for all objects that they depend on, and scaled to whole numbers.
 //! - Numbers that neither a condition nor the metric reads are left out. A change of such a number
 //!   still requires that it has a value; that requirement becomes a static predicate.
 //! - Costs that depend on the state are refused: they would need numeric planning.
@@ -21,19 +21,20 @@ use super::task_parts;
 
 const TOTAL_COST: &str = "total-cost";
 
-/// Largest number of values that the costs of one action may have: a million lines of `:init`.
+/// Maximum number of values that the cost function of one action may have. Each value is a line of
+/// `:init`.
 const TABLE_MAX: usize = 1_000_000;
 
-/// Largest cost that fractions are scaled up to: the sum of two thousand such steps fits into the 31
-/// bits that Fast Downward counts with.
+/// Largest cost of a step that fractions are scaled up to. The sum of two thousand such costs fits into
+/// the 31 bits with which Fast Downward counts.
 const SCALED_MAX: f64 = 1e6;
 
-/// Largest cost if all costs are whole numbers, so that no scaling is needed.
+/// Largest cost of a step if all costs are whole numbers, so that no scaling is needed.
 const WHOLE_MAX: f64 = 1e9;
 
 type FluentValues = BTreeMap<(Name, Vec<Name>), f64>;
 
-/// Removes all numbers but costs. Returns whether costs compare exactly as in the task.
+/// Removes all numbers except costs from a task. Returns whether costs compare exactly as in the task.
 pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> Result<bool, Unsupported> {
     let facts = FunctionProperties::of(domain, problem)?;
     let mut tables = Vec::new();
@@ -67,34 +68,34 @@ pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> Result<bool, 
 
 /// The functions of the task and their properties.
 struct FunctionProperties {
-    /// Cost of one unit of each function; empty if there is no metric.
+    /// Cost of one unit of each function, as the metric gives it; empty if there is no metric.
     weights: BTreeMap<Name, f64>,
     /// Functions that an action changes.
     changed: BTreeSet<Name>,
-    /// Functions that an action sets to a value that does not depend on the former one.
+    /// Functions that an action sets to a value that does not depend on the function's former value.
     assigned: BTreeSet<Name>,
     values: FluentValues,
     objects: BTreeMap<Name, TypeExpr>,
     types: Types,
 }
 
-/// The numeric part of one action.
+/// The numeric part of one action: its costs, and the values that it needs.
 #[derive(Default)]
 struct ActionNumbers {
-    /// The action's costs: weights and values.
+    /// The costs of the action, each with its weight in the metric and its value.
     costs: Vec<(f64, Expression)>,
     /// Fluents that must have a value for the action to be applicable.
     needs: Vec<FluentTerm>,
 }
 
-/// The context of an effect.
+/// What an effect is nested in: a `when`, a `forall`, both or neither.
 #[derive(Clone, Copy, Default)]
 struct Nesting {
     when: bool,
     forall: bool,
 }
 
-/// The costs of one action, by the objects that its variables stand for.
+/// The costs of one action: one value for each combination of objects that its variables may stand for.
 struct CostTable {
     variables: Vec<Name>,
     values: BTreeMap<Vec<Name>, f64>,
@@ -126,7 +127,7 @@ impl FunctionProperties {
         })
     }
 
-    /// Returns the effect without its numeric changes, which are added to `numbers`.
+    /// Returns an effect without its numeric changes, which are added to `numbers`.
     fn strip(
         &self,
         effect: Effect,
@@ -157,7 +158,7 @@ impl FunctionProperties {
         }
     }
 
-    /// Handles a change of a function that the metric contains.
+    /// Adds a change of a function that the metric contains to the costs of the action.
     fn cost(
         &self,
         assign: &Assign,
@@ -189,7 +190,8 @@ impl FunctionProperties {
         Ok(())
     }
 
-    /// Handles a change of a function that is never read: it must be possible, but has no other effect.
+    /// Handles a change of a function that is never read. Such a change must be possible, because
+    /// otherwise its action is not applicable, but it has no other effect.
     fn idle(
         &self,
         assign: &Assign,
@@ -219,7 +221,7 @@ impl FunctionProperties {
         }
     }
 
-    /// Returns the costs of an action for all objects that they depend on.
+    /// Returns the costs of an action for all combinations of objects that they depend on.
     fn table(
         &self,
         action: &ActionSchema,
@@ -244,7 +246,8 @@ impl FunctionProperties {
         Ok(table)
     }
 
-    /// Declares `(has'FUNCTION …)` for all functions that must have a value for some action.
+    /// Declares the predicate `(has'FUNCTION …)` for each function that must have a value for some
+    /// action, and adds it to `:init` for all objects for which the function has a value.
     fn declare_needs(&self, domain: &mut Domain, problem: &mut Problem) {
         let mut needed = BTreeMap::new();
         for action in &domain.actions {
@@ -278,7 +281,7 @@ fn has(function: &Name) -> Name {
     Name::new(&format!("{HAS}{function}"))
 }
 
-/// Adds `(has'FUNCTION …)` to the precondition, for all fluents in `needs`.
+/// Adds `(has'FUNCTION …)` to the precondition of an action, for each fluent in `needs`.
 fn require(action: &mut ActionSchema, needs: &[FluentTerm]) {
     if needs.is_empty() {
         return;
@@ -303,7 +306,8 @@ fn divides(expression: &Expression) -> bool {
     })
 }
 
-/// Adds the weights of a metric that is a weighted sum of functions without arguments.
+/// Adds to the weights of the functions those of a metric, which must be a weighted sum of functions
+/// without arguments.
 fn add_weights(
     expression: &Expression,
     weight: f64,
@@ -342,7 +346,7 @@ fn add_weights(
     }
 }
 
-/// Context for filling one table.
+/// Context for filling the cost table of one action.
 struct Filling<'f> {
     facts: &'f FunctionProperties,
     action: &'f ActionSchema,
@@ -352,7 +356,9 @@ struct Filling<'f> {
 // === impl Filling ===
 
 impl Filling<'_> {
-    /// Binds the variables of the first fluent to all objects for which it has a value, and recurses.
+    /// Binds the variables of the first fluent in turn to all objects for which this fluent has a
+    /// value. For each binding, continues with the other fluents; the last one enters a cost into
+    /// `table`.
     fn fill(
         &self,
         fluents: &[&FluentTerm],
@@ -393,7 +399,7 @@ impl Filling<'_> {
         })
     }
 
-    /// Whether the object has the type of the action's parameter.
+    /// Whether `object` has the type of the action's parameter `variable`.
     fn fits(&self, variable: &Name, object: &Name) -> bool {
         let parameter = self.action.parameters.iter().find(|it| it.name == *variable);
         match (parameter, self.facts.objects.get(object)) {
@@ -455,7 +461,7 @@ fn evaluate(
     value.is_finite().then_some(value)
 }
 
-/// The factor by which costs are made whole.
+/// The factor by which costs are multiplied to make them whole numbers.
 struct Scale {
     factor: f64,
     is_exact: bool,
@@ -464,8 +470,8 @@ struct Scale {
 // === impl Scale ===
 
 impl Scale {
-    /// Returns the smallest power of ten that makes all costs whole. If there is none, returns the
-    /// largest factor that keeps them small enough; costs are then rounded.
+    /// Returns the smallest power of ten that makes all costs whole numbers. If there is none, returns
+    /// the largest factor with which all costs stay small enough; the costs are then rounded.
     fn of(costs: impl Iterator<Item = f64> + Clone) -> Scale {
         let largest = costs.clone().fold(0.0, f64::max);
         // Allow rounding errors only: a small cost must not become 0.
@@ -486,7 +492,7 @@ impl Scale {
     }
 }
 
-/// Declares the cost of one action.
+/// Adds to an action the effect with its cost, and declares the cost function that this effect needs.
 fn declare_cost(
     domain: &mut Domain,
     problem: &mut Problem,

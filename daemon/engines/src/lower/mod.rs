@@ -3,12 +3,13 @@
 //! Each pass removes something that an engine cannot read:
 //!
 //! 1. `refuse`: refuses what no pass can remove, with its name and place;
-//! 2. `agents`: makes the acting agent a first parameter, and removes privacy (MA-PDDL);
+//! 2. `agents`: makes the acting agent the first parameter of an action, and removes privacy (MA-PDDL);
 //! 3. `costs` (Fast Downward): removes numbers, except for one whole, non-negative cost of each action;
-//!    `numbers` (Metric-FF): keeps the arithmetic that it reads, with one change of each fluent;
+//!    `numbers` (Metric-FF): keeps the arithmetic that Metric-FF reads, and merges the changes of one
+//!    fluent;
 //! 4. `types`: removes `either` and several supertypes;
 //! 5. `names`: renames everything to `a-move`, `o-office1`, …, and can translate names back;
-//! 6. `size_limits` (Metric-FF): checks the sizes that it is compiled for.
+//! 6. `size_limits` (Metric-FF): checks the sizes that Metric-FF is compiled for.
 //!
 //! Names that passes invent contain a `'`, which is not allowed in the names of a task. The pass
 //! `names` removes it.
@@ -30,14 +31,14 @@ pub(crate) use names::EngineNames;
 /// The dialect of PDDL that an engine reads.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Dialect {
-    /// The requirements that are declared for every task. Engines refuse flags that they do not know;
-    /// all of them accept more flags than a task needs.
+    /// The requirements that are declared for every task. An engine refuses requirement flags that it
+    /// does not know, but accepts more flags than a task needs.
     requirements: &'static [&'static str],
-    /// Whether it supports numbers in addition to costs.
+    /// Whether the engine supports numbers in addition to costs.
     has_numbers: bool,
-    /// Whether it supports derived predicates.
+    /// Whether the engine supports derived predicates.
     has_axioms: bool,
-    /// Whether it has limits on the size of a task.
+    /// Whether the engine has limits on the size of a task.
     has_caps: bool,
 }
 
@@ -46,10 +47,10 @@ pub(crate) struct Dialect {
 pub(crate) struct Lowered {
     pub(crate) domain: String,
     pub(crate) problem: String,
-    /// Translates names of a plan back to those of the task.
+    /// Names of the task in the dialect. They translate a plan back to the task's own names.
     pub(crate) names: EngineNames,
     pub(crate) has_metric: bool,
-    /// Whether costs compare exactly as in the task: they were not rounded.
+    /// Whether the costs of plans compare exactly as in the original task, because no cost was rounded.
     pub(crate) costs_exact: bool,
 }
 
@@ -68,9 +69,9 @@ impl Dialect {
     };
 }
 
-/// Translates a task to a dialect. Returns an error if a part of it has no translation.
+/// Translates a task to a dialect. Returns an error if a part of the task has no translation.
 ///
-/// The texts must have passed `check`.
+/// The texts of the task must have passed `check`.
 pub(crate) fn lower(
     domain: &Domain,
     problem: &Problem,
@@ -100,8 +101,8 @@ pub(crate) fn lower(
     })
 }
 
-/// Returns the text, with an empty `:init` if need be: the printer leaves it out, but engines require
-/// it.
+/// Returns the text of a problem. If the problem has no facts, adds an empty `:init`, which the printer
+/// leaves out but engines require.
 fn with_init(problem: &Problem) -> String {
     let text = problem.to_string();
     if problem.init.is_empty() { text.replacen("(:goal", "(:init)\n  (:goal", 1) } else { text }

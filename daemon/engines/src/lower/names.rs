@@ -1,12 +1,12 @@
 //! Names that every engine can read, and their translation back.
 //!
-//! The object `Büro@2` becomes `o-b-ro-2`; the action `move` becomes `a-move`. The letter separates
-//! kinds that engines confuse (types and predicates), and keeps all names different from the engines'
-//! keywords. Case is lost: some engines lower it and some raise it. If two names become equal, they are
-//! numbered.
+//! The object `Büro@2` becomes `o-b-ro-2`; the action `move` becomes `a-move`. The letter before the
+//! name separates kinds of names that engines confuse (types and predicates), and keeps all names
+//! different from the engines' keywords. The case of letters is lost, because some engines print lower
+//! case and some upper case. If two names become equal, they are numbered.
 //!
-//! In addition, every variable gets a name of its own, so that none hides another; nested effects are
-//! moved out of conditional effects; and repeated facts are removed.
+//! In addition, every variable gets a name of its own, so that no variable hides another; nested
+//! effects are moved out of conditional effects; and repeated facts are removed.
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::sync::Arc;
@@ -18,13 +18,13 @@ use pddl::{
 
 use super::task_parts;
 
-/// The only name that has a meaning to engines, and so is kept.
+/// The function for costs: the only name that has a meaning to engines, and that is therefore kept.
 const TOTAL_COST: &str = "total-cost";
 
-/// Number of characters of a long name that are kept.
+/// Number of characters that are kept of a name that is longer.
 const LENGTH_MAX: usize = 40;
 
-/// The kind of a named thing. Things of different kinds may have the same name.
+/// The kind of a thing that has a name. Things of different kinds may have the same name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum SymbolKind {
     Type,
@@ -34,16 +34,17 @@ enum SymbolKind {
     Action,
 }
 
-/// The names of a task in the engine's dialect.
+/// The names of a task in the engine's dialect, each with the task's own name.
 #[derive(Debug, Default)]
 pub(crate) struct EngineNames {
     forth: BTreeMap<(SymbolKind, Name), Name>,
-    /// Actions and objects, which occur in plans.
+    /// The task's own names of actions and objects, which occur in plans, by their names in the
+    /// dialect.
     back: BTreeMap<String, Name>,
     taken: BTreeSet<String>,
 }
 
-/// Renames everything in the task.
+/// Gives everything in the task a name that every engine can read, and returns these names.
 pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> EngineNames {
     let mut names = EngineNames::default();
     (domain.name, problem.domain, problem.name) = ("d".into(), "d".into(), "p".into());
@@ -76,7 +77,8 @@ pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> EngineNames {
     names
 }
 
-/// Renames the parameters of a signature: only their number matters.
+/// Renames the parameters of a declared predicate or function to `x1`, `x2`, …: only the number of
+/// parameters matters.
 fn plain(parameters: &mut [Typed]) {
     for (index, parameter) in parameters.iter_mut().enumerate() {
         parameter.name = Name::new(&format!("x{}", index + 1));
@@ -86,7 +88,8 @@ fn plain(parameters: &mut [Typed]) {
 // === impl EngineNames ===
 
 impl EngineNames {
-    /// Returns a plan with the task's own names. Returns an error with the name if one is not known.
+    /// Returns a plan with the task's own names. If a name in the plan is not known, returns that name
+    /// as an error.
     pub(crate) fn restore_names(&self, plan: Plan) -> Result<Plan, String> {
         let raise = |name: &Name| {
             self.back.get(name.as_str()).cloned().ok_or_else(|| name.spelled().to_owned())
@@ -116,7 +119,7 @@ impl EngineNames {
         }
     }
 
-    /// Returns a new name that is not taken yet.
+    /// Returns a name for the dialect that no other thing has, made from the task's own `name`.
     fn fresh(&mut self, kind: SymbolKind, name: &Name) -> Name {
         let letter = match kind {
             SymbolKind::Type => 't',
@@ -152,8 +155,8 @@ impl EngineNames {
         TypeExpr { alternatives }
     }
 
-    /// Returns the renamed action. Returns `None` if it changes nothing: no plan needs it, and engines
-    /// fail on it.
+    /// Returns an action with new names. Returns `None` if the action changes nothing: no plan needs
+    /// such an action, and engines fail on it.
     fn action(&mut self, action: &ActionSchema) -> Option<ActionSchema> {
         // Actions with the same name get different ones.
         let name = self.fresh(SymbolKind::Action, &action.name);
@@ -175,7 +178,8 @@ impl EngineNames {
         Derived { predicate, parameters, condition, span: axiom.span }
     }
 
-    /// Returns the true facts, each once, and the assigned fluents, each with its last value.
+    /// Returns the elements of `:init` with new names: the true facts, each once, and the assigned
+    /// fluents, each with its last value.
     fn init(&mut self, problem: &Problem) -> Vec<InitElement> {
         let values = task_parts::values(problem);
         let mut said = HashSet::new();
@@ -204,7 +208,7 @@ fn is_change(effect: &Effect) -> bool {
     }
 }
 
-/// The variables in scope.
+/// The variables that are in scope at one place of a task.
 struct VariableScope<'n> {
     names: &'n mut EngineNames,
     visible: Vec<(Name, Name)>,
@@ -344,8 +348,9 @@ impl<'n> VariableScope<'n> {
     }
 }
 
-/// Returns a conjunction of literals and numeric changes, each group within its `forall`s and `when`s:
-/// the grammar of PDDL allows no nesting within `when`, and some engines enforce that.
+/// Returns an effect without nesting within `when`: a conjunction of literals and numeric changes,
+/// grouped by the `forall`s and `when`s around them. The grammar of PDDL allows no nesting within
+/// `when`, and some engines enforce that.
 fn flat(effect: Effect) -> Effect {
     let mut groups = Vec::new();
     flatten(effect, &mut Vec::new(), &mut Vec::new(), &mut groups);
@@ -391,7 +396,7 @@ fn flatten(
     }
 }
 
-/// `(forall (VARIABLES) (when (and CONDITIONS) (and LEAVES)))`
+/// Returns `(forall (VARIABLES) (when (and CONDITIONS) (and LEAVES)))`.
 fn wrapped(mut leaves: Vec<Effect>, variables: &[Typed], conditions: &[Condition]) -> Effect {
     let mut effect = match leaves.len() {
         1 => leaves.remove(0),

@@ -1,5 +1,5 @@
-//! Arithmetic as Metric-FF reads it: linear, with two operands for each operator, and one change of a
-//! fluent for each action.
+//! Arithmetic as Metric-FF reads it: linear, with two operands for each operator, and at most one
+//! change of each fluent in an action.
 
 use std::collections::BTreeSet;
 
@@ -14,7 +14,7 @@ use super::task_parts;
 
 const TOTAL_COST: &str = "total-cost";
 
-/// Returns an error for arithmetic that is not linear, and rewrites the rest for Metric-FF.
+/// Rewrites the arithmetic of a task for Metric-FF. Returns an error for arithmetic that is not linear.
 pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> Result<(), Unsupported> {
     refuse_nonlinear(domain, problem)?;
     start_total_cost(domain, problem);
@@ -59,7 +59,8 @@ fn refuse_nonlinear(domain: &Domain, problem: &Problem) -> Result<(), Unsupporte
     first.map_or(Ok(()), Err)
 }
 
-/// Returns the degree: 0 if constant while a plan runs, 1 if linear, 2 otherwise.
+/// Returns the degree of an expression in the functions `changed`, which actions change: 0 if the value
+/// is constant while a plan runs, 1 if the expression is linear, 2 otherwise.
 fn degree(expression: &Expression, changed: &BTreeSet<&Name>) -> u8 {
     let of = |one: &Expression| degree(one, changed);
     match expression {
@@ -79,7 +80,8 @@ fn degree(expression: &Expression, changed: &BTreeSet<&Name>) -> u8 {
     }
 }
 
-/// Declares `total-cost` with the value 0 if it is used but not declared or has no value.
+/// If `total-cost` is used, declares it where it is not declared, and gives it the value 0 if it has
+/// none.
 fn start_total_cost(domain: &mut Domain, problem: &mut Problem) {
     let is_used = task_parts::assigns(domain).iter().any(|it| it.fluent.function == TOTAL_COST);
     let metric =
@@ -102,7 +104,7 @@ fn start_total_cost(domain: &mut Domain, problem: &mut Problem) {
     }
 }
 
-/// Merges several increases and decreases of one fluent into one.
+/// Merges several increases and decreases of one fluent into one change.
 fn merged(effect: Effect) -> Effect {
     let Effect::And(parts) = effect else { return effect };
     let mut merged: Vec<Effect> = Vec::new();
@@ -160,7 +162,7 @@ fn condition(from: Condition) -> Condition {
     }
 }
 
-/// Flattens conjunctions, so that changes of one fluent become neighbours.
+/// Flattens the conjunctions in an effect, so that changes of one fluent become neighbours.
 fn effect(from: Effect) -> Effect {
     match from {
         Effect::Add(_) | Effect::Delete(_) => from,
@@ -184,7 +186,7 @@ fn effect(from: Effect) -> Effect {
     }
 }
 
-/// Converts `(+ a b c)` to `(+ (+ a b) c)`.
+/// Converts operators with more than two operands: `(+ a b c)` becomes `(+ (+ a b) c)`.
 fn binary(expression: Expression) -> Expression {
     match expression {
         Expression::Negate(inner) => {

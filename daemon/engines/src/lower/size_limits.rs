@@ -1,5 +1,5 @@
-//! The sizes that Metric-FF 2.1 is compiled for. For a larger task it prints “increase MAX_PREDICATES”
-//! and ends, or worse; so such a task is refused before Metric-FF is started.
+//! The sizes that Metric-FF 2.1 is compiled for. For a larger task Metric-FF prints “increase
+//! MAX_PREDICATES” and ends, or fails in a worse way; so such a task is refused before Metric-FF is started.
 //!
 //! The limits on the ground task (150,000 facts, 500 steps) can only be checked by Metric-FF itself.
 
@@ -15,7 +15,7 @@ const TYPES_MAX: usize = 50;
 const ARITY_MAX: usize = 5;
 const PARAMETERS_MAX: usize = 15;
 
-/// Returns an error if the task is too large.
+/// Returns an error if the task is larger than Metric-FF supports.
 pub(super) fn refuse(domain: &Domain, problem: &Problem) -> Result<(), Unsupported> {
     let spans = |names: Vec<&Name>| names.into_iter().map(Name::span).collect::<Vec<_>>();
     let predicates = spans(domain.predicates.iter().map(|it| &it.name).collect());

@@ -3,7 +3,7 @@
 use pddl::{Assign, Condition, Domain, Effect, FluentTerm, InitElement, Problem};
 use planner::InputText;
 
-/// Returns every numeric change that actions make.
+/// Returns every numeric change in the effects of a domain's actions.
 pub(super) fn assigns(domain: &Domain) -> Vec<&Assign> {
     let parts = domain.actions.iter().flat_map(|action| action.effect.parts());
     let assigns = parts.filter_map(|part| match part {
@@ -13,7 +13,8 @@ pub(super) fn assigns(domain: &Domain) -> Vec<&Assign> {
     assigns.collect()
 }
 
-/// Calls `look` for every condition of the task, including the goal, with the text that it is in.
+/// Calls `look` for every condition of the task, including the goal, together with the text (domain or
+/// problem) that contains it.
 pub(super) fn all_conditions<'t>(
     domain: &'t Domain,
     problem: &'t Problem,
@@ -33,8 +34,8 @@ pub(super) fn all_conditions<'t>(
     problem.goal.parts().for_each(|part| look(part, InputText::Problem));
 }
 
-/// Returns the values that `:init` gives. If it gives several, the last one counts, as for the
-/// validator.
+/// Returns the values that `:init` gives to ground fluents. If `:init` gives a fluent several values,
+/// the last one counts, as it does for the validator.
 pub(super) fn values(
     problem: &Problem,
 ) -> std::collections::BTreeMap<(pddl::Name, Vec<pddl::Name>), f64> {
@@ -45,7 +46,7 @@ pub(super) fn values(
     assigned.map(|(fluent, value)| (ground(fluent), value)).collect()
 }
 
-/// Returns a ground fluent as a key for look-ups.
+/// Returns a ground fluent as a key for look-ups: its function and its arguments.
 pub(super) fn ground(fluent: &FluentTerm) -> (pddl::Name, Vec<pddl::Name>) {
     let objects = fluent.arguments.iter().map(|term| term.name().clone());
     (fluent.function.clone(), objects.collect())

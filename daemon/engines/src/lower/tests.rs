@@ -7,8 +7,8 @@ use super::{Dialect, lower};
 const FAST_DOWNWARD: Dialect = Dialect::FAST_DOWNWARD;
 const METRIC_FF: Dialect = Dialect::METRIC_FF;
 
-/// Translates the sections of a domain and a problem to a dialect; returns both texts, or the refusal
-/// and its place.
+/// Translates the sections of a domain and a problem to a dialect, and checks the result: both texts,
+/// or the refusal and its place.
 #[track_caller]
 fn check(dialect: Dialect, domain: &str, problem: &str, expected: Expect) {
     let domain_text = format!("(define (domain x) {domain})");

@@ -1,5 +1,5 @@
-//! Removes `either` and several supertypes: engines allow one supertype for each type, so that other
-//! type expressions become static predicates that hold for their objects.
+//! Removes `either` and several supertypes: engines allow only one supertype for each type. Other type
+//! expressions become static predicates that hold for the objects of these types.
 //!
 //! `?x - (either a b)` becomes `?x` with `(is'1 ?x)` in the precondition, under the quantifier, or
 //! before the effect. If a type has several supertypes, or an object several types, all types become
@@ -44,7 +44,7 @@ pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) {
     domain.types = hierarchy.unwrap_or_default();
 }
 
-/// Returns the types, each with one supertype; `None` if they do not form a tree.
+/// Returns the types of a task, each with one supertype; `None` if the types do not form a tree.
 fn hierarchy(domain: &Domain, problem: &Problem, types: &Types) -> Option<Vec<Typed>> {
     let is_single = |typed: &Typed| typed.ty.is_object() || typed.ty.alternatives.len() == 1;
     let objects = problem.objects.iter().map(|it| &it.object);
@@ -77,7 +77,8 @@ struct TypeGuards {
 // === impl TypeGuards ===
 
 impl TypeGuards {
-    /// Removes types that cannot be kept, and returns the conditions that replace them.
+    /// Removes from `variables` the types that cannot be kept, and returns the conditions that replace
+    /// these types.
     fn of(&mut self, variables: &mut [Typed]) -> Vec<Condition> {
         let mut guarding = Vec::new();
         for variable in variables {
@@ -154,7 +155,7 @@ impl TypeGuards {
         }
     }
 
-    /// Declares the predicates, and adds the objects for which they hold to `:init`.
+    /// Declares the predicates that replace types, and adds to `:init` the objects for which they hold.
     fn declare(&self, domain: &mut Domain, problem: &mut Problem, types: &Types) {
         let declared = problem.objects.iter().map(|it| &it.object);
         let objects: Vec<Typed> = domain.constants.iter().chain(declared).cloned().collect();
@@ -178,7 +179,7 @@ fn name(index: usize) -> Name {
     Name::new(&format!("is'{}", index + 1))
 }
 
-/// `(and GUARD* CONDITION)`
+/// Returns `(and GUARD* CONDITION)`, where each GUARD is a condition that replaces a type.
 fn both(mut guarding: Vec<Condition>, condition: Condition) -> Condition {
     if guarding.is_empty() {
         return condition;

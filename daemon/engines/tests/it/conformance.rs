@@ -11,7 +11,7 @@ use crate::features::{FEATURES, Feature, Judges, domain_of, texts};
 use crate::following;
 use crate::support::{fast_downward, parse, run, unified_planning};
 
-/// Returns the embedded planner's plan.
+/// Returns the plan of the embedded planner for the task of a feature.
 fn embedded(feature: &Feature) -> pddl::Plan {
     let (domain, problem) = texts(feature);
     let (domain, problem) = parse(&domain, &problem);
@@ -68,7 +68,7 @@ fn an_independent_validator_accepts_the_plans() {
     assert_eq!(verdicts.len(), judged.len(), "a verdict for each feature");
 }
 
-/// Returns the task in a form that unified-planning can read.
+/// Returns the texts of a feature's task in a form that unified-planning can read.
 fn for_unified_planning(feature: &Feature) -> (String, String) {
     let (domain, problem) = texts(feature);
     match feature.by {

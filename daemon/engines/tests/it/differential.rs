@@ -1,7 +1,7 @@
 //! Tests on generated small tasks that the embedded planner and Fast Downward agree.
 //!
-//! They must agree on solvability, and on the cost if it is proved to be the least. Every task follows
-//! from its number, so that a failure can be reproduced.
+//! They must agree on solvability, and on the cost if it is proved to be the least. Every task is
+//! generated from its number, so that a failure can be reproduced.
 
 use std::fmt::Write as _;
 
@@ -10,25 +10,26 @@ use planner::{Cancel, StopReason};
 
 use crate::support::{PATIENCE, fast_downward, parse, run};
 
-/// Number of tasks; a quarter of them is of each kind.
+/// Number of tasks; a quarter of them has each kind of features.
 const TASKS: u64 = 40;
 
-/// Features of a task in addition to STRIPS.
+/// Features that a generated task has in addition to STRIPS.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Kind {
-    /// Costs only.
+    /// Costs, and no other features.
     Strips,
-    /// Negation, disjunction, quantifiers, equality.
+    /// Negation, disjunction, quantifiers and equality.
     Adl,
-    /// Conditional and universal effects, costs that depend on objects.
+    /// Conditional and universal effects, and costs that depend on objects.
     Conditional,
-    /// Derived predicates, recursive or negated.
+    /// Derived predicates that are recursive or negated.
     Derived,
 }
 
 const KINDS: [Kind; 4] = [Kind::Strips, Kind::Adl, Kind::Conditional, Kind::Derived];
 
-/// Random numbers that follow from the seed (splitmix64), and the number of objects of a task.
+/// Generator of tasks: random numbers that follow from a seed (splitmix64), and the number of objects
+/// of the task.
 struct Dice {
     state: u64,
     objects: u64,
@@ -37,8 +38,8 @@ struct Dice {
 // === impl Dice ===
 
 impl Dice {
-    /// Returns one to four: with one object, a variable has one value only, and much that is lifted is
-    /// ground.
+    /// Creates a generator for a task with one to four objects. With one object, every variable has
+    /// only one value, which tests tasks that are almost ground.
     fn new(seed: u64) -> Dice {
         let mut dice = Dice { state: seed, objects: 1 };
         dice.objects = 1 + dice.below(4);
@@ -57,7 +58,7 @@ impl Dice {
         self.below(bound) == 0
     }
 
-    /// Returns one of `variables`, or sometimes an object.
+    /// Returns one of the variables, or sometimes an object.
     fn term(&mut self, variables: u64) -> String {
         if variables > 0 && !self.one_in(4) {
             format!("?v{}", self.below(variables))
@@ -81,7 +82,7 @@ impl Dice {
         if is_negative { format!("(not {atom})") } else { atom }
     }
 
-    /// Returns one part of a condition.
+    /// Returns one part of a condition as PDDL.
     fn part(&mut self, kind: Kind, variables: u64) -> String {
         let own = format!("?v{variables}");
         match (kind, self.below(6)) {
@@ -138,7 +139,7 @@ impl Dice {
         )
     }
 
-    /// Returns a domain and a problem.
+    /// Returns the texts of a generated domain and problem.
     fn task(&mut self, kind: Kind) -> (String, String) {
         let objects = (0..self.objects)
             .map(|index| format!("o{index} - {} ", if index < 2 { "t" } else { "object" }));
@@ -174,8 +175,9 @@ impl Dice {
     }
 }
 
-/// Returns the first of some tasks that takes the embedded planner more than one step. For every third
-/// number, returns the first task without this condition: most generated tasks have no plan.
+/// Returns the task of a number: the first one of a series of generated tasks that the embedded planner
+/// solves with more than one step. For every third number, returns the first task of the series whether
+/// it has a plan or not; most generated tasks have none.
 fn task(number: u64, kind: Kind) -> (String, String) {
     let wants_steps = !number.is_multiple_of(3);
     let tasks = (0..40).map(|attempt| Dice::new(number * 1_000 + attempt).task(kind));
@@ -189,7 +191,8 @@ fn task(number: u64, kind: Kind) -> (String, String) {
     tasks.next().unwrap_or_else(|| Dice::new(number * 1_000).task(kind))
 }
 
-/// Returns both results for one task: the least cost, or that there is no plan.
+/// Plans for one task with both planners and compares their results. Returns the least cost and the
+/// number of the plan's steps; `None` if there is no plan.
 fn compare(installation: &Installation, number: u64) -> Option<(f64, usize)> {
     let kind = KINDS[usize::try_from(number).expect("small") % KINDS.len()];
     let (domain, problem) = task(number, kind);
@@ -235,7 +238,7 @@ fn fast_downward_and_the_embedded_planner_agree_on_ten_thousand_tasks() {
     agree(0..10_000);
 }
 
-/// Compares the results for so many tasks.
+/// Compares the results of both planners for the tasks with these numbers.
 fn agree(numbers: std::ops::Range<u64>) {
     let Some(installation) = fast_downward() else { return };
     let tasks = usize::try_from(numbers.end - numbers.start).expect("small");

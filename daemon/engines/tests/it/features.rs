@@ -1,31 +1,33 @@
 //! A small task for every feature of the language that the planner supports.
 
-/// A feature, with a task that cannot be solved without it.
+/// A feature of the language, with a task that cannot be solved without it.
 pub(crate) struct Feature {
     pub(crate) name: &'static str,
-    /// Sections of the domain.
+    /// Sections of the task's domain, without the enclosing `define`.
     pub(crate) domain: &'static str,
-    /// Sections of the problem.
+    /// Sections of the task's problem, without the enclosing `define`.
     pub(crate) problem: &'static str,
-    /// Cost of the cheapest plan; number of its steps if there is no metric.
+    /// Cost of the task's cheapest plan; number of its steps if there is no metric.
     pub(crate) cost: f64,
     pub(crate) by: Judges,
 }
 
-/// The external programs that a feature is checked with, in addition to the own validator.
+/// The external programs that a feature is checked with, in addition to Althing's own validator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Judges {
-    /// Both: unified-planning accepts the plan, and Fast Downward finds one.
+    /// Both programs: unified-planning accepts the plan, and Fast Downward finds one.
     Both,
-    /// Both, but unified-planning only reads the texts as the own printer writes them.
+    /// Both programs, but unified-planning can only read the texts in the form in which Althing prints
+    /// them.
     Printed,
-    /// Only unified-planning: Fast Downward does not support numbers.
+    /// Only unified-planning, because Fast Downward does not support numbers.
     Validator,
-    /// Only Fast Downward, because unified-planning cannot read the task. Its cheapest plan has the
-    /// same cost, and with the steps of our plan as its only choice it reaches the goal
-    /// (`following.rs`).
+    /// Only Fast Downward, because unified-planning cannot read the task. Fast Downward's cheapest plan
+    /// has the same cost as the plan of the embedded planner; and if the steps of the latter are its
+    /// only choice, Fast Downward reaches the goal (`following.rs`).
     FastDownward,
-    /// Both, but unified-planning reads this domain instead, which means the same.
+    /// Both programs, but unified-planning reads the domain given here instead, which has the same
+    /// meaning.
     Twin(&'static str),
 }
 
@@ -299,7 +301,7 @@ pub(crate) fn texts(feature: &Feature) -> (String, String) {
     (domain_of(feature.domain), problem)
 }
 
-/// Returns the text of a domain with these sections.
+/// Returns the text of a domain that has these sections.
 pub(crate) fn domain_of(sections: &str) -> String {
     format!("(define (domain d) {sections})")
 }

@@ -15,7 +15,8 @@ use crate::support::{PATIENCE, fake, fast_downward, parse, run};
 const DOMAIN: &str = "(define (domain x) (:predicates (q)) (:action go :effect (q)))";
 const PROBLEM: &str = "(define (problem y) (:domain x) (:init) (:goal (q)))";
 
-/// Thirty lights, with an action for each combination that has to be passed: 2^30 states.
+/// Returns a task that no engine solves in the time of a test: thirty lights, with an action for each
+/// combination that has to be passed, which makes 2^30 states.
 fn endless() -> (String, String) {
     let mut domain = "(define (domain x) (:predicates".to_owned();
     let mut actions = String::new();
@@ -32,14 +33,15 @@ fn endless() -> (String, String) {
     (format!("{domain}){actions})"), problem)
 }
 
-/// A named pipe, to which the hanging engine writes.
+/// A named pipe, through which a test is told when the engine hangs and when its processes have ended.
 struct Confession {
     _folder: tempfile::TempDir,
     pipe: PathBuf,
     told: mpsc::Receiver<Told>,
 }
 
-/// Reads the first line that is written, then waits until the last writer has closed the pipe.
+/// Message of the thread that reads the pipe: the first line that is written, then the closing of the
+/// pipe by the last writer.
 enum Told {
     Line(String),
     AllDead,
@@ -69,7 +71,7 @@ impl Confession {
         fake(ExternalEngine::FastDownward, "hang.sh", &[&pipe])
     }
 
-    /// Waits until the engine hangs; returns its folder.
+    /// Waits until the engine hangs, and returns the folder in which it runs.
     fn await_folder(&self) -> PathBuf {
         match self.told.recv_timeout(PATIENCE).expect("the engine starts") {
             Told::Line(line) => {
@@ -86,7 +88,7 @@ impl Confession {
     }
 }
 
-/// Waits until a condition holds that sends no event.
+/// Waits until a condition holds. Used for conditions that send no event when they begin to hold.
 #[track_caller]
 fn eventually(what: &str, holds: impl Fn() -> bool) {
     let deadline = Instant::now() + PATIENCE;
@@ -96,7 +98,7 @@ fn eventually(what: &str, holds: impl Fn() -> bool) {
     }
 }
 
-/// Returns the processes of a group that still run; zombies do not count.
+/// Returns the processes of a process group that still run; zombies do not count.
 fn alive(group: &str) -> Vec<String> {
     let all = std::fs::read_dir("/proc").expect("/proc").filter_map(Result::ok);
     let stats = all.filter_map(|entry| std::fs::read_to_string(entry.path().join("stat")).ok());
@@ -140,7 +142,7 @@ fn a_cancelled_engine_ends_and_leaves_nothing() {
     assert!(!folder.exists(), "{}", folder.display());
 }
 
-/// Environment variable with the pipe for [`a_process_that_plans`].
+/// Name of the environment variable with the path of the pipe for [`a_process_that_plans`].
 const PIPE: &str = "ALTHING_TEST_PIPE";
 
 #[test]
@@ -177,7 +179,7 @@ fn a_process_that_is_killed_takes_its_engine_along() {
     }
 }
 
-/// The real engine, in a script that writes its process group to a file.
+/// Returns the real engine, started by a script that writes the number of its process group to a file.
 fn traced(installation: &[&str], file: &Path) -> Installation {
     let file = file.display().to_string();
     fake(ExternalEngine::FastDownward, "traced.sh", &[&[file.as_str()], installation].concat())

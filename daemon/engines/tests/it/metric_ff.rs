@@ -7,7 +7,7 @@ use engines::{Ending, EngineError, EngineOptions, ExternalEngine, Installation};
 
 use crate::support::{fake, repository, run};
 
-/// A task with names with an `ä` and with upper case, and with two costs.
+/// Domain of a task that has an `ä` and upper case in its names, and two kinds of costs.
 const DOMAIN: &str = "(define (domain x) (:predicates (at ?x) (painted ?x))
     (:functions (total-cost) (length ?x ?y))
     (:action Move :parameters (?x ?y) :precondition (at ?x)
@@ -28,7 +28,8 @@ fn problem_for(goal: &str, metric: bool) -> String {
     )
 }
 
-/// A stand-in for Metric-FF with one output with costs, another without, and an exit code.
+/// Returns a stand-in for Metric-FF that prints one output when costs are respected and another when
+/// they are ignored, and exits with `code`.
 fn ff(with_costs: &str, without_costs: &str, code: &str) -> Installation {
     fake(ExternalEngine::MetricFf, "replay.sh", &[with_costs, without_costs, code])
 }

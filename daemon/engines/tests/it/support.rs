@@ -1,4 +1,5 @@
-//! Shared by the tests: parsing, and engines that are installed; if one is missing, this is reported.
+//! Functions that the tests share: parsing, and finding installed engines. A missing engine is
+//! reported.
 
 #[path = "../../../../tests/support/left_out.rs"]
 mod left_out;
@@ -11,7 +12,7 @@ use engines::{EngineError, EngineOptions, EngineOutcome, ExternalEngine, Install
 use pddl::{Domain, Problem};
 use planner::Cancel;
 
-/// Time limit of a test on a machine that is busy with other tests.
+/// Time limit of an engine's run in a test, sufficient on a machine that is busy with other tests.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(120);
 
 #[track_caller]
@@ -23,7 +24,7 @@ pub(crate) fn parse(domain: &str, problem: &str) -> (Domain, Problem) {
     (domain.value.expect("a domain"), problem.value.expect("a problem"))
 }
 
-/// Returns Fast Downward if it is installed. With `CI=true` it must be.
+/// Returns Fast Downward if it is installed. With `CI=true` the test fails if it is not.
 #[track_caller]
 pub(crate) fn fast_downward() -> Option<Installation> {
     match Installation::find(ExternalEngine::FastDownward) {
@@ -32,7 +33,8 @@ pub(crate) fn fast_downward() -> Option<Installation> {
     }
 }
 
-/// Returns a Python that has unified-planning, if there is one. With `CI=true` there must be.
+/// Returns a Python that has unified-planning, if there is one. With `CI=true` the test fails if there
+/// is none.
 #[track_caller]
 pub(crate) fn unified_planning() -> Option<PathBuf> {
     let has_it = std::process::Command::new("python3")
@@ -48,7 +50,7 @@ fn absent<T>(why: &str) -> Option<T> {
     None
 }
 
-/// Runs an engine on two texts.
+/// Plans with an engine for the texts of a domain and a problem.
 #[track_caller]
 pub(crate) fn run(
     installation: &Installation,
@@ -60,7 +62,7 @@ pub(crate) fn run(
     plan(installation, &domain, &problem, options, &Cancel::new())
 }
 
-/// Returns a stand-in for an engine: a shell script of `tests/fake`, with arguments.
+/// Returns a stand-in for an engine: a shell script in the folder `tests/fake`, with these arguments.
 pub(crate) fn fake(engine: ExternalEngine, script: &str, arguments: &[&str]) -> Installation {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fake");
     let script: [OsString; 2] = ["sh".into(), folder.join(script).into()];
@@ -68,7 +70,7 @@ pub(crate) fn fake(engine: ExternalEngine, script: &str, arguments: &[&str]) -> 
     Installation::of(engine, script.into_iter().chain(arguments))
 }
 
-/// Reads a file of the repository.
+/// Returns the text of a file of the repository.
 pub(crate) fn repository(path: &str) -> String {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../..").join(path);
     std::fs::read_to_string(&path).unwrap_or_else(|err| panic!("{}: {err}", path.display()))
