@@ -473,22 +473,8 @@ impl PluginReconciler {
         };
         let brings = joined && !package.manifest.brings.is_empty();
         if agents.is_empty() && !brings {
-            let has_agents =
-                !package.manifest.agents.is_empty() || !package.manifest.brings.is_empty();
-            let reason = match admission {
-                AdmissionStatus::Listed if has_agents => {
-                    "its agents are listed and do not join: `admit = \"listed\"`".to_owned()
-                }
-                AdmissionStatus::Asked | AdmissionStatus::Denied if has_agents => {
-                    admission.reason().unwrap_or_default()
-                }
-                _ => "no [[agent]] of the ecosystem's file names it, and it brings none".to_owned(),
-            };
-            return DesiredState::Stopped(
-                PluginState::Unused,
-                Some(reason),
-                Some(Arc::new(package)),
-            );
+            let reason = Some(unused_reason(&package, admission));
+            return DesiredState::Stopped(PluginState::Unused, reason, Some(Arc::new(package)));
         }
         match self.refusal(&package, looked) {
             Some((state, why)) => DesiredState::Stopped(state, Some(why), Some(Arc::new(package))),
@@ -592,5 +578,19 @@ impl FolderChanges {
     async fn wait_until_quiet(&self) {
         self.something.notified().await;
         while tokio::time::timeout(QUIET_TIME, self.something.notified()).await.is_ok() {}
+    }
+}
+
+/// Returns the reason why no agent of a package runs, for a person.
+fn unused_reason(package: &Package, admission: &AdmissionStatus) -> String {
+    let has_agents = !package.manifest.agents.is_empty() || !package.manifest.brings.is_empty();
+    match admission {
+        AdmissionStatus::Listed if has_agents => {
+            "its agents are listed and do not join: `admit = \"listed\"`".to_owned()
+        }
+        AdmissionStatus::Asked | AdmissionStatus::Denied if has_agents => {
+            admission.reason().unwrap_or_default()
+        }
+        _ => "no [[agent]] of the ecosystem's file names it, and it brings none".to_owned(),
     }
 }

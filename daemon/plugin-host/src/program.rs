@@ -671,7 +671,7 @@ mod tests {
     async fn what_is_not_there_or_cannot_be_run_is_named() {
         let folder = tempfile::tempdir().expect("a folder");
         let problem = resolve(folder.path(), "no-such", &own_path()).await.expect_err("none");
-        assert!(problem.contains("there is no `no-such` on this daemon's PATH"), "{problem}");
+        assert!(problem.contains("there is no `no-such` on the PATH of this daemon"), "{problem}");
         fs::write(folder.path().join("agent"), "#!/bin/sh\n").expect("written");
         let problem = resolve(folder.path(), "./agent", &[]).await.expect_err("no mode");
         assert!(problem.contains("chmod +x"), "{problem}");

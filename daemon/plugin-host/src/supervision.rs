@@ -275,16 +275,10 @@ impl PluginSupervisor {
         let (package, log) = (&wanted.package, &self.log);
         let data = ground.data.join(&self.name);
         let sockets = building.iter().cloned().chain([endpoint.socket.clone()]).collect();
-        let ward = ground.machine_confinement();
-        let start = ProcessStart {
-            launcher,
-            machine_confinement: ward,
-            package,
-            program,
-            sockets,
-            data: &data,
-            log,
-        };
+        let machine_confinement = ground.machine_confinement();
+        let data = &data;
+        let start =
+            ProcessStart { launcher, machine_confinement, package, program, sockets, data, log };
         let begun = tokio::select! {
             biased;
             () = landing.stopping.cancelled() => return IncarnationEnd::Unwanted,
@@ -309,7 +303,7 @@ impl PluginSupervisor {
         }
         let mut living = ProcessHealth::new();
         let disk = wanted.package.manifest.permissions.disk;
-        let looking = ResourceSampler::new(process.id(), data, disk);
+        let looking = ResourceSampler::new(process.id(), data.clone(), disk);
         let counted = counted.as_ref();
         match self
             .follow_process(wanted, endpoint, &mut process, &mut living, looking, counted)

@@ -3,7 +3,7 @@
 //!
 //! ```no_run
 //! # mod my_plugin { pub const PLUGIN: agent::PluginEntry = agent::PluginEntry {
-//! #     name: "x", about: "", drivers: &[], stands_by: false, build: |entry| Err(entry.problem("it is empty")) }; }
+//! #     name: "x", about: "", drivers: &[], has_replicas: false, build: |entry| Err(entry.problem("it is empty")) }; }
 //! fn main() -> std::process::ExitCode {
 //!     plugin_process::run(&[my_plugin::PLUGIN])
 //! }

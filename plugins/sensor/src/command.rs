@@ -150,7 +150,7 @@ mod tests {
                 "run `sh`: exit status: 3: it is broken",
             ),
             (&[], json!({}), "driver `command` needs a `command`: a program and its arguments"),
-            (&["echo"], json!({ "json": "temp" }), "json = \"temp\": write where in the text"),
+            (&["echo"], json!({ "json": "temp" }), "json = \"temp\": write a JSON pointer"),
             (&["echo"], json!({ "factor": 0 }), "factor = 0: write a finite number other than 0"),
             (&["echo"], json!({ "every": "often" }), "every: expected number at 0"),
         ] {

@@ -300,8 +300,8 @@ impl Instantiation<'_, '_, '_> {
         let rivals = ready.numeric.iter().filter(|other| other.part.fluent.function == function);
         let is_fluent = lifted.functions[function].is_numeric_fluent();
         let is_followed = is_fluent || rivals.count() > 1;
-        let weights = lifted.costs.weights.as_deref().unwrap_or_default();
-        let is_counted = weights.iter().any(|(weighted, ..)| *weighted == function);
+        let mut weights = lifted.costs.weights.iter().flatten();
+        let is_counted = weights.any(|(weighted, ..)| *weighted == function);
         self.each(plan.as_ref(), frame, binding, &mut |this, binding| {
             let tree = this.condition(condition, frame, binding)?;
             if tree == GroundFormula::False {
@@ -317,11 +317,8 @@ impl Instantiation<'_, '_, '_> {
                 || values.initially(&change.fluent, binding).is_some();
             if value == ExpressionValue::Undefined || !is_defined {
                 this.warn_undefined(change, ready.schema);
-                let whole = this.whole(tree);
-                *rest = GroundFormula::and([
-                    std::mem::replace(rest, GroundFormula::True),
-                    whole.negated(),
-                ]);
+                let before = std::mem::replace(rest, GroundFormula::True);
+                *rest = GroundFormula::and([before, this.whole(tree).negated()]);
                 return Ok(());
             }
             let at_first = match &value {
@@ -334,15 +331,13 @@ impl Instantiation<'_, '_, '_> {
                 draft.cost = Arithmetic::Add.apply(draft.cost, more);
             }
             let is_uncertain = match &value {
-                ExpressionValue::Varying(amount) => {
-                    !is_counted || at_first.is_none() || amount.may_fail()
-                }
+                ExpressionValue::Varying(_) if !is_counted || at_first.is_none() => true,
+                ExpressionValue::Varying(amount) => amount.may_fail(),
                 value => may_outgrow(change.assignment, value),
             };
-            let may_conflict = is_followed && change.assignment == Assignment::Assign;
             let is_read = lifted.functions[function].read || !is_counted;
-            let follow = is_uncertain || may_conflict || (is_followed && is_read);
-            if follow {
+            let may_conflict = change.assignment == Assignment::Assign;
+            if is_uncertain || (is_followed && (may_conflict || is_read)) {
                 let value = match value {
                     ExpressionValue::Fixed(number) => GroundExpression::Number(number),
                     ExpressionValue::Varying(expression) => expression,
