@@ -39,13 +39,13 @@ fn a_real_kernels_lines_are_watched_driven_unplugged_and_plugged_in() {
         "seen from the other side Ok(false)",
         PRESS,
         "kept for a late reader Ok([true, false])",
-        "button Here(false)",
+        "button false",
         PRESS,
-        "button Here(true)",
-        "button Here(false)",
+        "button true",
+        "button false",
         "relay Err",
-        "button Away",
-        "button Here(false)",
+        "button unavailable",
+        "button false",
         "relay Ok(false)",
     ];
     assert_eq!(said, expected);
@@ -96,8 +96,9 @@ async fn use_lines() {
         let changed = tokio::time::timeout(PATIENCE, state.changed()).await;
         changed.expect("in time").expect("it is followed");
         match &*state.borrow_and_update() {
-            LineState::Unavailable(_) => say("button Away"),
-            state => say(format!("button {state:?}")),
+            LineState::Unknown => say("button unknown"),
+            LineState::Present(is_active) => say(format!("button {is_active}")),
+            LineState::Unavailable(_) => say("button unavailable"),
         }
     };
     next().await;
