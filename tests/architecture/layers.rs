@@ -15,6 +15,7 @@ const LAYERS: &[&[&str]] = &[
         "capability",
         "conversation",
         "credentials",
+        "goal-lifecycle",
         "gpio-lines",
         "linux-sensors",
         "machine",
@@ -26,7 +27,8 @@ const LAYERS: &[&[&str]] = &[
         "substrate",
     ],
     // `engines` depends on `planner` for its validator: every engine's plan is validated.
-    &["agent", "engines", "substrate-zenoh", "terminal"],
+    // `plan-execution` depends on `planner` for the order of steps and the effects of each.
+    &["agent", "engines", "plan-execution", "substrate-zenoh", "terminal"],
     &["actuator", "althing-plan"],
     &[
         "cleaning-robot",
@@ -61,9 +63,10 @@ const PLUGINS_KNOW: &[&str] = &["acl", "actuator", "agent", "pddl"];
 /// Further crates that single plugins may depend on, with reasons.
 const EXCEPTIONS: &[Exception] = &[
     exception("domain-maintainer", "capability", "it is that state machine, given a mailbox"),
-    exception("plan-executor", "planner", "deorders plans, checks what is left of one"),
+    exception("plan-executor", "plan-execution", "it is that state machine, given a mailbox"),
     exception("keyboard", "credentials", "it seals what people answer"),
     exception("domain-maintainer", "planner", "tells what axioms derive of the state"),
+    exception("plan-requester", "goal-lifecycle", "it is that state machine, given a mailbox"),
     exception("plan-requester", "planner", "validates proposals, takes goals apart"),
     exception("planning-agent", "planner", "it is that planner, given a mailbox"),
     exception("cleaning-robot", "building", "its simulated driver moves and sweeps there"),
@@ -96,7 +99,8 @@ const BESIDE: &[Exception] = &[exception(
 const IMPURE: &[&str] = &["tokio", "tokio-util", "tracing", "log", "rand", "chrono", "zenoh"];
 
 /// The pure crates: they only return values.
-pub(crate) const PURE: &[&str] = &["acl", "pddl", "conversation", "capability", "planner"];
+pub(crate) const PURE: &[&str] =
+    &["acl", "pddl", "conversation", "capability", "goal-lifecycle", "planner", "plan-execution"];
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Exception {

@@ -3,6 +3,7 @@
 //! Facts, goals, models and plans are sent as PDDL text inside these types. All types ignore unknown
 //! fields. The envelope does not interpret contents.
 
+mod goal;
 mod state;
 
 use std::collections::BTreeMap;
@@ -13,6 +14,7 @@ use serde_json::Value;
 
 use crate::{AgentId, ConversationId, DaemonId, Deadline};
 
+pub use self::goal::{GoalPhase, GoalStatus, HistoryEntry};
 pub use self::state::{
     ActionOf, Auxiliary, BelievedFact, BelievedState, ChangeActions, ChangeMetric, ChangeState,
     Claim, EpochChange, Guard, Heartbeat, ModelAnnouncement, Observation, Requested, RequestedFact,
@@ -197,40 +199,6 @@ pub struct Offer {
     /// The method by which the actuator carries out the action; `None` if it is not known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub method: Option<Method>,
-}
-
-/// The state of a goal, as shown to users.
-#[cfg_attr(test, derive(schemars::JsonSchema))]
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct GoalStatus {
-    /// Conversation of the goal, which identifies it in `cancel` and `watch`.
-    pub conversation: ConversationId,
-    /// The goal: a PDDL condition.
-    pub goal: String,
-    /// Whether the goal is to be reached once or kept.
-    pub keep: Keep,
-    /// Priority of the goal: a goal with a greater number takes precedence.
-    pub priority: i32,
-    /// The current phase of the goal, as text for a person.
-    pub phase: String,
-    /// Number of plans that have been made for the goal so far.
-    pub rounds: u32,
-    /// Past events of the goal, oldest first; their number is limited.
-    pub history: Vec<HistoryEntry>,
-}
-
-/// An event in the history of a goal.
-#[cfg_attr(test, derive(schemars::JsonSchema))]
-#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct HistoryEntry {
-    /// Time of the event in milliseconds since 1970-01-01 UTC, by the clock of the machine that then
-    /// pursued the goal.
-    pub at_ms: u64,
-    /// Outcome that was sent to the requester with this event; `None` if none was sent.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub outcome: Option<Outcome>,
-    /// Description of the event, for a person.
-    pub text: String,
 }
 
 /// The methods of an agent, by the name of the action that each carries out.

@@ -10,14 +10,15 @@
 //!   of each plan still reaches its goal. Does not believe a `confirm` that the agent's next heartbeat
 //!   contradicts.
 //! - Does not replan: on failure it cancels the running steps and reports; the Plan Requester decides.
+//!
+//! The execution of each plan is the state machine of `plan-execution`. Start reading at
+//! `PlanExecutor::handle`, which wraps it.
 
-mod effect_check;
-mod execution;
 mod monitoring;
 mod takeover;
-mod translate;
 
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 use acl::content::{Act, ActionToken, Execute, Outcome, Reason, Refusal, Report, Request, value};
 use acl::{AgentId, Incarnation, Message, Performative, Protocol, ReplyToken};
@@ -25,10 +26,9 @@ use agent::{
     Agent, Blueprint, BuildError, Callbacks, Context, ExchangeEvent, ExchangeOpening,
     LaunchableAgent, Participation, PluginEntry, Presence, Resident, TimerId, WorkHandle,
 };
+use plan_execution::{ActionRequest, Command, Event, LastHeartbeats, PlanState};
 use serde::Deserialize;
 
-use crate::effect_check::{LastHeartbeats, UnverifiedEffect};
-use crate::execution::Execution;
 use crate::takeover::{FinishedPlans, PlanId, Subscribers};
 
 /// Maximum number of plans that run side by side. Each plan keeps a copy of the state. A building has
@@ -91,41 +91,23 @@ struct RunningPlan {
     plan: PlanId,
     /// The request for the plan, as the Plan Requester sent it.
     original_request: Box<Execute>,
-    execution: Execution,
-    /// The steps that actuators are carrying out, with the exchange of each, by the index of the step.
-    running_steps: BTreeMap<usize, RunningStep>,
-    /// Final report of a plan that is given up, sent when no agent acts any more; `None` while the plan
-    /// is not given up.
-    final_report: Option<Report>,
-    /// Number of changes that were sent to the Domain Maintainer and that it has not confirmed yet.
-    /// While the number is not zero, the Domain Maintainer's state is older than the state known here.
-    unconfirmed_changes: usize,
+    state: PlanState,
+    /// The exchanges with the actuators that carry out a step, by the index of the step.
+    step_exchanges: BTreeMap<usize, StepExchange>,
     check_timer: Option<TimerId>,
-    /// Timer that ends the wait (grace) for an agent that the plan needs and that is absent.
-    grace_timer: Option<TimerId>,
-    /// Whether the plan has waited for the grace since the last check that succeeded.
-    grace_used: bool,
     state_query: Option<WorkHandle>,
-    /// Number of checks of the plan that have failed in a row: 0 or 1. A failed check is repeated once
-    /// before the plan is given up, because news may still be on their way.
-    retries: u32,
-    /// Confirmed changes that contradict the last heartbeat of their agents, kept until the next
-    /// heartbeat of each agent.
-    unverified_effects: BTreeMap<AgentId, UnverifiedEffect>,
     /// Timer that limits how long a completed plan waits for the heartbeats that verify its effects.
     verification_timer: Option<TimerId>,
 }
 
-/// A step that an actuator is carrying out.
+/// The exchange with an actuator about a step.
 #[derive(Clone)]
-struct RunningStep {
+struct StepExchange {
     exchange: ReplyToken,
     agent: AgentId,
     /// Incarnation of the agent that was asked to carry out the step; `None` if the agent was not
     /// present.
     agent_incarnation: Option<Incarnation>,
-    /// The ground action of the step, under the name that its agent uses.
-    action: String,
 }
 
 impl Agent for PlanExecutor {
@@ -195,8 +177,8 @@ impl PlanExecutor {
             let detail = format!("{EXECUTIONS_MAX} plans are being executed");
             return ctx.refuse(&engagement, Reason::Busy, detail);
         }
-        match Execution::new(&execute) {
-            Ok(execution) => self.begin(engagement, execution, (plan, execute), ctx),
+        match PlanState::new(&execute, agent::knowledge(&execute.knowledge)) {
+            Ok(state) => self.begin(engagement, state, (plan, execute), ctx),
             Err(detail) => ctx.refuse(&engagement, Reason::BadContent, detail),
         }
     }
@@ -204,7 +186,7 @@ impl PlanExecutor {
     fn begin(
         &mut self,
         engagement: Participation,
-        execution: Execution,
+        state: PlanState,
         (plan, asked): (PlanId, Box<Execute>),
         ctx: &mut Context<Self>,
     ) {
@@ -213,20 +195,14 @@ impl PlanExecutor {
             subscribers: Subscribers::new(engagement),
             plan,
             original_request: asked,
-            execution,
-            running_steps: BTreeMap::new(),
-            final_report: None,
-            unconfirmed_changes: 0,
+            state,
+            step_exchanges: BTreeMap::new(),
             check_timer: None,
-            grace_timer: None,
-            grace_used: false,
             state_query: None,
-            retries: 0,
-            unverified_effects: BTreeMap::new(),
             verification_timer: None,
         };
         self.running_plans.insert(token.clone(), running);
-        self.dispatch(&token, ctx);
+        self.handle(&token, Event::Started, ctx);
     }
 
     fn cancelled(&mut self, message: Message, ctx: &mut Context<Self>) {
@@ -237,47 +213,59 @@ impl PlanExecutor {
         }
     }
 
-    // === acting ===
+    fn give_up(&mut self, token: &ReplyToken, report: Report, ctx: &mut Context<Self>) {
+        self.handle(token, Event::CancelRequested(report), ctx);
+    }
 
-    /// Sends a request to an actuator for every step with all predecessors done; ends the plan if no
-    /// step is left.
-    fn dispatch(&mut self, token: &ReplyToken, ctx: &mut Context<Self>) {
+    // === the state machine ===
+
+    /// Tells a running plan what happened, and carries out the commands that follow.
+    fn handle(&mut self, token: &ReplyToken, event: Event, ctx: &mut Context<Self>) {
         let Some(running) = self.running_plans.get_mut(token) else { return };
-        if running.final_report.is_some() {
-            return self.finish_if_idle(token, ctx);
-        }
-        if running.execution.is_complete() && !running.unverified_effects.is_empty() {
-            return self.await_verification(token, ctx);
-        }
-        if running.execution.is_complete() {
-            let outcome = match running.execution.unmet_goal() {
-                None => Report::new(Outcome::Done, "the goal holds"),
-                Some(unmet) => {
-                    Report::new(Outcome::Failed, format!("every step is done, yet {unmet}"))
+        let commands = running.state.handle(event, &self.last_heartbeats);
+        let mut abandoned = Vec::new();
+        for command in commands {
+            match command {
+                Command::RequestStep(step, request) => {
+                    self.request_step(token, step, *request, ctx)
                 }
-            };
-            running.final_report = Some(outcome);
-            return self.finish_if_idle(token, ctx);
+                Command::CancelStep(step) => {
+                    abandoned.extend(self.cancel_step(token, step, ctx));
+                }
+                Command::CloseStep(step) => self.close_step(token, step, ctx),
+                Command::SendChange(change) => self.send_change(token, change, ctx),
+                Command::Report(report) => self.report(token, &report, ctx),
+                Command::ScheduleCheck(delay) => self.schedule_check(token, delay, ctx),
+                Command::QueryState => self.query_state(token, ctx),
+                Command::DropQuery => {
+                    if let Some(running) = self.running_plans.get_mut(token) {
+                        running.state_query = None;
+                    }
+                }
+                Command::AwaitEffects => self.await_effects(token, ctx),
+                Command::End(report) => self.end(token, report, ctx),
+            }
         }
-        for step in running.execution.ready() {
-            self.request_action(token, step, ctx);
+        for step in abandoned {
+            self.handle(token, Event::StepAbandoned(step), ctx);
         }
     }
 
-    fn request_action(&mut self, token: &ReplyToken, step: usize, ctx: &mut Context<Self>) {
+    fn request_step(
+        &mut self,
+        token: &ReplyToken,
+        step: usize,
+        request: ActionRequest,
+        ctx: &mut Context<Self>,
+    ) {
         let patience = ctx.settings().answer_deadline;
         let Some(running) = self.running_plans.get_mut(token) else { return };
-        let conversation = running.plan.conversation.clone();
-        let order = match running.execution.start(step) {
-            Ok(order) => order,
-            Err(problem) => return self.give_up(token, failure(problem), ctx),
-        };
-        let PlanId { term, round, .. } = running.plan;
-        let action = order.action.clone();
+        let PlanId { conversation, term, round } = running.plan.clone();
+        let ActionRequest { agent, action, method, arguments, timeout } = request;
         let act = Act {
-            action: order.action,
-            method: order.method,
-            arguments: order.arguments,
+            action,
+            method,
+            arguments,
             token: ActionToken {
                 epoch: term,
                 conversation: conversation.clone(),
@@ -285,160 +273,93 @@ impl PlanExecutor {
                 step: u32::try_from(step).unwrap_or(u32::MAX),
             },
         };
-        tracing::info!(%conversation, action = act.action, agent = %order.agent, "dispatches");
+        tracing::info!(%conversation, action = act.action, %agent, "dispatches");
         let opening = ExchangeOpening {
-            to: Some(order.agent.clone()),
+            to: Some(agent.clone()),
             performative: Performative::Request,
             protocol: Protocol::Action,
             conversation,
             content: value(&Request::Act(Box::new(act))),
         };
-        let (plan, timeout) = (token.clone(), order.timeout);
+        let plan = token.clone();
         let exchange = ctx.open(opening, patience, move |executor: &mut Self, answer, ctx| {
-            executor.answered(&plan, step, timeout, answer, ctx);
+            executor.answered(&plan, (step, timeout), answer, ctx);
         });
-        let life = ctx.find(&order.agent).map(|resident| resident.incarnation);
-        if let Some(running) = self.running_plans.get_mut(token) {
-            running.running_steps.insert(
-                step,
-                RunningStep { exchange, agent: order.agent, agent_incarnation: life, action },
-            );
-        }
+        let agent_incarnation = ctx.find(&agent).map(|resident| resident.incarnation);
+        running.step_exchanges.insert(step, StepExchange { exchange, agent, agent_incarnation });
     }
 
     fn answered(
         &mut self,
         token: &ReplyToken,
-        step: usize,
-        timeout: std::time::Duration,
+        (step, timeout): (usize, Duration),
         answer: ExchangeEvent,
         ctx: &mut Context<Self>,
     ) {
         let Some(running) = self.running_plans.get_mut(token) else { return };
-        let Some(RunningStep { exchange, agent, .. }) = running.running_steps.get(&step).cloned()
-        else {
+        let Some(StepExchange { exchange, agent, .. }) = running.step_exchanges.get(&step) else {
             return;
         };
-        let message = match answer {
-            ExchangeEvent::Message(message) => message,
+        let event = match answer {
             ExchangeEvent::TimedOut => {
-                let problem = format!("`{agent}` did not answer in time");
-                return self.failed(token, step, problem, ctx);
+                Event::StepLost(step, format!("`{agent}` did not answer in time"))
             }
             ExchangeEvent::Undelivered(why) => {
-                let problem = format!("`{agent}` could not be reached: {why}");
-                return self.failed(token, step, problem, ctx);
+                Event::StepLost(step, format!("`{agent}` could not be reached: {why}"))
             }
-        };
-        match message.performative {
-            // The agent has agreed: from now on it has the time that its method may take.
-            Performative::Agree => {
-                let margin = ctx.settings().answer_deadline;
-                ctx.extend(&exchange, timeout + margin);
-            }
-            Performative::Confirm => match message.content_as::<Report>() {
-                Ok(report) => self.confirmed(token, step, &agent, report, ctx),
-                Err(error) => {
-                    ctx.not_understood(&message, error.to_string());
-                    let problem = format!("`{agent}` sent a confirmation that cannot be read");
-                    self.failed(token, step, problem, ctx);
+            ExchangeEvent::Message(message) => match message.performative {
+                Performative::Agree => {
+                    // The agent has agreed: from now on it has the time that its method may take.
+                    let margin = ctx.settings().answer_deadline;
+                    return ctx.extend(exchange, timeout + margin);
+                }
+                Performative::Confirm => match message.content_as::<Report>() {
+                    Ok(report) => {
+                        if report.outcome.is_final() {
+                            running.step_exchanges.remove(&step);
+                        }
+                        Event::StepReported(step, report)
+                    }
+                    Err(error) => {
+                        ctx.not_understood(&message, error.to_string());
+                        let problem = "sent a confirmation that cannot be read";
+                        Event::StepLost(step, format!("`{agent}` {problem}"))
+                    }
+                },
+                _ => {
+                    let unread = |_| Refusal::new(Reason::Other, "without a reason");
+                    Event::StepRefused(step, message.content_as().unwrap_or_else(unread))
                 }
             },
-            _ => {
-                let refusal = message.content_as::<Refusal>();
-                let refusal =
-                    refusal.unwrap_or_else(|_| Refusal::new(Reason::Other, "without a reason"));
-                // A busy agent has not failed: it can do the same action a moment later.
-                let is_busy = matches!(refusal.reason, Reason::Busy | Reason::MailboxFull);
-                if is_busy && let Some(acting) = self.running_step(token, step) {
-                    acting.action.clear();
-                }
-                let problem = format!("`{agent}` declined: {}", refusal.detail);
-                self.declined(token, step, problem, refusal.reason, ctx);
-            }
-        }
+        };
+        self.handle(token, event, ctx);
     }
 
-    fn running_step(&mut self, token: &ReplyToken, step: usize) -> Option<&mut RunningStep> {
-        self.running_plans.get_mut(token)?.running_steps.get_mut(&step)
-    }
-
-    fn confirmed(
+    /// Asks the actuator of a step to stop. Returns the step if the actuator is absent: it receives the
+    /// `cancel` if it comes back soon, but its answer is not waited for.
+    fn cancel_step(
         &mut self,
         token: &ReplyToken,
         step: usize,
-        agent: &AgentId,
-        report: Report,
         ctx: &mut Context<Self>,
-    ) {
-        match report.outcome {
-            Outcome::Done => self.step_done(token, step, agent, report, ctx),
-            Outcome::Failed => {
-                if let Some(why @ (Reason::Uncertain | Reason::TimedOut)) = report.declined {
-                    return self.step_uncertain((token, step), agent, (why, report), ctx);
-                }
-                self.failed(token, step, format!("`{agent}` failed: {}", report.detail), ctx);
-            }
-            Outcome::Cancelled => {
-                self.failed(token, step, format!("`{agent}` gave up: {}", report.detail), ctx);
-            }
-            Outcome::Progress | Outcome::Holds => self.report(token, &report, ctx),
+    ) -> Option<usize> {
+        let running = self.running_plans.get_mut(token)?;
+        let StepExchange { exchange, agent, .. } = running.step_exchanges.get(&step)?.clone();
+        ctx.send_turn(&exchange, &agent, Performative::Cancel, serde_json::Value::Null);
+        if ctx.find(&agent).is_some() {
+            ctx.extend(&exchange, ctx.settings().answer_deadline);
+            return None;
         }
+        running.step_exchanges.remove(&step);
+        ctx.close(&exchange);
+        Some(step)
     }
 
-    /// Handles a step that is done: applies its effects, sends these effects to the Domain Maintainer,
-    /// and goes on with the plan.
-    fn step_done(
-        &mut self,
-        token: &ReplyToken,
-        step: usize,
-        agent: &AgentId,
-        mut report: Report,
-        ctx: &mut Context<Self>,
-    ) {
-        let Some(running) = self.running_plans.get_mut(token) else { return };
-        let action =
-            running.running_steps.remove(&step).map(|acting| acting.action).unwrap_or_default();
-        match running.execution.finish(step) {
-            Ok(mut change) => {
-                // Only the last heartbeat and the last action of an agent count.
-                running.unverified_effects.remove(agent);
-                let doubt = self.last_heartbeats.check_effect(agent, action, &change);
-                running.unverified_effects.extend(doubt.map(|doubt| (agent.clone(), doubt)));
-                change.owner = Some(agent.clone());
-                self.send_change(token, change, ctx);
-            }
-            Err(problem) => return self.give_up(token, failure(problem), ctx),
+    fn close_step(&mut self, token: &ReplyToken, step: usize, ctx: &mut Context<Self>) {
+        let running = self.running_plans.get_mut(token);
+        if let Some(it) = running.and_then(|running| running.step_exchanges.remove(&step)) {
+            ctx.close(&it.exchange);
         }
-        report.outcome = Outcome::Progress;
-        report.step = u32::try_from(step).ok();
-        self.report(token, &report, ctx);
-        self.dispatch(token, ctx);
-    }
-
-    /// Handles a step that may or may not have been done: the facts that the step would have changed
-    /// become unknown, and the Plan Requester plans again. The action does not count as failed if its
-    /// agent was restarted.
-    fn step_uncertain(
-        &mut self,
-        (token, step): (&ReplyToken, usize),
-        agent: &AgentId,
-        (why, report): (Reason, Report),
-        ctx: &mut Context<Self>,
-    ) {
-        let Some(running) = self.running_plans.get_mut(token) else { return };
-        let mut change = running.execution.uncertain(step);
-        if why == Reason::Uncertain
-            && let Some(acting) = running.running_steps.get_mut(&step)
-        {
-            acting.action.clear();
-        }
-        if !change.believe.is_empty() {
-            change.owner = Some(agent.clone());
-            self.send_change(token, change, ctx);
-        }
-        let problem = format!("`{agent}`: {}", report.detail);
-        self.declined(token, step, problem, why, ctx);
     }
 
     /// Sends the effects of a confirmed action to the Domain Maintainer.
@@ -448,8 +369,7 @@ impl PlanExecutor {
         change: acl::content::ChangeState,
         ctx: &mut Context<Self>,
     ) {
-        let Some(running) = self.running_plans.get_mut(token) else { return };
-        running.unconfirmed_changes += 1;
+        let Some(running) = self.running_plans.get(token) else { return };
         let opening = ExchangeOpening {
             to: Some(self.domain_maintainer.clone()),
             performative: Performative::Request,
@@ -459,87 +379,14 @@ impl PlanExecutor {
         };
         let told = token.clone();
         let patience = ctx.settings().answer_deadline;
-        ctx.open(opening, patience, move |executor: &mut Self, _, _| {
-            if let Some(running) = executor.running_plans.get_mut(&told) {
-                running.unconfirmed_changes = running.unconfirmed_changes.saturating_sub(1);
-            }
+        ctx.open(opening, patience, move |executor: &mut Self, _, ctx| {
+            executor.handle(&told, Event::ChangeAnswered, ctx);
         });
     }
 
-    fn failed(
-        &mut self,
-        token: &ReplyToken,
-        step: usize,
-        problem: String,
-        ctx: &mut Context<Self>,
-    ) {
-        self.fail(token, step, failure(problem), ctx);
-    }
-
-    fn declined(
-        &mut self,
-        token: &ReplyToken,
-        step: usize,
-        problem: String,
-        reason: Reason,
-        ctx: &mut Context<Self>,
-    ) {
-        let report = Report { declined: Some(reason), ..failure(problem) };
-        self.fail(token, step, report, ctx);
-    }
-
-    fn fail(
-        &mut self,
-        token: &ReplyToken,
-        step: usize,
-        mut report: Report,
-        ctx: &mut Context<Self>,
-    ) {
-        let Some(running) = self.running_plans.get_mut(token) else { return };
-        report.detail = format!("{}: {}", running.execution.step_text(step), report.detail);
-        if let Some(RunningStep { exchange, action, .. }) = running.running_steps.remove(&step) {
-            ctx.close(&exchange);
-            report.action = Some(action).filter(|action| !action.is_empty());
-        }
-        self.give_up(token, report, ctx);
-    }
-
-    // === ending ===
-
-    /// Gives a plan up: cancels its running steps. The plan ends when no agent acts any more. An absent
-    /// agent receives the `cancel` if it comes back soon, but the end of the plan does not wait for it.
-    fn give_up(&mut self, token: &ReplyToken, report: Report, ctx: &mut Context<Self>) {
-        let Some(running) = self.running_plans.get_mut(token) else { return };
-        if running.final_report.is_none() {
-            running.final_report = Some(report);
-            let patience = ctx.settings().answer_deadline;
-            running.running_steps.retain(|_, RunningStep { exchange, agent, .. }| {
-                ctx.send_turn(exchange, agent, Performative::Cancel, serde_json::Value::Null);
-                let is_here = ctx.find(agent).is_some();
-                if is_here {
-                    ctx.extend(exchange, patience);
-                } else {
-                    ctx.close(exchange);
-                }
-                is_here
-            });
-        }
-        self.finish_if_idle(token, ctx);
-    }
-
-    fn finish_if_idle(&mut self, token: &ReplyToken, ctx: &mut Context<Self>) {
-        let is_quiet = |running: &RunningPlan| {
-            running.running_steps.is_empty() && running.final_report.is_some()
-        };
-        if !self.running_plans.get(token).is_some_and(is_quiet) {
-            return;
-        }
+    fn end(&mut self, token: &ReplyToken, report: Report, ctx: &mut Context<Self>) {
         let Some(running) = self.running_plans.remove(token) else { return };
-        let Some(report) = running.final_report else { return };
-        for timer in [running.check_timer, running.grace_timer, running.verification_timer]
-            .into_iter()
-            .flatten()
-        {
+        for timer in [running.check_timer, running.verification_timer].into_iter().flatten() {
             ctx.cancel_timer(timer);
         }
         tracing::info!(conversation = %running.plan.conversation, outcome = %report.outcome,
@@ -553,8 +400,4 @@ impl PlanExecutor {
             running.subscribers.send_to_all(report, ctx);
         }
     }
-}
-
-fn failure(problem: String) -> Report {
-    Report::new(Outcome::Failed, problem)
 }

@@ -19,8 +19,9 @@ use std::collections::VecDeque;
 use acl::content::{CallOff, Cancelling, Execute, Outcome, Reason, Refusal, Report, value};
 use acl::{ConversationId, Performative, ReplyToken};
 use agent::{Context, Participation, Resident};
+use plan_execution::ExecutionPhase;
 
-use crate::{PlanExecutor, RunningStep};
+use crate::{PlanExecutor, RunningPlan, StepExchange};
 
 /// Maximum number of outcomes that are kept for replicas of the Plan Requester that take over. It
 /// exceeds the number of plans that can run at the same time.
@@ -177,7 +178,8 @@ impl PlanExecutor {
     }
 
     fn is_active(&self, token: &ReplyToken) -> bool {
-        self.running_plans.get(token).is_some_and(|running| running.final_report.is_none())
+        let running = self.running_plans.get(token);
+        running.is_some_and(|running| running.state.phase() != ExecutionPhase::GivingUp)
     }
 
     /// Refuses a request for a new plan for a goal, and sends the running plan with the refusal. The
@@ -191,7 +193,7 @@ impl PlanExecutor {
     ) {
         let Some(running) = self.running_plans.get(token) else { return };
         let mut plan = running.original_request.clone();
-        let done = running.execution.done().into_iter();
+        let done = running.state.done().into_iter();
         plan.done = done.filter_map(|(step, _)| u32::try_from(step).ok()).collect();
         let detail = "another plan for this goal is under way";
         let refusal = Refusal { under_way: Some(plan), ..Refusal::new(Reason::StaleToken, detail) };
@@ -207,7 +209,7 @@ impl PlanExecutor {
     ) {
         let Some(running) = self.running_plans.get_mut(token) else { return };
         running.subscribers.add(engagement, ctx);
-        for (step, action) in running.execution.done() {
+        for (step, action) in running.state.done() {
             let report = Report::new(Outcome::Progress, format!("`{action}` is done"));
             let step = u32::try_from(step).ok();
             let report = Report { action: Some(action), step, ..report };
@@ -218,10 +220,10 @@ impl PlanExecutor {
     /// Repeats the requests to an actuator that was restarted during a step, under the same tokens. The
     /// new incarnation answers whether the step had begun; the former incarnation will not answer.
     pub(crate) fn repeat_requests(&mut self, resident: &Resident, ctx: &mut Context<Self>) {
-        for running in
-            self.running_plans.values_mut().filter(|running| running.final_report.is_none())
-        {
-            for acting in running.running_steps.values_mut() {
+        let is_active =
+            |running: &&mut RunningPlan| running.state.phase() != ExecutionPhase::GivingUp;
+        for running in self.running_plans.values_mut().filter(is_active) {
+            for acting in running.step_exchanges.values_mut() {
                 let life = Some(resident.incarnation);
                 if acting.agent == resident.agent
                     && acting.agent_incarnation.is_some()
@@ -240,11 +242,11 @@ impl PlanExecutor {
     pub(crate) fn abandon_all(&mut self, ctx: &mut Context<Self>) {
         let cancelling = value(&Cancelling { unless_followed: true });
         for (_, running) in std::mem::take(&mut self.running_plans) {
-            for RunningStep { exchange, agent, .. } in running.running_steps.values() {
+            for StepExchange { exchange, agent, .. } in running.step_exchanges.values() {
                 ctx.send_turn(exchange, agent, Performative::Cancel, cancelling.clone());
                 ctx.close(exchange);
             }
-            let timers = [running.check_timer, running.grace_timer, running.verification_timer];
+            let timers = [running.check_timer, running.verification_timer];
             timers.into_iter().flatten().for_each(|timer| ctx.cancel_timer(timer));
         }
     }

@@ -10,158 +10,44 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::content::{
-    Bid, CallForProposals, Choice, Outcome, Proposal, Reason, Refusal, Report, value,
-};
+use acl::content::{Bid, CallForProposals, Outcome, Proposal, Reason, Refusal, Report, value};
 use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
 use agent::{Context, ExchangeEvent, ExchangeOpening, TimerId};
+use goal_lifecycle::{Attempt, Event, PlanDecision};
 use pddl::{Condition, Plan};
 use planner::Cancel;
 use planner::explain::Explanation;
 
+use crate::PlanRequester;
 use crate::explanations;
-use crate::goal::GoalPhase;
+use crate::goal::Work;
 use crate::joint_plans;
 use crate::planning::explain;
 use crate::planning_snapshot::PlanningSnapshot;
-use crate::scheduling::PlanDecision;
-use crate::selection::{Bids, Selection, bundles, selections, uncovered};
-use crate::{ANNOUNCEMENT_DELAY, PlanRequester};
-
-/// State of a call for proposals that has not ended.
-pub(crate) struct ContractNetState {
-    known: Arc<PlanningSnapshot>,
-    open: Vec<Condition>,
-    conjuncts: Vec<String>,
-    /// Called agents that have not answered in this round, each with the exchange of its call.
-    awaited: BTreeMap<AgentId, ReplyToken>,
-    bids: Bids,
-    refusals: BTreeMap<AgentId, String>,
-    silent: BTreeSet<AgentId>,
-    /// Agents with bids that use actions which the Domain Maintainer does not list for these agents
-    /// yet.
-    ahead: BTreeSet<AgentId>,
-    /// The agent and the conjuncts of each proposal, with the exchange in which the proposal was made.
-    made_in: Vec<(AgentId, Vec<String>, ReplyToken)>,
-    tokens: Vec<ReplyToken>,
-    /// Timer that closes the round at its deadline.
-    timer: TimerId,
-    /// Timer that sends the call again to agents that have not answered.
-    reminder: TimerId,
-    is_second_round: bool,
-}
-
-impl ContractNetState {
-    /// Returns the cheapest set of proposals that together reach the goal, with the combined plan and
-    /// its cost. Otherwise returns the reasons why the sets that were tried are not valid.
-    fn cheapest_valid(
-        &mut self,
-        wanted: &Condition,
-    ) -> Result<(Selection, Plan, f64), Vec<String>> {
-        let problems = match self.first_valid(wanted) {
-            Ok(valid) => return Ok(valid),
-            Err(problems) => problems,
-        };
-        // A proposal that does not even reach its own conjuncts may have kept valid sets from being
-        // tried.
-        if !self.drop_unsound() {
-            return Err(problems);
-        }
-        self.first_valid(wanted).map_err(|more| problems.into_iter().chain(more).collect())
-    }
-
-    fn first_valid(&self, wanted: &Condition) -> Result<(Selection, Plan, f64), Vec<String>> {
-        let mut problems = Vec::new();
-        for selection in selections(&self.conjuncts, &self.bids) {
-            let plans: Vec<&str> =
-                selection.chosen.iter().map(|(_, proposal)| proposal.plan.as_str()).collect();
-            let combined = self.known.combine(&plans).and_then(|plan| {
-                let cost = self.known.validate(&plan, wanted)?;
-                Ok((plan, cost))
-            });
-            match combined {
-                Ok((plan, cost)) => return Ok((selection, plan, cost)),
-                Err(problem) => problems.push(problem),
-            }
-        }
-        Err(problems)
-    }
-
-    /// Drops each proposal with a plan that does not reach all conjuncts that the proposal covers.
-    /// Returns whether any proposal was dropped.
-    fn drop_unsound(&mut self) -> bool {
-        let count = |bids: &Bids| bids.values().map(Vec::len).sum::<usize>();
-        let before = count(&self.bids);
-        let known = &self.known;
-        self.bids.values_mut().for_each(|bids| bids.retain(|proposal| known.is_sound(proposal)));
-        count(&self.bids) < before
-    }
-
-    /// Rejects all proposals of the call and closes the exchanges with the bidders.
-    pub(crate) fn reject_all(self, why: &str, ctx: &mut Context<PlanRequester>) {
-        self.award(None, why, ctx);
-    }
-
-    /// Accepts the chosen proposals, rejects all others with the reason `why`, and closes the exchanges
-    /// with the bidders.
-    fn award(self, chosen: Option<&Selection>, why: &str, ctx: &mut Context<PlanRequester>) {
-        ctx.cancel_timer(self.timer);
-        ctx.cancel_timer(self.reminder);
-        let mut judged = BTreeSet::new();
-        for (agent, covers, token) in &self.made_in {
-            let is_chosen = chosen.is_some_and(|selection| {
-                selection
-                    .chosen
-                    .iter()
-                    .any(|(winner, proposal)| winner == agent && proposal.covers == *covers)
-            });
-            if is_chosen {
-                let detail = "this proposal is in the cheapest set of proposals".to_owned();
-                let choice = value(&Choice { covers: covers.clone(), detail });
-                ctx.send_turn(token, agent, Performative::AcceptProposal, choice);
-                judged.insert((agent.clone(), token.clone()));
-            }
-        }
-        let mut rejected: BTreeMap<&ReplyToken, Vec<AgentId>> = BTreeMap::new();
-        for (agent, _, token) in &self.made_in {
-            if judged.insert((agent.clone(), token.clone())) {
-                rejected.entry(token).or_default().push(agent.clone());
-            }
-        }
-        for (token, agents) in rejected {
-            let choice = value(&Choice { covers: Vec::new(), detail: why.to_owned() });
-            match agents.as_slice() {
-                [agent] => ctx.send_turn(token, agent, Performative::RejectProposal, choice),
-                // A rejection has no receiver-specific content: one multicast is enough.
-                _ => ctx.multicast_turn(token, agents, Performative::RejectProposal, choice),
-            }
-        }
-        for token in &self.tokens {
-            ctx.close(token);
-        }
-    }
-}
+use crate::proposals::ContractNetState;
+use crate::selection::{Selection, bundles, uncovered};
 
 impl PlanRequester {
     /// Calls all actuators for proposals for a goal.
     pub(crate) fn call_for_proposals(
         &mut self,
         id: &ConversationId,
-        known: PlanningSnapshot,
-        open: Vec<Condition>,
+        attempt: Attempt,
+        known: &Arc<PlanningSnapshot>,
+        open: &[Condition],
         ctx: &mut Context<Self>,
     ) {
-        self.report_changes(id, &known, &open, ctx);
         let conjuncts: Vec<_> = open.iter().map(ToString::to_string).collect();
         let here = ctx.directory();
         let called: Vec<_> =
             known.offers.keys().filter(|agent| here.find(agent).is_some()).cloned().collect();
         if called.is_empty() {
+            let open = open.to_vec();
             let explained = move |known: &PlanningSnapshot, cancel: &Cancel| {
                 let nobody = || "no agent here offers any action".to_owned();
                 explain(known, &open, cancel, |_| nobody()).unwrap_or_else(nobody)
             };
-            return self.explain_missing_plan(id, known, explained, ctx);
+            return self.plan_missing(id, attempt, explained, ctx);
         }
         let content = CallForProposals { conjuncts: conjuncts.clone(), together: false };
         let token = self.open_call(id, None, content, ctx);
@@ -169,8 +55,8 @@ impl PlanRequester {
         let reminder = self.reminder(id, ctx.settings().retry_first, ctx);
         let awaited = called.into_iter().map(|agent| (agent, token.clone())).collect();
         let call = ContractNetState {
-            known: Arc::new(known),
-            open,
+            attempt,
+            known: Arc::clone(known),
             conjuncts,
             awaited,
             bids: BTreeMap::new(),
@@ -184,7 +70,7 @@ impl PlanRequester {
             is_second_round: false,
         };
         if let Some(goal) = self.goals.get_mut(id) {
-            goal.phase = GoalPhase::CollectingProposals(Box::new(call));
+            goal.work = Work::Proposals(Box::new(call));
         }
     }
 
@@ -240,8 +126,8 @@ impl PlanRequester {
     }
 
     fn calling(&mut self, id: &ConversationId) -> Option<&mut ContractNetState> {
-        match &mut self.goals.get_mut(id)?.phase {
-            GoalPhase::CollectingProposals(call) => Some(call),
+        match &mut self.goals.get_mut(id)?.work {
+            Work::Proposals(call) => Some(call),
             _ => None,
         }
     }
@@ -337,37 +223,64 @@ impl PlanRequester {
         call.reminder = reminder;
     }
 
-    fn choose(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
-        let Some(goal) = self.goals.get_mut(id) else { return };
-        let phase = std::mem::replace(&mut goal.phase, GoalPhase::Queued);
-        let GoalPhase::CollectingProposals(mut call) = phase else { return };
-        if let Some(bidder) = call.ahead.first() {
-            let (now, patience) = (ctx.now(), ANNOUNCEMENT_DELAY.max(ctx.settings().grace));
-            let why = format!("the action model that `{bidder}` bids with is not known here yet");
-            if now - *goal.behind_since.get_or_insert(now) < patience {
-                call.reject_all("a new call for proposals follows: an action model is newer", ctx);
-                return self.wait(id, why, ANNOUNCEMENT_DELAY, ctx);
+    /// Takes the call for proposals of a goal out, to end it; `None` if there is none.
+    fn take_call(&mut self, id: &ConversationId) -> Option<ContractNetState> {
+        let work = &mut self.goals.get_mut(id)?.work;
+        match std::mem::take(work) {
+            Work::Proposals(call) => Some(*call),
+            other => {
+                *work = other;
+                None
             }
-            tracing::warn!(conversation = %id, %why, "the bid of that agent is left out");
-        } else {
-            goal.behind_since = None;
         }
+    }
+
+    /// Rejects all proposals for a goal, if it is called for.
+    pub(crate) fn reject_proposals(
+        &mut self,
+        id: &ConversationId,
+        why: &str,
+        ctx: &mut Context<Self>,
+    ) {
+        self.take_call(id).into_iter().for_each(|call| call.reject_all(why, ctx));
+    }
+
+    fn choose(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        let Some(call) = self.calling(id) else { return };
+        let attempt = call.attempt;
+        match call.ahead.first() {
+            Some(bidder) => {
+                let why =
+                    format!("the action model that `{bidder}` bids with is not known here yet");
+                self.handle(id, Event::BidsOutdated(attempt, why.clone()), ctx);
+                if self.calling(id).is_none() {
+                    return;
+                }
+                tracing::warn!(conversation = %id, %why, "the bid of that agent is left out");
+            }
+            None => {
+                if let Some(goal) = self.goals.get_mut(id) {
+                    goal.state.note_bids_current();
+                }
+            }
+        }
+        let Some(mut call) = self.take_call(id) else { return };
         let known = Arc::clone(&call.known);
         let Some(wanted) = self.combined_goal(id, &known) else { return };
         let missing = uncovered(&call.conjuncts, &call.bids);
         let problems = match call.cheapest_valid(&wanted) {
             Ok((selection, plan, cost)) => {
-                return self.chosen(id, *call, &selection, (&plan, cost), ctx);
+                return self.chosen(id, call, &selection, (plan, cost), ctx);
             }
             Err(problems) => problems,
         };
-        let open = call.open.clone();
+        let open = self.open_conjuncts(id);
         let Some(goal) = self.goals.get(id).map(|goal| goal.condition.clone()) else { return };
         call.reject_all("no set of proposals covers the goal", ctx);
         let explained = move |known: &PlanningSnapshot, cancel: &Cancel| {
             why_none(known, &goal, open, (&missing, &problems), cancel)
         };
-        self.explain_missing_plan(id, Arc::unwrap_or_clone(known), explained, ctx);
+        self.plan_missing(id, attempt, explained, ctx);
     }
 
     /// Handles a valid set of proposals that was chosen: executes the combined plan, unless other goals
@@ -377,12 +290,12 @@ impl PlanRequester {
         id: &ConversationId,
         call: ContractNetState,
         selection: &Selection,
-        (plan, cost): (&Plan, f64),
+        (plan, cost): (Plan, f64),
         ctx: &mut Context<Self>,
     ) {
-        let known = Arc::clone(&call.known);
-        let verdict = self.decide(id, &known, plan);
-        if matches!(verdict, PlanDecision::Run) {
+        let attempt = call.attempt;
+        let decision = self.decide(id, &call.known, &plan);
+        if matches!(decision, PlanDecision::Run) {
             let why =
                 explanations::describe_choice(selection, &call.bids, &call.refusals, &call.silent);
             call.award(Some(selection), "another set of proposals is cheaper", ctx);
@@ -392,7 +305,7 @@ impl PlanRequester {
         } else {
             call.reject_all("other goals come first", ctx);
         }
-        self.apply_decision(id, &known, (plan, cost), verdict, ctx);
+        self.plan_found(id, attempt, (plan, cost), decision, ctx);
     }
 }
 

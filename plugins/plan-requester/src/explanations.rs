@@ -5,10 +5,11 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use acl::AgentId;
 use acl::content::{Offer, Proposal};
+use goal_lifecycle::AvoidedActions;
 use pddl::{ActionSchema, Condition, Effect, InitElement, Name};
 use planner::explain::Explanation;
 
-use crate::planning_snapshot::{AvoidedActions, PlanningSnapshot};
+use crate::planning_snapshot::PlanningSnapshot;
 use crate::selection::{Bids, Selection};
 
 /// Maximum number of things of one kind that are listed by name; the rest is only counted.
@@ -300,7 +301,7 @@ mod tests {
     use planner::Cancel;
 
     use super::*;
-    use crate::planning_snapshot::AvoidedAction;
+    use goal_lifecycle::AvoidedAction;
 
     const DOMAIN: &str = "(define (domain d) (:requirements :typing) (:types room sensor)
         (:predicates (known ?r - room) (open ?r - room) (in ?s - sensor ?r - room)

@@ -13,16 +13,17 @@
 use std::collections::BTreeMap;
 
 use acl::content::{
-    Achieve, Execute, HistoryEntry, Outcome, Partition, Record, Report, Version, value,
+    Achieve, Execute, GoalPhase, HistoryEntry, Outcome, Partition, Record, Report, Version, value,
 };
 use acl::{ConversationId, Incarnation, Performative};
 use agent::replication::{self, JournalClient, ReplicatesRecords, ReplicationOutcome};
 use agent::{Context, Participation, Resident};
+use goal_lifecycle::{Event, GoalState, SETTLE_DELAY, holding};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::goal::{Goal, GoalPhase};
-use crate::{PlanRequester, SETTLE_DELAY};
+use crate::PlanRequester;
+use crate::goal::Goal;
 
 const GOAL: &str = "goal/";
 const PLAN: &str = "plan/";
@@ -172,7 +173,7 @@ impl PlanRequester {
             self.send_or_queue(&engagement, report, ctx);
         }
         let holds = self.goals.values().filter(|goal| {
-            goal.engagement.initiator == asker.agent && matches!(goal.phase, GoalPhase::Holding)
+            goal.engagement.initiator == asker.agent && goal.state.phase() == GoalPhase::Holding
         });
         for goal in holds {
             ctx.answer(&goal.engagement, Performative::Confirm, &holding());
@@ -232,7 +233,7 @@ impl PlanRequester {
     fn records_of(&mut self, id: &ConversationId) -> Vec<Record> {
         let Some(goal) = self.goals.get(id) else { return Vec::new() };
         let body = value(&record_of(goal));
-        let plan = goal.plan.as_deref().filter(|_| goal.phase.is_under_way()).map(value);
+        let plan = goal.plan.as_deref().filter(|_| goal.state.phase().is_under_way()).map(value);
         let plan = plan.map(|plan| self.keeper.write(format!("{PLAN}{id}"), plan));
         std::iter::once(self.keeper.write(format!("{GOAL}{id}"), body)).chain(plan).collect()
     }
@@ -285,18 +286,16 @@ impl PlanRequester {
             }
             return self.replicate_plan(&id, ctx);
         }
-        let was_running = self.goals.get(&id).is_some_and(|goal| goal.phase.is_running());
-        if record.ended.is_some() {
-            self.cancel_running_plan(&id, ctx);
-        }
+        let was_running = self.goals.get(&id).is_some_and(|goal| goal.state.phase().is_running());
         // If the initiator has asked this replica in the same incarnation, it may no longer wait in the
         // exchange that the record names.
         if let Some(engagement) = self.local_exchange(&record.engagement) {
             record.engagement = engagement;
         }
-        self.drop_goal(&id, ctx);
+        let event = if record.ended.is_some() { Event::EndedElsewhere } else { Event::TakenOver };
+        self.remove_goal(&id, event, ctx);
         if was_running {
-            self.release_agents(&id);
+            self.release_agents(&id, ctx);
         }
         if let Some(report) = record.ended.clone() {
             self.send_outcome(&record, &report, ctx);
@@ -339,7 +338,7 @@ impl PlanRequester {
         plan: Option<Execute>,
         ctx: &mut Context<Self>,
     ) {
-        let runs = self.goals.get(id).is_some_and(|goal| goal.phase.is_running());
+        let runs = self.goals.get(id).is_some_and(|goal| goal.state.phase().is_running());
         if let Some(plan) = plan.filter(|_| !runs) {
             self.cancel_orphan(id, &plan, 0, ctx);
         }
@@ -397,67 +396,37 @@ impl PlanRequester {
             Err(_) => return tracing::warn!(conversation = %id, "a recorded goal cannot be read"),
         };
         tracing::info!(conversation = %id, goal = asked.goal, rounds, "resumes a goal");
-        let mut goal = Goal::new(engagement, life, asked, condition);
-        (goal.rounds, goal.failures, goal.version) = (rounds, failures, version);
-        goal.adopted_at = Some(ctx.now());
-        goal.recall_history(happened);
         let running = running.filter(|running| {
             let is_it = |plan: &Execute| plan.term == running.term && plan.round == running.round;
             plan.as_ref().is_some_and(is_it)
         });
+        let (state, commands) = GoalState::resumed(
+            asked.keep,
+            (rounds, failures),
+            running.is_some(),
+            self.elapsed(ctx),
+        );
+        let mut goal = Goal::new(engagement, life, asked, condition);
+        (goal.state, goal.version) = (state, version);
+        goal.recall_history(happened);
         if let (Some(running), Some(plan)) = (running, plan) {
             goal.adopt_plan(plan, running.done);
-            self.goals.insert(id.clone(), goal);
-            self.ask_executor(&id, ctx);
-            self.send_report(&id, progress("the goal was taken over; its plan goes on"), ctx);
-        } else {
-            self.goals.insert(id.clone(), goal);
-            self.send_report(&id, progress("the goal was taken over"), ctx);
-            self.consider(&id, ctx);
         }
+        self.goals.insert(id.clone(), goal);
+        self.carry_out(&id, commands, ctx);
     }
 
     /// Whether this replica keeps its own state of a goal that was pursued on both sides of a
     /// partition: always, unless only the other side has a running plan (`theirs_runs`).
     fn keeps_own_state(&self, id: &ConversationId, theirs_runs: bool) -> bool {
-        self.goals.get(id).is_some_and(|goal| goal.phase.is_running() || !theirs_runs)
+        self.goals.get(id).is_some_and(|goal| goal.state.phase().is_running() || !theirs_runs)
     }
 
     /// Asks the Plan Executor again for the running plan of a goal. If the other side has asked for the
     /// same plan, the Plan Executor would otherwise report to that side only.
     fn follow_again(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
-        if self.goals.get(id).is_some_and(|goal| matches!(goal.phase, GoalPhase::Executing(_))) {
-            self.ask_executor(id, ctx);
-        }
-    }
-
-    /// Cancels the running plan of a goal that has ended on the other side of a partition.
-    fn cancel_running_plan(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
-        let Some(goal) = self.goals.get_mut(id) else { return };
-        if let GoalPhase::Executing(token) = &goal.phase {
-            let executor = &self.config.plan_executor;
-            ctx.send_turn(token, executor, Performative::Cancel, Value::Null);
-            ctx.extend(token, ctx.settings().answer_deadline * 2);
-            // The exchange stays open until the executor has received the `cancel`.
-            goal.phase = GoalPhase::Queued;
-        }
-    }
-
-    /// Removes a goal from this replica without ending it: another replica resumes the goal.
-    fn drop_goal(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
-        let Some(goal) = self.goals.remove(id) else { return };
-        if let Some(timer) = goal.timer {
-            ctx.cancel_timer(timer);
-        }
-        match goal.phase {
-            GoalPhase::Planning(token)
-            | GoalPhase::Executing(token)
-            | GoalPhase::Cancelling(token)
-            | GoalPhase::Preempted(token) => ctx.close(&token),
-            GoalPhase::CollectingProposals(call) => {
-                call.reject_all("another replica takes the goal over", ctx)
-            }
-            _ => (),
+        if let Some(attempt) = self.goals.get(id).map(|goal| goal.state.attempt()) {
+            self.handle(id, Event::ExecutorRestarted(attempt), ctx);
         }
     }
 
@@ -467,7 +436,7 @@ impl PlanRequester {
         let goals: Vec<_> = self.goals.keys().cloned().collect();
         for id in goals {
             records.extend(self.records_of(&id));
-            self.drop_goal(&id, ctx);
+            self.remove_goal(&id, Event::TakenOver, ctx);
         }
         self.ended.clear_except_unsent();
         self.cheaper_plan_check = None;
@@ -479,17 +448,13 @@ impl PlanRequester {
     /// The requests are sent after [`SETTLE_DELAY`]: if the leader of the Plan Requesters changes at the
     /// same time, this replica stands down first, and only the new leader asks.
     pub(crate) fn executor_came(&mut self, ctx: &mut Context<Self>) {
-        let asked = |goal: &Goal| match &goal.phase {
-            GoalPhase::Executing(token) => Some(token.clone()),
-            _ => None,
-        };
-        let running = self.goals.iter().filter_map(|(id, goal)| Some((id.clone(), asked(goal)?)));
-        let running: Vec<_> = running.collect();
+        let is_executing = |goal: &Goal| goal.state.phase() == GoalPhase::Executing;
+        let running = self.goals.iter().filter(|(_, goal)| is_executing(goal));
+        let running: Vec<_> =
+            running.map(|(id, goal)| (id.clone(), goal.state.attempt())).collect();
         ctx.after(SETTLE_DELAY, move |requester: &mut Self, ctx| {
-            for (id, token) in running {
-                if requester.goals.get(&id).and_then(asked) == Some(token) {
-                    requester.ask_executor(&id, ctx);
-                }
+            for (id, attempt) in running {
+                requester.handle(&id, Event::ExecutorRestarted(attempt), ctx);
             }
         });
     }
@@ -519,28 +484,10 @@ impl PlanRequester {
         })
     }
 
-    /// Makes a goal wait until this partition holds the quorum, and reports the waiting once.
-    pub(crate) fn wait_for_quorum(
-        &mut self,
-        id: &ConversationId,
-        why: String,
-        ctx: &mut Context<Self>,
-    ) {
-        let Some(goal) = self.goals.get_mut(id) else { return };
-        let is_news = !matches!(&goal.phase, GoalPhase::WaitingForChange(known) if *known == why);
-        goal.phase = GoalPhase::WaitingForChange(why.clone());
-        if is_news {
-            self.send_report(id, progress(&format!("waiting: {why}")), ctx);
-        }
-        // Goals that need no quorum go on.
-        self.schedule_next(ctx);
-    }
-
     /// Considers again all goals that wait for the quorum.
     pub(crate) fn reconsider_waiting(&mut self, ctx: &mut Context<Self>) {
         let waits = |goal: &Goal| {
-            goal.partition == Partition::Wait
-                && matches!(goal.phase, GoalPhase::WaitingForChange(_))
+            goal.partition == Partition::Wait && goal.state.phase() == GoalPhase::WaitingForChange
         };
         let waiting = self.goals.iter().filter(|(_, goal)| waits(goal));
         let waiting: Vec<_> = waiting.map(|(id, _)| id.clone()).collect();
@@ -554,11 +501,6 @@ pub(crate) fn conversation_of(key: &str) -> Option<ConversationId> {
     key.strip_prefix(GOAL).map(ConversationId::new)
 }
 
-/// Returns the report that a kept goal holds.
-pub(crate) fn holding() -> Report {
-    Report::new(Outcome::Holds, "the goal holds; it is watched")
-}
-
 fn progress(detail: &str) -> Report {
     Report::new(Outcome::Progress, detail)
 }
@@ -570,7 +512,7 @@ fn record_of(goal: &Goal) -> GoalRecord {
         priority: goal.priority,
         partition: goal.partition,
     };
-    let running = goal.plan.as_ref().filter(|_| goal.phase.is_under_way());
+    let running = goal.plan.as_ref().filter(|_| goal.state.phase().is_under_way());
     let running = running.map(|plan| RunningPlanId {
         term: plan.term,
         round: plan.round,
@@ -580,11 +522,11 @@ fn record_of(goal: &Goal) -> GoalRecord {
         engagement: goal.engagement.clone(),
         life: goal.initiator_incarnation,
         asked,
-        rounds: goal.rounds,
-        failures: goal.failures,
+        rounds: goal.state.rounds(),
+        failures: goal.state.failures(),
         running,
         happened: goal.history().to_vec(),
-        cancelled: matches!(goal.phase, GoalPhase::Cancelling(_)),
+        cancelled: goal.state.phase() == GoalPhase::Cancelling,
         ended: None,
     }
 }

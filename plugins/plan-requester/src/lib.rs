@@ -9,7 +9,8 @@
 //!   no longer holds.
 //! - Several goals run side by side; no plan breaks another's causal links (`scheduling`).
 //!
-//! Start reading at `PlanRequester::consider`.
+//! The life of each goal is the state machine of `goal-lifecycle`; `lifecycle` wraps it. Start reading
+//! there.
 
 mod contract_net;
 mod execution;
@@ -19,18 +20,21 @@ mod finished;
 mod goal;
 mod handover;
 mod joint_plans;
+mod lifecycle;
 mod orphan_plans;
 mod planning;
 mod planning_snapshot;
+mod proposals;
 mod scheduling;
 mod selection;
 mod verification;
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 use std::time::Duration;
 
 use acl::content::{
-    Achieve, Inform, Keep, Keeping, Outcome, Reason, Report, Request, SetMode, Snapshot,
+    Achieve, GoalPhase, Inform, Keeping, Outcome, Reason, Report, Request, SetMode, Snapshot,
 };
 use acl::{AgentId, ConversationId, Message, Performative};
 use agent::replication::{self, JournalClient};
@@ -38,28 +42,18 @@ use agent::{
     Agent, Blueprint, BuildError, Callbacks, Context, LaunchableAgent, Mode, Participation,
     PluginEntry, Presence, Resource, TimerId, WorkHandle,
 };
+use goal_lifecycle::{Attempt, Event, PlanningFlow, holding};
 use pddl::Condition;
 use serde::Deserialize;
+use tokio::time::Instant;
 
 use crate::finished::FinishedGoals;
-use crate::goal::{FAILURES_MAX, Goal, GoalPhase};
+use crate::goal::{Goal, PlanningRound, Work};
 use crate::planning_snapshot::{PlanningSnapshot, first};
 
 /// Maximum number of goals pursued at a time. A building has tens of goals. A further goal is refused
 /// with a reason, not dropped silently.
 const GOALS_MAX: usize = 256;
-
-/// Delay between a change of the world and the next check of the goals. News of one event arrive in
-/// several messages, which one check then covers.
-const SETTLE_DELAY: Duration = Duration::from_millis(20);
-
-/// Delay before planning again when no plan was found. After this delay the latest announcements of all
-/// agents have arrived here, also on a busy machine.
-const ANNOUNCEMENT_DELAY: Duration = Duration::from_millis(100);
-
-/// Interval at which waiting and holding goals are checked even if no news have come. A broadcast may
-/// be lost.
-const RECHECK_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Delay before a question to another agent is asked again if no answer was received.
 const ASK_AGAIN: Duration = Duration::from_millis(500);
@@ -117,6 +111,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
         keeper,
         cheaper_plan_check: None,
         resend_timer: None,
+        began_at: None,
     }))
 }
 
@@ -130,6 +125,8 @@ struct PlanRequester {
     cheaper_plan_check: Option<WorkHandle>,
     /// Timer until the next try to send outcomes for which there was no room in the outbox.
     resend_timer: Option<TimerId>,
+    /// Origin of the time that the goals' states count from: the first time at which one is needed.
+    began_at: Option<Instant>,
 }
 
 impl Agent for PlanRequester {
@@ -202,8 +199,8 @@ impl PlanRequester {
             && goal.is_asked_again(&engagement, &asked)
         {
             goal.engagement = engagement;
-            let report = match goal.phase {
-                GoalPhase::Holding => failover::holding(),
+            let report = match goal.state.phase() {
+                GoalPhase::Holding => holding(),
                 _ => Report::new(Outcome::Progress, "accepted before; it goes on"),
             };
             return ctx.answer(&goal.engagement, Performative::Confirm, &report);
@@ -290,218 +287,94 @@ impl PlanRequester {
     fn cancel(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         goal.add_history(ctx.router().host_services().wall_clock(), None, "cancelled");
-        match &goal.phase {
-            GoalPhase::Executing(token) => {
-                let token = token.clone();
-                goal.phase = GoalPhase::Cancelling(token.clone());
-                let executor = self.config.plan_executor.clone();
-                ctx.send_turn(&token, &executor, Performative::Cancel, serde_json::Value::Null);
-                ctx.extend(&token, ctx.settings().answer_deadline * 2);
-            }
-            GoalPhase::Preempted(token) => goal.phase = GoalPhase::Cancelling(token.clone()),
-            GoalPhase::Cancelling(_) => (),
-            GoalPhase::Planning(token) => {
-                let (token, planner) = (token.clone(), self.config.planning_agent.clone());
-                ctx.send_turn(&token, &planner, Performative::Cancel, serde_json::Value::Null);
-                ctx.close(&token);
-                self.end(id, Outcome::Cancelled, "cancelled as asked", ctx);
-            }
-            _ => self.end(id, Outcome::Cancelled, "cancelled as asked", ctx),
-        }
+        self.handle(id, Event::Cancelled, ctx);
     }
 
-    // === considering ===
+    // === comparing ===
 
-    /// Checks whether a goal holds. If the goal does not hold, and no other goal comes first, plans for
-    /// it.
-    fn consider(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
-        if let Some(why) = self.missing_quorum(id, ctx) {
-            return self.wait_for_quorum(id, why, ctx);
-        }
-        if !self.is_its_turn(id) {
-            return;
-        }
-        if self.is_still_blocked(id, ctx.now()) {
-            return self.schedule_next(ctx);
-        }
+    /// Asks the Domain Maintainer for the domain and the state, to compare a goal with them.
+    fn fetch_domain(&mut self, id: &ConversationId, attempt: Attempt, ctx: &mut Context<Self>) {
         let asked = ctx.ask(Resource::Domain, &self.config.domain_maintainer);
         let considered = id.clone();
         let work = ctx.run(asked, move |requester: &mut Self, answers, ctx| {
             let snapshot = answers.first().and_then(|bytes| serde_json::from_slice(bytes).ok());
-            match snapshot {
-                Some(snapshot) => requester.domain_fetched(&considered, snapshot, ctx),
-                None => {
-                    let why = "no Domain Maintainer answers".to_owned();
-                    requester.wait(&considered, why, ASK_AGAIN, ctx);
-                }
-            }
+            let event = match snapshot {
+                Some(snapshot) => requester.compare_goal(&considered, attempt, snapshot, ctx),
+                None => Some(Event::DomainMissing(attempt)),
+            };
+            event.into_iter().for_each(|event| requester.handle(&considered, event, ctx));
         });
         if let Some(goal) = self.goals.get_mut(id) {
-            if let Some(timer) = goal.timer.take() {
-                ctx.cancel_timer(timer);
-            }
-            goal.phase = GoalPhase::FetchingDomain(work);
-            goal.is_request_stale = false;
+            goal.work = Work::Question(work);
         }
     }
 
-    fn domain_fetched(&mut self, id: &ConversationId, snapshot: Snapshot, ctx: &mut Context<Self>) {
+    /// Compares a goal with the domain and the state. If the goal does not hold, prepares a round of
+    /// planning. `None` if the goal has ended.
+    fn compare_goal(
+        &mut self,
+        id: &ConversationId,
+        attempt: Attempt,
+        snapshot: Snapshot,
+        ctx: &mut Context<Self>,
+    ) -> Option<Event> {
         let known = match PlanningSnapshot::read(snapshot) {
             Ok(known) => known,
-            Err(problem) => return self.end(id, Outcome::Failed, problem, ctx),
+            Err(problem) => return Some(Event::DomainUnusable(attempt, problem)),
         };
-        let Some(goal) = self.goals.get_mut(id) else { return };
-        goal.compare_with(&known.offers);
-        let known = known.without_avoided(goal.avoided(ctx.now()));
-        if goal.rounds == 0
-            && let Some(problem) = wrong_in(goal, &known)
-        {
-            if goal.in_warm_up(ctx.now()) {
-                return self.wait(id, problem, ASK_AGAIN, ctx);
-            }
-            return self.end(id, Outcome::Failed, problem, ctx);
+        let now = self.elapsed(ctx);
+        let goal = self.goals.get_mut(id).filter(|goal| goal.is_current(attempt))?;
+        goal.state.backoffs_mut().compare_with(&known.offers);
+        let known = known.without_avoided(goal.state.backoffs().avoided(now));
+        let is_first = goal.state.rounds() == 0;
+        if let Some(problem) = is_first.then(|| wrong_in(goal, &known)).flatten() {
+            return Some(Event::GoalInvalid(attempt, problem));
         }
-        match known.open_conjuncts(&goal.condition) {
-            Ok(open) if open.is_empty() => self.satisfied(id, ctx),
-            Ok(_) if goal.rounds > 0 && !self.config.replanning => {
-                self.end(
-                    id,
-                    Outcome::Failed,
-                    "it does not hold any more, and replanning is off",
-                    ctx,
-                );
+        let open = match known.open_conjuncts(&goal.condition) {
+            Ok(open) if open.is_empty() => return Some(Event::GoalHolds(attempt)),
+            Ok(open) => open,
+            Err(problem) => return Some(Event::DomainUnusable(attempt, problem)),
+        };
+        if let Some(lost) = (!is_first).then(|| lost_to(goal, &known)).flatten() {
+            if self.config.replanning {
+                self.report_changes(id, &known, &open, ctx);
             }
-            Ok(open) => {
-                goal.holds_reported = false;
-                if goal.rounds > 0
-                    && let Some(lost) = lost_to(goal, &known)
-                {
-                    goal.planning_mode = scheduling::PlanningMode::default();
-                    self.report_changes(id, &known, &open, ctx);
-                    return self.no_plan(id, lost, ctx);
-                }
-                let known = known.without_agents(&self.agents_in_use(id));
-                if self.wait_if_all_in_use(id, &known, ctx) {
-                    return;
-                }
-                match self.mode {
-                    Mode::Centralized => self.ask_planner(id, known, open, ctx),
-                    Mode::Decentralized => self.call_for_proposals(id, known, open, ctx),
-                }
-            }
-            Err(problem) => self.end(id, Outcome::Failed, problem, ctx),
+            return Some(Event::GoalLost(attempt, lost));
         }
+        let known = known.without_agents(&self.agents_in_use(id));
+        if let Some(blockers) = self.all_in_use(id, &known) {
+            return Some(Event::AgentsBusy(attempt, blockers));
+        }
+        let flow = match self.mode {
+            Mode::Centralized => PlanningFlow::Centralized,
+            Mode::Decentralized => PlanningFlow::Decentralized,
+        };
+        let round = PlanningRound { known: Arc::new(known), open, found: None, why_missing: None };
+        self.goals.get_mut(id)?.round = Some(round);
+        Some(Event::GoalOpen(attempt, flow))
     }
 
-    fn satisfied(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
-        let Some(goal) = self.goals.get_mut(id) else { return };
-        goal.failures = 0;
-        goal.planning_mode = scheduling::PlanningMode::default();
-        match goal.keep {
-            Keep::Achieve => {
-                let detail = if goal.rounds == 0 { "it holds already" } else { "the goal holds" };
-                self.end(id, Outcome::Done, detail, ctx);
-            }
-            Keep::Maintain => {
-                goal.phase = GoalPhase::Holding;
-                goal.no_plan_because.clear();
-                let was_planned_for = goal.plan.take().is_some();
-                let news = !std::mem::replace(&mut goal.holds_reported, true);
-                if news {
-                    self.send_report(id, failover::holding(), ctx);
-                }
-                if was_planned_for {
-                    // A replica that takes over does not need this plan.
-                    self.forget_plan(id, ctx);
-                }
-                self.recheck_within(id, RECHECK_INTERVAL, ctx);
-                self.schedule_next(ctx);
-            }
-        }
-    }
-
-    // === waiting ===
-
-    /// Handles a plan that failed or could not be made: plans for the goal again after the time `wait`,
-    /// or gives the goal up.
-    fn retry(&mut self, id: &ConversationId, why: String, wait: Duration, ctx: &mut Context<Self>) {
-        let Some(goal) = self.goals.get_mut(id) else { return };
-        goal.failures += 1;
-        let gives_up = goal.keep == Keep::Achieve && goal.failures >= FAILURES_MAX;
-        if gives_up || !self.config.replanning {
-            let detail = format!("given up after {} plans: {why}", goal.rounds);
-            return self.end(id, Outcome::Failed, detail, ctx);
-        }
-        // The first retries are immediate. Later ones back off, so that a permanent fault does not load
-        // the machine.
-        let backoff = Duration::from_millis(100 << goal.failures.min(6)) * goal.failures.min(1);
-        let wait = if goal.failures <= 3 { wait } else { wait.max(backoff) };
-        self.send_report(id, Report::new(Outcome::Progress, format!("planning anew: {why}")), ctx);
-        self.wait(id, why, wait, ctx);
-    }
-
-    /// Makes a goal wait for the time `wait`, and then considers it again. Other goals may be planned
-    /// for meanwhile.
-    fn wait(&mut self, id: &ConversationId, why: String, wait: Duration, ctx: &mut Context<Self>) {
-        let considered = id.clone();
-        let timer = ctx.after(wait, move |requester: &mut Self, ctx| {
-            if let Some(goal) = requester.goals.get_mut(&considered) {
-                goal.timer = None;
-            }
-            requester.consider(&considered, ctx);
-        });
-        if let Some(goal) = self.goals.get_mut(id) {
-            if let Some(earlier) = goal.timer.replace(timer) {
-                ctx.cancel_timer(earlier);
-            }
-            goal.phase = GoalPhase::WaitingForChange(why);
-        }
-        self.schedule_next(ctx);
-    }
-
-    /// Handles that planning found no plan for a goal. While news may still be on their way, plans once
-    /// more. After that a goal that is to be achieved once ends; a kept goal waits until the ecosystem
-    /// changes, or until a failed action may be tried again.
-    fn no_plan(&mut self, id: &ConversationId, why: String, ctx: &mut Context<Self>) {
-        let Some(goal) = self.goals.get_mut(id) else { return };
-        if std::mem::take(&mut goal.is_request_stale) {
-            // The search used a state of the world that is out of date.
-            return self.wait(id, why, SETTLE_DELAY, ctx);
-        }
-        let now = ctx.now();
-        let chance = goal.next_chance(now);
-        if chance.is_none() && self.config.replanning {
-            // An agent may know facts about itself that have not arrived here yet. An agent that could
-            // reach the goal may be absent for a moment.
-            let patience = ANNOUNCEMENT_DELAY.max(ctx.settings().grace);
-            let rest = patience.saturating_sub(now - *goal.no_plan_since.get_or_insert(now));
-            if !rest.is_zero() || goal.in_warm_up(now) {
-                return self.wait(id, why, rest.max(ASK_AGAIN), ctx);
-            }
-        }
-        match (goal.keep, chance) {
-            (Keep::Achieve, None) => self.end(id, Outcome::Failed, why, ctx),
-            (Keep::Achieve, Some(_))
-                if !self.config.replanning || goal.failures >= FAILURES_MAX =>
-            {
-                self.end(id, Outcome::Failed, why, ctx);
-            }
-            (_, chance) => {
-                if goal.no_plan_because != why {
-                    goal.no_plan_because.clone_from(&why);
-                    let detail = format!("no plan now: {why}; waiting for the ecosystem to change");
-                    self.send_report(id, Report::new(Outcome::Progress, detail), ctx);
-                }
-                let wait =
-                    chance.map_or(RECHECK_INTERVAL, |chance| RECHECK_INTERVAL.min(chance - now));
-                self.wait(id, why, wait, ctx);
-            }
+    /// Looks for a plan for a goal, in the flow that its phase tells.
+    fn plan(&mut self, id: &ConversationId, attempt: Attempt, ctx: &mut Context<Self>) {
+        let Some(goal) = self.goals.get(id) else { return };
+        let Some(round) = &goal.round else { return };
+        let (known, open) = (Arc::clone(&round.known), round.open.clone());
+        let phase = goal.state.phase();
+        self.report_changes(id, &known, &open, ctx);
+        match phase {
+            GoalPhase::Planning => self.ask_planner(id, attempt, &known, ctx),
+            _ => self.call_for_proposals(id, attempt, &known, &open, ctx),
         }
     }
 
     // === reports ===
 
-    fn send_report(&mut self, id: &ConversationId, report: Report, ctx: &mut Context<Self>) {
+    pub(crate) fn send_report(
+        &mut self,
+        id: &ConversationId,
+        report: Report,
+        ctx: &mut Context<Self>,
+    ) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         tracing::info!(conversation = %id, outcome = %report.outcome, detail = report.detail, "goal");
         let now = ctx.router().host_services().wall_clock();
@@ -548,32 +421,6 @@ impl PlanRequester {
         }
     }
 
-    fn end(
-        &mut self,
-        id: &ConversationId,
-        outcome: Outcome,
-        detail: impl Into<String>,
-        ctx: &mut Context<Self>,
-    ) {
-        let report = Report::new(outcome, detail);
-        self.send_report(id, report.clone(), ctx);
-        if let Some(goal) = self.goals.remove(id) {
-            if matches!(goal.phase, GoalPhase::Verifying(_)) {
-                self.release_agents(id);
-            }
-            let history = goal.history().to_vec();
-            self.ended.store_sent(goal.engagement.clone(), Report { history, ..report.clone() });
-            self.replicate_outcome(&goal, report, ctx);
-            if let Some(timer) = goal.timer {
-                ctx.cancel_timer(timer);
-            }
-            if let GoalPhase::CollectingProposals(call) = goal.phase {
-                call.reject_all("the goal has ended", ctx);
-            }
-        }
-        self.schedule_next(ctx);
-    }
-
     // === changes of the world ===
 
     /// Handles a change of the world: a goal that held may not hold now, and a waiting goal may have a
@@ -583,51 +430,17 @@ impl PlanRequester {
             return;
         }
         let Ok(Inform::Epoch(change)) = message.content_as::<Inform>() else { return };
-        let agents_changed = !change.joined.is_empty() || !change.left.is_empty();
-        let mut concerned = Vec::new();
         // When planning for one goal ends, the next goal is taken up from there.
-        let is_busy = self.goals.values().any(|goal| goal.phase.is_planning());
-        for (id, goal) in &mut self.goals {
-            change.joined.iter().for_each(|agent| goal.reset_backoffs(agent));
-            if agents_changed {
-                goal.blocked_by_agents = None;
-                goal.is_request_stale = goal.phase.is_planning();
-                goal.no_plan_since = None;
-            }
-            let is_concerned = match goal.phase {
-                GoalPhase::Queued => !is_busy,
-                GoalPhase::WaitingForChange(_) | GoalPhase::Holding => true,
-                // A change of state does not free the agents that other goals use.
-                GoalPhase::WaitingForAgents(_) => agents_changed,
-                _ => false,
-            };
-            if is_concerned {
-                concerned.push(id.clone());
-            }
-        }
-        for id in concerned {
-            self.recheck_soon(&id, ctx);
+        let event = Event::WorldChanged {
+            joined: change.joined.clone(),
+            have_agents_changed: !change.joined.is_empty() || !change.left.is_empty(),
+            is_planning_busy: self.is_planning_busy(),
+        };
+        let goals: Vec<_> = self.goals.keys().cloned().collect();
+        for id in goals {
+            self.handle(&id, event.clone(), ctx);
         }
         self.check_for_cheaper_plans(&change.joined, ctx);
-    }
-
-    fn recheck_soon(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
-        self.recheck_within(id, SETTLE_DELAY, ctx);
-    }
-
-    fn recheck_within(&mut self, id: &ConversationId, wait: Duration, ctx: &mut Context<Self>) {
-        let considered = id.clone();
-        let timer = ctx.after(wait, move |requester: &mut Self, ctx| {
-            if let Some(goal) = requester.goals.get_mut(&considered) {
-                goal.timer = None;
-            }
-            requester.consider(&considered, ctx);
-        });
-        if let Some(goal) = self.goals.get_mut(id)
-            && let Some(earlier) = goal.timer.replace(timer)
-        {
-            ctx.cancel_timer(earlier);
-        }
     }
 }
 

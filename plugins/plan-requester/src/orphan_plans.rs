@@ -44,7 +44,7 @@ impl PlanRequester {
     /// Whether `plan` is the plan that this replica runs for the goal. It may have started to run this
     /// plan since the cancellation was decided.
     fn runs(&self, id: &ConversationId, plan: &Execute) -> bool {
-        let running = self.goals.get(id).filter(|goal| goal.phase.is_running());
+        let running = self.goals.get(id).filter(|goal| goal.state.phase().is_running());
         let own = running.and_then(|goal| goal.plan.as_deref());
         own.is_some_and(|own| (own.term, own.round) == (plan.term, plan.round))
     }

@@ -1,32 +1,34 @@
 //! The centralised planning flow: the Planning Agent computes the plan (the paper, “Flow of Control in
 //! Centralized Plan Execution”).
 
+use std::sync::Arc;
+use std::time::Duration;
+
 use acl::content::{
     Choice, Outcome, PlanProposal, PlanRequest, PlanStatus, Refusal, Report, Request, value,
 };
-use acl::{ConversationId, Performative, Protocol};
+use acl::{AgentId, ConversationId, Performative, Protocol};
 use agent::{Context, ExchangeEvent, ExchangeOpening};
+use goal_lifecycle::{Attempt, Event, PlanDecision};
 use pddl::Condition;
 use planner::Cancel;
 use planner::explain::Explanation;
 
 use crate::PlanRequester;
 use crate::explanations::{self, GoalContext};
-use crate::goal::GoalPhase;
+use crate::goal::Work;
 use crate::planning_snapshot::PlanningSnapshot;
-use crate::scheduling::PlanDecision;
 
 impl PlanRequester {
     /// Asks the Planning Agent for a plan for a goal.
     pub(crate) fn ask_planner(
         &mut self,
         id: &ConversationId,
-        known: PlanningSnapshot,
-        open: Vec<Condition>,
+        attempt: Attempt,
+        known: &PlanningSnapshot,
         ctx: &mut Context<Self>,
     ) {
-        self.report_changes(id, &known, &open, ctx);
-        let Some(wanted) = self.combined_goal(id, &known) else { return };
+        let Some(wanted) = self.combined_goal(id, known) else { return };
         let Some(goal) = self.goals.get_mut(id) else { return };
         let request = PlanRequest {
             domain: known.domain_text.clone(),
@@ -44,9 +46,9 @@ impl PlanRequester {
         let patience = ctx.settings().planning_deadline;
         let asked = id.clone();
         let token = ctx.open(opening, patience, move |requester: &mut Self, answer, ctx| {
-            requester.planner_answered(&asked, &known, &open, answer, ctx);
+            requester.planner_answered(&asked, attempt, answer, ctx);
         });
-        goal.phase = GoalPhase::Planning(token);
+        goal.work = Work::Planning(token);
     }
 
     /// Reports to the user which facts and agents of a goal have changed since the last round of
@@ -71,34 +73,24 @@ impl PlanRequester {
     fn planner_answered(
         &mut self,
         id: &ConversationId,
-        known: &PlanningSnapshot,
-        open: &[Condition],
+        attempt: Attempt,
         answer: ExchangeEvent,
         ctx: &mut Context<Self>,
     ) {
-        let Some(GoalPhase::Planning(token)) = self.goals.get(id).map(|goal| &goal.phase) else {
+        let Some(goal) = self.goals.get(id).filter(|goal| goal.is_current(attempt)) else {
             return;
         };
-        let token = token.clone();
-        let message = match answer {
-            ExchangeEvent::Message(message) => message,
-            ExchangeEvent::TimedOut => {
-                let why = "the Planning Agent did not answer in time".to_owned();
-                return self.retry(id, why, std::time::Duration::ZERO, ctx);
-            }
-            ExchangeEvent::Undelivered(why) => {
-                let why = format!("the Planning Agent could not be reached: {why}");
-                return self.retry(id, why, crate::ASK_AGAIN, ctx);
+        let (Work::Planning(token), Some(round)) = (&goal.work, &goal.round) else { return };
+        let (token, known) = (token.clone(), Arc::clone(&round.known));
+        let (sender, proposal) = match read(answer) {
+            Ok(read) => read,
+            Err((why, wait)) => {
+                return self.handle(id, Event::PlannerFailed(attempt, why, wait), ctx);
             }
         };
-        let Ok(proposal) = message.content_as::<PlanProposal>() else {
-            let why = message.content_as::<Refusal>().map(|refusal| refusal.detail);
-            let why = why.unwrap_or_else(|_| "its reason cannot be read".to_owned());
-            return self.retry(id, format!("the Planning Agent declined: {why}"), crate::BUSY, ctx);
-        };
-        let judged = self.judge(id, known, &proposal).map(|(plan, cost)| {
-            let verdict = self.decide(id, known, &plan);
-            (plan, cost, verdict)
+        let judged = self.judge(id, &known, &proposal).map(|(plan, cost)| {
+            let decision = self.decide(id, &known, &plan);
+            (plan, cost, decision)
         });
         let (performative, detail) = match &judged {
             Ok((_, _, PlanDecision::Run)) => {
@@ -108,21 +100,19 @@ impl PlanRequester {
             Err(detail) => (Performative::RejectProposal, detail.clone()),
         };
         let choice = value(&Choice { covers: Vec::new(), detail });
-        ctx.send_turn(&token, &message.sender, performative, choice);
+        ctx.send_turn(&token, &sender, performative, choice);
         ctx.close(&token);
         match judged {
-            Ok((plan, cost, verdict)) => {
-                self.apply_decision(id, known, (&plan, cost), verdict, ctx)
-            }
+            Ok((plan, cost, decision)) => self.plan_found(id, attempt, (plan, cost), decision, ctx),
             Err(why) if proposal.status == PlanStatus::Unsolvable => {
-                let open = open.to_vec();
+                let open = self.open_conjuncts(id);
                 let explained = move |known: &PlanningSnapshot, cancel: &Cancel| {
                     let interfere = |explanation: &Explanation| format!("{why}; {explanation}");
                     explain(known, &open, cancel, interfere).unwrap_or(why)
                 };
-                self.explain_missing_plan(id, known.clone(), explained, ctx);
+                self.plan_missing(id, attempt, explained, ctx);
             }
-            Err(why) => self.explain_missing_plan(id, known.clone(), |_, _| why, ctx),
+            Err(why) => self.plan_missing(id, attempt, |_, _| why, ctx),
         }
     }
 
@@ -145,6 +135,27 @@ impl PlanRequester {
             .map_err(|fault| format!("the proposed plan is not valid: {fault}"))?;
         Ok((plan, cost))
     }
+}
+
+/// Returns the Planning Agent's proposal and its sender. If the answer contains no proposal, returns the
+/// reason and how long to wait before the next try.
+fn read(answer: ExchangeEvent) -> Result<(AgentId, PlanProposal), (String, Duration)> {
+    let message = match answer {
+        ExchangeEvent::Message(message) => message,
+        ExchangeEvent::TimedOut => {
+            return Err(("the Planning Agent did not answer in time".to_owned(), Duration::ZERO));
+        }
+        ExchangeEvent::Undelivered(why) => {
+            let why = format!("the Planning Agent could not be reached: {why}");
+            return Err((why, crate::ASK_AGAIN));
+        }
+    };
+    let proposal = message.content_as::<PlanProposal>().map_err(|_| {
+        let why = message.content_as::<Refusal>().map(|refusal| refusal.detail);
+        let why = why.unwrap_or_else(|_| "its reason cannot be read".to_owned());
+        (format!("the Planning Agent declined: {why}"), crate::BUSY)
+    })?;
+    Ok((message.sender, proposal))
 }
 
 /// Explains which conjuncts cannot be reached and what is missing for them, if the known facts or the

@@ -7,6 +7,7 @@ use std::sync::OnceLock;
 
 use acl::AgentId;
 use acl::content::{self, Offers, Proposal, Snapshot};
+use goal_lifecycle::AvoidedActions;
 use pddl::knowledge::Knowledge;
 use pddl::{
     ActionModel, Condition, Domain, Effect, FluentTerm, InitElement, Name, Plan, PlanStep, Problem,
@@ -51,20 +52,6 @@ pub(crate) struct PlanningSnapshot {
     pub(crate) avoided: AvoidedActions,
     /// Agents that other goals use; planning leaves them out.
     pub(crate) spared: BTreeSet<AgentId>,
-}
-
-/// Actions that failed in earlier plans of a goal. They are avoided for a while.
-pub(crate) type AvoidedActions = BTreeMap<(AgentId, String), AvoidedAction>;
-
-/// The reason why an action is avoided, and whether it may be tried again.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct AvoidedAction {
-    /// Reason why the action is avoided, as text for a person.
-    pub(crate) why: String,
-    /// Whether the action is never tried again for this goal.
-    pub(crate) is_for_good: bool,
-    /// Whether the agent no longer offers the action.
-    pub(crate) is_withdrawn: bool,
 }
 
 impl PlanningSnapshot {

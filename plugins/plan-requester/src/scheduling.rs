@@ -12,17 +12,18 @@
 //!   for again. For a small gain the running plan is not given up.
 
 use std::collections::BTreeSet;
+use std::sync::Arc;
 use std::time::Duration;
 
-use acl::content::{Keep, Outcome, Report, Snapshot};
-use acl::{AgentId, ConversationId, Performative};
-use agent::{Context, Resource, WorkHandle};
+use acl::content::{GoalPhase, Keep, Snapshot};
+use acl::{AgentId, ConversationId};
+use agent::{Context, Resource};
+use goal_lifecycle::{Attempt, Blockers, Event, MissingPlan, PlanDecision, PlanningMode};
 use pddl::{Condition, Plan};
 use planner::{Budget, Cancel, Options};
-use tokio::time::Instant;
 
 use crate::PlanRequester;
-use crate::goal::{Goal, GoalPhase};
+use crate::goal::{ExplanationTask, Goal, Work};
 use crate::planning_snapshot::PlanningSnapshot;
 
 /// A running plan is replaced only by a plan that costs at most this share of the running plan's
@@ -30,110 +31,39 @@ use crate::planning_snapshot::PlanningSnapshot;
 /// alternate.
 const WORTH_CHANGING: f64 = 0.8;
 
-/// How long a goal counts as blocked by agents that other goals use, without planning for it again.
-/// After this time planning is tried again, because the state may have changed.
-const STILL_BLOCKED: Duration = Duration::from_secs(5);
-
-/// Maximum number of goals that are listed by name in a message about what blocks a goal.
-const BLOCKERS_TOLD: usize = 3;
-
-/// The other plans and goals that a round of planning must respect.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) enum PlanningMode {
-    /// The new plan respects all running plans and all kept goals.
-    #[default]
-    Cooperative,
-    /// The new plan respects only goals of at least the priority of its own goal; the other goals
-    /// yield.
-    Preemptive,
-    /// The new plan respects no other plan or goal. It is not executed; it only explains a conflict.
-    DiagnoseConflict,
-}
-
-/// Background computation of the reason why there is no plan for a goal; cancelled when it is dropped.
-pub(crate) struct ExplanationTask {
-    cancel: Cancel,
-    _work: WorkHandle,
-}
-
-impl Drop for ExplanationTask {
-    fn drop(&mut self) {
-        self.cancel.set();
-    }
-}
-
-/// Decision about what is done with a plan that was found.
-pub(crate) enum PlanDecision {
-    /// Execute the plan at once.
-    Run,
-    /// Execute the plan after the goals listed here have yielded.
-    Preempt(Vec<ConversationId>),
-    /// Do not execute the plan yet: wait for the goals listed here.
-    WaitFor(Vec<ConversationId>),
-    /// Do not execute the plan: it would undo the kept goals named in this text.
-    Conflict(String),
-}
-
 impl PlanRequester {
     // === before planning ===
 
-    /// Whether a goal may be planned for now. If another goal is being planned for, puts this goal into
-    /// the queue.
-    pub(crate) fn is_its_turn(&mut self, id: &ConversationId) -> bool {
-        let is_busy = self.goals.values().any(|other| other.phase.is_planning());
-        let Some(goal) = self.goals.get_mut(id) else { return false };
-        if goal.phase.is_planning() || goal.phase.is_running() {
-            return false;
-        }
-        if is_busy {
-            goal.phase = GoalPhase::Queued;
-        }
-        !is_busy
+    /// Whether any goal is being planned for. One goal is planned for at a time.
+    pub(crate) fn is_planning_busy(&self) -> bool {
+        self.goals.values().any(|goal| goal.state.phase().is_planning())
     }
 
-    /// Whether planning would find the goal blocked again, because all agents that blocked it last are
-    /// still in use. This check saves rounds of planning when many goals share few agents.
-    pub(crate) fn is_still_blocked(&mut self, id: &ConversationId, now: Instant) -> bool {
-        let reserved = self.agents_in_use(id);
-        let Some(goal) = self.goals.get_mut(id) else { return false };
-        let is_still = goal.blocked_by_agents.as_ref().is_some_and(|(under, until)| {
-            now < *until && !under.is_empty() && under.is_subset(&reserved)
-        });
-        if is_still {
-            goal.phase = GoalPhase::WaitingForAgents(goal.blocked_by.clone());
-        }
-        is_still
-    }
-
-    /// Makes the goal wait if all agents that offer any action are in use by other goals, and none of
-    /// these goals has a lower priority. No search is needed to see that there is no plan. Returns
-    /// whether the goal waits.
-    pub(crate) fn wait_if_all_in_use(
-        &mut self,
+    /// Returns the goals that use all agents with any action, if none of these goals has a lower
+    /// priority than the goal `id`; otherwise `None`. No search is needed then to see that there is no
+    /// plan.
+    pub(crate) fn all_in_use(
+        &self,
         id: &ConversationId,
         known: &PlanningSnapshot,
-        ctx: &mut Context<Self>,
-    ) -> bool {
-        let Some(goal) = self.goals.get(id) else { return false };
-        let (priority, is_beside) =
-            (goal.priority, goal.planning_mode == PlanningMode::Cooperative);
+    ) -> Option<Blockers> {
+        let goal = self.goals.get(id)?;
         let is_taken = known.offers.is_empty() && !known.spared.is_empty();
-        if !is_taken || !is_beside {
-            return false;
+        if !is_taken || goal.state.planning_mode() != PlanningMode::Cooperative {
+            return None;
         }
-        if self.running_beside(id).any(|(_, other)| other.priority < priority) {
-            return false;
+        if self.running_beside(id).any(|(_, other)| other.priority < goal.priority) {
+            return None;
         }
-        let others: Vec<_> = self.running_beside(id).map(|(other, _)| other.clone()).collect();
-        self.lacks(id, known, &others, ctx);
-        true
+        let goals = self.running_beside(id).map(|(_, other)| other.text.clone()).collect();
+        Some(Blockers { goals, agents: known.spared.clone() })
     }
 
     /// Returns the agents that other goals use and that the goal's present [`PlanningMode`] leaves to
     /// them.
     pub(crate) fn agents_in_use(&self, id: &ConversationId) -> BTreeSet<AgentId> {
         let Some(goal) = self.goals.get(id) else { return BTreeSet::new() };
-        let respects = |other: &Goal| match goal.planning_mode {
+        let respects = |other: &Goal| match goal.state.planning_mode() {
             PlanningMode::Cooperative => true,
             PlanningMode::Preemptive => other.priority >= goal.priority,
             PlanningMode::DiagnoseConflict => false,
@@ -152,7 +82,7 @@ impl PlanRequester {
     ) -> Option<Condition> {
         let goal = self.goals.get(id)?;
         let mut conditions = vec![goal.condition.clone()];
-        if goal.planning_mode != PlanningMode::DiagnoseConflict {
+        if goal.state.planning_mode() != PlanningMode::DiagnoseConflict {
             conditions.extend(self.kept_beside(id, known).map(|(_, kept)| kept.condition.clone()));
         }
         Some(if conditions.len() == 1 {
@@ -180,7 +110,9 @@ impl PlanRequester {
         &'a self,
         id: &'a ConversationId,
     ) -> impl Iterator<Item = (&'a ConversationId, &'a Goal)> {
-        self.goals.iter().filter(move |(other, goal)| *other != id && goal.phase.is_running())
+        self.goals
+            .iter()
+            .filter(move |(other, goal)| *other != id && goal.state.phase().is_running())
     }
 
     // === a plan ===
@@ -192,8 +124,10 @@ impl PlanRequester {
         known: &PlanningSnapshot,
         plan: &Plan,
     ) -> PlanDecision {
-        let Some(goal) = self.goals.get(id) else { return PlanDecision::WaitFor(Vec::new()) };
-        if goal.planning_mode == PlanningMode::DiagnoseConflict {
+        let Some(goal) = self.goals.get(id) else {
+            return PlanDecision::WaitFor(Blockers::default());
+        };
+        if goal.state.planning_mode() == PlanningMode::DiagnoseConflict {
             let is_undone = |kept: &Goal| !known.can_run_beside(plan, [], [&kept.condition]);
             let undone = self.kept_beside(id, known).filter(|(_, kept)| is_undone(kept));
             let undone: Vec<_> = undone.map(|(_, kept)| format!("`{}`", kept.text)).collect();
@@ -211,60 +145,68 @@ impl PlanRequester {
             !known.can_run_beside(plan, &other.steps_left, [&other.condition])
         };
         let in_the_way: Vec<_> = self.running_beside(id).filter(is_in_the_way).collect();
-        let ids = in_the_way.iter().map(|(other, _)| (*other).clone()).collect();
+        let goals = in_the_way.iter().map(|(_, other)| other.text.clone()).collect();
+        let blockers = Blockers { goals, ..Blockers::default() };
         if in_the_way.is_empty() {
             PlanDecision::Run
         } else if in_the_way.iter().all(|(_, other)| other.priority < goal.priority) {
-            PlanDecision::Preempt(ids)
+            let ids = in_the_way.iter().map(|(other, _)| (*other).clone()).collect();
+            PlanDecision::Preempt(ids, blockers)
         } else {
-            PlanDecision::WaitFor(ids)
+            PlanDecision::WaitFor(blockers)
         }
     }
 
-    /// Carries out the decision about a plan.
-    pub(crate) fn apply_decision(
+    /// Handles a valid plan that was found for a goal, with the decision about it.
+    pub(crate) fn plan_found(
         &mut self,
         id: &ConversationId,
-        known: &PlanningSnapshot,
-        (plan, cost): (&Plan, f64),
-        verdict: PlanDecision,
+        attempt: Attempt,
+        found: (Plan, f64),
+        decision: PlanDecision,
         ctx: &mut Context<Self>,
     ) {
-        let Some(goal) = self.goals.get_mut(id) else { return };
-        goal.planning_mode = PlanningMode::Cooperative;
-        goal.no_plan_since =
-            goal.no_plan_since.filter(|_| matches!(verdict, PlanDecision::Conflict(_)));
-        match verdict {
-            PlanDecision::Run => self.execute(id, known, plan, cost, ctx),
-            PlanDecision::Preempt(others) => {
-                let text = format!("gives way to `{}`", goal.text);
-                self.block(id, &others, ctx);
-                for other in others {
-                    self.preempt(&other, &text, ctx);
-                }
-            }
-            PlanDecision::WaitFor(others) => self.block(id, &others, ctx),
-            PlanDecision::Conflict(kept) => {
-                let why = format!("every plan for it would undo {kept}, which is kept");
-                self.no_plan(id, why, ctx);
-            }
+        if let Some(round) = self.goals.get_mut(id).and_then(|goal| goal.round.as_mut()) {
+            round.found = Some(found);
         }
+        self.handle(id, Event::PlanFound(attempt, decision), ctx);
     }
 
-    /// Handles that the present attempt found no plan. Computes in the background the reason, and
-    /// whether the agents of other goals would help; this computation takes tens of milliseconds in a
-    /// large building.
+    /// Handles that the present attempt found no plan. `why` computes the reason.
+    pub(crate) fn plan_missing(
+        &mut self,
+        id: &ConversationId,
+        attempt: Attempt,
+        why: impl FnOnce(&PlanningSnapshot, &Cancel) -> String + Send + 'static,
+        ctx: &mut Context<Self>,
+    ) {
+        if let Some(round) = self.goals.get_mut(id).and_then(|goal| goal.round.as_mut()) {
+            round.why_missing = Some(Box::new(why));
+        }
+        self.handle(id, Event::PlanMissing(attempt), ctx);
+    }
+
+    /// Returns the parts of a goal that did not hold when its round of planning began.
+    pub(crate) fn open_conjuncts(&self, id: &ConversationId) -> Vec<Condition> {
+        let round = self.goals.get(id).and_then(|goal| goal.round.as_ref());
+        round.map(|round| round.open.clone()).unwrap_or_default()
+    }
+
+    /// Computes in the background why there is no plan for a goal, and whether the agents of other goals
+    /// would help; this computation takes tens of milliseconds in a large building.
     pub(crate) fn explain_missing_plan(
         &mut self,
         id: &ConversationId,
-        known: PlanningSnapshot,
-        why: impl FnOnce(&PlanningSnapshot, &Cancel) -> String + Send + 'static,
+        attempt: Attempt,
         ctx: &mut Context<Self>,
     ) {
         let is_alone = self.goals.len() == 1;
         let Some(goal) = self.goals.get_mut(id) else { return };
-        let (condition, cancel) = (goal.condition.clone(), Cancel::new());
-        let (flag, unplanned) = (cancel.clone(), id.clone());
+        let Some(round) = &mut goal.round else { return };
+        let Some(why) = round.why_missing.take() else { return };
+        let (known, condition) = (Arc::clone(&round.known), goal.condition.clone());
+        let (cancel, unplanned) = (Cancel::new(), id.clone());
+        let flag = cancel.clone();
         let look = move || {
             let why = why(&known, &flag);
             // A goal may wait only if there is hope: it must be reachable with the actions of all
@@ -273,121 +215,58 @@ impl PlanRequester {
             (known, why, has_hope)
         };
         let work = ctx.compute(look, move |requester: &mut Self, (known, why, has_hope), ctx| {
-            requester.explained(&unplanned, &known, (why, has_hope), ctx);
+            let missing = requester.missing_plan(&unplanned, &known, (why, has_hope));
+            requester.handle(&unplanned, Event::Explained(attempt, missing), ctx);
         });
-        goal.phase = GoalPhase::Explaining(ExplanationTask { cancel, _work: work });
+        goal.work = Work::Explanation(ExplanationTask { cancel, _work: work });
     }
 
-    /// Continues when the reason for the missing plan is known: tries the next attempt, waits for other
-    /// goals, or reports the reason.
-    fn explained(
-        &mut self,
+    /// Returns why there is no plan for a goal, with the other goals that matter.
+    fn missing_plan(
+        &self,
         id: &ConversationId,
         known: &PlanningSnapshot,
         (why, has_hope): (String, bool),
-        ctx: &mut Context<Self>,
-    ) {
-        let is_free_again = !known.spared.is_subset(&self.agents_in_use(id));
-        if let Some(goal) = self.goals.get_mut(id).filter(|_| is_free_again) {
-            // The search left out agents that are free now.
-            goal.phase = GoalPhase::Queued;
-            return self.schedule_next(ctx);
-        }
-        let Some(goal) = self.goals.get(id) else { return };
-        let (attempt, priority) = (goal.planning_mode, goal.priority);
+    ) -> MissingPlan {
+        let priority = self.goals.get(id).map_or(i32::MIN, |goal| goal.priority);
         let (lower, others): (Vec<_>, Vec<_>) =
             self.running_beside(id).partition(|(_, other)| other.priority < priority);
-        let blocking: Vec<_> = others.iter().map(|(other, _)| (*other).clone()).collect();
-        let next = match attempt {
-            PlanningMode::Cooperative if has_hope && !lower.is_empty() => {
-                Some(PlanningMode::Preemptive)
-            }
-            PlanningMode::Cooperative | PlanningMode::Preemptive
-                if has_hope && !blocking.is_empty() =>
-            {
-                return self.lacks(id, known, &blocking, ctx);
-            }
-            PlanningMode::Cooperative | PlanningMode::Preemptive
-                if has_hope && self.kept_beside(id, known).next().is_some() =>
-            {
-                Some(PlanningMode::DiagnoseConflict)
-            }
-            _ => None,
-        };
-        let Some(goal) = self.goals.get_mut(id) else { return };
-        goal.planning_mode = next.unwrap_or_default();
-        match next {
-            Some(_) => {
-                goal.phase = GoalPhase::Queued;
-                self.consider(id, ctx);
-            }
-            None => self.no_plan(id, why, ctx),
+        let goals = others.iter().map(|(_, other)| other.text.clone()).collect();
+        MissingPlan {
+            why,
+            has_hope,
+            are_agents_free_again: !known.spared.is_subset(&self.agents_in_use(id)),
+            can_preempt: !lower.is_empty(),
+            blockers: Blockers { goals, agents: known.spared.clone() },
+            has_kept_goals: has_hope && self.kept_beside(id, known).next().is_some(),
         }
     }
 
     // === preemption ===
 
-    /// Makes a goal wait for agents that other goals use.
-    fn lacks(
+    /// Asks other goals to yield to a goal.
+    pub(crate) fn preempt(
         &mut self,
         id: &ConversationId,
-        known: &PlanningSnapshot,
         others: &[ConversationId],
         ctx: &mut Context<Self>,
     ) {
-        self.block(id, others, ctx);
-        if let Some(goal) = self.goals.get_mut(id) {
-            goal.blocked_by_agents = Some((known.spared.clone(), ctx.now() + STILL_BLOCKED));
+        let Some(goal) = self.goals.get(id) else { return };
+        let why = format!("gives way to `{}`", goal.text);
+        for other in others {
+            self.handle(other, Event::Yielded(why.clone()), ctx);
         }
-    }
-
-    /// Makes a goal wait until the plan of one of the goals `others` no longer runs.
-    fn block(&mut self, id: &ConversationId, others: &[ConversationId], ctx: &mut Context<Self>) {
-        let texts: Vec<_> = others
-            .iter()
-            .filter_map(|other| self.goals.get(other))
-            .map(|other| format!("`{}`", other.text))
-            .collect();
-        let Some(goal) = self.goals.get_mut(id) else { return };
-        goal.planning_mode = PlanningMode::Cooperative;
-        goal.blocked_by_agents = None;
-        let why = match texts.split_at(texts.len().min(BLOCKERS_TOLD)) {
-            (told, []) => format!("needs what {} is using", told.join(" and ")),
-            (told, more) => {
-                format!("needs what {} and {} more are using", told.join(", "), more.len())
-            }
-        };
-        let is_news = goal.blocked_by != why;
-        goal.blocked_by.clone_from(&why);
-        goal.phase = GoalPhase::WaitingForAgents(why.clone());
-        if is_news {
-            self.send_report(id, Report::new(Outcome::Progress, format!("waiting: it {why}")), ctx);
-        }
-        self.schedule_next(ctx);
-    }
-
-    /// Asks the Plan Executor to cancel the plan of a goal; the goal is planned for again afterwards.
-    fn preempt(&mut self, id: &ConversationId, why: &str, ctx: &mut Context<Self>) {
-        let Some(goal) = self.goals.get_mut(id) else { return };
-        let GoalPhase::Executing(token) = &goal.phase else { return };
-        let token = token.clone();
-        goal.phase = GoalPhase::Preempted(token.clone());
-        let executor = self.config.plan_executor.clone();
-        ctx.send_turn(&token, &executor, Performative::Cancel, serde_json::Value::Null);
-        ctx.extend(&token, ctx.settings().answer_deadline * 2);
-        self.send_report(id, Report::new(Outcome::Progress, why), ctx);
     }
 
     /// Frees the agents that were in use by the plan of a goal which no longer runs; goals that waited
     /// for these agents may be planned for.
-    pub(crate) fn release_agents(&mut self, id: &ConversationId) {
+    pub(crate) fn release_agents(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         if let Some(goal) = self.goals.get_mut(id) {
             goal.steps_left.clear();
         }
-        for goal in self.goals.values_mut() {
-            if matches!(goal.phase, GoalPhase::WaitingForAgents(_)) {
-                goal.phase = GoalPhase::Queued;
-            }
+        let goals: Vec<_> = self.goals.keys().cloned().collect();
+        for id in goals {
+            self.handle(&id, Event::AgentsReleased, ctx);
         }
     }
 
@@ -396,7 +275,7 @@ impl PlanRequester {
         let first = self
             .goals
             .iter()
-            .filter(|(_, goal)| matches!(goal.phase, GoalPhase::Queued))
+            .filter(|(_, goal)| goal.state.phase() == GoalPhase::Queued)
             .max_by_key(|(id, goal)| (goal.priority, std::cmp::Reverse((*id).clone())))
             .map(|(id, _)| id.clone());
         if let Some(id) = first {
@@ -411,7 +290,7 @@ impl PlanRequester {
     /// Checks whether running plans would be much cheaper with the agents `joined`, which have just
     /// joined.
     pub(crate) fn check_for_cheaper_plans(&mut self, joined: &[AgentId], ctx: &mut Context<Self>) {
-        let is_executing = |goal: &Goal| matches!(goal.phase, GoalPhase::Executing(_));
+        let is_executing = |goal: &Goal| goal.state.phase() == GoalPhase::Executing;
         if joined.is_empty() || !self.goals.values().any(is_executing) {
             return;
         }
@@ -430,8 +309,9 @@ impl PlanRequester {
     /// Estimates in the background what the plan of each running goal would cost if it were made now.
     fn compare(&mut self, snapshot: &Snapshot, joined: &str, ctx: &mut Context<Self>) {
         let Ok(known) = PlanningSnapshot::read(snapshot.clone()) else { return };
+        let now = self.elapsed(ctx);
         let executing = self.goals.iter().filter(|(_, goal)| {
-            matches!(goal.phase, GoalPhase::Executing(_)) && !goal.steps_left.is_empty()
+            goal.state.phase() == GoalPhase::Executing && !goal.steps_left.is_empty()
         });
         let mut candidates = Vec::new();
         for (id, goal) in executing {
@@ -439,9 +319,10 @@ impl PlanRequester {
             let Some(rest) = known.cost_of_rest(&goal.steps_left, &goal.condition) else {
                 continue;
             };
-            let known =
-                known.clone().without_avoided(goal.avoided(ctx.now())).without_agents(&others);
-            candidates.push((id.clone(), known.problem_of(&goal.condition), rest, goal.rounds));
+            let avoided = goal.state.backoffs().avoided(now);
+            let known = known.clone().without_avoided(avoided).without_agents(&others);
+            let problem = known.problem_of(&goal.condition);
+            candidates.push((id.clone(), problem, rest, goal.state.rounds()));
         }
         let (domain, cancel) = (known.domain, Cancel::new());
         let deadline = cancel.clone();
@@ -463,8 +344,8 @@ impl PlanRequester {
         self.cheaper_plan_check =
             Some(ctx.compute(estimate, move |requester: &mut Self, better, ctx| {
                 for (id, _, _, round) in better {
-                    if requester.goals.get(&id).is_some_and(|goal| goal.rounds == round) {
-                        requester.preempt(&id, &why, ctx);
+                    if requester.goals.get(&id).is_some_and(|goal| goal.state.rounds() == round) {
+                        requester.handle(&id, Event::Yielded(why.clone()), ctx);
                     }
                 }
             }));

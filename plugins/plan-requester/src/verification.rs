@@ -3,74 +3,61 @@
 //! The plan's effects are only expectations; the known state decides whether the goal holds: a lamp of
 //! another agent may still be on in the room, or a measured value may be too low.
 
+use std::time::Duration;
+
 use acl::ConversationId;
-use acl::content::{Outcome, Snapshot};
+use acl::content::Snapshot;
 use agent::{Context, Resource};
+use goal_lifecycle::{Attempt, Event, Verdict};
 
 use crate::PlanRequester;
-use crate::goal::GoalPhase;
+use crate::goal::{Goal, Work};
 use crate::planning_snapshot::PlanningSnapshot;
 
-/// Number of checks of the goal before its plan counts as carried out in vain. An agent's last
-/// heartbeat may still be on its way.
-const LOOKS_MAX: u32 = 3;
-
 impl PlanRequester {
-    /// Checks whether a goal that is to be achieved once holds, now that its plan was carried out.
-    /// `look` counts the checks.
-    pub(crate) fn verify(&mut self, id: &ConversationId, look: u32, ctx: &mut Context<Self>) {
+    /// Checks after the time `wait` whether a goal that is to be achieved once holds, now that its plan
+    /// was carried out.
+    pub(crate) fn verify(
+        &mut self,
+        id: &ConversationId,
+        attempt: Attempt,
+        wait: Duration,
+        ctx: &mut Context<Self>,
+    ) {
+        if wait.is_zero() {
+            return self.verify_now(id, attempt, ctx);
+        }
+        let verified = id.clone();
+        ctx.after(wait, move |requester: &mut Self, ctx| {
+            requester.verify_now(&verified, attempt, ctx);
+        });
+    }
+
+    fn verify_now(&mut self, id: &ConversationId, attempt: Attempt, ctx: &mut Context<Self>) {
+        let Some(goal) = self.goals.get_mut(id).filter(|goal| goal.is_current(attempt)) else {
+            return;
+        };
         let asked = ctx.ask(Resource::Domain, &self.config.domain_maintainer);
         let verified = id.clone();
         let work = ctx.run(asked, move |requester: &mut Self, answers, ctx| {
             let snapshot = answers.first().and_then(|bytes| serde_json::from_slice(bytes).ok());
-            requester.verified(&verified, look, snapshot, ctx);
+            let Some(goal) = requester.goals.get(&verified) else { return };
+            let verdict = snapshot.map_or(Verdict::Unanswered, |snapshot| verdict(goal, snapshot));
+            requester.handle(&verified, Event::Verified(attempt, verdict), ctx);
         });
-        if let Some(goal) = self.goals.get_mut(id) {
-            goal.phase = GoalPhase::Verifying(Some(work));
-        }
+        goal.work = Work::Question(work);
     }
+}
 
-    fn verified(
-        &mut self,
-        id: &ConversationId,
-        look: u32,
-        snapshot: Option<Snapshot>,
-        ctx: &mut Context<Self>,
-    ) {
-        let Some(goal) = self.goals.get(id) else { return };
-        let Some(snapshot) = snapshot else {
-            self.release_agents(id);
-            let why = "no Domain Maintainer answers".to_owned();
-            return self.wait(id, why, crate::ASK_AGAIN, ctx);
-        };
-        let known = PlanningSnapshot::read(snapshot);
-        let unmet = known.and_then(|known| {
-            let open = known.open_conjuncts(&goal.condition)?;
-            Ok(open.first().map(|conjunct| known.describe_status(conjunct)))
-        });
-        match unmet {
-            Ok(None) => self.end(id, Outcome::Done, "the goal holds", ctx),
-            Ok(Some(_)) if look < LOOKS_MAX => self.verify_later(id, look + 1, ctx),
-            Ok(Some(unmet)) => {
-                self.release_agents(id);
-                let why = format!("every step is done, and {unmet}");
-                self.retry(id, why, std::time::Duration::ZERO, ctx);
-            }
-            Err(problem) => self.end(id, Outcome::Failed, problem, ctx),
-        }
-    }
-
-    fn verify_later(&mut self, id: &ConversationId, look: u32, ctx: &mut Context<Self>) {
-        let Some(goal) = self.goals.get_mut(id) else { return };
-        goal.phase = GoalPhase::Verifying(None);
-        let (round, verified) = (goal.rounds, id.clone());
-        ctx.after(crate::SETTLE_DELAY, move |requester: &mut Self, ctx| {
-            let is_still = requester.goals.get(&verified).is_some_and(|goal| {
-                goal.rounds == round && matches!(goal.phase, GoalPhase::Verifying(None))
-            });
-            if is_still {
-                requester.verify(&verified, look, ctx);
-            }
-        });
+/// Compares the known state with a goal.
+fn verdict(goal: &Goal, snapshot: Snapshot) -> Verdict {
+    let unmet = PlanningSnapshot::read(snapshot).and_then(|known| {
+        let open = known.open_conjuncts(&goal.condition)?;
+        Ok(open.first().map(|conjunct| known.describe_status(conjunct)))
+    });
+    match unmet {
+        Ok(None) => Verdict::Holds,
+        Ok(Some(unmet)) => Verdict::Unmet(unmet),
+        Err(problem) => Verdict::Unusable(problem),
     }
 }

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::sync::PoisonError;
 
-use acl::content::{GoalStatus, Keep, Mailboxes, Record};
+use acl::content::{GoalPhase, GoalStatus, Keep, Mailboxes, Record};
 
 use crate::annex_nodes::InterfaceNode;
 use crate::cluster::Cluster;
@@ -44,7 +44,7 @@ pub fn all_violations(
     );
     if !has_settled {
         let open = goals.iter().filter(|goal| !rests(goal));
-        broken.extend(open.map(|goal| format!("{} never ends: {}", goal.goal, goal.phase)));
+        broken.extend(open.map(|goal| format!("{} never ends: {}", goal.goal, goal.phase_text())));
     }
     broken
 }
@@ -55,7 +55,7 @@ pub fn is_at_rest(goals: &[GoalStatus]) -> bool {
 }
 
 fn rests(goal: &GoalStatus) -> bool {
-    goal.keep == Keep::Maintain && goal.phase == "holds"
+    goal.keep == Keep::Maintain && goal.phase == GoalPhase::Holding
 }
 
 /// Returns exchanges that are open beyond the expected ones. At rest only a person with a kept goal

@@ -40,7 +40,9 @@ pub(super) async fn ask(view: &EcosystemView) -> Option<Vec<GoalStatus>> {
 
 fn paragraphs(goals: &[GoalStatus], now: &Zoned) -> String {
     let mut text = String::new();
-    for GoalStatus { conversation, goal, keep, priority, phase, rounds, history } in goals {
+    for status in goals {
+        let GoalStatus { conversation, goal, keep, priority, rounds, history, .. } = status;
+        let phase = status.phase_text();
         let keep = match keep {
             Keep::Achieve => "to be reached",
             Keep::Maintain => "to be kept",

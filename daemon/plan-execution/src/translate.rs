@@ -10,13 +10,17 @@ use pddl::{Domain, PlanStep};
 
 /// The request that is sent to an actuator for one step.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) struct ActionRequest {
-    pub(crate) agent: AgentId,
+pub struct ActionRequest {
+    /// The agent that carries the step out.
+    pub agent: AgentId,
     /// The ground action to carry out, under the name that its agent uses.
-    pub(crate) action: String,
-    pub(crate) method: String,
-    pub(crate) arguments: BTreeMap<String, String>,
-    pub(crate) timeout: Duration,
+    pub action: String,
+    /// Name of the method to run.
+    pub method: String,
+    /// Arguments of the method by name, with values.
+    pub arguments: BTreeMap<String, String>,
+    /// Longest time that the method may take.
+    pub timeout: Duration,
 }
 
 /// Returns the agent that acts in a step, which is the first argument of the step; `None` if that

@@ -39,13 +39,12 @@ impl Execution {
     ///
     /// Returns an error, as text for a person, if a part of the request cannot be parsed or the plan
     /// does not reach the goal.
-    pub(crate) fn new(execute: &Execute) -> Result<Execution, String> {
+    pub(crate) fn new(execute: &Execute, knowledge: Knowledge) -> Result<Execution, String> {
         let domain = pddl::parse_domain(&execute.domain).into_result().map_err(first_diagnostic)?;
         let problem =
             pddl::parse_problem(&execute.problem).into_result().map_err(first_diagnostic)?;
         let plan: Plan = pddl::parse_plan(&execute.plan).into_result().map_err(first_diagnostic)?;
         let world = World::initial(&domain, &problem).map_err(first_diagnostic)?;
-        let knowledge = agent::knowledge(&execute.knowledge);
         cost_from(&world, &plan.steps, &problem.goal).map_err(|fault| {
             format!("the plan is not valid: {}", plain_fault(*fault, &knowledge))
         })?;
@@ -147,7 +146,11 @@ impl Execution {
     /// # Errors
     ///
     /// Returns an error, as text for a person, if the remaining steps do not reach the goal.
-    pub(crate) fn revalidate(&mut self, snapshot: &Snapshot) -> Result<(), String> {
+    pub(crate) fn revalidate(
+        &mut self,
+        snapshot: &Snapshot,
+        knowledge: Knowledge,
+    ) -> Result<(), String> {
         let known =
             pddl::parse_problem(&snapshot.problem).into_result().map_err(first_diagnostic)?;
         let problem = Problem { goal: self.problem.goal.clone(), ..known };
@@ -169,7 +172,7 @@ impl Execution {
                 self.order.predecessors[*step] = before.into_iter().map(|at| left[at]).collect();
             }
             self.offers.extend(snapshot.offers.clone());
-            self.knowledge = agent::knowledge(&snapshot.knowledge);
+            self.knowledge = knowledge;
             self.domain_text.clone_from(&snapshot.domain);
             (self.domain, self.problem, self.world) = (domain, problem, world);
         }

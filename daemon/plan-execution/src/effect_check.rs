@@ -13,7 +13,7 @@ use pddl::{Atom, InitElement};
 
 /// The last heartbeat of every agent that is present.
 #[derive(Debug, Default)]
-pub(crate) struct LastHeartbeats(BTreeMap<AgentId, LastHeartbeat>);
+pub struct LastHeartbeats(BTreeMap<AgentId, LastHeartbeat>);
 
 #[derive(Debug)]
 struct LastHeartbeat {
@@ -36,7 +36,7 @@ pub(crate) struct UnverifiedEffect {
 
 impl LastHeartbeats {
     /// Stores a heartbeat, unless a newer one is stored.
-    pub(crate) fn store_heartbeat(&mut self, agent: &AgentId, life: Incarnation, beat: &Heartbeat) {
+    pub fn store_heartbeat(&mut self, agent: &AgentId, life: Incarnation, beat: &Heartbeat) {
         let at = (life, beat.sequence);
         if self.0.get(agent).is_some_and(|word| word.received_as >= at) {
             return;
@@ -47,7 +47,7 @@ impl LastHeartbeats {
     }
 
     /// Removes the heartbeat of an agent that has left.
-    pub(crate) fn remove_agent(&mut self, agent: &AgentId) {
+    pub fn remove_agent(&mut self, agent: &AgentId) {
         self.0.remove(agent);
     }
 

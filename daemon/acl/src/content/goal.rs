@@ -1,0 +1,147 @@
+//! A goal as others see it: its phase and its history.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use super::{Keep, Outcome};
+use crate::ConversationId;
+
+/// The state of a goal, as shown to users.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GoalStatus {
+    /// Conversation of the goal, which identifies it in `cancel` and `watch`.
+    pub conversation: ConversationId,
+    /// The goal: a PDDL condition.
+    pub goal: String,
+    /// Whether the goal is to be reached once or kept.
+    pub keep: Keep,
+    /// Priority of the goal: a goal with a greater number takes precedence.
+    pub priority: i32,
+    /// The current phase of the goal.
+    pub phase: GoalPhase,
+    /// Reason why the goal waits, as text for a person that completes “waiting: ”; empty in every other
+    /// phase.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub waits_because: String,
+    /// Number of plans that have been made for the goal so far.
+    pub rounds: u32,
+    /// Past events of the goal, oldest first; their number is limited.
+    pub history: Vec<HistoryEntry>,
+}
+
+/// The phase of a goal. `docs/goals.md` has the transitions.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum GoalPhase {
+    /// The goal waits for its turn to be planned for.
+    Queued,
+    /// The goal waits for agents or facts that the plans of other goals use.
+    WaitingForAgents,
+    /// The goal waits for a capability, or for a change of the known state.
+    WaitingForChange,
+    /// The domain and the state are being fetched, to compare the goal with them.
+    FetchingDomain,
+    /// The Planning Agent has been asked for a plan.
+    Planning,
+    /// The actuators have been called for proposals.
+    CollectingProposals,
+    /// There is no plan for the goal; the reason is being computed.
+    Explaining,
+    /// A plan for the goal is being executed.
+    Executing,
+    /// The Plan Executor was asked to cancel the plan, because another goal or a better plan comes
+    /// first.
+    Preempted,
+    /// The Plan Executor was asked to cancel the plan, because the goal was cancelled.
+    Cancelling,
+    /// The plan was carried out; the Plan Requester is checking whether the goal holds.
+    Verifying,
+    /// The kept goal holds, and the known state is watched for changes.
+    Holding,
+    /// The goal has ended, or another replica pursues it.
+    Ended,
+}
+
+// === impl GoalPhase ===
+
+impl GoalPhase {
+    /// All phases, in the order in which a goal without trouble passes them.
+    pub const ALL: [GoalPhase; 13] = [
+        GoalPhase::Queued,
+        GoalPhase::WaitingForAgents,
+        GoalPhase::WaitingForChange,
+        GoalPhase::FetchingDomain,
+        GoalPhase::Planning,
+        GoalPhase::CollectingProposals,
+        GoalPhase::Explaining,
+        GoalPhase::Executing,
+        GoalPhase::Preempted,
+        GoalPhase::Cancelling,
+        GoalPhase::Verifying,
+        GoalPhase::Holding,
+        GoalPhase::Ended,
+    ];
+
+    /// Whether the goal is being planned for. One goal is planned for at a time.
+    pub fn is_planning(self) -> bool {
+        use GoalPhase::{CollectingProposals, Explaining, FetchingDomain, Planning};
+        matches!(self, FetchingDomain | Planning | CollectingProposals | Explaining)
+    }
+
+    /// Whether agents are in use by a plan of the goal.
+    pub fn is_running(self) -> bool {
+        use GoalPhase::{Preempted, Verifying};
+        self.is_under_way() || matches!(self, Preempted | Verifying)
+    }
+
+    /// Whether a replica that takes the goal over also takes over a running plan.
+    pub fn is_under_way(self) -> bool {
+        matches!(self, GoalPhase::Executing | GoalPhase::Cancelling)
+    }
+}
+
+impl fmt::Display for GoalPhase {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            GoalPhase::Queued => "waiting: another goal comes first",
+            GoalPhase::WaitingForAgents | GoalPhase::WaitingForChange => "waiting",
+            GoalPhase::FetchingDomain => "compiling domain and state",
+            GoalPhase::Planning => "planning",
+            GoalPhase::CollectingProposals => "calling for proposals",
+            GoalPhase::Explaining => "finding out why there is no plan",
+            GoalPhase::Executing => "executing",
+            GoalPhase::Preempted => "giving way",
+            GoalPhase::Cancelling => "cancelling",
+            GoalPhase::Verifying => "checking whether it holds",
+            GoalPhase::Holding => "holds",
+            GoalPhase::Ended => "ended",
+        })
+    }
+}
+
+impl GoalStatus {
+    /// Returns the phase as text for a person, with the reason if the goal waits for one.
+    pub fn phase_text(&self) -> String {
+        match self.waits_because.as_str() {
+            "" => self.phase.to_string(),
+            why => format!("{}: {why}", self.phase),
+        }
+    }
+}
+
+/// An event in the history of a goal.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct HistoryEntry {
+    /// Time of the event in milliseconds since 1970-01-01 UTC, by the clock of the machine that then
+    /// pursued the goal.
+    pub at_ms: u64,
+    /// Outcome that was sent to the requester with this event; `None` if none was sent.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub outcome: Option<Outcome>,
+    /// Description of the event, for a person.
+    pub text: String,
+}

@@ -1,0 +1,633 @@
+//! The state of one goal, and how events change it.
+
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+use acl::AgentId;
+use acl::content::{GoalPhase, Keep, Outcome, Report};
+
+use crate::action_backoff::ActionBackoffs;
+use crate::event::{
+    Attempt, Blockers, Command, Event, ExecutionEnd, MissingPlan, PlanDecision, PlanningFlow,
+    PlanningMode, Turn, Verdict,
+};
+use crate::transitions::is_lawful;
+
+/// Delay between a change of the world and the next check of the goals. News of one event arrive in
+/// several messages, which one check then covers.
+pub const SETTLE_DELAY: Duration = Duration::from_millis(20);
+
+/// Interval at which waiting and holding goals are checked even if no news have come. A broadcast may
+/// be lost.
+pub const RECHECK_INTERVAL: Duration = Duration::from_secs(10);
+
+/// Number of plans in a row that may fail before a goal that is to be achieved once is given up. Every
+/// failure rules out an action for a while, so this many failures mean that no other way is left.
+pub const FAILURES_MAX: u32 = 12;
+
+/// Delay before planning again when no plan was found. After this delay the latest announcements of all
+/// agents have arrived here, also on a busy machine.
+const ANNOUNCEMENT_DELAY: Duration = Duration::from_millis(100);
+
+/// Delay before a question to another agent is asked again if no answer was received.
+const ASK_AGAIN: Duration = Duration::from_millis(500);
+
+/// Duration of the warm-up after a fail-over, in which a missing agent does not count as gone. Daemons
+/// that boot together need this long to connect and to announce their models.
+const WARM_UP: Duration = Duration::from_secs(10);
+
+/// How long a goal counts as blocked by agents that other goals use, without planning for it again.
+/// After this time planning is tried again, because the state may have changed.
+const STILL_BLOCKED: Duration = Duration::from_secs(5);
+
+/// Maximum number of goals that are listed by name in a message about what blocks a goal.
+const BLOCKERS_TOLD: usize = 3;
+
+/// Number of checks of the goal before its plan counts as carried out in vain. An agent's last
+/// heartbeat may still be on its way.
+const LOOKS_MAX: u32 = 3;
+
+/// Number of failed plans in a row after which planning again backs off, so that a permanent fault does
+/// not load the machine. The retries before are immediate.
+const IMMEDIATE_RETRIES: u32 = 3;
+
+const NO_MAINTAINER: &str = "no Domain Maintainer answers";
+
+/// Settings that the life of a goal depends on.
+#[derive(Clone, Copy, Debug)]
+pub struct Policy {
+    /// Whether a new plan is made when a plan fails.
+    pub is_replanning: bool,
+    /// How long an agent may be absent before it counts as gone.
+    pub grace: Duration,
+}
+
+/// The state of a goal.
+#[derive(Clone, Debug)]
+pub struct GoalState {
+    keep: Keep,
+    phase: GoalPhase,
+    attempt: Attempt,
+    /// Reason why the goal waits; empty in every other phase.
+    waits_because: String,
+    rounds: u32,
+    /// Number of plans in a row that have failed.
+    failures: u32,
+    planning_mode: PlanningMode,
+    /// Time at which this replica took the goal over; `None` if it has had the goal from the start.
+    adopted_at: Option<Duration>,
+    /// The blockers that the initiator was last told of.
+    blocked_by: String,
+    /// The agents that other goals used when this goal was found to need some of them, and the time
+    /// until which this finding counts. While all these agents are still in use, planning again would
+    /// find nothing new.
+    blocked_by_agents: Option<(BTreeSet<AgentId>, Duration)>,
+    /// Reason why the last round of planning found no plan, as the initiator was told.
+    no_plan_because: String,
+    /// Time since which there is no plan for the goal, with no agent joining or leaving in between.
+    no_plan_since: Option<Duration>,
+    /// Time since which bids use action models that the Domain Maintainer does not have yet.
+    outdated_since: Option<Duration>,
+    /// Whether agents have joined or left since planning for this goal began.
+    is_request_stale: bool,
+    /// Whether the initiator was told that the goal holds, since the goal last did not hold.
+    is_holding_reported: bool,
+    /// Number of checks of the goal since its plan was carried out.
+    looks: u32,
+    backoffs: ActionBackoffs,
+}
+
+/// Returns the report that a kept goal holds.
+pub fn holding() -> Report {
+    Report::new(Outcome::Holds, "the goal holds; it is watched")
+}
+
+fn progress(detail: impl Into<String>) -> Command {
+    Command::Report(Report::new(Outcome::Progress, detail))
+}
+
+impl GoalState {
+    /// Returns the state of a goal that was just accepted.
+    pub fn new(keep: Keep) -> GoalState {
+        GoalState {
+            keep,
+            phase: GoalPhase::Queued,
+            attempt: Attempt::default(),
+            waits_because: String::new(),
+            rounds: 0,
+            failures: 0,
+            planning_mode: PlanningMode::default(),
+            adopted_at: None,
+            blocked_by: String::new(),
+            blocked_by_agents: None,
+            no_plan_because: String::new(),
+            no_plan_since: None,
+            outdated_since: None,
+            is_request_stale: false,
+            is_holding_reported: false,
+            looks: 0,
+            backoffs: ActionBackoffs::new(keep),
+        }
+    }
+
+    /// Returns the state of a goal that this replica takes over, after `rounds` plans of which the last
+    /// `failures` failed, and the commands that resume it. `is_running` says whether a plan of the goal
+    /// runs.
+    pub fn resumed(
+        keep: Keep,
+        (rounds, failures): (u32, u32),
+        is_running: bool,
+        now: Duration,
+    ) -> (GoalState, Vec<Command>) {
+        let mut state =
+            GoalState { rounds, failures, adopted_at: Some(now), ..GoalState::new(keep) };
+        if !is_running {
+            return (state, vec![progress("the goal was taken over"), Command::Consider]);
+        }
+        state.phase = GoalPhase::Executing;
+        let requested = Command::RequestExecution(state.next_attempt());
+        (state, vec![requested, progress("the goal was taken over; its plan goes on")])
+    }
+
+    /// Returns the phase.
+    pub fn phase(&self) -> GoalPhase {
+        self.phase
+    }
+
+    /// Returns the reason why the goal waits, as text that completes “waiting: ”; empty if it does not
+    /// wait for anything.
+    pub fn waits_because(&self) -> &str {
+        &self.waits_because
+    }
+
+    /// Returns the number of the work that was begun last.
+    pub fn attempt(&self) -> Attempt {
+        self.attempt
+    }
+
+    /// Returns the number of plans for this goal executed so far.
+    pub fn rounds(&self) -> u32 {
+        self.rounds
+    }
+
+    /// Returns the number of plans in a row that have failed.
+    pub fn failures(&self) -> u32 {
+        self.failures
+    }
+
+    /// Returns the constraints of the next round of planning.
+    pub fn planning_mode(&self) -> PlanningMode {
+        self.planning_mode
+    }
+
+    /// Returns the actions that failed in earlier plans.
+    pub fn backoffs(&self) -> &ActionBackoffs {
+        &self.backoffs
+    }
+
+    /// Returns the actions that failed in earlier plans, to be compared with the present offers.
+    pub fn backoffs_mut(&mut self) -> &mut ActionBackoffs {
+        &mut self.backoffs
+    }
+
+    /// Notes that all bids use action models that are known.
+    pub fn note_bids_current(&mut self) {
+        self.outdated_since = None;
+    }
+
+    /// Changes the state by an event that happened at the time `now`, and returns what must be done
+    /// about it, in this order. An event of earlier work, and an event that the table has no transition
+    /// for, changes nothing.
+    pub fn handle(&mut self, event: Event, now: Duration, policy: Policy) -> Vec<Command> {
+        let (kind, from) = (event.kind(), self.phase);
+        let is_of_earlier_work = event.attempt().is_some_and(|attempt| attempt != self.attempt);
+        if is_of_earlier_work || !crate::transitions::is_expected(kind, from) {
+            return Vec::new();
+        }
+        let commands = self.react(event, now, policy);
+        debug_assert!(is_lawful(kind, from, self.phase), "{kind:?}: {from:?} to {:?}", self.phase);
+        commands
+    }
+
+    fn react(&mut self, event: Event, now: Duration, policy: Policy) -> Vec<Command> {
+        match event {
+            Event::Considered(turn) => self.considered(turn, now),
+            Event::DomainMissing(_) => self.wait(NO_MAINTAINER.to_owned(), ASK_AGAIN),
+            Event::DomainUnusable(_, why) => self.end(Outcome::Failed, why),
+            Event::GoalInvalid(_, why) if self.in_warm_up(now) => self.wait(why, ASK_AGAIN),
+            Event::GoalInvalid(_, why) => self.end(Outcome::Failed, why),
+            Event::GoalHolds(_) => self.satisfied(),
+            Event::GoalLost(..) | Event::AgentsBusy(..) | Event::GoalOpen(..) => {
+                self.unsatisfied(event, now, policy)
+            }
+            Event::PlannerFailed(_, why, wait) => self.retry(why, wait, policy),
+            Event::BidsOutdated(_, why) => self.bids_outdated(why, now, policy),
+            Event::PlanFound(_, decision) => self.plan_found(decision, now, policy),
+            Event::PlanMissing(_) => {
+                self.enter(GoalPhase::Explaining);
+                vec![Command::Explain(self.next_attempt())]
+            }
+            Event::Explained(_, missing) => self.explained(missing, now, policy),
+            Event::ExecutorRestarted(_) => vec![Command::RequestExecution(self.next_attempt())],
+            Event::OtherPlanRuns(_, round) => self.other_plan_runs(round),
+            Event::ExecutionEnded(_, end) => self.execution_ended(end, now, policy),
+            Event::Verified(_, verdict) => self.verified(verdict, policy),
+            Event::Cancelled => self.cancelled(),
+            Event::Yielded(why) => {
+                self.enter(GoalPhase::Preempted);
+                vec![Command::CancelExecution, progress(why)]
+            }
+            Event::AgentsReleased => {
+                self.enter(GoalPhase::Queued);
+                Vec::new()
+            }
+            Event::WorldChanged { joined, have_agents_changed, is_planning_busy } => {
+                self.world_changed(&joined, have_agents_changed, is_planning_busy)
+            }
+            Event::EndedElsewhere => {
+                let is_executing = self.phase == GoalPhase::Executing;
+                self.enter(GoalPhase::Ended);
+                vec![if is_executing { Command::CancelExecution } else { Command::Abandon }]
+            }
+            Event::TakenOver => {
+                self.enter(GoalPhase::Ended);
+                vec![Command::Abandon]
+            }
+        }
+    }
+
+    /// Enters a phase. A phase that waits for a reason gets the reason afterwards.
+    fn enter(&mut self, phase: GoalPhase) {
+        self.phase = phase;
+        self.waits_because.clear();
+    }
+
+    fn next_attempt(&mut self) -> Attempt {
+        self.attempt = Attempt(self.attempt.0 + 1);
+        self.attempt
+    }
+
+    /// Whether the goal was taken over less than [`WARM_UP`] ago. The agents that could reach the goal
+    /// may not be known yet: after a power cut all machines start at once, some of them slowly.
+    fn in_warm_up(&self, now: Duration) -> bool {
+        self.adopted_at.is_some_and(|adopted| now < adopted.saturating_add(WARM_UP))
+    }
+
+    // === a round of planning ===
+
+    fn considered(&mut self, turn: Turn, now: Duration) -> Vec<Command> {
+        if let Some(why) = turn.missing_quorum {
+            let is_told = self.phase == GoalPhase::WaitingForChange && self.waits_because == why;
+            self.enter(GoalPhase::WaitingForChange);
+            self.waits_because.clone_from(&why);
+            let told = (!is_told).then(|| progress(format!("waiting: {why}")));
+            // Goals that need no quorum go on.
+            return told.into_iter().chain([Command::ScheduleNext]).collect();
+        }
+        if turn.is_planning_busy {
+            self.enter(GoalPhase::Queued);
+            return Vec::new();
+        }
+        let is_still_blocked = self.blocked_by_agents.as_ref().is_some_and(|(agents, until)| {
+            now < *until && !agents.is_empty() && agents.is_subset(&turn.agents_in_use)
+        });
+        if is_still_blocked {
+            self.enter(GoalPhase::WaitingForAgents);
+            self.waits_because = format!("it {}", self.blocked_by);
+            return vec![Command::ScheduleNext];
+        }
+        self.enter(GoalPhase::FetchingDomain);
+        self.is_request_stale = false;
+        vec![Command::StopTimer, Command::FetchDomain(self.next_attempt())]
+    }
+
+    fn satisfied(&mut self) -> Vec<Command> {
+        self.failures = 0;
+        self.planning_mode = PlanningMode::default();
+        if self.keep == Keep::Achieve {
+            let detail = if self.rounds == 0 { "it holds already" } else { "the goal holds" };
+            return self.end(Outcome::Done, detail);
+        }
+        self.enter(GoalPhase::Holding);
+        self.no_plan_because.clear();
+        let is_told = std::mem::replace(&mut self.is_holding_reported, true);
+        let told = (!is_told).then(|| Command::Report(holding()));
+        let rest =
+            [Command::ForgetPlan, Command::ConsiderAfter(RECHECK_INTERVAL), Command::ScheduleNext];
+        told.into_iter().chain(rest).collect()
+    }
+
+    fn unsatisfied(&mut self, event: Event, now: Duration, policy: Policy) -> Vec<Command> {
+        if self.rounds > 0 && !policy.is_replanning {
+            let why = "it does not hold any more, and replanning is off";
+            return self.end(Outcome::Failed, why);
+        }
+        self.is_holding_reported = false;
+        match event {
+            Event::GoalLost(_, why) => {
+                self.planning_mode = PlanningMode::default();
+                self.no_plan(why, now, policy)
+            }
+            Event::AgentsBusy(_, blockers) => self.block(blockers, now),
+            Event::GoalOpen(_, PlanningFlow::Centralized) => {
+                self.enter(GoalPhase::Planning);
+                vec![Command::Plan(self.next_attempt())]
+            }
+            _ => {
+                self.enter(GoalPhase::CollectingProposals);
+                vec![Command::Plan(self.next_attempt())]
+            }
+        }
+    }
+
+    /// Waits for the newer action models of bidders for a while. After that time the bids count as they
+    /// are.
+    fn bids_outdated(&mut self, why: String, now: Duration, policy: Policy) -> Vec<Command> {
+        let since = *self.outdated_since.get_or_insert(now);
+        if now.saturating_sub(since) >= ANNOUNCEMENT_DELAY.max(policy.grace) {
+            return Vec::new();
+        }
+        let rejected = "a new call for proposals follows: an action model is newer";
+        let mut commands = vec![Command::RejectProposals(rejected)];
+        commands.extend(self.wait(why, ANNOUNCEMENT_DELAY));
+        commands
+    }
+
+    fn plan_found(
+        &mut self,
+        decision: PlanDecision,
+        now: Duration,
+        policy: Policy,
+    ) -> Vec<Command> {
+        self.planning_mode = PlanningMode::Cooperative;
+        if !matches!(decision, PlanDecision::Conflict(_)) {
+            self.no_plan_since = None;
+        }
+        match decision {
+            PlanDecision::Run => {
+                self.rounds += 1;
+                self.enter(GoalPhase::Executing);
+                self.blocked_by.clear();
+                self.no_plan_because.clear();
+                // The next goal may be planned for during execution.
+                vec![Command::Execute(self.next_attempt()), Command::ScheduleNext]
+            }
+            PlanDecision::Preempt(others, blockers) => {
+                let mut commands = self.block(blockers, now);
+                commands.push(Command::Preempt(others));
+                commands
+            }
+            PlanDecision::WaitFor(blockers) => self.block(blockers, now),
+            PlanDecision::Conflict(kept) => {
+                let why = format!("every plan for it would undo {kept}, which is kept");
+                self.no_plan(why, now, policy)
+            }
+        }
+    }
+
+    /// Continues when the reason for the missing plan is known: tries the next mode of planning, waits
+    /// for other goals, or reports the reason.
+    fn explained(&mut self, missing: MissingPlan, now: Duration, policy: Policy) -> Vec<Command> {
+        if missing.are_agents_free_again {
+            self.enter(GoalPhase::Queued);
+            return vec![Command::ScheduleNext];
+        }
+        let has_hope = missing.has_hope && self.planning_mode != PlanningMode::DiagnoseConflict;
+        let next = match self.planning_mode {
+            PlanningMode::Cooperative if has_hope && missing.can_preempt => {
+                PlanningMode::Preemptive
+            }
+            _ if has_hope && !missing.blockers.goals.is_empty() => {
+                return self.block(missing.blockers, now);
+            }
+            _ if has_hope && missing.has_kept_goals => PlanningMode::DiagnoseConflict,
+            _ => {
+                self.planning_mode = PlanningMode::default();
+                return self.no_plan(missing.why, now, policy);
+            }
+        };
+        self.planning_mode = next;
+        self.enter(GoalPhase::Queued);
+        vec![Command::Consider]
+    }
+
+    // === waiting ===
+
+    /// Makes the goal wait until the plan of one of the blockers no longer runs.
+    fn block(&mut self, blockers: Blockers, now: Duration) -> Vec<Command> {
+        self.planning_mode = PlanningMode::Cooperative;
+        let Blockers { goals, agents } = blockers;
+        self.blocked_by_agents =
+            (!agents.is_empty()).then(|| (agents, now.saturating_add(STILL_BLOCKED)));
+        let names: Vec<_> = goals.iter().map(|goal| format!("`{goal}`")).collect();
+        let why = match names.split_at(names.len().min(BLOCKERS_TOLD)) {
+            (told, []) => format!("needs what {} is using", told.join(" and ")),
+            (told, more) => {
+                format!("needs what {} and {} more are using", told.join(", "), more.len())
+            }
+        };
+        let told = (self.blocked_by != why).then(|| progress(format!("waiting: it {why}")));
+        self.enter(GoalPhase::WaitingForAgents);
+        self.waits_because = format!("it {why}");
+        self.blocked_by = why;
+        told.into_iter().chain([Command::ScheduleNext]).collect()
+    }
+
+    /// Makes the goal wait for the time `wait`, and then considers it again. Other goals may be planned
+    /// for meanwhile.
+    fn wait(&mut self, why: String, wait: Duration) -> Vec<Command> {
+        self.enter(GoalPhase::WaitingForChange);
+        self.waits_because = why;
+        vec![Command::ConsiderAfter(wait), Command::ScheduleNext]
+    }
+
+    /// Handles a plan that failed or could not be made: plans for the goal again after the time `wait`,
+    /// or gives the goal up.
+    fn retry(&mut self, why: String, wait: Duration, policy: Policy) -> Vec<Command> {
+        self.failures += 1;
+        let gives_up = self.keep == Keep::Achieve && self.failures >= FAILURES_MAX;
+        if gives_up || !policy.is_replanning {
+            let detail = format!("given up after {} plans: {why}", self.rounds);
+            return self.end(Outcome::Failed, detail);
+        }
+        let backoff = Duration::from_millis(100 << self.failures.min(6));
+        let wait = if self.failures <= IMMEDIATE_RETRIES { wait } else { wait.max(backoff) };
+        let mut commands = vec![progress(format!("planning anew: {why}"))];
+        commands.extend(self.wait(why, wait));
+        commands
+    }
+
+    /// Handles that planning found no plan. While news may still be on their way, plans once more. After
+    /// that a goal that is to be achieved once ends; a kept goal waits until the ecosystem changes, or
+    /// until a failed action may be tried again.
+    fn no_plan(&mut self, why: String, now: Duration, policy: Policy) -> Vec<Command> {
+        if std::mem::take(&mut self.is_request_stale) {
+            // The search used a state of the world that is out of date.
+            return self.wait(why, SETTLE_DELAY);
+        }
+        let chance = self.backoffs.next_chance(now);
+        if chance.is_none() && policy.is_replanning {
+            // An agent may know facts about itself that have not arrived here yet. An agent that could
+            // reach the goal may be absent for a moment.
+            let patience = ANNOUNCEMENT_DELAY.max(policy.grace);
+            let waited = now.saturating_sub(*self.no_plan_since.get_or_insert(now));
+            let rest = patience.saturating_sub(waited);
+            if !rest.is_zero() || self.in_warm_up(now) {
+                return self.wait(why, rest.max(ASK_AGAIN));
+            }
+        }
+        let may_try_again = policy.is_replanning && self.failures < FAILURES_MAX;
+        if self.keep == Keep::Achieve && (chance.is_none() || !may_try_again) {
+            return self.end(Outcome::Failed, why);
+        }
+        let is_told = self.no_plan_because == why;
+        self.no_plan_because.clone_from(&why);
+        let told = (!is_told)
+            .then(|| progress(format!("no plan now: {why}; waiting for the ecosystem to change")));
+        let wait = chance
+            .map_or(RECHECK_INTERVAL, |chance| RECHECK_INTERVAL.min(chance.saturating_sub(now)));
+        told.into_iter().chain(self.wait(why, wait)).collect()
+    }
+
+    // === execution ===
+
+    /// Continues with a plan of the goal that is already running, in place of the plan made here. If the
+    /// former plan was to be cancelled, the running one is.
+    fn other_plan_runs(&mut self, round: u32) -> Vec<Command> {
+        self.rounds = self.rounds.max(round);
+        let adopted = [Command::AdoptRunningPlan, Command::RequestExecution(self.next_attempt())];
+        let last = match self.phase {
+            GoalPhase::Executing => progress("another plan for the goal is under way, and goes on"),
+            _ => Command::CancelExecution,
+        };
+        adopted.into_iter().chain([last]).collect()
+    }
+
+    fn execution_ended(
+        &mut self,
+        end: ExecutionEnd,
+        now: Duration,
+        policy: Policy,
+    ) -> Vec<Command> {
+        let from = self.phase;
+        let is_done = matches!(end, ExecutionEnd::Done);
+        if from == GoalPhase::Executing && is_done && self.keep == Keep::Achieve {
+            // Other goals wait until it is clear whether this goal is reached: their plans might undo
+            // it.
+            return self.verify_first();
+        }
+        let next = match (from, end) {
+            (GoalPhase::Cancelling, end) => self.cancelled_in_execution(end),
+            (_, ExecutionEnd::Done) if self.keep == Keep::Achieve => self.verify_first(),
+            (_, ExecutionEnd::Done) => {
+                // Checked once more before it is reported to hold: an agent may have left meanwhile.
+                self.failures = 0;
+                self.enter(GoalPhase::Holding);
+                vec![Command::ConsiderAfter(SETTLE_DELAY), Command::ScheduleNext]
+            }
+            // The goal queues for its turn; the goal that it yielded to comes first.
+            (GoalPhase::Preempted, _) => {
+                self.enter(GoalPhase::Queued);
+                vec![Command::ScheduleNext]
+            }
+            (_, ExecutionEnd::Failed(report, blamed)) => {
+                blamed.into_iter().for_each(|it| self.backoffs.penalize(it, &report, now));
+                self.retry(report.detail, Duration::ZERO, policy)
+            }
+            (_, ExecutionEnd::Cancelled(why)) => self.retry(why, Duration::ZERO, policy),
+            (_, ExecutionEnd::Unknown(why, wait)) => self.retry(why, wait, policy),
+        };
+        std::iter::once(Command::ReleaseAgents).chain(next).collect()
+    }
+
+    fn cancelled_in_execution(&mut self, end: ExecutionEnd) -> Vec<Command> {
+        let (outcome, detail) = match end {
+            ExecutionEnd::Done => (Outcome::Done, "it was done before the cancel came".to_owned()),
+            ExecutionEnd::Cancelled(_) => (Outcome::Cancelled, CANCELLED.to_owned()),
+            ExecutionEnd::Failed(report, _) => (Outcome::Cancelled, report.detail),
+            ExecutionEnd::Unknown(why, _) => {
+                (Outcome::Cancelled, format!("cancelled, not confirmed: {why}"))
+            }
+        };
+        self.end(outcome, detail)
+    }
+
+    fn verify_first(&mut self) -> Vec<Command> {
+        self.enter(GoalPhase::Verifying);
+        self.looks = 1;
+        vec![Command::Verify(self.next_attempt(), Duration::ZERO)]
+    }
+
+    fn verified(&mut self, verdict: Verdict, policy: Policy) -> Vec<Command> {
+        let next = match verdict {
+            Verdict::Holds => return self.end(Outcome::Done, "the goal holds"),
+            Verdict::Unusable(why) => return self.end(Outcome::Failed, why),
+            Verdict::Unmet(_) if self.looks < LOOKS_MAX => {
+                self.looks += 1;
+                return vec![Command::Verify(self.next_attempt(), SETTLE_DELAY)];
+            }
+            Verdict::Unmet(unmet) => {
+                let why = format!("every step is done, and {unmet}");
+                self.retry(why, Duration::ZERO, policy)
+            }
+            Verdict::Unanswered => self.wait(NO_MAINTAINER.to_owned(), ASK_AGAIN),
+        };
+        std::iter::once(Command::ReleaseAgents).chain(next).collect()
+    }
+
+    // === the end ===
+
+    fn cancelled(&mut self) -> Vec<Command> {
+        match self.phase {
+            GoalPhase::Executing => {
+                self.enter(GoalPhase::Cancelling);
+                vec![Command::CancelExecution]
+            }
+            GoalPhase::Preempted | GoalPhase::Cancelling => {
+                self.enter(GoalPhase::Cancelling);
+                Vec::new()
+            }
+            GoalPhase::Planning => {
+                let end = self.end(Outcome::Cancelled, CANCELLED);
+                std::iter::once(Command::CancelPlanning).chain(end).collect()
+            }
+            _ => self.end(Outcome::Cancelled, CANCELLED),
+        }
+    }
+
+    /// Ends the goal. If its plan was being verified, its agents are free afterwards.
+    fn end(&mut self, outcome: Outcome, detail: impl Into<String>) -> Vec<Command> {
+        let released = (self.phase == GoalPhase::Verifying).then_some(Command::ReleaseAgents);
+        self.enter(GoalPhase::Ended);
+        let end = Command::End(outcome, detail.into());
+        [end].into_iter().chain(released).chain([Command::ScheduleNext]).collect()
+    }
+
+    // === changes of the world ===
+
+    /// Handles a change of the world: a goal that held may not hold now, and a waiting goal may have a
+    /// plan.
+    fn world_changed(
+        &mut self,
+        joined: &[AgentId],
+        have_agents_changed: bool,
+        is_planning_busy: bool,
+    ) -> Vec<Command> {
+        joined.iter().for_each(|agent| self.backoffs.reset(agent));
+        if have_agents_changed {
+            self.blocked_by_agents = None;
+            self.is_request_stale = self.phase.is_planning();
+            self.no_plan_since = None;
+        }
+        let is_concerned = match self.phase {
+            GoalPhase::Queued => !is_planning_busy,
+            GoalPhase::WaitingForChange | GoalPhase::Holding => true,
+            // A change of state does not free the agents that other goals use.
+            GoalPhase::WaitingForAgents => have_agents_changed,
+            _ => false,
+        };
+        is_concerned.then_some(Command::ConsiderAfter(SETTLE_DELAY)).into_iter().collect()
+    }
+}
+
+const CANCELLED: &str = "cancelled as asked";

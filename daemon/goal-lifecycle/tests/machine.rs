@@ -1,0 +1,305 @@
+//! Every event in every phase, and random sequences of events.
+
+use std::collections::BTreeSet;
+use std::time::Duration;
+
+use acl::content::{GoalPhase, Keep, Outcome, Report};
+use acl::{AgentId, ConversationId};
+use goal_lifecycle::{
+    Attempt, Blockers, Command, Event, ExecutionEnd, GoalState, MissingPlan, PlanDecision,
+    PlanningFlow, Policy, TRANSITIONS, Turn, Verdict, is_lawful,
+};
+use proptest::prelude::*;
+
+const POLICY: Policy = Policy { is_replanning: true, grace: Duration::from_secs(2) };
+
+fn agent(name: &str) -> AgentId {
+    AgentId::new(name).expect("a name")
+}
+
+fn blockers(agents: &[&str]) -> Blockers {
+    let agents = agents.iter().map(|name| agent(name)).collect();
+    Blockers { goals: vec!["(lit hall)".to_owned()], agents }
+}
+
+/// Returns one event of each kind and variant, about the work `attempt`.
+fn events(attempt: Attempt) -> Vec<Event> {
+    let text = || "a reason".to_owned();
+    let quorum = Turn { missing_quorum: Some("no quorum".to_owned()), ..Turn::default() };
+    let busy = Turn { is_planning_busy: true, ..Turn::default() };
+    let in_use = Turn { agents_in_use: [agent("lamp")].into(), ..Turn::default() };
+    let hope = MissingPlan { why: text(), has_hope: true, ..MissingPlan::default() };
+    let failed = Report::new(Outcome::Failed, "it is dark");
+    let blamed = Some((agent("lamp"), "light".to_owned()));
+    vec![
+        Event::Considered(Turn::default()),
+        Event::Considered(quorum),
+        Event::Considered(busy),
+        Event::Considered(in_use),
+        Event::DomainMissing(attempt),
+        Event::DomainUnusable(attempt, text()),
+        Event::GoalInvalid(attempt, text()),
+        Event::GoalHolds(attempt),
+        Event::GoalLost(attempt, text()),
+        Event::AgentsBusy(attempt, blockers(&["lamp"])),
+        Event::GoalOpen(attempt, PlanningFlow::Centralized),
+        Event::GoalOpen(attempt, PlanningFlow::Decentralized),
+        Event::PlannerFailed(attempt, text(), Duration::ZERO),
+        Event::BidsOutdated(attempt, text()),
+        Event::PlanFound(attempt, PlanDecision::Run),
+        Event::PlanFound(
+            attempt,
+            PlanDecision::Preempt(vec![ConversationId::new("c")], blockers(&[])),
+        ),
+        Event::PlanFound(attempt, PlanDecision::WaitFor(blockers(&[]))),
+        Event::PlanFound(attempt, PlanDecision::Conflict("`(lit hall)`".to_owned())),
+        Event::PlanMissing(attempt),
+        Event::Explained(attempt, MissingPlan { why: text(), ..MissingPlan::default() }),
+        Event::Explained(attempt, MissingPlan { are_agents_free_again: true, ..hope.clone() }),
+        Event::Explained(attempt, MissingPlan { can_preempt: true, ..hope.clone() }),
+        Event::Explained(attempt, MissingPlan { blockers: blockers(&["lamp"]), ..hope.clone() }),
+        Event::Explained(attempt, MissingPlan { has_kept_goals: true, ..hope }),
+        Event::ExecutorRestarted(attempt),
+        Event::OtherPlanRuns(attempt, 7),
+        Event::ExecutionEnded(attempt, ExecutionEnd::Done),
+        Event::ExecutionEnded(attempt, ExecutionEnd::Cancelled(text())),
+        Event::ExecutionEnded(attempt, ExecutionEnd::Failed(failed, blamed)),
+        Event::ExecutionEnded(attempt, ExecutionEnd::Unknown(text(), Duration::ZERO)),
+        Event::Verified(attempt, Verdict::Holds),
+        Event::Verified(attempt, Verdict::Unmet(text())),
+        Event::Verified(attempt, Verdict::Unusable(text())),
+        Event::Verified(attempt, Verdict::Unanswered),
+        Event::Cancelled,
+        Event::Yielded(text()),
+        Event::AgentsReleased,
+        Event::WorldChanged {
+            joined: vec![agent("lamp")],
+            have_agents_changed: true,
+            is_planning_busy: false,
+        },
+        Event::WorldChanged {
+            joined: Vec::new(),
+            have_agents_changed: false,
+            is_planning_busy: true,
+        },
+        Event::EndedElsewhere,
+        Event::TakenOver,
+    ]
+}
+
+/// What the owner of a goal would see of it: the work that runs, the plans that run, the ends that were
+/// told. It checks every command as it comes.
+struct Owner {
+    state: GoalState,
+    now: Duration,
+    /// Whether a plan of the goal runs at the executor.
+    runs: bool,
+    /// Whether the executor was asked to cancel that plan.
+    is_cancelling: bool,
+    has_timer: bool,
+    ends: usize,
+    is_abandoned: bool,
+}
+
+impl Owner {
+    fn new(keep: Keep) -> Owner {
+        Owner {
+            state: GoalState::new(keep),
+            now: Duration::ZERO,
+            runs: false,
+            is_cancelling: false,
+            has_timer: false,
+            ends: 0,
+            is_abandoned: false,
+        }
+    }
+
+    /// Lets an event happen, and checks what the machine answers.
+    fn tell(&mut self, event: Event, policy: Policy) {
+        let (kind, attempt, from) = (event.kind(), event.attempt(), self.state.phase());
+        let is_current = attempt.is_none_or(|attempt| attempt == self.state.attempt());
+        let is_end = matches!(event, Event::ExecutionEnded(..));
+        let is_listed =
+            |row: &&goal_lifecycle::Transition| row.event == kind && row.from.contains(&from);
+        let counts = is_current && TRANSITIONS.iter().any(|row| is_listed(&row));
+        let before = self.state.attempt();
+        let commands = self.state.handle(event, self.now, policy);
+        let to = self.state.phase();
+        if !counts {
+            assert_eq!((from, before), (to, self.state.attempt()), "{kind:?} counts for nothing");
+            assert!(commands.is_empty(), "{kind:?} in {from:?}: {commands:?}");
+            return;
+        }
+        assert!(is_lawful(kind, from, to), "{kind:?}: {from:?} to {to:?}");
+        if is_end {
+            self.runs = false;
+            self.is_cancelling = false;
+        }
+        for command in commands {
+            self.obey(command);
+        }
+        self.check(to);
+    }
+
+    fn obey(&mut self, command: Command) {
+        match command {
+            Command::Execute(attempt) => {
+                assert!(!self.runs, "two plans of one goal run");
+                assert_eq!(attempt, self.state.attempt());
+                self.runs = true;
+            }
+            Command::RequestExecution(attempt) => {
+                assert_eq!(attempt, self.state.attempt());
+                self.runs = true;
+                self.is_cancelling = false;
+            }
+            Command::CancelExecution => {
+                assert!(self.runs, "no plan runs that could be cancelled");
+                self.is_cancelling = true;
+            }
+            Command::ConsiderAfter(_) | Command::Consider => self.has_timer = true,
+            Command::StopTimer => self.has_timer = false,
+            Command::End(outcome, detail) => {
+                assert!(outcome.is_final() && !detail.is_empty());
+                self.ends += 1;
+            }
+            Command::Abandon => self.is_abandoned = true,
+            Command::Plan(attempt)
+            | Command::FetchDomain(attempt)
+            | Command::Explain(attempt)
+            | Command::Verify(attempt, _) => assert_eq!(attempt, self.state.attempt()),
+            Command::Report(report) => {
+                assert!(!report.outcome.is_final(), "only `End` tells the end");
+            }
+            Command::RejectProposals(_)
+            | Command::AdoptRunningPlan
+            | Command::CancelPlanning
+            | Command::ForgetPlan
+            | Command::ReleaseAgents
+            | Command::Preempt(_)
+            | Command::ScheduleNext => {}
+        }
+    }
+
+    /// Checks what must be true between any two events.
+    fn check(&self, phase: GoalPhase) {
+        let is_with_executor =
+            matches!(phase, GoalPhase::Executing | GoalPhase::Preempted | GoalPhase::Cancelling);
+        if phase != GoalPhase::Ended {
+            assert_eq!(self.runs, is_with_executor, "in {phase:?}");
+            assert_eq!(self.is_cancelling, is_with_executor && phase != GoalPhase::Executing);
+            // A goal that waits for a change is looked at again, unless it waits for the quorum.
+            let is_waiting = matches!(phase, GoalPhase::WaitingForChange | GoalPhase::Holding);
+            let waits_for_quorum = self.state.waits_because() == "no quorum";
+            assert!(!is_waiting || self.has_timer || waits_for_quorum);
+            assert_eq!(self.ends, 0);
+        } else if self.ends == 0 {
+            assert!(self.is_abandoned || self.is_cancelling, "it ended without a word");
+        } else {
+            assert_eq!(self.ends, 1, "its initiator is told one end");
+            assert!(!self.runs || self.is_cancelling, "a plan of an ended goal runs on");
+        }
+        let is_waiting = matches!(phase, GoalPhase::WaitingForAgents | GoalPhase::WaitingForChange);
+        assert_eq!(is_waiting, !self.state.waits_because().is_empty(), "in {phase:?}");
+    }
+}
+
+/// Returns, for each phase, a goal that is in it, by a breadth-first search from a new goal.
+fn one_in_each_phase(keep: Keep) -> Vec<GoalState> {
+    let mut found = vec![GoalState::new(keep)];
+    let mut next = 0;
+    while let Some(state) = found.get(next).cloned() {
+        for event in events(state.attempt()) {
+            let mut after = state.clone();
+            after.handle(event, Duration::ZERO, POLICY);
+            if found.iter().all(|known| known.phase() != after.phase()) {
+                found.push(after);
+            }
+        }
+        next += 1;
+    }
+    found
+}
+
+#[test]
+fn every_event_in_every_phase_does_what_the_table_says() {
+    let mut seen = BTreeSet::new();
+    for keep in [Keep::Achieve, Keep::Maintain] {
+        let states = one_in_each_phase(keep);
+        for state in &states {
+            for event in events(state.attempt()) {
+                let (kind, from) = (event.kind(), state.phase());
+                for policy in [POLICY, Policy { is_replanning: false, grace: Duration::ZERO }] {
+                    let mut after = state.clone();
+                    after.handle(event.clone(), Duration::ZERO, policy);
+                    let row =
+                        TRANSITIONS.iter().any(|row| row.event == kind && row.from.contains(&from));
+                    let stays = after.phase() == from;
+                    assert!(if row { is_lawful(kind, from, after.phase()) } else { stays });
+                    if row {
+                        seen.insert((kind, from));
+                    }
+                }
+            }
+        }
+    }
+    let listed = TRANSITIONS.iter().flat_map(|row| row.from.iter().map(|from| (row.event, *from)));
+    let unseen: Vec<_> = listed.filter(|pair| !seen.contains(pair)).collect();
+    assert!(unseen.is_empty(), "rows that no test reaches: {unseen:?}");
+}
+
+#[test]
+fn the_search_reaches_every_phase() {
+    let both = [Keep::Achieve, Keep::Maintain].map(one_in_each_phase).concat();
+    let phases: BTreeSet<_> = both.iter().map(GoalState::phase).collect();
+    assert_eq!(phases, GoalPhase::ALL.into());
+}
+
+#[test]
+fn a_goal_ends_after_so_many_failures_and_a_kept_one_does_not() {
+    for (keep, ends) in [(Keep::Achieve, true), (Keep::Maintain, false)] {
+        let mut state = GoalState::new(keep);
+        for _ in 0..goal_lifecycle::FAILURES_MAX {
+            state.handle(Event::Considered(Turn::default()), Duration::ZERO, POLICY);
+            let open = Event::GoalOpen(state.attempt(), PlanningFlow::Centralized);
+            state.handle(open, Duration::ZERO, POLICY);
+            let failed = Event::PlannerFailed(state.attempt(), "busy".to_owned(), Duration::ZERO);
+            state.handle(failed, Duration::ZERO, POLICY);
+        }
+        assert_eq!(state.phase() == GoalPhase::Ended, ends);
+    }
+}
+
+#[test]
+fn an_answer_of_earlier_work_changes_nothing() {
+    let mut state = GoalState::new(Keep::Achieve);
+    state.handle(Event::Considered(Turn::default()), Duration::ZERO, POLICY);
+    let fetching = state.attempt();
+    state.handle(Event::GoalOpen(fetching, PlanningFlow::Centralized), Duration::ZERO, POLICY);
+    let late = state.handle(Event::GoalHolds(fetching), Duration::ZERO, POLICY);
+    assert!(late.is_empty());
+    assert_eq!(state.phase(), GoalPhase::Planning);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 2_000, ..ProptestConfig::default() })]
+
+    /// Whatever happens, in any order and also late: never two running plans, one end, nothing
+    /// forgotten.
+    #[test]
+    fn random_events_keep_the_invariants(
+        kept in any::<bool>(),
+        is_replanning in any::<bool>(),
+        happenings in prop::collection::vec((0_usize..41, 0_u64..3, 0_u64..4_000), 1..120),
+    ) {
+        let mut owner = Owner::new(if kept { Keep::Maintain } else { Keep::Achieve });
+        let policy = Policy { is_replanning, ..POLICY };
+        for (which, late, wait) in happenings {
+            owner.now += Duration::from_millis(wait);
+            let attempt = Attempt(owner.state.attempt().0.saturating_sub(late));
+            let all = events(attempt);
+            let event = all[which % all.len()].clone();
+            owner.tell(event, policy);
+        }
+    }
+}

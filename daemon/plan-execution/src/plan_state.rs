@@ -1,0 +1,493 @@
+//! The state of one running plan, and how events change it.
+
+use std::collections::BTreeMap;
+
+use acl::AgentId;
+use acl::content::{ChangeState, Execute, Outcome, Reason, Refusal, Report, Snapshot};
+use pddl::knowledge::Knowledge;
+
+use crate::effect_check::{LastHeartbeats, UnverifiedEffect};
+use crate::execution::Execution;
+use crate::transitions::{EventKind, ExecutionPhase, is_expected, is_lawful};
+use crate::translate::ActionRequest;
+
+/// Something that happened to a running plan. Steps are named by their index.
+#[derive(Clone, Debug)]
+pub enum Event {
+    /// The plan begins, or goes on after a take-over.
+    Started,
+    /// The agent of a step has reported about it.
+    StepReported(usize, Report),
+    /// The agent of a step has refused it.
+    StepRefused(usize, Refusal),
+    /// The agent of a step does not answer. The text is the problem, with the agent's name.
+    StepLost(usize, String),
+    /// The agent of a cancelled step is absent, so its answer is not waited for.
+    StepAbandoned(usize),
+    /// A heartbeat of the agent has arrived.
+    HeartbeatReceived(AgentId),
+    /// The heartbeats that verify the effects are overdue.
+    EffectsOverdue,
+    /// The known state or the action models have changed.
+    WorldChanged {
+        /// Agents that have left.
+        left: Vec<AgentId>,
+        /// Agents that have joined.
+        joined: Vec<AgentId>,
+    },
+    /// The check that was scheduled with this delay is due.
+    CheckDue(CheckDelay),
+    /// The known state has arrived.
+    StateReceived {
+        /// The domain and the state.
+        snapshot: Box<Snapshot>,
+        /// The predicates that the domain uses for unknown facts.
+        knowledge: Box<Knowledge>,
+        /// Whether any agent is absent, or was a moment ago: facts that it reported are missing.
+        are_agents_absent: bool,
+    },
+    /// The Domain Maintainer has answered about an effect, or cannot be reached.
+    ChangeAnswered,
+    /// The plan is to be cancelled, with this outcome.
+    CancelRequested(Report),
+}
+
+/// Something that the owner of a running plan must do.
+#[derive(Clone, Debug)]
+pub enum Command {
+    /// Request this step from its actuator.
+    RequestStep(usize, Box<ActionRequest>),
+    /// Cancel this step. If its agent is absent, [`Event::StepAbandoned`] follows.
+    CancelStep(usize),
+    /// Close the exchange about this step.
+    CloseStep(usize),
+    /// Send this effect to the Domain Maintainer. [`Event::ChangeAnswered`] follows.
+    SendChange(ChangeState),
+    /// Report to all requesters of the plan.
+    Report(Report),
+    /// Schedule a check of the rest of the plan, in place of one that is scheduled.
+    ScheduleCheck(CheckDelay),
+    /// Ask the Domain Maintainer for the known state. [`Event::StateReceived`] follows.
+    QueryState,
+    /// Forget the question for the known state, if one is asked.
+    DropQuery,
+    /// Wait for the heartbeats that verify the effects. [`Event::EffectsOverdue`] follows.
+    AwaitEffects,
+    /// End the plan with this report.
+    End(Report),
+}
+
+/// How long a check of the rest of a plan waits.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CheckDelay {
+    /// Until the news of one event have arrived.
+    Settle,
+    /// For the grace, because an agent that the plan needs has left. No news are on their way
+    /// afterwards.
+    GraceAfterDeparture,
+    /// For the grace, because an agent is absent that was not seen to leave.
+    Grace,
+}
+
+/// The state of a running plan.
+pub struct PlanState {
+    phase: ExecutionPhase,
+    execution: Execution,
+    /// The steps that actuators are carrying out.
+    running_steps: BTreeMap<usize, RunningStep>,
+    /// Final report of a plan that is given up; `None` while the plan is not given up.
+    final_report: Option<Report>,
+    /// Number of changes that were sent to the Domain Maintainer and that it has not answered yet.
+    /// While the number is not zero, the Domain Maintainer's state is older than the state known here.
+    unanswered_changes: usize,
+    scheduled_check: Option<CheckDelay>,
+    /// Whether the plan has waited for the grace since the last check that succeeded.
+    is_grace_used: bool,
+    /// Whether the last check has failed. A failed check is repeated once before the plan is given up,
+    /// because news may still be on their way.
+    has_check_failed: bool,
+    /// Confirmed changes that contradict the last heartbeat of their agents, kept until the next
+    /// heartbeat of each agent.
+    unverified_effects: BTreeMap<AgentId, UnverifiedEffect>,
+}
+
+/// A step that an actuator is carrying out.
+#[derive(Clone, Debug)]
+struct RunningStep {
+    agent: AgentId,
+    /// The ground action of the step, under the name that its agent uses.
+    action: String,
+    /// Whether the action counts as failed if the step fails.
+    is_blamed: bool,
+}
+
+fn failure(problem: impl Into<String>) -> Report {
+    Report::new(Outcome::Failed, problem)
+}
+
+// === impl Event ===
+
+impl Event {
+    /// Returns the kind of this event.
+    pub fn kind(&self) -> EventKind {
+        match self {
+            Event::Started => EventKind::Started,
+            Event::StepReported(..) => EventKind::StepReported,
+            Event::StepRefused(..) => EventKind::StepRefused,
+            Event::StepLost(..) => EventKind::StepLost,
+            Event::StepAbandoned(_) => EventKind::StepAbandoned,
+            Event::HeartbeatReceived(_) => EventKind::HeartbeatReceived,
+            Event::EffectsOverdue => EventKind::EffectsOverdue,
+            Event::WorldChanged { .. } => EventKind::WorldChanged,
+            Event::CheckDue(_) => EventKind::CheckDue,
+            Event::StateReceived { .. } => EventKind::StateReceived,
+            Event::ChangeAnswered => EventKind::ChangeAnswered,
+            Event::CancelRequested(_) => EventKind::CancelRequested,
+        }
+    }
+
+    /// Returns the step that the event is about; `None` if it is about none.
+    fn step(&self) -> Option<usize> {
+        match self {
+            Event::StepReported(step, _)
+            | Event::StepRefused(step, _)
+            | Event::StepLost(step, _)
+            | Event::StepAbandoned(step) => Some(*step),
+            _ => None,
+        }
+    }
+}
+
+// === impl PlanState ===
+
+impl PlanState {
+    /// Parses and validates a plan, and computes which of its steps may run side by side. `knowledge`
+    /// has the predicates that the domain uses for unknown facts.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error, as text for a person, if a part of the request cannot be parsed or the plan
+    /// does not reach the goal.
+    pub fn new(execute: &Execute, knowledge: Knowledge) -> Result<PlanState, String> {
+        Ok(PlanState {
+            phase: ExecutionPhase::Running,
+            execution: Execution::new(execute, knowledge)?,
+            running_steps: BTreeMap::new(),
+            final_report: None,
+            unanswered_changes: 0,
+            scheduled_check: None,
+            is_grace_used: false,
+            has_check_failed: false,
+            unverified_effects: BTreeMap::new(),
+        })
+    }
+
+    /// Returns the phase.
+    pub fn phase(&self) -> ExecutionPhase {
+        self.phase
+    }
+
+    /// Returns the steps that are done, each with its ground action under the name that its agent uses.
+    pub fn done(&self) -> Vec<(usize, String)> {
+        self.execution.done()
+    }
+
+    /// Returns the agents that act in steps that are not done.
+    pub fn needed(&self) -> impl Iterator<Item = AgentId> + '_ {
+        self.execution.needed()
+    }
+
+    /// Whether the next heartbeat of the agent verifies an effect.
+    pub fn awaits_heartbeat(&self, agent: &AgentId) -> bool {
+        self.unverified_effects.contains_key(agent)
+    }
+
+    /// Changes the state by an event, and returns what must be done about it, in this order.
+    /// `heartbeats` has the last heartbeat of every agent. An event that the table has no transition
+    /// for, and one about a step that does not run, changes nothing.
+    pub fn handle(&mut self, event: Event, heartbeats: &LastHeartbeats) -> Vec<Command> {
+        let (kind, from) = (event.kind(), self.phase);
+        let is_about_another =
+            event.step().is_some_and(|step| !self.running_steps.contains_key(&step));
+        if is_about_another || !is_expected(kind, from) {
+            return Vec::new();
+        }
+        let mut commands = Vec::new();
+        self.react(event, heartbeats, &mut commands);
+        debug_assert!(is_lawful(kind, from, self.phase), "{kind:?}: {from:?} to {:?}", self.phase);
+        commands
+    }
+
+    fn react(&mut self, event: Event, heartbeats: &LastHeartbeats, out: &mut Vec<Command>) {
+        match event {
+            Event::Started => self.go_on(out),
+            Event::StepReported(step, report) => self.reported(step, report, heartbeats, out),
+            Event::StepRefused(step, refusal) => self.refused(step, &refusal, out),
+            Event::StepLost(step, problem) => self.fail(step, failure(problem), out),
+            Event::StepAbandoned(step) => {
+                self.running_steps.remove(&step);
+                self.end_if_idle(out);
+            }
+            Event::HeartbeatReceived(agent) => self.verify_effect(&agent, heartbeats, out),
+            Event::EffectsOverdue => {
+                self.unverified_effects.clear();
+                self.go_on(out);
+            }
+            Event::WorldChanged { left, joined } => self.world_changed(&left, &joined, out),
+            Event::CheckDue(delay) => self.check(delay, out),
+            Event::StateReceived { snapshot, knowledge, are_agents_absent } => {
+                self.compare(&snapshot, *knowledge, are_agents_absent, out);
+            }
+            Event::ChangeAnswered => {
+                self.unanswered_changes = self.unanswered_changes.saturating_sub(1);
+            }
+            Event::CancelRequested(report) => self.give_up(report, out),
+        }
+    }
+
+    // === acting ===
+
+    /// Requests every step whose predecessors are all done; ends the plan if no step is left.
+    fn go_on(&mut self, out: &mut Vec<Command>) {
+        if self.final_report.is_some() {
+            return self.end_if_idle(out);
+        }
+        if self.execution.is_complete() && !self.unverified_effects.is_empty() {
+            if self.phase != ExecutionPhase::AwaitingEffects {
+                self.phase = ExecutionPhase::AwaitingEffects;
+                out.push(Command::AwaitEffects);
+            }
+            return;
+        }
+        if self.execution.is_complete() {
+            let outcome = match self.execution.unmet_goal() {
+                None => Report::new(Outcome::Done, "the goal holds"),
+                Some(unmet) => failure(format!("every step is done, yet {unmet}")),
+            };
+            return self.give_up(outcome, out);
+        }
+        for step in self.execution.ready() {
+            let order = match self.execution.start(step) {
+                Ok(order) => order,
+                Err(problem) => return self.give_up(failure(problem), out),
+            };
+            let (agent, action) = (order.agent.clone(), order.action.clone());
+            self.running_steps.insert(step, RunningStep { agent, action, is_blamed: true });
+            out.push(Command::RequestStep(step, Box::new(order)));
+        }
+    }
+
+    fn reported(
+        &mut self,
+        step: usize,
+        report: Report,
+        heartbeats: &LastHeartbeats,
+        out: &mut Vec<Command>,
+    ) {
+        let Some(agent) = self.running_steps.get(&step).map(|running| running.agent.clone()) else {
+            return;
+        };
+        match report.outcome {
+            Outcome::Done => self.step_done(step, &agent, report, heartbeats, out),
+            Outcome::Failed => {
+                if let Some(why @ (Reason::Uncertain | Reason::TimedOut)) = report.declined {
+                    return self.step_uncertain(step, &agent, (why, &report.detail), out);
+                }
+                let problem = format!("`{agent}` failed: {}", report.detail);
+                self.fail(step, failure(problem), out);
+            }
+            Outcome::Cancelled => {
+                let problem = format!("`{agent}` gave up: {}", report.detail);
+                self.fail(step, failure(problem), out);
+            }
+            Outcome::Progress | Outcome::Holds => out.push(Command::Report(report)),
+        }
+    }
+
+    /// Handles a step that is done: applies its effects, sends these effects to the Domain Maintainer,
+    /// and goes on with the plan.
+    fn step_done(
+        &mut self,
+        step: usize,
+        agent: &AgentId,
+        mut report: Report,
+        heartbeats: &LastHeartbeats,
+        out: &mut Vec<Command>,
+    ) {
+        let running = self.running_steps.remove(&step);
+        let action = running.map(|running| running.action).unwrap_or_default();
+        match self.execution.finish(step) {
+            Ok(change) => {
+                // Only the last heartbeat and the last action of an agent count.
+                self.unverified_effects.remove(agent);
+                let doubt = heartbeats.check_effect(agent, action, &change);
+                self.unverified_effects.extend(doubt.map(|doubt| (agent.clone(), doubt)));
+                self.send_change(change, agent, out);
+            }
+            Err(problem) => return self.give_up(failure(problem), out),
+        }
+        report.outcome = Outcome::Progress;
+        report.step = u32::try_from(step).ok();
+        out.push(Command::Report(report));
+        self.go_on(out);
+    }
+
+    /// Handles a step that may or may not have been done: the facts that the step would have changed
+    /// become unknown. The action does not count as failed if its agent was restarted.
+    fn step_uncertain(
+        &mut self,
+        step: usize,
+        agent: &AgentId,
+        (why, detail): (Reason, &str),
+        out: &mut Vec<Command>,
+    ) {
+        let change = self.execution.uncertain(step);
+        if let Some(running) = self.running_steps.get_mut(&step) {
+            running.is_blamed = why != Reason::Uncertain;
+        }
+        if !change.believe.is_empty() {
+            self.send_change(change, agent, out);
+        }
+        let report = failure(format!("`{agent}`: {detail}"));
+        self.fail(step, Report { declined: Some(why), ..report }, out);
+    }
+
+    fn refused(&mut self, step: usize, refusal: &Refusal, out: &mut Vec<Command>) {
+        let Some(running) = self.running_steps.get_mut(&step) else { return };
+        // A busy agent has not failed: it can do the same action a moment later.
+        running.is_blamed = !matches!(refusal.reason, Reason::Busy | Reason::MailboxFull);
+        let problem = format!("`{}` declined: {}", running.agent, refusal.detail);
+        self.fail(step, Report { declined: Some(refusal.reason), ..failure(problem) }, out);
+    }
+
+    fn send_change(&mut self, change: ChangeState, agent: &AgentId, out: &mut Vec<Command>) {
+        self.unanswered_changes += 1;
+        out.push(Command::SendChange(ChangeState { owner: Some(agent.clone()), ..change }));
+    }
+
+    /// Gives the plan up because a step has failed.
+    fn fail(&mut self, step: usize, mut report: Report, out: &mut Vec<Command>) {
+        report.detail = format!("{}: {}", self.execution.step_text(step), report.detail);
+        if let Some(running) = self.running_steps.remove(&step) {
+            out.push(Command::CloseStep(step));
+            report.action = Some(running.action).filter(|_| running.is_blamed);
+        }
+        self.give_up(report, out);
+    }
+
+    // === ending ===
+
+    /// Gives the plan up with this outcome: cancels its running steps. The plan ends when no agent acts
+    /// any more.
+    fn give_up(&mut self, report: Report, out: &mut Vec<Command>) {
+        if self.final_report.is_none() {
+            self.final_report = Some(report);
+            self.phase = ExecutionPhase::GivingUp;
+            out.extend(self.running_steps.keys().map(|step| Command::CancelStep(*step)));
+        }
+        self.end_if_idle(out);
+    }
+
+    fn end_if_idle(&mut self, out: &mut Vec<Command>) {
+        if !self.running_steps.is_empty() {
+            return;
+        }
+        if let Some(report) = self.final_report.clone() {
+            self.phase = ExecutionPhase::Ended;
+            out.push(Command::End(report));
+        }
+    }
+
+    // === watching ===
+
+    /// Compares a change that an agent confirmed with the next heartbeat of this agent.
+    fn verify_effect(
+        &mut self,
+        agent: &AgentId,
+        heartbeats: &LastHeartbeats,
+        out: &mut Vec<Command>,
+    ) {
+        let Some(doubt) = self.unverified_effects.get(agent) else { return };
+        let Some(contradiction) = heartbeats.check_again(agent, doubt) else { return };
+        let action =
+            self.unverified_effects.remove(agent).map(|doubt| doubt.action).unwrap_or_default();
+        match contradiction {
+            None => self.go_on(out),
+            Some(fact) => {
+                let problem = format!("`{action}`: `{agent}` confirmed it, yet says `{fact}`");
+                self.give_up(Report { action: Some(action), ..failure(problem) }, out);
+            }
+        }
+    }
+
+    /// Schedules a check of the plan. If an agent that the plan needs has left, the check waits for the
+    /// grace, so that a short interruption of the network does not end the plan. News about agents that
+    /// the plan does not need do not change this wait.
+    fn world_changed(&mut self, left: &[AgentId], joined: &[AgentId], out: &mut Vec<Command>) {
+        let needs = |agent: &AgentId| self.execution.needs(agent);
+        let (is_gone, is_back) = (left.iter().any(needs), joined.iter().any(needs));
+        let is_in_grace = self.scheduled_check.is_some_and(|delay| delay != CheckDelay::Settle);
+        if !is_gone && !is_back && is_in_grace {
+            return;
+        }
+        if is_gone {
+            out.push(Command::DropQuery);
+        }
+        let delay = if is_gone { CheckDelay::GraceAfterDeparture } else { CheckDelay::Settle };
+        self.schedule_check(delay, out);
+    }
+
+    fn schedule_check(&mut self, delay: CheckDelay, out: &mut Vec<Command>) {
+        self.scheduled_check = Some(delay);
+        out.push(Command::ScheduleCheck(delay));
+    }
+
+    /// Asks for the known state, to check the rest of the plan against it.
+    fn check(&mut self, delay: CheckDelay, out: &mut Vec<Command>) {
+        if self.scheduled_check != Some(delay) {
+            return;
+        }
+        self.scheduled_check = None;
+        if delay == CheckDelay::GraceAfterDeparture {
+            // No news are on their way any more: one failed check is enough.
+            (self.has_check_failed, self.is_grace_used) = (true, true);
+        }
+        if self.unanswered_changes > 0 {
+            return self.schedule_check(CheckDelay::Settle, out);
+        }
+        out.push(Command::QueryState);
+    }
+
+    fn compare(
+        &mut self,
+        snapshot: &Snapshot,
+        knowledge: Knowledge,
+        are_agents_absent: bool,
+        out: &mut Vec<Command>,
+    ) {
+        // If a step was confirmed after the question was sent, the answer is older than the state known
+        // here.
+        let is_stale = self.unanswered_changes > 0;
+        let renewed =
+            if is_stale { Ok(()) } else { self.execution.revalidate(snapshot, knowledge) };
+        match renewed {
+            Ok(()) if !is_stale => (self.has_check_failed, self.is_grace_used) = (false, false),
+            // News have arrived since the question was sent: the next check decides.
+            _ if self.scheduled_check.is_some() => (),
+            // An executor that took the plan over has not seen the needed agent leave, so no grace has
+            // begun yet. If another agent has left, facts that it reported are missing.
+            Err(_) if self.has_check_failed && !self.is_grace_used && are_agents_absent => {
+                self.is_grace_used = true;
+                self.schedule_check(CheckDelay::Grace, out);
+            }
+            Err(problem) if self.has_check_failed => {
+                let problem = format!("the rest of the plan does not reach the goal: {problem}");
+                self.give_up(failure(problem), out);
+            }
+            _ => {
+                self.has_check_failed = !is_stale;
+                self.schedule_check(CheckDelay::Settle, out);
+            }
+        }
+    }
+}

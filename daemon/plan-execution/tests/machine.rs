@@ -1,0 +1,385 @@
+//! Every event in every phase, and random sequences of events, with a plan of three steps.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
+
+use acl::content::{
+    Execute, Heartbeat, Method, Offer, Offers, Outcome, Reason, Refusal, Report, Snapshot,
+};
+use acl::{AgentId, Deadline, Incarnation};
+use pddl::knowledge::Knowledge;
+use plan_execution::{
+    CheckDelay, Command, Event, ExecutionPhase, LastHeartbeats, PlanState, TRANSITIONS, is_lawful,
+};
+use proptest::prelude::*;
+
+const DOMAIN: &str = "(define (domain office)
+    (:requirements :typing)
+    (:types robot lamp place)
+    (:predicates (at ?r - robot ?p - place) (lit ?p - place) (shown ?p - place))
+    (:action go :parameters (?r - robot ?from ?to - place)
+        :precondition (at ?r ?from) :effect (and (not (at ?r ?from)) (at ?r ?to)))
+    (:action light :parameters (?l - lamp ?p - place) :precondition () :effect (lit ?p))
+    (:action show :parameters (?r - robot ?p - place)
+        :precondition (and (at ?r ?p) (lit ?p)) :effect (shown ?p)))";
+
+/// The steps 0 and 1 are independent; step 2 needs both.
+const PLAN: &str = "(go robot hall room)\n(light lamp room)\n(show robot room)";
+
+fn agent(name: &str) -> AgentId {
+    AgentId::new(name).expect("a name")
+}
+
+fn problem(facts: &str, goal: &str) -> String {
+    format!(
+        "(define (problem p) (:domain office)
+            (:objects robot - robot lamp - lamp hall room - place)
+            (:init {facts}){goal})"
+    )
+}
+
+fn offers() -> Offers {
+    let offer = |action: &str| {
+        let timeout = Deadline(Duration::from_secs(5));
+        let method = Method { method: action.to_owned(), arguments: BTreeMap::new(), timeout };
+        let inside = action.to_owned();
+        (action.to_owned(), Offer { inside, guard: String::new(), method: Some(method) })
+    };
+    let robot = [offer("go"), offer("show")].into();
+    [(agent("robot"), robot), (agent("lamp"), [offer("light")].into())].into()
+}
+
+fn execute(plan: &str, goal: &str) -> Execute {
+    Execute {
+        domain: DOMAIN.to_owned(),
+        problem: problem("(at robot hall)", &format!(" (:goal {goal})")),
+        plan: plan.to_owned(),
+        epoch: 1,
+        term: 1,
+        round: 1,
+        done: Vec::new(),
+        offers: offers(),
+        knowledge: BTreeMap::new(),
+    }
+}
+
+fn snapshot(facts: &str) -> Event {
+    let snapshot = Snapshot {
+        epoch: 1,
+        revision: 1,
+        domain: DOMAIN.to_owned(),
+        digest: String::new(),
+        problem: problem(facts, ""),
+        offers: offers(),
+        guards: BTreeMap::new(),
+        former: Vec::new(),
+        knowledge: BTreeMap::new(),
+        conflicts: BTreeMap::new(),
+    };
+    Event::StateReceived {
+        snapshot: Box::new(snapshot),
+        knowledge: Box::new(Knowledge::default()),
+        are_agents_absent: false,
+    }
+}
+
+/// A running plan with the heartbeats of its agents, as its owner sees it. It checks every command as
+/// it comes.
+struct Owner {
+    state: PlanState,
+    heartbeats: LastHeartbeats,
+    sequence: u64,
+    requested: BTreeSet<usize>,
+    /// The steps that are neither confirmed nor closed.
+    open: BTreeSet<usize>,
+    confirmed: BTreeSet<usize>,
+    cancelled: BTreeSet<usize>,
+    ends: Vec<Report>,
+}
+
+impl Owner {
+    fn new() -> Owner {
+        Owner::of(PLAN, "(shown room)")
+    }
+
+    fn of(plan: &str, goal: &str) -> Owner {
+        let state = PlanState::new(&execute(plan, goal), Knowledge::default());
+        let state = state.expect("the plan is valid");
+        Owner {
+            state,
+            heartbeats: LastHeartbeats::default(),
+            sequence: 0,
+            requested: BTreeSet::new(),
+            open: BTreeSet::new(),
+            confirmed: BTreeSet::new(),
+            cancelled: BTreeSet::new(),
+            ends: Vec::new(),
+        }
+    }
+
+    /// Lets a heartbeat of the robot arrive.
+    fn beat(&mut self, facts: &str) -> Event {
+        self.sequence += 1;
+        let beat = Heartbeat {
+            digest: String::new(),
+            sequence: self.sequence,
+            facts: facts.to_owned(),
+            known_for: BTreeMap::new(),
+            period: Deadline(Duration::from_secs(1)),
+        };
+        self.heartbeats.store_heartbeat(&agent("robot"), Incarnation(1), &beat);
+        Event::HeartbeatReceived(agent("robot"))
+    }
+
+    fn tell(&mut self, event: Event) -> Vec<Command> {
+        let (kind, from) = (event.kind(), self.state.phase());
+        if let Event::StepReported(step, report) = &event
+            && report.outcome == Outcome::Done
+            && self.open.remove(step)
+        {
+            self.confirmed.insert(*step);
+        }
+        if let Event::StepAbandoned(step) = &event
+            && from == ExecutionPhase::GivingUp
+        {
+            self.open.remove(step);
+        }
+        let commands = self.state.handle(event, &self.heartbeats);
+        let to = self.state.phase();
+        let is_listed = TRANSITIONS.iter().any(|row| row.event == kind && row.from == from);
+        if !is_listed {
+            assert_eq!(from, to);
+            assert!(commands.is_empty(), "{kind:?} in {from:?}: {commands:?}");
+        }
+        assert!(from == to || is_lawful(kind, from, to), "{kind:?}: {from:?} to {to:?}");
+        commands.iter().for_each(|command| self.obey(command));
+        self.check();
+        commands
+    }
+
+    fn obey(&mut self, command: &Command) {
+        match command {
+            Command::RequestStep(step, request) => {
+                assert!(self.requested.insert(*step), "step {step} is requested twice");
+                let needs = if *step == 2 { vec![0, 1] } else { Vec::new() };
+                assert!(needs.iter().all(|before| self.confirmed.contains(before)));
+                assert_eq!(request.agent, agent(if *step == 1 { "lamp" } else { "robot" }));
+                self.open.insert(*step);
+            }
+            Command::CancelStep(step) => {
+                assert!(self.open.contains(step), "step {step} does not run");
+                assert!(self.cancelled.insert(*step), "step {step} is cancelled twice");
+            }
+            Command::CloseStep(step) => assert!(self.open.remove(step)),
+            Command::End(report) => self.ends.push(report.clone()),
+            Command::Report(report) => assert!(!report.outcome.is_final()),
+            Command::SendChange(change) => assert!(change.owner.is_some()),
+            Command::ScheduleCheck(_)
+            | Command::QueryState
+            | Command::DropQuery
+            | Command::AwaitEffects => {}
+        }
+    }
+
+    /// Checks what must be true between any two events.
+    fn check(&self) {
+        match self.state.phase() {
+            ExecutionPhase::Running => assert!(self.ends.is_empty()),
+            ExecutionPhase::AwaitingEffects => {
+                assert!(self.ends.is_empty() && self.open.is_empty());
+            }
+            ExecutionPhase::GivingUp => {
+                assert!(self.ends.is_empty() && !self.open.is_empty());
+                assert!(self.open.is_subset(&self.cancelled), "a step of it runs on");
+            }
+            ExecutionPhase::Ended => {
+                assert_eq!(self.ends.len(), 1, "its requesters are told one end");
+                assert!(self.open.is_empty(), "a step of an ended plan runs on");
+                let is_done = self.ends[0].outcome == Outcome::Done;
+                assert!(!is_done || self.confirmed.len() == self.state.done().len());
+            }
+        }
+    }
+}
+
+fn done() -> Report {
+    Report::new(Outcome::Done, "it is done")
+}
+
+/// Returns one event of each kind and variant.
+fn events(owner: &mut Owner) -> Vec<Event> {
+    let report = |outcome| Report::new(outcome, "a reason");
+    let uncertain = Report { declined: Some(Reason::Uncertain), ..report(Outcome::Failed) };
+    let changed = |left: &[&str], joined: &[&str]| Event::WorldChanged {
+        left: left.iter().map(|name| agent(name)).collect(),
+        joined: joined.iter().map(|name| agent(name)).collect(),
+    };
+    let mut all = vec![
+        Event::Started,
+        Event::EffectsOverdue,
+        changed(&["robot"], &[]),
+        changed(&[], &["robot"]),
+        changed(&["other"], &[]),
+        Event::CheckDue(CheckDelay::Settle),
+        Event::CheckDue(CheckDelay::GraceAfterDeparture),
+        Event::CheckDue(CheckDelay::Grace),
+        snapshot("(at robot hall)"),
+        snapshot("(at robot room) (lit room)"),
+        snapshot(""),
+        Event::ChangeAnswered,
+        Event::CancelRequested(report(Outcome::Cancelled)),
+        owner.beat("(at robot hall)"),
+        owner.beat("(at robot room) (shown room)"),
+    ];
+    for step in 0..3 {
+        all.extend([
+            Event::StepReported(step, done()),
+            Event::StepReported(step, report(Outcome::Failed)),
+            Event::StepReported(step, uncertain.clone()),
+            Event::StepReported(step, report(Outcome::Cancelled)),
+            Event::StepReported(step, report(Outcome::Progress)),
+            Event::StepRefused(step, Refusal::new(Reason::Busy, "busy")),
+            Event::StepRefused(step, Refusal::new(Reason::Incapable, "no")),
+            Event::StepLost(step, "`robot` did not answer in time".to_owned()),
+            Event::StepAbandoned(step),
+        ]);
+    }
+    all
+}
+
+#[test]
+fn independent_steps_run_side_by_side_and_the_last_one_after_both() {
+    let mut owner = Owner::new();
+    owner.tell(Event::Started);
+    assert_eq!(owner.open, [0, 1].into());
+    owner.tell(Event::StepReported(1, done()));
+    assert_eq!(owner.open, [0].into());
+    owner.tell(Event::StepReported(0, done()));
+    assert_eq!(owner.open, [2].into());
+    owner.tell(Event::StepReported(2, done()));
+    assert_eq!(owner.ends.len(), 1);
+    assert_eq!(owner.ends[0].outcome, Outcome::Done);
+}
+
+#[test]
+fn a_confirmation_that_the_next_heartbeat_contradicts_fails_the_plan() {
+    for (next, expected) in
+        [("(at robot hall)", Outcome::Failed), ("(at robot room)", Outcome::Done)]
+    {
+        let mut owner = Owner::new();
+        owner.tell(Event::Started);
+        owner.tell(Event::StepReported(1, done()));
+        let before = owner.beat("(at robot hall)");
+        owner.tell(before);
+        owner.tell(Event::StepReported(0, done()));
+        let after = owner.beat(next);
+        owner.tell(after);
+        owner.tell(Event::StepReported(2, done()));
+        assert_eq!(owner.ends.first().map(|end| end.outcome), Some(expected), "{next}");
+    }
+}
+
+#[test]
+fn a_completed_plan_waits_for_the_heartbeat_that_verifies_it() {
+    for (next, expected) in [
+        (Some("(at robot room)"), Outcome::Done),
+        (Some("(at robot hall)"), Outcome::Failed),
+        (None, Outcome::Done),
+    ] {
+        let mut owner = Owner::of("(go robot hall room)", "(at robot room)");
+        owner.tell(Event::Started);
+        let before = owner.beat("(at robot hall)");
+        owner.tell(before);
+        let commands = owner.tell(Event::StepReported(0, done()));
+        assert!(commands.iter().any(|command| matches!(command, Command::AwaitEffects)));
+        assert_eq!(owner.state.phase(), ExecutionPhase::AwaitingEffects);
+        let event = match next {
+            Some(facts) => owner.beat(facts),
+            None => Event::EffectsOverdue,
+        };
+        owner.tell(event);
+        assert_eq!(owner.ends.first().map(|end| end.outcome), Some(expected), "{next:?}");
+    }
+}
+
+#[test]
+fn random_events_reach_every_row_of_the_table() {
+    let mut random = 1_u64;
+    let mut seen = BTreeSet::new();
+    for round in 0..600 {
+        let mut owner = match round % 2 {
+            0 => Owner::new(),
+            _ => Owner::of("(go robot hall room)", "(at robot room)"),
+        };
+        seen.insert((Event::Started.kind(), owner.state.phase()));
+        owner.tell(Event::Started);
+        if round % 4 == 1 {
+            // The robot confirms what its last heartbeat contradicts.
+            let before = owner.beat("(at robot hall)");
+            owner.tell(before);
+            owner.tell(Event::StepReported(0, done()));
+        }
+        for _ in 0..30 {
+            let all = events(&mut owner);
+            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            let which = usize::try_from(random >> 33).expect("it has 31 bits");
+            let event = all[1 + which % (all.len() - 1)].clone();
+            seen.insert((event.kind(), owner.state.phase()));
+            owner.tell(event);
+        }
+    }
+    let rows = TRANSITIONS.iter().map(|row| (row.event, row.from));
+    let unseen: Vec<_> = rows.filter(|row| !seen.contains(row)).collect();
+    assert!(unseen.is_empty(), "rows that no sequence reaches: {unseen:?}");
+}
+
+#[test]
+fn a_check_that_fails_twice_gives_the_plan_up() {
+    let mut owner = Owner::new();
+    owner.tell(Event::Started);
+    owner.tell(Event::WorldChanged { left: Vec::new(), joined: Vec::new() });
+    owner.tell(Event::CheckDue(CheckDelay::Settle));
+    owner.tell(snapshot(""));
+    assert_eq!(owner.state.phase(), ExecutionPhase::Running);
+    owner.tell(Event::CheckDue(CheckDelay::Settle));
+    owner.tell(snapshot(""));
+    assert_eq!(owner.state.phase(), ExecutionPhase::GivingUp);
+    owner.tell(Event::StepAbandoned(0));
+    owner.tell(Event::StepReported(1, Report::new(Outcome::Cancelled, "it stopped")));
+    assert_eq!(owner.ends.len(), 1);
+    assert_eq!(owner.ends[0].outcome, Outcome::Failed);
+}
+
+#[test]
+fn a_busy_agent_is_not_blamed_and_an_incapable_one_is() {
+    for (reason, expected) in [(Reason::Busy, None), (Reason::Incapable, Some("(light lamp room)"))]
+    {
+        let mut owner = Owner::new();
+        owner.tell(Event::Started);
+        owner.tell(Event::StepRefused(1, Refusal::new(reason, "no")));
+        owner.tell(Event::StepAbandoned(0));
+        let end = owner.ends.first().expect("it has ended");
+        assert_eq!(end.action.as_deref(), expected);
+        assert_eq!(end.declined, Some(reason));
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 1_000, ..ProptestConfig::default() })]
+
+    /// Whatever happens, in any order: no step is requested twice or too early, one end, no step of an
+    /// ended plan runs on.
+    #[test]
+    fn random_events_keep_the_invariants(
+        happenings in prop::collection::vec(0_usize..42, 1..60),
+    ) {
+        let mut owner = Owner::new();
+        owner.tell(Event::Started);
+        for which in happenings {
+            let all = events(&mut owner);
+            // `Started` comes first and once.
+            let event = all[1 + which % (all.len() - 1)].clone();
+            owner.tell(event);
+        }
+    }
+}

@@ -1,0 +1,159 @@
+//! Wraps the state machine of a goal (`goal-lifecycle`): tells it what happened and carries out its
+//! commands. No other module changes the phase of a goal.
+
+use std::time::Duration;
+
+use acl::content::{Outcome, Report};
+use acl::{ConversationId, Performative};
+use agent::Context;
+use goal_lifecycle::{Command, Event, Policy, Turn};
+
+use crate::PlanRequester;
+use crate::goal::{Goal, Work};
+
+impl PlanRequester {
+    /// Tells a goal what happened, and carries out the commands that follow.
+    pub(crate) fn handle(&mut self, id: &ConversationId, event: Event, ctx: &mut Context<Self>) {
+        let (now, policy) = (self.elapsed(ctx), self.policy(ctx));
+        let Some(goal) = self.goals.get_mut(id) else { return };
+        let commands = goal.state.handle(event, now, policy);
+        self.carry_out(id, commands, ctx);
+    }
+
+    /// Carries out the commands of a goal in their order.
+    pub(crate) fn carry_out(
+        &mut self,
+        id: &ConversationId,
+        commands: Vec<Command>,
+        ctx: &mut Context<Self>,
+    ) {
+        for command in commands {
+            self.obey(id, command, ctx);
+        }
+        if let Some(goal) = self.goals.get_mut(id) {
+            goal.drop_ended_work();
+        }
+    }
+
+    fn obey(&mut self, id: &ConversationId, command: Command, ctx: &mut Context<Self>) {
+        match command {
+            Command::Consider => self.consider(id, ctx),
+            Command::ConsiderAfter(wait) => self.consider_after(id, wait, ctx),
+            Command::StopTimer => self.stop_timer(id, ctx),
+            Command::FetchDomain(attempt) => self.fetch_domain(id, attempt, ctx),
+            Command::Plan(attempt) => self.plan(id, attempt, ctx),
+            Command::Explain(attempt) => self.explain_missing_plan(id, attempt, ctx),
+            Command::RejectProposals(why) => self.reject_proposals(id, why, ctx),
+            Command::Execute(attempt) => self.execute(id, attempt, ctx),
+            Command::RequestExecution(attempt) => self.ask_executor(id, attempt, ctx),
+            Command::AdoptRunningPlan => self.adopt_running_plan(id, ctx),
+            Command::CancelExecution => self.cancel_execution(id, ctx),
+            Command::CancelPlanning => self.cancel_planning(id, ctx),
+            Command::Verify(attempt, wait) => self.verify(id, attempt, wait, ctx),
+            Command::ForgetPlan => {
+                let plan = self.goals.get_mut(id).and_then(|goal| goal.plan.take());
+                if plan.is_some() {
+                    // A replica that takes over does not need this plan.
+                    self.forget_plan(id, ctx);
+                }
+            }
+            Command::ReleaseAgents => self.release_agents(id, ctx),
+            Command::Preempt(others) => self.preempt(id, &others, ctx),
+            Command::ScheduleNext => self.schedule_next(ctx),
+            Command::Report(report) => self.send_report(id, report, ctx),
+            Command::End(outcome, detail) => self.end(id, outcome, detail, ctx),
+            Command::Abandon => self.abandon(id, ctx),
+        }
+    }
+
+    /// Returns the time since this replica began.
+    pub(crate) fn elapsed(&mut self, ctx: &Context<Self>) -> Duration {
+        let now = ctx.now();
+        now - *self.began_at.get_or_insert(now)
+    }
+
+    fn policy(&self, ctx: &Context<Self>) -> Policy {
+        Policy { is_replanning: self.config.replanning, grace: ctx.settings().grace }
+    }
+
+    /// Considers a goal: if it may be planned for now, compares it with the known state.
+    pub(crate) fn consider(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        let turn = Turn {
+            missing_quorum: self.missing_quorum(id, ctx),
+            is_planning_busy: self.is_planning_busy(),
+            agents_in_use: self.agents_in_use(id),
+        };
+        self.handle(id, Event::Considered(turn), ctx);
+    }
+
+    fn consider_after(&mut self, id: &ConversationId, wait: Duration, ctx: &mut Context<Self>) {
+        let considered = id.clone();
+        let timer = ctx.after(wait, move |requester: &mut Self, ctx| {
+            if let Some(goal) = requester.goals.get_mut(&considered) {
+                goal.timer = None;
+            }
+            requester.consider(&considered, ctx);
+        });
+        let former = self.goals.get_mut(id).and_then(|goal| goal.timer.replace(timer));
+        former.into_iter().for_each(|former| ctx.cancel_timer(former));
+    }
+
+    fn stop_timer(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        let timer = self.goals.get_mut(id).and_then(|goal| goal.timer.take());
+        timer.into_iter().for_each(|timer| ctx.cancel_timer(timer));
+    }
+
+    fn cancel_execution(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        let Some(Goal { work: Work::Execution(token), .. }) = self.goals.get(id) else { return };
+        let executor = &self.config.plan_executor;
+        ctx.send_turn(token, executor, Performative::Cancel, serde_json::Value::Null);
+        ctx.extend(token, ctx.settings().answer_deadline * 2);
+    }
+
+    fn cancel_planning(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        let Some(Goal { work: Work::Planning(token), .. }) = self.goals.get(id) else { return };
+        let planner = &self.config.planning_agent;
+        ctx.send_turn(token, planner, Performative::Cancel, serde_json::Value::Null);
+        ctx.close(token);
+    }
+
+    /// Tells the initiator the outcome of a goal, and the Journals.
+    fn end(
+        &mut self,
+        id: &ConversationId,
+        outcome: Outcome,
+        detail: String,
+        ctx: &mut Context<Self>,
+    ) {
+        let report = Report::new(outcome, detail);
+        self.send_report(id, report.clone(), ctx);
+        self.reject_proposals(id, "the goal has ended", ctx);
+        self.stop_timer(id, ctx);
+        let Some(goal) = self.goals.remove(id) else { return };
+        let history = goal.history().to_vec();
+        self.ended.store_sent(goal.engagement.clone(), Report { history, ..report.clone() });
+        self.replicate_outcome(&goal, report, ctx);
+    }
+
+    /// Drops the work for a goal that another replica pursues.
+    fn abandon(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
+        self.reject_proposals(id, "another replica takes the goal over", ctx);
+        if let Some(Goal { work: Work::Planning(token) | Work::Execution(token), .. }) =
+            self.goals.get(id)
+        {
+            ctx.close(token);
+        }
+    }
+
+    /// Removes a goal from this replica without ending it.
+    pub(crate) fn remove_goal(
+        &mut self,
+        id: &ConversationId,
+        event: Event,
+        ctx: &mut Context<Self>,
+    ) {
+        self.handle(id, event, ctx);
+        self.stop_timer(id, ctx);
+        self.goals.remove(id);
+    }
+}
