@@ -4,7 +4,6 @@ use std::collections::BTreeMap;
 
 use acl::{Message, Performative};
 
-use crate::base_agent::Agent;
 use crate::context::Context;
 
 /// Handler of a message.
@@ -16,18 +15,18 @@ pub(crate) type Callback<A> = fn(&mut A, Message, &mut Context<A>);
 /// A message that continues an exchange opened by this agent goes to the callback of that exchange
 /// instead. A direct message with a performative without a callback is answered with `not-understood`;
 /// a broadcast with such a performative is not even delivered.
-pub struct Callbacks<A: Agent> {
+pub struct Callbacks<A> {
     direct: BTreeMap<Performative, Callback<A>>,
     broadcast: BTreeMap<Performative, Callback<A>>,
 }
 
-impl<A: Agent> Default for Callbacks<A> {
+impl<A> Default for Callbacks<A> {
     fn default() -> Callbacks<A> {
         Callbacks { direct: BTreeMap::new(), broadcast: BTreeMap::new() }
     }
 }
 
-impl<A: Agent> Callbacks<A> {
+impl<A> Callbacks<A> {
     /// Creates a table without callbacks.
     pub fn new() -> Callbacks<A> {
         Callbacks::default()

@@ -20,11 +20,12 @@ use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use tracing::Instrument;
 
-use crate::base_agent::{Agent, LaunchContext, LaunchError, LaunchableAgent};
-use crate::communication_agent::{
-    CommunicationAgent, DeliveryError, ExchangeEvent, ExchangeOpening, Participation,
-};
+use crate::communication_agent::CommunicationAgent;
 use crate::directory::Directory;
+use crate::exchange::{
+    DeliveryError, ExchangeEvent, ExchangeOpening, ExchangeSummary, Participation,
+};
+use crate::launch::{LaunchContext, LaunchError, LaunchableAgent};
 use crate::router::MessageRouter;
 use crate::settings::AgentSettings;
 
@@ -43,7 +44,7 @@ pub(crate) type DeferredCallback<A> = Box<dyn FnOnce(&mut A, &mut Context<A>) + 
 type ExchangeCallback<A> = Box<dyn FnMut(&mut A, ExchangeEvent, &mut Context<A>) + Send>;
 
 /// Operations that are available to a callback of agent `A`.
-pub struct Context<A: Agent> {
+pub struct Context<A> {
     pub(crate) communication: CommunicationAgent,
     exchanges: HashMap<ReplyToken, OpenExchange<A>>,
     timers: BTreeMap<TimerId, DeferredCallback<A>>,
@@ -52,16 +53,7 @@ pub struct Context<A: Agent> {
     work: JoinSet<DeferredCallback<A>>,
 }
 
-/// The exchanges that an agent has opened and not closed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct ExchangeSummary {
-    /// Number of open exchanges.
-    pub open_count: usize,
-    /// Earliest deadline among the open exchanges; `None` if no exchange is open.
-    pub due: Option<Instant>,
-}
-
-struct OpenExchange<A: Agent> {
+struct OpenExchange<A> {
     protocol: acl::Protocol,
     conversation: ConversationId,
     /// Participant that the exchange was opened with; `None` for a broadcast.
@@ -113,7 +105,7 @@ impl Drop for WorkHandle {
     }
 }
 
-impl<A: Agent> Context<A> {
+impl<A: 'static> Context<A> {
     pub(crate) fn new(communication: CommunicationAgent) -> Context<A> {
         Context {
             communication,

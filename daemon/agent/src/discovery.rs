@@ -17,9 +17,11 @@ use acl::content::Discovered;
 use tokio::sync::watch;
 
 use crate::admission::{AdmissionPolicy, AdmissionStatus, Admissions};
-use crate::base_agent::{Agent, LaunchableAgent};
+use crate::base_agent::Agent;
 use crate::context::{ChildHandle, Context, WorkHandle};
-use crate::plugin::{BuildError, Host};
+use crate::host::Host;
+use crate::launch::LaunchableAgent;
+use crate::plugin::BuildError;
 
 /// Reason why a device gets no agent: the room in which the device stands is not known.
 pub const ROOM_UNKNOWN: &str = "its room is not known";

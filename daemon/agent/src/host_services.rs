@@ -14,7 +14,7 @@ use acl::{AgentId, Incarnation};
 use tokio::sync::Semaphore;
 
 use crate::compute_pool::{ComputePool, turns_at_once};
-use crate::context::ExchangeSummary;
+use crate::exchange::ExchangeSummary;
 
 /// Name of the file in the state folder that holds the number of the last incarnation that began on
 /// this machine.

@@ -14,7 +14,6 @@
 //!   that the actuators of one daemon share.
 //! - [`replication`] replicates records to the Journals, for data that must outlive an agent, and reads
 //!   the records back.
-//!   them back.
 //! - [`discovery`] starts agents for the devices that an agent discovers, if people ([`Admissions`])
 //!   admit them.
 //! - [`Spawner`] launches agents while the daemon runs; an [`Observer`] watches the agents of
@@ -35,10 +34,14 @@ mod context;
 mod directory;
 pub mod discovery;
 pub mod domain_sync;
+mod event_loop;
+mod exchange;
 mod heartbeat_batcher;
+mod host;
 mod host_services;
 mod knowledge;
 mod latest_announcement;
+mod launch;
 mod leadership;
 mod mailbox;
 mod model_fetcher;
@@ -56,19 +59,19 @@ mod spawner;
 
 pub use acl::content::Mode;
 pub use admission::{AdmissionPolicy, AdmissionStatus, Admissions, Applicant};
-pub use base_agent::{Agent, LaunchContext, LaunchError, LaunchableAgent};
+pub use base_agent::Agent;
 pub use callbacks::Callbacks;
-pub use communication_agent::{DeliveryError, ExchangeEvent, ExchangeOpening, Participation};
 pub use compute_pool::computation_bytes_max;
-pub use context::{ChildHandle, Context, ExchangeSummary, TimerId, WorkHandle};
+pub use context::{ChildHandle, Context, TimerId, WorkHandle};
 pub use directory::Directory;
 pub use discovery::{DiscoveredAgents, DiscoversAgents};
+pub use exchange::{DeliveryError, ExchangeEvent, ExchangeOpening, ExchangeSummary, Participation};
+pub use host::{BuildCheck, ConfiguredNames, Host, Resources, StateFolder};
 pub use host_services::{HostServices, MachineSimulation, WorkError};
 pub use knowledge::knowledge;
+pub use launch::{LaunchContext, LaunchError, LaunchableAgent};
 pub use observer::{AgentSnapshot, AgentWatch, Observer};
-pub use plugin::{
-    Blueprint, BuildCheck, BuildError, ConfiguredNames, Host, PluginEntry, Resources, StateFolder,
-};
+pub use plugin::{Blueprint, BuildError, PluginEntry};
 pub use rights::{AgentRights, AllowedNames, AllowedRequesters, Rights};
 pub use router::{FailureCounters, MessageRouter};
 pub use settings::AgentSettings;

@@ -13,9 +13,10 @@ use bytes::Bytes;
 use substrate::Resident;
 use tokio::time::Instant;
 
-use crate::communication_agent::DeliveryError;
 use crate::directory::Directory;
+use crate::exchange::DeliveryError;
 use crate::receipts;
+use crate::settings::AgentSettings;
 
 /// A message that was given to the outbox and has no receipt yet.
 #[derive(Clone, Debug)]
@@ -87,7 +88,7 @@ pub(crate) struct Outbox {
 }
 
 impl Outbox {
-    pub(crate) fn new(settings: &crate::AgentSettings) -> Outbox {
+    pub(crate) fn new(settings: &AgentSettings) -> Outbox {
         Outbox {
             parcels: BTreeMap::new(),
             parcels_max: settings.outbox_messages_max,
@@ -335,7 +336,7 @@ mod tests {
     /// Returns an outbox with one message to `robot`. The robot is present in incarnation `life`, or
     /// absent if that is `None`.
     fn outbox(life: Option<u64>, now: Instant) -> Outbox {
-        let mut outbox = Outbox::new(&crate::AgentSettings::default());
+        let mut outbox = Outbox::new(&AgentSettings::default());
         let parcel = parcel(now + Duration::from_secs(60));
         let life = life.map(|life| ReceiverIncarnation::from(&resident("a", life)));
         assert!(outbox.put(MessageId::new("m"), parcel, life, now));
@@ -373,7 +374,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn a_judgment_is_a_receipt_for_the_proposal() {
         let now = Instant::now();
-        let mut outbox = Outbox::new(&crate::AgentSettings::default());
+        let mut outbox = Outbox::new(&AgentSettings::default());
         let proposal = OutboundMessage {
             performative: Performative::Agree,
             opens: false,
@@ -419,7 +420,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn who_asked_hears_the_answer_and_not_who_takes_over() {
         let now = Instant::now();
-        let mut outbox = Outbox::new(&crate::AgentSettings::default());
+        let mut outbox = Outbox::new(&AgentSettings::default());
         let (asker, other) = (resident("a", 1), resident("b", 2));
         let answer = OutboundMessage {
             opens: false,
@@ -448,7 +449,7 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn who_asked_and_is_not_heard_of_yet_hears_all_in_order() {
         let now = Instant::now();
-        let mut outbox = Outbox::new(&crate::AgentSettings::default());
+        let mut outbox = Outbox::new(&AgentSettings::default());
         let asker = resident("a", 1);
         for number in 8..=11 {
             let payload = Bytes::from(format!("{number}"));

@@ -20,7 +20,7 @@ use tokio::time::Instant;
 
 use crate::base_agent::Agent;
 use crate::context::{Context, TimerId, WorkHandle};
-use crate::plugin::Host;
+use crate::host::Host;
 use crate::replication::journal_queue::JournalQueues;
 
 /// How long to wait for the other Journals once one has answered. The other Journals hold the same

@@ -30,7 +30,7 @@ use tokio::time::Instant;
 
 use crate::broadcast_cache::{HeartbeatContent, HeartbeatPattern, HeartbeatRepetition};
 use crate::domain_sync::{self, InformOutcome, RejectedModels, TELLING};
-use crate::plugin::Host;
+use crate::host::Host;
 use crate::router::inform_of;
 
 /// Domain model that the actuators of one daemon share.

@@ -7,8 +7,8 @@ use acl::{AgentId, EcosystemId};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use crate::base_agent::LaunchContext;
-use crate::plugin::Host;
+use crate::host::Host;
+use crate::launch::LaunchContext;
 use crate::router::MessageRouter;
 
 /// Source of the contexts with which agents are launched on one daemon.

@@ -13,8 +13,8 @@ use acl::{AgentId, DaemonId, Performative, Protocol};
 
 use super::{ReplicatesRecords, ReplicationOutcome};
 use crate::base_agent::Agent;
-use crate::communication_agent::{ExchangeEvent, ExchangeOpening};
 use crate::context::{Context, TimerId};
+use crate::exchange::{ExchangeEvent, ExchangeOpening};
 
 /// Number of machines that must have a record before the record counts as kept: the machine of this
 /// agent, and one other machine if one can be reached.

@@ -1,0 +1,96 @@
+//! Types of an exchange as an agent sees it: its first message, the events that it brings, the side of
+//! the participant, and a summary of those that are open.
+
+use acl::{AgentId, ConversationId, Incarnation, Message, Performative, Protocol, ReplyToken};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+use tokio::time::Instant;
+
+/// First message of an exchange, without the fields that the Communication Agent adds.
+#[derive(Clone, Debug)]
+pub struct ExchangeOpening {
+    /// Agent that receives the message; `None` for all agents.
+    pub to: Option<AgentId>,
+    /// Performative of the first message.
+    pub performative: Performative,
+    /// Protocol of the exchange.
+    pub protocol: Protocol,
+    /// Conversation that the exchange belongs to.
+    pub conversation: ConversationId,
+    /// Content of the first message.
+    pub content: Value,
+}
+
+/// Event that an exchange brings to its initiator.
+#[derive(Clone, Debug)]
+pub enum ExchangeEvent {
+    /// A participant has sent a turn of the protocol.
+    Message(Box<Message>),
+    /// The deadline has passed; the exchange is closed.
+    TimedOut,
+    /// A message of this agent could not be delivered; the exchange is closed.
+    Undelivered(DeliveryError),
+}
+
+/// Reason why a message could not be delivered.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DeliveryError {
+    /// No agent of that name appeared within the deadline.
+    #[error("no agent of that name is here")]
+    NotHere,
+    /// The receiver left, and the grace has passed.
+    #[error("it has left")]
+    Left,
+    /// The receiver was restarted; its new incarnation does not know the message.
+    #[error("it was restarted")]
+    Restarted,
+    /// The receiver is present and sent neither a receipt nor an answer.
+    #[error("it gave no receipt in time")]
+    NoReceipt,
+    /// Too many messages of this agent are under way.
+    #[error("too many messages are under way")]
+    OutboxFull,
+}
+
+/// The participant's side of an exchange: the data that it needs for its answers.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Participation {
+    /// Initiator of the exchange.
+    pub initiator: AgentId,
+    /// Incarnation of the initiator. If the initiator has several replicas, the one that opened the
+    /// exchange gets the answer.
+    #[serde(default)]
+    pub life: Option<Incarnation>,
+    /// Token of the exchange.
+    pub exchange: ReplyToken,
+    /// Conversation that the exchange belongs to.
+    pub conversation: ConversationId,
+    /// Protocol of the exchange.
+    pub protocol: Option<Protocol>,
+}
+
+/// The exchanges that an agent has opened and not closed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ExchangeSummary {
+    /// Number of open exchanges.
+    pub open_count: usize,
+    /// Earliest deadline among the open exchanges; `None` if no exchange is open.
+    pub due: Option<Instant>,
+}
+
+impl Participation {
+    /// Returns the participant's side of the exchange that `message` opened.
+    ///
+    /// A message of a foreign tool may name no exchange; then the id of the message takes the place of
+    /// the token.
+    pub fn of(message: &Message) -> Participation {
+        let own_id = || ReplyToken::new(message.id.as_str());
+        Participation {
+            initiator: message.sender.clone(),
+            life: Some(message.incarnation),
+            exchange: message.exchange().cloned().unwrap_or_else(own_id),
+            conversation: message.conversation_id.clone(),
+            protocol: message.protocol,
+        }
+    }
+}
