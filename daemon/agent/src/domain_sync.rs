@@ -2,10 +2,7 @@
 //! state machine in `capability`, and reports the changes of the domain to the agent that keeps it.
 //!
 //! - Models and heartbeats arrive as broadcast `inform`s. A model that was missed is requested.
-//! - When an agent's token is lost or its heartbeats stop, its capabilities are masked at once. If
-//!   it stays away for [`AgentSettings::removal`](crate::AgentSettings), its objects and facts are removed
-//!   too (docs/design.md, “Membership”). Silence alone is enough, because a router can lose the end
-//!   of a token.
+//! - The module `domain_tracker` decides what follows them, and what follows the absence of an agent.
 //! - Changes of facts that agents requested from the central Domain Maintainer arrive with the
 //!   announcements of that maintainer. They are for maintainers that otherwise receive heartbeats only.
 //!
@@ -15,27 +12,20 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use acl::content::{EpochChange, Heartbeat, Inform, ModelAnnouncement};
-use acl::{AgentId, Incarnation, Message};
-use capability::{
-    AdmitResult, Announcement, Conflict, Declined, DomainChange, Maintainer, ParsedHeartbeat,
-    RequestedChanges, RequestedChangesSince, Timestamp,
-};
-use pddl::Diagnostic;
+use acl::content::Inform;
+use acl::{AgentId, Message};
+use capability::{AdmitResult, Conflict, DomainChange, Maintainer, Timestamp};
 use substrate::Presence;
 use tokio::time::Instant;
 
 use crate::base_agent::Agent;
 use crate::context::{Context, TimerId, WorkHandle};
+use crate::domain_tracker::{ANNOUNCED_WITHIN, DomainTracker, PresenceOutcome, answered_models};
 
 /// Shortest time between two compositions of models. The models of a daemon that starts arrive within
 /// this time and are composed together; a single model is composed at once. Composing a thousand models
 /// takes some milliseconds.
 const COMPOSING_APART: Duration = Duration::from_millis(20);
-
-/// How long to wait for the model that an agent announces by itself when it joins. The agent announces
-/// it at once, so an earlier request would bring nothing new.
-pub(crate) const TELLING: Duration = Duration::from_millis(20);
 
 /// First wait before an agent that gave no answer is asked for its model again; the wait doubles each
 /// time, and `ASKED_AGAIN` is the number of repetitions. Presence is known a moment before queries
@@ -44,31 +34,19 @@ pub(crate) const TELLING: Duration = Duration::from_millis(20);
 const ASK_AGAIN: Duration = Duration::from_millis(15);
 const ASKED_AGAIN: u32 = 5;
 
-/// How long a model that was not accepted is neither requested nor read again. Its agent states the
-/// digest of the model in a heartbeat every second. The obstacle, such as too many other agents, may be
-/// gone after a while.
-const REFUSED_FOR: Duration = Duration::from_secs(10);
-
-/// Most rejected models remembered at a time: as many as the number of agents that may have a model.
-const REFUSED_MAX: usize = capability::limits::AGENTS_MAX;
-
 /// A Domain Maintainer, and the data for keeping it up to date.
 pub struct DomainSync {
     /// The state machine of the Domain Maintainer.
     pub maintainer: Maintainer,
+    tracker: DomainTracker,
     began: Instant,
-    expiry: Option<TimerId>,
+    /// Timer of the next expiry or removal.
+    due: Option<TimerId>,
     /// Time of the last composition of models.
     composed: Option<Instant>,
     composing: Option<TimerId>,
     fetching: BTreeMap<AgentId, WorkHandle>,
-    refused: RejectedModels,
 }
-
-/// Models that were not accepted lately: for each agent its incarnation, the digest of the model, and
-/// the time of the rejection.
-#[derive(Default)]
-pub(crate) struct RejectedModels(BTreeMap<AgentId, (Incarnation, String, Timestamp)>);
 
 /// Agent that keeps a Domain Maintainer.
 pub trait MaintainsDomain: Agent {
@@ -85,10 +63,10 @@ pub trait MaintainsDomain: Agent {
 impl DomainSync {
     /// Creates the data for keeping a maintainer up to date. The maintainer may have content already.
     pub fn new(maintainer: Maintainer) -> DomainSync {
-        let (expiry, composed, composing) = (None, None, None);
+        let tracker = DomainTracker::default();
+        let (due, composed, composing) = (None, None, None);
         let (began, fetching) = (Instant::now(), BTreeMap::new());
-        let refused = RejectedModels::default();
-        DomainSync { maintainer, began, expiry, composed, composing, fetching, refused }
+        DomainSync { maintainer, tracker, began, due, composed, composing, fetching }
     }
 
     /// Returns the present time on the maintainer's clock.
@@ -114,22 +92,22 @@ pub fn receive_inform<A: MaintainsDomain>(agent: &mut A, message: &Message, ctx:
         read = ctx.router().announcement(sender, message.incarnation, digest);
     }
     let now = agent.domain_sync().timestamp();
-    let DomainSync { maintainer, refused, .. } = agent.domain_sync();
-    let heard = hear((maintainer, refused), message, &inform, read, now);
+    let DomainSync { maintainer, tracker, .. } = agent.domain_sync();
+    let outcome = tracker.receive(maintainer, message, &inform, read, now);
     compose_soon(agent, ctx);
-    for change in &heard.changes {
-        report_change(agent, change, ctx);
+    for change in &outcome.changes {
+        report(agent, change, ctx);
     }
-    if heard.lacks_model {
+    if outcome.lacks_model {
         fetch(agent, &message.sender, ASKED_AGAIN, ctx);
     }
     // If there is a shared domain, it has counted the mistake.
-    if let Some(why) = heard.not_taken()
+    if let Some(why) = outcome.not_taken()
         && !ctx.router().has_commons()
     {
         ctx.router().not_taken(message, why);
     }
-    if let Some(mistake) = heard.mistake {
+    if let Some(mistake) = outcome.mistake {
         ctx.not_understood(message, mistake);
     }
 }
@@ -166,252 +144,69 @@ pub fn compose<A: MaintainsDomain>(agent: &mut A, ctx: &mut Context<A>) {
     timer.into_iter().for_each(|timer| ctx.cancel_timer(timer));
 }
 
-/// Outcome of handling a broadcast `inform`.
-#[derive(Default)]
-pub(crate) struct InformOutcome {
-    /// Changes of the domain that the message caused.
-    pub(crate) changes: Vec<DomainChange>,
-    /// Whether the sender's model is missing, and must be requested before the heartbeats can be used.
-    pub(crate) lacks_model: bool,
-    /// Description of what is malformed in the message; `None` if the message is well-formed.
-    pub(crate) mistake: Option<String>,
-    /// Reason why a well-formed message is not believed. `None` if the message is believed, or merely
-    /// came too late.
-    declined: Option<String>,
-}
-
-/// Passes a broadcast `inform` to a maintainer. `read` is the parsed announcement in the message, if it
-/// was parsed before.
-pub(crate) fn hear(
-    (maintainer, refused): (&mut Maintainer, &mut RejectedModels),
-    message: &Message,
-    inform: &Inform,
-    read: Option<Announcement>,
-    now: Timestamp,
-) -> InformOutcome {
-    let mut heard = InformOutcome::default();
-    match inform {
-        Inform::Model(announced) => {
-            let digest = &announced.heartbeat.digest;
-            if refused.has(message, digest, now) {
-                return heard;
-            }
-            if heard.admit(maintainer, message, announced, read, now) {
-                refused.0.remove(&message.sender);
-                heard.believe(maintainer, message, &announced.heartbeat, now);
-            } else {
-                refused.note(message, digest, now);
-            }
-        }
-        Inform::Heartbeat(beat) => {
-            let needs_model = maintainer.needs_model(&message.sender, &beat.digest);
-            heard.lacks_model = needs_model && !refused.has(message, &beat.digest, now);
-            if !needs_model {
-                heard.believe(maintainer, message, beat, now);
-            }
-        }
-        Inform::Epoch(change) => heard.follow(maintainer, message, change, now),
-        Inform::Answer(_) => (),
-    }
-    heard
-}
-
 /// Handles that another agent has joined or left.
 pub fn presence<A: MaintainsDomain>(agent: &mut A, presence: &Presence, ctx: &mut Context<A>) {
-    let (who, life) = (presence.resident().agent.clone(), presence.resident().incarnation);
+    let (name, incarnation) = (presence.resident().agent.clone(), presence.resident().incarnation);
     let now = agent.domain_sync().timestamp();
-    let change = match presence {
-        Presence::Joined(_) => {
-            // The agent may have sent something while it was away.
-            if agent.domain_sync().maintainer.is_masked(&who) {
-                fetch(agent, &who, ASKED_AGAIN, ctx);
+    let DomainSync { maintainer, tracker, fetching, .. } = agent.domain_sync();
+    if let Presence::Left(_) = presence {
+        fetching.remove(&name);
+    }
+    let PresenceOutcome { change, request_after } = tracker.presence(maintainer, presence, now);
+    if let Some(wait) = request_after {
+        if wait.is_zero() {
+            fetch(agent, &name, ASKED_AGAIN, ctx);
+        }
+        ctx.after(ANNOUNCED_WITHIN, move |agent: &mut A, ctx| {
+            if agent.domain_sync().maintainer.incarnation(&name) != Some(incarnation) {
+                fetch(agent, &name, ASKED_AGAIN, ctx);
             }
-            let whose = who.clone();
-            ctx.after(TELLING, move |agent: &mut A, ctx| {
-                if agent.domain_sync().maintainer.incarnation(&whose) != Some(life) {
-                    fetch(agent, &whose, ASKED_AGAIN, ctx);
-                }
-            });
-            agent.domain_sync().maintainer.unmask(&who, life, now)
-        }
-        Presence::Left(_) => {
-            agent.domain_sync().fetching.remove(&who);
-            agent.domain_sync().maintainer.mask(&who, life, now)
-        }
-    };
-    report_change(agent, &change, ctx);
+        });
+    }
+    report(agent, &change, ctx);
 }
 
-/// Reports a change of the domain to the agent, and schedules the next expiry of a fact or lease. Call
-/// this function after any change of the maintainer.
+/// Reports a change of the domain to the agent, and schedules the next expiry or removal. Call this
+/// function after any change that the agent makes in the maintainer itself.
 pub fn report_change<A: MaintainsDomain>(
     agent: &mut A,
     change: &DomainChange,
     ctx: &mut Context<A>,
 ) {
-    if let Some(earlier) = agent.domain_sync().expiry.take() {
-        ctx.cancel_timer(earlier);
-    }
-    if let Some(next) = agent.domain_sync().maintainer.next_expiry() {
-        // One millisecond more, because a moment is a whole number of milliseconds.
-        let wait = next.since(agent.domain_sync().timestamp()) + Duration::from_millis(1);
-        agent.domain_sync().expiry = Some(ctx.after(wait, expire));
-    }
-    for gone in &change.left {
-        let Some(life) = agent.domain_sync().maintainer.incarnation(gone) else { continue };
-        let (gone, removal) = (gone.clone(), ctx.settings().removal);
-        ctx.after(removal, move |agent: &mut A, ctx| remove(agent, &gone, life, ctx));
-    }
+    let now = agent.domain_sync().timestamp();
+    let DomainSync { maintainer, tracker, .. } = agent.domain_sync();
+    tracker.schedule_removals(maintainer, change, now);
+    report(agent, change, ctx);
+}
+
+fn report<A: MaintainsDomain>(agent: &mut A, change: &DomainChange, ctx: &mut Context<A>) {
+    schedule_due(agent, ctx);
     if !change.is_empty() {
         agent.domain_changed(change, ctx);
     }
 }
 
-fn expire<A: MaintainsDomain>(agent: &mut A, ctx: &mut Context<A>) {
-    let now = agent.domain_sync().timestamp();
-    let change = agent.domain_sync().maintainer.expire(now);
-    report_change(agent, &change, ctx);
+/// Sets the timer of the next expiry or removal.
+fn schedule_due<A: MaintainsDomain>(agent: &mut A, ctx: &mut Context<A>) {
+    let sync = agent.domain_sync();
+    let next = sync.tracker.next_due(&sync.maintainer, ctx.settings().removal);
+    // One millisecond more, because a timestamp is a whole number of milliseconds.
+    let wait = next.map(|next| next.since(sync.timestamp()) + Duration::from_millis(1));
+    if let Some(earlier) = sync.due.take() {
+        ctx.cancel_timer(earlier);
+    }
+    sync.due = wait.map(|wait| ctx.after(wait, advance));
 }
 
-fn remove<A: MaintainsDomain>(
-    agent: &mut A,
-    gone: &AgentId,
-    life: Incarnation,
-    ctx: &mut Context<A>,
-) {
-    if agent.domain_sync().maintainer.is_present(gone) {
-        return;
+/// Applies the expiries and removals that are due, and reports them.
+fn advance<A: MaintainsDomain>(agent: &mut A, ctx: &mut Context<A>) {
+    let (now, removal) = (agent.domain_sync().timestamp(), ctx.settings().removal);
+    let DomainSync { maintainer, tracker, .. } = agent.domain_sync();
+    let changes = tracker.advance(maintainer, removal, now);
+    schedule_due(agent, ctx);
+    for change in changes {
+        report(agent, &change, ctx);
     }
-    let now = agent.domain_sync().timestamp();
-    let change = agent.domain_sync().maintainer.remove(gone, life, now);
-    report_change(agent, &change, ctx);
-}
-
-impl RejectedModels {
-    fn has(&self, message: &Message, digest: &str, now: Timestamp) -> bool {
-        self.0.get(&message.sender).is_some_and(|(life, refused, at)| {
-            *life == message.incarnation && refused == digest && now.since(*at) < REFUSED_FOR
-        })
-    }
-
-    fn note(&mut self, message: &Message, digest: &str, now: Timestamp) {
-        if self.0.len() >= REFUSED_MAX {
-            self.0.retain(|_, (.., at)| now.since(*at) < REFUSED_FOR);
-        }
-        if self.0.len() < REFUSED_MAX {
-            let refused = (message.incarnation, digest.to_owned(), now);
-            self.0.insert(message.sender.clone(), refused);
-        }
-    }
-}
-
-impl InformOutcome {
-    /// Returns the reason why the announcement or heartbeat is not accepted; `None` if it is accepted.
-    pub(crate) fn not_taken(&self) -> Option<&str> {
-        self.mistake.as_deref().or(self.declined.as_deref())
-    }
-
-    /// Passes a model to the maintainer; returns `false` if it is not accepted.
-    fn admit(
-        &mut self,
-        maintainer: &mut Maintainer,
-        message: &Message,
-        announced: &ModelAnnouncement,
-        read: Option<Announcement>,
-        now: Timestamp,
-    ) -> bool {
-        let sender = &message.sender;
-        let read_now = || Announcement::read(sender.clone(), message.incarnation, announced);
-        let announcement = read.map_or_else(read_now, Ok);
-        let admitted = announcement.map_err(|diagnostics| {
-            let located = |diagnostic: &Diagnostic| diagnostic.located(&announced.model);
-            diagnostics.iter().map(located).collect::<Vec<_>>().join("; ")
-        });
-        let admitted = admitted.and_then(|announcement| {
-            maintainer.add_model(announcement, now).map_err(|declined| declined.to_string())
-        });
-        match admitted {
-            Ok(()) => true,
-            Err(mistake) => {
-                tracing::debug!(from = %sender, mistake, "an action model is not taken");
-                self.mistake = Some(mistake);
-                false
-            }
-        }
-    }
-
-    fn believe(
-        &mut self,
-        maintainer: &mut Maintainer,
-        message: &Message,
-        heartbeat: &Heartbeat,
-        now: Timestamp,
-    ) {
-        let (sender, life) = (message.sender.clone(), message.incarnation);
-        match ParsedHeartbeat::read(sender, life, heartbeat, now) {
-            Ok(beat) => match maintainer.apply_heartbeat(beat, now) {
-                Ok(change) => self.changes.push(change),
-                Err(declined) => {
-                    tracing::debug!(from = %message.sender, %declined, "a heartbeat is not believed");
-                    // After a restart, or if messages overtake each other, some come too late.
-                    let is_late = matches!(
-                        declined,
-                        Declined::OldSequence { .. }
-                            | Declined::FormerIncarnation { .. }
-                            | Declined::UnknownAgent { .. }
-                    );
-                    self.declined = (!is_late).then(|| declined.to_string());
-                }
-            },
-            Err(diagnostics) => self.mistake = Some(joined(&diagnostics)),
-        }
-    }
-
-    /// Applies the changes of facts that agents requested from a central Domain Maintainer. The
-    /// announcement of that maintainer is needed for nothing else: all other content comes here
-    /// directly from the agents that own it.
-    fn follow(
-        &mut self,
-        maintainer: &mut Maintainer,
-        message: &Message,
-        change: &EpochChange,
-        now: Timestamp,
-    ) {
-        // An agent with an action model is no Domain Maintainer, whatever it announces about others.
-        if !maintainer.is_follower() || maintainer.incarnation(&message.sender).is_some() {
-            return;
-        }
-        let EpochChange { requested, requested_since, .. } = change;
-        if let Some(told) = requested {
-            let read = RequestedChanges::read(told, now);
-            self.followed(
-                message,
-                read.map(|requests| maintainer.apply_leader_requests(&requests, now)),
-            );
-        }
-        if let Some(told) = requested_since {
-            let read = RequestedChangesSince::read(told, now);
-            self.followed(message, read.map(|since| maintainer.follow_since(&since, now)));
-        }
-    }
-
-    fn followed(
-        &mut self,
-        message: &Message,
-        followed: Result<Result<DomainChange, Declined>, Vec<Diagnostic>>,
-    ) {
-        match followed {
-            Ok(Ok(change)) => self.changes.push(change),
-            Ok(Err(declined)) => {
-                tracing::warn!(from = %message.sender, %declined, "requests are not applied");
-            }
-            Err(diagnostics) => self.mistake = Some(joined(&diagnostics)),
-        }
-    }
-}
-
-fn joined(diagnostics: &[Diagnostic]) -> String {
-    diagnostics.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
 }
 
 /// Requests the model of the agent `whose`. If no answer comes, asks again up to `again` times.
@@ -433,11 +228,8 @@ fn fetch<A: MaintainsDomain>(agent: &mut A, whose: &AgentId, again: u32, ctx: &m
             ctx.after(wait, move |agent: &mut A, ctx| fetch(agent, &name, again - 1, ctx));
             return;
         }
-        for answer in answers {
-            match acl::decode(&answer) {
-                Ok(message) if message.sender == name => receive_inform(agent, &message, ctx),
-                _ => tracing::info!(from = %name, "an answer that is no model"),
-            }
+        for message in answered_models(&name, answers) {
+            receive_inform(agent, &message, ctx);
         }
     });
     agent.domain_sync().fetching.insert(whose.clone(), work);

@@ -34,6 +34,7 @@ mod context;
 mod directory;
 pub mod discovery;
 pub mod domain_sync;
+mod domain_tracker;
 mod event_loop;
 mod exchange;
 mod heartbeat_batcher;

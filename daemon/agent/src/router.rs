@@ -32,6 +32,7 @@ use tokio::sync::{broadcast, mpsc};
 
 use crate::broadcast_cache::{self, BroadcastCache};
 use crate::directory::Directory;
+use crate::domain_tracker::answered_models;
 use crate::heartbeat_batcher::{GATHERED_WITHIN, HeartbeatBatcher};
 use crate::host::Host;
 use crate::host_services::HostServices;
@@ -347,7 +348,7 @@ impl MessageRouter {
                 }
                 Arc::clone(&state.directory)
             };
-            commons.was_said(said);
+            commons.set_earlier(said);
             let residents = directory.iter().cloned();
             residents.for_each(|resident| self.show_commons(&Presence::Joined(resident)));
         }
@@ -370,7 +371,7 @@ impl MessageRouter {
         else {
             return;
         };
-        let heard = commons.hear(message, &inform);
+        let heard = commons.receive(message, &inform);
         if let Some(why) = heard.not_taken() {
             self.not_taken(message, why);
         }
@@ -405,7 +406,7 @@ impl MessageRouter {
             return;
         };
         let Some(resident) = self.find(whose) else { return };
-        if !commons.begins_to_ask(whose) {
+        if !commons.begin_request(whose) {
             return;
         }
         let (commons, whose) = (Arc::clone(commons), whose.clone());
@@ -418,7 +419,7 @@ impl MessageRouter {
                 Box::pin(async move {
                     tokio::time::sleep(patience).await;
                     let Resident { agent, daemon, incarnation } = resident;
-                    if !patience.is_zero() && commons.knows(&agent, incarnation) {
+                    if !patience.is_zero() && commons.has_model(&agent, incarnation) {
                         return Vec::new();
                     }
                     fetching.model_of(agent, daemon, &substrate, deadline).await
@@ -427,19 +428,14 @@ impl MessageRouter {
         };
         let rejections = Arc::clone(&self.rejections);
         runtime.spawn(async move {
-            for answer in model.await {
-                match acl::decode(&answer) {
-                    Ok(message) if message.sender == whose => {
-                        if let Some(inform) = inform_of(&message)
-                            && let Some(why) = commons.hear(&message, &inform).not_taken()
-                        {
-                            rejections.not_taken(&message, why);
-                        }
-                    }
-                    _ => tracing::info!(from = %whose, "an answer that is no model"),
+            for message in answered_models(&whose, model.await) {
+                if let Some(inform) = inform_of(&message)
+                    && let Some(why) = commons.receive(&message, &inform).not_taken()
+                {
+                    rejections.not_taken(&message, why);
                 }
             }
-            commons.has_asked(&whose);
+            commons.end_request(&whose);
         });
     }
 
@@ -667,7 +663,7 @@ impl MessageRouter {
             return true;
         }
         if let Some(SharedDomainHandle { commons, .. }) = self.shared_domain.get()
-            && !commons.hear_again(sender, &again)
+            && !commons.receive_repetition(sender, &again)
         {
             return false;
         }

@@ -22,14 +22,12 @@ use std::time::Duration;
 use acl::content::Inform;
 use acl::{AgentId, Incarnation, Message};
 use bytes::Bytes;
-use capability::{
-    Announcement, DomainChange, Maintainer, MaintainerScope, RepeatedHeartbeat, Timestamp,
-};
+use capability::{Announcement, Maintainer, MaintainerScope, RepeatedHeartbeat, Timestamp};
 use substrate::Presence;
 use tokio::time::Instant;
 
 use crate::broadcast_cache::{HeartbeatContent, HeartbeatPattern, HeartbeatRepetition};
-use crate::domain_sync::{self, InformOutcome, RejectedModels, TELLING};
+use crate::domain_tracker::{DomainTracker, InformOutcome};
 use crate::host::Host;
 use crate::router::inform_of;
 
@@ -43,13 +41,11 @@ pub struct SharedDomain {
 
 struct SharedDomainState {
     maintainer: Arc<Maintainer>,
-    /// Agents that have left, each with the time when its objects and facts are removed.
-    leaving: BTreeSet<(Timestamp, AgentId, Incarnation)>,
+    tracker: DomainTracker,
     /// Agents for which a request for the model is under way.
-    asked: BTreeSet<AgentId>,
+    requested: BTreeSet<AgentId>,
     /// Broadcasts from before the shared domain was created, by sender; not read yet.
     unread: BTreeMap<AgentId, Vec<Bytes>>,
-    refused: RejectedModels,
 }
 
 impl SharedDomain {
@@ -58,9 +54,8 @@ impl SharedDomain {
         let (ontology, map) = (Arc::clone(&host.ontology), Arc::clone(&host.map));
         let maintainer = Maintainer::new(ontology, map, MaintainerScope::Public);
         let maintainer = Arc::new(maintainer.with_silence_limit(host.settings.silence_limit()));
-        let (leaving, asked) = (BTreeSet::new(), BTreeSet::new());
-        let (unread, refused) = (BTreeMap::new(), RejectedModels::default());
-        let state = SharedDomainState { maintainer, leaving, asked, unread, refused };
+        let (tracker, requested) = (DomainTracker::default(), BTreeSet::new());
+        let state = SharedDomainState { maintainer, tracker, requested, unread: BTreeMap::new() };
         SharedDomain {
             began: Instant::now(),
             removal: host.settings.removal,
@@ -70,8 +65,8 @@ impl SharedDomain {
 
     /// Sets the broadcasts from before the shared domain was created, by sender: the newest one of each
     /// kind.
-    pub(crate) fn was_said(&self, before: BTreeMap<AgentId, Vec<Bytes>>) {
-        self.state().0.unread = before;
+    pub(crate) fn set_earlier(&self, earlier: BTreeMap<AgentId, Vec<Bytes>>) {
+        self.state().0.unread = earlier;
     }
 
     /// Returns the present state of the shared model, and the time of that state.
@@ -105,7 +100,7 @@ impl SharedDomain {
 
     /// Handles a broadcast `inform`. The outcome states whether the sender's model must be requested
     /// first, and what was not accepted.
-    pub(crate) fn hear(&self, message: &Message, inform: &Inform) -> InformOutcome {
+    pub(crate) fn receive(&self, message: &Message, inform: &Inform) -> InformOutcome {
         let (mut state, now) = self.state();
         self.read_of(&mut state, &message.sender, now);
         self.take(&mut state, message, inform, now)
@@ -113,9 +108,14 @@ impl SharedDomain {
 
     /// Handles a heartbeat that repeats the previous one of its sender; returns `false` if the
     /// heartbeat must be decoded.
-    pub(crate) fn hear_again(&self, sender: &AgentId, again: &HeartbeatRepetition) -> bool {
+    pub(crate) fn receive_repetition(
+        &self,
+        sender: &AgentId,
+        repetition: &HeartbeatRepetition,
+    ) -> bool {
         let (mut state, now) = self.state();
-        let HeartbeatRepetition { before, now: HeartbeatPattern { said, sequence, .. } } = again;
+        let HeartbeatRepetition { before, now: HeartbeatPattern { said, sequence, .. } } =
+            repetition;
         let HeartbeatContent { incarnation, digest, period } = &**said;
         let repeated = RepeatedHeartbeat {
             agent: sender,
@@ -125,17 +125,15 @@ impl SharedDomain {
             sequence: *sequence,
             period: *period,
         };
-        let SharedDomainState { maintainer, unread, .. } = &mut *state;
+        let SharedDomainState { maintainer, tracker, unread, .. } = &mut *state;
         if unread.contains_key(sender) {
             return false;
         }
-        match Arc::make_mut(maintainer).believe_repeated(&repeated, now) {
-            Some(change) => {
-                self.note(&mut state, &change, now);
-                true
-            }
-            None => false,
+        let change = Arc::make_mut(maintainer).believe_repeated(&repeated, now);
+        if let Some(change) = &change {
+            tracker.schedule_removals(maintainer, change, now);
         }
+        change.is_some()
     }
 
     /// Reads the broadcasts of an agent from before the shared domain was created, if they are not read
@@ -162,68 +160,42 @@ impl SharedDomain {
         inform: &Inform,
         now: Timestamp,
     ) -> InformOutcome {
-        let SharedDomainState { maintainer, refused, .. } = &mut *state;
-        let keeper = (Arc::make_mut(maintainer), refused);
-        let heard = domain_sync::hear(keeper, message, inform, None, now);
-        for change in &heard.changes {
-            self.note(state, change, now);
-        }
+        let SharedDomainState { maintainer, tracker, .. } = state;
         // The central Domain Maintainer reports mistakes to the sender.
-        heard
+        tracker.receive(Arc::make_mut(maintainer), message, inform, None, now)
     }
 
-    /// Handles that an agent has joined or left. Returns the delay after which the agent's model must
-    /// be requested; `None` if the model need not be requested.
+    /// Handles that an agent has joined or left. Returns the time after which the agent's model must be
+    /// requested; `None` if the model need not be requested.
     pub(crate) fn presence(&self, presence: &Presence) -> Option<Duration> {
         let (mut state, now) = self.state();
-        let (who, life) = (&presence.resident().agent, presence.resident().incarnation);
-        if let Presence::Left(_) = presence {
-            self.read_of(&mut state, who, now);
-        }
-        let is_unread = state.unread.contains_key(who);
-        let maintainer = Arc::make_mut(&mut state.maintainer);
-        let (change, asked_after) = match presence {
+        let agent = &presence.resident().agent;
+        match presence {
             // Its announcement is not read yet; that is done when it sends again.
-            Presence::Joined(_) if is_unread => return None,
-            Presence::Joined(_) => {
-                let is_strange = maintainer.incarnation(who) != Some(life);
-                // The agent may have sent something while it was away.
-                let asked_after = match maintainer.is_masked(who) {
-                    true => Some(Duration::ZERO),
-                    false => is_strange.then_some(TELLING),
-                };
-                (maintainer.unmask(who, life, now), asked_after)
-            }
-            Presence::Left(_) => (maintainer.mask(who, life, now), None),
-        };
-        self.note(&mut state, &change, now);
-        asked_after
+            Presence::Joined(_) if state.unread.contains_key(agent) => return None,
+            Presence::Joined(_) => (),
+            Presence::Left(_) => self.read_of(&mut state, agent, now),
+        }
+        let SharedDomainState { maintainer, tracker, .. } = &mut *state;
+        tracker.presence(Arc::make_mut(maintainer), presence, now).request_after
     }
 
     /// Whether this incarnation of `agent` has announced its model.
-    pub(crate) fn knows(&self, agent: &AgentId, life: Incarnation) -> bool {
+    pub(crate) fn has_model(&self, agent: &AgentId, incarnation: Incarnation) -> bool {
         let (mut state, now) = self.state();
         self.read_of(&mut state, agent, now);
-        state.maintainer.incarnation(agent) == Some(life)
+        state.maintainer.incarnation(agent) == Some(incarnation)
     }
 
     /// Marks a request for the model of `agent` as under way; returns `false` if one is under way
     /// already.
-    pub(crate) fn begins_to_ask(&self, agent: &AgentId) -> bool {
-        self.state().0.asked.insert(agent.clone())
+    pub(crate) fn begin_request(&self, agent: &AgentId) -> bool {
+        self.state().0.requested.insert(agent.clone())
     }
 
     /// Marks the request for the model of `agent` as finished.
-    pub(crate) fn has_asked(&self, agent: &AgentId) {
-        self.state().0.asked.remove(agent);
-    }
-
-    fn note(&self, state: &mut SharedDomainState, change: &DomainChange, now: Timestamp) {
-        for gone in &change.left {
-            if let Some(life) = state.maintainer.incarnation(gone) {
-                state.leaving.insert((now.after(self.removal), gone.clone(), life));
-            }
-        }
+    pub(crate) fn end_request(&self, agent: &AgentId) {
+        self.state().0.requested.remove(agent);
     }
 
     /// Locks the state, after applying everything that was due by now. Returns the lock and the present
@@ -231,16 +203,10 @@ impl SharedDomain {
     fn state(&self) -> (MutexGuard<'_, SharedDomainState>, Timestamp) {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         let now = Timestamp(u64::try_from(self.began.elapsed().as_millis()).unwrap_or(u64::MAX));
-        while let Some(due) = state.maintainer.next_expiry().filter(|due| *due <= now) {
-            let change = Arc::make_mut(&mut state.maintainer).expire(due);
-            self.note(&mut state, &change, due);
-        }
-        while state.leaving.first().is_some_and(|(due, ..)| *due <= now)
-            && let Some((_, gone, life)) = state.leaving.pop_first()
-        {
-            if !state.maintainer.is_present(&gone) {
-                Arc::make_mut(&mut state.maintainer).remove(&gone, life, now);
-            }
+        let SharedDomainState { maintainer, tracker, .. } = &mut *state;
+        // One due time after the other: the access may be much later than all of them.
+        while let Some(due) = tracker.next_due(maintainer, self.removal).filter(|due| *due <= now) {
+            tracker.advance(Arc::make_mut(maintainer), self.removal, due);
         }
         (state, now)
     }
