@@ -3,39 +3,60 @@
 //! The substrate has verified which daemon sent a message; this module checks which agents that
 //! daemon may speak for. Messages of a daemon to itself are not checked.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
-use acl::content::{Inform, Reason, Request};
-use acl::{AgentId, Incarnation, Message, Performative};
+use acl::content::{Inform, Request};
+use acl::{AgentId, DaemonId, Incarnation, Message, Performative};
 use bytes::Bytes;
-use substrate::{
-    AgentAddress, Answer, Origin, Presence, Rejected, Resident, Resource, Subject, ViolationKind,
-};
+use substrate::{Answer, Origin, Presence, Rejected, Resident, Resource, ViolationKind};
 
-use crate::broadcast_cache::MODEL_BYTES_MAX;
+use crate::broadcast_cache::{MODEL_BYTES_MAX, inform_of};
+use crate::directory::Directory;
+use crate::rejections::Rejections;
 use crate::rights::Rights;
-use crate::router::{MessageRouter, inform_of};
 
 /// Reason why a daemon may not send a message.
 #[derive(Debug)]
 pub(crate) struct AuthorizationError {
-    breach: ViolationKind,
+    violation: ViolationKind,
     detail: String,
 }
 
-fn overstepped(detail: String) -> AuthorizationError {
-    AuthorizationError { breach: ViolationKind::Unauthorized, detail }
+fn unauthorized(detail: String) -> AuthorizationError {
+    AuthorizationError { violation: ViolationKind::Unauthorized, detail }
 }
 
 fn is_at(holder: &Resident) -> AuthorizationError {
     let detail = format!("names the sender `{}`, which is at `{}`", holder.agent, holder.daemon);
-    AuthorizationError { breach: ViolationKind::Forged, detail }
+    AuthorizationError { violation: ViolationKind::Forged, detail }
 }
 
-impl MessageRouter {
-    /// Sets the rights of the ecosystem. Only the first call has an effect. As long as no rights are
-    /// set, every message is allowed.
-    pub fn set_rights(&self, rights: Rights) {
+/// Checks what arrives at one daemon against the rights of the ecosystem and the membership.
+pub(crate) struct Authorizer {
+    daemon: DaemonId,
+    /// Rights of the ecosystem; unset if the ecosystem limits no rights.
+    rights: OnceLock<Arc<Rights>>,
+    rejections: Arc<Rejections>,
+}
+
+/// A message that its origin may not send.
+#[derive(Debug)]
+pub(crate) struct ForbiddenMessage {
+    pub(crate) message: Box<Message>,
+    /// Daemon that sent the message.
+    pub(crate) origin: DaemonId,
+    /// Reason, for the sender.
+    pub(crate) detail: String,
+}
+
+impl Authorizer {
+    /// Creates the checks of `daemon`, without rights: every message is allowed.
+    pub(crate) fn new(daemon: DaemonId, rejections: Arc<Rejections>) -> Authorizer {
+        Authorizer { daemon, rights: OnceLock::new(), rejections }
+    }
+
+    /// Sets the rights of the ecosystem. Only the first call has an effect.
+    pub(crate) fn set_rights(&self, rights: Rights) {
         // Rights do not change while a daemon runs.
         let _ = self.rights.set(Arc::new(rights));
     }
@@ -43,31 +64,28 @@ impl MessageRouter {
     /// Returns the rights, and the origin that is to be checked against them. `None` if nothing is to
     /// be checked: the origin is this daemon, or messages are not signed, or no rights are set.
     fn limits<'s, 'o>(&'s self, origin: Option<&'o Origin>) -> Option<(&'s Rights, &'o Origin)> {
-        let origin = origin.filter(|origin| origin.daemon != *self.daemon())?;
+        let origin = origin.filter(|origin| origin.daemon != self.daemon)?;
         Some((self.rights.get()?, origin))
     }
 
-    /// Whether a message to one agent may be passed on to that agent. If not, the message has been
-    /// counted, logged and refused.
+    /// Checks whether a message to one agent may be passed on to that agent. If not, the rejection has
+    /// been counted and logged.
     pub(crate) fn authorize_direct(
         &self,
         origin: Option<&Origin>,
-        to: &AgentId,
         payload: &Bytes,
-    ) -> bool {
-        if self.limits(origin).is_none() {
-            return true;
-        }
+        directory: impl FnOnce() -> Arc<Directory>,
+    ) -> Result<(), ForbiddenMessage> {
+        let Some((rights, origin)) = self.limits(origin) else { return Ok(()) };
         // An unreadable message is passed on: the agent answers it.
-        let Ok(message) = acl::decode(payload) else { return true };
+        let Ok(message) = acl::decode(payload) else { return Ok(()) };
         let inform = inform_of(&message);
-        match self.check_message(origin, &message, inform.as_ref()) {
-            Ok(()) => true,
-            Err(detail) => {
-                self.forbid(origin, to, message, format!("the message {detail}"));
-                false
-            }
-        }
+        let checked = self.check_message((rights, origin), &message, inform.as_ref(), &directory());
+        checked.map_err(|detail| ForbiddenMessage {
+            message: Box::new(message),
+            origin: origin.daemon.clone(),
+            detail: format!("the message {detail}"),
+        })
     }
 
     /// Whether `origin` may send this message. If not, the rejection is counted and logged.
@@ -76,8 +94,10 @@ impl MessageRouter {
         origin: Option<&Origin>,
         message: &Message,
         inform: Option<&Inform>,
+        directory: impl FnOnce() -> Arc<Directory>,
     ) -> bool {
-        self.check_message(origin, message, inform).is_ok()
+        let Some(limits) = self.limits(origin) else { return true };
+        self.check_message(limits, message, inform, &directory()).is_ok()
     }
 
     /// Whether `origin` may repeat a heartbeat of this incarnation of `sender`. If not, the rejection
@@ -87,88 +107,44 @@ impl MessageRouter {
         origin: Option<&Origin>,
         sender: &AgentId,
         incarnation: Incarnation,
+        directory: impl FnOnce() -> Arc<Directory>,
     ) -> bool {
         let Some((rights, origin)) = self.limits(origin) else { return true };
-        let checked = self.check_sender(rights, origin, sender, incarnation);
-        let checked = checked.and_then(|()| self.check_holds(origin, sender));
-        checked.map_err(|overstep| self.note(&overstep, origin, sender.as_str())).is_ok()
+        let directory = directory();
+        let checked = check_sender(rights, origin, sender, incarnation, &directory);
+        let checked = checked.and_then(|()| check_holds(origin, sender, &directory));
+        checked.map_err(|error| self.note(&error, origin, sender.as_str())).is_ok()
     }
 
-    /// Checks whether `origin` may send this message. If not, counts and logs the rejection and returns
-    /// the reason.
+    /// Checks whether the origin may send this message. If not, counts and logs the rejection and
+    /// returns the reason.
     fn check_message(
         &self,
-        origin: Option<&Origin>,
+        (rights, origin): (&Rights, &Origin),
         message: &Message,
         inform: Option<&Inform>,
+        directory: &Directory,
     ) -> Result<(), String> {
-        let Some((rights, origin)) = self.limits(origin) else { return Ok(()) };
-        let checked = self
-            .check_sender(rights, origin, &message.sender, message.incarnation)
+        let sender = &message.sender;
+        let checked = check_sender(rights, origin, sender, message.incarnation, directory)
             .and_then(|()| match inform {
                 Some(Inform::Model(_) | Inform::Heartbeat(_)) => {
-                    self.check_holds(origin, &message.sender)
+                    check_holds(origin, sender, directory)
                 }
                 _ => Ok(()),
             })
-            .and_then(|()| check_content(rights, origin, message, inform).map_err(overstepped));
-        checked.map_err(|overstep| {
-            self.note(&overstep, origin, message.sender.as_str());
-            overstep.detail
+            .and_then(|()| check_content(rights, origin, message, inform).map_err(unauthorized));
+        checked.map_err(|error| {
+            self.note(&error, origin, sender.as_str());
+            error.detail
         })
-    }
-
-    /// Checks three conditions: the rights let the daemon `origin` host the agent `sender`; no later
-    /// incarnation of `sender` is present at that daemon; and `sender` is not present at other daemons
-    /// only.
-    ///
-    /// An agent that is present at the daemon may send from there even if another replica holds the
-    /// name, as standbys do: the daemon has signed the presence of its replica. A message alone proves
-    /// no presence, because any daemon could state a later incarnation in a message.
-    fn check_sender(
-        &self,
-        rights: &Rights,
-        origin: &Origin,
-        sender: &AgentId,
-        incarnation: Incarnation,
-    ) -> Result<(), AuthorizationError> {
-        rights.may_host(sender, &origin.daemon).map_err(overstepped)?;
-        let directory = self.directory();
-        let present = directory.all(sender);
-        match present.iter().find(|resident| resident.daemon == origin.daemon) {
-            Some(here) if incarnation < here.incarnation => {
-                let detail = format!("is of an earlier incarnation of `{sender}`");
-                Err(AuthorizationError { breach: ViolationKind::Replayed, detail })
-            }
-            Some(_) => Ok(()),
-            // An agent that is not seen yet may be about to join; its token travels apart from messages.
-            None => present.first().map_or(Ok(()), |elsewhere| Err(is_at(elsewhere))),
-        }
-    }
-
-    /// Checks that no other daemon than `origin` hosts the holder of the sender's name. A standby must
-    /// not send models and heartbeats under the name: of two incarnations that send them, the later one
-    /// would be believed.
-    fn check_holds(&self, origin: &Origin, sender: &AgentId) -> Result<(), AuthorizationError> {
-        let holder = self.find(sender).filter(|holder| holder.daemon != origin.daemon);
-        holder.map_or(Ok(()), |holder| Err(is_at(&holder)))
-    }
-
-    /// Sends a refusal of a message that its origin may not send. Does nothing if the message does not
-    /// open an exchange.
-    fn forbid(&self, origin: Option<&Origin>, from: &AgentId, message: Message, detail: String) {
-        let Some(origin) = origin.filter(|_| message.opens_exchange()) else { return };
-        let to = AgentAddress { daemon: origin.daemon.clone(), agent: message.sender.clone() };
-        let refusal = self.refusal(from, message, Reason::Forbidden, detail);
-        let payload = acl::encode(&refusal);
-        self.send_to(&to, Subject::Message(Performative::Refuse), payload);
     }
 
     /// Whether an agent may be present at the daemon that its presence token names. If not, the
     /// rejection is counted and logged.
-    pub(crate) fn may_be_present(&self, presence: &Presence) -> bool {
+    pub(crate) fn authorize_presence(&self, presence: &Presence) -> bool {
         let resident = presence.resident();
-        let Some(rights) = self.rights.get().filter(|_| resident.daemon != *self.daemon()) else {
+        let Some(rights) = self.rights.get().filter(|_| resident.daemon != self.daemon) else {
             return true;
         };
         match (presence, rights.may_host(&resident.agent, &resident.daemon)) {
@@ -189,23 +165,26 @@ impl MessageRouter {
 
     /// Whether the origin of an answer to a query may give that answer. If not, the rejection is
     /// counted and logged.
-    pub(crate) fn admits_answer(&self, answer: &Answer<'_>) -> bool {
+    pub(crate) fn authorize_answer(
+        &self,
+        answer: &Answer<'_>,
+        directory: impl FnOnce() -> Arc<Directory>,
+    ) -> bool {
         let Answer { origin, resource, agent, payload } = *answer;
         let Some((rights, origin)) = self.limits(Some(origin)) else { return true };
         if resource == Resource::Model && payload.len() > MODEL_BYTES_MAX {
             let detail = format!("answers with a model of more than {MODEL_BYTES_MAX} bytes");
-            self.note(
-                &AuthorizationError { breach: ViolationKind::Oversized, detail },
-                origin,
-                resource.as_str(),
-            );
+            let error = AuthorizationError { violation: ViolationKind::Oversized, detail };
+            self.note(&error, origin, resource.as_str());
             return false;
         }
         let checked = match (resource, agent) {
             (Resource::Model, Some(agent)) => match acl::decode(payload) {
                 Ok(message) if message.sender == *agent => {
-                    let inform = inform_of(&message);
-                    return self.authorize_message(Some(origin), &message, inform.as_ref());
+                    let (limits, inform) = ((rights, origin), inform_of(&message));
+                    return self
+                        .check_message(limits, &message, inform.as_ref(), &directory())
+                        .is_ok();
                 }
                 _ => Err("answers with a model that is another agent's, or unreadable".to_owned()),
             },
@@ -216,15 +195,53 @@ impl MessageRouter {
             }
             _ => Ok(()),
         };
-        let whose = resource.as_str();
-        checked.map_err(|detail| self.note(&overstepped(detail), origin, whose)).is_ok()
+        let key = resource.as_str();
+        checked.map_err(|detail| self.note(&unauthorized(detail), origin, key)).is_ok()
     }
 
-    fn note(&self, overstep: &AuthorizationError, origin: &Origin, key: &str) {
-        let AuthorizationError { breach, detail } = overstep;
+    fn note(&self, error: &AuthorizationError, origin: &Origin, key: &str) {
+        let AuthorizationError { violation, detail } = error;
         let claimed = Some(origin.daemon.as_str());
-        self.rejections.note(&Rejected { violation: *breach, detail, claimed, key });
+        self.rejections.note(&Rejected { violation: *violation, detail, claimed, key });
     }
+}
+
+/// Checks three conditions: the rights let the daemon `origin` host the agent `sender`; no later
+/// incarnation of `sender` is present at that daemon; and `sender` is not present at other daemons only.
+///
+/// An agent that is present at the daemon may send from there even if another replica holds the name, as
+/// standbys do: the daemon has signed the presence of its replica. A message alone proves no presence,
+/// because any daemon could state a later incarnation in a message.
+fn check_sender(
+    rights: &Rights,
+    origin: &Origin,
+    sender: &AgentId,
+    incarnation: Incarnation,
+    directory: &Directory,
+) -> Result<(), AuthorizationError> {
+    rights.may_host(sender, &origin.daemon).map_err(unauthorized)?;
+    let present = directory.all(sender);
+    match present.iter().find(|resident| resident.daemon == origin.daemon) {
+        Some(here) if incarnation < here.incarnation => {
+            let detail = format!("is of an earlier incarnation of `{sender}`");
+            Err(AuthorizationError { violation: ViolationKind::Replayed, detail })
+        }
+        Some(_) => Ok(()),
+        // An agent that is not seen yet may be about to join; its token travels apart from messages.
+        None => present.first().map_or(Ok(()), |elsewhere| Err(is_at(elsewhere))),
+    }
+}
+
+/// Checks that no other daemon than `origin` hosts the holder of the sender's name. A standby must not
+/// send models and heartbeats under the name: of two incarnations that send them, the later one would be
+/// believed.
+fn check_holds(
+    origin: &Origin,
+    sender: &AgentId,
+    directory: &Directory,
+) -> Result<(), AuthorizationError> {
+    let holder = directory.find(sender).filter(|holder| holder.daemon != origin.daemon);
+    holder.map_or(Ok(()), |holder| Err(is_at(holder)))
 }
 
 /// Checks whether the sender of a message may send the content of the message; returns the reason if
@@ -267,12 +284,13 @@ mod tests {
     use std::sync::Mutex;
 
     use acl::content::{ChangeState, EpochChange, Heartbeat, ModelAnnouncement, Refusal, value};
-    use acl::{ConversationId, DaemonId, EcosystemId, MessageId, ReplyToken};
+    use acl::{ConversationId, EcosystemId, MessageId, ReplyToken};
     use substrate::memory::Network;
-    use substrate::{Delivery, Destination, Inbound, ReceivedQuery};
+    use substrate::{Delivery, Destination, Inbound, ReceivedQuery, Subject};
 
     use super::*;
     use crate::rights::{AgentRights, AllowedNames, AllowedRequesters};
+    use crate::router::MessageRouter;
     use crate::settings::AgentSettings;
 
     /// The router of the daemon `hub`, on a network with two other daemons that record the refusals
@@ -350,7 +368,7 @@ mod tests {
             };
             let (payload, origin) = (acl::encode(&message), Some(origin(from)));
             self.hub.deliver(Delivery { destination: addressed, payload, origin });
-            self.hub.rejections.counts()
+            self.hub.rejections().counts()
         }
 
         fn refusals(&self) -> Vec<String> {
@@ -458,7 +476,7 @@ mod tests {
         };
         joins("robot", "desk--cli-7", 1);
         joins("me", "robot-pi", 1);
-        assert_eq!(house.hub.rejections.counts(), [("overstepped".to_owned(), 2)].into());
+        assert_eq!(house.hub.rejections().counts(), [("overstepped".to_owned(), 2)].into());
         assert_eq!(house.hub.find(&agent("robot")), None);
         assert_eq!(house.hub.find(&agent("me")), None);
 

@@ -6,12 +6,13 @@
 //! heartbeat of its sender. If only the message id and the sequence number differ, the heartbeat need
 //! not be decoded.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
 
 use acl::content::{Heartbeat, Inform};
-use acl::{Incarnation, Message};
+use acl::{AgentId, Incarnation, Message, Performative};
 use bytes::Bytes;
 
 /// Longest announcement of a model that is read, in bytes, including the heartbeat in it. The largest
@@ -38,6 +39,16 @@ pub(crate) fn bytes_max(inform: &Inform) -> Option<usize> {
         Inform::Answer(_) => None,
     }
 }
+
+/// Returns the content of a message if it is an `inform` that can be read; otherwise `None`.
+pub(crate) fn inform_of(message: &Message) -> Option<Inform> {
+    let is_inform = message.performative == Performative::Inform;
+    is_inform.then(|| message.content_as().ok()).flatten()
+}
+
+/// The last broadcasts of each agent, by sender.
+#[derive(Default)]
+pub(crate) struct BroadcastCaches(BTreeMap<AgentId, BroadcastCache>);
 
 /// The last broadcasts of one agent. They are stored without decoding, because most are never read
 /// again.
@@ -82,6 +93,51 @@ pub(crate) struct HeartbeatRepetition {
 
 const ID: &str = "\"id\":\"";
 const NUMBER: &str = "\"sequence\":";
+
+// === impl BroadcastCaches ===
+
+impl BroadcastCaches {
+    /// Returns all stored broadcasts, in an order in which a receiver can handle them.
+    pub(crate) fn all(&self) -> impl Iterator<Item = &Bytes> {
+        self.0.values().flat_map(BroadcastCache::all)
+    }
+
+    /// Returns all stored broadcasts by sender.
+    pub(crate) fn by_sender(&self) -> BTreeMap<AgentId, Vec<Bytes>> {
+        let copy = |(sender, cache): (&AgentId, &BroadcastCache)| {
+            (sender.clone(), cache.all().cloned().collect())
+        };
+        self.0.iter().map(copy).collect()
+    }
+
+    /// Stores a broadcast in place of the sender's last broadcast of the same kind.
+    pub(crate) fn keep(&mut self, text: Bytes, message: &Message, inform: &Inform) {
+        self.0.entry(message.sender.clone()).or_default().keep(text, message, inform);
+    }
+
+    /// Compares a text with the last heartbeat of `sender`; returns `None` if the text is not a
+    /// repetition of that heartbeat.
+    pub(crate) fn repetition(&self, sender: &AgentId, text: &[u8]) -> Option<HeartbeatRepetition> {
+        self.0.get(sender)?.is_again(text)
+    }
+
+    /// Stores a repeated heartbeat in place of the last heartbeat of `sender`, if that is stored.
+    pub(crate) fn keep_repetition(
+        &mut self,
+        sender: &AgentId,
+        text: Bytes,
+        repetition: HeartbeatRepetition,
+    ) {
+        if let Some(cache) = self.0.get_mut(sender) {
+            cache.keep_again(text, repetition);
+        }
+    }
+
+    /// Removes the broadcasts of an agent that has left.
+    pub(crate) fn forget(&mut self, sender: &AgentId) {
+        self.0.remove(sender);
+    }
+}
 
 // === impl BroadcastCache ===
 
@@ -212,6 +268,32 @@ mod tests {
             hearsay.keep_again(Bytes::from(text.clone()), again);
             assert_eq!(hearsay.all().collect::<Vec<_>>(), [&Bytes::from(text)]);
         }
+    }
+
+    #[test]
+    fn each_sender_has_its_own_broadcasts_until_it_leaves() {
+        let text = |id: &str| Bytes::from(written(&beat(id, 9)));
+        let keep = |caches: &mut BroadcastCaches, text: &Bytes| {
+            let message = acl::decode(text).expect("a message");
+            let inform = inform_of(&message).expect("an inform");
+            caches.keep(text.clone(), &message, &inform);
+        };
+        let (mut caches, lamp) =
+            (BroadcastCaches::default(), AgentId::new("lamp").expect("a name"));
+        let (first, next) = (text("lamp.7.9"), Bytes::from(written(&beat("lamp.7.10", 10))));
+        keep(&mut caches, &first);
+        assert_eq!(caches.by_sender(), [(lamp.clone(), vec![first])].into());
+        let other = AgentId::new("other").expect("a name");
+        assert!(caches.repetition(&other, &next).is_none());
+        let repetition = caches.repetition(&lamp, &next).expect("it says the same");
+        caches.keep_repetition(&lamp, next.clone(), repetition);
+        assert_eq!(caches.all().collect::<Vec<_>>(), [&next]);
+
+        let last = Bytes::from(written(&beat("lamp.7.11", 11)));
+        let repetition = caches.repetition(&lamp, &last).expect("it says the same");
+        caches.forget(&lamp);
+        caches.keep_repetition(&lamp, last, repetition);
+        assert_eq!(caches.all().count(), 0, "it has left");
     }
 
     #[test]

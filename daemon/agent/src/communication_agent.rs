@@ -27,6 +27,7 @@ use crate::exchange::{DeliveryError, ExchangeOpening, Participation};
 use crate::mailbox::{DuplicateFilter, MessageState};
 use crate::outbox::{DueAction, OutboundMessage, Outbox, ReceiverIncarnation};
 use crate::receipts::{ImplicitReceipt, Receipts};
+use crate::refusal::refusal;
 use crate::router::MessageRouter;
 
 /// Most exchanges opened by other agents that are followed at a time. If there are more, the oldest is
@@ -58,7 +59,7 @@ pub(crate) enum IncomingMessage {
 pub(crate) struct CommunicationAgent {
     pub(crate) id: AgentId,
     pub(crate) incarnation: Incarnation,
-    pub(crate) switchboard: Arc<MessageRouter>,
+    router: Arc<MessageRouter>,
     ontology: Arc<str>,
     via: Arc<[EcosystemId]>,
     outbox: Outbox,
@@ -75,17 +76,17 @@ impl CommunicationAgent {
     pub(crate) fn new(
         id: AgentId,
         incarnation: Incarnation,
-        switchboard: Arc<MessageRouter>,
+        router: Arc<MessageRouter>,
         ontology: Arc<str>,
         via: Arc<[EcosystemId]>,
         door: Arc<DuplicateFilter>,
     ) -> CommunicationAgent {
-        let outbox = Outbox::new(switchboard.settings());
-        let receipts = Receipts::new(switchboard.settings().retry_first);
+        let outbox = Outbox::new(router.settings());
+        let receipts = Receipts::new(router.settings().retry_first);
         CommunicationAgent {
             id,
             incarnation,
-            switchboard,
+            router,
             ontology,
             via,
             outbox,
@@ -96,6 +97,11 @@ impl CommunicationAgent {
             receipts,
             messages_sent: 0,
         }
+    }
+
+    /// Returns the router of the daemon.
+    pub(crate) fn router(&self) -> &Arc<MessageRouter> {
+        &self.router
     }
 
     // === sending ===
@@ -210,10 +216,10 @@ impl CommunicationAgent {
         tracing::debug!(agent = %self.id, conversation = %message.conversation_id,
             performative = %message.performative, to = ?message.receiver, id = %message.id, "says");
         let Some(to) = message.receiver.first() else {
-            self.switchboard.broadcast(&self.id, message.performative, payload);
+            self.router.broadcast(&self.id, message.performative, payload);
             return Ok(());
         };
-        let directory = self.switchboard.directory();
+        let directory = self.router.directory();
         // A foreign tool may state no incarnation: then any holder of its name is meant.
         let life = life.filter(|life| *life != Incarnation::default());
         let resident = match life {
@@ -240,7 +246,7 @@ impl CommunicationAgent {
         }
         if let Some(resident) = resident {
             let subject = Subject::Message(message.performative);
-            self.switchboard.send_to(&address(resident), subject, payload);
+            self.router.send_to(&address(resident), subject, payload);
         }
         Ok(())
     }
@@ -255,22 +261,22 @@ impl CommunicationAgent {
                 self.receipts.replied(to, exchange, message.performative);
             }
         }
-        self.switchboard.broadcast(&self.id, message.performative, acl::encode(message));
+        self.router.broadcast(&self.id, message.performative, acl::encode(message));
     }
 
     /// Sends a message to the agent `to` again, unchanged.
     pub(crate) fn repeat(&self, to: &AgentId, message: &Message) {
         tracing::debug!(agent = %self.id, %to, id = %message.id, "repeats");
-        self.switchboard.send(to, Subject::Message(message.performative), acl::encode(message));
+        self.router.send(to, Subject::Message(message.performative), acl::encode(message));
     }
 
     /// Sends the receipts that this agent owes.
     pub(crate) fn send_receipts(&mut self) {
-        let directory = self.switchboard.directory();
+        let directory = self.router.directory();
         for ((to, life), payload) in self.receipts.take() {
             let resident = directory.find_incarnation(&to, life).or_else(|| directory.find(&to));
             if let Some(resident) = resident {
-                self.switchboard.send_to(&address(resident), Subject::Receipt, payload);
+                self.router.send_to(&address(resident), Subject::Receipt, payload);
             }
         }
     }
@@ -375,8 +381,8 @@ impl CommunicationAgent {
         let detail = format!("`{}` is busy: too much is under way; ask again later", self.id);
         tracing::debug!(agent = %self.id, from = %message.sender, id = %message.id, detail, "refuses");
         let to = message.sender.clone();
-        let refusal = self.switchboard.refusal(&self.id, message, Reason::Busy, detail);
-        self.switchboard.send(&to, Subject::Message(Performative::Refuse), acl::encode(&refusal));
+        let refusal = refusal(&self.id, self.incarnation, message, Reason::Busy, detail);
+        self.router.send(&to, Subject::Message(Performative::Refuse), acl::encode(&refusal));
     }
 
     fn unreadable(&mut self, error: DecodeError) {
@@ -490,7 +496,7 @@ impl CommunicationAgent {
         if self.receipts.due().is_some_and(|due| due <= now) {
             self.send_receipts();
         }
-        let due = self.outbox.due(&self.switchboard.directory(), now);
+        let due = self.outbox.due(&self.router.directory(), now);
         self.carry_out(due)
     }
 
@@ -509,7 +515,7 @@ impl CommunicationAgent {
                 self.carry_out(due)
             }
             Presence::Left(resident) => {
-                self.outbox.left(&resident.agent, &self.switchboard.directory(), now);
+                self.outbox.left(&resident.agent, &self.router.directory(), now);
                 Vec::new()
             }
         }
@@ -517,13 +523,13 @@ impl CommunicationAgent {
 
     fn carry_out(&mut self, due: Vec<DueAction>) -> Vec<(ReplyToken, DeliveryError)> {
         let mut undelivered = Vec::new();
-        let directory = self.switchboard.directory();
+        let directory = self.router.directory();
         for due in due {
             match due {
                 DueAction::Send(parcel) => {
                     let subject = Subject::Message(parcel.performative);
                     if let Some(resident) = parcel.receiver(&directory) {
-                        self.switchboard.send_to(&address(resident), subject, parcel.payload);
+                        self.router.send_to(&address(resident), subject, parcel.payload);
                     }
                 }
                 DueAction::GiveUp(id, parcel, why) => {

@@ -135,7 +135,7 @@ impl<A: 'static> Context<A> {
 
     /// Returns the router of the daemon.
     pub fn router(&self) -> &Arc<MessageRouter> {
-        &self.communication.switchboard
+        self.communication.router()
     }
 
     /// Returns the directory of the present agents, as this daemon sees them.
@@ -398,14 +398,14 @@ impl<A: 'static> Context<A> {
     pub fn broadcast_state(&mut self, inform: &Inform) {
         let message = self.beating(inform);
         let is_model = matches!(inform, Inform::Model(_));
-        self.router().beat(&message.sender, acl::encode(&message), is_model);
+        self.router().broadcast_state(&message.sender, acl::encode(&message), is_model);
     }
 
     /// Broadcasts a heartbeat of this agent a few milliseconds later, in one batch with heartbeats of
     /// other agents of the same daemon. For heartbeats that are not urgent.
     pub fn batch_heartbeat(&mut self, heartbeat: Heartbeat) {
         let message = self.beating(&Inform::Heartbeat(heartbeat));
-        self.router().beat_together(&message.sender, acl::encode(&message));
+        self.router().batch_heartbeat(&message.sender, acl::encode(&message));
     }
 
     fn beating(&mut self, inform: &Inform) -> Message {
@@ -548,7 +548,7 @@ impl<A: 'static> Context<A> {
     /// exchange, so such an answer must not count as the answer of the agent `asked`.
     fn reject_uninvited(&mut self, message: &Message, asked: &AgentId) {
         let detail = format!("answers a question to `{asked}`");
-        self.router().rejections.note(&Rejected {
+        self.router().rejections().note(&Rejected {
             violation: ViolationKind::Unauthorized,
             detail: &detail,
             claimed: Some(message.sender.as_str()),

@@ -101,10 +101,7 @@ pub fn receive_inform<A: MaintainsDomain>(agent: &mut A, message: &Message, ctx:
     if outcome.lacks_model {
         fetch(agent, &message.sender, ASKED_AGAIN, ctx);
     }
-    // If there is a shared domain, it has counted the mistake.
-    if let Some(why) = outcome.not_taken()
-        && !ctx.router().has_commons()
-    {
+    if let Some(why) = outcome.not_taken() {
         ctx.router().not_taken(message, why);
     }
     if let Some(mistake) = outcome.mistake {

@@ -368,7 +368,7 @@ impl<A: Agent> AgentTask<A> {
     }
 
     fn tell(&mut self, presence: &Presence) {
-        match self.ctx.router().told_whole(&self.presence) {
+        match self.ctx.router().directory_if_read(&self.presence) {
             Some(whole) => self.told = Some(whole),
             None => {
                 let mut told = self.told();

@@ -14,7 +14,7 @@ pub(crate) struct LatestAnnouncement {
 
 impl LatestAnnouncement {
     /// Stores a model or a heartbeat that the agent has sent.
-    pub(crate) fn told(&mut self, payload: &Bytes, is_model: bool) {
+    pub(crate) fn record(&mut self, payload: &Bytes, is_model: bool) {
         // Copied, because the buffer of an encoded message is larger than its content.
         let said = Some(Bytes::copy_from_slice(payload));
         match is_model {

@@ -26,10 +26,9 @@ use capability::{Announcement, Maintainer, MaintainerScope, RepeatedHeartbeat, T
 use substrate::Presence;
 use tokio::time::Instant;
 
-use crate::broadcast_cache::{HeartbeatContent, HeartbeatPattern, HeartbeatRepetition};
+use crate::broadcast_cache::{HeartbeatContent, HeartbeatPattern, HeartbeatRepetition, inform_of};
 use crate::domain_tracker::{DomainTracker, InformOutcome};
 use crate::host::Host;
-use crate::router::inform_of;
 
 /// Domain model that the actuators of one daemon share.
 pub struct SharedDomain {
