@@ -128,7 +128,7 @@ impl<D: Device> Agent for Actuator<D> {
     fn activated(&mut self, ctx: &mut Context<Self>) {
         // Subscribes to the shared domain before the first announcement, so that the announcement is
         // part of it.
-        ctx.router().shared_domain(&self.host);
+        ctx.shared_domain(&self.host);
         match self.device.read_state() {
             Some(looking) => {
                 let looked =
@@ -172,7 +172,7 @@ impl<D: Device> Actuator<D> {
         &self,
         ctx: &Context<Self>,
     ) -> impl FnOnce(&mut CompositionCache) -> DomainSnapshot + Send + 'static {
-        let commons = ctx.router().shared_domain(&self.host);
+        let commons = ctx.shared_domain(&self.host);
         let (known, _) = commons.current();
         let whole = known.with_carried(ctx.id());
         // The domain is read again when the computation gets its turn. A reference that is held until
@@ -227,7 +227,7 @@ impl<D: Device> Actuator<D> {
         // All actuators of a daemon send at the same time: their heartbeats travel in one batch, and
         // each receiver wakes once.
         let period = ctx.settings().heartbeat_period;
-        let wait = ctx.router().shared_domain(&self.host).until_next_heartbeat(period);
+        let wait = ctx.shared_domain(&self.host).until_next_heartbeat(period);
         ctx.after(wait, |actuator: &mut Self, ctx| {
             if let Some(heartbeat) = actuator.heartbeat_or_announce(ctx) {
                 ctx.batch_heartbeat(heartbeat);
@@ -294,14 +294,13 @@ impl<D: Device> Actuator<D> {
         ctx.answer(engagement, Performative::Agree, &Agreement { token: token.clone() });
         let record = self.ledger.begin_token(token.clone());
         let performance = self.device.perform(&call);
-        let switchboard = Arc::clone(ctx.router());
+        let (recording, counters) = (ctx.run_blocking(record), ctx.failure_counters());
         let work = async move {
             // On disk before it acts: after a crash the next incarnation does not act twice.
-            let recorded = switchboard.host_services().run_blocking(record).await;
-            match recorded {
+            match recording.await {
                 Ok(Ok(())) => (),
                 Ok(Err(error)) => {
-                    switchboard.count_not_persisted();
+                    counters.count_not_persisted();
                     return Err(MethodFailure::Driver(format!("keep the token on disk: {error}")));
                 }
                 Err(error) => return Err(MethodFailure::Driver(error.to_string())),
@@ -425,12 +424,12 @@ impl<D: Device> Actuator<D> {
     ) {
         let record = self.ledger.end_token(token.clone(), report.clone());
         let told = token.clone();
-        let written = ctx.router().host_services().run_blocking(record);
+        let written = ctx.run_blocking(record);
         let work = ctx.run(written, move |actuator: &mut Self, written, ctx| {
             actuator.pending_reports.remove(&told);
             if let Ok(Err(error)) = written {
                 tracing::warn!(agent = %ctx.id(), %error, "an outcome could not be written down");
-                ctx.router().count_not_persisted();
+                ctx.failure_counters().count_not_persisted();
             }
             // Heartbeat first: an agent that receives the confirmation may query the state at once.
             actuator.send_heartbeat(ctx);

@@ -153,7 +153,7 @@ fn settle<A: DiscoversAgents>(agent: &mut A, ctx: &mut Context<A>) {
     let bringing = agent.discovered_agents();
     bringing.here.retain(|agent, (part, _)| wanted.get(agent) == Some(part));
     bringing.admissions.present(&by, applicants);
-    ctx.router().discovered(&by, discovered);
+    ctx.report_discovered(discovered);
     for (name, part) in wanted {
         let DiscoveredAgents { here, failed, .. } = agent.discovered_agents();
         if !here.contains_key(&name) && !failed.contains_key(&name) {

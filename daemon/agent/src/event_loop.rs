@@ -226,7 +226,7 @@ impl<A: Agent> AgentTask<A> {
         }
         let told = self.told();
         let Some(standing) = &mut self.standing else { return };
-        let (id, daemon) = (self.ctx.id(), self.ctx.router().daemon());
+        let (id, daemon) = (self.ctx.id(), self.ctx.daemon());
         let is_first = told.find(id).is_some_and(|holder| holder.daemon == *daemon);
         let news = standing.take(is_first, Instant::now());
         let kept = if standing.is_candidate() { Vec::new() } else { standing.kept() };
@@ -400,6 +400,6 @@ impl<A: Agent> AgentTask<A> {
             Some(told) => told.find(self.ctx.id()).cloned(),
             None => self.ctx.find(self.ctx.id()),
         };
-        holder.filter(|holder| holder.daemon != *self.ctx.router().daemon())
+        holder.filter(|holder| holder.daemon != *self.ctx.daemon())
     }
 }

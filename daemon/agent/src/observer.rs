@@ -9,7 +9,7 @@ use acl::content::{Heartbeat, Inform, Methods, ModelAnnouncement};
 use acl::{AgentId, EcosystemId, Incarnation, Message, Performative};
 use capability::SilenceLimit;
 use pddl::{ActionModel, InitElement};
-use substrate::{Presence, Resource, ResourceQuery};
+use substrate::{Presence, Resource};
 use tokio::sync::{mpsc, watch};
 use tokio::time::Instant;
 
@@ -168,11 +168,10 @@ impl Observer {
         if self.fetching.contains_key(whose) {
             return;
         }
-        let Some(resident) = ctx.find(whose) else { return };
-        let (resource, agent) = (Resource::Model, Some(whose.clone()));
-        let ask = ResourceQuery { daemon: Some(resident.daemon), resource, agent };
-        let asked = ctx.router().ask(ask, ctx.settings().answer_deadline);
-        let name = whose.clone();
+        if ctx.find(whose).is_none() {
+            return;
+        }
+        let (asked, name) = (ctx.ask(Resource::Model, whose), whose.clone());
         let work = ctx.run(asked, move |observer: &mut Self, answers, _| {
             observer.fetching.remove(&name);
             for message in answers.iter().filter_map(|answer| acl::decode(answer).ok()) {
@@ -214,7 +213,7 @@ impl Agent for Observer {
 
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
         let resident = presence.resident();
-        let is_other = resident.daemon != *ctx.router().daemon();
+        let is_other = resident.daemon != *ctx.daemon();
         if is_other && matches!(presence, Presence::Joined(_)) {
             self.meet(&resident.agent);
         }

@@ -14,7 +14,7 @@ use std::time::Duration;
 use acl::content::{Record, Version};
 use acl::{AgentId, Incarnation};
 use serde_json::Value;
-use substrate::{Presence, Resource, ResourceQuery};
+use substrate::{Presence, Resource};
 use tokio::task::JoinSet;
 use tokio::time::Instant;
 
@@ -224,13 +224,10 @@ fn read<A: ReplicatesRecords>(agent: &mut A, ctx: &mut Context<A>) {
     let patience = if keeper.has_read { deadline } else { OTHERS_AWAITED };
     let mut asked = JoinSet::new();
     for journal in keeper.unread.clone() {
-        let Some(resident) = ctx.find(&journal) else { continue };
-        let ask = ResourceQuery {
-            daemon: Some(resident.daemon),
-            resource: Resource::Journal,
-            agent: Some(journal.clone()),
-        };
-        let answers = ctx.router().ask(ask, deadline);
+        if ctx.find(&journal).is_none() {
+            continue;
+        }
+        let answers = ctx.ask(Resource::Journal, &journal);
         asked.spawn(async move { (journal, answers.await) });
     }
     let reading = ctx.run(answers(asked, patience), move |agent: &mut A, answers, ctx| {

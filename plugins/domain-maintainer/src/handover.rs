@@ -41,7 +41,7 @@ impl DomainMaintainer {
     /// Checks whether another leader may be active in another partition, and if so begins to note
     /// changes. Must be called before each change, so that no change is left out.
     pub(crate) fn check_replicas(&mut self, ctx: &Context<Self>) {
-        let (directory, own) = (ctx.directory(), ctx.router().daemon());
+        let (directory, own) = (ctx.directory(), ctx.daemon());
         let daemons = directory.all(ctx.id()).iter().map(|resident| &resident.daemon);
         let here: BTreeSet<_> = daemons.filter(|daemon| *daemon != own).cloned().collect();
         let now = self.upkeep.timestamp();

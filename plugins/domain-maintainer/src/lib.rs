@@ -228,7 +228,7 @@ impl ReplicatesRecords for DomainMaintainer {
         }
         self.record_version = Some(record.version);
         let now = self.upkeep.timestamp();
-        let wall_clock = ctx.router().host_services().wall_clock();
+        let wall_clock = ctx.wall_clock();
         let kept = StoredRequests::deserialize(record.body).map_err(|error| error.to_string());
         let requests = kept.and_then(|kept| {
             let mistakes = |found: Vec<pddl::Diagnostic>| {
@@ -268,7 +268,7 @@ impl DomainMaintainer {
         if self.keeper.journals().is_empty() {
             return;
         }
-        let kept = StoredRequests::new(requested, ctx.router().host_services().wall_clock());
+        let kept = StoredRequests::new(requested, ctx.wall_clock());
         let record = self.keeper.write(REQUESTED.to_owned(), value(&kept));
         self.record_version = Some(record.version);
         replication::replicate_detached(self, &[record], ctx);

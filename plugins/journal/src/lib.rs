@@ -21,7 +21,7 @@ use acl::content::{Keeping, Outcome, Reason, Record, Refusal, Report, Request};
 use acl::{AgentId, Message, Performative};
 use agent::{
     Agent, Blueprint, BuildError, Callbacks, Context, LaunchableAgent, Participation, PluginEntry,
-    Presence, Resource, ResourceQuery, StateFolder, WorkHandle,
+    Presence, Resource, StateFolder, WorkHandle,
 };
 
 use crate::records::Records;
@@ -126,7 +126,7 @@ impl Agent for Journal {
 impl Journal {
     fn open(&mut self, ctx: &mut Context<Self>) {
         let place = self.location.clone();
-        let opening = ctx.router().host_services().run_blocking(move || open_location(&place));
+        let opening = ctx.run_blocking(move || open_location(&place));
         self.work = Some(ctx.run(opening, |journal: &mut Self, opened, ctx| {
             journal.work = None;
             journal.opened(
@@ -151,7 +151,7 @@ impl Journal {
             }
             Err(error) => {
                 tracing::error!(agent = %ctx.id(), %error, "the journal keeps nothing");
-                ctx.router().count_not_persisted();
+                ctx.failure_counters().count_not_persisted();
                 if error.is_transient() {
                     ctx.after(REOPEN_INTERVAL, |journal: &mut Self, ctx| journal.open(ctx));
                 }
@@ -221,8 +221,7 @@ impl Journal {
         let (store, written) = (Arc::clone(store), newer.clone());
         let surplus = self.records.keys_to_evict(newer.len());
         let gone = surplus.clone();
-        let machine = ctx.router().host_services();
-        let writing = machine.run_blocking(move || store.write(&written, &gone));
+        let writing = ctx.run_blocking(move || store.write(&written, &gone));
         self.work = Some(ctx.run(writing, move |journal: &mut Self, outcome, ctx| {
             journal.work = None;
             let outcome = outcome.unwrap_or_else(|error| Err(StoreError::Lost(error.to_string())));
@@ -245,7 +244,7 @@ impl Journal {
         }
         if let Err(error) = &outcome {
             tracing::error!(agent = %ctx.id(), %error, "records are not kept");
-            ctx.router().count_not_persisted();
+            ctx.failure_counters().count_not_persisted();
         }
         let was_behind = std::mem::replace(&mut self.has_missed_writes, outcome.is_err());
         if was_behind && outcome.is_ok() {
@@ -267,13 +266,10 @@ impl Journal {
 
     /// Fetches all records of another Journal, and stores those that are newer than the records here.
     fn fetch(&mut self, other: AgentId, ctx: &mut Context<Self>) {
-        let Some(resident) = ctx.find(&other) else { return };
-        let ask = ResourceQuery {
-            daemon: Some(resident.daemon),
-            resource: Resource::Journal,
-            agent: Some(other.clone()),
-        };
-        let asked = ctx.router().ask(ask, ctx.settings().answer_deadline);
+        if ctx.find(&other).is_none() {
+            return;
+        }
+        let asked = ctx.ask(Resource::Journal, &other);
         let from = other.clone();
         let work = ctx.run(asked, move |journal: &mut Self, answers, ctx| {
             journal.fetching.retain(|(other, _)| *other != from);

@@ -212,7 +212,7 @@ impl PlanRequester {
             Ok(condition) => {
                 self.take_place(&message, &asked, ctx);
                 let mut goal = Goal::new(engagement, message.incarnation, asked, condition);
-                goal.add_history(ctx.router().host_services().wall_clock(), None, "asked for");
+                goal.add_history(ctx.wall_clock(), None, "asked for");
                 let id = goal.conversation().clone();
                 tracing::info!(conversation = %id, goal = goal.text, "a goal");
                 self.goals.insert(id.clone(), goal);
@@ -286,7 +286,7 @@ impl PlanRequester {
 
     fn cancel(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
-        goal.add_history(ctx.router().host_services().wall_clock(), None, "cancelled");
+        goal.add_history(ctx.wall_clock(), None, "cancelled");
         self.handle(id, Event::Cancelled, ctx);
     }
 
@@ -377,7 +377,7 @@ impl PlanRequester {
     ) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         tracing::info!(conversation = %id, outcome = %report.outcome, detail = report.detail, "goal");
-        let now = ctx.router().host_services().wall_clock();
+        let now = ctx.wall_clock();
         goal.add_history(now, Some(report.outcome), report.detail.as_str());
         let told = ctx.try_answer(&goal.engagement, Performative::Confirm, &report);
         if !report.outcome.is_final() {

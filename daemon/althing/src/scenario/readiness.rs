@@ -51,7 +51,7 @@ impl ReadinessProbe {
             resource: Resource::Domain,
             agent: AgentId::new("domain-maintainer").ok(),
         };
-        let asked = ctx.router().ask(ask, ctx.settings().answer_deadline);
+        let asked = ctx.query(ask);
         self.asking = Some(ctx.run(asked, |usher: &mut Self, answers, _| {
             let snapshot =
                 answers.first().and_then(|bytes| serde_json::from_slice::<Snapshot>(bytes).ok());
