@@ -16,31 +16,10 @@ use pddl::{InitElement, Name};
 
 use crate::composite::Composite;
 use crate::declined::Declined;
-use crate::fact::{FactKey, FactSymbolKind, FactValue, Owner};
+use crate::fact::{ClaimSource, FactKey, FactSymbolKind, FactValue, Owner};
 use crate::limits;
 use crate::pending_changes::PendingChanges;
 use crate::timestamp::Timestamp;
-
-/// The origin of a claim.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-#[non_exhaustive]
-pub enum ClaimSource {
-    /// The claim comes from the `:init` of a model or of the map.
-    Model,
-    /// The claim comes from a heartbeat of the owner.
-    Heartbeat,
-    /// The claim is an effect of a confirmed action.
-    Effect,
-    /// The claim comes from a request to change the state.
-    Request,
-    /// The claim is an observation that the owner has sent.
-    Observation,
-    /// The claim that a fact is unknown was made because the agent that was responsible for the fact has
-    /// left.
-    Departure,
-    /// The central Domain Maintainer has passed on the claim of another owner.
-    Announced,
-}
 
 /// The claim of one owner about one fact.
 #[derive(Clone, Debug)]

@@ -58,6 +58,27 @@ pub enum Owner {
     Agent(AgentId),
 }
 
+/// The origin of a claim.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[non_exhaustive]
+pub enum ClaimSource {
+    /// The claim comes from the `:init` of a model or of the map.
+    Model,
+    /// The claim comes from a heartbeat of the owner.
+    Heartbeat,
+    /// The claim is an effect of a confirmed action.
+    Effect,
+    /// The claim comes from a request to change the state.
+    Request,
+    /// The claim is an observation that the owner has sent.
+    Observation,
+    /// The claim that a fact is unknown was made because the agent that was responsible for the fact has
+    /// left.
+    Departure,
+    /// The central Domain Maintainer has passed on the claim of another owner.
+    Announced,
+}
+
 // === impl FactKey ===
 
 impl FactKey {

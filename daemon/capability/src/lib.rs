@@ -53,12 +53,11 @@ mod digest;
 pub mod limits;
 mod timestamp;
 
-pub use belief::ClaimSource;
 pub use change::{DomainChange, text_of};
 pub use conflict::{Conflict, ModelPart, ModelPartKind};
 pub use declined::Declined;
 pub use digest::{model_digest, problem_digest, text_digest};
-pub use fact::Owner;
+pub use fact::{ClaimSource, Owner};
 pub use follower::{FollowError, Follower};
 pub use inputs::{
     Announcement, Effects, KnownFact, ParsedHeartbeat, RepeatedHeartbeat, RequestedChanges,

@@ -19,13 +19,13 @@ use std::sync::Arc;
 use acl::{AgentId, Incarnation};
 use pddl::{ActionModel, Domain, Metric, Name, Problem};
 
-use crate::belief::{Beliefs, ClaimSource, FactClaim};
+use crate::belief::{Beliefs, FactClaim};
 use crate::change::DomainChange;
 use crate::compose::{CompositionMemory, Contribution, SharedModel, compose, join};
 use crate::composite::Composite;
 use crate::conflict::Conflict;
 use crate::declined::Declined;
-use crate::fact::{FactKey, Owner};
+use crate::fact::{ClaimSource, FactKey, Owner};
 use crate::former_actions::FormerActions;
 use crate::inputs::{Announcement, SilenceLimit};
 use crate::known_agents::{KnownAgents, Member};

@@ -3,8 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use crate::belief::ClaimSource;
-use crate::fact::{FactKey, Owner};
+use crate::fact::{ClaimSource, FactKey, Owner};
 
 /// Maximum number of changed claims that are recorded one by one. If more have changed, all claims are
 /// announced.

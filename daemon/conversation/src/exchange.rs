@@ -3,33 +3,7 @@
 use acl::content::Report;
 use acl::{AgentId, Incarnation, Message, Performative, Protocol};
 
-use crate::turn::PROTOCOLS;
-
-/// Phase of an exchange.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum ExchangePhase {
-    /// The exchange has no message yet.
-    Opening,
-    /// The initiator has sent its first message; the participant has not answered.
-    Open,
-    /// The participant has made a proposal, which waits for its acceptance or rejection.
-    Proposed,
-    /// The participant has agreed.
-    Committed,
-    /// The initiator has sent `cancel`.
-    Cancelling,
-    /// The exchange is over.
-    Closed,
-}
-
-/// Role of the sender of a message in an exchange.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum ExchangeRole {
-    /// The agent that opened the exchange.
-    Initiator,
-    /// The agent that answers the initiator.
-    Participant,
-}
+use crate::turn::{ExchangePhase, ExchangeRole, PROTOCOLS};
 
 /// Error: a message that the protocol does not allow at this point.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

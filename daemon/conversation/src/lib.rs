@@ -14,6 +14,6 @@ mod transcript;
 mod turn;
 
 pub use duplicate_window::DuplicateWindow;
-pub use exchange::{Exchange, ExchangePhase, ExchangeRole, ProtocolViolation};
+pub use exchange::{Exchange, ProtocolViolation};
 pub use transcript::{TRANSCRIPT_EXCHANGES_MAX, Transcript};
-pub use turn::{PROTOCOLS, ProtocolTurn};
+pub use turn::{ExchangePhase, ExchangeRole, PROTOCOLS, ProtocolTurn};

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use acl::{AgentId, Message, Protocol, ReplyToken};
 
 use crate::duplicate_window::DuplicateWindow;
-use crate::exchange::{Exchange, ExchangePhase, ExchangeRole, ProtocolViolation};
+use crate::exchange::{Exchange, ProtocolViolation};
+use crate::turn::{ExchangePhase, ExchangeRole};
 
 /// Most open exchanges that a transcript follows. If there are more, the exchange with the smallest
 /// token is dropped, so that the memory of a listener that runs for months does not grow.

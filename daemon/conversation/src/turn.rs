@@ -2,7 +2,31 @@
 
 use acl::{Performative, Protocol};
 
-use crate::exchange::{ExchangePhase, ExchangeRole};
+/// Phase of an exchange.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum ExchangePhase {
+    /// The exchange has no message yet.
+    Opening,
+    /// The initiator has sent its first message; the participant has not answered.
+    Open,
+    /// The participant has made a proposal, which waits for its acceptance or rejection.
+    Proposed,
+    /// The participant has agreed.
+    Committed,
+    /// The initiator has sent `cancel`.
+    Cancelling,
+    /// The exchange is over.
+    Closed,
+}
+
+/// Role of the sender of a message in an exchange.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum ExchangeRole {
+    /// The agent that opened the exchange.
+    Initiator,
+    /// The agent that answers the initiator.
+    Participant,
+}
 
 /// A turn of a protocol: in `phase`, `role` may send `performative`, which leads to the phase `next`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

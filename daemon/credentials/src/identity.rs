@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::certificate::Certificate;
 use crate::error::CredentialError;
 use crate::files::{self, CredentialFolder};
-use crate::seal::{Nonce, Seal, SignedFields};
+use crate::seal::{Nonce, Seal, SealChannel, SignedFields};
 use crate::trust::Trust;
 
 /// Number of seal channels.
@@ -20,20 +20,6 @@ const CHANNELS: usize = 3;
 const NUMBERED: [usize; NUMBERED_CHANNELS] =
     [SealChannel::Message as usize, SealChannel::AgentState as usize];
 pub(crate) const NUMBERED_CHANNELS: usize = 2;
-
-/// Kind of a sealed message. Messages of one channel arrive nearly in order; messages of two channels
-/// may overtake each other at will, so each channel has its own sequence numbers.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[repr(u8)]
-pub enum SealChannel {
-    /// Messages to one agent, and messages to all agents.
-    Message = 0,
-    /// Action models and heartbeats, which travel at a lower priority.
-    AgentState = 1,
-    /// Answers to questions. They are bound to their question by its nonce, and have no sequence
-    /// numbers.
-    Answer = 2,
-}
 
 /// Sequence numbers that a sender has reached, as the sender states them when it answers a call. Every
 /// message with a number up to these was sent before that answer.

@@ -32,9 +32,9 @@ pub use authority::{AUTHORITY_DAYS, Authority, DAEMON_DAYS};
 pub use certificate::Certificate;
 pub use error::{CredentialError, DistrustReason};
 pub use files::CredentialFolder;
-pub use identity::{DaemonIdentity, SealChannel, SequenceState};
+pub use identity::{DaemonIdentity, SequenceState};
 pub use revocations::Revocations;
-pub use seal::{NONCE_BYTES, Nonce, nonce};
+pub use seal::{NONCE_BYTES, Nonce, SealChannel, nonce};
 pub use trust::Trust;
 pub use verifier::{SealedMessage, VerifiedOrigin, Verifier};
 

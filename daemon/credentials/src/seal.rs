@@ -22,7 +22,19 @@
 use ring::digest::{SHA256, digest};
 use ring::rand::{SecureRandom as _, SystemRandom};
 
-use crate::identity::SealChannel;
+/// Kind of a sealed message. Messages of one channel arrive nearly in order; messages of two channels
+/// may overtake each other at will, so each channel has its own sequence numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[repr(u8)]
+pub enum SealChannel {
+    /// Messages to one agent, and messages to all agents.
+    Message = 0,
+    /// Action models and heartbeats, which travel at a lower priority.
+    AgentState = 1,
+    /// Answers to questions. They are bound to their question by its nonce, and have no sequence
+    /// numbers.
+    Answer = 2,
+}
 
 const VERSION: u8 = 3;
 const NUMBERS_BYTES: usize = 8;

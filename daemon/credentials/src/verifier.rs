@@ -15,10 +15,10 @@ use ring::signature::{ED25519, UnparsedPublicKey};
 
 use crate::certificate::Certificate;
 use crate::error::DistrustReason;
-use crate::identity::{SealChannel, SequenceState};
+use crate::identity::SequenceState;
 use crate::replay::{MessagePosition, ReplayGuard};
 use crate::revocations::Revocations;
-use crate::seal::{Nonce, Seal, SignedFields};
+use crate::seal::{Nonce, Seal, SealChannel, SignedFields};
 use crate::token_bucket::TokenBucket;
 use crate::trust::Trust;
 

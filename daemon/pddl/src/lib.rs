@@ -44,11 +44,11 @@ pub use check::{
 };
 pub use diagnostic::{Diagnostic, Note, Parsed, Severity, line_column};
 pub use nearest::nearest;
+pub use parentheses::NESTING_MAX;
 pub use parse::{
     parse_action_model, parse_condition, parse_document, parse_domain, parse_init_element,
     parse_init_elements, parse_metric, parse_plan, parse_problem, parse_step, states_goal,
     text_from_bytes,
 };
-pub use sexpr::NESTING_MAX;
 pub use tree::*;
 pub use types::Types;

@@ -7,8 +7,14 @@
 
 use crate::diagnostic::{Diagnostic, DiagnosticList};
 use crate::lexer::{self, LexToken};
-use crate::sexpr::{NESTING_MAX, NodeKind, StoredNode};
 use crate::tree::Span;
+
+/// Maximal number of levels of nested parentheses.
+///
+/// With a stack of 2 MiB, recursion over a tree, here or in another crate, has 16 KiB for each level.
+/// The deepest of 224 competition files nests 14 levels deep.
+pub const NESTING_MAX: usize = 128;
+const _: () = assert!(NESTING_MAX <= u8::MAX as usize, "`StoredNode::depth` is a byte");
 
 /// Words that begin a section of a `(define …)` and occur nowhere else.
 const SECTIONS: &[&str] = &[
@@ -29,6 +35,25 @@ const SECTIONS: &[&str] = &[
 
 /// Words that begin a part of an action and occur nowhere else.
 const PARTS: &[&str] = &[":parameters", ":precondition", ":condition", ":duration", ":effect"];
+
+/// A node of the tree in the form in which it is stored.
+#[derive(Clone, Copy)]
+pub(crate) struct StoredNode {
+    pub(crate) start: u32,
+    pub(crate) end: u32,
+    /// Index of the first node after this node and its content.
+    pub(crate) next: u32,
+    pub(crate) kind: NodeKind,
+    /// Number of lists around the node.
+    pub(crate) depth: u8,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum NodeKind {
+    List,
+    Symbol,
+    Damaged,
+}
 
 /// Builds the tree of the words and parentheses of a text.
 pub(crate) struct ForestBuilder<'t, 'd> {

@@ -6,15 +6,8 @@
 //!   recurses, and skipping a list is one look-up.
 
 use crate::diagnostic::DiagnosticList;
-use crate::parentheses::ForestBuilder;
+use crate::parentheses::{ForestBuilder, NESTING_MAX, NodeKind, StoredNode};
 use crate::tree::Span;
-
-/// Maximal number of levels of nested parentheses.
-///
-/// With a stack of 2 MiB, recursion over a tree, here or in another crate, has 16 KiB for each level.
-/// The deepest of 224 competition files nests 14 levels deep.
-pub const NESTING_MAX: usize = 128;
-const _: () = assert!(NESTING_MAX <= u8::MAX as usize, "`Entry::depth` is a byte");
 
 /// The tree of the words and parentheses of a text.
 pub(crate) struct Forest<'t> {
@@ -46,25 +39,6 @@ pub(crate) struct Items<'f> {
     /// Place at which to report that something is missing: the closing parenthesis of the list, if
     /// there is one.
     end: Span,
-}
-
-/// A node of the tree in the form in which it is stored.
-#[derive(Clone, Copy)]
-pub(crate) struct StoredNode {
-    pub(crate) start: u32,
-    pub(crate) end: u32,
-    /// Index of the first node after this node and its content.
-    pub(crate) next: u32,
-    pub(crate) kind: NodeKind,
-    /// Number of lists around the node.
-    pub(crate) depth: u8,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq)]
-pub(crate) enum NodeKind {
-    List,
-    Symbol,
-    Damaged,
 }
 
 // === impl Forest ===

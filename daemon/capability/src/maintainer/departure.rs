@@ -11,8 +11,8 @@ use acl::AgentId;
 use pddl::{Atom, Derived, Name, Term};
 
 use super::Maintainer;
-use crate::belief::{ClaimSource, FactClaim};
-use crate::fact::{FactKey, FactSymbolKind, FactValue, Owner};
+use crate::belief::FactClaim;
+use crate::fact::{ClaimSource, FactKey, FactSymbolKind, FactValue, Owner};
 use crate::known_agents::Member;
 use crate::limits;
 use crate::timestamp::Timestamp;

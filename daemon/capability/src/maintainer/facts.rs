@@ -7,10 +7,10 @@ use acl::{AgentId, Incarnation};
 use pddl::{Atom, InitElement};
 
 use super::Maintainer;
-use crate::belief::{ClaimSource, FactClaim};
+use crate::belief::FactClaim;
 use crate::change::DomainChange;
 use crate::declined::Declined;
-use crate::fact::{FactKey, FactStatement, FactValue, Owner};
+use crate::fact::{ClaimSource, FactKey, FactStatement, FactValue, Owner};
 use crate::inputs::{Effects, KnownFact, ParsedHeartbeat, RepeatedHeartbeat};
 use crate::known_agents::Member;
 use crate::limits;

@@ -10,10 +10,10 @@ use acl::{AgentId, Deadline};
 use pddl::{Condition, InitElement, Metric, Name, Number, Problem};
 
 use super::Maintainer;
-use crate::belief::{ClaimSource, FactClaim};
+use crate::belief::FactClaim;
 use crate::change::{DomainChange, text_of};
 use crate::declined::Declined;
-use crate::fact::{FactKey, FactStatement, FactSymbolKind, FactValue, Owner};
+use crate::fact::{ClaimSource, FactKey, FactStatement, FactSymbolKind, FactValue, Owner};
 use crate::inputs::{KnownFact, RequestedChanges, RequestedChangesSince};
 use crate::limits;
 use crate::pending_changes::PendingChanges;

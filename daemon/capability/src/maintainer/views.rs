@@ -14,11 +14,11 @@ use pddl::{
 };
 
 use super::{Maintainer, MaintainerScope};
-use crate::belief::{ClaimSource, FactClaim};
+use crate::belief::FactClaim;
 use crate::compose::SharedModel;
 use crate::composite::{Composite, TOTAL_COST};
 use crate::conflict::Conflict;
-use crate::fact::{FactKey, FactStatement, FactValue, Owner};
+use crate::fact::{ClaimSource, FactKey, FactStatement, FactValue, Owner};
 use crate::known_agents::Member;
 use crate::snapshot::DomainSnapshot;
 use crate::timestamp::Timestamp;
