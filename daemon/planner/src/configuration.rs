@@ -1,7 +1,7 @@
 //! Search configurations that a caller can choose by name, defined in one table.
 
 use crate::heuristic::Admissible;
-use crate::search::lazy::List;
+use crate::search::lazy::{EXPLORATION_LISTS, List};
 
 /// A search configuration; an entry of [`CONFIGURATIONS`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -98,11 +98,6 @@ pub const CONFIGURATIONS: &[Configuration] = &[
         method: SearchMethod::AStar { heuristic: Admissible::Blind },
     },
 ];
-
-/// Open lists of the second search, which runs beside the search of the chosen configuration if two
-/// threads are asked for.
-pub(crate) const EXPLORATION_LISTS: &[List] =
-    &[List::Ff, List::Novel, List::Landmarks, List::Types];
 
 /// Returns the configuration with this name, or `None` if no configuration has it.
 pub fn configuration(name: &str) -> Option<&'static Configuration> {

@@ -4,11 +4,12 @@ use pddl::{Atom, Condition, Derived, Domain, Problem};
 
 use crate::ground::ground;
 use crate::heuristic::{Evaluator, MaxHeuristic};
-use crate::limits::{Cancel, Options};
+use crate::limits::Cancel;
 use crate::normalize::normalize;
+use crate::options::Options;
 use crate::outcome::PlanError;
 use crate::plan::refuse_mistakes;
-use crate::state::Progression;
+use crate::progression::Progression;
 use crate::validate::World;
 use crate::validate::bindings::Bindings;
 use crate::validate::model::Model;

@@ -26,6 +26,8 @@ mod configuration;
 
 mod limits;
 
+mod options;
+
 mod outcome;
 
 mod normalize;
@@ -34,6 +36,7 @@ mod ground;
 
 mod operators;
 
+mod ground_terms;
 mod task;
 
 mod mutex;
@@ -43,6 +46,7 @@ mod prune;
 #[cfg(test)]
 mod test_tasks;
 
+mod progression;
 mod state;
 
 mod successors;
@@ -71,8 +75,9 @@ mod axioms;
 
 pub use configuration::{CONFIGURATIONS, Configuration, configuration};
 pub use heuristic::{HEURISTICS, Heuristic};
-pub use limits::{Budget, Cancel, Effort, Options};
+pub use limits::{Budget, Cancel};
 pub use normalize::refuse_nonclassical;
+pub use options::{Effort, Options};
 pub use outcome::{
     InputText, PlanError, PlanningOutcome, PlanningProgress, Statistics, StopReason, Unprovable,
     Unsupported,

@@ -3,7 +3,7 @@
 //! A task may have millions of operators: each takes a few numbers here and has no allocation of its
 //! own. `ground` first fills an operator table over raw facts, and then the operator table of the task.
 
-use crate::task::{FactId, Literal, NumericChange, ObjectId};
+use crate::ground_terms::{FactId, Literal, NumericChange, ObjectId};
 
 /// An operator: a ground action, read from the arrays of an [`OperatorTable`].
 #[derive(Clone, Copy, Debug)]

@@ -6,9 +6,10 @@
 use pddl::{Diagnostic, Domain, MetricDirection, Number, Plan, Problem};
 
 use crate::ground::{Grounded, ground};
-use crate::limits::{Budget, Cancel, Effort, Options};
+use crate::limits::{Budget, Cancel};
 use crate::normalize::lifted::Lifted;
 use crate::normalize::{Piecewise, is_wide, normalize, split_wide};
+use crate::options::{Effort, Options};
 use crate::outcome::{
     PlanError, PlanningOutcome, PlanningProgress, Statistics, StopReason, Unprovable, Unsupported,
 };

@@ -11,7 +11,8 @@
 
 use crate::configuration::SearchMethod;
 use crate::heuristic::{Admissible, FastForward, LandmarkCut, Weights};
-use crate::limits::{Budget, Cancel, Effort, Options};
+use crate::limits::{Budget, Cancel};
+use crate::options::{Effort, Options};
 use crate::outcome::{Statistics, StopReason};
 use crate::prune::{Pruned, prune};
 use crate::search::climbing::{ClimbingOutcome, HillClimbing};

@@ -4,9 +4,10 @@ use pddl::{Domain, Plan, Problem};
 use proptest::prelude::*;
 
 use crate::ground::ground;
-use crate::limits::{Budget, Cancel, Effort, Options};
+use crate::limits::{Budget, Cancel};
 use crate::normalize::lifted::Lifted;
 use crate::normalize::normalize;
+use crate::options::{Effort, Options};
 use crate::outcome::Statistics;
 use crate::search::SearchProgress;
 use crate::solve::Solver;

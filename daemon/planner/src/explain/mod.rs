@@ -31,8 +31,9 @@ use self::support::{Support, SuppositionRules};
 use self::suppose::SupposedTask;
 use crate::goal::unreachable;
 use crate::ground::ground;
-use crate::limits::{Cancel, Options};
+use crate::limits::Cancel;
 use crate::normalize::normalize;
+use crate::options::Options;
 use crate::outcome::PlanError;
 
 /// Maximal number of alternatives that are computed and shown for one part of a goal. More alternatives

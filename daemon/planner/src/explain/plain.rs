@@ -16,7 +16,8 @@ use pddl::{
 
 use super::suppose::has_comparison;
 use crate::goal::{conjuncts, unreachable};
-use crate::limits::{Budget, Cancel, Options};
+use crate::limits::{Budget, Cancel};
+use crate::options::Options;
 use crate::outcome::{PlanError, StopReason};
 use crate::validate::World;
 

@@ -4,7 +4,8 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::state::{Progression, all_hold, is_true};
+use crate::progression::Progression;
+use crate::state::{all_hold, is_true};
 use crate::task::OperatorId;
 use crate::test_tasks::{reached, task, texts};
 

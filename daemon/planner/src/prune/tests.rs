@@ -5,7 +5,8 @@ use std::collections::VecDeque;
 use proptest::prelude::*;
 
 use super::*;
-use crate::state::{Progression, StateId, StateSpace, all_hold};
+use crate::progression::Progression;
+use crate::state::{StateId, StateSpace, all_hold};
 use crate::test_tasks::{task, texts, with_goal};
 
 fn pruned(task: &Task) -> Pruned {

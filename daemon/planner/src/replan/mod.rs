@@ -17,8 +17,9 @@ use pddl::{Condition, Diagnostic, Domain, Plan, PlanStep, Problem};
 use self::known_texts::{KnownTexts, TextAdditions};
 use self::repair::ResumableTask;
 use crate::ground::{IncrementalGrounding, InitialState, NeedsRegrounding, PresenceMask};
-use crate::limits::{Cancel, Options};
+use crate::limits::Cancel;
 use crate::normalize::{normalize_named, refuse_nonclassical};
+use crate::options::Options;
 use crate::outcome::{PlanError, PlanningOutcome, Statistics, StopReason};
 use crate::plan::{
     PlanJudge, is_decomposed, refuse_mistakes, refuse_mistakes_of_goal, refuse_mistakes_of_problem,

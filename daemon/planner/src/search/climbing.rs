@@ -6,7 +6,8 @@
 
 use crate::heuristic::{Evaluator, FastForward};
 use crate::limits::Cancel;
-use crate::state::{Progression, State, StateId, StateSpace, all_hold};
+use crate::progression::Progression;
+use crate::state::{State, StateId, StateSpace, all_hold};
 use crate::task::{OperatorId, Task};
 
 /// Cap on the number of states in one breadth-first search for a better state.

@@ -1,7 +1,8 @@
 //! Action elimination: removes steps that a plan does not need (Nakhost and Müller, 2010).
 
 use crate::limits::Cancel;
-use crate::state::{Progression, all_hold};
+use crate::progression::Progression;
+use crate::state::all_hold;
 use crate::task::{OperatorId, Task};
 
 /// Maximal number of steps of a plan that is checked for superfluous steps. The check takes quadratic

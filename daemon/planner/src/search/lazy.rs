@@ -19,7 +19,8 @@ use crate::heuristic::{Evaluator, FastForward, LandmarkCount, NOT_NOVEL, Novelty
 use crate::limits::Cancel;
 use crate::mutex::MutexGroups;
 use crate::outcome::{Statistics, StopReason};
-use crate::state::{Progression, StateId, StateSpace, all_hold};
+use crate::progression::Progression;
+use crate::state::{StateId, StateSpace, all_hold};
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
 
@@ -44,6 +45,11 @@ pub(crate) enum List {
     /// Type-based: each turn takes a random state of a random type.
     Types,
 }
+
+/// Open lists of the second search, which runs beside the search of the chosen configuration if two
+/// threads are asked for.
+pub(crate) const EXPLORATION_LISTS: &[List] =
+    &[List::Ff, List::Novel, List::Landmarks, List::Types];
 
 /// Number of kinds of open lists that are sorted by a key.
 const SORTED: usize = 5;

@@ -12,7 +12,8 @@ use super::optimal::weight;
 use crate::arena;
 use crate::heuristic::Weights;
 use crate::limits::Cancel;
-use crate::state::{Progression, StateId, StateSpace, all_hold};
+use crate::progression::Progression;
+use crate::state::{StateId, StateSpace, all_hold};
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
 

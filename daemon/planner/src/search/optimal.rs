@@ -10,7 +10,8 @@ use std::collections::BinaryHeap;
 use super::{Search, SearchStep};
 use crate::heuristic::{Evaluator, Weights};
 use crate::outcome::StopReason;
-use crate::state::{Progression, StateId, StateSpace, all_hold};
+use crate::progression::Progression;
+use crate::state::{StateId, StateSpace, all_hold};
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
 

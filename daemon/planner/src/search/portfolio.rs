@@ -1,9 +1,8 @@
 //! Two searches in parallel, in lockstep: after every round of steps the searches wait for each other,
 //! so that the result does not depend on the speed of the machine.
 
-use super::lazy::{LazySearch, List, SearchParameters};
+use super::lazy::{EXPLORATION_LISTS, LazySearch, List, SearchParameters};
 use super::{Search, SearchProgress, SearchStep};
-use crate::configuration::EXPLORATION_LISTS;
 use crate::heuristic::{FastForward, Weights};
 use crate::limits::{Budget, Cancel};
 use crate::outcome::{Statistics, StopReason};
