@@ -29,6 +29,7 @@ const PRINTS: &[&str] = &["print", "println", "eprint", "eprintln", "stdout", "s
 /// Files that may contain these words, with reasons.
 const PRINTS_ITSELF: &[(&str, &str)] = &[
     ("daemon/terminal/src/output.rs", "it is that place"),
+    ("daemon/terminal/src/formatting.rs", "asks whether there is a terminal, and how wide it is"),
     ("daemon/terminal/src/render.rs", "asks how wide the terminal is"),
     ("daemon/althing/src/prompt/input.rs", "asks whether there is a terminal"),
     ("daemon/althing/src/interruption.rs", "waits for a reader to go away"),

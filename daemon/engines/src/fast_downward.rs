@@ -8,8 +8,9 @@ use std::path::{Path, PathBuf};
 
 use pddl::Plan;
 
+use crate::engine::ExternalEngine;
+use crate::job::{EngineJob, EngineResult, PlanningAim};
 use crate::outcome::{Ending, EngineError};
-use crate::planning::{EngineJob, EngineResult, ExternalEngine, PlanningAim};
 use crate::process::EngineRun;
 
 /// Name of the file that Fast Downward writes plans to.

@@ -13,8 +13,8 @@ use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
+use crate::engine::ExternalEngine;
 use crate::outcome::EngineError;
-use crate::planning::ExternalEngine;
 
 /// An installed engine: the command that starts it.
 #[derive(Clone, Debug, PartialEq, Eq)]

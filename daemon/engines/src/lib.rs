@@ -20,6 +20,10 @@
 
 mod planning;
 
+mod engine;
+
+mod job;
+
 mod outcome;
 
 mod find;
@@ -31,6 +35,8 @@ mod process;
 mod fast_downward;
 mod metric_ff;
 
+pub use engine::ExternalEngine;
 pub use find::Installation;
+pub use job::{EngineOptions, PlanningAim};
 pub use outcome::{Ending, EngineError, EngineOutcome};
-pub use planning::{EngineOptions, ExternalEngine, PlanningAim, plan};
+pub use planning::plan;

@@ -7,8 +7,9 @@
 
 use pddl::{Name, Plan, PlanStep};
 
+use crate::engine::ExternalEngine;
+use crate::job::{EngineJob, EngineResult, PlanningAim};
 use crate::outcome::{Ending, EngineError};
-use crate::planning::{EngineJob, EngineResult, ExternalEngine, PlanningAim};
 use crate::process::EngineRun;
 
 /// Number of Metric-FF's search configuration that ignores costs: enforced hill-climbing, then

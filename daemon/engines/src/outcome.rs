@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use pddl::{Diagnostic, Plan};
 use planner::{Fault, Unsupported};
 
-use crate::planning::ExternalEngine;
+use crate::engine::ExternalEngine;
 
 /// The result of one run of an engine.
 #[derive(Clone, Debug)]

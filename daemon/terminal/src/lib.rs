@@ -13,6 +13,7 @@ pub mod arguments;
 pub mod domain_search;
 pub mod exit;
 pub mod form_error;
+mod formatting;
 pub mod limits;
 pub mod output;
 pub mod pddl_files;

@@ -10,7 +10,7 @@
 
 use std::borrow::Cow;
 use std::fmt::Display;
-use std::io::{self, ErrorKind, IsTerminal, Write};
+use std::io::{self, ErrorKind, Write};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::Sender;
@@ -21,26 +21,15 @@ use crate::report::DiagnosticReport;
 use crate::styled::Styled;
 use crate::{exit, visible};
 
+pub use crate::formatting::{
+    Color, folded, is_stderr_terminal, paint, stderr_is_colored, stdout_is_colored,
+};
+
 /// Whether a write to stdout has failed because no process reads stdout any more.
 static READER_GONE: AtomicBool = AtomicBool::new(false);
 
 /// Channel that prints lines above the interactive prompt; `None` when no prompt is active.
 static PROMPT_PRINTER: Mutex<Option<Sender<String>>> = Mutex::new(None);
-
-/// Color of a word, which expresses the meaning of the word.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Color {
-    /// No color: the word has no special meaning.
-    Plain,
-    /// Dim text: the word is unimportant.
-    Dim,
-    /// Green: the word stands for something good.
-    Green,
-    /// Yellow: the user should do something.
-    Yellow,
-    /// Red: the word stands for something bad.
-    Red,
-}
 
 /// Sets the channel to the active prompt. From now on everything is printed above the prompt; with
 /// `None`, everything is printed to the two streams again.
@@ -58,19 +47,6 @@ fn print_above(text: String) -> Result<(), String> {
 
 fn lock() -> MutexGuard<'static, Option<Sender<String>>> {
     PROMPT_PRINTER.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-/// Returns a word with color if stdout is colored. The word must not come from outside the program:
-/// words from outside need [`Styled`].
-pub fn paint(color: Color, word: &str) -> String {
-    let code = match color {
-        Color::Plain => return word.to_owned(),
-        Color::Dim => "2",
-        Color::Green => "32",
-        Color::Yellow => "1;33",
-        Color::Red => "31",
-    };
-    if stdout_is_colored() { format!("\x1b[{code}m{word}\x1b[0m") } else { word.to_owned() }
 }
 
 /// The stream for the log: standard error, or the place above the prompt if one is active. The text of
@@ -130,25 +106,6 @@ pub fn is_reader_gone() -> bool {
     READER_GONE.load(Ordering::Relaxed)
 }
 
-/// Returns a line broken between words where it is too long, if stdout is a terminal. All lines but the
-/// first are indented by `indent` columns.
-pub fn folded(line: &str, indent: usize) -> String {
-    let Some((columns, _)) = terminal_size::terminal_size_of(io::stdout()) else {
-        return line.to_owned();
-    };
-    fold(line, usize::from(columns.0), indent)
-}
-
-fn fold(line: &str, columns: usize, indent: usize) -> String {
-    let indent = " ".repeat(indent);
-    // A name is never broken, not even at its hyphens.
-    let options = textwrap::Options::new(columns.max(40))
-        .subsequent_indent(&indent)
-        .word_splitter(textwrap::WordSplitter::NoHyphenation)
-        .break_words(false);
-    textwrap::fill(line, options)
-}
-
 /// Writes one JSON value and a newline to stdout. Returns the exit code: `code` if writing worked.
 pub fn print_json(value: &serde_json::Value, code: u8) -> ExitCode {
     let mut text = visible::json(&value.to_string()).into_owned();
@@ -185,41 +142,4 @@ pub fn show_to_person(report: &DiagnosticReport) {
         let _ = io::stderr().lock().write_all(text.as_bytes());
     }
     print_note(&render::summary(report));
-}
-
-/// Whether stderr is a terminal, so that progress of a long job should be shown.
-pub fn is_stderr_terminal() -> bool {
-    io::stderr().is_terminal()
-}
-
-/// Whether stderr may have colors.
-pub fn stderr_is_colored() -> bool {
-    is_stderr_terminal() && are_colors_allowed()
-}
-
-/// Whether stdout may have colors.
-pub fn stdout_is_colored() -> bool {
-    io::stdout().is_terminal() && are_colors_allowed()
-}
-
-fn are_colors_allowed() -> bool {
-    let refused = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
-    let dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
-    !refused && !dumb
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn long_lines_are_broken_between_words() {
-        let line = "progress chosen: `turtlebot-1` for `(known-temperature office1)` at cost 6";
-        let folded = fold(line, 48, 9);
-        assert_eq!(
-            folded,
-            "progress chosen: `turtlebot-1` for\n         `(known-temperature office1)` at cost 6"
-        );
-        assert_eq!(fold("done     the goal holds", 48, 9), "done     the goal holds");
-    }
 }

@@ -48,7 +48,7 @@ impl RenderStyle {
             .map_or(WIDTH, |(width, _)| usize::from(width.0));
         RenderStyle {
             width: width.clamp(WIDTH / 2, WIDTH_MAX),
-            colored: crate::output::stderr_is_colored(),
+            colored: crate::formatting::stderr_is_colored(),
         }
     }
 

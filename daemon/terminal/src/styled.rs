@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::output::{self, Color};
+use crate::formatting::{self, Color};
 use crate::visible;
 
 /// A text that can be sent to a terminal safely. It consists of escape sequences of this program, and
@@ -19,7 +19,7 @@ impl Styled {
     /// Creates a styled text from a part of a line, in which control characters are made visible. The
     /// text is colored if stdout is colored.
     pub fn painted(color: Color, text: &str) -> Styled {
-        Styled(output::paint(color, &visible::line(text)))
+        Styled(formatting::paint(color, &visible::line(text)))
     }
 
     /// Appends a part of a line, in which control characters are made visible.
@@ -47,7 +47,7 @@ impl Styled {
     /// `indent` columns.
     #[must_use]
     pub fn folded(self, indent: usize) -> Styled {
-        Styled(output::folded(&self.0, indent))
+        Styled(formatting::folded(&self.0, indent))
     }
 
     /// Returns the characters of the text, escape sequences included.
