@@ -1,5 +1,7 @@
 //! The agent that drives a device.
 
+mod open_initiatives;
+
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
@@ -16,9 +18,9 @@ use agent::{
 use capability::{CompositionCache, DomainSnapshot, model_digest, text_of};
 use planner::{Cancel, Replanner};
 
+use crate::actuator::open_initiatives::OpenInitiatives;
 use crate::bidding::bid;
 use crate::device::{Description, Device, MethodCall, MethodFailure, MethodResult};
-use crate::initiative::OpenInitiatives;
 use crate::ledger::{Ledger, TokenState};
 
 /// Maximum number of calls for proposals that are answered side by side; further calls are refused.
