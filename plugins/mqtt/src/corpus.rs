@@ -4,9 +4,9 @@
 use serde::Deserialize;
 
 use crate::description::DescribedDevice;
-use crate::device::{ObservedValue, TextContent};
 use crate::device_agents::AssignedNames;
 use crate::device_class::DeviceClasses;
+use crate::feature_tracker::{ObservedValue, TextContent};
 use crate::part::{ClassifiedFeature, DividedDevice};
 use crate::{home_assistant, shelly, tasmota, zigbee2mqtt};
 

@@ -19,7 +19,7 @@ use pddl::Domain;
 use tokio::time::Instant;
 
 use crate::device_class::{ClassKind, is_possible};
-use crate::feature_tracker::{FeatureStatus, FeatureTracker};
+use crate::feature_tracker::{FeatureStatus, FeatureTracker, ObservedValue, TextContent};
 use crate::part::{ClassifiedFeature, DevicePart, leads};
 use crate::text_reading::ReadOutcome;
 
@@ -44,20 +44,6 @@ pub(crate) struct MqttDevice {
 pub(crate) struct FeatureValue {
     feature: usize,
     value: ObservedValue,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum ObservedValue {
-    Number(f64),
-    Yes(bool),
-}
-
-/// The value of a feature that one text contains.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) enum TextContent {
-    Is(ObservedValue),
-    /// The device reports that the value is not known, or reports an impossible value; with the reason.
-    NotKnown(String),
 }
 
 impl MqttDevice {

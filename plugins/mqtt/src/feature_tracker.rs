@@ -18,7 +18,6 @@ use tokio::sync::watch;
 use tokio::time::Instant;
 
 use crate::description::{Availability, AvailabilityMode, OutgoingMessage};
-use crate::device::{ObservedValue, TextContent};
 use crate::device_class::ClassKind;
 use crate::part::{self, ClassifiedFeature};
 
@@ -35,6 +34,21 @@ const ASK_AGAIN: [Duration; 4] = [
     Duration::from_secs(180),
     Duration::from_secs(900),
 ];
+
+/// The value of a feature.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum ObservedValue {
+    Number(f64),
+    Yes(bool),
+}
+
+/// The value of a feature that one text contains.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum TextContent {
+    Is(ObservedValue),
+    /// The device reports that the value is not known, or reports an impossible value; with the reason.
+    NotKnown(String),
+}
 
 /// The state of a feature: known, unknown or away.
 #[derive(Clone, Debug, PartialEq)]
