@@ -5,49 +5,17 @@
 
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
-
 use crate::building::Building;
+use crate::driver_requests::{BatteryAnswer, BatteryAsk, DriverAnswer, DriverRequest};
 use crate::error::{DeviceError, LayoutError};
 use crate::handle::BuildingHandle;
-use crate::layout::Layout;
+use crate::layout::{Layout, RobotBattery};
 use crate::truth::{BuildingEvent, Truth};
-use crate::wire::{DriverAnswer, DriverRequest};
 
 /// Largest range of a full battery (100 km, in meters), and largest time to recharge one (a day, in
 /// seconds).
 const RANGE_MAX: f64 = 100_000.0;
 const RECHARGE_MAX: f64 = 24.0 * 3_600.0;
-
-/// A robot's battery.
-#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct RobotBattery {
-    /// Name of the location where the robot can recharge.
-    pub dock: String,
-    /// Range of a full battery, in meters.
-    pub range: f64,
-    /// Remaining range of the battery at the start, in meters.
-    pub charge: f64,
-    /// Time to recharge an empty battery, in seconds of the building's time.
-    pub recharge_time: f64,
-}
-
-/// A driver's request to a battery.
-#[derive(Debug, Deserialize, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum BatteryAsk {
-    Recharge { robot: String },
-    Charge { robot: String },
-}
-
-/// The answer to a [`BatteryAsk`].
-#[derive(Debug, Deserialize, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum BatteryAnswer {
-    Full,
-    Charge(Option<f64>),
-}
 
 // === impl Layout ===
 
@@ -217,9 +185,8 @@ mod tests {
     use expect_test::expect;
     use tokio::time::Instant;
 
-    use super::RobotBattery;
     use crate::fixture::log_lines;
-    use crate::{Building, Layout};
+    use crate::{Building, Layout, RobotBattery};
 
     fn office_with_battery(charge: f64) -> Building {
         let mut layout = Layout::seeded(0).layout;

@@ -14,7 +14,6 @@ use tokio::sync::watch;
 use tokio::time::Instant;
 
 use crate::error::{DeviceError, LayoutError};
-use crate::handle::BuildingHandle;
 use crate::layout::{BuildingDevice, Layout};
 use crate::truth::{DeviceFault, TemperatureReading, Truth};
 
@@ -48,11 +47,6 @@ impl Building {
         Ok(Building {
             shared: Arc::new(SharedBuilding { time_scale, opened: Instant::now(), truth }),
         })
-    }
-
-    /// Returns the access that a driver in this process gets: to the devices, not to the truth.
-    pub fn handle(&self) -> BuildingHandle {
-        BuildingHandle::in_process(self.clone())
     }
 }
 

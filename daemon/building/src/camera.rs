@@ -5,23 +5,15 @@
 
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
-
 use crate::building::Building;
+use crate::camera_aim::CameraAim;
+use crate::driver_requests::{
+    CameraAnswer, CameraAsk, CameraView, DriverAnswer, DriverRequest, SeenPlace,
+};
 use crate::error::{DeviceError, LayoutError};
 use crate::handle::BuildingHandle;
-use crate::layout::{BuildingDevice, Layout};
+use crate::layout::{BuildingDevice, Layout, PlaceDirection};
 use crate::truth::{BuildingEvent, Truth};
-use crate::wire::{DriverAnswer, DriverRequest};
-
-/// Limits of pan, tilt and zoom, as small dome cameras have them.
-const PAN_MAX: f64 = 170.0;
-const TILT_MAX: f64 = 90.0;
-const ZOOM_MAX: f64 = 10.0;
-
-/// Horizontal field of view without zoom, in degrees.
-const WIDTH: f64 = 60.0;
-const HEIGHT: f64 = 40.0;
 
 /// Turning speed, in degrees per second.
 const TURNING: f64 = 90.0;
@@ -30,100 +22,6 @@ const TURNING: f64 = 90.0;
 /// bounds let an answer fit into one line on the socket.
 const VIEWS_MAX: usize = 16;
 const SEEN_MAX: usize = 8;
-
-/// The direction of a place, seen from a camera.
-#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct PlaceDirection {
-    /// Name of the place that lies in this direction.
-    pub location: String,
-    /// Pan angle of the place, in degrees to the right; negative to the left.
-    pub pan: f64,
-    /// Tilt angle of the place, in degrees up; negative down.
-    pub tilt: f64,
-}
-
-/// The direction and the zoom of a camera.
-#[derive(Clone, Copy, Debug, Deserialize, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub struct CameraAim {
-    /// Pan angle of the camera, in degrees to the right; negative to the left.
-    pub pan: f64,
-    /// Tilt angle of the camera, in degrees up; negative down.
-    pub tilt: f64,
-    /// Magnification of the camera; 1 is no magnification.
-    pub zoom: f64,
-}
-
-impl Default for CameraAim {
-    fn default() -> CameraAim {
-        CameraAim { pan: 0.0, tilt: 0.0, zoom: 1.0 }
-    }
-}
-
-/// The places that a camera sees at one moment.
-#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub struct CameraView {
-    /// The direction and the zoom of the camera at that moment.
-    pub aim: CameraAim,
-    /// The places in the camera's field of view.
-    pub places: Vec<SeenPlace>,
-    /// Time of the view, counted from the opening of the building.
-    pub at: Duration,
-}
-
-/// A place in a camera's field of view, and the people and robots there.
-#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub struct SeenPlace {
-    /// Name of the seen place.
-    pub location: String,
-    /// Horizontal position of the middle of the place in the picture: from -1 at the left to 1 at the
-    /// right.
-    pub right: f64,
-    /// Vertical position of the middle of the place in the picture: from -1 at the bottom to 1 at the top.
-    pub up: f64,
-    /// Names of the people in this place, at most eight.
-    pub people: Vec<String>,
-    /// Names of the robots in this place, at most eight.
-    pub robots: Vec<String>,
-    /// Whether something keeps moving in this place.
-    pub stirs: bool,
-}
-
-/// A driver's request to a camera.
-#[derive(Debug, Deserialize, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum CameraAsk {
-    Aim { camera: String, aim: CameraAim },
-    Look { camera: String },
-}
-
-/// The answer to a [`CameraAsk`].
-#[derive(Debug, Deserialize, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum CameraAnswer {
-    Aimed,
-    Sight(CameraView),
-}
-
-impl CameraAim {
-    /// Whether the angles and the zoom are within the limits of a camera.
-    pub fn is_possible(&self) -> bool {
-        (-PAN_MAX..=PAN_MAX).contains(&self.pan)
-            && (-TILT_MAX..=TILT_MAX).contains(&self.tilt)
-            && (1.0..=ZOOM_MAX).contains(&self.zoom)
-    }
-
-    /// Returns the position of `view` in the picture, as right and up from -1 to 1; `None` if the place of
-    /// `view` is outside the picture.
-    fn sees(&self, view: &PlaceDirection) -> Option<(f64, f64)> {
-        let right = (view.pan - self.pan) * self.zoom / (WIDTH / 2.0);
-        let up = (view.tilt - self.tilt) * self.zoom / (HEIGHT / 2.0);
-        (right.abs() <= 1.0 && up.abs() <= 1.0).then_some((right, up))
-    }
-}
 
 // === impl Layout ===
 

@@ -4,30 +4,14 @@
 
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
-
 use crate::building::Building;
+use crate::driver_requests::{CleaningAnswer, CleaningAsk, DriverAnswer, DriverRequest};
 use crate::error::DeviceError;
 use crate::handle::BuildingHandle;
 use crate::truth::{BuildingEvent, Truth};
-use crate::wire::{DriverAnswer, DriverRequest};
 
 /// Duration of a sweep. It is the same for all places, because the layout has no sizes.
 const SWEEPING: Duration = Duration::from_secs(20);
-
-/// A driver's request to a cleaning robot.
-#[derive(Debug, Deserialize, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum CleaningAsk {
-    Sweep { robot: String },
-}
-
-/// The answer to a [`CleaningAsk`].
-#[derive(Debug, Deserialize, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum CleaningAnswer {
-    Swept(String),
-}
 
 // === impl Truth ===
 

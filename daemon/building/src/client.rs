@@ -17,11 +17,9 @@ use tokio::sync::{Mutex, mpsc, oneshot};
 use tokio::time::timeout;
 use tracing::Instrument as _;
 
+use crate::driver_requests::{DriverAnswer, DriverRequest};
 use crate::error::DeviceError;
-use crate::wire::{
-    DriverAnswer, DriverRequest, IN_FLIGHT_MAX, LineReader, SILENCE_MAX, ServerLine, WireRequest,
-    write_line,
-};
+use crate::wire::{IN_FLIGHT_MAX, LineReader, SILENCE_MAX, ServerLine, WireRequest, write_line};
 
 /// Time limit for connecting, and for a request that takes no time in the building.
 const ANSWER_MAX: Duration = SILENCE_MAX;

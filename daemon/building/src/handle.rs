@@ -8,9 +8,9 @@ use std::path::Path;
 
 use crate::building::Building;
 use crate::client::RemoteBuilding;
+use crate::driver_requests::{DriverAnswer, DriverRequest};
 use crate::error::DeviceError;
 use crate::truth::TemperatureReading;
-use crate::wire::{DriverAnswer, DriverRequest};
 
 /// A driver's access to the devices of a building. Clones share one connection.
 #[derive(Clone, Debug)]
@@ -24,11 +24,14 @@ pub(crate) enum BuildingAccess {
     Socket(RemoteBuilding),
 }
 
-impl BuildingHandle {
-    pub(crate) fn in_process(building: Building) -> BuildingHandle {
-        BuildingHandle { access: BuildingAccess::InProcess(building) }
+impl Building {
+    /// Returns the access that a driver in this process gets: to the devices, not to the truth.
+    pub fn handle(&self) -> BuildingHandle {
+        BuildingHandle { access: BuildingAccess::InProcess(self.clone()) }
     }
+}
 
+impl BuildingHandle {
     /// Returns the building if it is in this process; otherwise the client of the building's socket, as the
     /// error.
     pub(crate) fn local(&self) -> Result<&Building, &RemoteBuilding> {

@@ -8,16 +8,12 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use serde::{Deserialize, Serialize};
 
-use crate::battery::RobotBattery;
-use crate::camera::PlaceDirection;
 use crate::error::{LayoutError, nearest};
 use crate::quantity::Quantity;
 
 mod additions;
 
-pub(crate) use additions::{
-    CELSIUS_MAX, CELSIUS_MIN, METERS_MAX, NAME_MAX, SPEED_MAX, SPEED_MIN, check_temperature,
-};
+pub(crate) use additions::check_temperature;
 
 /// The kind of a location, as a type of the shared ontology.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
@@ -54,6 +50,32 @@ pub struct LocationConnection {
     /// Whether robots can go only from `from` to `to`, and not back.
     #[serde(default)]
     pub one_way: bool,
+}
+
+/// The direction of a place, seen from a camera.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct PlaceDirection {
+    /// Name of the place that lies in this direction.
+    pub location: String,
+    /// Pan angle of the place, in degrees to the right; negative to the left.
+    pub pan: f64,
+    /// Tilt angle of the place, in degrees up; negative down.
+    pub tilt: f64,
+}
+
+/// A robot's battery.
+#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct RobotBattery {
+    /// Name of the location where the robot can recharge.
+    pub dock: String,
+    /// Range of a full battery, in meters.
+    pub range: f64,
+    /// Remaining range of the battery at the start, in meters.
+    pub charge: f64,
+    /// Time to recharge an empty battery, in seconds of the building's time.
+    pub recharge_time: f64,
 }
 
 /// A thing in the building that a driver can use.

@@ -19,12 +19,15 @@
 //! **Invariant:** no code here uses Zenoh.
 
 mod battery;
+mod bounds;
 mod building;
 mod camera;
+mod camera_aim;
 mod campus;
 mod cleaning;
 mod client;
 mod draw;
+mod driver_requests;
 mod error;
 mod handle;
 mod layout;
@@ -49,20 +52,21 @@ mod world;
 #[cfg(test)]
 mod fixture;
 
-pub use battery::RobotBattery;
 pub use building::Building;
-pub use camera::{CameraAim, CameraView, PlaceDirection, SeenPlace};
+pub use camera_aim::CameraAim;
 pub use campus::{Campus, DEVICES_PER_HOUSE, HOUSES_MAX};
+pub use driver_requests::{CameraView, MeasuredValue, ScreenState, SeenPlace};
 pub use error::{DeviceError, LayoutError, ServeError};
 pub use handle::BuildingHandle;
-pub use layout::{BuildingDevice, Layout, Location, LocationConnection, LocationKind};
-pub use measuring::MeasuredValue;
+pub use layout::{
+    BuildingDevice, Layout, Location, LocationConnection, LocationKind, PlaceDirection,
+    RobotBattery,
+};
 pub use quantity::Quantity;
 pub use scenario_1::check_scenario_1;
 pub use scenario_2::{MaintenanceScenario, SensorDeath};
 pub use scenario_3::{AccessScenario, AnswerPattern, Visit, VisitOutcome};
 pub use scenario_4::MeetingScenario;
-pub use screen::ScreenState;
 pub use seeded::{DeathTime, SeededScenario};
 pub use server::{Server, serve};
 pub use truth::{BuildingEvent, DeviceFault, LOG_MAX, Occurrence, TemperatureReading, Truth};

@@ -7,28 +7,14 @@
 
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
-
 use crate::building::Building;
+use crate::driver_requests::{DriverAnswer, DriverRequest, MeasuredValue};
 use crate::error::{DeviceError, LayoutError};
 use crate::handle::{BuildingAccess, BuildingHandle};
 use crate::layout::BuildingDevice;
 use crate::quantity::Quantity;
 use crate::truth::{BuildingEvent, DeviceFault, Truth};
-use crate::wire::{DriverAnswer, DriverRequest};
 use crate::world::MEASURING;
-
-/// The result of a measurement, and the true location of the sensor.
-#[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub struct MeasuredValue {
-    /// Name of the location of the sensor at the time of the measurement.
-    pub location: String,
-    /// The measured quantity.
-    pub quantity: Quantity,
-    /// The measured value in the quantity's unit; for a yes-or-no quantity, 1 is yes and 0 is no.
-    pub value: f64,
-}
 
 // === impl Building ===
 

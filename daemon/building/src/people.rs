@@ -1,8 +1,8 @@
 //! People and other motion in the building. Cameras see both; agents control neither.
 
+use crate::bounds::NAME_MAX;
 use crate::building::Building;
 use crate::error::LayoutError;
-use crate::layout::NAME_MAX;
 use crate::truth::{BuildingEvent, Truth};
 
 // === impl Truth ===

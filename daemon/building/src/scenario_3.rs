@@ -6,10 +6,10 @@
 
 use serde::Serialize;
 
-use crate::camera::PlaceDirection;
 use crate::draw::{LayoutDraw, paper_places};
 use crate::error::LayoutError;
 use crate::layout::Layout;
+use crate::layout::PlaceDirection;
 use crate::replay::{ReplayedLog, replay};
 use crate::seeded_random::Random;
 use crate::truth::{BuildingEvent, Truth};

@@ -6,14 +6,12 @@
 
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
-
 use crate::building::Building;
+use crate::driver_requests::{DriverAnswer, DriverRequest, ScreenAnswer, ScreenAsk, ScreenState};
 use crate::error::{DeviceError, LayoutError};
 use crate::handle::BuildingHandle;
 use crate::layout::{BuildingDevice, Layout};
 use crate::truth::{BuildingEvent, DeviceFault, Truth};
-use crate::wire::{DriverAnswer, DriverRequest};
 
 /// Length of the longest text of a screen, in bytes: enough for a slide. Such a text fits into one line on
 /// the socket, even if every character is escaped.
@@ -21,34 +19,6 @@ const TEXT_MAX: usize = 1024;
 
 /// Time that a screen takes to light up.
 const LIGHTING: Duration = Duration::from_millis(500);
-
-/// A driver's request to a screen.
-#[derive(Debug, Deserialize, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum ScreenAsk {
-    Allocate { screen: String },
-    Show { screen: String, text: Option<String> },
-    Panel { screen: String },
-}
-
-/// The answer to a [`ScreenAsk`].
-#[derive(Debug, Deserialize, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum ScreenAnswer {
-    Channel(u32),
-    Done,
-    Panel(ScreenState),
-}
-
-/// The state of a screen, as its driver sees it.
-#[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub struct ScreenState {
-    /// Channel of the screen; `None` if the screen was given no channel.
-    pub channel: Option<u32>,
-    /// Text that the screen shows; `None` if the screen is dark.
-    pub text: Option<String>,
-}
 
 // === impl Layout ===
 

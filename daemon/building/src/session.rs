@@ -13,12 +13,10 @@ use tokio::task::{AbortHandle, JoinError, JoinSet};
 use tokio::time::{Interval, MissedTickBehavior, interval};
 use tracing::Instrument as _;
 
+use crate::driver_requests::{DriverAnswer, DriverRequest};
 use crate::error::DeviceError;
 use crate::handle::BuildingHandle;
-use crate::wire::{
-    ALIVE_PERIOD, DriverAnswer, DriverRequest, IN_FLIGHT_MAX, LineReader, ServerLine, WireRequest,
-    write_line,
-};
+use crate::wire::{ALIVE_PERIOD, IN_FLIGHT_MAX, LineReader, ServerLine, WireRequest, write_line};
 
 /// The task of one client, with the operations that run for the client.
 pub(crate) struct Session {

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
-use crate::camera::CameraAim;
+use crate::camera_aim::CameraAim;
 use crate::layout::{BuildingDevice, Layout};
 use crate::quantity::Quantity;
 

@@ -10,14 +10,8 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use tokio::io::{AsyncBufReadExt as _, AsyncRead, AsyncWrite, AsyncWriteExt as _, BufReader};
 
-use crate::battery::{BatteryAnswer, BatteryAsk};
-use crate::camera::{CameraAnswer, CameraAsk};
-use crate::cleaning::{CleaningAnswer, CleaningAsk};
+use crate::driver_requests::{DriverAnswer, DriverRequest};
 use crate::error::DeviceError;
-use crate::measuring::MeasuredValue;
-use crate::quantity::Quantity;
-use crate::screen::{ScreenAnswer, ScreenAsk};
-use crate::truth::TemperatureReading;
 
 /// Length of the longest line, in bytes. The longest line in use is a refusal that lists a corridor's
 /// neighbors: 100 names of 64 bytes.
@@ -46,37 +40,6 @@ pub(crate) struct WireRequest {
     pub(crate) ask: DriverRequest,
 }
 
-#[derive(Debug, Deserialize, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum DriverRequest {
-    ReadTemperature {
-        sensor: String,
-    },
-    Navigate {
-        robot: String,
-        to: String,
-    },
-    PlaceOf {
-        device: String,
-    },
-    Measure {
-        sensor: String,
-        quantity: Quantity,
-    },
-    /// Waits until the quantity differs from `known`; only then is the request answered.
-    AwaitChange {
-        sensor: String,
-        quantity: Quantity,
-        known: f64,
-    },
-    Battery(BatteryAsk),
-    Camera(CameraAsk),
-    Cleaning(CleaningAsk),
-    Screen(ScreenAsk),
-    /// Cancels the request with the same id. The cancellation itself has no answer.
-    Cancel,
-}
-
 /// A line from the server.
 #[derive(Debug, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -87,26 +50,6 @@ pub(crate) enum ServerLine {
     Done { id: u64, answer: DriverAnswer },
     /// The request with this id was not carried out, because of this error.
     Failed { id: u64, error: DeviceError },
-}
-
-#[derive(Debug, Deserialize, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) enum DriverAnswer {
-    Reading(TemperatureReading),
-    Arrived,
-    Place(String),
-    Measured(MeasuredValue),
-    Battery(BatteryAnswer),
-    Camera(CameraAnswer),
-    Cleaning(CleaningAnswer),
-    Screen(ScreenAnswer),
-}
-
-impl DriverAnswer {
-    /// Returns the error for an answer that does not fit its request.
-    pub(crate) fn unexpected(self) -> DeviceError {
-        DeviceError::Unreachable { reason: format!("its answer does not fit: {self:?}") }
-    }
 }
 
 /// A reader of lines of at most [`LINE_MAX`] bytes. Dropping the future of `next` loses no bytes.
