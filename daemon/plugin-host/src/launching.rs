@@ -13,13 +13,13 @@ use pddl::ActionModel;
 
 use crate::cgroup::{CgroupTree, PluginCgroup};
 use crate::confinement::{Confinement, ConfinementMeans, ConfinementPlan, ProcessLimits};
+use crate::desired_state::WantedAgent;
 use crate::endpoint::Endpoint;
 use crate::log::PluginLog;
 use crate::package::Package;
 use crate::process::{Launcher, PluginProcess, ProcessLaunch};
 use crate::program::{self, ResolvedProgram};
 use crate::rights::{Permissions, device_objection, read_objection};
-use crate::supervision::WantedAgent;
 
 /// Bytes that are added to the memory limit of a plugin to get the limit that the kernel enforces for each
 /// process. The kernel's limit also counts libraries and unused stacks of threads.

@@ -22,6 +22,7 @@
 mod advice;
 mod cgroup;
 mod confinement;
+mod desired_state;
 mod endpoint;
 mod launching;
 mod log;
@@ -59,19 +60,20 @@ use tokio::sync::{Notify, watch};
 use tokio::time::Instant;
 
 pub use confinement::{Confinement, ConfinementError, ConfinementMeans, probe};
+pub use desired_state::WantedAgent;
 pub use manifest::{ConfigKey, ConfigShape, OwnAgent, PackageManifest};
 pub use package::{MANIFEST, Package, PackageFaults};
 pub use package_store::{PackageStore, PackageStoreError};
 pub use process::Launcher;
 pub use rights::{Permissions, Right, listed};
 pub use status::{ConfinementStatus, PluginList, PluginState, PluginStatus};
-pub use supervision::WantedAgent;
 pub use trial::{Trial, TrialFailure, TrialSuccess};
 
+use desired_state::{DesiredPlugin, DesiredState};
 use launching::MachineConfinement;
 use log::PluginLog;
 use package::{Stamp, stamp};
-use supervision::{DesiredPlugin, DesiredState, PluginSupervisor, Statuses};
+use supervision::{PluginSupervisor, Statuses};
 
 /// First argument for this daemon's own program when the process is to become the program of a plugin. The
 /// next arguments are a [`Confinement`] in JSON, the plugin's program and the arguments of that program.

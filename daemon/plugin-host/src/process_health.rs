@@ -8,11 +8,11 @@ use acl::AgentId;
 use tokio::time::Instant;
 
 use crate::cgroup::PluginCgroup;
+use crate::desired_state::{DesiredPlugin, WantedAgent};
 use crate::launching::threads_max;
 use crate::package::Package;
 use crate::resource_sampling::ResourceSample;
 use crate::rights::Permissions;
-use crate::supervision::{DesiredPlugin, WantedAgent};
 use crate::usage::FILES_MAX;
 
 /// Time for which a plugin may exceed its share of the processor before it is slowed down; after

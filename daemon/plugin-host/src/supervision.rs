@@ -8,17 +8,16 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use acl::{AgentId, HelloAgent};
-use serde_json::Value;
 use tokio::sync::watch;
 use tokio::time::Instant;
 
 use crate::HostContext;
 use crate::advice::advice;
 use crate::cgroup::PluginCgroup;
+use crate::desired_state::{DesiredPlugin, DesiredState, WantedAgent};
 use crate::endpoint::{Endpoint, EndpointParameters};
 use crate::launching::{ProcessStart, StartedProcess, described, hello};
 use crate::log::PluginLog;
-use crate::package::Package;
 use crate::process::{PluginProcess, ending};
 use crate::process_health::{ProcessHealth, SILENT, out_of_memory_message};
 use crate::program::ResolvedProgram;
@@ -28,38 +27,6 @@ use crate::status::{PluginState, PluginStatus};
 
 /// Interval at which the resources that a plugin takes are measured.
 const SAMPLE_INTERVAL: Duration = Duration::from_millis(250);
-
-/// Desired state of a plugin.
-#[derive(Clone, Debug)]
-pub(crate) enum DesiredState {
-    /// The plugin has to run.
-    Run(Arc<DesiredPlugin>),
-    /// The plugin must not run. The fields are the state to show for the plugin, the reason, and the
-    /// package if the package can be read.
-    Stopped(PluginState, Option<String>, Option<Arc<Package>>),
-    /// The plugin's package was removed: the supervision ends and the status of the plugin is deleted.
-    Removed,
-}
-
-/// A package that has to run, and the agents that it has to bring.
-#[derive(Debug)]
-pub(crate) struct DesiredPlugin {
-    pub(crate) package: Arc<Package>,
-    pub(crate) agents: Vec<WantedAgent>,
-}
-
-/// An agent that a plugin has to bring.
-#[derive(Clone, Debug, PartialEq)]
-pub struct WantedAgent {
-    /// Name of the agent.
-    pub name: AgentId,
-    /// Name of the plugin, within its package.
-    pub plugin: String,
-    /// Driver that the agent uses; `None` if neither the ecosystem file nor the manifest names one.
-    pub driver: Option<String>,
-    /// The `config` of the agent, from the ecosystem file or the manifest.
-    pub config: Value,
-}
 
 /// Status of every plugin, by the plugin's name.
 pub(crate) type Statuses = Arc<Mutex<BTreeMap<String, PluginStatus>>>;

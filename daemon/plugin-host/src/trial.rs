@@ -20,13 +20,13 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use crate::advice::advice;
+use crate::desired_state::WantedAgent;
 use crate::endpoint::{Endpoint, EndpointParameters};
 use crate::launching::{MachineConfinement, ProcessStart, StartedProcess, described, hello};
 use crate::log::PluginLog;
 use crate::package::Package;
 use crate::process::{Launcher, PluginProcess, ending};
 use crate::program::ResolvedProgram;
-use crate::supervision::WantedAgent;
 
 /// Time for which a program without agents must keep running so that the trial succeeds.
 const LIVES_FOR: Duration = Duration::from_secs(2);

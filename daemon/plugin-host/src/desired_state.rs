@@ -1,0 +1,41 @@
+//! Desired state of a plugin, and of the agents that it has to bring.
+
+use std::sync::Arc;
+
+use acl::AgentId;
+use serde_json::Value;
+
+use crate::package::Package;
+use crate::status::PluginState;
+
+/// Desired state of a plugin.
+#[derive(Clone, Debug)]
+pub(crate) enum DesiredState {
+    /// The plugin has to run.
+    Run(Arc<DesiredPlugin>),
+    /// The plugin must not run. The fields are the state to show for the plugin, the reason, and the
+    /// package if the package can be read.
+    Stopped(PluginState, Option<String>, Option<Arc<Package>>),
+    /// The plugin's package was removed: the supervision ends and the status of the plugin is deleted.
+    Removed,
+}
+
+/// A package that has to run, and the agents that it has to bring.
+#[derive(Debug)]
+pub(crate) struct DesiredPlugin {
+    pub(crate) package: Arc<Package>,
+    pub(crate) agents: Vec<WantedAgent>,
+}
+
+/// An agent that a plugin has to bring.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WantedAgent {
+    /// Name of the agent.
+    pub name: AgentId,
+    /// Name of the plugin, within its package.
+    pub plugin: String,
+    /// Driver that the agent uses; `None` if neither the ecosystem file nor the manifest names one.
+    pub driver: Option<String>,
+    /// The `config` of the agent, from the ecosystem file or the manifest.
+    pub config: Value,
+}
