@@ -45,10 +45,6 @@ use terminal::{exit, output};
 use crate::cli::CliCommand;
 use crate::plugins;
 
-/// The words in the line that `althing up` prints when the agents that it hosts are present. A
-/// process that has started `althing up` waits for this line.
-pub(crate) const READY: &str = "is ready";
-
 /// Runs a command of the command line, and returns its exit code.
 pub(crate) fn run(command: CliCommand) -> ExitCode {
     match command {

@@ -18,11 +18,11 @@ use tokio::sync::oneshot;
 
 use crate::cli::UpArgs;
 use crate::commands::client::{self, EcosystemView};
-use crate::commands::{READY, event_output, goal};
+use crate::commands::{event_output, goal};
 use crate::config::{self, AgentEntry, Ecosystem, InterfaceEntry, Overrides, ParsedEcosystem};
 use crate::hosting::{
     self, BuildingTakeover, DaemonNode, GuestKeys, MessageTransport, NodeOptions, PluginProcesses,
-    PresenceGuard, socket_in,
+    PresenceGuard, READY, socket_in,
 };
 use crate::interfacing::{self, PeerEcosystem};
 use crate::interruption;

@@ -25,6 +25,8 @@ mod layer;
 
 mod duration;
 
+mod mistake_location;
+
 mod search_paths;
 
 #[cfg(test)]
@@ -40,6 +42,7 @@ pub(crate) use ::interfacing::{InterfaceEntry, RuleEntry};
 pub(crate) use ecosystem::{AgentEntry, Ecosystem, SecuritySettings, is_pddl, plain_goal};
 pub(crate) use environment::{Variables, variables};
 pub(crate) use interpret::moved_goal;
+pub(crate) use mistake_location::MistakeLocation;
 pub(crate) use search_paths::{credentials_folder, find_ecosystem_file, resolve_ecosystem};
 pub(crate) use syntax::is_syntax_error;
 

@@ -9,8 +9,7 @@ use acl::AgentId;
 use pddl::{InitElement, Name, Problem, Span, Term, Types};
 use serde_json::Value;
 
-use crate::config::{AgentEntry, Ecosystem};
-use crate::review::MistakeLocation;
+use crate::config::{AgentEntry, Ecosystem, MistakeLocation};
 
 /// Temperature of a place for which the ecosystem file gives none, in °C.
 const CELSIUS: f64 = 20.0;

@@ -62,6 +62,10 @@ pub(crate) use suspend_watch::watch_suspension;
 /// How long the agents may take to cancel their commitments when the daemon drains.
 const DRAIN_GRACE: Duration = Duration::from_secs(3);
 
+/// The words in the line that `althing up` prints when the agents that it hosts are present. A
+/// process that has started `althing up` waits for this line.
+pub(crate) const READY: &str = "is ready";
+
 /// How long a daemon may take until it sees all its own agents: `READY_WITHIN`, and
 /// `READY_PER_AGENT` for each agent, because each agent is notified of all others.
 const READY_WITHIN: Duration = Duration::from_secs(10);

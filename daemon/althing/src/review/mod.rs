@@ -35,7 +35,7 @@ use acl::DaemonId;
 use pddl::{Diagnostic, Span};
 use terminal::report::{DiagnosticReport, SourceText, SourcedDiagnostic};
 
-use crate::config::{self, Ecosystem, ParsedEcosystem};
+use crate::config::{self, Ecosystem, MistakeLocation, ParsedEcosystem};
 use crate::hosting;
 
 /// The part of an ecosystem that is reviewed.
@@ -134,16 +134,6 @@ fn only_certain(report: &DiagnosticReport, ecosystem: &Ecosystem) -> DiagnosticR
 fn in_one_entry(text: &str, from: u32, to: u32) -> bool {
     let between = text.get(from as usize..to as usize).unwrap_or_default();
     !between.lines().skip(1).any(|line| line.trim_start().starts_with('['))
-}
-
-/// The place where a mistake is written.
-#[derive(Clone, Debug)]
-pub(crate) enum MistakeLocation {
-    /// A span in the text of the map.
-    Map(Span),
-    /// The path of a key in the ecosystem file, such as `agent.3.config.start`. If the file has no
-    /// such key, the place is that of the nearest table or entry around it.
-    Key(String),
 }
 
 /// The data that all checks of the review share.

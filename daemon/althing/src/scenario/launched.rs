@@ -16,7 +16,7 @@ use tokio::sync::mpsc;
 
 use super::setting::{REASONING, Setting};
 use crate::config::{self, AgentEntry, Ecosystem, Overrides, Variables};
-use crate::hosting::{self, DaemonNode, MessageTransport, NodeOptions};
+use crate::hosting::{self, DaemonNode, MessageTransport, NodeOptions, READY};
 use crate::plugins;
 
 /// How long a process may take until it is ready. On an idle machine a process takes less than 0.2
@@ -222,7 +222,7 @@ async fn until_ready(child: &mut Child) -> Result<(), String> {
     let stdout = child.stdout.take().ok_or("has no output")?;
     let mut lines = BufReader::new(stdout).lines();
     while let Ok(Some(line)) = lines.next_line().await {
-        if line.contains(crate::commands::READY) {
+        if line.contains(READY) {
             tokio::spawn(async move { while let Ok(Some(_)) = lines.next_line().await {} });
             return Ok(());
         }
