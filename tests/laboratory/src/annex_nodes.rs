@@ -19,8 +19,8 @@ use keyboard::{MessageDraft, UserRequest};
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use crate::machine::TrialContext;
-use crate::script::Safeguard;
+use crate::script::{ExportDirection, Safeguard};
+use crate::trial_context::TrialContext;
 
 /// Names of both ecosystems.
 pub const LABORATORY: &str = "laboratory";
@@ -42,15 +42,6 @@ const RATE: f64 = 20.0;
 
 /// How long to wait for an answer to a goal of the annex.
 const PATIENCE: Duration = Duration::from_secs(20);
-
-/// Direction in which an interfacing node exports.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ExportDirection {
-    /// From the laboratory to the annex.
-    ToAnnex,
-    /// From the annex to the laboratory.
-    FromAnnex,
-}
 
 /// The part of a daemon that makes it an interfacing node.
 pub struct InterfaceNode {

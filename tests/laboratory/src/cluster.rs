@@ -18,10 +18,11 @@ use tokio::time::Instant;
 use crate::annex_nodes;
 use crate::commands::{Begun, CommandLog};
 use crate::fault_effects::{self, FaultEffects};
-use crate::machine::{SimulatedMachine, TrialContext};
+use crate::machine::SimulatedMachine;
 use crate::people::Person;
 use crate::script::{AgentPlacement, InjectedFault, Safeguard, TrialScript};
-use crate::trial::TrialError;
+use crate::trial_context::TrialContext;
+use crate::trial_error::TrialError;
 
 /// Time scale of the building: real time.
 const TIME_SCALE: f64 = 1.0;

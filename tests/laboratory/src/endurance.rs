@@ -8,7 +8,8 @@ use serde_json::json;
 
 use crate::cluster::Cluster;
 use crate::script::{ScriptedGoal, TrialScript};
-use crate::trial::{self, TrialError};
+use crate::trial;
+use crate::trial_error::TrialError;
 
 /// How long a measured value counts as known: the next goal about that room needs a plan again.
 const VALID_FOR: &str = "1s";

@@ -16,7 +16,8 @@
 //! - [`checks`]: what must hold afterwards; [`commands`]: that each command is executed once and in
 //!   order; [`open_exchanges`]: that exchanges end.
 //! - [`fault_effects`]: counters of the faults that took effect.
-//! - [`trial`]: plays a seed.
+//! - [`trial`]: plays a seed; [`trial_context`]: what all machines of a trial share;
+//!   [`trial_error`]: why a trial cannot be played.
 
 pub mod annex_nodes;
 pub mod checks;
@@ -29,6 +30,8 @@ pub mod open_exchanges;
 pub mod people;
 pub mod script;
 pub mod trial;
+pub mod trial_context;
+pub mod trial_error;
 
 pub use script::Safeguard;
 pub use trial::{TrialResult, play};

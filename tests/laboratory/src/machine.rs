@@ -8,17 +8,14 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use acl::content::{ActionToken, Record};
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation};
 use agent::{
-    AgentSettings, Blueprint, ExchangeSummary, Host, HostServices, LaunchContext, LaunchError,
-    LaunchableAgent, MachineSimulation, MessageRouter, PluginEntry, Resources, StateFolder,
+    Blueprint, ExchangeSummary, Host, HostServices, LaunchContext, LaunchError, LaunchableAgent,
+    MachineSimulation, MessageRouter, PluginEntry, Resources, StateFolder,
 };
-use building::BuildingHandle;
 use fastrand::Rng;
 use journal::MemoryStore;
 use keyboard::{Keyboard, Terminal};
-use pddl::{Domain, Problem};
 use serde::Deserialize as _;
 use serde_json::Value;
-use substrate::faulty::Network;
 use tokio::task::JoinHandle;
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
@@ -26,7 +23,8 @@ use tracing::Instrument;
 
 use crate::annex_nodes::{InterfaceNode, LABORATORY};
 use crate::open_exchanges::OpenExchanges;
-use crate::script::{AgentPlacement, Safeguard, TrialScript};
+use crate::script::{AgentPlacement, Safeguard};
+use crate::trial_context::TrialContext;
 
 /// The plugins that run here.
 const PLUGINS: [&PluginEntry; 9] = [
@@ -46,28 +44,6 @@ const RESTART: Duration = Duration::from_millis(500);
 
 /// Start of all machines' clocks: an arbitrary time that is the same for every run of a seed.
 const CLOCK_START: Duration = Duration::from_secs(1_700_000_000);
-
-/// State that all machines of a trial share.
-pub struct TrialContext {
-    /// The ontology.
-    pub ontology: Arc<Domain>,
-    /// The map.
-    pub map: Arc<Problem>,
-    /// The trial.
-    pub script: TrialScript,
-    /// Times and bounds.
-    pub settings: AgentSettings,
-    /// The network between the machines.
-    pub network: Network,
-    /// The network of the second ecosystem, if there is one.
-    pub annex: Option<Network>,
-    /// The building.
-    pub building: BuildingHandle,
-    /// The guard that is taken out, if any.
-    pub without: Option<Safeguard>,
-    /// Agents that panicked or failed; there must be none.
-    pub broken: Mutex<Vec<String>>,
-}
 
 /// A machine, with its daemon if it is switched on.
 pub struct SimulatedMachine {
@@ -355,13 +331,5 @@ impl AbortOnDrop {
 impl Drop for AbortOnDrop {
     fn drop(&mut self) {
         self.0.abort();
-    }
-}
-
-// === impl TrialContext ===
-
-impl TrialContext {
-    fn note_broken(&self, line: String) {
-        self.broken.lock().unwrap_or_else(PoisonError::into_inner).push(line);
     }
 }

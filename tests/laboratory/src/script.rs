@@ -8,8 +8,6 @@ use building::{Layout, LayoutError};
 use fastrand::Rng;
 use serde_json::{Value, json};
 
-use crate::annex_nodes::ExportDirection;
-
 /// End of the first phase, in which the only faults are blinks, which must have no effect.
 pub const BLINKS_UNTIL: Duration = Duration::from_secs(20);
 
@@ -33,6 +31,15 @@ pub const FAULTS_MIN: usize = 30;
 
 /// Length of a blink in milliseconds: shorter than the grace, with a margin.
 const BLINK_MS: std::ops::Range<u64> = 20..350;
+
+/// Direction in which an interfacing node exports.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ExportDirection {
+    /// From the laboratory to the annex.
+    ToAnnex,
+    /// From the annex to the laboratory.
+    FromAnnex,
+}
 
 /// A mechanism that keeps a promise. It can be taken out, to test that the laboratory detects its
 /// absence.

@@ -11,6 +11,7 @@ use crate::checks;
 use crate::cluster::Cluster;
 use crate::fault_effects::FaultEffects;
 use crate::script::{FAULTS_UNTIL, Safeguard, TrialScript};
+use crate::trial_error::TrialError;
 
 /// Time limit for everything to end after the last fault.
 const SETTLES_WITHIN: Duration = Duration::from_secs(400);
@@ -52,10 +53,6 @@ pub struct GoalCounts {
     /// Goals that were reached, or are kept and hold.
     pub achieved: usize,
 }
-
-/// Why a trial cannot be played. Completes “failed to …”.
-#[derive(Debug)]
-pub struct TrialError(String);
 
 /// Plays a seed; `without` takes one guard out.
 ///
@@ -281,33 +278,3 @@ impl std::ops::AddAssign for GoalCounts {
         self.achieved += achieved;
     }
 }
-
-// === impl TrialError ===
-
-impl TrialError {
-    /// Error for an ontology or a map that cannot be parsed.
-    pub(crate) fn parse_error(mistakes: Vec<pddl::Diagnostic>) -> TrialError {
-        let mistakes: Vec<_> = mistakes.iter().map(ToString::to_string).collect();
-        TrialError(format!("read the domain or map of the trial: {}", mistakes.join("; ")))
-    }
-}
-
-impl From<std::io::Error> for TrialError {
-    fn from(error: std::io::Error) -> TrialError {
-        TrialError(format!("set the trial up: {error}"))
-    }
-}
-
-impl From<building::LayoutError> for TrialError {
-    fn from(error: building::LayoutError) -> TrialError {
-        TrialError(format!("draw the building: {error}"))
-    }
-}
-
-impl std::fmt::Display for TrialError {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.0)
-    }
-}
-
-impl std::error::Error for TrialError {}
