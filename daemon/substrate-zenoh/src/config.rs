@@ -4,20 +4,19 @@
 //! The three layers of settings are merged as JSON, and Zenoh parses the result once as a whole: some of
 //! its sections are accepted as whole objects only.
 
-use std::sync::Arc;
 use std::time::Duration;
 
 use acl::{DaemonId, EcosystemId};
 use serde_json::{Value, json};
-use substrate::Inbound;
 use zenoh::qos::Priority;
 
 use crate::endpoint::{self, EndpointError};
+use crate::json_merge::merge;
 use crate::key_expr::KeySpace;
+use crate::open_error::OpenError;
+use crate::own_address;
 use crate::scouting;
 use crate::sealing::Security;
-use crate::session::ZenohSubstrate;
-use crate::{listen_problem, own_address};
 
 /// How long a silent daemon counts as alive. A killed process is detected in milliseconds whatever this
 /// duration is; it matters if a machine freezes or a cable is pulled. It is four keep-alive periods, of
@@ -78,7 +77,7 @@ pub struct Config {
     /// The name of this daemon.
     pub daemon: DaemonId,
     /// Zenoh id of the session: up to 16 bytes in lower-case hexadecimal, without leading zeros. With
-    /// `None`, Zenoh chooses one; store [`ZenohSubstrate::zid`] so that others recognise this daemon
+    /// `None`, Zenoh chooses one; store [`ZenohSubstrate::zid`](crate::ZenohSubstrate::zid) so that others recognise this daemon
     /// later.
     pub zid: Option<String>,
     /// How the session takes part in the mesh: as a router or as a client.
@@ -109,69 +108,6 @@ pub enum SessionMode {
     /// The session connects to one router and relays nothing: for a command line, or a plugin in its own
     /// process.
     Client,
-}
-
-/// Why a session could not be opened.
-#[derive(Debug, thiserror::Error)]
-#[non_exhaustive]
-pub enum OpenError {
-    /// An endpoint may not be used, for the reason in this error.
-    #[error(transparent)]
-    Endpoint(#[from] EndpointError),
-    /// A client has no endpoint to connect to.
-    #[error("connect as a client: name the endpoint of a daemon, like `tls/office-pi.local:7447`")]
-    NowhereToConnect,
-    /// The `[zenoh]` table chooses a mode.
-    #[error(
-        "read `[zenoh]`: leave out `mode`; a daemon is a router, because Zenoh's peers do not \
-         relay messages, and a command line is a client"
-    )]
-    ModeInSettings,
-    /// The `[zenoh]` settings are not a table.
-    #[error("read `[zenoh]`: write a table of Zenoh's settings, like `connect.endpoints = [...]`")]
-    NotATable,
-    /// The settings ask for scouting without security: other daemons could be found, but no link with
-    /// them is allowed.
-    #[error(
-        "scout (`scouting = true` in `[zenoh]`): plain text stays on this machine, so no \
-         daemon elsewhere could be reached; secure the ecosystem (`althing help cert`)"
-    )]
-    ScoutingUnsecured,
-    /// Zenoh rejects a setting.
-    #[error("read `{at}` of `[zenoh]`; Zenoh's DEFAULT_CONFIG.json5 lists the settings")]
-    Settings {
-        /// Path of the setting that Zenoh rejects.
-        at: String,
-        /// Error that Zenoh returned.
-        source: zenoh::Error,
-    },
-    /// The daemon cannot listen on an endpoint, because its port is taken or its address is not one of
-    /// this machine.
-    #[error("{obstacle}")]
-    Listen {
-        /// The endpoint, the reason why the daemon cannot listen on it, and the remedy.
-        obstacle: String,
-        /// Error that Zenoh returned.
-        source: zenoh::Error,
-    },
-    /// Zenoh could not open the session.
-    #[error("{}", unopened(listen, connect))]
-    Session {
-        /// Endpoints on which the session was to listen.
-        listen: Vec<String>,
-        /// Endpoints to which the session was to connect.
-        connect: Vec<String>,
-        /// Error that Zenoh returned.
-        source: zenoh::Error,
-    },
-    /// The session is open, but a declaration of the kind that every daemon makes failed.
-    #[error("declare {what}")]
-    Declare {
-        /// The declaration that failed.
-        what: String,
-        /// Error that Zenoh returned.
-        source: zenoh::Error,
-    },
 }
 
 /// The settings of a session after they were checked and merged.
@@ -213,19 +149,6 @@ impl SessionSettings {
     }
 }
 
-/// Returns the error for a session that did not open: an endpoint that cannot be listened on, or Zenoh's
-/// error.
-pub(crate) fn not_opened(
-    listen: Vec<String>,
-    connect: Vec<String>,
-    source: zenoh::Error,
-) -> OpenError {
-    match listen_problem::obstacle(&listen) {
-        Some(obstacle) => OpenError::Listen { obstacle, source },
-        None => OpenError::Session { listen, connect, source },
-    }
-}
-
 // === impl Config ===
 
 impl Config {
@@ -242,18 +165,6 @@ impl Config {
             security: None,
             zenoh: Value::Null,
         }
-    }
-
-    /// Opens the session and makes the declarations of a daemon. `inbound` may receive messages before
-    /// this returns. A router does not wait until it is connected to other daemons.
-    ///
-    /// # Errors
-    ///
-    /// Returns an error if the settings are refused, if the daemon cannot listen on an endpoint, or if a
-    /// client reaches no daemon.
-    pub async fn open(self, inbound: Arc<dyn Inbound>) -> Result<Arc<ZenohSubstrate>, OpenError> {
-        let settings = self.settings()?.without_self().await;
-        ZenohSubstrate::open(&self.ecosystem, self.daemon, settings, inbound).await
     }
 
     /// Whether the session will scout by multicast; `false` if the settings are refused.
@@ -513,18 +424,6 @@ fn access_control(everything: &str) -> Value {
     })
 }
 
-/// Merges `over` into `base`: tables are merged, everything else is replaced.
-pub(crate) fn merge(base: &mut Value, over: &Value) {
-    match (base, over) {
-        (Value::Object(base), Value::Object(over)) => {
-            for (key, value) in over {
-                merge(base.entry(key.as_str()).or_insert(Value::Null), value);
-            }
-        }
-        (base, over) => *base = over.clone(),
-    }
-}
-
 /// Appends endpoints to a plain list. Zenoh also allows other shapes (per mode, with a strategy). If the
 /// file uses one of these, it is taken as complete, and nothing is appended.
 fn add_endpoints(list: &mut Value, ours: &[String]) {
@@ -570,21 +469,6 @@ fn culprit(settings: &Value) -> Vec<String> {
 
 fn scouts(settings: &Value) -> bool {
     settings["scouting"]["multicast"]["enabled"] == json!(true)
-}
-
-/// Describes why a session did not open. If there are no endpoints to listen on, the reason is that no
-/// connection was made; otherwise either kind of endpoint may be the reason.
-fn unopened(listen: &[String], connect: &[String]) -> String {
-    if let ([], [_, ..]) = (listen, connect) {
-        let places = connect.join("`, `");
-        return format!("reach a daemon at `{places}`: no daemon answers there, or it declines");
-    }
-    let place = |what: &str, endpoints: &[String]| match endpoints {
-        [] => String::new(),
-        some => format!(" {what} `{}`", some.join("`, `")),
-    };
-    let (listening, connecting) = (place("listening on", listen), place("connecting to", connect));
-    format!("open a Zenoh session{listening}{connecting}")
 }
 
 #[cfg(test)]

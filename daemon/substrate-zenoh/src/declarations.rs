@@ -16,11 +16,11 @@ use zenoh::pubsub::Subscriber;
 use zenoh::query::Queryable;
 use zenoh::{Session, Wait};
 
-use crate::anti_entropy::KnownSessions;
-use crate::config::OpenError;
-use crate::inbound::{self, undeclared};
+use crate::inbound;
 use crate::key_expr::KeySpace;
-use crate::queries::QueryResponder;
+use crate::known_sessions::KnownSessions;
+use crate::open_error::{OpenError, undeclared};
+use crate::queries::{AnnouncedAgents, QueryResponder};
 use crate::revocations;
 use crate::sealing::Security;
 
@@ -118,18 +118,6 @@ impl Declarations {
         }
     }
 
-    /// Whether this daemon has announced an agent.
-    pub(crate) fn hosts(&self, agent: &AgentId) -> bool {
-        let from = (agent.clone(), Incarnation::default());
-        let held = self.lock();
-        held.residents.range(from..).next().is_some_and(|((next, _), _)| next == agent)
-    }
-
-    /// Returns the agents that this daemon has announced.
-    pub(crate) fn residents(&self) -> Vec<(AgentId, Incarnation)> {
-        self.lock().residents.keys().cloned().collect()
-    }
-
     fn declare_token(
         &self,
         session: &Session,
@@ -170,7 +158,7 @@ impl Declarations {
         }
         let answering = QueryResponder {
             keys: keys.clone(),
-            declarations: Arc::downgrade(self),
+            announced: announced_agents(self),
             known_sessions: self.known_sessions.clone(),
             inbound: Arc::clone(&self.inbound),
             security: security.cloned(),
@@ -188,6 +176,23 @@ impl Declarations {
 
     fn lock(&self) -> MutexGuard<'_, HeldDeclarations> {
         self.held.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn announced_agents(declarations: &Arc<Declarations>) -> Weak<dyn AnnouncedAgents> {
+    let agents: Arc<dyn AnnouncedAgents> = Arc::<Declarations>::clone(declarations);
+    Arc::downgrade(&agents)
+}
+
+impl AnnouncedAgents for Declarations {
+    fn hosts(&self, agent: &AgentId) -> bool {
+        let from = (agent.clone(), Incarnation::default());
+        let held = self.lock();
+        held.residents.range(from..).next().is_some_and(|((next, _), _)| next == agent)
+    }
+
+    fn residents(&self) -> Vec<(AgentId, Incarnation)> {
+        self.lock().residents.keys().cloned().collect()
     }
 }
 

@@ -18,8 +18,8 @@ use zenoh::sample::{Locality, Sample, SampleKind};
 use zenoh::{Session, Wait};
 
 use crate::batch;
-use crate::config::OpenError;
 use crate::key_expr::KeySpace;
+use crate::open_error::{OpenError, undeclared};
 use crate::sealing::Security;
 
 /// Receiver of the messages for one daemon.
@@ -55,10 +55,6 @@ pub(crate) fn declare(
         .iter()
         .flat_map(|key_expr| origins.iter().map(|&origin| ear.declare(session, key_expr, origin)));
     declared.collect()
-}
-
-pub(crate) fn undeclared(what: &str, key_expr: &KeyExpr, source: zenoh::Error) -> OpenError {
-    OpenError::Declare { what: format!("{what} `{key_expr}`"), source }
 }
 
 // === impl InboundReceiver ===

@@ -23,9 +23,12 @@ mod config;
 mod declarations;
 mod endpoint;
 mod inbound;
+mod json_merge;
 mod key_expr;
+mod known_sessions;
 mod listen_problem;
 mod membership;
+mod open_error;
 mod oversize;
 mod own_address;
 mod presence;
@@ -39,10 +42,10 @@ mod tap;
 mod zenoh_errors;
 
 pub use config::{
-    Config, LEASE, MESSAGE_BYTES_MAX, OpenError, REOPEN_DELAY, SessionMode, SettingProblem, lease,
-    problems,
+    Config, LEASE, MESSAGE_BYTES_MAX, REOPEN_DELAY, SessionMode, SettingProblem, lease, problems,
 };
 pub use endpoint::EndpointError;
+pub use open_error::OpenError;
 pub use oversize::oversize_layer;
 pub use own_address::self_link_filter;
 pub use sealing::Security;

@@ -16,10 +16,9 @@ use tracing::Instrument as _;
 use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 
-use crate::anti_entropy::{SyncReply, SyncRequest, digest};
-use crate::config::OpenError;
-use crate::inbound::undeclared;
+use crate::known_sessions::{SyncReply, SyncRequest, digest};
 use crate::membership::{HostedAgents, Membership, TokenEffects};
+use crate::open_error::{OpenError, undeclared};
 use crate::queries::QuerySender;
 
 /// How long a daemon is probed after its first token. After that, it receives the calls to all daemons,

@@ -21,19 +21,28 @@ use zenoh::query::{ConsolidationMode, Parameters, Query, QueryTarget, Queryable,
 use zenoh::sample::Sample;
 use zenoh::{Session, Wait};
 
-use crate::anti_entropy::{KnownSessions, SyncReply, SyncRequest};
-use crate::config::{MESSAGE_PRIORITY, OpenError};
-use crate::declarations::Declarations;
-use crate::inbound::{into_bytes, undeclared};
+use crate::config::MESSAGE_PRIORITY;
+use crate::inbound::into_bytes;
 use crate::key_expr::{AGENT_PARAMETER, KeySpace};
+use crate::known_sessions::{KnownSessions, SyncReply, SyncRequest};
+use crate::open_error::{OpenError, undeclared};
 use crate::sealing::{Security, UnverifiedAnswer, seal_answer};
+
+/// The agents that a daemon has announced.
+pub(crate) trait AnnouncedAgents: Send + Sync {
+    /// Whether the daemon has announced an agent of this name.
+    fn hosts(&self, agent: &AgentId) -> bool;
+
+    /// Returns the agents that the daemon has announced, sorted by name.
+    fn residents(&self) -> Vec<(AgentId, Incarnation)>;
+}
 
 /// Answers the questions that come to one daemon.
 #[derive(Clone)]
 pub(crate) struct QueryResponder {
     pub(crate) keys: KeySpace,
     /// Weak reference, because the declarations hold the queryables that hold this responder.
-    pub(crate) declarations: Weak<Declarations>,
+    pub(crate) announced: Weak<dyn AnnouncedAgents>,
     pub(crate) known_sessions: KnownSessions,
     pub(crate) inbound: Arc<dyn Inbound>,
     pub(crate) security: Option<Security>,
@@ -207,7 +216,7 @@ impl QueryResponder {
     fn models(&self, query: &Query) {
         if let Some(agent) = self.keys.asked_for(query.key_expr().as_str()) {
             // One lookup: with a thousand agents queried one by one, no query may search all of them.
-            if self.declarations.upgrade().is_some_and(|each| each.hosts(&agent)) {
+            if self.announced.upgrade().is_some_and(|each| each.hosts(&agent)) {
                 let key_expr = self.keys.model(&agent);
                 self.question(query, Resource::Model, Some(agent), key_expr);
             }
@@ -223,7 +232,7 @@ impl QueryResponder {
     }
 
     fn residents(&self) -> Vec<(AgentId, Incarnation)> {
-        self.declarations.upgrade().map_or_else(Vec::new, |each| each.residents())
+        self.announced.upgrade().map_or_else(Vec::new, |each| each.residents())
     }
 
     fn question(

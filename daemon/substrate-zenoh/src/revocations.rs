@@ -23,9 +23,9 @@ use zenoh::{Session, Wait};
 use zenoh_link_tls::admission::{self, Admission};
 use zenoh_link_tls::reading;
 
-use crate::config::OpenError;
-use crate::inbound::{into_bytes, undeclared};
+use crate::inbound::into_bytes;
 use crate::key_expr::KeySpace;
+use crate::open_error::{OpenError, undeclared};
 use crate::sealing::Security;
 
 /// How often the file with the list of revoked certificates is checked.

@@ -13,8 +13,9 @@
 use acl::EcosystemId;
 use serde_json::{Value, json};
 
-use crate::config::{OpenError, merge};
 use crate::endpoint;
+use crate::json_merge::merge;
+use crate::open_error::OpenError;
 
 /// Multicast address for scouting, which is Zenoh's own group. It is in the block 224.0.0.0/24, which is
 /// never routed beyond a network, and which cheap switches pass on to all hosts without a subscription.

@@ -14,13 +14,13 @@ use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
 use zenoh::{Session, Wait};
 
-use crate::anti_entropy::{AntiEntropy, KnownSessions};
+use crate::anti_entropy::AntiEntropy;
 use crate::batch::{self, HeartbeatMessage};
-use crate::config::{
-    MESSAGE_BYTES_MAX, MESSAGE_PRIORITY, OpenError, SessionMode, SessionSettings, not_opened,
-};
+use crate::config::{Config, MESSAGE_BYTES_MAX, MESSAGE_PRIORITY, SessionMode, SessionSettings};
 use crate::declarations::Declarations;
 use crate::key_expr::KeySpace;
+use crate::known_sessions::KnownSessions;
+use crate::open_error::{OpenError, not_opened};
 use crate::oversize::{self, OversizeListener};
 use crate::presence::{self, LivelinessSubscriber};
 use crate::publishers::{GenerationCache, PUBLISHERS_MAX};
@@ -59,6 +59,22 @@ enum Route {
     All(AgentId, Performative),
     /// All daemons: a batch with the heartbeats of several agents of this daemon.
     HeartbeatBatch,
+}
+
+// === impl Config ===
+
+impl Config {
+    /// Opens the session and makes the declarations of a daemon. `inbound` may receive messages before
+    /// this returns. A router does not wait until it is connected to other daemons.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the settings are refused, if the daemon cannot listen on an endpoint, or if a
+    /// client reaches no daemon.
+    pub async fn open(self, inbound: Arc<dyn Inbound>) -> Result<Arc<ZenohSubstrate>, OpenError> {
+        let settings = self.settings()?.without_self().await;
+        ZenohSubstrate::open(&self.ecosystem, self.daemon, settings, inbound).await
+    }
 }
 
 // === impl ZenohSubstrate ===

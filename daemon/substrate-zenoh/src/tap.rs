@@ -5,9 +5,10 @@ use zenoh::sample::{Sample, SampleKind};
 use zenoh::{Session, Wait};
 
 use crate::batch;
-use crate::config::{Config, OpenError};
-use crate::inbound::{into_bytes, undeclared};
+use crate::config::Config;
+use crate::inbound::into_bytes;
 use crate::key_expr::KeySpace;
+use crate::open_error::{OpenError, undeclared};
 
 /// Handle of a passive listener, which runs until the handle is dropped.
 pub struct Tap {
