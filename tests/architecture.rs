@@ -5,6 +5,7 @@
 //! - `layers`: which crate may depend on which, according to `cargo metadata`.
 //! - `purity`: what the pure crates and the production source must not contain.
 //! - `length`: no function longer than 70 lines, except for known ones.
+//! - `modules`: which modules of one crate import each other in a circle, each with its reason.
 //! - `source`: a minimal reader of Rust source for the above, with its own tests.
 //!
 //! A new crate of the workspace needs a line in `layers::LAYERS`. A new exception needs a reason; an
@@ -16,6 +17,8 @@ mod documents;
 mod layers;
 #[path = "architecture/length.rs"]
 mod length;
+#[path = "architecture/modules.rs"]
+mod modules;
 #[path = "architecture/purity.rs"]
 mod purity;
 #[path = "architecture/source.rs"]

@@ -133,7 +133,7 @@ fn test_items(code: &str) -> Vec<(usize, &str)> {
 }
 
 /// Returns the length of the item at the start of `code`: to its `;`, or to the end of its braces.
-fn item_length(code: &str) -> usize {
+pub(crate) fn item_length(code: &str) -> usize {
     let (mut depth, mut braces) = (0_i32, 0_i32);
     for (index, char) in code.char_indices() {
         match char {

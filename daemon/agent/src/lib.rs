@@ -7,8 +7,10 @@
 //! - The Communication Agent behind a context decodes messages, drops duplicates, sends receipts,
 //!   retries commitments, follows the protocols, and holds messages for agents that are not present
 //!   yet.
-//! - [`MessageRouter`] is the router of a daemon: mailboxes, the [`Directory`], and the broadcasts that
-//!   a newly started agent has missed.
+//! - [`MessageRouter`] is the router of a daemon. It holds these parts together: the membership with the
+//!   [`Directory`], the hosted agents with their mailboxes, the broadcasts that a newly started agent has
+//!   missed, the link to the substrate, and the feed of the shared domain. Plugins reach them through
+//!   [`Context`] only.
 //! - [`Rights`] state which agent may do what in a secured ecosystem; the router enforces them.
 //! - [`domain_sync`] keeps a Domain Maintainer up to date; the [`SharedDomain`] is the domain model
 //!   that the actuators of one daemon share.
