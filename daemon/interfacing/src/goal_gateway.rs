@@ -151,6 +151,10 @@ impl GoalGateway {
                 let detail = format!("no agent of `{far}` answers");
                 ctx.refuse(engagement, Reason::Unanswered, detail);
             }
+            RemoteUpdate::DeadlinePassed(within) => {
+                let detail = format!("nothing was heard of it from `{far}` within {within:?}");
+                ctx.refuse(engagement, Reason::TimedOut, detail);
+            }
         }
     }
 

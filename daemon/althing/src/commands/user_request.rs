@@ -7,7 +7,7 @@ use std::process::ExitCode;
 
 use acl::content::{HistoryEntry, Outcome, Report};
 use acl::{AgentId, ConversationId};
-use keyboard::{Keyboard, Terminal, UserEvent, UserRequest};
+use keyboard::{Keyboard, RequestRef, Terminal, UserEvent, UserRequest};
 use terminal::{exit, output};
 use tokio::signal;
 
@@ -98,7 +98,7 @@ pub(super) async fn send_and_follow(
         };
         about = about.or_else(|| heard.conversation().cloned());
         if let UserEvent::Report(about, report) = &mut heard {
-            print_missed(&mut told, about, mem::take(&mut report.history), json);
+            print_missed(&mut told, &about.conversation, mem::take(&mut report.history), json);
             let is_news = told.note(report);
             holds = heard.is_success();
             if !is_news {
@@ -110,7 +110,7 @@ pub(super) async fn send_and_follow(
             return printed;
         }
         // The number of answers to a message to all agents is unknown.
-        if heard.is_final() && !(is_to_all && matches!(heard, UserEvent::Answered(_))) {
+        if heard.is_final() && !(is_to_all && matches!(heard, UserEvent::Answered(..))) {
             return exit::with(code_of(&heard, is_cancel));
         }
     }
@@ -193,7 +193,8 @@ fn print_missed(
     json: bool,
 ) {
     for report in told.missed(history) {
-        event_output::print(&UserEvent::Report(about.clone(), report), json);
+        let about = RequestRef { id: None, conversation: about.clone() };
+        event_output::print(&UserEvent::Report(about, report), json);
     }
 }
 

@@ -365,10 +365,10 @@ async fn what_is_given_up_here_is_given_up_there() {
     let mut clerk = street.clerk();
     wish(&clerk, &street.firm_ecosystem, "merger").await;
     let asked = timeout(PATIENCE, clerk.events.recv()).await.expect("in time").expect("lives");
-    let UserEvent::Sent(conversation) = asked else { panic!("{asked:?}") };
+    let UserEvent::Sent(about) = asked else { panic!("{asked:?}") };
     let departed = |event: &BuildingEvent| matches!(event, BuildingEvent::Departed { .. });
     timeout(PATIENCE, street.building.wait_for(|truth| truth.any(departed))).await.expect("off");
-    say(&clerk, UserRequest::Cancel(conversation)).await;
+    say(&clerk, UserRequest::Cancel(about.conversation)).await;
     let stayed = |event: &BuildingEvent| matches!(event, BuildingEvent::Stayed { .. });
     let stopped = street.building.wait_for(|truth| truth.any(stayed));
     timeout(PATIENCE, stopped).await.expect("the robot is called off in the house");
@@ -423,7 +423,7 @@ fn goal_for_desk(goal: &str) -> UserRequest {
 async fn desk_answers(clerk: &mut Terminal) -> Result<Outcome, Refusal> {
     loop {
         let heard = timeout(PATIENCE, clerk.events.recv()).await.expect("in time").expect("lives");
-        let UserEvent::Answered(message) = &heard else { continue };
+        let UserEvent::Answered(_, message) = &heard else { continue };
         if !heard.is_final() {
             continue;
         }
