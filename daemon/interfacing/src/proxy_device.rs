@@ -63,9 +63,11 @@ pub struct InterfaceCounters {
     pub over_rate: AtomicU64,
     /// Number of requests that named a symbol that is not exported.
     pub unexported: AtomicU64,
-    /// Number of agents and goals that were rejected because they would have returned to the ecosystem
-    /// they come from.
-    pub loops: AtomicU64,
+    /// Number of times that an agent got no proxy agent, because it would have returned to the ecosystem
+    /// that it comes from, or came through too many. A new incarnation or model counts again.
+    pub looped_agents: AtomicU64,
+    /// Number of goals that were refused because they come from another ecosystem themselves.
+    pub looped_goals: AtomicU64,
 }
 
 // === impl ProxyContext ===

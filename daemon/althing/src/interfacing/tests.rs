@@ -3,6 +3,7 @@
 //! against every byte on both networks.
 
 use std::path::Path;
+use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -395,9 +396,11 @@ async fn what_would_come_back_is_stopped() {
     })
     .await;
     tokio::time::sleep(Duration::from_secs(60)).await;
-    let looped =
-        |interface: &Interface| interface.imported.loops.load(std::sync::atomic::Ordering::Relaxed);
-    assert_eq!(street.interfaces.iter().map(looped).collect::<Vec<_>>(), [0, 1]);
+    let looped = |interface: &Interface| {
+        let imported = &interface.imported;
+        [&imported.looped_agents, &imported.looped_goals].map(|count| count.load(Relaxed))
+    };
+    assert_eq!(street.interfaces.iter().map(looped).collect::<Vec<_>>(), [[0, 0], [1, 0]]);
     let ghost = AgentId::new("ghost").expect("a name");
     assert!(street.house.switchboard().find(&ghost).is_none());
     assert!(street.is_in_firm("cleaner"));
