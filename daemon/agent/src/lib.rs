@@ -71,7 +71,7 @@ pub use plugin::{
 };
 pub use rights::{AgentRights, AllowedNames, AllowedRequesters, Rights};
 pub use router::{FailureCounters, MessageRouter};
-pub use settings::AgentSettings;
+pub use settings::{AgentSettings, TimingRule};
 pub use shared_domain::SharedDomain;
 pub use spawner::Spawner;
 pub use substrate::{Presence, Resident, Resource, ResourceQuery};
