@@ -49,6 +49,7 @@ mod receipts;
 mod rejections;
 pub mod replication;
 mod rights;
+mod role_names;
 mod router;
 mod settings;
 mod shared_domain;
@@ -70,6 +71,7 @@ pub use plugin::{
     Blueprint, BuildCheck, BuildError, ConfiguredNames, Host, PluginEntry, Resources, StateFolder,
 };
 pub use rights::{AgentRights, AllowedNames, AllowedRequesters, Rights};
+pub use role_names::RoleNames;
 pub use router::{FailureCounters, MessageRouter};
 pub use settings::{AgentSettings, TimingRule};
 pub use shared_domain::SharedDomain;

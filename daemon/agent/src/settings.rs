@@ -1,9 +1,12 @@
-//! Times and bounds of agents, each with the reason for its value.
+//! Settings of all agents of an ecosystem: the times and bounds that the ecosystem file may change, each
+//! with the reason for its value, and the names of the reasoning agents.
 
 use std::fmt;
 use std::time::Duration;
 
 use capability::SilenceLimit;
+
+use crate::role_names::RoleNames;
 
 /// Lease of Zenoh's links. The value repeats `substrate_zenoh::LEASE`, because this crate does not
 /// depend on that one.
@@ -12,9 +15,11 @@ const LINK_LEASE: Duration = Duration::from_secs(4);
 /// Time until all daemons have noticed that a lease has passed.
 const DETECTION: Duration = Duration::from_secs(2);
 
-/// Times and bounds that apply to every agent of a daemon.
+/// Times, bounds and names that apply to every agent of a daemon.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AgentSettings {
+    /// Names of the reasoning agents.
+    pub roles: RoleNames,
     /// Period of an actuator's heartbeat. One second serves the paper's plug and play: a change that
     /// only a heartbeat reveals is seen within a second.
     pub heartbeat_period: Duration,
@@ -60,6 +65,7 @@ pub struct AgentSettings {
 impl Default for AgentSettings {
     fn default() -> AgentSettings {
         AgentSettings {
+            roles: RoleNames::default(),
             heartbeat_period: Duration::from_millis(1_000),
             heartbeat_lease: Duration::from_millis(3_500),
             grace: Duration::from_millis(500),

@@ -22,7 +22,7 @@ use acl::content::{
 };
 use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
 use agent::{
-    Agent, Blueprint, BuildError, Callbacks, Context, DeliveryError, ExchangeEvent,
+    Agent, AgentSettings, Blueprint, BuildError, Callbacks, Context, DeliveryError, ExchangeEvent,
     ExchangeOpening, LaunchableAgent, Participation, PluginEntry, Presence, Resource, WorkHandle,
 };
 use serde::Deserialize;
@@ -90,9 +90,6 @@ struct RequestedGoal {
 
 /// The Keyboard Agent: a person's interface to the ecosystem.
 pub struct Keyboard {
-    plan_requester: AgentId,
-    plan_executor: AgentId,
-    domain_maintainer: AgentId,
     startup_goals: Vec<GoalRequest>,
     questions: Questions,
     /// Requested actions that are in preparation: the domain is being fetched for each of them.
@@ -124,11 +121,7 @@ impl Keyboard {
     }
 
     fn without_terminal() -> Keyboard {
-        let name = |text| AgentId::new(text).expect("invariant: a literal that is a name");
         Keyboard {
-            plan_requester: name("plan-requester"),
-            plan_executor: name("plan-executor"),
-            domain_maintainer: name("domain-maintainer"),
             startup_goals: Vec::new(),
             questions: Questions::default(),
             actions_in_preparation: BTreeMap::new(),
@@ -160,7 +153,7 @@ impl Agent for Keyboard {
 
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
         if let Presence::Joined(resident) = presence
-            && resident.agent == self.plan_requester
+            && resident.agent == ctx.settings().roles.plan_requester
             && !self.goals.is_empty()
         {
             let came = ctx.now();
@@ -238,7 +231,7 @@ impl Keyboard {
     fn request_goal(&mut self, wish: GoalRequest, id: Option<RequestId>, ctx: &mut Context<Self>) {
         let GoalRequest { goal, keep, priority, partition } = wish;
         let request = Request::Achieve(Achieve { goal, keep, priority, partition });
-        let to = self.plan_requester.clone();
+        let to = ctx.settings().roles.plan_requester.clone();
         let (about, exchange) = self.request(to, Protocol::Goal, &request, GOAL_TIMEOUT, id, ctx);
         let last_report_at = ctx.now();
         let goal = RequestedGoal { id, exchange, last_report_at, request, departures: 0 };
@@ -255,7 +248,7 @@ impl Keyboard {
         ctx: &mut Context<Self>,
     ) {
         let Some(asked) = self.goals.get(&about) else { return };
-        let to = self.plan_requester.clone();
+        let to = ctx.settings().roles.plan_requester.clone();
         if ctx.find(&to).is_none() {
             if ctx.now() < until {
                 let again = move |keyboard: &mut Self, ctx: &mut Context<Self>| {
@@ -292,13 +285,15 @@ impl Keyboard {
     }
 
     fn change_state(&mut self, change: ChangeState, id: RequestId, ctx: &mut Context<Self>) {
-        let (to, patience) = (self.domain_maintainer.clone(), ctx.settings().answer_deadline * 2);
+        let AgentSettings { roles, answer_deadline, .. } = ctx.settings();
+        let (to, patience) = (roles.domain_maintainer.clone(), *answer_deadline * 2);
         let request = Request::ChangeState(change);
         self.request(to, Protocol::StateChange, &request, patience, Some(id), ctx);
     }
 
     fn set_mode(&mut self, mode: Mode, id: RequestId, ctx: &mut Context<Self>) {
-        let (to, patience) = (self.plan_requester.clone(), ctx.settings().answer_deadline * 2);
+        let AgentSettings { roles, answer_deadline, .. } = ctx.settings();
+        let (to, patience) = (roles.plan_requester.clone(), *answer_deadline * 2);
         let request = Request::SetMode(SetMode { mode });
         self.request(to, Protocol::StateChange, &request, patience, Some(id), ctx);
     }
@@ -333,10 +328,11 @@ impl Keyboard {
         }
         let nothing = serde_json::Value::Null;
         if let Some(action) = self.running_actions.get(&conversation) {
-            return ctx.send_turn(action, &self.plan_executor, Performative::Cancel, nothing);
+            let executor = ctx.settings().roles.plan_executor.clone();
+            return ctx.send_turn(action, &executor, Performative::Cancel, nothing);
         }
         let opening = ExchangeOpening {
-            to: Some(self.plan_requester.clone()),
+            to: Some(ctx.settings().roles.plan_requester.clone()),
             performative: Performative::Cancel,
             protocol: Protocol::Goal,
             conversation,
@@ -351,7 +347,8 @@ impl Keyboard {
     fn prepare_action(&mut self, action: String, id: RequestId, ctx: &mut Context<Self>) {
         let about = self.begin(Some(id), ctx);
         let conversation = about.conversation.clone();
-        let asked = ctx.ask(Resource::Domain, &self.domain_maintainer);
+        let maintainer = ctx.settings().roles.domain_maintainer.clone();
+        let asked = ctx.ask(Resource::Domain, &maintainer);
         let work = ctx.run(asked, move |keyboard: &mut Self, answers, ctx| {
             if keyboard.actions_in_preparation.remove(&about.conversation).is_none() {
                 return;
@@ -382,7 +379,7 @@ impl Keyboard {
             }
         };
         let opening = ExchangeOpening {
-            to: Some(self.plan_executor.clone()),
+            to: Some(ctx.settings().roles.plan_executor.clone()),
             performative: Performative::Request,
             protocol: Protocol::Execution,
             conversation: about.conversation.clone(),

@@ -341,7 +341,7 @@ impl Refresher {
 }
 
 async fn read_words(view: &EcosystemView, words: &RwLock<CompletionWords>) {
-    let maintainer = AgentId::new("domain-maintainer").ok();
+    let maintainer = Some(view.roles().domain_maintainer.clone());
     let answers = view.ask(Resource::Domain, maintainer).await;
     let snapshot = answers.first().and_then(|bytes| serde_json::from_slice::<Snapshot>(bytes).ok());
     let goals = view.ecosystem.iter().flat_map(|ecosystem| ecosystem.goals.keys());

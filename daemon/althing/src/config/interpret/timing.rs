@@ -1,18 +1,26 @@
-//! The times and bounds of an ecosystem: checks that they are consistent with each other.
+//! The settings of all agents of an ecosystem: its times and bounds, with checks that they are consistent
+//! with each other, and the names of its reasoning agents.
 
-use agent::{AgentSettings, TimingRule};
+use acl::AgentId;
+use agent::{AgentSettings, RoleNames, TimingRule};
 use pddl::Diagnostic;
 
 use super::Interpreter;
 use crate::config::DEFAULTS_NAME;
+use crate::config::ecosystem::AgentEntry;
 use crate::config::raw::{RawLimits, RawTiming};
 
 // === impl Interpreter ===
 
 impl Interpreter<'_> {
-    /// Returns the times and bounds that all agents use. Reports those that are inconsistent.
-    pub(super) fn settings(&mut self, timing: &RawTiming, limits: &RawLimits) -> AgentSettings {
-        let settings = settings(timing, limits);
+    /// Returns the settings that all agents use. Reports times that are inconsistent.
+    pub(super) fn settings(
+        &mut self,
+        timing: &RawTiming,
+        limits: &RawLimits,
+        agents: &[AgentEntry],
+    ) -> AgentSettings {
+        let settings = AgentSettings { roles: role_names(agents), ..settings(timing, limits) };
         for rule in settings.timing_rules() {
             self.rule(&rule);
         }
@@ -63,5 +71,25 @@ fn settings(timing: &RawTiming, limits: &RawLimits) -> AgentSettings {
         mailbox_messages_max: mailbox_messages_max as usize,
         outbox_messages_max: outbox_messages_max as usize,
         ..AgentSettings::default()
+    }
+}
+
+/// Returns the names of the reasoning agents: those that the entry of the Plan Requester gives the
+/// agents it works with, otherwise those of the first agents with the plugins.
+fn role_names(agents: &[AgentEntry]) -> RoleNames {
+    let entry =
+        |plugin: &str| agents.iter().find(|entry| entry.is_built_in() && entry.plugin == plugin);
+    let requester = entry("plan-requester");
+    let name = |plugin: &str, default: AgentId| {
+        let chosen = requester.and_then(|entry| entry.config.get(plugin)?.as_str());
+        let chosen = chosen.and_then(|name| AgentId::new(name).ok());
+        chosen.or_else(|| Some(entry(plugin)?.name.clone())).unwrap_or(default)
+    };
+    let default = RoleNames::default();
+    RoleNames {
+        domain_maintainer: name("domain-maintainer", default.domain_maintainer),
+        plan_requester: requester.map_or(default.plan_requester, |entry| entry.name.clone()),
+        planning_agent: name("planning-agent", default.planning_agent),
+        plan_executor: name("plan-executor", default.plan_executor),
     }
 }
