@@ -4,8 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, SystemTime};
 
 use acl::content::{
-    Achieve, Execute, GoalStatus, HistoryEntry, Keep, Offers, Outcome, Partition, Reason, Report,
-    Version,
+    Achieve, Execute, GoalStatus, HISTORY_ENTRIES_MAX, HistoryEntry, Keep, Offers, Outcome,
+    Partition, Reason, Report, Version,
 };
 use acl::{AgentId, ConversationId, Incarnation, ReplyToken};
 use agent::{Participation, TimerId, WorkHandle};
@@ -15,9 +15,6 @@ use tokio::time::Instant;
 use crate::explanations::GoalContext;
 use crate::planning_snapshot::{AvoidedAction, AvoidedActions, outside};
 use crate::scheduling::{ExplanationTask, PlanningMode};
-
-/// Maximum number of history entries per goal: enough to explain the goal's present phase.
-const HISTORY_LINES_MAX: usize = 64;
 
 /// How long a failed action is avoided after its first failure. The time doubles with every failure, up
 /// to `AVOIDED_MAX`. A loose contact recovers within seconds, a repair takes minutes.
@@ -239,7 +236,7 @@ impl Goal {
     /// Restores the part of the goal's history from before this replica took the goal over.
     pub(crate) fn recall_history(&mut self, history: Vec<HistoryEntry>) {
         self.history = history;
-        self.history.truncate(HISTORY_LINES_MAX);
+        self.history.truncate(HISTORY_ENTRIES_MAX);
     }
 
     /// Marks a step of the running plan as done.
@@ -262,7 +259,7 @@ impl Goal {
         outcome: Option<Outcome>,
         text: impl Into<String>,
     ) {
-        if self.history.len() == HISTORY_LINES_MAX {
+        if self.history.len() == HISTORY_ENTRIES_MAX {
             self.history.remove(0);
         }
         let at = at.duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
