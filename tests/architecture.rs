@@ -1,6 +1,7 @@
 //! Tests that the code keeps the promises of ARCHITECTURE.md. Each promise is an absence, which is
 //! searched for here.
 //!
+//! - `durations`: each duration has a name and a reason.
 //! - `layers`: which crate may depend on which, according to `cargo metadata`.
 //! - `purity`: what the pure crates and the production source must not contain.
 //! - `length`: no function longer than 70 lines, except for known ones.
@@ -9,6 +10,8 @@
 //! A new crate of the workspace needs a line in `layers::LAYERS`. A new exception needs a reason; an
 //! exception that is no longer needed fails as well.
 
+#[path = "architecture/durations.rs"]
+mod durations;
 #[path = "architecture/layers.rs"]
 mod layers;
 #[path = "architecture/length.rs"]

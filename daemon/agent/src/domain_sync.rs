@@ -49,6 +49,10 @@ const ASKED_AGAIN: u32 = 5;
 /// gone after a while.
 const REFUSED_FOR: Duration = Duration::from_secs(10);
 
+/// Resolution of a timestamp. A timer for a timestamp waits that much longer, so that it never fires
+/// before it.
+const TIMESTAMP_STEP: Duration = Duration::from_millis(1);
+
 /// Most rejected models remembered at a time: as many as the number of agents that may have a model.
 const REFUSED_MAX: usize = capability::limits::AGENTS_MAX;
 
@@ -253,8 +257,7 @@ pub fn report_change<A: MaintainsDomain>(
         ctx.cancel_timer(earlier);
     }
     if let Some(next) = agent.domain_sync().maintainer.next_expiry() {
-        // One millisecond more, because a moment is a whole number of milliseconds.
-        let wait = next.since(agent.domain_sync().timestamp()) + Duration::from_millis(1);
+        let wait = next.since(agent.domain_sync().timestamp()) + TIMESTAMP_STEP;
         agent.domain_sync().expiry = Some(ctx.after(wait, expire));
     }
     for gone in &change.left {
