@@ -70,19 +70,16 @@ struct OpenExchange<A: Agent> {
     opening: Box<Message>,
     /// Number of times that a standby has declined the opening.
     declined: u32,
-    /// State of the exchange after the opening. The state of each participant that answers begins as a
-    /// copy of this one.
+    /// State of the exchange after the opening, with which each participant that answers begins.
     begun: Exchange,
     participants: BTreeMap<AgentId, Exchange>,
-    /// Turns that arrived too early: the turn that each of them follows was lost and is being sent
-    /// again.
+    /// Turns that arrived before the turn that they follow, which is being sent again.
     early: Vec<Message>,
     timer: TimerId,
     on_answer: Option<ExchangeCallback<A>>,
 }
 
-/// Identifies a timer, by the time when the timer is due and a number that distinguishes timers of the
-/// same instant.
+/// Identifies a timer, by the time when it is due and its number among the timers of that instant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct TimerId(Instant, u64);
 
@@ -136,7 +133,7 @@ impl<A: Agent> Context<A> {
         self.communication.incarnation
     }
 
-    /// Returns the times and bounds that apply to the daemon's agents.
+    /// Returns the settings of all agents of the ecosystem.
     pub fn settings(&self) -> &AgentSettings {
         self.router().settings()
     }
@@ -353,8 +350,11 @@ impl<A: Agent> Context<A> {
         self.communication.answer(engagement, performative, value(content));
     }
 
-    /// Sends an answer as the participant of an exchange. Returns the reason if it cannot be sent
-    /// now, so that the caller can send it later.
+    /// Sends an answer as the participant of an exchange; if that fails, the caller can try it later.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason if the answer cannot be sent now, such as a full outbox.
     pub fn try_answer(
         &mut self,
         engagement: &Participation,
