@@ -2,6 +2,7 @@
 //! searched for here.
 //!
 //! - `documents`: source files that documents name exist.
+//! - `durations`: each duration has a name and a reason.
 //! - `layers`: which crate may depend on which, according to `cargo metadata`.
 //! - `purity`: what the pure crates and the production source must not contain.
 //! - `length`: no function longer than 70 lines, except for known ones.
@@ -13,6 +14,8 @@
 
 #[path = "architecture/documents.rs"]
 mod documents;
+#[path = "architecture/durations.rs"]
+mod durations;
 #[path = "architecture/layers.rs"]
 mod layers;
 #[path = "architecture/length.rs"]

@@ -14,7 +14,7 @@ use serde_json::Value;
 
 use crate::{AgentId, ConversationId, DaemonId, Deadline};
 
-pub use self::goal::{GoalPhase, GoalStatus, HistoryEntry};
+pub use self::goal::{GoalPhase, GoalStatus, HISTORY_ENTRIES_MAX, HistoryEntry};
 pub use self::state::{
     ActionOf, Auxiliary, BelievedFact, BelievedState, ChangeActions, ChangeMetric, ChangeState,
     Claim, EpochChange, Guard, Heartbeat, ModelAnnouncement, Observation, Requested, RequestedFact,

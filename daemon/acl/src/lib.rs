@@ -3,6 +3,7 @@
 //! - [`Message`] is the envelope (FIPA SC00061; docs/design.md, “Messages”).
 //! - [`content`] has the contents that the paper's roles send; PDDL is sent as text.
 //! - [`Hello`] is the first input of a plugin that is a process of its own.
+//! - [`fnv`] is the hash that several programs and releases must compute alike.
 //! - [`codec`] writes and reads JSON. It extracts enough from an unreadable text to answer it.
 //!
 //! This crate leaves to others: which message may follow which (`conversation`), and the meaning of a
@@ -10,6 +11,7 @@
 
 pub mod codec;
 pub mod content;
+pub mod fnv;
 mod hello;
 mod message;
 mod name;

@@ -25,6 +25,6 @@ pub use agent::StateFolder;
 pub use device::{Description, Device, MethodCall, MethodFailure, MethodResult, OwnFact};
 pub use initiative::{DeviceEvent, Initiative, InitiativeUpdate};
 pub use mobile_base::{BaseConfig, BaseDriver, BaseOutcome, MobileBase};
-pub use on_off::{OnOffPredicates, is_derived};
+pub use on_off::{OnOffNames, OnOffPredicates, is_derived};
 pub use pddl_text::{InvalidPlaceName, PlaceName, facts_of, model_of};
 pub use substrate::BoxFuture;

@@ -17,6 +17,53 @@ pub struct OnOffPredicates<'w> {
     pub all: bool,
 }
 
+/// PDDL names for one kind of thing that actions switch on and off. Drivers and gateways share these
+/// names, so that one ecosystem can have both.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct OnOffNames {
+    /// The predicates.
+    pub predicates: OnOffPredicates<'static>,
+    /// The action that switches the thing on.
+    pub on: &'static str,
+    /// The action that switches the thing off.
+    pub off: &'static str,
+}
+
+// === impl OnOffNames ===
+
+impl OnOffNames {
+    /// The names for lamps.
+    pub const LAMP: OnOffNames = OnOffNames {
+        predicates: OnOffPredicates { agent: "lamp", state: "lit", own: "lamp-on", all: false },
+        on: "turn-on-lamp",
+        off: "turn-off-lamp",
+    };
+
+    /// The names for relays.
+    pub const RELAY: OnOffNames = OnOffNames {
+        predicates: OnOffPredicates {
+            agent: "relay",
+            state: "powered",
+            own: "relay-on",
+            all: false,
+        },
+        on: "turn-on-relay",
+        off: "turn-off-relay",
+    };
+
+    /// The names for door locks. A room is locked if all of its locks are.
+    pub const DOOR_LOCK: OnOffNames = OnOffNames {
+        predicates: OnOffPredicates {
+            agent: "door-lock",
+            state: "locked",
+            own: "bolted",
+            all: true,
+        },
+        on: "lock-door",
+        off: "unlock-door",
+    };
+}
+
 // === impl OnOffPredicates ===
 
 impl OnOffPredicates<'_> {

@@ -44,8 +44,7 @@ pub struct Context<A> {
     work: JoinSet<DeferredCallback<A>>,
 }
 
-/// Identifies a timer, by the time when the timer is due and a number that distinguishes timers of the
-/// same instant.
+/// Identifies a timer, by the time when it is due and its number among the timers of that instant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct TimerId(Instant, u64);
 
@@ -99,7 +98,7 @@ impl<A: 'static> Context<A> {
         self.communication.incarnation
     }
 
-    /// Returns the times and bounds that apply to the daemon's agents.
+    /// Returns the settings of all agents of the ecosystem.
     pub fn settings(&self) -> &AgentSettings {
         self.router().settings()
     }
@@ -183,8 +182,11 @@ impl<A: 'static> Context<A> {
         self.communication.answer(engagement, performative, value(content));
     }
 
-    /// Sends an answer as the participant of an exchange. Returns the reason if it cannot be sent
-    /// now, so that the caller can send it later.
+    /// Sends an answer as the participant of an exchange; if that fails, the caller can try it later.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason if the answer cannot be sent now, such as a full outbox.
     pub fn try_answer(
         &mut self,
         engagement: &Participation,

@@ -27,6 +27,10 @@ use crate::domain_tracker::{ANNOUNCED_WITHIN, DomainTracker, PresenceOutcome, an
 /// takes some milliseconds.
 const COMPOSING_APART: Duration = Duration::from_millis(20);
 
+/// Resolution of a timestamp. A timer for a timestamp waits that much longer, so that it never fires
+/// before it.
+const TIMESTAMP_STEP: Duration = Duration::from_millis(1);
+
 /// First wait before an agent that gave no answer is asked for its model again; the wait doubles each
 /// time, and `ASKED_AGAIN` is the number of repetitions. Presence is known a moment before queries
 /// reach the agent; Zenoh's routes are there after a tenth of a second at most. An agent without a
@@ -188,7 +192,7 @@ fn schedule_due<A: MaintainsDomain>(agent: &mut A, ctx: &mut Context<A>) {
     let sync = agent.domain_sync();
     let next = sync.tracker.next_due(&sync.maintainer, ctx.settings().removal);
     // One millisecond more, because a timestamp is a whole number of milliseconds.
-    let wait = next.map(|next| next.since(sync.timestamp()) + Duration::from_millis(1));
+    let wait = next.map(|next| next.since(sync.timestamp()) + TIMESTAMP_STEP);
     if let Some(earlier) = sync.due.take() {
         ctx.cancel_timer(earlier);
     }

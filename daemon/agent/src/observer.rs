@@ -231,12 +231,15 @@ impl Agent for Observer {
     }
 }
 
-/// Returns the time from which the sender of a heartbeat counts as silent. The period stated in the
-/// heartbeat is limited to an hour, and the tolerated silence to a day, so that the time can be
-/// computed.
+/// Longest period of a heartbeat, and longest silence, that are counted with: another agent states the
+/// period, and the time at which it counts as silent must be computable.
+const PERIOD_MAX: Duration = Duration::from_secs(3_600);
+const SILENCE_MAX: Duration = Duration::from_secs(24 * 3_600);
+
+/// Returns the time from which the sender of a heartbeat counts as silent.
 fn due(beat: &Heartbeat, silence: SilenceLimit) -> Instant {
-    let period = beat.period.0.min(Duration::from_secs(3_600));
-    let tolerated = silence.of_period(period).min(Duration::from_secs(24 * 3_600));
+    let period = beat.period.0.min(PERIOD_MAX);
+    let tolerated = silence.of_period(period).min(SILENCE_MAX);
     Instant::now() + tolerated
 }
 

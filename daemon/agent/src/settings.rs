@@ -1,8 +1,12 @@
-//! Times and bounds of agents, each with the reason for its value.
+//! Settings of all agents of an ecosystem: the times and bounds that the ecosystem file may change, each
+//! with the reason for its value, and the names of the reasoning agents.
 
+use std::fmt;
 use std::time::Duration;
 
 use capability::SilenceLimit;
+
+use crate::role_names::RoleNames;
 
 /// Lease of Zenoh's links. The value repeats `substrate_zenoh::LEASE`, because this crate does not
 /// depend on that one.
@@ -11,9 +15,11 @@ const LINK_LEASE: Duration = Duration::from_secs(4);
 /// Time until all daemons have noticed that a lease has passed.
 const DETECTION: Duration = Duration::from_secs(2);
 
-/// Times and bounds that apply to every agent of a daemon.
+/// Times, bounds and names that apply to every agent of a daemon.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AgentSettings {
+    /// Names of the reasoning agents.
+    pub roles: RoleNames,
     /// Period of an actuator's heartbeat. One second serves the paper's plug and play: a change that
     /// only a heartbeat reveals is seen within a second.
     pub heartbeat_period: Duration,
@@ -59,6 +65,7 @@ pub struct AgentSettings {
 impl Default for AgentSettings {
     fn default() -> AgentSettings {
         AgentSettings {
+            roles: RoleNames::default(),
             heartbeat_period: Duration::from_millis(1_000),
             heartbeat_lease: Duration::from_millis(3_500),
             grace: Duration::from_millis(500),
@@ -90,26 +97,100 @@ impl AgentSettings {
         self.heartbeat_lease.max(LINK_LEASE) + DETECTION
     }
 
-    /// Returns a description of what is impossible in these settings, such as a lease shorter than a
-    /// heartbeat period or a removal shorter than the grace; `None` if the settings are possible.
-    pub fn problem(&self) -> Option<String> {
-        if self.heartbeat_lease <= self.heartbeat_period {
-            return Some(format!(
-                "heartbeat-lease ({:?}) must be longer than heartbeat-period ({:?}), or an agent \
-                 is declared gone between two of its heartbeats",
-                self.heartbeat_lease, self.heartbeat_period
-            ));
-        }
-        if self.removal < self.grace {
-            return Some(format!(
-                "removal ({:?}) must not be shorter than grace ({:?}), or what an agent knew is \
-                 forgotten before the plans that need it are repaired",
-                self.removal, self.grace
-            ));
-        }
-        if self.mailbox_messages_max == 0 || self.outbox_messages_max == 0 {
-            return Some("a mailbox and an outbox hold at least one message".to_owned());
-        }
-        None
+    /// Returns the rules between the times, each with the values of these settings.
+    pub fn timing_rules(&self) -> [TimingRule; 3] {
+        let rule = |longer, shorter, may_be_equal, reason| {
+            let ((longer, long), (shorter, short)) = (longer, shorter);
+            TimingRule { longer, long, shorter, short, may_be_equal, reason }
+        };
+        [
+            rule(
+                ("heartbeat-lease", self.heartbeat_lease),
+                ("heartbeat-period", self.heartbeat_period),
+                false,
+                "or an agent is declared gone between two of its heartbeats",
+            ),
+            rule(
+                ("removal", self.removal),
+                ("grace", self.grace),
+                true,
+                "or what an agent knew is forgotten before the plans that need it are repaired",
+            ),
+            rule(
+                ("retry-max", self.retry_max),
+                ("retry-first", self.retry_first),
+                true,
+                "waits between retries begin with one and grow to the other",
+            ),
+        ]
+    }
+}
+
+/// A rule that one time of the settings is longer than another. Its text is an error message.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct TimingRule {
+    /// Key in the ecosystem file of the time that must be longer.
+    pub longer: &'static str,
+    /// Value of the time that must be longer.
+    pub long: Duration,
+    /// Key in the ecosystem file of the time that must be shorter.
+    pub shorter: &'static str,
+    /// Value of the time that must be shorter.
+    pub short: Duration,
+    /// Whether both times may be equal.
+    pub may_be_equal: bool,
+    /// Reason for the rule.
+    pub reason: &'static str,
+}
+
+impl TimingRule {
+    /// Whether the values follow the rule.
+    pub fn holds(&self) -> bool {
+        self.long > self.short || self.may_be_equal && self.long == self.short
+    }
+}
+
+impl fmt::Display for TimingRule {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let TimingRule { longer, long, shorter, short, may_be_equal, .. } = self;
+        let or_equal = if *may_be_equal { " or equal" } else { "" };
+        write!(f, "`{longer}` ({long:?}) must be longer than{or_equal} `{shorter}` ({short:?})")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn broken(settings: &AgentSettings) -> Vec<String> {
+        let rules = settings.timing_rules();
+        rules.iter().filter(|rule| !rule.holds()).map(TimingRule::to_string).collect()
+    }
+
+    #[test]
+    fn the_defaults_follow_the_rules() {
+        let settings = AgentSettings::default();
+        assert_eq!(broken(&settings), [""; 0]);
+        assert_eq!(settings.silence_limit(), SilenceLimit::default());
+    }
+
+    #[test]
+    fn each_rule_can_be_broken() {
+        let second = Duration::from_secs(1);
+        let settings = AgentSettings {
+            heartbeat_period: second,
+            heartbeat_lease: second,
+            removal: second,
+            grace: second * 2,
+            retry_first: second * 3,
+            retry_max: second,
+            ..AgentSettings::default()
+        };
+        let expected = [
+            "`heartbeat-lease` (1s) must be longer than `heartbeat-period` (1s)",
+            "`removal` (1s) must be longer than or equal `grace` (2s)",
+            "`retry-max` (1s) must be longer than or equal `retry-first` (3s)",
+        ];
+        assert_eq!(broken(&settings), expected);
     }
 }

@@ -21,6 +21,10 @@ const RECHARGE_MAX: f64 = 24.0 * 3_600.0;
 
 impl Layout {
     /// Gives `robot` a battery. If the robot has one already, the new battery replaces it.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such robot or dock, or if a figure of the battery is out of range.
     pub fn equip(
         &mut self,
         robot: &str,
@@ -120,12 +124,20 @@ impl Truth {
 
 impl Building {
     /// Recharges a robot's battery; the robot must stand at its dock.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such robot, if it is broken, or if it does not stand at its dock.
     pub async fn recharge(&self, robot: &str) -> Result<(), DeviceError> {
         let takes = self.change(|truth| truth.begin_recharging(robot))?;
         self.work(robot, takes, |truth| truth.finish_recharging(robot)).await
     }
 
     /// Returns the remaining range of a robot, in meters; `None` if the robot has no battery.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such robot.
     pub fn charge_of(&self, robot: &str) -> Result<Option<f64>, DeviceError> {
         let truth = self.subscribe();
         let truth = truth.borrow();
@@ -134,6 +146,11 @@ impl Building {
     }
 
     /// Sets the remaining range of a robot, in meters. For tests and scenarios.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such robot, if it has no battery, or if the range is more than that
+    /// of the battery.
     pub fn set_charge(&self, robot: &str, meters: f64) -> Result<(), LayoutError> {
         self.change(|truth| truth.set_charge(robot, meters))
     }
@@ -152,6 +169,11 @@ impl Building {
 
 impl BuildingHandle {
     /// Recharges a robot's battery; the robot must stand at its dock.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error in the same cases as [`Building::recharge`], and if the server of the building cannot
+    /// be reached or refuses the request.
     pub async fn recharge(&self, robot: &str) -> Result<(), DeviceError> {
         match self.battery(BatteryAsk::Recharge { robot: robot.to_owned() }).await? {
             BatteryAnswer::Full => Ok(()),
@@ -160,6 +182,11 @@ impl BuildingHandle {
     }
 
     /// Returns the remaining range of a robot, in meters; `None` if the robot has no battery.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error in the same cases as [`Building::charge_of`], and if the server of the building cannot
+    /// be reached or refuses the request.
     pub async fn charge_of(&self, robot: &str) -> Result<Option<f64>, DeviceError> {
         match self.battery(BatteryAsk::Charge { robot: robot.to_owned() }).await? {
             BatteryAnswer::Charge(charge) => Ok(charge),

@@ -39,6 +39,10 @@ impl Building {
     /// 1.0 is real time, 0.1 ten times as fast, 0.0 without any waiting.
     ///
     /// Durations are measured by Tokio's clock, so they stand still while that clock is paused.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the time scale is out of range.
     pub fn new(layout: Layout, time_scale: f64) -> Result<Building, LayoutError> {
         if !(0.0..=TIME_SCALE_MAX).contains(&time_scale) {
             return Err(LayoutError::BadTimeScale { time_scale });
@@ -54,6 +58,10 @@ impl Building {
 
 impl Building {
     /// Measures the temperature at the true location of the sensor.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such device, if it is no temperature sensor, or if it is broken.
     pub async fn read_temperature(&self, sensor: &str) -> Result<TemperatureReading, DeviceError> {
         let takes = self.change(|truth| truth.begin_reading(sensor))?;
         self.work(sensor, takes, |truth| truth.finish_reading(sensor)).await
@@ -63,6 +71,11 @@ impl Building {
     ///
     /// Dropping the future cancels the trip: the robot then stands either where it started or at `to`,
     /// never in between. Two robots may pass each other.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such device or place, if the device is no robot, is broken, or has
+    /// another trip under way, if no unlocked door leads there, or if the battery does not last.
     pub async fn navigate(&self, robot: &str, to: &str) -> Result<(), DeviceError> {
         let Some(trip) = self.change(|truth| truth.begin_trip(robot, to))? else {
             return Ok(());
@@ -73,6 +86,10 @@ impl Building {
 
     /// Returns the true location of a device. A driver may ask for it, because a robot localizes itself,
     /// and the location of a sensor is written on the sensor.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such device.
     pub fn place_of(&self, device: &str) -> Result<String, DeviceError> {
         self.shared.truth.borrow().require_place(device)
     }
@@ -82,17 +99,29 @@ impl Building {
 
 impl Building {
     /// Sets the true temperature of a location, in °C.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such location, or if the temperature is out of range.
     pub fn set_temperature(&self, location: &str, celsius: f64) -> Result<(), LayoutError> {
         self.change(|truth| truth.set_temperature(location, celsius))
     }
 
     /// Breaks a device now. Returns the sequence number of the break in the log.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such device.
     pub fn break_device(&self, device: &str, fault: DeviceFault) -> Result<u64, LayoutError> {
         self.change(|truth| truth.break_device(device, fault))
     }
 
     /// Breaks a device in the instant of its next use: after an agent has begun to rely on the device, and
     /// before the device has done anything.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such device.
     pub fn break_at_next_use(&self, device: &str, fault: DeviceFault) -> Result<(), LayoutError> {
         self.change(|truth| truth.set_trap(device, fault))
     }
@@ -114,28 +143,48 @@ impl Building {
     }
 
     /// Repairs a device. Operations that waited because the device hung continue.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such device.
     pub fn repair(&self, device: &str) -> Result<(), LayoutError> {
         self.change(|truth| truth.repair(device))
     }
 
     /// Locks the door between two locations, in both directions. A robot that is on its way through the
     /// door finds it locked at the end of the trip, and stays where it was.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such location, or no door between the two.
     pub fn lock_door(&self, a: &str, b: &str) -> Result<(), LayoutError> {
         self.change(|truth| truth.set_locked(a, b, true))
     }
 
     /// Unlocks the door between two locations.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such location, or no door between the two.
     pub fn unlock_door(&self, a: &str, b: &str) -> Result<(), LayoutError> {
         self.change(|truth| truth.set_locked(a, b, false))
     }
 
     /// Adds a device to the building.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error in the same cases as [`Layout::add_device`].
     pub fn add_device(&self, device: BuildingDevice) -> Result<(), LayoutError> {
         self.change(|truth| truth.add_device(device))
     }
 
     /// Removes a device from the building. If the device is a robot, the devices that it carries are
     /// removed with it.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such device.
     pub fn remove_device(&self, device: &str) -> Result<(), LayoutError> {
         self.change(|truth| truth.remove_device(device))
     }

@@ -27,6 +27,11 @@ const SEEN_MAX: usize = 8;
 
 impl Layout {
     /// Adds a camera that hangs in `location` and can see the places of `views`.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the name is invalid or taken, if there is no such location, or if a view is not
+    /// possible.
     pub fn add_camera(
         &mut self,
         name: &str,
@@ -130,12 +135,20 @@ impl Truth {
 
 impl Building {
     /// Turns a camera to `aim`. The duration follows from the camera's turning speed.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such camera, if it is broken, or if no camera can be turned there.
     pub async fn aim(&self, camera: &str, aim: CameraAim) -> Result<(), DeviceError> {
         let takes = self.change(|truth| truth.begin_aiming(camera, aim))?;
         self.work(camera, takes, |truth| truth.finish_aiming(camera, aim)).await
     }
 
     /// Returns the places, people and robots that a camera sees now.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such camera, or if it is broken.
     pub async fn look(&self, camera: &str) -> Result<CameraView, DeviceError> {
         let takes = self.change(|truth| truth.begin_use(camera))?;
         self.work(camera, takes, |truth| truth.sight(camera)).await
@@ -155,6 +168,11 @@ impl Building {
 
 impl BuildingHandle {
     /// Turns a camera; see [`Building::aim`].
+    ///
+    /// # Errors
+    ///
+    /// Returns an error in the same cases as [`Building::aim`], and if the server of the building cannot
+    /// be reached or refuses the request.
     pub async fn aim(&self, camera: &str, aim: CameraAim) -> Result<(), DeviceError> {
         match self.camera(CameraAsk::Aim { camera: camera.to_owned(), aim }).await? {
             CameraAnswer::Aimed => Ok(()),
@@ -163,6 +181,11 @@ impl BuildingHandle {
     }
 
     /// Returns the places, people and robots that a camera sees now; see [`Building::look`].
+    ///
+    /// # Errors
+    ///
+    /// Returns an error in the same cases as [`Building::look`], and if the server of the building cannot
+    /// be reached or refuses the request.
     pub async fn look(&self, camera: &str) -> Result<CameraView, DeviceError> {
         match self.camera(CameraAsk::Look { camera: camera.to_owned() }).await? {
             CameraAnswer::Sight(sight) => Ok(sight),

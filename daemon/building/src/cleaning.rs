@@ -46,6 +46,11 @@ impl Truth {
 impl Building {
     /// Sweeps the place where a robot stands, and returns the name of the place. Dropping the future
     /// cancels the sweep: the place then does not count as swept.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such robot, if it is broken, or if it was driven away during the
+    /// sweep.
     pub async fn sweep(&self, robot: &str) -> Result<String, DeviceError> {
         let (location, takes) = self.change(|truth| truth.begin_sweeping(robot))?;
         self.work(robot, takes, |truth| truth.finish_sweeping(robot, &location)).await
@@ -61,6 +66,11 @@ impl Building {
 
 impl BuildingHandle {
     /// Sweeps the place where a robot stands; see [`Building::sweep`].
+    ///
+    /// # Errors
+    ///
+    /// Returns an error in the same cases as [`Building::sweep`], and if the server of the building cannot
+    /// be reached or refuses the request.
     pub async fn sweep(&self, robot: &str) -> Result<String, DeviceError> {
         let CleaningAnswer::Swept(location) =
             self.cleaning(CleaningAsk::Sweep { robot: robot.to_owned() }).await?;

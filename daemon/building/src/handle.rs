@@ -45,6 +45,10 @@ impl BuildingHandle {
     ///
     /// If the connection breaks, the requests under way fail with [`DeviceError::Unreachable`], and the
     /// next use connects again.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`DeviceError::Unreachable`] if no server answers at the socket.
     pub async fn connect(socket_path: impl AsRef<Path>) -> Result<BuildingHandle, DeviceError> {
         let remote = RemoteBuilding::connect(socket_path.as_ref()).await?;
         Ok(BuildingHandle { access: BuildingAccess::Socket(remote) })
@@ -57,6 +61,11 @@ impl BuildingHandle {
     }
 
     /// Measures the temperature at the true location of the sensor.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error in the same cases as [`Building::read_temperature`], and if the server of the building cannot
+    /// be reached or refuses the request.
     pub async fn read_temperature(&self, sensor: &str) -> Result<TemperatureReading, DeviceError> {
         match &self.access {
             BuildingAccess::InProcess(building) => building.read_temperature(sensor).await,
@@ -74,6 +83,11 @@ impl BuildingHandle {
 
     /// Drives a robot to a neighbor of its true location. Dropping the future cancels the trip; see
     /// [`Building::navigate`].
+    ///
+    /// # Errors
+    ///
+    /// Returns an error in the same cases as [`Building::navigate`], and if the server of the building cannot
+    /// be reached or refuses the request.
     pub async fn navigate(&self, robot: &str, to: &str) -> Result<(), DeviceError> {
         match &self.access {
             BuildingAccess::InProcess(building) => building.navigate(robot, to).await,
@@ -88,6 +102,11 @@ impl BuildingHandle {
     }
 
     /// Returns the true location of a device; see [`Building::place_of`].
+    ///
+    /// # Errors
+    ///
+    /// Returns an error in the same cases as [`Building::place_of`], and if the server of the building cannot
+    /// be reached or refuses the request.
     pub async fn place_of(&self, device: &str) -> Result<String, DeviceError> {
         match &self.access {
             BuildingAccess::InProcess(building) => building.place_of(device),

@@ -20,6 +20,10 @@ use crate::world::MEASURING;
 
 impl Building {
     /// Measures a quantity at the true location of the sensor.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such device, if it does not measure the quantity, or if it is broken.
     pub async fn measure(
         &self,
         sensor: &str,
@@ -33,6 +37,11 @@ impl Building {
     ///
     /// The wait may last forever: as long as nothing changes, or while the sensor hangs. The caller sets a
     /// deadline and drops the future.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such device, if it does not measure the quantity, or if it is broken
+    /// or breaks during the wait.
     pub async fn await_change(
         &self,
         sensor: &str,
@@ -56,6 +65,10 @@ impl Building {
     }
 
     /// Sets the true value of a quantity in a location, and wakes the callers that wait for a change of it.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such location, or if the value is out of the range of the quantity.
     pub fn set(&self, location: &str, quantity: Quantity, value: f64) -> Result<(), LayoutError> {
         self.change(|truth| truth.set(location, quantity, value))
     }
@@ -145,6 +158,11 @@ impl Truth {
 
 impl BuildingHandle {
     /// Measures a quantity at the true location of the sensor; see [`Building::measure`].
+    ///
+    /// # Errors
+    ///
+    /// Returns an error in the same cases as [`Building::measure`], and if the server of the building cannot
+    /// be reached or refuses the request.
     pub async fn measure(
         &self,
         sensor: &str,
@@ -160,6 +178,11 @@ impl BuildingHandle {
 
     /// Waits until the quantity at the true location of the sensor differs from `known`, and measures it;
     /// see [`Building::await_change`].
+    ///
+    /// # Errors
+    ///
+    /// Returns an error in the same cases as [`Building::await_change`], and if the server of the building cannot
+    /// be reached or refuses the request.
     pub async fn await_change(
         &self,
         sensor: &str,

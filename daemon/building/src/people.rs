@@ -60,6 +60,10 @@ impl Truth {
 
 impl Building {
     /// Moves a person to a location, from outside or from another location.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such location, or if the name of the person is empty or too long.
     pub fn enter(&self, person: &str, location: &str) -> Result<(), LayoutError> {
         self.change(|truth| truth.enter(person, location))
     }
@@ -70,6 +74,10 @@ impl Building {
     }
 
     /// Sets whether something keeps moving in a location, such as a curtain in the wind.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such location.
     pub fn set_motion(&self, location: &str, moves: bool) -> Result<(), LayoutError> {
         self.change(|truth| truth.set_motion(location, moves))
     }

@@ -25,6 +25,10 @@ use crate::truth::{BuildingEvent, Truth};
 /// 3. After the sensor's death, its room was measured by a mounted sensor in the room. This fails if no
 ///    agent plans again.
 /// 4. The last value that the user received for each room is true.
+///
+/// # Errors
+///
+/// Returns every way in which the scenario failed.
 pub fn check_scenario_1(
     scenario: &SeededScenario,
     truth: &Truth,

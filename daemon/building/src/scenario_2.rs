@@ -106,6 +106,10 @@ impl MaintenanceScenario {
     ///    by the cheaper one that the new sensor allows.
     /// 4. The dead sensors did not measure again, and the last value that the user received for each room
     ///    is true.
+    ///
+    /// # Errors
+    ///
+    /// Returns every way in which the scenario failed.
     pub fn check(&self, truth: &Truth, told: &BTreeMap<String, f64>) -> Result<(), Vec<String>> {
         let ReplayedLog { readings, trips, problems } = replay(&self.layout, truth);
         let mut check = MaintenanceCheck { scenario: self, readings, problems };

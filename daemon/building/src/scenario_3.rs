@@ -94,13 +94,17 @@ impl AccessScenario {
         ROBOT
     }
 
-    /// Checks the scenario against the truth; returns every way in which it failed.
+    /// Checks the scenario against the truth.
     ///
     /// These must hold:
     /// 1. All visitors came, in the order of the visits, and the question was asked for each of them.
     /// 2. The robot set off only after the first visitor had come, and it stood at the entry each time the
     ///    question came to a keyboard.
     /// 3. Exactly the visitors with a right answer were validated.
+    ///
+    /// # Errors
+    ///
+    /// Returns every way in which the scenario failed.
     pub fn check(&self, truth: &Truth, admissions: &[VisitOutcome]) -> Result<(), Vec<String>> {
         let mut replayed = replay(&self.layout, truth);
         let mut problems = std::mem::take(&mut replayed.problems);

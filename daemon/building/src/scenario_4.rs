@@ -70,12 +70,16 @@ impl MeetingScenario {
         building.add_device(BuildingDevice::Screen { name, location })
     }
 
-    /// Checks the scenario against the truth; returns every way in which it failed.
+    /// Checks the scenario against the truth.
     ///
     /// These must hold, in this order:
     /// 1. The screen was added, was given a channel, and showed the text.
     /// 2. The screen failed. Until then the robot showed nothing, because the screen is cheaper.
     /// 3. The robot came to the room, and now shows the text there.
+    ///
+    /// # Errors
+    ///
+    /// Returns every way in which the scenario failed.
     pub fn check(&self, truth: &Truth) -> Result<(), Vec<String>> {
         let mut problems = replay(&self.layout, truth).problems;
         let MeetingScenario { room, text, .. } = self;

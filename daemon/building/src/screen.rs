@@ -24,12 +24,20 @@ const LIGHTING: Duration = Duration::from_millis(500);
 
 impl Layout {
     /// Adds a screen on a wall.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the name is invalid or taken, or if there is no such location.
     pub fn add_screen(&mut self, name: &str, location: &str) -> Result<&mut Layout, LayoutError> {
         let (name, location) = (name.to_owned(), location.to_owned());
         self.add_device(BuildingDevice::Screen { name, location })
     }
 
     /// Adds a screen that a robot carries.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the name is invalid or taken, or if there is no such robot.
     pub fn mount_screen(&mut self, name: &str, robot: &str) -> Result<&mut Layout, LayoutError> {
         let (name, carrier) = (name.to_owned(), robot.to_owned());
         self.add_device(BuildingDevice::MountedScreen { name, carrier })
@@ -112,17 +120,30 @@ impl Truth {
 
 impl Building {
     /// Gives a screen a channel, and returns the channel; a screen that has a channel keeps it.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such screen, or if it has failed.
     pub fn allocate(&self, screen: &str) -> Result<u32, DeviceError> {
         self.change(|truth| truth.allocate(screen))
     }
 
     /// Shows a text on a screen; `None` turns the screen dark.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such screen, if it has failed or has no channel, or if the text is
+    /// too long.
     pub async fn show(&self, screen: &str, text: Option<&str>) -> Result<(), DeviceError> {
         let takes = self.change(|truth| truth.begin_showing(screen, text))?;
         self.work(screen, takes, |truth| truth.finish_showing(screen, text)).await
     }
 
-    /// Returns the state of a screen. Returns an error if the screen has failed.
+    /// Returns the state of a screen.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such screen, or if it has failed.
     pub async fn panel(&self, screen: &str) -> Result<ScreenState, DeviceError> {
         let panel = |truth: &mut Truth| {
             truth.require_screen(screen)?;
@@ -148,6 +169,11 @@ impl Building {
 
 impl BuildingHandle {
     /// Gives a screen a channel, and returns the channel; see [`Building::allocate`].
+    ///
+    /// # Errors
+    ///
+    /// Returns an error in the same cases as [`Building::allocate`], and if the server of the building cannot
+    /// be reached or refuses the request.
     pub async fn allocate(&self, screen: &str) -> Result<u32, DeviceError> {
         match self.screen(ScreenAsk::Allocate { screen: screen.to_owned() }).await? {
             ScreenAnswer::Channel(channel) => Ok(channel),
@@ -156,6 +182,11 @@ impl BuildingHandle {
     }
 
     /// Shows a text on a screen; `None` turns the screen dark.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error in the same cases as [`Building::show`], and if the server of the building cannot
+    /// be reached or refuses the request.
     pub async fn show(&self, screen: &str, text: Option<&str>) -> Result<(), DeviceError> {
         let (screen, text) = (screen.to_owned(), text.map(str::to_owned));
         match self.screen(ScreenAsk::Show { screen, text }).await? {
@@ -165,6 +196,11 @@ impl BuildingHandle {
     }
 
     /// Returns the state of a screen; see [`Building::panel`].
+    ///
+    /// # Errors
+    ///
+    /// Returns an error in the same cases as [`Building::panel`], and if the server of the building cannot
+    /// be reached or refuses the request.
     pub async fn panel(&self, screen: &str) -> Result<ScreenState, DeviceError> {
         match self.screen(ScreenAsk::Panel { screen: screen.to_owned() }).await? {
             ScreenAnswer::Panel(panel) => Ok(panel),

@@ -59,6 +59,10 @@ impl SeededScenario {
     }
 
     /// Prepares the death of the sensor. Call this before any agent acts.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the sensor is not in the building.
     pub fn arm(&self, building: &Building, fault: DeviceFault) -> Result<(), LayoutError> {
         match self.dies {
             DeathTime::BeforeReport => building.break_at_next_use(&self.dying_sensor, fault),
@@ -68,6 +72,10 @@ impl SeededScenario {
 
     /// Waits for the moment of death, lets the sensor die, and returns the sequence number of the death in
     /// the log. The wait may last forever: the caller sets a deadline.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the sensor or its room is not in the building.
     pub async fn death(&self, building: &Building, fault: DeviceFault) -> Result<u64, LayoutError> {
         match self.dies {
             DeathTime::BeforeReport => {

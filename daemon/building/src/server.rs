@@ -43,8 +43,12 @@ pub struct Server {
 
 /// Serves the devices of a building at a Unix socket that only this user can use.
 ///
-/// The socket of a server that has ended is replaced. If a server still listens at the path, an error is
-/// returned.
+/// The socket of a server that has ended is replaced.
+///
+/// # Errors
+///
+/// Returns an error if a server still listens at the path, if another file has the path, or if the
+/// system refuses the socket.
 pub async fn serve(
     building: BuildingHandle,
     socket_path: impl AsRef<Path>,

@@ -189,9 +189,14 @@ impl SilenceLimit {
     }
 }
 
+/// Lease and period of heartbeats unless the settings of an ecosystem say otherwise. One heartbeat may be
+/// lost and one may be late; the half period gives a third one a margin.
+const LEASE: Duration = Duration::from_millis(3_500);
+const PERIOD: Duration = Duration::from_millis(1_000);
+
 impl Default for SilenceLimit {
     fn default() -> SilenceLimit {
-        SilenceLimit::new(Duration::from_millis(3_500), Duration::from_millis(1_000))
+        SilenceLimit::new(LEASE, PERIOD)
     }
 }
 

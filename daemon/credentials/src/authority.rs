@@ -31,6 +31,7 @@ pub const DAEMON_DAYS: u32 = 730;
 /// without a battery run behind.
 const BACKDATED: Duration = Duration::from_secs(24 * 3_600);
 
+/// The unit of the validity of certificates.
 const DAY: Duration = Duration::from_secs(24 * 3_600);
 
 /// Mode of a key file: only its owner may read and write it.

@@ -47,7 +47,12 @@ impl Installation {
         &self.command
     }
 
-    /// Finds an engine. Returns an error if the engine is not found.
+    /// Finds an engine on this machine.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`EngineError::NotFound`] if the environment variable of the engine names no program, or if
+    /// it is not set and the engine is neither on the `PATH` nor in a Python that is there.
     pub fn find(engine: ExternalEngine) -> Result<Installation, EngineError> {
         if let Some(configured) = env::var_os(engine.variable()).filter(|it| !it.is_empty()) {
             return configured_at(engine, PathBuf::from(configured));

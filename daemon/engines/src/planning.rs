@@ -20,6 +20,12 @@ use crate::{fast_downward, metric_ff};
 ///
 /// This function blocks until the engine has ended; set `cancel` to end the engine sooner. When the
 /// function returns, no process and no file of the run is left.
+///
+/// # Errors
+///
+/// Returns an error if the texts contain errors or use a feature that the engine does not support, if
+/// the engine cannot be run or answers nothing that can be read, or if the validator rejects all of its
+/// plans.
 pub fn plan(
     installation: &Installation,
     domain: &Domain,

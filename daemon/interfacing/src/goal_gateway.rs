@@ -74,7 +74,7 @@ impl GoalGateway {
     fn admit(&self, message: &Message, achieve: Achieve) -> Result<GoalRequest, Refusal> {
         let GoalGateway { far, goals, words, near, outward, counters, .. } = self;
         if !message.via.is_empty() {
-            counters.loops.fetch_add(1, Ordering::Relaxed);
+            counters.looped_goals.fetch_add(1, Ordering::Relaxed);
             let detail = "it comes from another ecosystem itself, and is not passed on";
             return Err(Refusal::new(Reason::Conflict, detail));
         }
@@ -150,6 +150,10 @@ impl GoalGateway {
             RemoteUpdate::Unanswered => {
                 let detail = format!("no agent of `{far}` answers");
                 ctx.refuse(engagement, Reason::Unanswered, detail);
+            }
+            RemoteUpdate::DeadlinePassed(within) => {
+                let detail = format!("nothing was heard of it from `{far}` within {within:?}");
+                ctx.refuse(engagement, Reason::TimedOut, detail);
             }
         }
     }

@@ -30,6 +30,11 @@ use super::vocabulary::{AgentMapping, InterfaceVocabulary};
 /// same on this side.
 const METHOD_MARGIN: Duration = Duration::from_secs(10);
 
+/// Time that a request on the far side may take in addition to the time limit of the real agent's method.
+/// It is shorter than `METHOD_MARGIN`, so that the proxy agent hears the reason within its own time.
+const REQUEST_MARGIN: Duration = Duration::from_secs(8);
+const _: () = assert!(REQUEST_MARGIN.as_millis() < METHOD_MARGIN.as_millis());
+
 /// Everything that a proxy agent needs of the rule for it and of the two ecosystems.
 pub(super) struct ProxyContext {
     pub(super) mapping: AgentMapping,
@@ -58,9 +63,11 @@ pub struct InterfaceCounters {
     pub over_rate: AtomicU64,
     /// Number of requests that named a symbol that is not exported.
     pub unexported: AtomicU64,
-    /// Number of agents and goals that were rejected because they would have returned to the ecosystem
-    /// they come from.
-    pub loops: AtomicU64,
+    /// Number of times that an agent got no proxy agent, because it would have returned to the ecosystem
+    /// that it comes from, or came through too many. A new incarnation or model counts again.
+    pub looped_agents: AtomicU64,
+    /// Number of goals that were refused because they come from another ecosystem themselves.
+    pub looped_goals: AtomicU64,
 }
 
 // === impl ProxyContext ===
@@ -226,10 +233,12 @@ impl Device for ProxyDevice {
             Ok(step) => step,
             Err(why) => return Box::pin(std::future::ready(Err(MethodFailure::Driver(why)))),
         };
+        let timeout = self.exported.timeouts.get(&call.method).copied().unwrap_or_default();
+        let within = timeout.saturating_add(REQUEST_MARGIN);
         Box::pin(async move {
             crossing.counters.passed.fetch_add(1, Ordering::Relaxed);
             let revocable = crossing.passes(Performative::Cancel);
-            let mut asked = crossing.voice.request_action(step, revocable).await;
+            let mut asked = crossing.voice.request_action(step, revocable, within).await;
             loop {
                 let news = asked.next().await;
                 if news.is_final() {
@@ -286,5 +295,6 @@ fn method_result(crossing: &ProxyContext, news: RemoteUpdate) -> Result<Report, 
         RemoteUpdate::Unanswered => {
             Err(MethodFailure::Driver(format!("hear from `{far}` in time")))
         }
+        RemoteUpdate::DeadlinePassed(within) => Err(MethodFailure::TimedOut(within)),
     }
 }

@@ -35,7 +35,7 @@ pub(super) async fn run_proxy(crossing: Arc<ProxyContext>, mut sight: AgentWatch
         };
         let life = (sighted.incarnation, sighted.digest.clone());
         let Some(via) = route(&crossing, &sighted, near.router.ecosystem()) else {
-            crossing.counters.loops.fetch_add(1, Ordering::Relaxed);
+            crossing.counters.looped_agents.fetch_add(1, Ordering::Relaxed);
             wait_until_changed(&mut sight, life).await;
             continue;
         };

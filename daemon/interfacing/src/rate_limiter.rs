@@ -9,6 +9,9 @@ use tokio::time::Instant;
 /// steps and the reports about it.
 const BURST_SECONDS: f64 = 2.0;
 
+/// Resolution of the timer. A wait for a token is that much longer, so that the token is there.
+const TIMER_STEP: Duration = Duration::from_millis(1);
+
 /// Token bucket that limits the number of messages per second.
 #[derive(Debug)]
 pub(super) struct RateLimiter {
@@ -62,9 +65,8 @@ impl RateLimiter {
                 }
                 1.0 - state.tokens
             };
-            // One millisecond more, because the timer has a resolution of a millisecond.
             let wait = Duration::from_secs_f64(missing / self.per_second);
-            tokio::time::sleep(wait + Duration::from_millis(1)).await;
+            tokio::time::sleep(wait + TIMER_STEP).await;
         }
     }
 

@@ -236,7 +236,11 @@ impl<T> Parsed<T> {
         self.value.is_some() && !self.diagnostics.iter().any(Diagnostic::is_error)
     }
 
-    /// Returns the value if the text has no errors; otherwise all diagnostics.
+    /// Returns the value if the text has no errors. Warnings and hints are dropped.
+    ///
+    /// # Errors
+    ///
+    /// Returns all diagnostics if one of them is an error, or if there is no value.
     pub fn into_result(self) -> Result<T, Vec<Diagnostic>> {
         match self.value {
             Some(value) if !self.diagnostics.iter().any(Diagnostic::is_error) => Ok(value),

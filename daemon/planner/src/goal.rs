@@ -44,6 +44,11 @@ pub fn conjuncts_but(
 ///
 /// Each result is proved by the delete relaxation. A condition may be unreachable although its position
 /// is not returned.
+///
+/// # Errors
+///
+/// Returns [`PlanError::BadInput`] if the texts or a condition contain errors, and
+/// [`PlanError::Unsupported`] if they use a feature that this planner does not support.
 pub fn unreachable(
     domain: &Domain,
     problem: &Problem,

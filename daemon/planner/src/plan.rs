@@ -22,6 +22,12 @@ use crate::validate::{FaultPlace, World, cost_from};
 /// The function is pure: it reads no clock, opens no file and writes nothing. Unless `cancel` is set,
 /// the same texts and budget give the same outcome on every machine. A caller with a deadline sets
 /// `cancel` when the deadline has passed.
+///
+/// # Errors
+///
+/// Returns [`PlanError::BadInput`] if the texts contain errors, [`PlanError::Unsupported`] if they use a
+/// feature that this planner does not support, and [`PlanError::Internal`] if the validator rejects the
+/// plan. A problem without a plan, and a limit that is reached, are outcomes.
 pub fn plan(
     domain: &Domain,
     problem: &Problem,
@@ -33,6 +39,10 @@ pub fn plan(
 
 /// Plans as [`plan()`] does, and also calls `tell` with the progress, and with every plan as soon as
 /// the plan is found and validated.
+///
+/// # Errors
+///
+/// Returns the errors of [`plan()`].
 pub fn plan_with_progress(
     domain: &Domain,
     problem: &Problem,

@@ -65,6 +65,11 @@ pub struct ProblemSize {
 }
 
 /// Checks a domain and a problem, and replaces their names by numbers.
+///
+/// # Errors
+///
+/// Returns [`PlanError::BadInput`] if the texts contain errors, and [`PlanError::Unsupported`] if they
+/// use a feature that this planner does not support.
 pub fn prepare(domain: &Domain, problem: &Problem) -> Result<NormalizedProblem, PlanError> {
     refuse_mistakes(domain, problem)?;
     let mut lifted = normalize(domain, problem)?;

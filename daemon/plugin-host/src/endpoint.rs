@@ -55,6 +55,9 @@ const OPENING_MAX: u32 = 8;
 /// Time that the agents of a plugin may take to leave when the endpoint is closed.
 const LEAVING: Duration = Duration::from_secs(3);
 
+/// Time over which the messages of a plugin are counted.
+const SECOND: Duration = Duration::from_secs(1);
+
 /// An open endpoint of a plugin. It stays open when the plugin's process is restarted.
 pub(crate) struct Endpoint {
     pub(crate) locator: String,
@@ -246,8 +249,8 @@ impl RateLimit {
         let most = self.per_second.load(Ordering::Relaxed);
         let mut second = self.second.lock().unwrap_or_else(PoisonError::into_inner);
         let elapsed = second.began.elapsed();
-        if elapsed >= Duration::from_secs(1) {
-            let was_over = second.count > most && elapsed < Duration::from_secs(2);
+        if elapsed >= SECOND {
+            let was_over = second.count > most && elapsed < SECOND * 2;
             second.over = if was_over { second.over + 1 } else { 0 };
             (second.began, second.count) = (Instant::now(), 0);
             if second.over >= FLOOD_SECONDS {

@@ -47,7 +47,7 @@ pub enum ProgramError {
         /// Time within which the program had to end.
         within: Duration,
     },
-    /// The program printed 64 KiB or more.
+    /// The program printed more than 64 KiB.
     #[error("read the output of `{program}`: it prints more than {} KiB", OUTPUT_BYTES_MAX >> 10)]
     TooMuch {
         /// Name of the program that printed too much.
@@ -103,7 +103,7 @@ impl Program {
         let _group = child.id().map(ProgramGroup);
         let (text, complaint) = tokio::join!(read(child.stdout.take()), read(child.stderr.take()));
         let text = text.map_err(failed("read the output of"))?;
-        if text.len() >= OUTPUT_BYTES_MAX {
+        if text.len() > OUTPUT_BYTES_MAX {
             return Err(ProgramError::TooMuch { program: program() });
         }
         let status = child.wait().await.map_err(failed("wait for"))?;
@@ -115,11 +115,12 @@ impl Program {
     }
 }
 
-/// Reads the output of a program from a pipe until the pipe ends, or up to the limit; then closes the pipe.
+/// Reads the output of a program from a pipe until the pipe ends, or up to one byte beyond the limit; then
+/// closes the pipe.
 async fn read(pipe: Option<impl AsyncRead + Unpin>) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     if let Some(pipe) = pipe {
-        pipe.take(OUTPUT_BYTES_MAX as u64).read_to_end(&mut bytes).await?;
+        pipe.take(OUTPUT_BYTES_MAX as u64 + 1).read_to_end(&mut bytes).await?;
     }
     Ok(bytes)
 }
@@ -199,6 +200,15 @@ mod tests {
         // A program that writes to a closed pipe is ended by the system.
         let complains = problem(script("yes it is broken >&2; exit 5"), PATIENCE).await;
         assert!(complains.starts_with("run `/bin/sh`: exit status: 5: i"), "{complains}");
+    }
+
+    #[tokio::test]
+    async fn the_longest_output_is_read_whole() {
+        let prints = |bytes: usize| script(&format!("head -c {bytes} /dev/zero"));
+        let text = prints(OUTPUT_BYTES_MAX).run(PATIENCE).await.expect("it is short enough");
+        assert_eq!(text.len(), OUTPUT_BYTES_MAX);
+        let said = problem(prints(OUTPUT_BYTES_MAX + 1), PATIENCE).await;
+        assert_eq!(said, "read the output of `/bin/sh`: it prints more than 64 KiB");
     }
 
     /// Whether a process with this id exists and is no zombie.

@@ -94,9 +94,7 @@ pub(crate) async fn open(settings: zenoh::Config, at: &str) -> zenoh::Result<zen
 /// Returns the port at which an ecosystem scouts. It is computed by FNV-1a, because every version on
 /// every machine must compute the same port.
 fn port(ecosystem: &EcosystemId) -> u16 {
-    let fold = |hash: u32, byte: &u8| (hash ^ u32::from(*byte)).wrapping_mul(0x0100_0193);
-    let hash = ecosystem.as_str().as_bytes().iter().fold(0x811c_9dc5, fold);
-    let offset = hash % u32::from(PORTS);
+    let offset = acl::fnv::hash_32(ecosystem.as_str().as_bytes()) % u32::from(PORTS);
     PORT_FIRST + u16::try_from(offset).expect("invariant: less than PORTS")
 }
 

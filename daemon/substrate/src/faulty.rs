@@ -191,6 +191,9 @@ impl Network {
     }
 }
 
+/// Interval at which a network without messages checks whether it is still in use.
+const USE_CHECK_INTERVAL: Duration = Duration::from_secs(1);
+
 /// Delivers each item that is due at its time, as long as the network is in use.
 async fn run_deliveries(shared: Weak<SharedNetwork>) {
     loop {
@@ -208,7 +211,7 @@ async fn run_deliveries(shared: Weak<SharedNetwork>) {
             }
             Some(_) => held.deliver_next(),
             None => {
-                let _ = tokio::time::timeout(Duration::from_secs(1), sooner).await;
+                let _ = tokio::time::timeout(USE_CHECK_INTERVAL, sooner).await;
             }
         }
     }

@@ -17,8 +17,11 @@ pub struct PrintArgs {
     pub json: bool,
 }
 
-/// Parses the command line. If the command line is wrong or asks for help, prints the message and
-/// returns the exit code.
+/// Parses the command line.
+///
+/// # Errors
+///
+/// Returns the exit code if the command line is wrong or asks for help. The message is then printed.
 pub fn parse<P: Parser>(words: impl IntoIterator<Item = OsString>) -> Result<P, ExitCode> {
     let words: Vec<OsString> = words.into_iter().collect();
     P::try_parse_from(&words).map_err(|err| {
@@ -33,6 +36,10 @@ pub fn parse<P: Parser>(words: impl IntoIterator<Item = OsString>) -> Result<P, 
 }
 
 /// Parses a positive number of seconds, which may have a fraction.
+///
+/// # Errors
+///
+/// Returns a hint as text if it is no number, not above 0, or longer than a duration can be.
 pub fn seconds(text: &str) -> Result<Duration, String> {
     let seconds: f64 =
         text.parse().map_err(|_| "a number of seconds, such as 30 or 0.5".to_owned())?;

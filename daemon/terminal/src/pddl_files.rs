@@ -35,8 +35,12 @@ pub struct DomainText {
     damaged: Vec<String>,
 }
 
-/// Reads the files of a domain and a problem. If one of them has errors, returns the diagnostics of
-/// both.
+/// Reads the files of a domain and a problem.
+///
+/// # Errors
+///
+/// Returns the diagnostics of both files if one of them cannot be read, has errors, or if the two are
+/// swapped.
 pub fn read_task(domain: &Path, problem: &Path) -> Result<PddlTask, DiagnosticReport> {
     let mut report = DiagnosticReport::default();
     let domain = read(domain, &mut report).map(|source| domain_of(source, &mut report));

@@ -87,6 +87,11 @@ const CANDIDATES_MAX: usize = 2_000;
 const HEAD_BYTES: usize = 4_096;
 
 /// Reads every PDDL file below `folder`, and calls `tell` with the outcome of each file.
+///
+/// # Errors
+///
+/// Returns an error if `folder` is not a folder, or if it or a folder below cannot be read. The text
+/// completes “failed to …”. A file that cannot be read is an outcome of that file.
 pub fn read(folder: &Path, tell: &mut dyn FnMut(&ReadFile)) -> Result<PddlTree, String> {
     if !folder.is_dir() {
         return Err(format!("read `{}`: it is not a folder", folder.display()));

@@ -52,7 +52,10 @@ impl SourceText {
 
     /// Reads a file in UTF-8, UTF-16 (with a byte order mark) or Latin-1.
     ///
-    /// The text of an error completes “failed to …” and names the file.
+    /// # Errors
+    ///
+    /// Returns an error if the file cannot be read, is too long, or is not text. The message completes
+    /// “failed to …” and names the file.
     pub fn read(path: &Path) -> Result<Arc<SourceText>, String> {
         let name = visible::line(&path.display().to_string()).into_owned();
         SourceText::read_as(path, &name).map_err(|reason| match nearby(path) {
@@ -63,7 +66,12 @@ impl SourceText {
         })
     }
 
-    /// Reads a file that is called `name` in diagnostics. The text of an error is the reason alone.
+    /// Reads a file that is called `name` in diagnostics.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the file cannot be read, is too long, or is not text. The message is the reason
+    /// alone.
     pub fn read_as(path: &Path, name: &str) -> Result<Arc<SourceText>, String> {
         let bytes = read_bytes(path)?;
         if let Some(text) = utf16(&bytes) {

@@ -22,7 +22,7 @@ use acl::content::{
 };
 use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
 use agent::{
-    Agent, Blueprint, BuildError, Callbacks, Context, DeliveryError, ExchangeEvent,
+    Agent, AgentSettings, Blueprint, BuildError, Callbacks, Context, DeliveryError, ExchangeEvent,
     ExchangeOpening, LaunchableAgent, Participation, PluginEntry, Presence, Resource, WorkHandle,
 };
 use serde::Deserialize;
@@ -30,10 +30,10 @@ use tokio::sync::mpsc;
 use tokio::time::Instant;
 
 use crate::questions::Questions;
-pub use crate::terminal::{GoalRequest, MessageDraft, Terminal, UserEvent, UserRequest};
-
-/// Capacity in messages of each of the two channels between a Keyboard Agent and its terminal.
-const CHANNEL_CAPACITY: usize = 1_024;
+pub use crate::terminal::{
+    EventSender, GoalRequest, MessageDraft, RequestId, RequestNotSent, RequestPermit, RequestRef,
+    RequestSender, Terminal, TerminalPeer, UserEvent, UserRequest,
+};
 
 /// How long a requested goal may go without any report. A maintained goal may hold for a year.
 const GOAL_TIMEOUT: Duration = Duration::from_secs(365 * 24 * 3_600);
@@ -77,6 +77,8 @@ const DEPARTURES_MAX: u32 = 5;
 
 /// A goal that this keyboard has requested.
 struct RequestedGoal {
+    /// Number of the request at the terminal; `None` if the goal is in the ecosystem file.
+    id: Option<RequestId>,
     exchange: ReplyToken,
     /// Time of the last report about the goal.
     last_report_at: Instant,
@@ -88,20 +90,17 @@ struct RequestedGoal {
 
 /// The Keyboard Agent: a person's interface to the ecosystem.
 pub struct Keyboard {
-    plan_requester: AgentId,
-    plan_executor: AgentId,
-    domain_maintainer: AgentId,
     startup_goals: Vec<GoalRequest>,
     questions: Questions,
     /// Requested actions that are in preparation: the domain is being fetched for each of them.
-    actions_in_preparation: BTreeMap<ConversationId, WorkHandle>,
+    actions_in_preparation: BTreeMap<ConversationId, (RequestId, WorkHandle)>,
     /// Requested goals that have not ended.
     goals: BTreeMap<ConversationId, RequestedGoal>,
     /// Running actions that the person requested singly, by conversation.
     running_actions: BTreeMap<ConversationId, ReplyToken>,
-    user_requests: Option<mpsc::Receiver<UserRequest>>,
+    user_requests: Option<mpsc::Receiver<(RequestId, UserRequest)>>,
     listening: Option<WorkHandle>,
-    user_events: Option<mpsc::Sender<UserEvent>>,
+    user_events: Option<EventSender>,
 }
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
@@ -112,22 +111,17 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
 impl Keyboard {
     /// Creates a keyboard and the terminal that is connected to it.
     pub fn with_terminal() -> (Keyboard, Terminal) {
-        let (say, said) = mpsc::channel(CHANNEL_CAPACITY);
-        let (heard, hear) = mpsc::channel(CHANNEL_CAPACITY);
+        let (terminal, TerminalPeer { requests, events }) = Terminal::open();
         let keyboard = Keyboard {
-            user_requests: Some(said),
-            user_events: Some(heard),
+            user_requests: Some(requests),
+            user_events: Some(events),
             ..Keyboard::without_terminal()
         };
-        (keyboard, Terminal { requests: say, events: hear })
+        (keyboard, terminal)
     }
 
     fn without_terminal() -> Keyboard {
-        let name = |text| AgentId::new(text).expect("invariant: a literal that is a name");
         Keyboard {
-            plan_requester: name("plan-requester"),
-            plan_executor: name("plan-executor"),
-            domain_maintainer: name("domain-maintainer"),
             startup_goals: Vec::new(),
             questions: Questions::default(),
             actions_in_preparation: BTreeMap::new(),
@@ -152,14 +146,14 @@ impl Agent for Keyboard {
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
         for wish in std::mem::take(&mut self.startup_goals) {
-            self.request_goal(wish, ctx);
+            self.request_goal(wish, None, ctx);
         }
         self.listen(ctx);
     }
 
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
         if let Presence::Joined(resident) = presence
-            && resident.agent == self.plan_requester
+            && resident.agent == ctx.settings().roles.plan_requester
             && !self.goals.is_empty()
         {
             let came = ctx.now();
@@ -197,47 +191,51 @@ impl Keyboard {
         };
         self.listening = Some(ctx.run(next, |keyboard: &mut Self, (next, said), ctx| {
             // The terminal was dropped: there will be no more input.
-            let Some(next) = next else { return };
-            keyboard.handle_user_request(next, ctx);
+            let Some((id, request)) = next else { return };
+            keyboard.handle_user_request(id, request, ctx);
             keyboard.user_requests = Some(said);
             keyboard.listen(ctx);
         }));
     }
 
-    fn handle_user_request(&mut self, said: UserRequest, ctx: &mut Context<Self>) {
+    fn handle_user_request(&mut self, id: RequestId, said: UserRequest, ctx: &mut Context<Self>) {
         match said {
-            UserRequest::RequestGoal(wish) => self.request_goal(wish, ctx),
-            UserRequest::Cancel(conversation) => self.cancel(conversation, ctx),
-            UserRequest::Act(action) => self.prepare_action(action, ctx),
-            UserRequest::Set(change) => self.change_state(change, ctx),
-            UserRequest::Mode(mode) => self.set_mode(mode, ctx),
+            UserRequest::RequestGoal(wish) => self.request_goal(wish, Some(id), ctx),
+            UserRequest::Cancel(conversation) => self.cancel(conversation, id, ctx),
+            UserRequest::Act(action) => self.prepare_action(action, id, ctx),
+            UserRequest::Set(change) => self.change_state(change, id, ctx),
+            UserRequest::Mode(mode) => self.set_mode(mode, id, ctx),
             UserRequest::Answer { keyboard, question, text, seal_to } => {
                 let said = PersonsAnswer::plain(text);
                 match seal_to.as_deref().map_or(Ok(said.clone()), |key| sealed(key, &said)) {
                     Ok(said) => {
-                        self.give_answer(keyboard, AnswerQuestion { question, said }, ctx);
+                        self.give_answer(keyboard, AnswerQuestion { question, said }, id, ctx);
                     }
                     Err(refusal) => {
-                        let conversation = ctx.new_conversation();
-                        self.emit(UserEvent::Sent(conversation.clone()));
-                        self.emit(UserEvent::Refused(conversation, refusal));
+                        let about = self.begin(Some(id), ctx);
+                        self.emit(UserEvent::Refused(about, refusal));
                     }
                 }
             }
-            UserRequest::Send(draft) => self.send(draft, ctx),
+            UserRequest::Send(draft) => self.send(draft, id, ctx),
         }
     }
 
-    fn request_goal(&mut self, wish: GoalRequest, ctx: &mut Context<Self>) {
+    /// Gives a request a conversation, and tells the person.
+    fn begin(&self, id: Option<RequestId>, ctx: &mut Context<Self>) -> RequestRef {
+        let about = RequestRef { id, conversation: ctx.new_conversation() };
+        self.emit(UserEvent::Sent(about.clone()));
+        about
+    }
+
+    fn request_goal(&mut self, wish: GoalRequest, id: Option<RequestId>, ctx: &mut Context<Self>) {
         let GoalRequest { goal, keep, priority, partition } = wish;
         let request = Request::Achieve(Achieve { goal, keep, priority, partition });
-        let to = self.plan_requester.clone();
-        let (conversation, exchange) =
-            self.request(to, Protocol::Goal, &request, GOAL_TIMEOUT, ctx);
-        self.goals.insert(
-            conversation,
-            RequestedGoal { exchange, last_report_at: ctx.now(), request, departures: 0 },
-        );
+        let to = ctx.settings().roles.plan_requester.clone();
+        let (about, exchange) = self.request(to, Protocol::Goal, &request, GOAL_TIMEOUT, id, ctx);
+        let last_report_at = ctx.now();
+        let goal = RequestedGoal { id, exchange, last_report_at, request, departures: 0 };
+        self.goals.insert(about.conversation, goal);
     }
 
     /// Requests a goal again when a Plan Requester is present, because the former Plan Requester left
@@ -250,7 +248,7 @@ impl Keyboard {
         ctx: &mut Context<Self>,
     ) {
         let Some(asked) = self.goals.get(&about) else { return };
-        let to = self.plan_requester.clone();
+        let to = ctx.settings().roles.plan_requester.clone();
         if ctx.find(&to).is_none() {
             if ctx.now() < until {
                 let again = move |keyboard: &mut Self, ctx: &mut Context<Self>| {
@@ -258,7 +256,8 @@ impl Keyboard {
                 };
                 ctx.after(SEEK_INTERVAL, again);
             } else {
-                self.goals.remove(&about);
+                let about = RequestRef { id: asked.id, conversation: about };
+                self.goals.remove(&about.conversation);
                 let why = format!("`{to}` could not be reached: it has left");
                 self.emit(UserEvent::Unanswered(about, why));
             }
@@ -271,7 +270,7 @@ impl Keyboard {
             conversation: about.clone(),
             content: value(&asked.request),
         };
-        let exchange = self.open(opening, GOAL_TIMEOUT, ctx);
+        let exchange = self.open(opening, GOAL_TIMEOUT, asked.id, ctx);
         if let Some(asked) = self.goals.get_mut(&about) {
             asked.exchange = exchange;
         }
@@ -285,15 +284,18 @@ impl Keyboard {
         }
     }
 
-    fn change_state(&mut self, change: ChangeState, ctx: &mut Context<Self>) {
-        let (to, patience) = (self.domain_maintainer.clone(), ctx.settings().answer_deadline * 2);
-        self.request(to, Protocol::StateChange, &Request::ChangeState(change), patience, ctx);
+    fn change_state(&mut self, change: ChangeState, id: RequestId, ctx: &mut Context<Self>) {
+        let AgentSettings { roles, answer_deadline, .. } = ctx.settings();
+        let (to, patience) = (roles.domain_maintainer.clone(), *answer_deadline * 2);
+        let request = Request::ChangeState(change);
+        self.request(to, Protocol::StateChange, &request, patience, Some(id), ctx);
     }
 
-    fn set_mode(&mut self, mode: Mode, ctx: &mut Context<Self>) {
-        let (to, patience) = (self.plan_requester.clone(), ctx.settings().answer_deadline * 2);
+    fn set_mode(&mut self, mode: Mode, id: RequestId, ctx: &mut Context<Self>) {
+        let AgentSettings { roles, answer_deadline, .. } = ctx.settings();
+        let (to, patience) = (roles.plan_requester.clone(), *answer_deadline * 2);
         let request = Request::SetMode(SetMode { mode });
-        self.request(to, Protocol::StateChange, &request, patience, ctx);
+        self.request(to, Protocol::StateChange, &request, patience, Some(id), ctx);
     }
 
     fn request(
@@ -302,63 +304,69 @@ impl Keyboard {
         protocol: Protocol,
         request: &Request,
         patience: Duration,
+        id: Option<RequestId>,
         ctx: &mut Context<Self>,
-    ) -> (ConversationId, ReplyToken) {
-        let conversation = ctx.new_conversation();
-        self.emit(UserEvent::Sent(conversation.clone()));
-        let about = conversation.clone();
-        let performative = Performative::Request;
-        let content = value(request);
-        let opening =
-            ExchangeOpening { to: Some(to), performative, protocol, conversation, content };
-        (about, self.open(opening, patience, ctx))
+    ) -> (RequestRef, ReplyToken) {
+        let about = self.begin(id, ctx);
+        let opening = ExchangeOpening {
+            to: Some(to),
+            performative: Performative::Request,
+            protocol,
+            conversation: about.conversation.clone(),
+            content: value(request),
+        };
+        let exchange = self.open(opening, patience, id, ctx);
+        (about, exchange)
     }
 
-    fn cancel(&mut self, conversation: ConversationId, ctx: &mut Context<Self>) {
-        if self.actions_in_preparation.remove(&conversation).is_some() {
+    /// Cancels a goal or an action. An action of this keyboard answers by its own end.
+    fn cancel(&mut self, conversation: ConversationId, id: RequestId, ctx: &mut Context<Self>) {
+        if let Some((action, _)) = self.actions_in_preparation.remove(&conversation) {
             let report = Report::new(Outcome::Cancelled, "cancelled before it was sent");
-            return self.emit(UserEvent::Report(conversation, report));
+            let about = RequestRef { id: Some(action), conversation };
+            return self.emit(UserEvent::Report(about, report));
         }
         let nothing = serde_json::Value::Null;
         if let Some(action) = self.running_actions.get(&conversation) {
-            return ctx.send_turn(action, &self.plan_executor, Performative::Cancel, nothing);
+            let executor = ctx.settings().roles.plan_executor.clone();
+            return ctx.send_turn(action, &executor, Performative::Cancel, nothing);
         }
         let opening = ExchangeOpening {
-            to: Some(self.plan_requester.clone()),
+            to: Some(ctx.settings().roles.plan_requester.clone()),
             performative: Performative::Cancel,
             protocol: Protocol::Goal,
             conversation,
             content: nothing,
         };
-        self.open(opening, GOAL_TIMEOUT, ctx);
+        self.open(opening, GOAL_TIMEOUT, Some(id), ctx);
     }
 
     // === one action ===
 
     /// Queries the domain, to make a plan of one step for an action that the person requested.
-    fn prepare_action(&mut self, action: String, ctx: &mut Context<Self>) {
-        let conversation = ctx.new_conversation();
-        self.emit(UserEvent::Sent(conversation.clone()));
-        let asked = ctx.ask(Resource::Domain, &self.domain_maintainer);
-        let prepared = conversation.clone();
+    fn prepare_action(&mut self, action: String, id: RequestId, ctx: &mut Context<Self>) {
+        let about = self.begin(Some(id), ctx);
+        let conversation = about.conversation.clone();
+        let maintainer = ctx.settings().roles.domain_maintainer.clone();
+        let asked = ctx.ask(Resource::Domain, &maintainer);
         let work = ctx.run(asked, move |keyboard: &mut Self, answers, ctx| {
-            if keyboard.actions_in_preparation.remove(&prepared).is_none() {
+            if keyboard.actions_in_preparation.remove(&about.conversation).is_none() {
                 return;
             }
             match answers.first().and_then(|bytes| serde_json::from_slice(bytes).ok()) {
-                Some(snapshot) => keyboard.execute(prepared, snapshot, &action, ctx),
+                Some(snapshot) => keyboard.execute(about, snapshot, &action, ctx),
                 None => {
                     let why = "no Domain Maintainer answers".to_owned();
-                    keyboard.emit(UserEvent::Unanswered(prepared, why));
+                    keyboard.emit(UserEvent::Unanswered(about, why));
                 }
             }
         });
-        self.actions_in_preparation.insert(conversation, work);
+        self.actions_in_preparation.insert(conversation, (id, work));
     }
 
     fn execute(
         &mut self,
-        conversation: ConversationId,
+        about: RequestRef,
         snapshot: acl::content::Snapshot,
         action: &str,
         ctx: &mut Context<Self>,
@@ -367,33 +375,33 @@ impl Keyboard {
             Ok(plan) => plan,
             Err(problem) => {
                 let refusal = Refusal::new(Reason::BadContent, problem);
-                return self.emit(UserEvent::Refused(conversation, refusal));
+                return self.emit(UserEvent::Refused(about, refusal));
             }
         };
         let opening = ExchangeOpening {
-            to: Some(self.plan_executor.clone()),
+            to: Some(ctx.settings().roles.plan_executor.clone()),
             performative: Performative::Request,
             protocol: Protocol::Execution,
-            conversation: conversation.clone(),
+            conversation: about.conversation.clone(),
             content: value(&Request::Execute(Box::new(execute))),
         };
         // Time for the actuator's agreement, its method, and the executor's report.
         let patience = timeout + ctx.settings().answer_deadline * 3;
-        let token = self.open(opening, patience, ctx);
-        self.running_actions.insert(conversation, token);
+        let token = self.open(opening, patience, about.id, ctx);
+        self.running_actions.insert(about.conversation, token);
     }
 
     // === a message as the person wrote it ===
 
-    fn send(&mut self, draft: MessageDraft, ctx: &mut Context<Self>) {
+    fn send(&mut self, draft: MessageDraft, id: RequestId, ctx: &mut Context<Self>) {
         let MessageDraft { to, performative, protocol, conversation, content, patience } = draft;
         let conversation = conversation.unwrap_or_else(|| ctx.new_conversation());
-        self.emit(UserEvent::Sent(conversation.clone()));
-        let about = conversation.clone();
+        let about = RequestRef { id: Some(id), conversation: conversation.clone() };
+        self.emit(UserEvent::Sent(about.clone()));
         let opening = ExchangeOpening { to, performative, protocol, conversation, content };
         ctx.open(opening, patience, move |keyboard: &mut Self, answer, _| {
             keyboard.emit(match answer {
-                ExchangeEvent::Message(message) => UserEvent::Answered(message),
+                ExchangeEvent::Message(message) => UserEvent::Answered(about.id, message),
                 ExchangeEvent::TimedOut => UserEvent::Unanswered(
                     about.clone(),
                     format!("no further answer within {patience:?}"),
@@ -411,32 +419,33 @@ impl Keyboard {
         &mut self,
         opening: ExchangeOpening,
         patience: Duration,
+        id: Option<RequestId>,
         ctx: &mut Context<Self>,
     ) -> ReplyToken {
-        let (conversation, to) = (opening.conversation.clone(), opening.to.clone());
+        let about = RequestRef { id, conversation: opening.conversation.clone() };
+        let to = opening.to.clone();
         let is_cancel = opening.performative == Performative::Cancel;
         ctx.open(opening, patience, move |keyboard: &mut Self, answer, ctx| match answer {
             // The goal goes on; it must not be requested again because its cancellation failed.
             ExchangeEvent::Undelivered(why) if is_cancel => {
                 let who = to.as_ref().map_or("everyone", AgentId::as_str);
                 let why = format!("`{who}` could not be reached to cancel it: {why}");
-                keyboard.emit(UserEvent::Unanswered(conversation.clone(), why));
+                keyboard.emit(UserEvent::Unanswered(about.clone(), why));
             }
-            answer => keyboard.answered(&conversation, to.as_ref(), answer, ctx),
+            answer => keyboard.answered(about.clone(), to.as_ref(), answer, ctx),
         })
     }
 
     fn answered(
         &mut self,
-        about: &ConversationId,
+        about: RequestRef,
         who: Option<&AgentId>,
         answer: ExchangeEvent,
         ctx: &mut Context<Self>,
     ) {
-        let about = about.clone();
         let who = who.map(AgentId::as_str).unwrap_or("everyone");
         let heard = match answer {
-            ExchangeEvent::Message(message) => match read(&message) {
+            ExchangeEvent::Message(message) => match read(&message, about.id) {
                 Ok(heard) => heard,
                 Err(error) => return ctx.not_understood(&message, error),
             },
@@ -444,12 +453,12 @@ impl Keyboard {
                 UserEvent::Unanswered(about, format!("`{who}` did not answer in time"))
             }
             ExchangeEvent::Undelivered(DeliveryError::Left)
-                if let Some(asked) = self.goals.get_mut(&about)
+                if let Some(asked) = self.goals.get_mut(&about.conversation)
                     && asked.departures < DEPARTURES_MAX =>
             {
                 asked.departures += 1;
                 let until = ctx.now() + RETURN_TIMEOUT;
-                return self.request_on_return(about, until, ctx);
+                return self.request_on_return(about.conversation, until, ctx);
             }
             ExchangeEvent::Undelivered(why) => {
                 UserEvent::Unanswered(about, format!("`{who}` could not be reached: {why}"))
@@ -466,27 +475,27 @@ impl Keyboard {
         self.emit(heard);
     }
 
-    fn emit(&mut self, heard: UserEvent) {
+    fn emit(&self, heard: UserEvent) {
         match &heard {
-            UserEvent::Sent(about) => tracing::info!(conversation = %about, "asked"),
-            UserEvent::Report(about, report) => {
-                tracing::info!(conversation = %about, outcome = %report.outcome, "{}", report.detail);
+            UserEvent::Sent(about) => tracing::info!(conversation = %about.conversation, "asked"),
+            UserEvent::Report(RequestRef { conversation, .. }, report) => {
+                tracing::info!(%conversation, outcome = %report.outcome, "{}", report.detail);
             }
             // With a terminal it is shown there; the log would repeat it.
             UserEvent::Refused(about, refusal) if self.user_events.is_none() => {
-                tracing::warn!(conversation = %about, "refused: {}", refusal.detail);
+                tracing::warn!(conversation = %about.conversation, "refused: {}", refusal.detail);
             }
             UserEvent::Unanswered(about, why) if self.user_events.is_none() => {
-                tracing::warn!(conversation = %about, "{why}");
+                tracing::warn!(conversation = %about.conversation, "{why}");
             }
             UserEvent::Question(open) => {
                 tracing::info!(question = open.question, from = %open.from, "{}", open.text);
             }
             UserEvent::QuestionClosed(question, why) => tracing::info!(question, "{why}"),
-            UserEvent::Refused(..) | UserEvent::Unanswered(..) | UserEvent::Answered(_) => (),
+            UserEvent::Refused(..) | UserEvent::Unanswered(..) | UserEvent::Answered(..) => (),
         }
         if let Some(to) = &self.user_events
-            && to.try_send(heard).is_err()
+            && !to.send(heard)
         {
             tracing::warn!("the terminal does not keep up: a line is lost");
         }
@@ -543,18 +552,23 @@ impl Keyboard {
 
     /// Delivers a person's answer to a question: to the asking agent if this keyboard keeps the
     /// question, otherwise to the keyboard that keeps it.
-    fn give_answer(&mut self, keyboard: AgentId, answer: AnswerQuestion, ctx: &mut Context<Self>) {
+    fn give_answer(
+        &mut self,
+        keyboard: AgentId,
+        answer: AnswerQuestion,
+        id: RequestId,
+        ctx: &mut Context<Self>,
+    ) {
         if keyboard != *ctx.id() {
             let patience = ctx.settings().answer_deadline * 2;
             let request = Request::AnswerQuestion(answer);
-            self.request(keyboard, Protocol::StateChange, &request, patience, ctx);
+            self.request(keyboard, Protocol::StateChange, &request, patience, Some(id), ctx);
             return;
         }
-        let conversation = ctx.new_conversation();
-        self.emit(UserEvent::Sent(conversation.clone()));
+        let about = self.begin(Some(id), ctx);
         let heard = match self.deliver_answer(answer, ctx) {
-            Ok(report) => UserEvent::Report(conversation, report),
-            Err(refusal) => UserEvent::Refused(conversation, refusal),
+            Ok(report) => UserEvent::Report(about, report),
+            Err(refusal) => UserEvent::Refused(about, refusal),
         };
         self.emit(heard);
     }
@@ -615,8 +629,8 @@ fn sealed(key: &str, said: &PersonsAnswer) -> Result<PersonsAnswer, Refusal> {
 }
 
 /// Reads a message about a requested goal or action as an output to the person.
-fn read(message: &Message) -> Result<UserEvent, String> {
-    let about = message.conversation_id.clone();
+fn read(message: &Message, id: Option<RequestId>) -> Result<UserEvent, String> {
+    let about = RequestRef { id, conversation: message.conversation_id.clone() };
     match message.performative {
         Performative::Confirm => {
             let report = message.content_as::<Report>().map_err(|error| error.to_string())?;

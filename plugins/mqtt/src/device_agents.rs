@@ -216,10 +216,8 @@ fn agent_name(name: &str, suffix: &str, is_taken: impl Fn(&str) -> bool) -> Stri
     if AgentId::new(&whole).is_ok() && !is_taken(&whole) {
         return whole;
     }
-    // FNV-1a: the hash of a name is the same in every run and every release.
-    let hash = whole
-        .bytes()
-        .fold(0x811c_9dc5_u32, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193));
+    // The hash of a name is the same in every run and every release.
+    let hash = acl::fnv::hash_32(whole.as_bytes());
     let short = |text: &str| text[..text.len().min(PART_CHARS)].trim_matches('-').to_owned();
     let suffix = short(suffix);
     let between = if suffix.is_empty() { "" } else { "-" };

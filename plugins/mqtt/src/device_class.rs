@@ -216,7 +216,24 @@ pub(crate) fn is_possible(value: f64, unit: &str) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use actuator::OnOffNames;
+
     use super::*;
+
+    /// A lamp of the gateway and one of a driver have the same names, so that one goal is about both.
+    #[test]
+    fn switched_classes_have_the_names_of_all_drivers() {
+        let classes = DeviceClasses::with(&serde_json::Value::Null).expect("it is whole");
+        for (class, names) in [
+            ("light", OnOffNames::LAMP),
+            ("switch", OnOffNames::RELAY),
+            ("lock", OnOffNames::DOOR_LOCK),
+        ] {
+            let OnOffNames { predicates: words, on, off } = names;
+            let kind = classes.get(class).and_then(DeviceClass::kind);
+            assert_eq!(kind, Some(ClassKind::Switch { words, on, off }), "{class}");
+        }
+    }
 
     #[test]
     fn the_built_in_table_is_whole_and_can_be_added_to() {

@@ -3,7 +3,10 @@
 use std::sync::Arc;
 use std::time::SystemTime;
 
-use acl::content::{Achieve, Execute, GoalStatus, HistoryEntry, Keep, Outcome, Partition, Version};
+use acl::content::{
+    Achieve, Execute, GoalStatus, HISTORY_ENTRIES_MAX, HistoryEntry, Keep, Outcome, Partition,
+    Version,
+};
 use acl::{AgentId, ConversationId, Incarnation, ReplyToken};
 use agent::{Participation, TimerId, WorkHandle};
 use goal_lifecycle::{Attempt, GoalState};
@@ -13,9 +16,6 @@ use planner::Cancel;
 use crate::explanations::GoalContext;
 use crate::planning_snapshot::{PlanningSnapshot, outside};
 use crate::proposals::ContractNetState;
-
-/// Maximum number of history entries per goal: enough to explain the goal's present phase.
-const HISTORY_LINES_MAX: usize = 64;
 
 /// A goal that the Plan Requester pursues.
 pub(crate) struct Goal {
@@ -167,7 +167,7 @@ impl Goal {
     /// Restores the part of the goal's history from before this replica took the goal over.
     pub(crate) fn recall_history(&mut self, history: Vec<HistoryEntry>) {
         self.history = history;
-        self.history.truncate(HISTORY_LINES_MAX);
+        self.history.truncate(HISTORY_ENTRIES_MAX);
     }
 
     /// Marks a step of the running plan as done.
@@ -190,7 +190,7 @@ impl Goal {
         outcome: Option<Outcome>,
         text: impl Into<String>,
     ) {
-        if self.history.len() == HISTORY_LINES_MAX {
+        if self.history.len() == HISTORY_ENTRIES_MAX {
             self.history.remove(0);
         }
         let at = at.duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();

@@ -74,9 +74,18 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 };
 
 /// The `config` of a Plan Requester in the ecosystem file: the names of the other agents that take part
-/// in planning.
-#[derive(Debug, Deserialize)]
+/// in planning, where they are not those of the ecosystem's settings.
+#[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
+struct FileConfig {
+    domain_maintainer: Option<AgentId>,
+    planning_agent: Option<AgentId>,
+    plan_executor: Option<AgentId>,
+    replanning: Option<bool>,
+}
+
+/// The configuration of a Plan Requester.
+#[derive(Debug)]
 struct Config {
     domain_maintainer: AgentId,
     planning_agent: AgentId,
@@ -86,20 +95,22 @@ struct Config {
     replanning: bool,
 }
 
-impl Default for Config {
-    fn default() -> Config {
-        let name = |text| AgentId::new(text).expect("invariant: a literal that is a name");
-        Config {
-            domain_maintainer: name("domain-maintainer"),
-            planning_agent: name("planning-agent"),
-            plan_executor: name("plan-executor"),
-            replanning: true,
-        }
+impl Config {
+    fn of(blueprint: &Blueprint) -> Result<Config, BuildError> {
+        let FileConfig { domain_maintainer, planning_agent, plan_executor, replanning } =
+            blueprint.config_as()?;
+        let roles = blueprint.host.settings.roles.clone();
+        Ok(Config {
+            domain_maintainer: domain_maintainer.unwrap_or(roles.domain_maintainer),
+            planning_agent: planning_agent.unwrap_or(roles.planning_agent),
+            plan_executor: plan_executor.unwrap_or(roles.plan_executor),
+            replanning: replanning.unwrap_or(true),
+        })
     }
 }
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
-    let config = blueprint.config_as()?;
+    let config = Config::of(&blueprint)?;
     let mode = blueprint.host.mode;
     let (keeper, goals, ended) =
         (JournalClient::new(&blueprint.host), BTreeMap::new(), FinishedGoals::default());

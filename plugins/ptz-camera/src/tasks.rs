@@ -124,7 +124,7 @@ async fn record_video(
     lasts: Duration,
 ) -> Result<CameraResult, MethodFailure> {
     let count = (lasts.as_secs_f64() * f64::from(PER_SECOND)).ceil() as usize;
-    let mut tick = tokio::time::interval(Duration::from_secs(1) / PER_SECOND);
+    let mut tick = tokio::time::interval(Duration::from_secs_f64(1.0 / f64::from(PER_SECOND)));
     let mut frames = Vec::new();
     while frames.len() < count {
         tick.tick().await;

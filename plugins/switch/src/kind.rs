@@ -1,7 +1,7 @@
-//! The kinds of switches, and the PDDL names of their action models. The names are those that the MQTT
-//! gateway uses for its lamps, relays and locks, so that one ecosystem can have both.
+//! The kinds of switches, and their action models. The PDDL names are those that all drivers and gateways
+//! use for lamps, relays and locks (`actuator::OnOffNames`).
 
-use actuator::OnOffPredicates;
+use actuator::OnOffNames;
 use pddl::Domain;
 use serde::Deserialize;
 
@@ -15,23 +15,12 @@ pub(crate) enum SwitchKind {
 }
 
 impl SwitchKind {
-    /// Returns the predicates that say that the device is on: one of the device itself, and one of its
-    /// room.
-    pub(crate) fn words(self) -> OnOffPredicates<'static> {
-        let words = |agent, state, own, all| OnOffPredicates { agent, state, own, all };
+    /// Returns the PDDL names for devices of this kind.
+    pub(crate) fn names(self) -> OnOffNames {
         match self {
-            SwitchKind::Lamp => words("lamp", "lit", "lamp-on", false),
-            SwitchKind::Relay => words("relay", "powered", "relay-on", false),
-            SwitchKind::Lock => words("door-lock", "locked", "bolted", true),
-        }
-    }
-
-    /// Returns the names of the actions that switch the device on and off.
-    pub(crate) fn actions(self) -> (&'static str, &'static str) {
-        match self {
-            SwitchKind::Lamp => ("turn-on-lamp", "turn-off-lamp"),
-            SwitchKind::Relay => ("turn-on-relay", "turn-off-relay"),
-            SwitchKind::Lock => ("lock-door", "unlock-door"),
+            SwitchKind::Lamp => OnOffNames::LAMP,
+            SwitchKind::Relay => OnOffNames::RELAY,
+            SwitchKind::Lock => OnOffNames::DOOR_LOCK,
         }
     }
 
@@ -55,7 +44,7 @@ pub(crate) fn model(
     ontology: &Domain,
     offers: bool,
 ) -> String {
-    let (words, (on, off)) = (kind.words(), kind.actions());
+    let OnOffNames { predicates: words, on, off } = kind.names();
     let agent = words.agent;
     let action = |name: &str, effect: &str| {
         format!(
@@ -80,40 +69,4 @@ pub(crate) fn model(
         words.predicates(ontology),
         words.axiom(ontology)
     )
-}
-
-#[cfg(test)]
-mod tests {
-    use std::collections::BTreeMap;
-
-    use super::*;
-
-    /// The MQTT gateway's table of device classes, to compare the names with.
-    const CLASSES: &str = include_str!("../../mqtt/src/classes.toml");
-
-    #[derive(Deserialize)]
-    struct Class {
-        agent: String,
-        state: Option<String>,
-        own: Option<String>,
-        #[serde(default)]
-        all: bool,
-        on: Option<String>,
-        off: Option<String>,
-    }
-
-    #[test]
-    fn the_words_are_those_of_the_gateway_to_mqtt() {
-        let classes: BTreeMap<String, Class> = toml::from_str(CLASSES).expect("its table");
-        for (kind, class) in
-            [(SwitchKind::Lamp, "light"), (SwitchKind::Relay, "switch"), (SwitchKind::Lock, "lock")]
-        {
-            let Class { agent, state, own, all, on, off } = &classes[class];
-            let (words, (turn_on, turn_off)) = (kind.words(), kind.actions());
-            assert_eq!((agent.as_str(), *all), (words.agent, words.all), "{class}");
-            let theirs = [state, own, on, off].map(|word| word.as_deref());
-            let ours = [words.state, words.own, turn_on, turn_off].map(Some);
-            assert_eq!(theirs, ours, "{class}");
-        }
-    }
 }

@@ -23,7 +23,7 @@ use acl::Deadline;
 use acl::content::Method;
 use actuator::{
     Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
-    OwnFact, PlaceName, facts_of, model_of,
+    OnOffNames, OwnFact, PlaceName, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use pddl::Domain;
@@ -186,7 +186,8 @@ impl Switch {
 
     /// Returns the state of the device as a PDDL fact: on, off, or unknown.
     fn fact(&self) -> String {
-        let term = self.kind.words().term(&self.id, self.location.as_str(), &self.ontology);
+        let term =
+            self.kind.names().predicates.term(&self.id, self.location.as_str(), &self.ontology);
         match self.driver_handle.state() {
             Ok(Some(true)) => term,
             Ok(Some(false)) => format!("(not {term})"),
@@ -206,7 +207,7 @@ impl Device for Switch {
             let (method, arguments) = (method.to_owned(), BTreeMap::new());
             (action.to_owned(), Method { method, arguments, timeout })
         };
-        let (on, off) = kind.actions();
+        let OnOffNames { on, off, .. } = kind.names();
         let methods = [method(on, ON), method(off, OFF)].into_iter().collect();
         Description { model: model_of(&text), methods }
     }

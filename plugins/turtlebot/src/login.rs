@@ -34,6 +34,9 @@ pub(crate) const METHOD: &str = "log_in";
 /// all PINs of four digits takes eleven days.
 const LOCK_TIME: Duration = Duration::from_secs(5 * 60);
 
+/// Time of an attempt beside the wait for the person: the question and the answer travel.
+const ATTEMPT_MARGIN: Duration = Duration::from_secs(2);
+
 /// A request of the login to the actuator: to ask a question or to withdraw it.
 enum QuestionRequest {
     This(String),
@@ -173,7 +176,7 @@ impl Login {
 
     /// Returns the time limit of a login, which covers all its attempts.
     pub(crate) fn timeout(&self) -> Duration {
-        (self.patience + Duration::from_secs(2)) * self.attempts
+        (self.patience + ATTEMPT_MARGIN) * self.attempts
     }
 
     /// Asks the person at `place` for the PIN, and waits for the outcome of the login.

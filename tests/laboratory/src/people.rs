@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use acl::ConversationId;
 use acl::content::{Keep, Outcome};
-use keyboard::{Terminal, UserEvent, UserRequest};
+use keyboard::{RequestId, Terminal, UserEvent, UserRequest};
 use tokio::time::Instant;
 
 use crate::script::ScriptedGoal;
@@ -15,8 +15,8 @@ pub struct Person {
     /// Name of the person and of the keyboard.
     pub name: String,
     terminal: Option<Terminal>,
-    /// Goals requested at this terminal that have no conversation yet.
-    without_conversation: Vec<(usize, ScriptedGoal)>,
+    /// Goals requested at this terminal that have no conversation yet, by their numbers there.
+    without_conversation: BTreeMap<RequestId, usize>,
     /// History of each goal, by its number.
     pub traces: BTreeMap<usize, GoalTrace>,
     since: Instant,
@@ -49,7 +49,7 @@ impl Person {
     /// Creates a person without a terminal.
     pub fn new(name: &str, since: Instant) -> Person {
         let name = name.to_owned();
-        let (unnamed, stories) = (Vec::new(), BTreeMap::new());
+        let (unnamed, stories) = (BTreeMap::new(), BTreeMap::new());
         Person { name, terminal: None, without_conversation: unnamed, traces: stories, since }
     }
 
@@ -75,9 +75,9 @@ impl Person {
             priority: 0,
             partition: wish.partition,
         };
-        if terminal.requests.try_send(UserRequest::RequestGoal(said)).is_err() {
+        let Ok(id) = terminal.requests.try_send(UserRequest::RequestGoal(said)) else {
             return false;
-        }
+        };
         let story = GoalTrace {
             wish: wish.clone(),
             conversation: None,
@@ -88,7 +88,7 @@ impl Person {
             final_outcome: None,
             is_listening: true,
         };
-        self.without_conversation.push((number, wish.clone()));
+        self.without_conversation.insert(id, number);
         self.traces.insert(number, story);
         true
     }
@@ -98,14 +98,11 @@ impl Person {
         let at = self.since.elapsed();
         let Some(terminal) = &mut self.terminal else { return };
         while let Ok(heard) = terminal.events.try_recv() {
-            if let UserEvent::Sent(conversation) = &heard {
-                // A keyboard handles requests in order.
-                if !self.without_conversation.is_empty() {
-                    let (number, _) = self.without_conversation.remove(0);
-                    if let Some(story) = self.traces.get_mut(&number) {
-                        story.conversation = Some(conversation.clone());
-                    }
-                }
+            let asked = heard.request().and_then(|id| self.without_conversation.remove(&id));
+            if let Some(story) = asked.and_then(|number| self.traces.get_mut(&number)) {
+                story.conversation = heard.conversation().cloned();
+            }
+            if matches!(heard, UserEvent::Sent(_)) {
                 continue;
             }
             let about = heard.conversation().cloned();

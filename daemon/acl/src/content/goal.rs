@@ -132,6 +132,10 @@ impl GoalStatus {
     }
 }
 
+/// Maximum number of entries in the history of a goal: enough to explain the goal's present phase. A Plan
+/// Requester drops the oldest ones.
+pub const HISTORY_ENTRIES_MAX: usize = 64;
+
 /// An event in the history of a goal.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]

@@ -12,7 +12,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use acl::content::{Achieve, Inform, Question, Reason, Refusal, Request, Withdrawal, value};
-use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
+use acl::{ConversationId, Message, Performative, Protocol, ReplyToken};
 use agent::{
     Context, DeliveryError, ExchangeEvent, ExchangeOpening, Presence, Resident, WorkHandle,
 };
@@ -71,10 +71,6 @@ struct PendingRequest {
     request_number: u64,
     exchange: ReplyToken,
     addressee: Resident,
-}
-
-fn plan_requester() -> AgentId {
-    AgentId::new("plan-requester").expect("invariant: a literal that is a name")
 }
 
 impl<D: Device> Actuator<D> {
@@ -162,7 +158,7 @@ impl<D: Device> Actuator<D> {
         let conversation = ctx.new_conversation();
         let wanted = WantedGoal { goal, conversation, insists, failures: 0, open_request: None };
         self.initiatives.goals.insert(name.clone(), wanted);
-        if let Some(requester) = ctx.find(&plan_requester()) {
+        if let Some(requester) = ctx.find(&ctx.settings().roles.plan_requester) {
             self.request(&name, requester, ctx);
         }
     }
@@ -267,7 +263,7 @@ impl<D: Device> Actuator<D> {
     /// Requests all goals from a Plan Requester that has joined: that agent does not know these goals.
     pub(crate) fn plan_requester_joined(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
         let Presence::Joined(resident) = presence else { return };
-        if resident.agent != plan_requester() {
+        if resident.agent != ctx.settings().roles.plan_requester {
             return;
         }
         let unasked = |wanted: &WantedGoal| {

@@ -16,8 +16,8 @@ pub(super) fn run(args: &ActArgs) -> ExitCode {
         Err(problem) => return wrong(&problem, json),
     };
     client::with_link(&args.reach, json, async |link| {
-        let manner =
-            ExchangeOptions { to: Some("plan-executor"), json, interrupt: InterruptAction::GiveUp };
+        let to = Some(link.view.roles().plan_executor.clone());
+        let manner = ExchangeOptions { to, json, interrupt: InterruptAction::GiveUp };
         let code = user_request::send_and_follow(&link, said, manner).await;
         (link, code)
     })

@@ -106,7 +106,7 @@ async fn residents(view: &EcosystemView) -> Vec<Resident> {
 /// Queries, for each agent, the parts of its action model that the Domain Maintainer had to leave
 /// out.
 async fn conflicts(view: &EcosystemView) -> BTreeMap<AgentId, Vec<String>> {
-    let maintainer = AgentId::new("domain-maintainer").ok();
+    let maintainer = Some(view.roles().domain_maintainer.clone());
     let answers = view.ask(Resource::Domain, maintainer).await;
     let snapshot = answers.first().and_then(|bytes| serde_json::from_slice::<Snapshot>(bytes).ok());
     snapshot.map(|snapshot| snapshot.conflicts).unwrap_or_default()

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId};
-use agent::{Directory, HostServices, MessageRouter, Resident, Resource, ResourceQuery};
+use agent::{Directory, HostServices, MessageRouter, Resident, Resource, ResourceQuery, RoleNames};
 use bytes::Bytes;
 use terminal::{exit, output};
 
@@ -208,6 +208,12 @@ pub(crate) fn guest_name(role: &str) -> String {
 }
 
 impl EcosystemView {
+    /// Returns the names of the reasoning agents: those of the ecosystem file, or the default names
+    /// if this process has not read the file.
+    pub(crate) fn roles(&self) -> &RoleNames {
+        &self.switchboard.settings().roles
+    }
+
     /// Returns the name of the shared ontology, or `unknown` if this process has not read the
     /// ecosystem file.
     pub(crate) fn ontology(&self) -> &str {

@@ -2,7 +2,6 @@
 
 use std::process::ExitCode;
 
-use acl::AgentId;
 use acl::content::Snapshot;
 use agent::Resource;
 use serde_json::json;
@@ -17,9 +16,9 @@ pub(super) fn run(args: &AskArgs) -> ExitCode {
 }
 
 pub(crate) async fn print(view: &EcosystemView, json: bool) -> ExitCode {
-    let maintainer = AgentId::new("domain-maintainer").ok();
-    view.directory(maintainer.as_ref()).await;
-    let answers = view.ask(Resource::Domain, maintainer).await;
+    let maintainer = &view.roles().domain_maintainer;
+    view.directory(Some(maintainer)).await;
+    let answers = view.ask(Resource::Domain, Some(maintainer.clone())).await;
     let snapshot = answers.first().and_then(|bytes| serde_json::from_slice::<Snapshot>(bytes).ok());
     match snapshot {
         Some(snapshot) if json => output::print_json(&json!(snapshot), exit::DONE),

@@ -5,7 +5,7 @@ use std::process::ExitCode;
 
 use acl::content::{Inform, OpenQuestion, Outcome, Refusal, Report};
 use acl::{Message, Performative};
-use keyboard::UserEvent;
+use keyboard::{RequestRef, UserEvent};
 use serde_json::{Value, json};
 use terminal::output::Color;
 use terminal::styled::Styled;
@@ -23,11 +23,11 @@ pub(crate) fn print(heard: &UserEvent, json: bool) -> ExitCode {
 /// Formats a message as lines for people.
 pub(crate) fn lines(heard: &UserEvent) -> Vec<Styled> {
     match heard {
-        UserEvent::Sent(id) => vec![line(Color::Dim, "asked", id.as_str())],
+        UserEvent::Sent(about) => vec![line(Color::Dim, "asked", about.conversation.as_str())],
         UserEvent::Report(_, report) => of_report(report),
         UserEvent::Refused(_, refusal) => block(Color::Red, "refused", &refusal.detail),
         UserEvent::Unanswered(_, why) => block(Color::Red, "no reply", why),
-        UserEvent::Answered(message) => vec![of_message(message)],
+        UserEvent::Answered(_, message) => vec![of_message(message)],
         UserEvent::Question(open) => {
             let OpenQuestion { question, from, text, left, .. } = open;
             let left = super::brief(left.0);
@@ -95,17 +95,19 @@ fn of_message(message: &Message) -> Styled {
 /// Formats a message as a JSON object for programs.
 pub(crate) fn object(heard: &UserEvent) -> Value {
     match heard {
-        UserEvent::Sent(id) => json!({ "event": "asked", "conversation": id }),
-        UserEvent::Report(id, report) => {
-            json!({ "event": "report", "conversation": id, "report": report })
+        UserEvent::Sent(RequestRef { conversation, .. }) => {
+            json!({ "event": "asked", "conversation": conversation })
         }
-        UserEvent::Refused(id, refusal) => {
-            json!({ "event": "refused", "conversation": id, "refusal": refusal })
+        UserEvent::Report(RequestRef { conversation, .. }, report) => {
+            json!({ "event": "report", "conversation": conversation, "report": report })
         }
-        UserEvent::Unanswered(id, why) => {
-            json!({ "event": "unanswered", "conversation": id, "problem": why })
+        UserEvent::Refused(RequestRef { conversation, .. }, refusal) => {
+            json!({ "event": "refused", "conversation": conversation, "refusal": refusal })
         }
-        UserEvent::Answered(message) => json!({ "event": "answered", "message": message }),
+        UserEvent::Unanswered(RequestRef { conversation, .. }, why) => {
+            json!({ "event": "unanswered", "conversation": conversation, "problem": why })
+        }
+        UserEvent::Answered(_, message) => json!({ "event": "answered", "message": message }),
         UserEvent::Question(open) => json!({ "event": "question", "question": open }),
         UserEvent::QuestionClosed(question, why) => {
             json!({ "event": "question-closed", "question": question, "detail": why })

@@ -23,7 +23,8 @@ pub(super) fn run(args: &GoalArgs) -> ExitCode {
             Some(_) => InterruptAction::Leave("cancelling it was requested".to_owned()),
             None => InterruptAction::LeaveGoal(client::reach_words(&args.reach)),
         };
-        let manner = ExchangeOptions { to: Some("plan-requester"), json, interrupt };
+        let to = Some(link.view.roles().plan_requester.clone());
+        let manner = ExchangeOptions { to, json, interrupt };
         let code = user_request::send_and_follow(&link, said, manner).await;
         (link, code)
     })

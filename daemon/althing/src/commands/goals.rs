@@ -3,7 +3,6 @@
 use std::fmt::Write as _;
 use std::process::ExitCode;
 
-use acl::AgentId;
 use acl::content::{GoalStatus, HistoryEntry, Keep};
 use agent::Resource;
 use jiff::{Timestamp, Zoned};
@@ -32,9 +31,9 @@ pub(crate) async fn print(view: &EcosystemView, json: bool) -> ExitCode {
 
 /// Queries the goals from the leading Plan Requester; `None` if the Plan Requester does not answer.
 pub(super) async fn ask(view: &EcosystemView) -> Option<Vec<GoalStatus>> {
-    let requester = AgentId::new("plan-requester").ok();
-    view.directory(requester.as_ref()).await;
-    let answers = view.ask(Resource::Goals, requester).await;
+    let requester = &view.roles().plan_requester;
+    view.directory(Some(requester)).await;
+    let answers = view.ask(Resource::Goals, Some(requester.clone())).await;
     serde_json::from_slice(answers.first()?).ok()
 }
 

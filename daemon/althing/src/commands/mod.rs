@@ -100,6 +100,9 @@ pub(crate) fn brief(duration: Duration) -> String {
     }
 }
 
+/// How long background work may take to stop. A cancelled search takes a moment until it checks its flag.
+const SHUTDOWN_GRACE: Duration = Duration::from_millis(200);
+
 /// Runs a future to its end, on a Tokio runtime with two threads. That suits a small board: one
 /// thread for the agents, one for a planner.
 ///
@@ -110,8 +113,7 @@ fn in_runtime(work: impl Future<Output = ExitCode>) -> ExitCode {
     match runtime {
         Ok(runtime) => {
             let code = runtime.block_on(work);
-            // A cancelled search may take a moment until it checks its flag.
-            runtime.shutdown_timeout(std::time::Duration::from_millis(200));
+            runtime.shutdown_timeout(SHUTDOWN_GRACE);
             code
         }
         Err(error) => {

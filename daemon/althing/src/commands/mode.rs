@@ -14,7 +14,8 @@ pub(super) fn run(args: &ModeArgs) -> ExitCode {
     client::with_link(&args.reach, json, async |link| {
         let interrupt =
             InterruptAction::Leave("the mode may have been changed all the same".to_owned());
-        let manner = ExchangeOptions { to: Some("plan-requester"), json, interrupt };
+        let to = Some(link.view.roles().plan_requester.clone());
+        let manner = ExchangeOptions { to, json, interrupt };
         let code =
             user_request::send_and_follow(&link, UserRequest::Mode(args.mode.into()), manner).await;
         (link, code)

@@ -3,15 +3,11 @@
 
 use std::collections::VecDeque;
 
-use acl::content::{HistoryEntry, Outcome, Report};
-
-/// Number of printed lines that are remembered: as many as a Plan Requester keeps of a goal's
-/// history.
-const LINES_MAX: usize = 64;
+use acl::content::{HISTORY_ENTRIES_MAX, HistoryEntry, Outcome, Report};
 
 type ReportLine = (Outcome, String);
 
-/// The last lines that a command printed of one goal.
+/// The last lines that a command printed of one goal: as many as the goal's history has.
 #[derive(Debug, Default)]
 pub(super) struct PrintedReports {
     lines: VecDeque<ReportLine>,
@@ -55,7 +51,7 @@ impl PrintedReports {
     }
 
     fn push(&mut self, line: ReportLine) {
-        if self.lines.len() == LINES_MAX {
+        if self.lines.len() == HISTORY_ENTRIES_MAX {
             self.lines.pop_front();
         }
         self.lines.push_back(line);

@@ -277,7 +277,7 @@ async fn replay_exchange(
             UserRequest::Send(MessageDraft { conversation, ..draft })
         }
     };
-    let mut asked = voice.send_request(said, false).await;
+    let mut asked = voice.send_request(said, false, None).await;
     let mut end = ExchangeEnd::Open;
     let hearing = async {
         loop {
@@ -326,7 +326,9 @@ impl ExchangeEnd {
         match news {
             RemoteUpdate::Report(report) => ExchangeEnd::of_outcome(report.outcome),
             RemoteUpdate::Refused(_) => Some(ExchangeEnd::Refused),
-            RemoteUpdate::Unanswered => Some(ExchangeEnd::Unanswered),
+            RemoteUpdate::Unanswered | RemoteUpdate::DeadlinePassed(_) => {
+                Some(ExchangeEnd::Unanswered)
+            }
         }
     }
 

@@ -94,10 +94,9 @@ async fn send(link: &ClientLink, draft: MessageDraft, json: bool) -> ExitCode {
     if let Err(problem) = is_here(&draft, &directory) {
         return client::unavailable(&problem, json);
     }
-    let to = draft.to.clone();
     let interrupt =
         InterruptAction::Leave("the message was sent; its answers are not waited for".to_owned());
-    let manner = ExchangeOptions { to: to.as_ref().map(AgentId::as_str), json, interrupt };
+    let manner = ExchangeOptions { to: draft.to.clone(), json, interrupt };
     let is_to_all = draft.to.is_none();
     let code = user_request::send_and_follow(link, UserRequest::Send(draft), manner).await;
     // The number of answers to a message to all agents is unknown: the end of the wait is a

@@ -19,7 +19,8 @@ pub(super) fn run(args: &SetArgs) -> ExitCode {
     client::with_link(&args.reach, json, async |link| {
         let interrupt =
             InterruptAction::Leave("the change may have been made all the same".to_owned());
-        let manner = ExchangeOptions { to: Some("domain-maintainer"), json, interrupt };
+        let to = Some(link.view.roles().domain_maintainer.clone());
+        let manner = ExchangeOptions { to, json, interrupt };
         let code = user_request::send_and_follow(&link, said, manner).await;
         (link, code)
     })

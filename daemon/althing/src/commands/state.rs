@@ -4,7 +4,6 @@ use std::fmt::Write as _;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use acl::AgentId;
 use acl::content::{BelievedFact, BelievedState};
 use agent::Resource;
 use serde_json::json;
@@ -19,9 +18,9 @@ pub(super) fn run(args: &AskArgs) -> ExitCode {
 }
 
 pub(crate) async fn print(view: &EcosystemView, json: bool) -> ExitCode {
-    let maintainer = AgentId::new("domain-maintainer").ok();
-    view.directory(maintainer.as_ref()).await;
-    let answers = view.ask(Resource::State, maintainer).await;
+    let maintainer = &view.roles().domain_maintainer;
+    view.directory(Some(maintainer)).await;
+    let answers = view.ask(Resource::State, Some(maintainer.clone())).await;
     let state =
         answers.first().and_then(|bytes| serde_json::from_slice::<BelievedState>(bytes).ok());
     match state {

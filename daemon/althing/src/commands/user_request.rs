@@ -7,7 +7,7 @@ use std::process::ExitCode;
 
 use acl::content::{HistoryEntry, Outcome, Report};
 use acl::{AgentId, ConversationId};
-use keyboard::{Keyboard, Terminal, UserEvent, UserRequest};
+use keyboard::{Keyboard, RequestRef, Terminal, UserEvent, UserRequest};
 use terminal::{exit, output};
 use tokio::signal;
 
@@ -38,9 +38,9 @@ pub(super) enum InterruptAction {
 }
 
 /// How a request is sent and followed.
-pub(super) struct ExchangeOptions<'a> {
+pub(super) struct ExchangeOptions {
     /// The agent that the command waits for before it sends; `None` if it need not wait for one.
-    pub(super) to: Option<&'a str>,
+    pub(super) to: Option<AgentId>,
     pub(super) json: bool,
     pub(super) interrupt: InterruptAction,
 }
@@ -49,7 +49,7 @@ pub(super) struct ExchangeOptions<'a> {
 pub(super) async fn send_and_follow(
     link: &ClientLink,
     said: UserRequest,
-    manner: ExchangeOptions<'_>,
+    manner: ExchangeOptions,
 ) -> ExitCode {
     let json = manner.json;
     let is_cancel = matches!(said, UserRequest::Cancel(_));
@@ -98,7 +98,7 @@ pub(super) async fn send_and_follow(
         };
         about = about.or_else(|| heard.conversation().cloned());
         if let UserEvent::Report(about, report) = &mut heard {
-            print_missed(&mut told, about, mem::take(&mut report.history), json);
+            print_missed(&mut told, &about.conversation, mem::take(&mut report.history), json);
             let is_news = told.note(report);
             holds = heard.is_success();
             if !is_news {
@@ -110,7 +110,7 @@ pub(super) async fn send_and_follow(
             return printed;
         }
         // The number of answers to a message to all agents is unknown.
-        if heard.is_final() && !(is_to_all && matches!(heard, UserEvent::Answered(_))) {
+        if heard.is_final() && !(is_to_all && matches!(heard, UserEvent::Answered(..))) {
             return exit::with(code_of(&heard, is_cancel));
         }
     }
@@ -138,12 +138,12 @@ impl InterruptAction {
 async fn begin(
     link: &ClientLink,
     said: UserRequest,
-    manner: &ExchangeOptions<'_>,
+    manner: &ExchangeOptions,
 ) -> Result<Terminal, &'static str> {
     let is_to_all = matches!(&said, UserRequest::Send(draft) if draft.to.is_none());
     let (keyboard, terminal) = Keyboard::with_terminal();
     let id = AgentId::new(&client::guest_name("keyboard")).map_err(|_| "name a keyboard")?;
-    await_receiver(link, manner.to).await?;
+    await_receiver(link, manner.to.as_ref()).await?;
     link.node.launch(id, keyboard, link.view.ontology());
     if is_to_all {
         // A message to all agents is not resent, so all of them must be reachable first.
@@ -155,12 +155,12 @@ async fn begin(
 }
 
 /// Starts to watch the leader and the link. Returns `None` if the request is not for a goal.
-fn vigil(link: &ClientLink, manner: &ExchangeOptions<'_>) -> Option<ConnectionWatch> {
+fn vigil(link: &ClientLink, manner: &ExchangeOptions) -> Option<ConnectionWatch> {
     if !matches!(manner.interrupt, InterruptAction::LeaveGoal(_)) {
         return None;
     }
-    let leader = AgentId::new(manner.to?).ok()?;
-    Some(ConnectionWatch::begin(&link.view, leader))
+    let leader = manner.to.as_ref()?;
+    Some(ConnectionWatch::begin(&link.view, leader.clone()))
 }
 
 async fn news(vigil: &mut Option<ConnectionWatch>) -> ConnectionEvent {
@@ -193,19 +193,19 @@ fn print_missed(
     json: bool,
 ) {
     for report in told.missed(history) {
-        event_output::print(&UserEvent::Report(about.clone(), report), json);
+        let about = RequestRef { id: None, conversation: about.clone() };
+        event_output::print(&UserEvent::Report(about, report), json);
     }
 }
 
 /// Waits until the receiver of the request is seen. The user is told if the receiver is not seen in
 /// time.
-async fn await_receiver(link: &ClientLink, to: Option<&str>) -> Result<(), &'static str> {
-    let wanted = to.and_then(|to| AgentId::new(to).ok());
-    let directory = link.view.directory(wanted.as_ref()).await;
+async fn await_receiver(link: &ClientLink, to: Option<&AgentId>) -> Result<(), &'static str> {
+    let directory = link.view.directory(to).await;
     if directory.iter().next().is_none() {
         return Err("see any agent of the ecosystem");
     }
-    if let Some(wanted) = wanted.filter(|wanted| directory.find(wanted).is_none()) {
+    if let Some(wanted) = to.filter(|wanted| directory.find(wanted).is_none()) {
         output::print_note(&format!("`{wanted}` is not here yet; the request waits for it"));
     }
     Ok(())

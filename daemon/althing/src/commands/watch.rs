@@ -2,6 +2,7 @@
 //! against the protocols. The messages of a single conversation are printed as a sequence diagram.
 
 pub(crate) mod record;
+mod watched_messages;
 
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
@@ -11,18 +12,19 @@ use acl::{EcosystemId, Message, Performative, Protocol};
 use conversation::Transcript;
 use serde_json::{Value, json};
 use terminal::output::Color;
+use terminal::render::plural;
 use terminal::styled::Styled;
 use terminal::{exit, output, visible};
 use tokio::signal;
-use tokio::sync::mpsc;
 
 use crate::cli::WatchArgs;
 use crate::commands::client::{self, ClientTarget};
 use crate::hosting::GuestKeys;
 use crate::interruption;
 
-/// Most messages that wait to be printed or recorded; further messages are dropped. A recording
-/// counts the dropped messages.
+use watched_messages::WatchEvent;
+
+/// Most messages that wait to be printed or recorded; further messages are dropped and counted.
 const WAITING_MAX: usize = 10_000;
 
 /// The text that is shown instead of a person's answer; it has the same length whatever the answer
@@ -84,23 +86,30 @@ pub(crate) async fn listen(
 ) -> Result<ExitCode, String> {
     let WatchOptions { ecosystem, endpoints, keys, role } = listening;
     let config = client::guest_config(ecosystem, endpoints, keys.as_ref(), role)?;
-    let (hear, mut heard) = mpsc::channel(WAITING_MAX);
-    let tap = substrate_zenoh::tap(config, move |_, payload| {
-        // A full queue loses lines of the output only.
-        let _ = hear.try_send(payload);
-    });
+    let is_diagram = conversation.is_some();
+    let (hear, mut messages) = watched_messages::queue(WAITING_MAX, conversation.clone());
+    let tap = substrate_zenoh::tap(config, move |_, payload| hear.push(payload));
     let _tap = tap.await.map_err(|error| error.to_string())?;
     announce(ecosystem, conversation.as_deref(), json);
-    let is_diagram = conversation.is_some();
     let (began, transcript) = (Instant::now(), Transcript::new());
     let mut watcher = MessagePrinter { began, transcript, json, is_diagram };
-    while let Some(payload) = heard.recv().await {
-        let Ok(message) = acl::decode(&payload) else { continue };
-        let is_asked_for =
-            conversation.as_ref().is_none_or(|asked| asked == message.conversation_id.as_str());
-        if !is_asked_for {
-            continue;
-        }
+    while let Some(event) = messages.next().await {
+        let message = match event {
+            WatchEvent::Message(message) => message,
+            WatchEvent::Lost(count) => {
+                let lost = plural(usize::try_from(count).unwrap_or(usize::MAX), "message");
+                output::print_note(&format!("{lost} not shown: the output was too slow"));
+                continue;
+            }
+            WatchEvent::Quiet => {
+                let within = super::brief(watched_messages::QUIET_AFTER);
+                output::print_note(&format!(
+                    "no message of this conversation within {within}; `althing goals` lists the \
+                     conversations of goals"
+                ));
+                continue;
+            }
+        };
         let printed = watcher.print(&message);
         if printed != exit::with(exit::DONE) || output::is_reader_gone() {
             return Ok(printed);

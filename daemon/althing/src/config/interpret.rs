@@ -80,7 +80,7 @@ pub(super) fn interpret_values(
     let interfaces = meaning.interfaces(interface, &agents, files.as_ref());
     daemons.extend(interfaces.iter().filter_map(|interface| interface.daemon.clone()));
     let goals = meaning.goals(goals);
-    let settings = meaning.settings(&timing, &limits);
+    let settings = meaning.settings(&timing, &limits, &agents);
     let security = meaning.security(security, name.as_ref());
     let mut rights = meaning.rights(&rights, &agents, &limited);
     // A daemon that runs an interface also brings the agents that the interface borrows.

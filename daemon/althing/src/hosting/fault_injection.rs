@@ -9,6 +9,7 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use acl::fnv::Fnv64;
 use acl::{AgentId, Performative};
 use bytes::Bytes;
 use substrate::{AgentAddress, ForwardingSubstrate, SendError, Subject, Substrate};
@@ -83,10 +84,8 @@ impl FaultInjector {
 /// Returns a pseudo-random number that depends on all three arguments. It is computed by FNV-1a and
 /// then by the finaliser of SplitMix64.
 fn draw(seed: u64, route: &str, number: u64) -> u64 {
-    let bytes = route.bytes().chain(number.to_le_bytes()).chain(seed.to_le_bytes());
-    let hash = bytes.fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
-        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
-    });
+    let hash = Fnv64::default().with(route.as_bytes());
+    let hash = hash.with(&number.to_le_bytes()).with(&seed.to_le_bytes()).value();
     let mixed = (hash ^ (hash >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     mixed ^ (mixed >> 31)

@@ -19,6 +19,7 @@ use crate::plugins;
 mod joining;
 mod mistakes;
 mod presenting;
+mod renaming;
 mod robots;
 mod strangers;
 mod succeeding;
@@ -71,11 +72,16 @@ impl Office {
 
     /// Opens the office as [`Office::open`] does, on the network `network`.
     async fn open_on(network: Network, entries: &[String], mode: Mode) -> Office {
+        let plugins = ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"];
+        let reasoning = plugins.iter().map(|plugin| entry(plugin, plugin, "{}"));
+        let entries: Vec<_> = reasoning.chain(entries.iter().cloned()).collect();
+        Office::with_agents(network, &entries, mode).await
+    }
+
+    /// Opens the office with the agents of `entries` only, which include the reasoning agents.
+    async fn with_agents(network: Network, entries: &[String], mode: Mode) -> Office {
         let folder = tempfile::tempdir().expect("a folder");
         let mut text = String::new();
-        for plugin in ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"] {
-            text += &entry(plugin, plugin, "{}");
-        }
         for entry in entries {
             text += &entry.replace("{folder}", &folder.path().display().to_string());
         }

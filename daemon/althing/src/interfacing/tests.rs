@@ -3,6 +3,7 @@
 //! against every byte on both networks.
 
 use std::path::Path;
+use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -365,10 +366,10 @@ async fn what_is_given_up_here_is_given_up_there() {
     let mut clerk = street.clerk();
     wish(&clerk, &street.firm_ecosystem, "merger").await;
     let asked = timeout(PATIENCE, clerk.events.recv()).await.expect("in time").expect("lives");
-    let UserEvent::Sent(conversation) = asked else { panic!("{asked:?}") };
+    let UserEvent::Sent(about) = asked else { panic!("{asked:?}") };
     let departed = |event: &BuildingEvent| matches!(event, BuildingEvent::Departed { .. });
     timeout(PATIENCE, street.building.wait_for(|truth| truth.any(departed))).await.expect("off");
-    say(&clerk, UserRequest::Cancel(conversation)).await;
+    say(&clerk, UserRequest::Cancel(about.conversation)).await;
     let stayed = |event: &BuildingEvent| matches!(event, BuildingEvent::Stayed { .. });
     let stopped = street.building.wait_for(|truth| truth.any(stayed));
     timeout(PATIENCE, stopped).await.expect("the robot is called off in the house");
@@ -395,9 +396,11 @@ async fn what_would_come_back_is_stopped() {
     })
     .await;
     tokio::time::sleep(Duration::from_secs(60)).await;
-    let looped =
-        |interface: &Interface| interface.imported.loops.load(std::sync::atomic::Ordering::Relaxed);
-    assert_eq!(street.interfaces.iter().map(looped).collect::<Vec<_>>(), [0, 1]);
+    let looped = |interface: &Interface| {
+        let imported = &interface.imported;
+        [&imported.looped_agents, &imported.looped_goals].map(|count| count.load(Relaxed))
+    };
+    assert_eq!(street.interfaces.iter().map(looped).collect::<Vec<_>>(), [[0, 0], [1, 0]]);
     let ghost = AgentId::new("ghost").expect("a name");
     assert!(street.house.switchboard().find(&ghost).is_none());
     assert!(street.is_in_firm("cleaner"));
@@ -423,7 +426,7 @@ fn goal_for_desk(goal: &str) -> UserRequest {
 async fn desk_answers(clerk: &mut Terminal) -> Result<Outcome, Refusal> {
     loop {
         let heard = timeout(PATIENCE, clerk.events.recv()).await.expect("in time").expect("lives");
-        let UserEvent::Answered(message) = &heard else { continue };
+        let UserEvent::Answered(_, message) = &heard else { continue };
         if !heard.is_final() {
             continue;
         }

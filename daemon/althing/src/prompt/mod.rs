@@ -20,7 +20,7 @@ use std::time::Duration;
 use acl::content::Snapshot;
 use acl::{AgentId, ConversationId};
 use agent::Resource;
-use keyboard::{Terminal, UserEvent, UserRequest};
+use keyboard::{RequestSender, Terminal, UserEvent, UserRequest};
 use tokio::sync::{mpsc, watch as watch_channel};
 use tokio::task::JoinHandle;
 
@@ -128,7 +128,7 @@ struct Prompt {
     view: EcosystemView,
     id: AgentId,
     json: bool,
-    say: mpsc::Sender<UserRequest>,
+    say: RequestSender,
     words: Arc<RwLock<CompletionWords>>,
     requests: PromptRequests,
     watching: Option<JoinHandle<()>>,
@@ -267,10 +267,9 @@ impl Prompt {
             let mut words = self.words.write().unwrap_or_else(PoisonError::into_inner);
             words.questions.retain(|open| *open != question.to_string());
         }
-        self.requests.say(&said);
-        if self.say.send(said).await.is_err() {
-            return PromptStep::End;
-        }
+        let Ok(place) = self.say.reserve().await else { return PromptStep::End };
+        self.requests.say(place.id(), &said);
+        place.send(said);
         PromptStep::Proceed
     }
 
@@ -342,7 +341,7 @@ impl Refresher {
 }
 
 async fn read_words(view: &EcosystemView, words: &RwLock<CompletionWords>) {
-    let maintainer = AgentId::new("domain-maintainer").ok();
+    let maintainer = Some(view.roles().domain_maintainer.clone());
     let answers = view.ask(Resource::Domain, maintainer).await;
     let snapshot = answers.first().and_then(|bytes| serde_json::from_slice::<Snapshot>(bytes).ok());
     let goals = view.ecosystem.iter().flat_map(|ecosystem| ecosystem.goals.keys());

@@ -1,11 +1,11 @@
 //! The requests of a prompt. They are numbered for the user, and followed until their final
 //! reports.
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 
 use acl::ConversationId;
 use acl::content::{Outcome, Report};
-use keyboard::{UserEvent, UserRequest};
+use keyboard::{RequestId, UserEvent, UserRequest};
 
 /// The kind of a request; goals end in another way than the other requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -31,25 +31,24 @@ struct PromptRequest {
 pub(super) struct PromptRequests {
     count: usize,
     /// The requests that have been sent, but to which no conversation has been assigned yet.
-    without_conversation: VecDeque<RequestKind>,
+    without_conversation: BTreeMap<RequestId, RequestKind>,
     known: BTreeMap<ConversationId, PromptRequest>,
     has_failed: bool,
 }
 
 impl PromptRequests {
-    /// Records a request that the prompt is about to send.
-    pub(super) fn say(&mut self, said: &UserRequest) {
-        match said {
-            UserRequest::Cancel(conversation) => self.give_up(conversation),
-            UserRequest::RequestGoal(_) => self.without_conversation.push_back(RequestKind::Goal),
+    /// Records a request that the prompt is about to send under the number `id`.
+    pub(super) fn say(&mut self, id: RequestId, said: &UserRequest) {
+        let kind = match said {
+            UserRequest::Cancel(conversation) => return self.give_up(conversation),
+            UserRequest::RequestGoal(_) => RequestKind::Goal,
             UserRequest::Act(_)
             | UserRequest::Set(_)
             | UserRequest::Mode(_)
             | UserRequest::Answer { .. }
-            | UserRequest::Send(_) => {
-                self.without_conversation.push_back(RequestKind::Other);
-            }
-        }
+            | UserRequest::Send(_) => RequestKind::Other,
+        };
+        self.without_conversation.insert(id, kind);
     }
 
     fn give_up(&mut self, conversation: &ConversationId) {
@@ -75,8 +74,12 @@ impl PromptRequests {
     /// belongs to.
     pub(super) fn hear(&mut self, heard: &UserEvent) -> Option<usize> {
         let conversation = heard.conversation()?;
-        if matches!(heard, UserEvent::Sent(_)) && !self.known.contains_key(conversation) {
-            let kind = self.without_conversation.pop_front().unwrap_or(RequestKind::Goal);
+        let kind = heard.request().and_then(|id| self.without_conversation.remove(&id));
+        // A goal that was requested before the prompt opened is not among its requests.
+        let earlier = matches!(heard, UserEvent::Sent(_)).then_some(RequestKind::Goal);
+        if let Some(kind) = kind.or(earlier)
+            && !self.known.contains_key(conversation)
+        {
             let request = self.new_request(kind);
             self.known.insert(conversation.clone(), request);
         }
@@ -128,7 +131,7 @@ impl PromptRequests {
 
 #[cfg(test)]
 mod tests {
-    use keyboard::GoalRequest;
+    use keyboard::{GoalRequest, RequestRef, Terminal};
 
     use super::*;
 
@@ -136,8 +139,18 @@ mod tests {
         ConversationId::new(name)
     }
 
+    fn about(id: Option<RequestId>, name: &str) -> RequestRef {
+        RequestRef { id, conversation: ConversationId::new(name) }
+    }
+
     fn report(name: &str, outcome: Outcome) -> UserEvent {
-        UserEvent::Report(id(name), Report::new(outcome, ""))
+        UserEvent::Report(about(None, name), Report::new(outcome, ""))
+    }
+
+    /// Returns the numbers that a terminal gives to `N` requests.
+    fn numbers<const N: usize>() -> [RequestId; N] {
+        let (terminal, _peer) = Terminal::open();
+        std::array::from_fn(|_| terminal.requests.try_send(wish()).expect("the channel is open"))
     }
 
     fn wish() -> UserRequest {
@@ -152,9 +165,10 @@ mod tests {
     /// Returns the requests of a prompt at which one goal has been requested.
     fn one_goal() -> PromptRequests {
         let mut requests = PromptRequests::default();
-        requests.say(&wish());
+        let [goal] = numbers();
+        requests.say(goal, &wish());
         assert!(!requests.are_settled(), "said, not yet asked");
-        assert_eq!(requests.hear(&UserEvent::Sent(id("g"))), Some(1));
+        assert_eq!(requests.hear(&UserEvent::Sent(about(Some(goal), "g"))), Some(1));
         requests
     }
 
@@ -175,7 +189,9 @@ mod tests {
     #[test]
     fn a_goal_that_is_given_up_has_two_last_words_and_did_not_fail() {
         let mut requests = one_goal();
-        requests.say(&UserRequest::Cancel(requests.find("1").expect("the goal")));
+        let [_, cancellation] = numbers();
+        let goal = requests.find("1").expect("the goal");
+        requests.say(cancellation, &UserRequest::Cancel(goal));
         requests.hear(&report("g", Outcome::Cancelled));
         assert!(!requests.are_settled());
         requests.hear(&report("g", Outcome::Cancelled));
@@ -185,9 +201,10 @@ mod tests {
     #[test]
     fn an_action_that_is_given_up_has_one() {
         let mut requests = PromptRequests::default();
-        requests.say(&UserRequest::Act("(go)".into()));
-        requests.hear(&UserEvent::Sent(id("a")));
-        requests.say(&UserRequest::Cancel(id("a")));
+        let [action, cancellation] = numbers();
+        requests.say(action, &UserRequest::Act("(go)".into()));
+        requests.hear(&UserEvent::Sent(about(Some(action), "a")));
+        requests.say(cancellation, &UserRequest::Cancel(id("a")));
         requests.hear(&report("a", Outcome::Cancelled));
         assert!(requests.are_settled() && requests.went_well());
         assert_eq!(requests.numbers(), [""; 0]);
@@ -196,9 +213,27 @@ mod tests {
     #[test]
     fn what_another_keyboard_asked_for_can_be_given_up() {
         let mut requests = PromptRequests::default();
-        requests.say(&UserRequest::Cancel(id("theirs")));
+        let [cancellation] = numbers();
+        requests.say(cancellation, &UserRequest::Cancel(id("theirs")));
         assert!(!requests.are_settled());
         requests.hear(&report("theirs", Outcome::Cancelled));
+        assert!(requests.are_settled() && requests.went_well());
+    }
+
+    /// The notice that the goal was sent is lost; the action is still known as an action.
+    #[test]
+    fn a_lost_notice_changes_no_other_request() {
+        let mut requests = PromptRequests::default();
+        let [goal, action, cancellation] = numbers();
+        requests.say(goal, &wish());
+        requests.say(action, &UserRequest::Act("(go)".into()));
+        requests.hear(&UserEvent::Sent(about(Some(action), "a")));
+        requests.say(cancellation, &UserRequest::Cancel(id("a")));
+        requests.hear(&report("a", Outcome::Cancelled));
+        assert_eq!(requests.numbers(), [""; 0], "one report ends an action");
+        assert!(!requests.are_settled(), "the goal is still to come");
+        let end = UserEvent::Report(about(Some(goal), "g"), Report::new(Outcome::Done, ""));
+        assert_eq!(requests.hear(&end), Some(2));
         assert!(requests.are_settled() && requests.went_well());
     }
 }

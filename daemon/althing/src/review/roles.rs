@@ -7,11 +7,11 @@ use super::Reviewer;
 use crate::config::AgentEntry;
 
 /// For each role: its plugin, the consequence if no agent has the role, and whether the agent must
-/// have the plugin's name because other agents address it by that name.
+/// have the plugin's name because a Plan Executor without another `config` addresses it by that name.
 const ROLES: &[(&str, &str, bool)] = &[
     ("domain-maintainer", "no agent keeps the domain and the known facts", true),
-    ("plan-requester", "no agent takes goals", true),
-    ("plan-executor", "no agent carries plans out", true),
+    ("plan-requester", "no agent takes goals", false),
+    ("plan-executor", "no agent carries plans out", false),
 ];
 
 /// The role that only the centralised planning mode needs.

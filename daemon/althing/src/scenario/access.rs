@@ -245,5 +245,6 @@ fn last_word(message: &Message, camera: &str) -> Option<Report> {
 async fn answer(terminal: &Terminal, question: &OpenQuestion, text: &str) -> Result<(), String> {
     let OpenQuestion { keyboard, question, seal_to, .. } = question.clone();
     let said = UserRequest::Answer { keyboard, question, text: text.to_owned(), seal_to };
-    terminal.requests.send(said).await.map_err(|_| "a keyboard has ended".to_owned())
+    let sent = terminal.requests.send(said).await;
+    sent.map(drop).map_err(|_| "a keyboard has ended".to_owned())
 }

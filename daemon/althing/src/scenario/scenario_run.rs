@@ -115,7 +115,7 @@ impl<'t> ScenarioRun<'t> {
         self.say(format!("goal{kept}: {goal}"));
         let wish = GoalRequest { goal, keep, priority: 0, partition: Partition::Pursue };
         let said = self.user.requests.send(UserRequest::RequestGoal(wish)).await;
-        said.map_err(|_| "the user's keyboard has ended".to_owned())
+        said.map(drop).map_err(|_| "the user's keyboard has ended".to_owned())
     }
 
     /// Receives the user's messages until the goal holds.
@@ -159,7 +159,7 @@ impl<'t> ScenarioRun<'t> {
     fn hear(&mut self, heard: Option<UserEvent>) -> Result<bool, String> {
         match heard.ok_or("the user's keyboard has ended")? {
             UserEvent::Sent(_)
-            | UserEvent::Answered(_)
+            | UserEvent::Answered(..)
             | UserEvent::Question(_)
             | UserEvent::QuestionClosed(..) => Ok(false),
             UserEvent::Report(_, report) => {

@@ -239,12 +239,14 @@ fn roles_of_the_reasoning() {
     let decentralized = SCHOOL.replace(entry, "").replace("\"centralized\"", "\"decentralized\"");
     assert_eq!(told(&decentralized, MAP), []);
     file(
-        "name = \"plan-requester\"",
-        "name = \"wishes\"",
+        "name = \"domain-maintainer\"",
+        "name = \"archive\"",
         WARNING,
-        13,
-        &["looked for by the name `plan-requester`", "name = \"plan-requester\""],
+        8,
+        &["looked for by the name `domain-maintainer`", "name = \"domain-maintainer\""],
     );
+    let renamed = SCHOOL.replace("name = \"plan-requester\"", "name = \"wishes\"");
+    assert_eq!(told(&renamed, MAP), []);
 }
 
 #[test]

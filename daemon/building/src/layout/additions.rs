@@ -17,18 +17,30 @@ impl Layout {
     }
 
     /// Adds a room that has the true temperature `celsius`, in °C.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the name is invalid or taken, or if the temperature is out of range.
     pub fn add_room(&mut self, name: &str, celsius: f64) -> Result<&mut Layout, LayoutError> {
         let kind = LocationKind::Room;
         self.add_location(Location { name: name.to_owned(), kind, celsius })
     }
 
     /// Adds a corridor that has the true temperature `celsius`, in °C.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the name is invalid or taken, or if the temperature is out of range.
     pub fn add_corridor(&mut self, name: &str, celsius: f64) -> Result<&mut Layout, LayoutError> {
         let kind = LocationKind::Corridor;
         self.add_location(Location { name: name.to_owned(), kind, celsius })
     }
 
     /// Connects two locations in both directions. `meters` is the length of the connection.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error in the same cases as [`Layout::add_connection`].
     pub fn connect(&mut self, a: &str, b: &str, meters: f64) -> Result<&mut Layout, LayoutError> {
         let (from, to) = (a.to_owned(), b.to_owned());
         self.add_connection(LocationConnection { from, to, meters, one_way: false })
@@ -36,6 +48,10 @@ impl Layout {
 
     /// Connects two locations in one direction, from the first to the second. `meters` is the length of the
     /// connection.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error in the same cases as [`Layout::add_connection`].
     pub fn connect_one_way(
         &mut self,
         from: &str,
@@ -47,6 +63,10 @@ impl Layout {
     }
 
     /// Adds a temperature sensor that stays in one location.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the name is invalid or taken, or if there is no such location.
     pub fn add_fixed_sensor(
         &mut self,
         name: &str,
@@ -57,6 +77,10 @@ impl Layout {
     }
 
     /// Adds a sensor that stays in one location and measures a quantity other than temperature.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the name is invalid or taken, or if there is no such location.
     pub fn add_sensor(
         &mut self,
         name: &str,
@@ -68,6 +92,11 @@ impl Layout {
     }
 
     /// Adds a robot that stands at `start`.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the name is invalid or taken, if there is no such location, or if the speed is
+    /// out of range.
     pub fn add_robot(
         &mut self,
         name: &str,
@@ -79,12 +108,20 @@ impl Layout {
     }
 
     /// Adds a temperature sensor that a robot carries.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the name is invalid or taken, or if there is no such robot.
     pub fn mount(&mut self, sensor: &str, robot: &str) -> Result<&mut Layout, LayoutError> {
         let (name, carrier) = (sensor.to_owned(), robot.to_owned());
         self.add_device(BuildingDevice::MountedSensor { name, carrier })
     }
 
     /// Adds a location.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the name is invalid or taken, or if the temperature is out of range.
     pub fn add_location(&mut self, location: Location) -> Result<&mut Layout, LayoutError> {
         self.check_new_name(&location.name)?;
         check_temperature(&location.name, location.celsius)?;
@@ -93,6 +130,11 @@ impl Layout {
     }
 
     /// Adds a connection.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no such location, if both ends are one location or are connected
+    /// already, or if the length is out of range.
     pub fn add_connection(
         &mut self,
         connection: LocationConnection,
@@ -117,6 +159,11 @@ impl Layout {
     }
 
     /// Adds a device.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the name is invalid or taken, if there is no such location or robot, or if the
+    /// speed of a robot or a view of a camera is not possible.
     pub fn add_device(&mut self, device: BuildingDevice) -> Result<&mut Layout, LayoutError> {
         self.check_new_name(device.name())?;
         match &device {

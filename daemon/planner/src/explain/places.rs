@@ -6,6 +6,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use pddl::Name;
+
 use super::support::{PlaceGroup, RuleOrigin, Support, SuppositionRules, SuppositionSet};
 use super::suppose::SupposedTask;
 use super::{
@@ -52,11 +54,17 @@ pub(super) fn places(
     let mut of = BTreeMap::new();
     for (part, sets) in chosen {
         let placements = |set: &SuppositionSet| placed.get(set).and_then(|parts| parts.get(&part));
-        let alternatives = sets.iter().map(|set| {
+        let mut alternatives: Vec<Alternative> = Vec::new();
+        for set in &sets {
             let placements = placements(set).map_or(&[] as &[_], Vec::as_slice);
-            search.alternative(set, placements)
-        });
-        of.insert(part, alternatives.collect());
+            let alternative = search.alternative(set, placements);
+            // Two action models may call different actions alike.
+            if !alternatives.contains(&alternative) {
+                alternatives.push(alternative);
+            }
+        }
+        alternatives.truncate(ALTERNATIVES_MAX);
+        of.insert(part, alternatives);
     }
     FoundAlternatives { of, is_complete: search.is_complete }
 }
@@ -65,7 +73,8 @@ pub(super) fn places(
 
 impl PlacementSearch<'_> {
     /// Selects the first few of `sets`. Small sets come before large ones, and sets with present agents
-    /// before sets with new agents.
+    /// before sets with new agents. Sets that suppose the same agents with actions of the same names
+    /// count as one, because they may become equal alternatives.
     fn choose(&self, sets: &[SuppositionSet]) -> Vec<SuppositionSet> {
         let new = |set: &&SuppositionSet| {
             let agents = set.members().iter().map(|member| self.who(*member));
@@ -73,7 +82,22 @@ impl PlacementSearch<'_> {
         };
         let mut sets: Vec<&SuppositionSet> = sets.iter().collect();
         sets.sort_by_key(|set| (set.members().len(), new(set), **set));
-        sets.into_iter().take(ALTERNATIVES_MAX).copied().collect()
+        let mut kinds: Vec<Vec<(&Name, SupposedObject)>> = Vec::new();
+        let is_chosen = |set: &&SuppositionSet| {
+            let kind = set.members().iter().map(|member| (self.action(*member), self.who(*member)));
+            let kind = kind.collect();
+            if !kinds.contains(&kind) {
+                kinds.push(kind);
+            }
+            kinds.len() <= ALTERNATIVES_MAX
+        };
+        sets.into_iter().take_while(is_chosen).copied().collect()
+    }
+
+    /// Returns the name of the action of a supposition in the agents' own models.
+    fn action(&self, supposition: u32) -> &Name {
+        let (capability, _) = &self.rules.suppositions[supposition as usize];
+        &self.supposed.capabilities[*capability].outside
     }
 
     fn who(&self, supposition: u32) -> SupposedObject {
@@ -83,10 +107,9 @@ impl PlacementSearch<'_> {
 
     fn alternative(&self, set: &SuppositionSet, placements: &[(u32, Placement)]) -> Alternative {
         let missing = set.members().iter().map(|member| {
-            let (capability, _) = &self.rules.suppositions[*member as usize];
             let own = placements.iter().filter(|(of, _)| of == member);
             MissingCapability {
-                action: self.supposed.capabilities[*capability].outside.clone(),
+                action: self.action(*member).clone(),
                 agent: self.who(*member),
                 places: own.map(|(_, placement)| placement.clone()).collect(),
             }

@@ -107,9 +107,13 @@ pub(crate) fn closed(symbols: &mut SymbolTable, condition: &pddl::Condition) -> 
     Closed { frame: scope.frame, formula }
 }
 
-/// Returns an error if the texts use a feature that neither this planner nor the engines support:
-/// durative actions, timed initial literals, observations, or unknown facts. In a running ecosystem,
+/// Checks that the texts use no feature that neither this planner nor the engines support: durative
+/// actions, timed initial literals, observations, or unknown facts. In a running ecosystem,
 /// observations and unknown facts are compiled away before planning (`pddl::knowledge`).
+///
+/// # Errors
+///
+/// Returns the first such feature.
 pub fn refuse_nonclassical(domain: &Domain, problem: &Problem) -> Result<(), Unsupported> {
     if let Some(action) = domain.durative_actions.first() {
         return Err(Unsupported::in_domain("durative actions", action.span));

@@ -139,6 +139,10 @@ impl Replanner {
     ///
     /// As with [`crate::plan()`], planning reads no clock and writes nothing. The same sequence of
     /// calls gives the same results.
+    ///
+    /// # Errors
+    ///
+    /// Returns the errors of [`crate::plan()`].
     pub fn plan(
         &mut self,
         domain: &Domain,
@@ -204,6 +208,11 @@ impl Replanner {
     /// This finds less than [`crate::goal::unreachable`], and is much cheaper: one pass covers all
     /// facts, so it can be used for a large goal. Conditions that are not single facts are never
     /// listed. The goal of the problem does not matter.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`PlanError::Unsupported`] if the texts use a feature that this planner does not support, and
+    /// [`PlanError::BadInput`] if they contain errors.
     pub fn facts_out_of_reach(
         &mut self,
         domain: &Domain,

@@ -125,13 +125,21 @@ pub fn validate(domain: &Domain, problem: &Problem, plan: &Plan) -> Verdict {
 }
 
 /// Returns the cost of `steps` from a state to a goal: the value of the metric, or the number of steps
-/// if there is no metric. Returns an error if the steps do not reach the goal.
+/// if there is no metric.
+///
+/// # Errors
+///
+/// Returns a fault if a step cannot be applied, if the steps do not reach the goal, or if the metric
+/// has no value in the end.
 pub fn cost_from(world: &World, steps: &[PlanStep], goal: &Condition) -> Result<f64, Box<Fault>> {
     run(world.clone(), steps, goal).and_then(|end| end.cost())
 }
 
-/// Checks that the remaining steps of a plan lead from the state `world` to a goal. Returns the fault
-/// as an error if they do not.
+/// Checks that the remaining steps of a plan lead from the state `world` to a goal.
+///
+/// # Errors
+///
+/// Returns a fault if a step cannot be applied, or if the steps do not reach the goal.
 pub fn rest_reaches(world: &World, steps: &[PlanStep], goal: &Condition) -> Result<(), Box<Fault>> {
     run(world.clone(), steps, goal).map(|_| ())
 }

@@ -43,8 +43,10 @@ pub struct World {
 impl World {
     /// Returns the initial state of a problem.
     ///
-    /// Returns an error if the initial state is not defined: an axiom depends on its own negation, or
-    /// `:init` contains timed literals or unknown facts.
+    /// # Errors
+    ///
+    /// Returns the diagnostics if the texts contain errors, or if the initial state is not defined: an
+    /// axiom depends on its own negation, or `:init` contains timed literals or unknown facts.
     pub fn initial(domain: &Domain, problem: &Problem) -> Result<World, Vec<Diagnostic>> {
         let mut model = Model::new(domain, problem)?;
         let state = initially(&mut model, problem)?;
@@ -132,6 +134,10 @@ impl World {
 
     /// Returns the value of the metric after the steps applied so far; the number of these steps if
     /// there is no metric.
+    ///
+    /// # Errors
+    ///
+    /// Returns a fault if the metric contains a fluent without a value.
     pub fn cost(&self) -> Result<f64, Box<Fault>> {
         let Some(metric) = &self.model.metric else { return Ok(self.steps as f64) };
         let expression = CompilationScope::new(&self.model).expression(&metric.expression);
@@ -151,7 +157,12 @@ impl World {
             .is_some_and(|metric| metric.direction == MetricDirection::Maximize)
     }
 
-    /// Applies one step. If it returns an error, the world stays as it was.
+    /// Applies one step.
+    ///
+    /// # Errors
+    ///
+    /// Returns a fault if the step is not an action of the domain over its objects, if its precondition does
+    /// not hold, or if its effects are undefined or contradict each other. The world then stays as it was.
     pub fn apply(&mut self, step: &PlanStep) -> Result<(), Box<Fault>> {
         let fault = |reason| {
             let place = FaultPlace::Step { index: self.steps, step: step.clone() };

@@ -18,7 +18,7 @@ const HEAD: &str = "(define (domain office) (:requirements :typing :action-costs
     (:predicates (connected ?a ?b - location) (at ?b - mobile-base ?l - location)
         (located ?s - sensor ?r - room) (mounted-on ?s - sensor ?b - mobile-base)
         (known-temperature ?r - room) (offers-move ?b - mobile-base)
-        (offers-report ?s - temperature-sensor) (offers-measure ?s - ir-temperature-sensor))
+        (offers-drive ?b - mobile-base) (offers-report ?s - temperature-sensor) (offers-measure ?s - ir-temperature-sensor))
     (:functions (distance ?a ?b - location) (total-cost))";
 
 const MOVE: &str = "(:action move :agent ?b - mobile-base :parameters (?from ?to - location)
@@ -114,6 +114,23 @@ fn a_sensor_without_its_robot_wants_one() {
         or a temperature sensor there, would do
     "#]],
     );
+}
+
+/// Two kinds of robots have different actions of one name; an explanation names it once.
+#[test]
+fn actions_of_one_name_are_one_alternative() {
+    let drive =
+        MOVE.replace("move :agent", "move--two :agent").replace("offers-move", "offers-drive");
+    let (objects, init) = ("tb - mobile-base", "(at tb corridor)");
+    let office = office(&[MOVE, &drive].concat(), objects, init);
+    let guards = [("move", "move", "offers-move"), ("move--two", "move", "offers-drive")];
+    let explanation = explained(&office, &guards, &[], "(at tb office1)");
+    assert_eq!(explanation.obstacles[0].alternatives.len(), 1, "{explanation:#?}");
+    expect![[r#"
+        no agent can `move` `tb` to `office1`;
+        `tb` does not offer `move` now
+    "#]]
+    .assert_eq(&lines(&explanation));
 }
 
 #[test]

@@ -22,6 +22,7 @@ const GUESTS: &str = "guests";
 const REASONING: &[&str] =
     &["domain-maintainer", "journal", "plan-executor", "plan-requester", "planning-agent"];
 
+/// The unit of `warn-days`.
 const DAY: Duration = Duration::from_secs(24 * 3_600);
 
 /// Returns the actions that each agent may offer, by the agent's name, for those agents of which

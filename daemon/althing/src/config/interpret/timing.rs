@@ -1,39 +1,34 @@
-//! The times and bounds of an ecosystem: checks that they are consistent with each other.
+//! The settings of all agents of an ecosystem: its times and bounds, with checks that they are consistent
+//! with each other, and the names of its reasoning agents.
 
-use std::time::Duration;
-
-use agent::AgentSettings;
+use acl::AgentId;
+use agent::{AgentSettings, RoleNames, TimingRule};
 use pddl::Diagnostic;
 
 use super::Interpreter;
 use crate::config::DEFAULTS_NAME;
+use crate::config::ecosystem::AgentEntry;
 use crate::config::raw::{RawLimits, RawTiming};
-
-/// A rule that one time must be longer than another: the key and value of the longer one, the key
-/// and value of the shorter one, whether they may be equal, and the reason.
-type TimingRule<'t> = (&'t str, Duration, &'t str, Duration, bool, &'t str);
 
 // === impl Interpreter ===
 
 impl Interpreter<'_> {
-    /// Returns the times and bounds that all agents use. Reports those that are inconsistent.
-    pub(super) fn settings(&mut self, timing: &RawTiming, limits: &RawLimits) -> AgentSettings {
-        let settings = settings(timing, limits);
-        let errors_before = self.report.findings().len();
-        for rule in rules(&settings) {
-            self.rule(rule);
-        }
-        // Settings that `agent` rejects beyond these rules.
-        if self.report.findings().len() == errors_before
-            && let Some(problem) = settings.problem()
-        {
-            self.about_key("timing", |span| Diagnostic::error(span, problem));
+    /// Returns the settings that all agents use. Reports times that are inconsistent.
+    pub(super) fn settings(
+        &mut self,
+        timing: &RawTiming,
+        limits: &RawLimits,
+        agents: &[AgentEntry],
+    ) -> AgentSettings {
+        let settings = AgentSettings { roles: role_names(agents), ..settings(timing, limits) };
+        for rule in settings.timing_rules() {
+            self.rule(&rule);
         }
         settings
     }
 
-    fn rule(&mut self, (longer, long, shorter, short, equal, why): TimingRule<'_>) {
-        if long > short || equal && long == short {
+    fn rule(&mut self, rule: &TimingRule) {
+        if rule.holds() {
             return;
         }
         // Reports the value that the user has written, not a default that the user may not know.
@@ -41,11 +36,11 @@ impl Interpreter<'_> {
         let is_default = |key: &str| {
             self.place(&path(key)).is_none_or(|(source, _)| source.name == DEFAULTS_NAME)
         };
-        let blamed = if is_default(longer) { shorter } else { longer };
-        let or_equal = if equal { " or equal" } else { "" };
-        let message =
-            format!("`{longer}` ({long:?}) must be longer than{or_equal} `{shorter}` ({short:?})");
-        self.about_value(&path(blamed), |span| Diagnostic::error(span, message).with_help(why));
+        let blamed = if is_default(rule.longer) { rule.shorter } else { rule.longer };
+        let message = rule.to_string();
+        self.about_value(&path(blamed), |span| {
+            Diagnostic::error(span, message).with_help(rule.reason)
+        });
     }
 }
 
@@ -79,40 +74,22 @@ fn settings(timing: &RawTiming, limits: &RawLimits) -> AgentSettings {
     }
 }
 
-fn rules(settings: &AgentSettings) -> [TimingRule<'static>; 3] {
-    let AgentSettings {
-        heartbeat_period,
-        heartbeat_lease,
-        grace,
-        removal,
-        retry_first,
-        retry_max,
-        ..
-    } = *settings;
-    [
-        (
-            "heartbeat-lease",
-            heartbeat_lease,
-            "heartbeat-period",
-            heartbeat_period,
-            false,
-            "or an agent is declared gone between two of its heartbeats",
-        ),
-        (
-            "removal",
-            removal,
-            "grace",
-            grace,
-            true,
-            "or what an agent knew is forgotten before the plans that need it are repaired",
-        ),
-        (
-            "retry-max",
-            retry_max,
-            "retry-first",
-            retry_first,
-            true,
-            "waits between retries begin with one and grow to the other",
-        ),
-    ]
+/// Returns the names of the reasoning agents: those that the entry of the Plan Requester gives the
+/// agents it works with, otherwise those of the first agents with the plugins.
+fn role_names(agents: &[AgentEntry]) -> RoleNames {
+    let entry =
+        |plugin: &str| agents.iter().find(|entry| entry.is_built_in() && entry.plugin == plugin);
+    let requester = entry("plan-requester");
+    let name = |plugin: &str, default: AgentId| {
+        let chosen = requester.and_then(|entry| entry.config.get(plugin)?.as_str());
+        let chosen = chosen.and_then(|name| AgentId::new(name).ok());
+        chosen.or_else(|| Some(entry(plugin)?.name.clone())).unwrap_or(default)
+    };
+    let default = RoleNames::default();
+    RoleNames {
+        domain_maintainer: name("domain-maintainer", default.domain_maintainer),
+        plan_requester: requester.map_or(default.plan_requester, |entry| entry.name.clone()),
+        planning_agent: name("planning-agent", default.planning_agent),
+        plan_executor: name("plan-executor", default.plan_executor),
+    }
 }

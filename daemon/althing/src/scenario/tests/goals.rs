@@ -79,8 +79,8 @@ impl Office {
                 UserEvent::Report(_, report) => (report.outcome, report.detail),
                 UserEvent::Refused(_, refusal) => (Outcome::Failed, refusal.detail),
                 UserEvent::Unanswered(_, why) => (Outcome::Failed, why),
-                UserEvent::Sent(conversation) => {
-                    *goal = Some(conversation);
+                UserEvent::Sent(about) => {
+                    *goal = Some(about.conversation);
                     continue;
                 }
                 _ => continue,
