@@ -4,8 +4,6 @@
 //!   machine.
 //! - [`Cancel`] is a flag that stops a call. A caller with a deadline sets the flag when the deadline
 //!   has passed by the caller's own clock.
-//!   machine.
-//! - [`Cancel`] is a flag that stops a call. A caller with a deadline sets it by its own clock.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -17,7 +15,8 @@ use crate::configuration::{CONFIGURATIONS, Configuration};
 pub struct Budget {
     /// Maximum number of states that the search may expand.
     pub expansions_max: u64,
-    /// Maximum number of candidate tuples that grounding may look at.
+    /// Maximum number of candidate tuples that grounding may look at, and of steps that evaluating the
+    /// conditions of one plan may take.
     pub join_steps_max: u64,
     /// Maximum number of bytes that the tables of grounding and the states of the search may take. The
     /// planner's estimate of these bytes is a lower bound of the memory that they really take.
