@@ -33,7 +33,7 @@ pub fn help(name: &str) -> String {
 }
 
 /// A domain, a problem, and how to plan for them.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct PlanArgs {
     /// The PDDL domain
     #[arg(value_name = "DOMAIN", required_unless_present = "list")]

@@ -14,6 +14,7 @@ mod progress;
 
 use std::fmt::Write as _;
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use pddl::{Diagnostic, Plan};
@@ -23,7 +24,7 @@ use planner::{
     PlanningProgress, Statistics, StopReason, Unprovable, configuration,
 };
 use serde_json::{Value, json};
-use terminal::limits::{LimitReporter, LimitWatch, RunLimits};
+use terminal::limits::{CertainAnswer, LimitReporter, LimitWatch, RunLimits};
 use terminal::pddl_files::{self, PddlTask};
 use terminal::render::{number, plural};
 use terminal::report::{DiagnosticReport, reason_of_writing};
@@ -57,7 +58,9 @@ pub fn run(args: &PlanArgs) -> ExitCode {
     };
     // An engine has limits of its own, which end its processes.
     let engine = match args.engine {
-        EngineChoice::Embedded => return embedded(args, &task, &cancel, &deadline, started),
+        EngineChoice::Embedded => {
+            return embedded(args, &Arc::new(task), &cancel, &deadline, started);
+        }
         EngineChoice::FastDownward => engines::ExternalEngine::FastDownward,
         EngineChoice::MetricFf => engines::ExternalEngine::MetricFf,
     };
@@ -67,7 +70,7 @@ pub fn run(args: &PlanArgs) -> ExitCode {
 /// Plans with the embedded planner, and shows the plan or the reason why there is none.
 fn embedded(
     args: &PlanArgs,
-    task: &PddlTask,
+    task: &Arc<PddlTask>,
     cancel: &Cancel,
     deadline: &LimitWatch,
     started: Instant,
@@ -102,7 +105,12 @@ fn embedded(
     let took = PlanningTimes { search_began, whole: started.elapsed() };
     match planned {
         Ok(outcome) => {
-            let explanation = explained(task, &outcome, memory_bytes, cancel);
+            let is_proof = matches!(outcome.stop_reason, StopReason::Unsolvable { .. });
+            if is_proof {
+                deadline.record_certain(unexplained(args, task, &outcome, took));
+            }
+            let explain = || why_unsolvable(domain, problem, memory_bytes, cancel).ok();
+            let explanation = is_proof.then(explain).flatten();
             drop(telling);
             deadline.answer(|| show(args, task, &outcome, explanation.as_ref(), took))
         }
@@ -113,18 +121,23 @@ fn embedded(
     }
 }
 
-/// Returns an explanation why a problem has no plan; `None` if the problem is not proved unsolvable, or
-/// if no explanation is found.
-fn explained(
-    task: &PddlTask,
+/// Returns the answer that a problem is proven unsolvable, for the case that a limit ends the process
+/// while the explanation is computed.
+fn unexplained(
+    args: &PlanArgs,
+    task: &Arc<PddlTask>,
     outcome: &PlanningOutcome,
-    memory_bytes: usize,
-    cancel: &Cancel,
-) -> Option<Unsolvability> {
-    if !matches!(outcome.stop_reason, StopReason::Unsolvable { .. }) {
-        return None;
-    }
-    why_unsolvable(&task.domain, &task.problem, memory_bytes, cancel).ok()
+    took: PlanningTimes,
+) -> CertainAnswer {
+    let (args, task, outcome) = (args.clone(), Arc::clone(task), outcome.clone());
+    Box::new(move || {
+        // A failure to write to the terminal changes nothing about the proof.
+        let _ = show(&args, &task, &outcome, None, took);
+        if !args.print.json {
+            output::print_note("  a limit was reached before the reason was found");
+        }
+        outcome.exit_code()
+    })
 }
 
 /// Returns the function that prints the best plan so far, or that there is none, when a limit ends the

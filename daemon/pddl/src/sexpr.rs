@@ -140,6 +140,19 @@ impl<'f> SyntaxNode<'f> {
         touches.then_some(SyntaxNode { forest: self.forest, index: next })
     }
 
+    /// Returns the word that ends where this list begins, as in other languages: `at(r1, hall)`.
+    pub(crate) fn touched_word(self) -> Option<SyntaxNode<'f>> {
+        // Lists are stored before their content, so that the node before this list is the word.
+        let index = self.index.checked_sub(1)?;
+        let word = SyntaxNode { forest: self.forest, index };
+        word.touching_list().filter(|list| list.index == self.index).map(|_| word)
+    }
+
+    /// Returns this node, followed by `rest`, which must be the items after it.
+    pub(crate) fn with(self, rest: Items<'f>) -> Items<'f> {
+        Items { next: self.index, ..rest }
+    }
+
     /// Returns items of which this node is the only one.
     pub(crate) fn alone(self) -> Items<'f> {
         let StoredNode { end, next, .. } = *self.entry();

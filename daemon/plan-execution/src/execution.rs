@@ -10,6 +10,10 @@ use planner::validate::{Fault, World, cost_from, rest_reaches};
 
 use crate::translate::{ActionRequest, acting_agent, translate};
 
+/// Maximum number of steps that evaluating conditions in the states of one plan takes. Plans of the
+/// largest buildings take some thousands; the limit is reached after some seconds.
+const EVALUATION_STEPS_MAX: u64 = 20_000_000;
+
 /// A plan that is being executed.
 pub(crate) struct Execution {
     domain_text: String,
@@ -44,7 +48,7 @@ impl Execution {
         let problem =
             pddl::parse_problem(&execute.problem).into_result().map_err(first_diagnostic)?;
         let plan: Plan = pddl::parse_plan(&execute.plan).into_result().map_err(first_diagnostic)?;
-        let world = World::initial(&domain, &problem).map_err(first_diagnostic)?;
+        let world = initial(&domain, &problem)?;
         cost_from(&world, &plan.steps, &problem.goal).map_err(|fault| {
             format!("the plan is not valid: {}", plain_fault(*fault, &knowledge))
         })?;
@@ -162,7 +166,7 @@ impl Execution {
         let parsed = is_new.then(|| pddl::parse_domain(&snapshot.domain).into_result());
         let domain = parsed.transpose().map_err(first_diagnostic)?;
         let read = domain.as_ref().unwrap_or(&self.domain);
-        let world = World::initial(read, &problem).map_err(first_diagnostic)?;
+        let world = initial(read, &problem)?;
         rest_reaches(&world, &steps, &problem.goal)
             .map_err(|fault| plain_fault(*fault, &self.knowledge).to_string())?;
         if let Some(domain) = domain {
@@ -242,6 +246,12 @@ fn plain_fault(fault: Fault, knowledge: &Knowledge) -> Fault {
 
 fn text(facts: &[Atom]) -> String {
     facts.iter().map(ToString::to_string).collect::<Vec<_>>().join(" ")
+}
+
+/// Returns the initial state of a problem, with a limit on the work of evaluating conditions in it.
+fn initial(domain: &Domain, problem: &Problem) -> Result<World, String> {
+    let world = World::initial(domain, problem).map_err(first_diagnostic)?;
+    Ok(world.limit_work(EVALUATION_STEPS_MAX, None))
 }
 
 fn first_diagnostic(diagnostics: Vec<pddl::Diagnostic>) -> String {

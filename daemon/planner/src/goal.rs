@@ -1,6 +1,12 @@
 //! Splits goals into conjuncts, and finds conjuncts that are unreachable.
+//!
+//! A goal may come from outside, and one with many variables stands for more conditions than any memory
+//! holds. So the conditions are counted, and a goal with too many of them is an error that names the
+//! limit.
 
-use pddl::{Atom, Condition, Derived, Domain, Problem};
+use std::ops::ControlFlow;
+
+use pddl::{Atom, Condition, Derived, Domain, Expression, Problem, Typed};
 
 use crate::ground::ground;
 use crate::heuristic::{Evaluator, MaxHeuristic};
@@ -14,6 +20,18 @@ use crate::validate::World;
 use crate::validate::bindings::Bindings;
 use crate::validate::model::Model;
 
+/// Maximal size of a goal that is split: the number of conditions and terms with every quantifier
+/// written out. Splitting takes a fraction of a second and some tens of megabytes at the limit. The goals
+/// of a building have some thousands.
+pub const GOAL_SIZE_MAX: usize = 200_000;
+
+/// A goal that is larger than [`GOAL_SIZE_MAX`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct GoalTooLarge {
+    /// Maximal number of conditions and terms.
+    pub limit: usize,
+}
+
 /// Splits a goal into the conjuncts that must all hold, without duplicates.
 ///
 /// - `forall` is expanded over the objects of the problem, nested conjunctions are flattened, and a
@@ -22,19 +40,68 @@ use crate::validate::model::Model;
 ///   Otherwise it is replaced by the conjuncts that it is derived from: “no lamp in the room is on”
 ///   becomes one conjunct per lamp, so that different agents can each achieve one.
 /// - Of the state in `world`, only the objects and the static facts (which no action changes) are read.
-pub fn conjuncts(world: &World, goal: &Condition) -> Vec<Condition> {
+///
+/// # Errors
+///
+/// Returns an error if the goal is larger than [`GOAL_SIZE_MAX`].
+pub fn conjuncts(world: &World, goal: &Condition) -> Result<Vec<Condition>, GoalTooLarge> {
     conjuncts_but(world, goal, &|_| false)
 }
 
 /// Splits a goal as [`conjuncts`] does, except that a derived fact stays one conjunct if `stays`
 /// returns `true` for it. Callers use this for facts about which they know more than the axioms say.
+///
+/// # Errors
+///
+/// Returns an error if the goal is larger than [`GOAL_SIZE_MAX`].
 pub fn conjuncts_but(
     world: &World,
     goal: &Condition,
     stays: &dyn Fn(&Atom) -> bool,
-) -> Vec<Condition> {
+) -> Result<Vec<Condition>, GoalTooLarge> {
+    let mut splitter = Splitter { world, stays, left: GOAL_SIZE_MAX, parts_max: usize::MAX };
     let mut parts = Vec::new();
-    split((world, stays), goal, true, &mut Bindings::default(), &mut parts);
+    match splitter.split(goal, true, &mut Bindings::default(), &mut parts) {
+        ControlFlow::Continue(()) => Ok(without_duplicates(parts)),
+        ControlFlow::Break(()) => Err(GoalTooLarge { limit: GOAL_SIZE_MAX }),
+    }
+}
+
+/// Returns the first conjuncts of a goal, at most `parts_max`, without duplicates, and whether these are
+/// all. If they are not, parts of the goal without quantifiers come first, because a quantifier may
+/// stand for all of the others.
+pub(crate) fn first_conjuncts(
+    world: &World,
+    goal: &Condition,
+    parts_max: usize,
+) -> (Vec<Condition>, bool) {
+    let first = |goal: &Condition| {
+        let stays = &|_: &Atom| false;
+        let mut splitter = Splitter { world, stays, left: GOAL_SIZE_MAX, parts_max };
+        let mut parts = Vec::new();
+        let split = splitter.split(goal, true, &mut Bindings::default(), &mut parts);
+        parts.truncate(parts_max);
+        (without_duplicates(parts), split.is_continue())
+    };
+    let (parts, is_whole) = first(goal);
+    match goal {
+        _ if is_whole => (parts, true),
+        Condition::And(all) => {
+            let is_quantified = |part: &&Condition| {
+                let mut parts = part.parts();
+                parts.any(|part| matches!(part, Condition::Forall(..) | Condition::Exists(..)))
+            };
+            let (last, before): (Vec<_>, Vec<_>) = all.iter().partition(is_quantified);
+            let sorted = before.into_iter().chain(last).cloned().collect();
+            (first(&Condition::And(sorted)).0, false)
+        }
+        // The first part is too large to be split.
+        _ if parts.is_empty() => (vec![goal.clone()], false),
+        _ => (parts, false),
+    }
+}
+
+fn without_duplicates(mut parts: Vec<Condition>) -> Vec<Condition> {
     let mut seen = std::collections::HashSet::new();
     parts.retain(|part| seen.insert(part.clone()));
     parts
@@ -43,7 +110,7 @@ pub fn conjuncts_but(
 /// Returns the positions of the conditions that no reachable state satisfies.
 ///
 /// Each result is proved by the delete relaxation. A condition may be unreachable although its position
-/// is not returned.
+/// is not returned. If `cancel` is set, the conditions that are left are not looked at.
 ///
 /// # Errors
 ///
@@ -56,127 +123,224 @@ pub fn unreachable(
     options: &Options,
     cancel: &Cancel,
 ) -> Result<Vec<usize>, PlanError> {
-    let mut found = Vec::new();
-    for (position, condition) in conditions.iter().enumerate() {
-        let alone = Problem { goal: condition.clone(), metric: None, ..problem.clone() };
-        refuse_mistakes(domain, &alone)?;
-        if is_unreachable(domain, &alone, options, cancel)? {
-            found.push(position);
-        }
-    }
-    Ok(found)
+    unreachable_or_undecided(domain, problem, conditions, options, cancel).map(|(found, _)| found)
 }
 
+/// Does the same as [`unreachable`], and also returns whether every condition was decided, so that all
+/// the others are reachable in the relaxation.
+pub(crate) fn unreachable_or_undecided(
+    domain: &Domain,
+    problem: &Problem,
+    conditions: &[Condition],
+    options: &Options,
+    cancel: &Cancel,
+) -> Result<(Vec<usize>, bool), PlanError> {
+    let (mut found, mut is_decided) = (Vec::new(), true);
+    for (position, condition) in conditions.iter().enumerate() {
+        if cancel.is_set() {
+            return Ok((found, false));
+        }
+        let alone = Problem { goal: condition.clone(), metric: None, ..problem.clone() };
+        refuse_mistakes(domain, &alone)?;
+        match is_unreachable(domain, &alone, options, cancel)? {
+            Some(true) => found.push(position),
+            Some(false) => (),
+            None => is_decided = false,
+        }
+    }
+    Ok((found, is_decided))
+}
+
+/// Whether no reachable state satisfies the goal of a problem, by the delete relaxation. Returns `None`
+/// if a limit ended grounding, so that nothing is proved.
 fn is_unreachable(
     domain: &Domain,
     problem: &Problem,
     options: &Options,
     cancel: &Cancel,
-) -> Result<bool, PlanError> {
+) -> Result<Option<bool>, PlanError> {
     let lifted = normalize(domain, problem)?;
-    let task = match ground(&lifted, options.budget, cancel, &mut 0) {
-        Ok(grounded) => grounded.task,
-        // A limit ended grounding, so that nothing is proved.
-        Err(_) => return Ok(false),
-    };
-    let Some(task) = task else { return Ok(true) };
+    let Ok(grounded) = ground(&lifted, options.budget, cancel, &mut 0) else { return Ok(None) };
+    let Some(task) = grounded.task else { return Ok(Some(true)) };
     let initial = Progression::new(&task).initial();
     let mut evaluator = MaxHeuristic::new(&task);
-    Ok(evaluator.evaluate(&initial).is_none())
+    Ok(Some(evaluator.evaluate(&initial).is_none()))
 }
 
-/// A state, and the function that returns `true` for derived facts that stay one conjunct.
-type SplitContext<'w> = (&'w World, &'w dyn Fn(&Atom) -> bool);
+/// Splits a goal into conjuncts, and ends at a limit of work.
+struct Splitter<'w> {
+    world: &'w World,
+    /// Returns `true` for derived facts that stay one conjunct.
+    stays: &'w dyn Fn(&Atom) -> bool,
+    /// Number of conditions and terms that may still be made.
+    left: usize,
+    /// Number of parts beyond which splitting ends.
+    parts_max: usize,
+}
 
-/// Adds the conjuncts of `condition`, or those of its negation if `positive` is false, to `parts`.
-fn split(
-    (world, stays): SplitContext<'_>,
-    condition: &Condition,
-    positive: bool,
-    bindings: &mut Bindings,
-    parts: &mut Vec<Condition>,
-) {
-    match (condition, positive) {
-        (Condition::And(all), true) | (Condition::Or(all), false) => {
-            all.iter().for_each(|part| split((world, stays), part, positive, bindings, parts));
+// === impl Splitter ===
+
+impl Splitter<'_> {
+    /// Counts conditions and terms as made; breaks if they are beyond the limit.
+    fn spend(&mut self, count: usize) -> ControlFlow<()> {
+        let left = self.left.checked_sub(count);
+        self.left = left.unwrap_or(0);
+        left.map_or(ControlFlow::Break(()), |_| ControlFlow::Continue(()))
+    }
+
+    /// Adds the conjuncts of `condition`, or those of its negation if `positive` is false, to `parts`.
+    /// Breaks at the limit of work or of parts.
+    fn split(
+        &mut self,
+        condition: &Condition,
+        positive: bool,
+        bindings: &mut Bindings,
+        parts: &mut Vec<Condition>,
+    ) -> ControlFlow<()> {
+        match (condition, positive) {
+            (Condition::And(all), true) | (Condition::Or(all), false) => {
+                all.iter().try_for_each(|part| self.split(part, positive, bindings, parts))
+            }
+            (Condition::Or(all), true) if all.len() == 1 => {
+                self.split(&all[0], true, bindings, parts)
+            }
+            (Condition::Not(inner), _) => self.split(inner, !positive, bindings, parts),
+            (Condition::Imply(left, right), false) => {
+                self.split(left, true, bindings, parts)?;
+                self.split(right, false, bindings, parts)
+            }
+            (Condition::Forall(variables, inner), true)
+            | (Condition::Exists(variables, inner), false) => {
+                self.expand(variables, inner, positive, bindings, parts)
+            }
+            (Condition::Atom(atom), _) => match self.derive(atom, positive, bindings)? {
+                Some(derived) => self.add(derived, parts),
+                None => self.add_bound(condition, positive, bindings, parts),
+            },
+            _ => self.add_bound(condition, positive, bindings, parts),
         }
-        (Condition::Or(all), true) if all.len() == 1 => {
-            split((world, stays), &all[0], true, bindings, parts);
+    }
+
+    /// Adds a condition, or its negation if `positive` is false, with objects in place of the bound
+    /// variables.
+    fn add_bound(
+        &mut self,
+        condition: &Condition,
+        positive: bool,
+        bindings: &Bindings,
+        parts: &mut Vec<Condition>,
+    ) -> ControlFlow<()> {
+        self.spend(size(condition))?;
+        let bound = bindings.substitute(condition);
+        let part = if positive { bound } else { Condition::Not(Box::new(bound)) };
+        self.add(vec![part], parts)
+    }
+
+    fn add(&self, mut more: Vec<Condition>, parts: &mut Vec<Condition>) -> ControlFlow<()> {
+        parts.append(&mut more);
+        match parts.len() > self.parts_max {
+            true => ControlFlow::Break(()),
+            false => ControlFlow::Continue(()),
         }
-        (Condition::Not(inner), _) => split((world, stays), inner, !positive, bindings, parts),
-        (Condition::Imply(left, right), false) => {
-            split((world, stays), left, true, bindings, parts);
-            split((world, stays), right, false, bindings, parts);
+    }
+
+    /// Adds the conjuncts of every instance of a quantified condition to `parts`.
+    fn expand(
+        &mut self,
+        variables: &[Typed],
+        inner: &Condition,
+        positive: bool,
+        bindings: &mut Bindings,
+        parts: &mut Vec<Condition>,
+    ) -> ControlFlow<()> {
+        let Some((first, rest)) = variables.split_first() else {
+            return self.split(inner, positive, bindings, parts);
+        };
+        for object in self.world.model().members(&first.ty) {
+            self.spend(1)?;
+            bindings.bind(&first.name, object);
+            let expanded = self.expand(rest, inner, positive, bindings, parts);
+            bindings.unbind();
+            expanded?;
         }
-        (Condition::Forall(variables, inner), true)
-        | (Condition::Exists(variables, inner), false) => {
-            expand((world, stays), variables, inner, positive, bindings, parts);
+        ControlFlow::Continue(())
+    }
+
+    /// Returns the conjuncts that make a derived atom true, or those that make it false if `positive`
+    /// is false. Returns `None` if the atom itself stays one conjunct. Breaks at the limit of work.
+    fn derive(
+        &mut self,
+        atom: &Atom,
+        positive: bool,
+        bindings: &Bindings,
+    ) -> ControlFlow<(), Option<Vec<Condition>>> {
+        if (self.stays)(&bindings.atom(atom)) {
+            return ControlFlow::Continue(None);
         }
-        (Condition::Atom(atom), _)
-            if let Some(derived) = derive((world, stays), atom, positive, bindings) =>
-        {
-            parts.extend(derived);
+        let world = self.world;
+        let definitions = world.model().definitions(&atom.predicate);
+        let splits = |axiom: &Derived| {
+            matches!(axiom.condition, Condition::And(_) | Condition::Forall(..) | Condition::Not(_))
+        };
+        match definitions.as_slice() {
+            [] => return ControlFlow::Continue(None),
+            [one] if positive && splits(one) => (),
+            _ if positive => return ControlFlow::Continue(None),
+            _ => (),
         }
-        (other, true) => parts.push(bindings.substitute(other)),
-        (other, false) => parts.push(Condition::Not(Box::new(bindings.substitute(other)))),
+        let arguments = bindings.objects(&atom.arguments);
+        let mut parts = Vec::new();
+        // The parts of an axiom are one part of the goal, or take the place of one.
+        let parts_max = std::mem::replace(&mut self.parts_max, usize::MAX);
+        for axiom in definitions {
+            let mut inner = Bindings::default();
+            for (parameter, object) in axiom.parameters.iter().zip(&arguments) {
+                inner.bind(&parameter.name, object.clone());
+            }
+            self.split(&axiom.condition, positive, &mut inner, &mut parts)?;
+        }
+        self.parts_max = parts_max;
+        let open = parts.into_iter().map(|part| fold(world, part)).filter(|part| !part.is_always());
+        let open: Vec<Condition> = open.collect();
+        // With exactly one conjunct left, the atom itself is kept, because its name is the one that the
+        // author of the domain chose.
+        ControlFlow::Continue((open.len() != 1).then_some(open))
     }
 }
 
-/// Adds the conjuncts of every instance of a quantified condition to `parts`.
-fn expand(
-    (world, stays): SplitContext<'_>,
-    variables: &[pddl::Typed],
-    inner: &Condition,
-    positive: bool,
-    bindings: &mut Bindings,
-    parts: &mut Vec<Condition>,
-) {
-    let Some((first, rest)) = variables.split_first() else {
-        return split((world, stays), inner, positive, bindings, parts);
+// === impl GoalTooLarge ===
+
+impl std::fmt::Display for GoalTooLarge {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let GoalTooLarge { limit } = self;
+        write!(
+            f,
+            "the goal is too large: with every quantifier written out for all objects, it has more \
+             than {limit} conditions and terms"
+        )
+    }
+}
+
+impl std::error::Error for GoalTooLarge {}
+
+/// Returns the number of conditions and terms of a condition, without writing out its quantifiers.
+fn size(condition: &Condition) -> usize {
+    let own = |part: &Condition| match part {
+        Condition::Atom(atom) => 1 + atom.arguments.len(),
+        Condition::Compare(compare) => 1 + terms(&compare.left) + terms(&compare.right),
+        Condition::Exists(variables, _) | Condition::Forall(variables, _) => 1 + variables.len(),
+        _ => 1,
     };
-    for object in world.model().members(&first.ty) {
-        bindings.bind(&first.name, object);
-        expand((world, stays), rest, inner, positive, bindings, parts);
-        bindings.unbind();
-    }
+    condition.parts().map(own).sum()
 }
 
-/// Returns the conjuncts that make a derived atom true, or those that make it false if `positive` is
-/// false. Returns `None` if the atom itself stays one conjunct.
-fn derive(
-    (world, stays): SplitContext<'_>,
-    atom: &Atom,
-    positive: bool,
-    bindings: &Bindings,
-) -> Option<Vec<Condition>> {
-    if stays(&bindings.atom(atom)) {
-        return None;
+fn terms(expression: &Expression) -> usize {
+    match expression {
+        Expression::Fluent(fluent) => 1 + fluent.arguments.len(),
+        Expression::Negate(inner) => 1 + terms(inner),
+        Expression::Apply(_, operands) => 1 + operands.iter().map(terms).sum::<usize>(),
+        _ => 1,
     }
-    let model: &Model = world.model();
-    let definitions = model.definitions(&atom.predicate);
-    let splits = |axiom: &Derived| {
-        matches!(axiom.condition, Condition::And(_) | Condition::Forall(..) | Condition::Not(_))
-    };
-    match definitions.as_slice() {
-        [] => return None,
-        [one] if positive && splits(one) => (),
-        _ if positive => return None,
-        _ => (),
-    }
-    let arguments = bindings.objects(&atom.arguments);
-    let mut parts = Vec::new();
-    for axiom in definitions {
-        let mut inner = Bindings::default();
-        for (parameter, object) in axiom.parameters.iter().zip(&arguments) {
-            inner.bind(&parameter.name, object.clone());
-        }
-        split((world, stays), &axiom.condition, positive, &mut inner, &mut parts);
-    }
-    let open = parts.into_iter().map(|part| fold(world, part)).filter(|part| !part.is_always());
-    let open: Vec<Condition> = open.collect();
-    // With exactly one conjunct left, the atom itself is kept, because its name is the one that the
-    // author of the domain chose.
-    (open.len() != 1).then_some(open)
 }
 
 /// Simplifies a closed condition by evaluating its static parts. The empty conjunction stands for true,

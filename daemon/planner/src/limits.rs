@@ -13,7 +13,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 pub struct Budget {
     /// Maximum number of states that the search may expand.
     pub expansions_max: u64,
-    /// Maximum number of candidate tuples that grounding may look at.
+    /// Maximum number of candidate tuples that grounding may look at, and of steps that evaluating the
+    /// conditions of one plan may take.
     pub join_steps_max: u64,
     /// Maximum number of bytes that the tables of grounding and the states of the search may take. The
     /// planner's estimate of these bytes is a lower bound of the memory that they really take.

@@ -81,6 +81,11 @@ pub enum StopReason {
         /// Cap on memory, in bytes.
         limit: usize,
     },
+    /// The cap on the work of validating a plan was reached, so that the plan is not returned.
+    ValidationLimit {
+        /// Cap on the number of evaluation steps.
+        limit: u64,
+    },
     /// The caller set the [`crate::Cancel`] flag.
     Cancelled,
 }
@@ -187,7 +192,8 @@ impl StopReason {
             StopReason::Unsolvable { before_search: false } => 11,
             StopReason::Exhausted
             | StopReason::ExpansionLimit { .. }
-            | StopReason::JoinStepLimit { .. } => 12,
+            | StopReason::JoinStepLimit { .. }
+            | StopReason::ValidationLimit { .. } => 12,
             StopReason::MemoryLimit { .. } => 22,
             StopReason::Cancelled => 23,
         }
@@ -206,6 +212,9 @@ impl fmt::Display for StopReason {
             StopReason::ExpansionLimit { limit } => write!(f, "stopped at {limit} expansions"),
             StopReason::JoinStepLimit { limit } => {
                 write!(f, "stopped at {limit} join steps of grounding")
+            }
+            StopReason::ValidationLimit { limit } => {
+                write!(f, "stopped at {limit} steps of validating a plan")
             }
             StopReason::MemoryLimit { limit } => write!(f, "stopped at {limit} bytes of memory"),
             StopReason::Cancelled => f.write_str("cancelled"),

@@ -15,7 +15,7 @@ use crate::outcome::{
 };
 use crate::search::SearchProgress;
 use crate::solve::Solver;
-use crate::validate::{FaultPlace, World, cost_from};
+use crate::validate::{Fault, FaultPlace, FaultReason, World, cost_from};
 
 /// Searches for a plan for a problem.
 ///
@@ -69,7 +69,7 @@ pub fn plan_with_progress(
     statistics.facts = task.fact_count;
     statistics.operators = task.operator_count();
     tell(PlanningProgress::Ground { facts: statistics.facts, operators: statistics.operators });
-    let mut judge = PlanJudge::new(domain, problem);
+    let mut judge = PlanJudge::new(domain, problem, options.budget, cancel);
     let mut solver = Solver::new(&task, options, cancel, &mut statistics);
     let reason = solver.run(&mut |told| match told {
         SearchProgress::Searching(expansions) => tell(PlanningProgress::Searching { expansions }),
@@ -131,13 +131,25 @@ pub(crate) struct PlanJudge<'j> {
     pub(crate) world: Option<World>,
     pub(crate) best: Option<Plan>,
     pub(crate) defect: Option<PlanError>,
+    /// Maximal number of evaluation steps for one plan.
+    work_max: u64,
+    cancel: &'j Cancel,
+    /// Why a plan was not validated to the end; `None` if every plan was.
+    stopped: Option<StopReason>,
 }
 
 // === impl PlanJudge ===
 
 impl<'j> PlanJudge<'j> {
-    pub(crate) fn new(domain: &'j Domain, problem: &'j Problem) -> PlanJudge<'j> {
-        PlanJudge { domain, problem, world: None, best: None, defect: None }
+    pub(crate) fn new(
+        domain: &'j Domain,
+        problem: &'j Problem,
+        budget: Budget,
+        cancel: &'j Cancel,
+    ) -> PlanJudge<'j> {
+        let work_max = budget.join_steps_max;
+        let (world, best, defect, stopped) = (None, None, None, None);
+        PlanJudge { domain, problem, world, best, defect, work_max, cancel, stopped }
     }
 
     /// Validates a plan. If the plan is the best so far, keeps it, calls `found` with it and returns
@@ -152,6 +164,13 @@ impl<'j> PlanJudge<'j> {
                 true
             }
             Ok(_) => false,
+            Err(PlanError::Internal(fault)) if is_stop(&fault) => {
+                self.stopped = Some(match self.cancel.is_set() {
+                    true => StopReason::Cancelled,
+                    false => StopReason::ValidationLimit { limit: self.work_max },
+                });
+                false
+            }
             Err(error) => {
                 self.defect.get_or_insert(error);
                 false
@@ -165,7 +184,7 @@ impl<'j> PlanJudge<'j> {
             Some(world) => world,
             None => World::initial(self.domain, self.problem).map_err(PlanError::BadInput)?,
         };
-        let world = self.world.insert(world);
+        let world = self.world.insert(world.limit_work(self.work_max, Some(self.cancel)));
         match cost_from(world, &plan.steps, &self.problem.goal) {
             Ok(cost) => Ok(Plan { cost: Some(Number(cost)), ..plan }),
             Err(fault) if fault.place == FaultPlace::Metric => {
@@ -217,9 +236,14 @@ impl<'j> PlanJudge<'j> {
                     warnings,
                 })
             }
-            (None, None) => Ok(without_plan(reason, statistics, warnings)),
+            (None, None) => Ok(without_plan(self.stopped.unwrap_or(reason), statistics, warnings)),
         }
     }
+}
+
+/// Whether a limit or the caller ended the validation, so that the plan may be valid.
+fn is_stop(fault: &Fault) -> bool {
+    matches!(fault.reason, FaultReason::WorkLimit { .. })
 }
 
 /// Returns an error if one of the texts contains errors. If the domain has errors, only those are

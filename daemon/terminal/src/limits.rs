@@ -4,8 +4,8 @@
 //!   normalising a text are not counted by the planner; therefore a thread of this module checks the
 //!   clock and the memory of the whole process.
 //! - When the time is over, the thread asks the planner to stop. If the planner gives no answer within
-//!   a grace period, the thread prints the answer itself (the best plan reported so far, or that there
-//!   is none) and ends the process.
+//!   a grace period, the thread prints the answer itself (what has been found out so far: a final
+//!   answer, the best plan, or that there is none) and ends the process.
 
 use std::process::ExitCode;
 use std::sync::mpsc::{self, RecvTimeoutError};
@@ -41,11 +41,16 @@ struct AnswerState {
     is_given: bool,
     /// The best plan reported so far.
     best: Option<String>,
+    /// Prints the answer that is certain already; `None` if nothing is certain.
+    certain: Option<CertainAnswer>,
 }
 
 /// Prints the answer of a process that a limit ends: the reason, and the best plan found so far.
 /// Returns the exit code.
 pub type LimitReporter = Box<dyn FnOnce(StopReason, Option<String>) -> u8 + Send>;
+
+/// Prints an answer that is certain, however long the rest of the work takes. Returns the exit code.
+pub type CertainAnswer = Box<dyn FnOnce() -> u8 + Send>;
 
 /// Limits on the time and the memory of a process.
 pub struct RunLimits {
@@ -109,6 +114,12 @@ impl LimitWatch {
         self.answer.lock_state().best = Some(plan);
     }
 
+    /// Stores an answer that is certain before the work is complete. If a limit ends the process from
+    /// now on, this answer is given, and not that the limit was reached.
+    pub fn record_certain(&self, answer: CertainAnswer) {
+        self.answer.lock_state().certain = Some(answer);
+    }
+
     /// Gives the answer of the process by calling `answer`. If the watching thread is already giving an
     /// answer, blocks until that thread ends the process.
     pub fn answer(&self, answer: impl FnOnce() -> ExitCode) -> ExitCode {
@@ -156,8 +167,42 @@ impl AnswerLock {
         // The lock is held until the process ends, so that there is no second answer.
         let mut given = self.lock_state();
         if !given.is_given {
-            let code = give(reason, given.best.take());
-            std::process::exit(i32::from(code));
+            std::process::exit(i32::from(given.end(reason, give)));
         }
+    }
+}
+
+// === impl AnswerState ===
+
+impl AnswerState {
+    /// Prints the answer of a process that a limit ends. Returns the exit code.
+    fn end(&mut self, reason: StopReason, give: LimitReporter) -> u8 {
+        match self.certain.take() {
+            Some(answer) => answer(),
+            None => give(reason, self.best.take()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_answer_that_is_certain_is_given_in_place_of_the_limit() {
+        let watch = LimitWatch::start(
+            RunLimits { time: None, memory_bytes: usize::MAX },
+            Instant::now(),
+            Cancel::new(),
+            Box::new(|_, _| 1),
+        );
+        let reporter = || -> LimitReporter { Box::new(|reason, _| reason.exit_code()) };
+        let end = || watch.answer.lock_state().end(StopReason::Cancelled, reporter());
+        assert_eq!(end(), 23, "nothing is certain");
+        watch.record_plan("(a)".to_owned());
+        let best: LimitReporter = Box::new(|_, best| u8::from(best.as_deref() == Some("(a)")));
+        assert_eq!(watch.answer.lock_state().end(StopReason::Cancelled, best), 1);
+        watch.record_certain(Box::new(|| 10));
+        assert_eq!(end(), 10);
     }
 }

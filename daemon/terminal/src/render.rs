@@ -6,7 +6,9 @@
 
 use std::borrow::Cow;
 
-use annotate_snippets::{Annotation, AnnotationKind, Group, Level, Renderer, Snippet};
+use annotate_snippets::{
+    Annotation, AnnotationKind, Element, Group, Level, Origin, Renderer, Snippet,
+};
 use pddl::{Diagnostic, Severity, Span};
 use serde_json::{Value, json};
 
@@ -21,6 +23,12 @@ const WIDTH_MAX: usize = 120;
 /// Maximum number of lines between a diagnostic and its note that one excerpt of the text can show
 /// together.
 const EXCERPT_LINES_MAX: usize = 30;
+/// Maximum number of bytes that are drawn after the last place in an excerpt: far more than a terminal
+/// is wide.
+const AFTER_BYTES_MAX: usize = 2_000;
+/// Maximum number of bytes of an excerpt. Drawing takes time for each of them, and a line of a text
+/// from outside may have millions; of a longer excerpt only the place is told.
+const EXCERPT_BYTES_MAX: usize = 8_000;
 /// Maximum number of diagnostics shown to a person; `--json` lists all.
 const FINDINGS_MAX: usize = 200;
 
@@ -183,10 +191,7 @@ fn safe(diagnostic: &Diagnostic) -> Diagnostic {
 
 /// Returns the excerpts that are drawn for a diagnostic: one with the place of the diagnostic and of
 /// the notes near it, and one for each other note.
-fn snippets<'a>(
-    source: &'a SourceText,
-    diagnostic: &'a Diagnostic,
-) -> Vec<Snippet<'a, Annotation<'a>>> {
+fn snippets<'a>(source: &'a SourceText, diagnostic: &'a Diagnostic) -> Vec<Element<'a>> {
     let line = |span: Span| source.line_column(span).0;
     let home = line(diagnostic.span);
     let is_near = |span: Span| line(span).abs_diff(home) <= EXCERPT_LINES_MAX;
@@ -195,6 +200,11 @@ fn snippets<'a>(
 
     let spans = near.iter().map(|note| note.span).chain([diagnostic.span]);
     let excerpt = Excerpt::of(&source.text, spans);
+    if excerpt.is_too_long() {
+        let message = |note: &'a pddl::Note| Element::from(Level::NOTE.message(&note.message));
+        let notes = diagnostic.notes.iter().map(message);
+        return [place(source, diagnostic.span)].into_iter().chain(notes).collect();
+    }
     let mut first = excerpt.snippet(source).annotation(excerpt.annotation(
         AnnotationKind::Primary,
         diagnostic.span,
@@ -204,16 +214,22 @@ fn snippets<'a>(
         let message = Some(note.message.as_str());
         first = first.annotation(excerpt.annotation(AnnotationKind::Context, note.span, message));
     }
-    let others = far.into_iter().map(|note| {
+    let others = far.into_iter().map(|note| -> Element<'a> {
         let excerpt = Excerpt::of(&source.text, [note.span]);
+        if excerpt.is_too_long() {
+            return Level::NOTE.message(&note.message).into();
+        }
         let message = Some(note.message.as_str());
-        excerpt.snippet(source).annotation(excerpt.annotation(
-            AnnotationKind::Context,
-            note.span,
-            message,
-        ))
+        let mark = excerpt.annotation(AnnotationKind::Context, note.span, message);
+        excerpt.snippet(source).annotation(mark).into()
     });
-    [first].into_iter().chain(others).collect()
+    [Element::from(first)].into_iter().chain(others).collect()
+}
+
+/// Returns the place of a span, without an excerpt of the text.
+fn place(source: &SourceText, span: Span) -> Element<'_> {
+    let (line, column) = source.line_column(span);
+    Origin::path(visible::line(&source.name)).line(line).char_column(column).into()
 }
 
 // === impl Excerpt ===
@@ -232,7 +248,12 @@ impl<'a> Excerpt<'a> {
         };
         let start = text[..first].rfind('\n').map_or(0, |newline| newline + 1);
         let end = text[last..].find('\n').map_or(text.len(), |newline| last + newline);
+        let end = boundary(text, end.min(last + AFTER_BYTES_MAX));
         Excerpt { text: &text[start..end], start, line: pddl::line_column(text, first).0 }
+    }
+
+    fn is_too_long(&self) -> bool {
+        self.text.len() > EXCERPT_BYTES_MAX
     }
 
     fn snippet(&self, source: &'a SourceText) -> Snippet<'a, Annotation<'a>> {
@@ -319,6 +340,25 @@ mod tests {
 
     fn error(start: usize, end: usize) -> Diagnostic {
         Diagnostic::error(Span::new(start, end), "wrong")
+    }
+
+    #[test]
+    fn a_line_of_millions_of_bytes_costs_no_more_than_others() {
+        let text = format!("({})", "ab ".repeat(2_000_000));
+        let began = std::time::Instant::now();
+        let drawn = |diagnostic: Diagnostic| {
+            let mut report = DiagnosticReport::default();
+            report.add(&SourceText::new("file", text.as_str()), [diagnostic]);
+            human(&report, PLAIN)
+        };
+        let near = drawn(error(1, text.len()));
+        assert!(near.contains("--> file:1:2\n") && near.contains("ab ab"), "{near}");
+        assert!(near.len() < 1_000, "{near:.1000}");
+        let note = "the first is here";
+        let far = drawn(error(3_000_001, 3_000_003).with_note(Span::new(1, 3), note));
+        assert!(far.contains("--> file:1:3000002\n") && far.contains(note), "{far:.1000}");
+        assert!(!far.contains("ab ab"), "{far:.1000}");
+        assert!(began.elapsed().as_secs() < 5, "{:?}", began.elapsed());
     }
 
     #[test]

@@ -10,13 +10,18 @@ use planner::validate::World;
 /// Text that an answer gives as the owner of a derived fact.
 const AXIOM: &str = "axiom";
 
+/// Maximum number of steps that evaluating the axioms takes. Those of the largest buildings take some
+/// thousands; the limit is reached after half a second.
+const EVALUATION_STEPS_MAX: u64 = 3_000_000;
+
 /// Returns the facts that axioms derive, and, marked as unknown, the facts that axioms neither derive
-/// nor rule out.
+/// nor rule out. Returns none if evaluating the axioms of the agents takes too many steps.
 pub(crate) fn derived_facts(snapshot: &DomainSnapshot) -> Vec<BelievedFact> {
     if snapshot.domain.derived.is_empty() {
         return Vec::new();
     }
     let Ok(world) = World::initial(&snapshot.domain, &snapshot.problem) else { return Vec::new() };
+    let world = world.limit_work(EVALUATION_STEPS_MAX, None);
     let knowledge = snapshot.knowledge();
     let is_derived = |name: &Name| snapshot.domain.derived.iter().any(|it| it.predicate == *name);
     let told = |atom: Atom| {
@@ -44,5 +49,6 @@ pub(crate) fn derived_facts(snapshot: &DomainSnapshot) -> Vec<BelievedFact> {
         known_for: None,
         claims: Vec::new(),
     };
-    atoms.filter_map(told).map(fact).collect()
+    let facts = atoms.filter_map(told).map(fact).collect();
+    if world.work_limit_reached().is_some() { Vec::new() } else { facts }
 }

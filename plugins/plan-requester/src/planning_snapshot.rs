@@ -13,7 +13,7 @@ use pddl::{
     ActionModel, Condition, Domain, Effect, FluentTerm, InitElement, Name, Plan, PlanStep, Problem,
 };
 use planner::explain::{self, ActionGuard, Explanation};
-use planner::goal::conjuncts_but;
+use planner::goal::{GoalTooLarge, conjuncts_but};
 use planner::order::interference;
 use planner::validate::{Fault, World, cost_from};
 use planner::{Budget, Cancel, Options, StopReason};
@@ -25,6 +25,11 @@ const EXPLAINING_STEPS_MAX: u64 = 20_000_000;
 /// Maximum number of states that are examined to explain why there is no plan. The limit is reached
 /// after some seconds in the largest buildings.
 const EXPLAINING_EXPANSIONS_MAX: u64 = 50_000;
+
+/// Maximum number of steps that evaluating one goal in the state of a snapshot takes. The goals of the
+/// largest buildings take some thousands; the limit is reached after half a second, in which the Plan
+/// Requester answers no message.
+const EVALUATION_STEPS_MAX: u64 = 3_000_000;
 
 /// The domain and the state that a round of planning works with.
 #[derive(Clone, Debug)]
@@ -123,8 +128,9 @@ impl PlanningSnapshot {
     }
 
     fn world(&self) -> Result<&World, &str> {
-        let world =
-            self.world.get_or_init(|| World::initial(&self.domain, &self.problem).map_err(first));
+        let limited = |world: World| world.limit_work(EVALUATION_STEPS_MAX, None);
+        let initial = || World::initial(&self.domain, &self.problem).map(limited).map_err(first);
+        let world = self.world.get_or_init(initial);
         world.as_ref().map_err(String::as_str)
     }
 
@@ -141,27 +147,40 @@ impl PlanningSnapshot {
     }
 
     /// Returns the ground conjuncts of a goal that are not known to hold now.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error, as text for a person, if the state cannot be made, or if the goal is too large
+    /// to be split or evaluated.
     pub(crate) fn open_conjuncts(&self, goal: &Condition) -> Result<Vec<Condition>, String> {
         let world = self.world()?;
-        let conjuncts = self.conjuncts(world, goal).into_iter();
-        Ok(conjuncts.filter(|conjunct| !self.holds_in(world, conjunct)).collect())
+        world.renew_work();
+        let mut open = self.conjuncts(world, goal).map_err(|problem| problem.to_string())?;
+        open.retain(|conjunct| !self.holds_in(world, conjunct));
+        match world.work_limit_reached() {
+            None => Ok(open),
+            Some(limit) => Err(format!(
+                "the goal is too large: finding out whether it holds takes more than {limit} steps"
+            )),
+        }
     }
 
     /// Returns the conjuncts of a goal, written in the goal's own predicates; returns the goal itself
     /// as the only part if it cannot be split.
     pub(crate) fn parts(&self, goal: &Condition) -> Vec<Condition> {
-        self.world().map_or_else(|_| vec![goal.clone()], |world| self.conjuncts(world, goal))
+        let parts = self.world().ok().and_then(|world| self.conjuncts(world, goal).ok());
+        parts.unwrap_or_else(|| vec![goal.clone()])
     }
 
     /// Splits a goal into its conjuncts. `world` gives the objects over which quantifiers are expanded.
-    fn conjuncts(&self, world: &World, goal: &Condition) -> Vec<Condition> {
+    fn conjuncts(&self, world: &World, goal: &Condition) -> Result<Vec<Condition>, GoalTooLarge> {
         // A fact about a room may come from a device that has left, although no device derives it now.
         let is_unknown = |atom: &pddl::Atom| {
             let unknown = self.knowledge.unknown(atom);
             unknown.is_some_and(|unknown| world.holds(&Condition::Atom(unknown)))
         };
-        let parts = conjuncts_but(world, goal, &is_unknown);
-        parts.iter().map(|part| self.knowledge.original_condition(part)).collect()
+        let parts = conjuncts_but(world, goal, &is_unknown)?;
+        Ok(parts.iter().map(|part| self.knowledge.original_condition(part)).collect())
     }
 
     fn holds_in(&self, world: &World, condition: &Condition) -> bool {
@@ -171,12 +190,12 @@ impl PlanningSnapshot {
     /// Returns a conjunct of the goal that the goal requires both to hold and not to hold; `None` if
     /// there is no such conjunct.
     pub(crate) fn contradiction(&self, goal: &Condition) -> Option<Condition> {
-        let conjuncts = self.conjuncts(self.world().ok()?, goal);
+        let conjuncts = self.conjuncts(self.world().ok()?, goal).ok()?;
         let denied = conjuncts.iter().filter_map(|conjunct| match conjunct {
             Condition::Not(inner) => Some(&**inner),
             _ => None,
         });
-        let denied: Vec<_> = denied.collect();
+        let denied: HashSet<_> = denied.collect();
         conjuncts.iter().find(|conjunct| denied.contains(conjunct)).cloned()
     }
 
@@ -233,7 +252,10 @@ impl PlanningSnapshot {
 
     /// Whether a condition is known to hold.
     pub(crate) fn holds(&self, condition: &Condition) -> bool {
-        self.world().is_ok_and(|world| self.holds_in(world, condition))
+        self.world().is_ok_and(|world| {
+            world.renew_work();
+            self.holds_in(world, condition)
+        })
     }
 
     /// Whether a plan can run at the same time as the remaining steps of other plans without undoing
@@ -249,6 +271,7 @@ impl PlanningSnapshot {
         let named = |step: &PlanStep| self.named(step, &self.all_offers).ok();
         let theirs: Vec<_> = steps.into_iter().filter_map(named).collect();
         self.world().is_ok_and(|now| {
+            now.renew_work();
             interference(now, &plan.steps, &theirs).is_none() && self.leaves(now, plan, goals)
         })
     }
@@ -264,8 +287,9 @@ impl PlanningSnapshot {
         if plan.steps.iter().try_for_each(|step| end.apply(step)).is_err() {
             return false;
         }
-        let mut reached = goals.into_iter().flat_map(|goal| self.conjuncts(now, goal));
+        let mut reached = goals.into_iter().flat_map(|goal| self.parts(goal));
         reached.all(|conjunct| !self.holds_in(now, &conjunct) || self.holds_in(&end, &conjunct))
+            && now.work_limit_reached().is_none()
     }
 
     /// Returns the cost of the remaining steps of a plan from the present state; `None` if these steps
@@ -326,7 +350,9 @@ impl PlanningSnapshot {
         let fault = |fault: Box<Fault>| {
             fault.map(|part| self.knowledge.original_condition(part)).to_string()
         };
-        cost_from(self.world()?, &plan.steps, &goal).map_err(fault)
+        let world = self.world()?;
+        world.renew_work();
+        cost_from(world, &plan.steps, &goal).map_err(fault)
     }
 
     /// Whether the plan that an agent proposes has steps, and the action of each step is offered and
@@ -439,4 +465,71 @@ fn take_avoided(offers: &mut Offers, avoided: &AvoidedActions) -> BTreeSet<Strin
 
 pub(crate) fn first(diagnostics: Vec<pddl::Diagnostic>) -> String {
     diagnostics.first().map_or_else(|| "unreadable".to_owned(), ToString::to_string)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn snapshot() -> PlanningSnapshot {
+        let snapshot = serde_json::json!({
+            "epoch": 1,
+            "revision": 1,
+            "digest": "",
+            "domain": "(define (domain d) (:types room) (:predicates (open ?r - room)
+                (door ?a ?b - room)))",
+            "problem": "(define (problem p) (:domain d) (:objects hall lab attic yard - room)
+                (:init (open hall) (door hall lab) (door lab hall)) (:goal (and)))",
+            "offers": {},
+        });
+        PlanningSnapshot::read(serde_json::from_value(snapshot).expect("a snapshot")).expect("PDDL")
+    }
+
+    fn condition(text: &str) -> Condition {
+        pddl::parse_condition(text).into_result().expect("a condition")
+    }
+
+    /// Returns a condition with one quantifier over 26 variables of rooms.
+    fn quantified(quantifier: &str, body: &str) -> Condition {
+        let variables: Vec<String> = ('a'..='z').map(|letter| format!("?{letter}")).collect();
+        condition(&format!("({quantifier} ({} - room) {body})", variables.join(" ")))
+    }
+
+    #[test]
+    fn a_goal_that_is_too_large_is_refused_with_the_limit_and_others_are_not() {
+        let known = snapshot();
+        let body = "(imply (door ?a ?b) (or (door ?b ?a) (door ?c ?d)))";
+        for goal in [
+            quantified("forall", body),
+            condition(&format!("(not {})", quantified("exists", body))),
+            Condition::And(vec![condition("(open lab)"), quantified("forall", body)]),
+        ] {
+            let refused = known.open_conjuncts(&goal).expect_err("it is too large");
+            assert!(refused.contains("more than 200000 conditions and terms"), "{refused}");
+            assert_eq!(known.contradiction(&goal), None);
+            assert_eq!(known.parts(&goal), [goal]);
+        }
+        let other = known.open_conjuncts(&condition("(and (open hall) (open lab))"));
+        assert_eq!(other, Ok(vec![condition("(open lab)")]));
+    }
+
+    #[test]
+    fn a_goal_that_takes_too_long_to_evaluate_is_refused_and_never_holds() {
+        // It does not hold, and every combination of rooms has to be tried.
+        let goal = condition(&format!("(not (not {}))", quantified("exists", "(not (= ?z ?z))")));
+        let goal = Condition::Or(vec![goal.clone(), goal]);
+        let known = snapshot();
+        let refused = known.open_conjuncts(&goal).expect_err("it takes too long");
+        assert!(refused.contains("takes more than 3000000 steps"), "{refused}");
+        let known = snapshot();
+        assert!(!known.holds(&Condition::Not(Box::new(goal.clone()))), "it is not found out");
+        assert!(!known.holds(&goal));
+        let none = Plan { steps: Vec::new(), cost: None };
+        let fault = known.validate(&none, &goal).expect_err("it is not found out");
+        assert!(fault.contains("takes more than 3000000 steps"), "{fault}");
+        // Other goals are evaluated, also in the same snapshot.
+        assert_eq!(known.open_conjuncts(&condition("(open hall)")), Ok(Vec::new()));
+        assert!(known.holds(&condition("(door hall lab)")));
+        assert!(known.validate(&none, &condition("(open hall)")).is_ok());
+    }
 }

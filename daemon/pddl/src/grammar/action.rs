@@ -19,6 +19,7 @@ const DURATIVE_ACTION: &str = "(:durative-action NAME [:agent VARIABLE - TYPE] \
     [:parameters (VARIABLES)] :duration DURATION [:condition TIMED] [:effect TIMED])";
 const DERIVED: &str = "(:derived (PREDICATE VARIABLES) CONDITION)";
 const AGENT: &str = ":agent VARIABLE - TYPE";
+const PARAMETER_LIST: &str = ":parameters (VARIABLES)";
 
 /// Parses an action: `(:action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)] [:precondition
 /// CONDITION] [:effect EFFECT] [:observe OBSERVED])`, with the parts in any order.
@@ -40,8 +41,11 @@ pub(super) fn action<'f>(
     while let Some((key, node)) = parts.next(reader, &[PRECONDITION, EFFECT, OBSERVE_KEY]) {
         match key {
             AGENT_KEY => action.agent = parts.opt_agent(reader),
-            PARAMETERS => action.parameters.splice(0..0, parameters(reader, node)).for_each(drop),
-            VARS => action.parameters.extend(parameters(reader, node)),
+            PARAMETERS => {
+                let parameters = parts.parameters(reader, node);
+                action.parameters.splice(0..0, parameters).for_each(drop);
+            }
+            VARS => action.parameters.extend(parts.parameters(reader, node)),
             PRECONDITION => {
                 action.precondition = condition::condition(reader, node).unwrap_or_default();
             }
@@ -74,9 +78,10 @@ pub(super) fn durative_action<'f>(
             match key {
                 AGENT_KEY => action.agent = parts.opt_agent(reader),
                 PARAMETERS => {
-                    action.parameters.splice(0..0, parameters(reader, node)).for_each(drop);
+                    let parameters = parts.parameters(reader, node);
+                    action.parameters.splice(0..0, parameters).for_each(drop);
                 }
-                VARS => action.parameters.extend(parameters(reader, node)),
+                VARS => action.parameters.extend(parts.parameters(reader, node)),
                 DURATION => action.duration = durative::duration(reader, node),
                 CONDITION => action.conditions = durative::conditions(reader, node),
                 _ => {
@@ -102,12 +107,6 @@ pub(super) fn derived<'f>(
     reader.expect_end(items, "an axiom", DERIVED);
     let (predicate, parameters) = head?;
     Some(Derived { predicate, parameters, condition: condition?, span })
-}
-
-/// Parses parameters: `(VARIABLES)`.
-fn parameters<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Vec<Typed> {
-    let items = reader.expect_list(node, "a list of variables", ":parameters (VARIABLES)");
-    items.map(|items| names::variables(reader, items)).unwrap_or_default()
 }
 
 /// Parses what an action observes: `(SYMBOL TERM*) | (and (SYMBOL TERM*)*)`, where a symbol is a
@@ -165,7 +164,9 @@ impl<'f> ActionParts<'f> {
     ) -> Option<(&'static str, SyntaxNode<'f>)> {
         while let Some(node) = self.items.next() {
             let Some(word) = node.symbol().filter(|word| word.starts_with(':')) else {
-                if !reader.is_already_reported(node) {
+                // What touches the name of the action is no condition.
+                let is_call = !self.seen.is_empty() && reader.is_call(node);
+                if !is_call && !reader.is_already_reported(node) {
                     self.report_stranger(reader, node);
                 }
                 continue;
@@ -246,6 +247,12 @@ impl<'f> ActionParts<'f> {
         let message = format!("`{key}` is given twice");
         reader.report(Diagnostic::error(span, message).with_note(*first, "the first is here"));
         false
+    }
+
+    /// Parses parameters: `(VARIABLES)`; `node` is the first node after the key.
+    fn parameters(&mut self, reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Vec<Typed> {
+        let is_key = |node: SyntaxNode<'_>| node.symbol().is_some_and(|word| word.starts_with(':'));
+        names::listed_variables(reader, node, &mut self.items, is_key, PARAMETER_LIST)
     }
 
     /// Parses the agent of an action: `VARIABLE [- TYPE]`, with or without parentheses around it.

@@ -243,12 +243,16 @@ fn quantified<'f>(
     mut items: Items<'f>,
 ) -> Option<(Vec<Typed>, Box<Condition>)> {
     let variables = reader.expect(&mut items, "list of variables", QUANTIFIED)?;
-    let variables = reader.expect_list(variables, "a list of variables", QUANTIFIED)?;
-    let variables = names::variables(reader, variables);
+    let variables = names::listed_variables(reader, variables, &mut items, is_body, QUANTIFIED);
     let body = reader.expect(&mut items, "condition", QUANTIFIED)?;
     let body = condition(reader, body)?;
     reader.expect_end(items, "a quantifier", QUANTIFIED);
     Some((variables, Box::new(body)))
+}
+
+/// Whether an item after the variables of a quantifier is what the quantifier is about, and not a type.
+pub(super) fn is_body(node: SyntaxNode<'_>) -> bool {
+    node.list().is_some() && !node.head().is_some_and(|word| word.eq_ignore_ascii_case("either"))
 }
 
 /// Parses an equation: `(= TERM TERM) | (= EXPRESSION EXPRESSION)`.

@@ -39,7 +39,8 @@ pub(crate) fn single<'f, T>(
         return None;
     };
     // Files of 1998 begin with the name of a Lisp package.
-    while let (Some(word @ ("in-package" | "IN-PACKAGE")), Some(next)) = (node.head(), roots.peek())
+    while let (Some(word), Some(next)) = (node.head(), roots.peek())
+        && word.eq_ignore_ascii_case("in-package")
     {
         let message = format!("`{word}` is of Lisp, and passed over");
         reader.report(Diagnostic::warning(node.span(), message));

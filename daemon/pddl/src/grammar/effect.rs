@@ -80,8 +80,8 @@ pub(super) fn forall<'f>(
     mut items: Items<'f>,
 ) -> Option<(Vec<Typed>, SyntaxNode<'f>)> {
     let variables = reader.expect(&mut items, "list of variables", FORALL)?;
-    let variables = reader.expect_list(variables, "a list of variables", FORALL)?;
-    let variables = names::variables(reader, variables);
+    let is_body = condition::is_body;
+    let variables = names::listed_variables(reader, variables, &mut items, is_body, FORALL);
     let body = reader.expect(&mut items, "effect", FORALL)?;
     reader.expect_end(items, "`forall`", FORALL);
     Some((variables, body))

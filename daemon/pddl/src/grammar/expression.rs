@@ -54,6 +54,7 @@ pub(super) fn fluent<'f>(
 ) -> Option<FluentTerm> {
     let mut items = match node.content() {
         NodeContent::List(items) => items,
+        NodeContent::Symbol(_) if reader.report_call(node) => return None,
         NodeContent::Symbol(_) => node.alone(),
         NodeContent::Damaged => return None,
     };
@@ -69,7 +70,7 @@ fn word_expression<'f>(
     node: SyntaxNode<'f>,
     word: &'f str,
 ) -> Option<Expression> {
-    if let Some(number) = names::number(word) {
+    if let Some(number) = names::numeral(reader, node) {
         return Some(Expression::Number(number));
     }
     // A function without parentheses is printed with them, which is one level more.
@@ -108,7 +109,12 @@ fn apply<'f>(
     items: Items<'f>,
     span: Span,
 ) -> Option<Expression> {
-    let count = items.count();
+    // `f(x)` is one operand, which is reported; the list in `(+(f) 1)` touches the operator only.
+    let is_operand = |node: &SyntaxNode<'f>| match node.touched_word() {
+        Some(word) => matches!(word.text(), "+" | "-" | "*" | "/"),
+        None => true,
+    };
+    let count = items.filter(is_operand).count();
     let count_fits = match operator {
         Operator::Add | Operator::Multiply => count >= 2,
         Operator::Subtract => count == 1 || count == 2,

@@ -79,6 +79,15 @@ fn timed<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Ini
 /// Parses the value of a function: `(= FLUENT NUMBER)`.
 fn value<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<InitElement> {
     let fluent = reader.expect(&mut items, "function", VALUE)?;
+    if let (Some(_), Some(function)) = (fluent.symbol().and_then(names::number), items.peek())
+        && function.list().is_some()
+    {
+        let message = format!("the number `{}` stands before its function", excerpt(fluent));
+        let turned = Diagnostic::error(fluent.span(), message).with_rule(VALUE);
+        let help = format!("write `(= {} {})`", excerpt(function), excerpt(fluent));
+        reader.report(turned.with_help(help));
+        return None;
+    }
     let fluent: Option<FluentTerm> = expression::fluent(reader, fluent);
     let node = reader.expect(&mut items, "number", VALUE)?;
     let number = init_number(reader, node);
@@ -88,7 +97,7 @@ fn value<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Ini
 }
 
 fn init_number<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Option<Number> {
-    let number = node.symbol().and_then(names::number);
+    let number = names::numeral(reader, node);
     if number.is_none() {
         let message = format!("expected a number, found `{}`", excerpt(node));
         reader.report(Diagnostic::error(node.span(), message).with_rule(VALUE));

@@ -11,6 +11,9 @@ const VARIABLE: &str = "VARIABLE = ?NAME";
 /// and types are compared pairwise. A short text must not turn into many large types.
 const ALTERNATIVES_MAX: usize = 16;
 
+/// Maximal number of words that are repeated when their parentheses are missing.
+const BARE_WORDS_MAX: usize = 12;
+
 const TYPE: &str = "TYPE = NAME | (either NAME+)";
 
 /// Kind of the entries of a typed list.
@@ -147,9 +150,68 @@ pub(super) fn number(word: &str) -> Option<Number> {
     word.parse().ok().filter(|value: &f64| value.is_finite()).map(Number)
 }
 
+/// Parses a number whose value matters, and warns if it has more digits than are kept; `None` if the
+/// node is not a number.
+pub(super) fn numeral<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Option<Number> {
+    let word = node.symbol()?;
+    let value = number(word)?;
+    if !keeps_digits(word, value) {
+        let message = format!("`{}` has more digits than are kept", excerpt(node));
+        let warning = Diagnostic::warning(node.span(), message);
+        reader.report(warning.with_help(format!("it is read as {value}")));
+    }
+    Some(value)
+}
+
+/// Whether the value of a number has all its digits. Fifteen are always kept, and more of most numbers.
+fn keeps_digits(word: &str, value: Number) -> bool {
+    /// Number of digits that every 64-bit binary number preserves.
+    const KEPT: usize = 15;
+    if word.len() <= KEPT {
+        return true;
+    }
+    let written = significant_digits(word);
+    written.len() <= KEPT || written == significant_digits(&value.to_string())
+}
+
+/// Returns the digits of a number without its sign, point and exponent, and without the zeros around
+/// them.
+fn significant_digits(word: &str) -> String {
+    let mantissa = word.split(['e', 'E']).next().unwrap_or("");
+    let digits: String = mantissa.chars().filter(char::is_ascii_digit).collect();
+    digits.trim_matches('0').to_owned()
+}
+
 /// Parses the variables of an action, a quantifier or an axiom: `(VARIABLE* [- TYPE])*`.
 pub(super) fn variables<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>) -> Vec<Typed> {
     typed_list(reader, items, ListEntryKind::Variables)
+}
+
+/// Parses variables in parentheses: `(VARIABLES)`. `node` is the first node, and `rest` are the items
+/// after it.
+///
+/// If the parentheses are missing, this is reported, and the variables are those before the first item
+/// for which `is_end` returns `true`.
+pub(super) fn listed_variables<'f>(
+    reader: &mut GrammarReader<'f>,
+    node: SyntaxNode<'f>,
+    rest: &mut Items<'f>,
+    is_end: impl Fn(SyntaxNode<'f>) -> bool,
+    rule: &'static str,
+) -> Vec<Typed> {
+    if !node.symbol().is_some_and(|word| word.starts_with('?')) {
+        let items = reader.expect_list(node, "a list of variables", rule);
+        return items.map(|items| variables(reader, items)).unwrap_or_default();
+    }
+    let bare = rest.until(is_end);
+    *rest = rest.after(bare);
+    let bare = node.with(bare);
+    let words: Vec<&str> = bare.take(BARE_WORDS_MAX).map(SyntaxNode::text).collect();
+    let more = if bare.count() > words.len() { " …" } else { "" };
+    let message = "the parentheses around the variables are missing";
+    let missing = Diagnostic::error(node.span(), message).with_rule(rule);
+    reader.report(missing.with_help(format!("write `({}{more})`", words.join(" "))));
+    variables(reader, bare)
 }
 
 /// Parses a list of entries with their types: `(ENTRY* [- TYPE])*`.

@@ -60,7 +60,7 @@ pub(super) fn missing_domain(reader: &mut GrammarReader<'_>, end: Span) -> Name 
 /// Parses the section with the goal: `(:goal CONDITION)`.
 fn goal<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Condition> {
     let node = reader.expect(&mut items, "condition", GOAL)?;
-    if let Some(more) = items.next() {
+    if let Some(more) = items.find(|more| !reader.is_call(*more)) {
         let message = format!("a goal is one condition, `{}` is another", excerpt(more));
         let several = Diagnostic::error(more.span(), message).with_rule(GOAL);
         reader.report(several.with_help("join them: `(and …)`"));

@@ -109,7 +109,7 @@ impl<'f> GrammarReader<'f> {
         what: &str,
         rule: &'static str,
     ) -> Option<SyntaxNode<'f>> {
-        let node = items.next();
+        let node = items.find(|node| !self.is_already_reported(*node));
         if node.is_none() {
             let missing = Diagnostic::error(items.end(), format!("missing {what}"));
             self.report(missing.with_rule(rule));
@@ -139,7 +139,7 @@ impl<'f> GrammarReader<'f> {
 
     /// Reports the next item of a list, if there is one, because no more items are allowed.
     pub(super) fn expect_end(&mut self, mut items: Items<'f>, what: &str, rule: &'static str) {
-        if let Some(node) = items.next() {
+        if let Some(node) = items.find(|node| !self.is_call(*node)) {
             let message = format!("{what} ends before `{}`", excerpt(node));
             let mut more = Diagnostic::error(node.span(), message).with_rule(rule);
             let takes_one = rule.contains("CONDITION") || rule.contains("EFFECT");
@@ -170,6 +170,13 @@ impl<'f> GrammarReader<'f> {
         self.report(call.with_help(format!("write `({written})`")));
         self.passed_over = Some(list.span().start);
         true
+    }
+
+    /// Whether a node is a list that touches the word before it. If so, the two are reported by
+    /// [`GrammarReader::report_call`], unless they have been reported before.
+    pub(super) fn is_call(&mut self, node: SyntaxNode<'f>) -> bool {
+        let Some(word) = node.touched_word() else { return false };
+        self.report_call(word)
     }
 
     /// Whether a node belongs to a larger part of the text that was reported as a whole.

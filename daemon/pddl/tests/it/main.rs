@@ -9,6 +9,7 @@ mod meaning;
 mod kinds;
 mod layout;
 
+mod beginners;
 mod generate;
 
 mod properties;

@@ -15,7 +15,7 @@ use pddl::{
 };
 
 use super::suppose::has_comparison;
-use crate::goal::{conjuncts, unreachable};
+use crate::goal::{first_conjuncts, unreachable, unreachable_or_undecided};
 use crate::limits::{Budget, Cancel};
 use crate::options::Options;
 use crate::outcome::{PlanError, StopReason};
@@ -35,6 +35,9 @@ const ACHIEVERS_MAX: usize = 3;
 
 /// Maximal number of characters up to which a condition is shown in full.
 const TEXT_CHARS_MAX: usize = 120;
+
+/// What is said if no reason is found: only that there is no plan.
+const UNEXPLAINED: &str = "no sequence of steps reaches all parts of the goal";
 
 /// Cap on the work for one check, which takes a fraction of a second.
 const JOIN_STEPS_MAX: u64 = 5_000_000;
@@ -63,20 +66,23 @@ pub fn why_unsolvable(
     cancel: &Cancel,
 ) -> Result<Unsolvability, PlanError> {
     let world = World::initial(domain, problem).map_err(PlanError::BadInput)?;
-    let mut parts = conjuncts(&world, &problem.goal);
-    parts.truncate(PARTS_MAX);
+    let world = world.limit_work(JOIN_STEPS_MAX, Some(cancel));
+    let (parts, is_whole) = first_conjuncts(&world, &problem.goal, PARTS_MAX);
     let budget =
         Budget { expansions_max: EXPANSIONS_MAX, join_steps_max: JOIN_STEPS_MAX, memory_max_bytes };
     let options = Options { budget, ..Options::default() };
     let why = UnsolvabilityExplainer { domain, problem, types: Types::of(domain), options, cancel };
-    let missing = why.unreachable(&parts)?;
+    let (missing, is_decided) =
+        unreachable_or_undecided(domain, problem, &parts, &why.options, cancel)?;
     let mut found = Unsolvability::default();
     for part in missing.iter().take(EXPLAINED_PARTS_MAX) {
         found.parts.push((parts[*part].clone(), why.chain(&parts[*part])?));
     }
     found.more = missing.len().saturating_sub(EXPLAINED_PARTS_MAX);
-    if missing.is_empty() {
-        why.explain_parts_alone(&parts, &mut found)?;
+    match missing.is_empty() {
+        true if is_decided => why.explain_parts_alone(&parts, is_whole, &mut found)?,
+        true => found.together = Some(UNEXPLAINED.to_owned()),
+        false => (),
     }
     Ok(found)
 }
@@ -114,13 +120,15 @@ impl UnsolvabilityExplainer<'_> {
     }
 
     /// Searches for a plan for each part of the goal alone, and explains the parts that have none.
+    /// `is_whole` says whether these are all parts.
     fn explain_parts_alone(
         &self,
         parts: &[Condition],
+        is_whole: bool,
         found: &mut Unsolvability,
     ) -> Result<(), PlanError> {
-        let is_one = parts.len() == 1;
-        let mut all_reached = parts.len() < PARTS_MAX;
+        let is_one = is_whole && parts.len() == 1;
+        let mut all_reached = is_whole;
         for part in parts.iter().filter(|_| !is_one) {
             let alone = Problem { goal: part.clone(), metric: None, ..self.problem.clone() };
             let outcome = crate::plan(self.domain, &alone, &self.options, self.cancel)?;
@@ -136,11 +144,11 @@ impl UnsolvabilityExplainer<'_> {
         }
         if found.parts.is_empty() {
             found.together = Some(match parts {
-                [part] => self.explain_obstruction(part),
+                [part] if is_one => self.explain_obstruction(part),
                 _ if all_reached => {
                     "each part of the goal can be reached, but not all of them together".to_owned()
                 }
-                _ => "no sequence of steps reaches all parts of the goal".to_owned(),
+                _ => UNEXPLAINED.to_owned(),
             });
         }
         Ok(())

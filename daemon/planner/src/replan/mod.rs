@@ -368,7 +368,8 @@ impl<'c> ReplanningCall<'c> {
         options: &'c Options,
         cancel: &'c Cancel,
     ) -> ReplanningCall<'c> {
-        let (statistics, judge) = (Statistics::default(), PlanJudge::new(domain, problem));
+        let judge = PlanJudge::new(domain, problem, options.budget, cancel);
+        let statistics = Statistics::default();
         ReplanningCall { domain, problem, options, cancel, statistics, judge }
     }
 

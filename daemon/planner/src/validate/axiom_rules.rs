@@ -150,12 +150,16 @@ impl World {
             match unsettled {
                 Some(below) => open.push(below),
                 None => {
-                    self.derived[top].get_or_init(|| self.evaluate_component(top));
+                    self.derived[top].get_or_init(|| self.evaluate_apart(top));
                     open.pop();
                 }
             }
         }
-        self.derived[component].get_or_init(|| self.evaluate_component(component))
+        self.derived[component].get_or_init(|| self.evaluate_apart(component))
+    }
+
+    fn evaluate_apart(&self, index: usize) -> Vec<TupleTable> {
+        self.work.apart(|| self.evaluate_component(index))
     }
 
     /// Drops the results of the given components, and of all components that read one of them.
@@ -232,6 +236,8 @@ impl AxiomRule {
             if !known.contains(|column| frame[self.arguments[column].index()]) {
                 found.extend(self.arguments.iter().map(|slot| frame[slot.index()]));
                 count += 1;
+                // A tuple takes memory for each of its objects.
+                return view.world.work.spend(self.arguments.len() as u64);
             }
             true
         };

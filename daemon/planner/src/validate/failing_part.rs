@@ -47,7 +47,11 @@ impl<'w> FailingPartSearch<'w> {
     /// Returns the smallest part of a condition that keeps it from holding, with bound variables
     /// replaced by objects. Returns `None` if the condition holds.
     pub(super) fn part(&mut self, condition: &Condition) -> Option<Condition> {
-        if self.holds(condition) {
+        let holds = self.holds(condition);
+        if self.view.world.work.is_exhausted() {
+            return Some(self.bindings.substitute(condition));
+        }
+        if holds {
             return None;
         }
         let smaller = match condition {
@@ -85,6 +89,9 @@ impl<'w> FailingPartSearch<'w> {
             for (variable, at) in declared.iter().zip(&at).skip(first) {
                 let object = variable.extension.get(*at).unwrap_or(Object::UNBOUND);
                 self.frame[variable.slot.index()] = object;
+            }
+            if !self.view.world.work.spend(1) {
+                break;
             }
             if !self.view.holds(&node, &mut self.frame) {
                 found = self.named(variables, &declared, inner);

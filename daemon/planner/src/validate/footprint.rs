@@ -3,6 +3,9 @@
 //! Every conditional part counts, whether its condition holds or not. A step that reads a derived fact
 //! counts as reading all facts of the predicates on which the derived fact may depend. `total-cost`
 //! does not count: all steps add to it, and no step has to wait for another because of that.
+//!
+//! A quantifier with too many bindings counts as reading or writing every fact of the predicates in it,
+//! so that the work of computing a footprint has a limit.
 
 use std::collections::BTreeSet;
 
@@ -13,19 +16,28 @@ use super::model::Model;
 use super::steps::schema_of;
 use super::world::World;
 
+/// Maximal number of bindings of quantified variables that are written out for one footprint.
+const BINDINGS_MAX: usize = 100_000;
+
 /// A fact or a fluent: the name of the predicate or function, and the objects.
 type Cell = (Name, Vec<Name>);
 
 /// Facts and numbers that a step may read and write.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Footprint {
+    /// Number of bindings that have been written out.
+    bindings: usize,
     facts_read: BTreeSet<Cell>,
     facts_written: BTreeSet<Cell>,
     fluents_read: BTreeSet<Cell>,
     fluents_written: BTreeSet<Cell>,
-    /// Predicates of which the step may read any fact, because an axiom depends on them.
+    /// Predicates of which the step may read any fact, because an axiom depends on them, or a quantifier
+    /// has too many bindings.
     predicates_read: BTreeSet<Name>,
     functions_read: BTreeSet<Name>,
+    /// Predicates of which the step may write any fact, because a quantifier has too many bindings.
+    predicates_written: BTreeSet<Name>,
+    functions_written: BTreeSet<Name>,
     /// Agent of the step; `None` if the action declares no agent.
     agent: Option<Name>,
 }
@@ -55,8 +67,56 @@ impl Footprint {
             };
         let facts = [&other.facts_read, &other.facts_written];
         let fluents = [&other.fluents_read, &other.fluents_written];
+        let touched_whole =
+            |written: &BTreeSet<Name>, sets: [&BTreeSet<Cell>; 2], wholes: [&BTreeSet<Name>; 2]| {
+                let is_written = |cell: &Cell| written.contains(&cell.0);
+                !written.is_empty()
+                    && (sets.iter().any(|set| set.iter().any(is_written))
+                        || wholes.iter().any(|whole| !whole.is_disjoint(written)))
+            };
+        let predicates = [&other.predicates_read, &other.predicates_written];
+        let functions = [&other.functions_read, &other.functions_written];
         touched(&self.facts_written, facts, &other.predicates_read)
             || touched(&self.fluents_written, fluents, &other.functions_read)
+            || touched_whole(&self.predicates_written, facts, predicates)
+            || touched_whole(&self.functions_written, fluents, functions)
+    }
+
+    /// Counts one more binding. Returns `false` if the limit is reached.
+    fn spend(&mut self) -> bool {
+        self.bindings += 1;
+        self.bindings <= BINDINGS_MAX
+    }
+
+    /// Adds every fact and number of the predicates and functions of a condition as read.
+    fn reads_whole(&mut self, condition: &Condition, axioms: &[Derived]) {
+        for atom in condition.atoms() {
+            let (predicates, functions) = sources(axioms, &atom.predicate);
+            self.predicates_read.extend(predicates);
+            self.functions_read.extend(functions);
+        }
+        self.functions_read.extend(condition.fluents().map(|fluent| fluent.function.clone()));
+    }
+
+    /// Adds every fact and number of the predicates and functions of an effect as written, and those of
+    /// its conditions and values as read.
+    fn touches_whole(&mut self, effect: &Effect, axioms: &[Derived]) {
+        for part in effect.parts() {
+            match part {
+                Effect::Add(atom) | Effect::Delete(atom) => {
+                    self.predicates_written.insert(atom.predicate.clone());
+                }
+                Effect::Assign(assign) => {
+                    let read = assign.value.fluents().map(|fluent| fluent.function.clone());
+                    self.functions_read.extend(read);
+                    if !is_total_cost(&assign.fluent) {
+                        self.functions_written.insert(assign.fluent.function.clone());
+                    }
+                }
+                Effect::When(condition, _) => self.reads_whole(condition, axioms),
+                Effect::And(_) | Effect::Forall(..) => (),
+            }
+        }
     }
 }
 
@@ -96,9 +156,13 @@ impl World {
                 self.reads(right, bindings, found);
             }
             Condition::Exists(variables, inner) | Condition::Forall(variables, inner) => {
-                every(&self.model, variables, bindings, &mut |bindings| {
+                let is_whole = every(&self.model, variables, bindings, &mut |bindings| {
                     self.reads(inner, bindings, found);
+                    found.spend()
                 });
+                if !is_whole {
+                    found.reads_whole(inner, &self.model.derived);
+                }
             }
         }
     }
@@ -134,27 +198,36 @@ impl World {
                 self.touches(inner, bindings, found);
             }
             Effect::Forall(variables, inner) => {
-                every(&self.model, variables, bindings, &mut |bindings| {
+                let is_whole = every(&self.model, variables, bindings, &mut |bindings| {
                     self.touches(inner, bindings, found);
+                    found.spend()
                 });
+                if !is_whole {
+                    found.touches_whole(inner, &self.model.derived);
+                }
             }
         }
     }
 }
 
-/// Calls `visit` for every binding of the variables to objects.
+/// Calls `visit` for every binding of the variables to objects. Stops when `visit` returns `false`.
+/// Returns whether `visit` always returned `true`.
 fn every(
     model: &Model,
     variables: &[Typed],
     bindings: &mut Bindings,
-    visit: &mut dyn FnMut(&mut Bindings),
-) {
+    visit: &mut dyn FnMut(&mut Bindings) -> bool,
+) -> bool {
     let Some((first, rest)) = variables.split_first() else { return visit(bindings) };
     for object in model.members(&first.ty) {
         bindings.bind(&first.name, object);
-        every(model, rest, bindings, visit);
+        let goes_on = every(model, rest, bindings, visit);
         bindings.unbind();
+        if !goes_on {
+            return false;
+        }
     }
+    true
 }
 
 fn cell(fluent: &FluentTerm, bindings: &Bindings) -> Cell {

@@ -20,6 +20,7 @@ mod query;
 mod steps;
 mod symbols;
 mod tuple_table;
+mod work_meter;
 mod world;
 
 pub(crate) use footprint::Footprint;
@@ -110,6 +111,11 @@ pub enum FaultReason {
     NotFinite(FluentTerm),
     /// Effects of one step on the same fluent contradict each other.
     Conflict(FluentTerm),
+    /// The evaluation reached the limit of [`World::limit_work`], so that nothing is found out.
+    WorkLimit {
+        /// Maximal number of evaluation steps.
+        limit: u64,
+    },
 }
 
 /// Validates a plan from the initial state of the problem.
@@ -148,14 +154,13 @@ fn run(mut world: World, steps: &[PlanStep], goal: &Condition) -> Result<World, 
     for step in steps {
         world.apply(step)?;
     }
-    match world.failing(goal) {
-        None => Ok(world),
-        Some(condition) => Err(Box::new(Fault {
-            place: FaultPlace::Goal,
-            reason: FaultReason::Goal(condition),
-            span: Span::default(),
-        })),
-    }
+    let failing = world.failing(goal);
+    let reason = match (failing, world.work_limit_reached()) {
+        (_, Some(limit)) => FaultReason::WorkLimit { limit },
+        (None, None) => return Ok(world),
+        (Some(condition), None) => FaultReason::Goal(condition),
+    };
+    Err(Box::new(Fault { place: FaultPlace::Goal, reason, span: Span::default() }))
 }
 
 // === impl Fault ===
@@ -222,6 +227,9 @@ impl fmt::Display for FaultReason {
             }
             FaultReason::Conflict(fluent) => {
                 write!(f, "effects contradict each other on {fluent}")
+            }
+            FaultReason::WorkLimit { limit } => {
+                write!(f, "evaluating its quantifiers takes more than {limit} steps")
             }
         }
     }

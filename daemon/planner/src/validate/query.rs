@@ -107,7 +107,8 @@ impl<'w> WorldView<'w> {
     }
 
     /// Calls `visit` once for every binding of a query's variables under which all parts of the query
-    /// hold. Stops when `visit` returns `false`. Returns whether `visit` always returned `true`.
+    /// hold. Stops when `visit` returns `false`, or when the limit of work of the world is reached.
+    /// Returns whether it did not stop.
     pub(super) fn each(
         self,
         query: &Query,
@@ -151,6 +152,10 @@ impl<'w> WorldView<'w> {
     ) -> bool {
         let mut levels = vec![first];
         while let Some(level) = levels.last_mut() {
+            if !self.world.work.spend(1) {
+                levels.iter_mut().for_each(|level| level.unbind(frame));
+                return false;
+            }
             if !level.advance(query, frame) {
                 levels.pop();
                 continue;

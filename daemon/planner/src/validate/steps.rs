@@ -35,7 +35,11 @@ impl World {
         let action = &self.model.actions[index];
         let schema = self.model.schema(index);
         let mut frame = self.frame(action, schema, step)?;
-        if !WorldView::of(self).holds(&schema.precondition, &mut frame) {
+        let holds = WorldView::of(self).holds(&schema.precondition, &mut frame);
+        if let Some(limit) = self.work_limit_reached() {
+            return Err(FaultReason::WorkLimit { limit });
+        }
+        if !holds {
             let mut failing = FailingPartSearch::new(self);
             failing.bind(action.all_parameters().zip(&step.arguments));
             let part = failing.part(&action.precondition);

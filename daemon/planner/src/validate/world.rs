@@ -20,7 +20,9 @@ use super::numeric_values::FunctionValues;
 use super::query::WorldView;
 use super::symbols::{Object, RelationId};
 use super::tuple_table::TupleTable;
+use super::work_meter::WorkMeter;
 use super::{Fault, FaultPlace, FaultReason};
+use crate::limits::Cancel;
 
 /// A state of the world, with the texts to which the state belongs. A clone copies the state and shares
 /// the texts.
@@ -36,6 +38,8 @@ pub struct World {
     pub(super) values: Vec<FunctionValues>,
     /// Number of steps that have been applied to the initial state so far.
     pub(super) steps: usize,
+    /// Work that evaluations in this state may still do.
+    pub(super) work: WorkMeter,
 }
 
 // === impl World ===
@@ -63,7 +67,32 @@ impl World {
 
     fn of(model: Arc<Model>, (facts, values): (Vec<TupleTable>, Vec<FunctionValues>)) -> World {
         let derived = model.axioms.components.iter().map(|_| OnceLock::new()).collect();
-        World { facts, derived, values, model, steps: 0 }
+        World { facts, derived, values, model, steps: 0, work: WorkMeter::default() }
+    }
+
+    /// Limits the work of all later evaluations in this state, counted in steps of the search for
+    /// bindings of quantified variables. A step takes some 100 ns. Each component of the axioms has a
+    /// count of its own. `cancel` stops all of them earlier.
+    ///
+    /// When the limit is reached, the state answers nothing any more: no condition holds in it, neither
+    /// one nor its negation, no step is applicable, and [`World::work_limit_reached`] says so. A clone
+    /// has what is left of the limit for itself.
+    #[must_use]
+    pub fn limit_work(self, steps_max: u64, cancel: Option<&Cancel>) -> World {
+        let work = self.work.with_limit(steps_max, cancel.cloned());
+        World { work, ..self }
+    }
+
+    /// Begins to count the work anew, for an evaluation that is independent of those before. The state
+    /// still answers nothing if the limit has ended the evaluation of its axioms.
+    pub fn renew_work(&self) {
+        self.work.renew();
+    }
+
+    /// Returns the limit of [`World::limit_work`] if an evaluation has reached it or was cancelled;
+    /// `None` if all answers of this state are complete.
+    pub fn work_limit_reached(&self) -> Option<u64> {
+        self.work.is_exhausted().then(|| self.work.limit())
     }
 
     /// Returns the model: the constant part of the texts.
@@ -81,15 +110,16 @@ impl World {
         self.atoms().filter(|atom| !others.contains(atom)).collect()
     }
 
-    /// Whether a closed condition (one without free variables) holds in this state.
+    /// Whether a closed condition (one without free variables) holds in this state. Returns `false` if
+    /// the limit of work is reached.
     pub fn holds(&self, condition: &Condition) -> bool {
         let mut scope = CompilationScope::new(&self.model);
         let node = scope.node(condition, true);
-        WorldView::of(self).holds(&node, &mut scope.frame())
+        WorldView::of(self).holds(&node, &mut scope.frame()) && !self.work.is_exhausted()
     }
 
     /// Returns the smallest failing part of a closed condition (one without free variables); `None` if
-    /// the condition holds.
+    /// the condition holds. Returns the whole condition if the limit of work is reached.
     pub fn failing(&self, condition: &Condition) -> Option<Condition> {
         FailingPartSearch::new(self).part(condition)
     }
@@ -170,6 +200,9 @@ impl World {
         };
         let mut changes = self.changes(step).map_err(fault)?;
         let values = WorldView::of(self).new_values(&mut changes).map_err(fault)?;
+        if let Some(limit) = self.work_limit_reached() {
+            return Err(fault(FaultReason::WorkLimit { limit }));
+        }
         let model = Arc::clone(&self.model);
         for (predicate, tuple) in changes.deletes.iter() {
             if self.facts[predicate.index()].remove(tuple) {

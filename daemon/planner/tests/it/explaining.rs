@@ -71,7 +71,7 @@ fn explained(
 ) -> Explanation {
     let goal = pddl::parse_condition(goal).into_result().expect("the goal parses");
     let world = World::initial(domain, problem).expect("makes sense");
-    let parts = planner::goal::conjuncts(&world, &goal);
+    let parts = planner::goal::conjuncts(&world, &goal).expect("it is small");
     let guards = guards(of);
     let known = ExplanationInput { domain, problem, guards: &guards, former };
     explain(known, &parts, &Options::default(), &Cancel::new()).expect("supported")

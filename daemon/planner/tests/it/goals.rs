@@ -2,9 +2,9 @@
 
 use expect_test::{Expect, expect};
 use pddl::Condition;
-use planner::goal::{conjuncts, conjuncts_but, unreachable};
+use planner::goal::{GOAL_SIZE_MAX, GoalTooLarge, conjuncts, conjuncts_but, unreachable};
 use planner::validate::World;
-use planner::{Cancel, Options, Replanner};
+use planner::{Cancel, FaultReason, Options, Replanner, rest_reaches};
 
 use crate::support::parse;
 
@@ -16,7 +16,7 @@ fn check(goal: &str, replaced: (&str, &str), expected: Expect) {
     let (domain, problem) = parse(OFFICE, &MORNING.replace(replaced.0, replaced.1));
     let goal = pddl::parse_condition(goal).into_result().expect("the goal parses");
     let world = World::initial(&domain, &problem).expect("makes sense");
-    let parts = conjuncts(&world, &goal);
+    let parts = conjuncts(&world, &goal).expect("it is small");
     let missing = unreachable(&domain, &problem, &parts, &Options::default(), &Cancel::new())
         .expect("supported");
     let all: Vec<_> = parts.iter().collect();
@@ -64,14 +64,14 @@ fn what_is_derived_is_taken_apart_where_all_of_it_must_be() {
         ("(forall (?r - room) (locked ?r))", "(shut k) (shut n) (locked lab)"),
     ] {
         let goal = pddl::parse_condition(goal).into_result().expect("a goal");
-        let parts = conjuncts(&world, &goal);
+        let parts = conjuncts(&world, &goal).expect("it is small");
         let parts: Vec<String> = parts.iter().map(ToString::to_string).collect();
         assert_eq!(parts.join(" "), expected, "{goal}");
     }
     let goal = "(and (not (lit lab)) (not (lit hall)))";
     let goal = pddl::parse_condition(goal).into_result().expect("a goal");
     let is_of_hall = |atom: &pddl::Atom| atom.to_string() == "(lit hall)";
-    let parts = conjuncts_but(&world, &goal, &is_of_hall);
+    let parts = conjuncts_but(&world, &goal, &is_of_hall).expect("it is small");
     let parts: Vec<String> = parts.iter().map(ToString::to_string).collect();
     assert_eq!(parts, ["(not (lit lab))", "(not (lit hall))"], "one is known by more than axioms");
 }
@@ -120,4 +120,113 @@ fn a_room_without_a_door_is_named() {
             unreachable (known-temperature kitchen)
         "#]],
     );
+}
+
+/// Returns a condition over `count` variables `?v1 … ?vN` of locations: `quantifier` and `body`.
+fn over_locations(quantifier: &str, count: usize, body: &str) -> Condition {
+    let variables: Vec<String> = (1..=count).map(|number| format!("?v{number}")).collect();
+    let text = format!("({quantifier} ({} - location) {body})", variables.join(" "));
+    pddl::parse_condition(&text).into_result().expect("a condition")
+}
+
+/// A body that no static fact decides, and that mentions four of the variables.
+const BODY: &str =
+    "(imply (connected ?v1 ?v2) (or (connected ?v2 ?v1) (connected ?v3 ?v4) (= ?v1 ?v4)))";
+
+#[test]
+fn a_goal_that_stands_for_too_many_conditions_is_refused_with_the_limit() {
+    let (domain, problem) = parse(OFFICE, MORNING);
+    let world = World::initial(&domain, &problem).expect("makes sense");
+    let limit = GOAL_SIZE_MAX;
+    let small = conjuncts(&world, &over_locations("forall", 4, BODY)).expect("it is small");
+    assert_eq!(small.len(), 6_usize.pow(4), "the office has six locations");
+    let many = over_locations("forall", 30, BODY);
+    let never = Condition::Not(Box::new(over_locations("exists", 30, BODY)));
+    let nested = over_locations("forall", 15, &over_locations("forall", 15, BODY).to_string());
+    // Every instance has a long text, so that few of them are too many.
+    let long = format!("(or {})", "(connected ?v1 ?v2) ".repeat(GOAL_SIZE_MAX / 40));
+    let long = over_locations("forall", 2, &long);
+    // A part of the goal of which each instance has a long expression.
+    let sum = format!("(> (+ {}) 1)", "1 ".repeat(GOAL_SIZE_MAX / 10));
+    let sum = over_locations("forall", 2, &sum);
+    let last = Condition::And(vec![small[0].clone(), many.clone()]);
+    for goal in [many, never, nested, long, sum, last] {
+        let refused = conjuncts(&world, &goal);
+        assert_eq!(refused, Err(GoalTooLarge { limit }), "{:.80}", goal.to_string());
+    }
+    let told = GoalTooLarge { limit }.to_string();
+    assert!(told.contains("more than 200000 conditions and terms"), "{told}");
+}
+
+#[test]
+fn an_axiom_that_stands_for_too_many_conditions_is_refused_too() {
+    let quantified = over_locations("forall", 30, BODY);
+    let all = OFFICE.trim_end().strip_suffix(')').expect("a definition");
+    let (domain, problem) = parse(&format!("{all} (:derived (tidy) {quantified}))"), MORNING);
+    let world = World::initial(&domain, &problem).expect("makes sense");
+    for goal in ["(tidy)", "(not (not (tidy)))"] {
+        let goal = pddl::parse_condition(goal).into_result().expect("a goal");
+        assert!(conjuncts(&world, &goal).is_err(), "{goal}");
+    }
+    let stays = pddl::parse_condition("(tidy)").into_result().expect("a goal");
+    let parts = conjuncts_but(&world, &stays, &|_| true).expect("it is not split");
+    assert_eq!(parts, [stays]);
+}
+
+#[test]
+fn a_state_with_a_limit_of_work_says_nothing_beyond_it() {
+    let (domain, problem) = parse(OFFICE, MORNING);
+    let initial = World::initial(&domain, &problem).expect("makes sense");
+    let easy = pddl::parse_condition("(exists (?r - room) (connected hall ?r))");
+    let easy = easy.into_result().expect("a condition");
+    let world = initial.clone().limit_work(10_000, None);
+    assert!(world.holds(&easy), "that takes few steps");
+    assert_eq!(world.work_limit_reached(), None);
+    // True for every combination of objects, each of which has to be tried.
+    let other = over_locations("forall", 30, "(= ?v30 ?v30)");
+    assert!(!world.holds(&other), "it holds, which is not found out");
+    assert_eq!(world.work_limit_reached(), Some(10_000));
+    let denied = Condition::Not(Box::new(other.clone()));
+    for condition in [&other, &denied, &easy] {
+        assert!(!world.holds(condition), "{condition}");
+        assert_eq!(world.failing(condition).as_ref(), Some(condition));
+    }
+    let fresh = initial.clone().limit_work(10_000, None);
+    let fault = rest_reaches(&fresh, &[], &other).expect_err("it is not found out");
+    assert_eq!(fault.reason, FaultReason::WorkLimit { limit: 10_000 });
+    assert!(fault.to_string().contains("takes more than 10000 steps"), "{fault}");
+    let cancel = Cancel::new();
+    cancel.set();
+    let stopped = initial.limit_work(u64::MAX, Some(&cancel));
+    assert!(!stopped.holds(&other));
+}
+
+#[test]
+fn facts_of_axioms_have_a_count_of_their_own() {
+    let all = OFFICE.trim_end().strip_suffix(')').expect("a definition");
+    // Eight thousand combinations of five locations have to be tried for the first axiom.
+    let easy = over_locations("exists", 5, "(not (= ?v5 ?v5))");
+    let hard = over_locations("exists", 30, "(not (= ?v30 ?v30))");
+    let text = format!(
+        "{all} (:derived (near ?l - location) (or (= ?l ?l) {easy}))
+               (:derived (far) {hard}))"
+    );
+    let text = text.replace("(:predicates", "(:predicates (near ?l - location) (far)");
+    let (domain, problem) = parse(&text, MORNING);
+    let condition = |text: &str| pddl::parse_condition(text).into_result().expect("a condition");
+    let world = World::initial(&domain, &problem).expect("makes sense");
+    let world = world.limit_work(100_000, None);
+    // The condition takes all of its steps; the facts of the axiom are complete.
+    let long = over_locations("exists", 30, "(and (near ?v1) (not (= ?v30 ?v30)))");
+    assert!(!world.holds(&long));
+    assert_eq!(world.work_limit_reached(), Some(100_000));
+    world.renew_work();
+    assert!(world.holds(&condition("(forall (?l - location) (near ?l))")));
+    assert_eq!(world.work_limit_reached(), None);
+    // The limit ends the evaluation of an axiom, so that nothing is known any more.
+    assert!(!world.holds(&condition("(not (far))")));
+    world.renew_work();
+    assert_eq!(world.work_limit_reached(), Some(100_000));
+    assert!(!world.holds(&condition("(near hall)")));
+    assert_eq!(world.limit_work(1_000_000, None).work_limit_reached(), Some(1_000_000));
 }

@@ -117,13 +117,15 @@ fn a_variable_may_touch_the_word_before_it() {
 
 #[test]
 fn a_package_of_lisp_may_stand_before_the_definition() {
-    check(
-        &format!("(in-package \"PDDL\")\n{LAMP}"),
-        "(define (problem p) (:domain d) (:objects a - lamp) (:goal (lit a)))",
-        "`in-package` is of Lisp",
-        "(in-package \"PDDL\")",
-        "(light a)",
-    );
+    for word in ["in-package", "IN-PACKAGE", "In-Package"] {
+        check(
+            &format!("({word} \"PDDL\")\n{LAMP}"),
+            "(define (problem p) (:domain d) (:objects a - lamp) (:goal (lit a)))",
+            &format!("`{word}` is of Lisp"),
+            &format!("({word} \"PDDL\")"),
+            "(light a)",
+        );
+    }
 }
 
 #[test]

@@ -118,3 +118,37 @@ fn plans_that_share_an_agent_or_a_fact_interfere() {
         Some((0, 0)),
     );
 }
+
+#[test]
+fn quantifiers_with_too_many_bindings_count_for_every_fact() {
+    let variables: Vec<String> = (0..20).map(|number| format!("?v{number}")).collect();
+    let variables = variables.join(" ");
+    let domain = domain(&format!(
+        "(:predicates (seen ?x) (shut ?x) (lit ?x) (calm)) (:functions (level ?x))
+         (:action look :parameters (?x) :effect (seen ?x))
+         (:action light :parameters (?x) :effect (lit ?x))
+         (:action fill :parameters (?x) :effect (assign (level ?x) 1))
+         (:action check :parameters () :effect (calm)
+           :precondition (forall ({variables}) (or (= ?v0 ?v19) (seen ?v0) (not (seen ?v19)))))
+         (:action close :parameters () :effect (forall ({variables}) (when (seen ?v19) (shut ?v0))))
+         (:action drain :parameters () :effect (forall ({variables}) (assign (level ?v19) 0)))"
+    ));
+    let problem = problem("(:objects a b c) (:init) (:goal (and))");
+    let (domain, problem) = parse(&domain, &problem);
+    let world = World::initial(&domain, &problem).expect("makes sense");
+    for (steps, expected) in [
+        ("(look a) (check)", vec![vec![], vec![0]]),
+        ("(light a) (check)", vec![vec![], vec![]]),
+        ("(check) (look b)", vec![vec![], vec![0]]),
+        ("(look a) (close)", vec![vec![], vec![0]]),
+        ("(close) (look a)", vec![vec![], vec![0]]),
+        ("(close) (close)", vec![vec![], vec![0]]),
+        ("(close) (light a)", vec![vec![], vec![]]),
+        ("(fill a) (drain)", vec![vec![], vec![0]]),
+        ("(drain) (fill c)", vec![vec![], vec![0]]),
+        ("(drain) (check)", vec![vec![], vec![]]),
+    ] {
+        let plan = pddl::parse_plan(steps).into_result().expect("the plan parses");
+        assert_eq!(deorder(&world, &plan.steps).predecessors, expected, "{steps}");
+    }
+}

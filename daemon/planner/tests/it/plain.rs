@@ -68,3 +68,32 @@ fn a_number_that_is_never_given_is_named() {
     assert!(told.contains("`(temp room)` has no value, and no action assigns it one"), "{told}");
     assert!(!told.contains("undo"), "{told}");
 }
+
+#[test]
+fn nothing_is_claimed_of_a_goal_that_is_not_looked_at_to_the_end() {
+    let (domain, problem) = parse(
+        &domain(
+            "(:predicates (fuel) (a) (b))
+             (:action one :precondition (and (fuel) (b)) :effect (and (a) (not (fuel))))",
+        ),
+        &problem("(:init (fuel)) (:goal (a))"),
+    );
+    let cancel = Cancel::new();
+    cancel.set();
+    let told = why_unsolvable(&domain, &problem, 1 << 30, &cancel).expect("it is told").to_string();
+    assert_eq!(told, "no sequence of steps reaches all parts of the goal");
+    let told = why_unsolvable(&domain, &problem, 1 << 30, &Cancel::new()).expect("it is told");
+    assert!(told.to_string().contains("`(a)` cannot be reached"), "{told}");
+}
+
+#[test]
+fn parts_beyond_those_that_are_looked_at_are_not_spoken_of() {
+    // Each of seventy parts can be reached alone, and there is fuel for one.
+    let objects: Vec<String> = (0..70).map(|number| format!("o{number}")).collect();
+    let told = why(
+        "(:predicates (done ?x) (fuel))
+         (:action work :parameters (?x) :precondition (fuel) :effect (and (done ?x) (not (fuel))))",
+        &format!("(:objects {}) (:init (fuel)) (:goal (forall (?x) (done ?x)))", objects.join(" ")),
+    );
+    assert_eq!(told, "no sequence of steps reaches all parts of the goal");
+}

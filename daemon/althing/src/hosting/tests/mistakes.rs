@@ -448,6 +448,39 @@ async fn a_goal_that_can_never_be_true_names_the_conjunct() {
     }
 }
 
+#[tokio::test(start_paused = true)]
+async fn a_goal_that_stands_for_too_many_conditions_is_told_so_and_delays_no_other() {
+    let variables: Vec<String> = (1..=30).map(|number| format!("?v{number}")).collect();
+    let variables = format!("({} - location)", variables.join(" "));
+    for mode in MODES {
+        let robot = entry("turtlebot-1", "turtlebot", "{ start = \"office2\" }");
+        let office = Office::open(&[robot], mode).await;
+        let (mut hasty, mut person) = (office.person("hasty"), office.person("user"));
+        for (body, limit) in [
+            // Written out, more conditions than any memory holds.
+            (
+                "forall {} (imply (connected ?v1 ?v2) (or (connected ?v2 ?v1) (connected ?v3 ?v4)))",
+                "more than 200000 conditions and terms",
+            ),
+            // One condition, of which every combination of places has to be tried.
+            ("exists {} (not (= ?v30 ?v30))", "more than 3000000 steps"),
+        ] {
+            let goal = format!("({})", body.replace("{}", &variables));
+            hasty.wish(&goal, Keep::Achieve).await;
+            let room = if limit.contains("steps") { "office1" } else { "conf-room" };
+            let other = format!("(at turtlebot-1 {room})");
+            assert!(person.reaches(&other).await, "{mode:?}: {:#?}", person.lines);
+            assert!(!hasty.hears().await, "{mode:?}: {:#?}", hasty.lines);
+            let why = hasty.lines.last().expect("a reason");
+            assert!(
+                why.contains("the goal is too large") && why.contains(limit),
+                "{mode:?}: {why}"
+            );
+        }
+        office.close().await;
+    }
+}
+
 //  a user agent that is restarted and requests its goal again ===
 
 #[tokio::test(start_paused = true)]
