@@ -159,61 +159,6 @@ impl DeviceClass {
     }
 }
 
-/// Returns the factor and the offset that convert a value from one unit to another; `None` if the units
-/// measure different things.
-pub(crate) fn conversion(from: &str, to: &str) -> Option<(f64, f64)> {
-    match (plain(from).as_str(), plain(to).as_str()) {
-        (one, other) if one == other => Some((1.0, 0.0)),
-        // A missing unit means the usual one.
-        ("", _) => Some((1.0, 0.0)),
-        ("f", "c") => Some((5.0 / 9.0, -160.0 / 9.0)),
-        ("k", "c") => Some((1.0, -273.15)),
-        ("c", "f") => Some((1.8, 32.0)),
-        ("klx", "lx") => Some((1_000.0, 0.0)),
-        ("ppb", "ppm") => Some((0.001, 0.0)),
-        _ => None,
-    }
-}
-
-/// Returns the canonical spelling of a unit.
-fn plain(unit: &str) -> String {
-    let unit = unit.trim().trim_start_matches(['°', 'º']).trim().to_lowercase();
-    match unit.as_str() {
-        "℃" | "degc" | "cel" | "celsius" => "c",
-        "℉" | "degf" | "fahrenheit" => "f",
-        "kelvin" => "k",
-        "lux" => "lx",
-        "%rh" | "% rh" | "rh%" => "%",
-        other => other,
-    }
-    .to_owned()
-}
-
-/// Whether a value is possible in its unit. Chips report special numbers for “no value”.
-pub(crate) fn is_possible(value: f64, unit: &str) -> bool {
-    // Larger numbers have no exact thousandths any more, and no quantity of a room is as large.
-    const LARGEST: f64 = 1e12;
-    if !value.is_finite() || value.abs() > LARGEST {
-        return false;
-    }
-    match plain(unit).as_str() {
-        // Thermometers that cannot be reached report -127 or -128, those without a probe 999 or 327.67; no
-        // room is as hot as 200 °C.
-        "c" => value > -127.0 && value <= 200.0,
-        "f" => value > -196.0 && value <= 392.0,
-        "k" => (0.0..=474.0).contains(&value),
-        // A million ppm is everything.
-        "ppm" => (0.0..=1e6).contains(&value),
-        "ppb" => (0.0..=1e9).contains(&value),
-        // Direct sunlight has a little more than 100,000 lx.
-        "lx" => (0.0..=1e6).contains(&value),
-        "lm" => value >= 0.0,
-        // Chips may measure a little above 100 %; 255 and 655.35 mean “no value”.
-        "%" => (0.0..=110.0).contains(&value),
-        _ => true,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -240,54 +185,5 @@ mod tests {
         assert!(problem.contains("`(lit` cannot be a name"), "{problem}");
         let problem = DeviceClasses::with(&half).expect_err("its words are not enough");
         assert!(problem.starts_with("classes.door: write"), "{problem}");
-    }
-
-    #[test]
-    fn values_that_cannot_be_are_none() {
-        for (value, unit, expected) in [
-            (21.5, "°C", true),
-            (-40.0, "°C", true),
-            (-127.0, "°C", false),
-            (-327.68, "°C", false),
-            (f64::NAN, "°C", false),
-            (1e305, "°C", false),
-            (f64::INFINITY, "hPa", false),
-            (-1e305, "hPa", false),
-            (1e13, "W", false),
-            (1e9, "lx", false),
-            (120_000.0, "lx", true),
-            (2e6, "ppm", false),
-            (999.0, "°C", false),
-            (327.67, "°C", false),
-            (95.0, "°C", true),
-            (700.0, "°F", false),
-            (100.4, "%", true),
-            (655.35, "%", false),
-            (-1.0, "ppm", false),
-            (-1.0, "hPa", true),
-        ] {
-            assert_eq!(is_possible(value, unit), expected, "{value} {unit}");
-        }
-    }
-
-    #[test]
-    fn units_are_made_ours() {
-        for (from, to, value, expected) in [
-            ("°F", "°C", 68.0, Some(20.0)),
-            ("K", "°C", 293.15, Some(20.0)),
-            ("lux", "lx", 12.0, Some(12.0)),
-            ("", "ppm", 400.0, Some(400.0)),
-            ("hPa", "°C", 1.0, None),
-            ("℃", "°C", 20.0, Some(20.0)),
-            ("klx", "lx", 1.5, Some(1500.0)),
-            ("% RH", "%", 40.0, Some(40.0)),
-        ] {
-            let converted = conversion(from, to).map(|(factor, more)| value * factor + more);
-            let is_it = match (converted, expected) {
-                (Some(one), Some(other)) => f64::abs(one - other) < 1e-9,
-                (one, other) => one.is_none() && other.is_none(),
-            };
-            assert!(is_it, "{from} {to}: {converted:?}");
-        }
     }
 }

@@ -5,11 +5,11 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 use acl::AgentId;
-use actuator::is_derived;
+use actuator::{is_derived, unit_conversion};
 use pddl::Domain;
 
 use crate::description::{DescribedDevice, DeviceFeature, NOT_OF_THE_ROOM, UnusedFeature};
-use crate::device_class::{ClassKind, DeviceClass, DeviceClasses, conversion};
+use crate::device_class::{ClassKind, DeviceClass, DeviceClasses};
 use crate::naming::name_of;
 
 /// The most reasons that are reported for one device.
@@ -185,7 +185,7 @@ fn known(
         });
     };
     let (factor, offset) = match class.kind() {
-        Some(ClassKind::Number { unit, .. }) => match conversion(&feature.unit, unit) {
+        Some(ClassKind::Number { unit, .. }) => match unit_conversion(&feature.unit, unit) {
             Some(conversion) => conversion,
             None => {
                 let said = &feature.unit;
