@@ -179,8 +179,17 @@ fn mistakes_say_what_would_be_right() {
         let problem = built.err().map(|error| error.to_string()).unwrap_or_default();
         assert_eq!(problem, format!("build `c`: {expected}"));
     }
-    let torn = MODEL.replace(":precondition", ":preconditon");
-    let built = commanded(&blueprint(json!({ "model": torn, "actions": { "brew": run } })));
-    let problem = built.err().map(|error| error.to_string()).unwrap_or_default();
-    assert!(problem.starts_with("build `c`: model:7:"), "{problem}");
+    for (model, expected) in [
+        (with(":precondition", ":preconditon"), "model:7:"),
+        (with(":agent ?c - brewer", ":agent ?c - foo"), "model:6:31: error: unknown type `foo`"),
+        (with("(brewed ?r) (not", "(bar) (not"), "model:8:21: error: unknown predicate `bar`"),
+        (with(":precondition (clean ?c)", ":precondition (cleen ?c)"), "unknown predicate `cleen`"),
+        (with("(:init (clean c))", "(:init (cleen c))"), "unknown predicate `cleen`"),
+        (with("(brewed ?r) (not", "(brewed ?r ?r) (not"), "model:8:"),
+    ] {
+        let built = commanded(&blueprint(json!({ "model": model, "actions": { "brew": run } })));
+        let problem = built.err().map(|error| error.to_string()).unwrap_or_default();
+        assert!(problem.starts_with("build `c`: model:"), "{problem}");
+        assert!(problem.contains(expected), "{problem} is not {expected}");
+    }
 }

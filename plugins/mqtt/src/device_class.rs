@@ -5,9 +5,16 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use actuator::OnOffPredicates;
 use serde::Deserialize;
+use serde_json::Value;
 
 /// The built-in table of classes.
 const BUILT_IN: &str = include_str!("classes.toml");
+
+/// Keys of a class in the config of a gateway.
+const KEYS: &[&str] = &[
+    "also", "agent", "action", "known", "value", "unit", "yes", "inverted", "state", "own", "at",
+    "all", "on", "off",
+];
 
 /// All device classes, by the class's own name.
 #[derive(Clone, Debug)]
@@ -72,12 +79,11 @@ impl DeviceClasses {
     /// # Errors
     ///
     /// Returns an error if an entry cannot be read, lacks names, or has a name that PDDL does not allow.
-    pub(crate) fn with(said: &serde_json::Value) -> Result<DeviceClasses, String> {
+    pub(crate) fn with(said: &Value) -> Result<DeviceClasses, String> {
         let mut classes: BTreeMap<String, DeviceClass> =
             toml::from_str(BUILT_IN).expect("invariant: a test reads what is built in");
         if !said.is_null() {
-            let more: BTreeMap<String, DeviceClass> = serde_json::from_value(said.clone())
-                .map_err(|error| format!("classes: {error}"))?;
+            let more = read(said)?;
             // A name that an entry of `said` uses no longer stands for a built-in class.
             let said: BTreeSet<&String> =
                 more.iter().flat_map(|(name, class)| class.also.iter().chain([name])).collect();
@@ -126,6 +132,28 @@ impl DeviceClasses {
     }
 }
 
+/// Reads the classes in the config of a gateway.
+///
+/// # Errors
+///
+/// Returns an error that names the class, and the key if there is no such key.
+fn read(said: &Value) -> Result<BTreeMap<String, DeviceClass>, String> {
+    let entries = said.as_object().ok_or("classes: write a table for each class")?;
+    let class = |(name, entry): (&String, &Value)| {
+        let keys = entry.as_object().into_iter().flatten().map(|(key, _)| key.as_str());
+        if let Some(unknown) = { keys }.find(|key| !KEYS.contains(key)) {
+            let help = match pddl::nearest(unknown, KEYS.iter().copied()) {
+                Some(nearest) => format!("did you mean `{nearest}`?"),
+                None => format!("there are {}", KEYS.join(", ")),
+            };
+            return Err(format!("classes.{name}: there is no key `{unknown}`; {help}"));
+        }
+        let class = serde_json::from_value(entry.clone());
+        Ok((name.clone(), class.map_err(|error| format!("classes.{name}: {error}"))?))
+    };
+    entries.iter().map(class).collect()
+}
+
 impl DeviceClass {
     /// Returns a name in the class's entry that PDDL does not allow; `None` if PDDL allows all of them.
     fn invalid_name(&self) -> Option<&str> {
@@ -161,6 +189,8 @@ impl DeviceClass {
 
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
     use super::*;
 
     #[test]
@@ -185,5 +215,38 @@ mod tests {
         assert!(problem.contains("`(lit` cannot be a name"), "{problem}");
         let problem = DeviceClasses::with(&half).expect_err("its words are not enough");
         assert!(problem.starts_with("classes.door: write"), "{problem}");
+    }
+
+    #[test]
+    fn a_misspelt_key_is_named_with_the_nearest_one() {
+        for (entry, expected) in [
+            (
+                json!({ "agnet": "barometer" }),
+                "classes.pressure: there is no key `agnet`; did you mean `agent`?",
+            ),
+            (
+                json!({ "agent": "barometer", "unti": "hPa" }),
+                "classes.pressure: there is no key `unti`; did you mean `unit`?",
+            ),
+            (
+                json!({ "colour": "red" }),
+                "classes.pressure: there is no key `colour`; there are also, agent, action, known, \
+                 value, unit, yes, inverted, state, own, at, all, on, off",
+            ),
+            (
+                json!({ "agent": 5 }),
+                "classes.pressure: invalid type: integer `5`, expected a string",
+            ),
+            (json!({}), "classes.pressure: missing field `agent`"),
+        ] {
+            let problem = DeviceClasses::with(&json!({ "pressure": entry })).expect_err(expected);
+            assert_eq!(problem, expected);
+        }
+        assert!(DeviceClasses::with(&json!("pressure")).is_err());
+        // The list of keys has all keys of the type.
+        let unknown = serde_json::from_value::<DeviceClass>(json!({ "?": 0 })).expect_err("no key");
+        let quoted = unknown.to_string();
+        let known: Vec<_> = quoted.split('`').skip(1).step_by(2).skip(1).collect();
+        assert_eq!(known, KEYS);
     }
 }
