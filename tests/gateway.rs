@@ -487,6 +487,15 @@ fn an_entity_is_away_by_itself_and_a_bad_description_takes_nothing_away() {
     assert!(problem.contains("homeassistant/sensor/n/a/config"), "{problem}");
     broker.retain("lab/t", "22.5");
     office.await_fact("(= (temperature office1) 22.5)", true);
+    // JSON of another shape takes nothing away, either.
+    broker.retain("homeassistant/sensor/n/a/config", r#"{"uniq_id":"temperature"}"#);
+    await_discovered(&office, "n1", |one| {
+        one["joined"] == true && one["problem"].to_string().contains("it has no `state_topic`")
+    });
+    broker.retain("lab/t", "23.5");
+    office.await_fact("(= (temperature office1) 23.5)", true);
+    broker.retain("lab/t", "22.5");
+    office.await_fact("(= (temperature office1) 22.5)", true);
 
     // One invalid topic does not block the others, also after the broker was away.
     let bad = json!({ "dev_cla": "temperature", "stat_t": "lab/#/bad" });

@@ -75,6 +75,11 @@ fn of_what_hung_nobody_knows_whether_it_was_done() {
     let (code, said) = office.ask(&["goal", "(tea-ready office1)"]);
     assert_eq!(code, Some(1), "{said}");
     assert!(said.contains("failed to finish within 500ms"), "{said}");
+    office.await_fact("(unknown (filled kettle-1))", true);
+    office.await_fact("(unknown (tea-ready office1))", true);
     office.await_fact("(filled kettle-1)", false);
+    // No goal holds because of a fact that is unknown.
+    let (code, said) = office.ask(&["goal", "(not (filled kettle-1))"]);
+    assert_eq!(code, Some(1), "{said}");
     assert_eq!(fs::read_to_string(office.folder().join("log")).unwrap_or_default(), "filled\n");
 }

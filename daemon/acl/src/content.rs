@@ -437,7 +437,8 @@ pub enum Reason {
     StandingBy,
     /// Whether the action was done is unknown: the agent was restarted during it.
     Uncertain,
-    /// Whether the action was done is unknown: it exceeded its time limit and was ended.
+    /// Whether the action was done is unknown: it exceeded its time limit and was ended, or was ended
+    /// from outside.
     TimedOut,
     /// No person answered the question in time.
     Unanswered,

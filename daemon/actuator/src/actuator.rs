@@ -406,7 +406,8 @@ impl<D: Device> Actuator<D> {
                 self.device.on_failure(&call, &failure);
                 let report = Report::new(Outcome::Failed, format!("failed to {failure}"));
                 // The action was ended at an unknown point.
-                let is_unknown = matches!(failure, MethodFailure::TimedOut(_));
+                let is_unknown =
+                    matches!(failure, MethodFailure::TimedOut(_) | MethodFailure::Interrupted(_));
                 Report { declined: is_unknown.then_some(Reason::TimedOut), ..report }
             }
         };

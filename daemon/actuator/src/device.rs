@@ -122,6 +122,9 @@ pub enum MethodFailure {
     /// The driver of the device returned this error.
     #[error("{0}")]
     Driver(String),
+    /// The method was ended from outside at an unknown point, for this reason.
+    #[error("{0}")]
+    Interrupted(String),
     /// The method took longer than its time limit, which is given here.
     #[error("finish within {0:?}")]
     TimedOut(Duration),

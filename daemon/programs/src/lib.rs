@@ -18,6 +18,9 @@ const OUTPUT_BYTES_MAX: usize = 64 << 10;
 /// Maximum length of a line of a program's standard error in an error message, in characters.
 const ERROR_CHARS_MAX: usize = 160;
 
+/// Operation of a program that could not be started, in an error message.
+const START: &str = "run";
+
 /// A program and the arguments that it is run with.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Program {
@@ -65,6 +68,18 @@ pub enum ProgramError {
     },
 }
 
+impl ProgramError {
+    /// Whether the program was started and did not end by itself, so that it is unknown how far it came.
+    pub fn is_cut_short(&self) -> bool {
+        match self {
+            ProgramError::System { what, .. } => *what != START,
+            ProgramError::TimedOut { .. } | ProgramError::TooMuch { .. } => true,
+            // A program that a signal has ended has no exit code.
+            ProgramError::Failed { status, .. } => status.code().is_none(),
+        }
+    }
+}
+
 impl Program {
     /// Takes the first element of `list` as the program and the others as its arguments. Returns `None` if
     /// the list or its first element is empty.
@@ -99,7 +114,7 @@ impl Program {
         let mut command = Command::new(&self.program);
         command.args(&self.arguments).stdin(Stdio::null()).stdout(Stdio::piped());
         command.stderr(Stdio::piped()).kill_on_drop(true).process_group(0);
-        let mut child = command.spawn().map_err(failed("run"))?;
+        let mut child = command.spawn().map_err(failed(START))?;
         let _group = child.id().map(ProgramGroup);
         let (text, complaint) = tokio::join!(read(child.stdout.take()), read(child.stderr.take()));
         let text = text.map_err(failed("read the output of"))?;

@@ -105,6 +105,10 @@ impl Config {
             let problem = format!("model: write (:domain {domain}), as the ecosystem has it");
             return Err(blueprint.problem(problem));
         }
+        let found = pddl::check_action_model(&blueprint.host.ontology, &model);
+        if let Some(first) = found.iter().find(|found| found.is_error()) {
+            return Err(blueprint.problem(format!("model:{}", first.located(&self.model))));
+        }
         if !model.durative_actions.is_empty() {
             return Err(blueprint.problem("model: durative actions are not built yet"));
         }

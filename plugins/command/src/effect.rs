@@ -23,9 +23,19 @@ impl AgentFacts {
     pub(crate) fn add(&mut self, fact: InitElement) {
         let key = match &fact {
             InitElement::Assign(fluent, _) => format!("= {fluent}"),
+            // A fact is true, false or unknown, so the latest of these replaces the others.
+            InitElement::Not(atom) | InitElement::Unknown(atom) => atom.to_string(),
             other => other.to_string(),
         };
         self.0.insert(key, fact);
+    }
+
+    /// Returns whether a fact is true; `None` if it is unknown. A fact that is not listed is false.
+    fn value_of(&self, atom: &Atom) -> Option<bool> {
+        match self.0.get(&atom.to_string()) {
+            Some(InitElement::Unknown(_)) => None,
+            listed => Some(matches!(listed, Some(InitElement::Atom(_)))),
+        }
     }
 
     /// Applies an action's effect, and returns the facts that it adds.
@@ -59,20 +69,31 @@ impl AgentFacts {
         added
     }
 
-    /// Applies only the deletions of an effect that may or may not have come about: facts that the effect
-    /// would have made untrue are no longer known.
-    pub(crate) fn apply_deletions(
+    /// Applies an effect that may or may not have come about: facts that it would have changed become
+    /// unknown.
+    pub(crate) fn apply_uncertain(
         &mut self,
         effect: &Effect,
         arguments: &BTreeMap<String, String>,
     ) {
-        match effect {
-            Effect::And(effects) => {
-                effects.iter().for_each(|each| self.apply_deletions(each, arguments))
+        let mut after = AgentFacts(self.0.clone());
+        after.apply(effect, arguments);
+        for atom in atoms(effect) {
+            let atom = ground(atom, arguments);
+            if self.value_of(&atom) != after.value_of(&atom) {
+                self.add(InitElement::Unknown(atom));
             }
-            Effect::Delete(_) => drop(self.apply(effect, arguments)),
-            _ => (),
         }
+    }
+}
+
+/// Returns the atoms that an effect makes true or false.
+fn atoms(effect: &Effect) -> Vec<&Atom> {
+    match effect {
+        Effect::And(effects) => effects.iter().flat_map(atoms).collect(),
+        Effect::Add(atom) | Effect::Delete(atom) => vec![atom],
+        // Only costs are left here: `check` refuses all other effects.
+        Effect::Assign(_) | Effect::Forall(..) | Effect::When(..) => Vec::new(),
     }
 }
 

@@ -4,8 +4,10 @@
 //!   facts.
 //! - The crate `programs` runs programs, and ends each one with all processes that it started.
 //! - If a program succeeds, the effect of its action becomes true. Lines that the program prints in
-//!   parentheses are additional facts, such as `(= (temperature office1) 21.5)`; the last other line is a
-//!   message to people.
+//!   parentheses are additional facts, such as `(= (temperature office1) 21.5)` or `(not (lit office1))`;
+//!   the last other line is a message to people.
+//! - If a program is ended before it has finished, the facts that its action would have changed are
+//!   unknown.
 //! - After a failure the actuator offers no actions for a while, so that plans are made without it.
 
 mod config;
@@ -96,6 +98,7 @@ impl Device for CommandActuator {
             let printed = program.run(time_out).await;
             printed.map_err(|error| match error {
                 ProgramError::TimedOut { within, .. } => MethodFailure::TimedOut(within),
+                cut if cut.is_cut_short() => MethodFailure::Interrupted(cut.to_string()),
                 other => MethodFailure::Driver(other.to_string()),
             })
         })
@@ -118,8 +121,8 @@ impl Device for CommandActuator {
 
     fn on_failure(&mut self, call: &MethodCall, failure: &MethodFailure) {
         let action = self.model.actions.iter().find(|action| action.name.as_str() == call.method);
-        if let (MethodFailure::TimedOut(_), Some(action)) = (failure, action) {
-            self.known.apply_deletions(&action.effect, &call.arguments);
+        if let (true, Some(action)) = (is_end_unknown(failure), action) {
+            self.known.apply_uncertain(&action.effect, &call.arguments);
         }
         if *failure != MethodFailure::GivenUp {
             self.paused_until = Some(Instant::now() + REST_AFTER_FAILURE);
@@ -143,14 +146,24 @@ impl Device for CommandActuator {
     }
 }
 
+/// Whether it is unknown after a failure how far the program came. A program that ended by itself and
+/// reported a failure has changed nothing.
+fn is_end_unknown(failure: &MethodFailure) -> bool {
+    !matches!(
+        failure,
+        MethodFailure::UnknownMethod(_)
+            | MethodFailure::MissingArgument(_)
+            | MethodFailure::Driver(_)
+    )
+}
+
 /// Returns the facts in the output of a program, and the last other line of the output as a message to
 /// people. A line in parentheses that is no valid fact counts as a message.
 fn read(printed: &str) -> (Vec<InitElement>, Option<String>) {
     let (mut facts, mut told) = (Vec::new(), None);
     for line in printed.lines().map(str::trim).filter(|line| !line.is_empty()) {
         let parsed = pddl::parse_init_elements(line);
-        let is_sayable =
-            |fact: &InitElement| matches!(fact, InitElement::Atom(_) | InitElement::Assign(..));
+        let is_sayable = |fact: &InitElement| !matches!(fact, InitElement::At(..));
         match parsed.value.filter(|_| line.starts_with('(') && parsed.diagnostics.is_empty()) {
             Some(found) if found.iter().all(is_sayable) => facts.extend(found),
             _ => told = Some(line.chars().take(QUOTED_CHARS).collect()),

@@ -34,10 +34,14 @@ fn brewer(script: &str, more: Value) -> CommandActuator {
     commanded(&blueprint(json!({ "model": MODEL, "actions": { "brew": brew } }))).expect("right")
 }
 
-async fn brew(device: &mut CommandActuator) -> Result<String, String> {
+fn call_of_brew() -> MethodCall {
     let arguments = [("c", "c"), ("r", "kitchen")].map(|(key, value)| (key.into(), value.into()));
     let (action, method) = ("(brew c kitchen)".to_owned(), "brew".to_owned());
-    let call = MethodCall { action, method, arguments: arguments.into() };
+    MethodCall { action, method, arguments: arguments.into() }
+}
+
+async fn brew(device: &mut CommandActuator) -> Result<String, String> {
+    let call = call_of_brew();
     match device.perform(&call).await {
         Ok(printed) => Ok(device.on_success(&call, printed).detail),
         Err(failure) => {
@@ -73,14 +77,62 @@ async fn what_ended_well_has_done_what_its_action_says() {
 
 #[tokio::test]
 async fn who_fails_has_done_nothing_and_of_who_hangs_nothing_is_known_and_both_rest() {
-    for (script, expected, known) in [
-        ("echo it is empty >&2; exit 3", "run `/bin/sh`: exit status: 3: it is empty", 1),
-        ("sleep 60", "finish within 200ms", 0),
+    let flood = "head -c 70000 /dev/zero; sleep 60";
+    let too_much = "read the output of `/bin/sh`: it prints more than 64 KiB";
+    for (script, time_out, expected, known) in [
+        (
+            "echo it is empty >&2; exit 3",
+            "20s",
+            "run `/bin/sh`: exit status: 3: it is empty",
+            &["(clean c)"][..],
+        ),
+        ("sleep 60", "200ms", "finish within 200ms", UNKNOWN),
+        ("kill -9 $$", "20s", "run `/bin/sh`: signal: 9 (SIGKILL)", UNKNOWN),
+        (flood, "20s", too_much, UNKNOWN),
     ] {
-        let mut device = brewer(script, json!({ "time-out": "200ms" }));
+        let mut device = brewer(script, json!({ "time-out": time_out }));
         assert_eq!(brew(&mut device).await, Err(expected.to_owned()));
-        assert_eq!(facts(&device), ["(clean c)"][..known]);
+        assert_eq!(facts(&device), known, "{script}");
         assert!(device.describe().model.actions.is_empty());
+    }
+}
+
+/// The facts of the brewer after a program that was ended before it had finished.
+const UNKNOWN: &[&str] = &["(unknown (brewed kitchen))", "(unknown (clean c))"];
+
+#[tokio::test]
+async fn what_is_cancelled_may_have_been_done() {
+    let mut device = brewer("sleep 60", json!({}));
+    device.on_failure(&call_of_brew(), &MethodFailure::GivenUp);
+    assert_eq!(facts(&device), UNKNOWN);
+    assert_eq!(device.describe().model.actions.len(), 1, "it has not failed");
+}
+
+#[tokio::test]
+async fn what_would_not_have_changed_stays_known() {
+    let mut device = brewer("true", json!({}));
+    assert!(brew(&mut device).await.is_ok());
+    assert_eq!(facts(&device), ["(brewed kitchen)"]);
+    let hangs = MethodFailure::TimedOut(Duration::from_secs(1));
+    device.on_failure(&call_of_brew(), &hangs);
+    assert_eq!(facts(&device), ["(brewed kitchen)"], "it is brewed and not clean either way");
+    // What succeeds later is known again.
+    let mut device = brewer("true", json!({}));
+    device.on_failure(&call_of_brew(), &hangs);
+    assert!(brew(&mut device).await.is_ok());
+    assert_eq!(facts(&device), ["(brewed kitchen)"]);
+}
+
+#[tokio::test]
+async fn a_program_says_what_is_false_or_unknown() {
+    for (printed, known, detail) in [
+        ("(not (brewed kitchen))", "(not (brewed kitchen))", "(brew c kitchen) is done"),
+        ("(unknown (brewed kitchen))", "(unknown (brewed kitchen))", "(brew c kitchen) is done"),
+        ("(at 5 (brewed kitchen))", "(brewed kitchen)", "(at 5 (brewed kitchen))"),
+    ] {
+        let mut device = brewer(&format!("echo '{printed}'"), json!({}));
+        assert_eq!(brew(&mut device).await.as_deref(), Ok(detail));
+        assert_eq!(facts(&device), [known]);
     }
 }
 
@@ -127,8 +179,17 @@ fn mistakes_say_what_would_be_right() {
         let problem = built.err().map(|error| error.to_string()).unwrap_or_default();
         assert_eq!(problem, format!("build `c`: {expected}"));
     }
-    let torn = MODEL.replace(":precondition", ":preconditon");
-    let built = commanded(&blueprint(json!({ "model": torn, "actions": { "brew": run } })));
-    let problem = built.err().map(|error| error.to_string()).unwrap_or_default();
-    assert!(problem.starts_with("build `c`: model:7:"), "{problem}");
+    for (model, expected) in [
+        (with(":precondition", ":preconditon"), "model:7:"),
+        (with(":agent ?c - brewer", ":agent ?c - foo"), "model:6:31: error: unknown type `foo`"),
+        (with("(brewed ?r) (not", "(bar) (not"), "model:8:21: error: unknown predicate `bar`"),
+        (with(":precondition (clean ?c)", ":precondition (cleen ?c)"), "unknown predicate `cleen`"),
+        (with("(:init (clean c))", "(:init (cleen c))"), "unknown predicate `cleen`"),
+        (with("(brewed ?r) (not", "(brewed ?r ?r) (not"), "model:8:"),
+    ] {
+        let built = commanded(&blueprint(json!({ "model": model, "actions": { "brew": run } })));
+        let problem = built.err().map(|error| error.to_string()).unwrap_or_default();
+        assert!(problem.starts_with("build `c`: model:"), "{problem}");
+        assert!(problem.contains(expected), "{problem} is not {expected}");
+    }
 }

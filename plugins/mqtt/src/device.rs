@@ -12,13 +12,13 @@ use acl::Deadline;
 use acl::content::Method;
 use actuator::{
     BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult, OwnFact,
-    facts_of, model_of,
+    facts_of, is_possible_value, model_of,
 };
 use mqtt_link::BrokerConnection;
 use pddl::Domain;
 use tokio::time::Instant;
 
-use crate::device_class::{ClassKind, is_possible};
+use crate::device_class::ClassKind;
 use crate::feature_tracker::{FeatureStatus, FeatureTracker, ObservedValue, TextContent};
 use crate::part::{ClassifiedFeature, DevicePart, leads};
 use crate::text_reading::ReadOutcome;
@@ -128,7 +128,7 @@ impl ClassifiedFeature {
         };
         let Some(ClassKind::Number { unit, .. }) = self.class.kind() else { return None };
         let value = number * self.factor + self.offset;
-        if !is_possible(value, unit) {
+        if !is_possible_value(value, unit) {
             let problem = format!("it reports {told}, which is impossible in {unit}");
             return Some(TextContent::NotKnown(problem));
         }

@@ -5,9 +5,16 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use actuator::OnOffPredicates;
 use serde::Deserialize;
+use serde_json::Value;
 
 /// The built-in table of classes.
 const BUILT_IN: &str = include_str!("classes.toml");
+
+/// Keys of a class in the config of a gateway.
+const KEYS: &[&str] = &[
+    "also", "agent", "action", "known", "value", "unit", "yes", "inverted", "state", "own", "at",
+    "all", "on", "off",
+];
 
 /// All device classes, by the class's own name.
 #[derive(Clone, Debug)]
@@ -72,12 +79,11 @@ impl DeviceClasses {
     /// # Errors
     ///
     /// Returns an error if an entry cannot be read, lacks names, or has a name that PDDL does not allow.
-    pub(crate) fn with(said: &serde_json::Value) -> Result<DeviceClasses, String> {
+    pub(crate) fn with(said: &Value) -> Result<DeviceClasses, String> {
         let mut classes: BTreeMap<String, DeviceClass> =
             toml::from_str(BUILT_IN).expect("invariant: a test reads what is built in");
         if !said.is_null() {
-            let more: BTreeMap<String, DeviceClass> = serde_json::from_value(said.clone())
-                .map_err(|error| format!("classes: {error}"))?;
+            let more = read(said)?;
             // A name that an entry of `said` uses no longer stands for a built-in class.
             let said: BTreeSet<&String> =
                 more.iter().flat_map(|(name, class)| class.also.iter().chain([name])).collect();
@@ -126,6 +132,28 @@ impl DeviceClasses {
     }
 }
 
+/// Reads the classes in the config of a gateway.
+///
+/// # Errors
+///
+/// Returns an error that names the class, and the key if there is no such key.
+fn read(said: &Value) -> Result<BTreeMap<String, DeviceClass>, String> {
+    let entries = said.as_object().ok_or("classes: write a table for each class")?;
+    let class = |(name, entry): (&String, &Value)| {
+        let keys = entry.as_object().into_iter().flatten().map(|(key, _)| key.as_str());
+        if let Some(unknown) = { keys }.find(|key| !KEYS.contains(key)) {
+            let help = match pddl::nearest(unknown, KEYS.iter().copied()) {
+                Some(nearest) => format!("did you mean `{nearest}`?"),
+                None => format!("there are {}", KEYS.join(", ")),
+            };
+            return Err(format!("classes.{name}: there is no key `{unknown}`; {help}"));
+        }
+        let class = serde_json::from_value(entry.clone());
+        Ok((name.clone(), class.map_err(|error| format!("classes.{name}: {error}"))?))
+    };
+    entries.iter().map(class).collect()
+}
+
 impl DeviceClass {
     /// Returns a name in the class's entry that PDDL does not allow; `None` if PDDL allows all of them.
     fn invalid_name(&self) -> Option<&str> {
@@ -159,64 +187,10 @@ impl DeviceClass {
     }
 }
 
-/// Returns the factor and the offset that convert a value from one unit to another; `None` if the units
-/// measure different things.
-pub(crate) fn conversion(from: &str, to: &str) -> Option<(f64, f64)> {
-    match (plain(from).as_str(), plain(to).as_str()) {
-        (one, other) if one == other => Some((1.0, 0.0)),
-        // A missing unit means the usual one.
-        ("", _) => Some((1.0, 0.0)),
-        ("f", "c") => Some((5.0 / 9.0, -160.0 / 9.0)),
-        ("k", "c") => Some((1.0, -273.15)),
-        ("c", "f") => Some((1.8, 32.0)),
-        ("klx", "lx") => Some((1_000.0, 0.0)),
-        ("ppb", "ppm") => Some((0.001, 0.0)),
-        _ => None,
-    }
-}
-
-/// Returns the canonical spelling of a unit.
-fn plain(unit: &str) -> String {
-    let unit = unit.trim().trim_start_matches(['°', 'º']).trim().to_lowercase();
-    match unit.as_str() {
-        "℃" | "degc" | "cel" | "celsius" => "c",
-        "℉" | "degf" | "fahrenheit" => "f",
-        "kelvin" => "k",
-        "lux" => "lx",
-        "%rh" | "% rh" | "rh%" => "%",
-        other => other,
-    }
-    .to_owned()
-}
-
-/// Whether a value is possible in its unit. Chips report special numbers for “no value”.
-pub(crate) fn is_possible(value: f64, unit: &str) -> bool {
-    // Larger numbers have no exact thousandths any more, and no quantity of a room is as large.
-    const LARGEST: f64 = 1e12;
-    if !value.is_finite() || value.abs() > LARGEST {
-        return false;
-    }
-    match plain(unit).as_str() {
-        // Thermometers that cannot be reached report -127 or -128, those without a probe 999 or 327.67; no
-        // room is as hot as 200 °C.
-        "c" => value > -127.0 && value <= 200.0,
-        "f" => value > -196.0 && value <= 392.0,
-        "k" => (0.0..=474.0).contains(&value),
-        // A million ppm is everything.
-        "ppm" => (0.0..=1e6).contains(&value),
-        "ppb" => (0.0..=1e9).contains(&value),
-        // Direct sunlight has a little more than 100,000 lx.
-        "lx" => (0.0..=1e6).contains(&value),
-        "lm" => value >= 0.0,
-        // Chips may measure a little above 100 %; 255 and 655.35 mean “no value”.
-        "%" => (0.0..=110.0).contains(&value),
-        _ => true,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use actuator::OnOffNames;
+    use serde_json::json;
 
     use super::*;
 
@@ -260,51 +234,35 @@ mod tests {
     }
 
     #[test]
-    fn values_that_cannot_be_are_none() {
-        for (value, unit, expected) in [
-            (21.5, "°C", true),
-            (-40.0, "°C", true),
-            (-127.0, "°C", false),
-            (-327.68, "°C", false),
-            (f64::NAN, "°C", false),
-            (1e305, "°C", false),
-            (f64::INFINITY, "hPa", false),
-            (-1e305, "hPa", false),
-            (1e13, "W", false),
-            (1e9, "lx", false),
-            (120_000.0, "lx", true),
-            (2e6, "ppm", false),
-            (999.0, "°C", false),
-            (327.67, "°C", false),
-            (95.0, "°C", true),
-            (700.0, "°F", false),
-            (100.4, "%", true),
-            (655.35, "%", false),
-            (-1.0, "ppm", false),
-            (-1.0, "hPa", true),
+    fn a_misspelt_key_is_named_with_the_nearest_one() {
+        for (entry, expected) in [
+            (
+                json!({ "agnet": "barometer" }),
+                "classes.pressure: there is no key `agnet`; did you mean `agent`?",
+            ),
+            (
+                json!({ "agent": "barometer", "unti": "hPa" }),
+                "classes.pressure: there is no key `unti`; did you mean `unit`?",
+            ),
+            (
+                json!({ "colour": "red" }),
+                "classes.pressure: there is no key `colour`; there are also, agent, action, known, \
+                 value, unit, yes, inverted, state, own, at, all, on, off",
+            ),
+            (
+                json!({ "agent": 5 }),
+                "classes.pressure: invalid type: integer `5`, expected a string",
+            ),
+            (json!({}), "classes.pressure: missing field `agent`"),
         ] {
-            assert_eq!(is_possible(value, unit), expected, "{value} {unit}");
+            let problem = DeviceClasses::with(&json!({ "pressure": entry })).expect_err(expected);
+            assert_eq!(problem, expected);
         }
-    }
-
-    #[test]
-    fn units_are_made_ours() {
-        for (from, to, value, expected) in [
-            ("°F", "°C", 68.0, Some(20.0)),
-            ("K", "°C", 293.15, Some(20.0)),
-            ("lux", "lx", 12.0, Some(12.0)),
-            ("", "ppm", 400.0, Some(400.0)),
-            ("hPa", "°C", 1.0, None),
-            ("℃", "°C", 20.0, Some(20.0)),
-            ("klx", "lx", 1.5, Some(1500.0)),
-            ("% RH", "%", 40.0, Some(40.0)),
-        ] {
-            let converted = conversion(from, to).map(|(factor, more)| value * factor + more);
-            let is_it = match (converted, expected) {
-                (Some(one), Some(other)) => f64::abs(one - other) < 1e-9,
-                (one, other) => one.is_none() && other.is_none(),
-            };
-            assert!(is_it, "{from} {to}: {converted:?}");
-        }
+        assert!(DeviceClasses::with(&json!("pressure")).is_err());
+        // The list of keys has all keys of the type.
+        let unknown = serde_json::from_value::<DeviceClass>(json!({ "?": 0 })).expect_err("no key");
+        let quoted = unknown.to_string();
+        let known: Vec<_> = quoted.split('`').skip(1).step_by(2).skip(1).collect();
+        assert_eq!(known, KEYS);
     }
 }

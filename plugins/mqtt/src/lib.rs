@@ -13,6 +13,7 @@
 //! - `feature_tracker` keeps the last values of a device: a feature is known, not known, or away.
 //! - `text_reading` finds values in JSON and through templates; `template` renders the templates of Home
 //!   Assistant.
+//! - `room_air` decides which values are about the air of a room.
 //! - `naming` makes names of agents and compares names of rooms.
 //!
 //! The gateway itself has no facts and offers no actions. When the gateway stops, the agents of its devices
@@ -28,6 +29,7 @@ mod feature_tracker;
 mod home_assistant;
 mod naming;
 mod part;
+mod room_air;
 mod shelly;
 mod tasmota;
 mod template;

@@ -5,12 +5,13 @@ use std::fmt::Write as _;
 use std::time::Duration;
 
 use acl::AgentId;
-use actuator::is_derived;
+use actuator::{is_derived, unit_conversion};
 use pddl::Domain;
 
 use crate::description::{DescribedDevice, DeviceFeature, NOT_OF_THE_ROOM, UnusedFeature};
-use crate::device_class::{ClassKind, DeviceClass, DeviceClasses, conversion};
+use crate::device_class::{ClassKind, DeviceClass, DeviceClasses};
 use crate::naming::name_of;
+use crate::room_air;
 
 /// The most reasons that are reported for one device.
 const REASONS_MAX: usize = 6;
@@ -52,6 +53,7 @@ impl DividedDevice {
         let mut unused = device.unused.clone();
         let mut features: Vec<_> = device.features.iter().collect();
         features.sort_by_key(|feature| feature.rank);
+        let is_in_a_thing = room_air::is_in_a_thing(&device.name);
         for feature in features {
             let known = match known(feature, classes) {
                 Ok(known) => known,
@@ -83,7 +85,7 @@ impl DividedDevice {
                         measured.push(known);
                     }
                 }
-                Some(_) if known.feature.rank >= NOT_OF_THE_ROOM => {
+                Some(_) if known.feature.rank >= NOT_OF_THE_ROOM || is_in_a_thing => {
                     let (name, label) = (&known.name, &known.feature.label);
                     unused.push(UnusedFeature::as_usual(format!(
                         "its {name} `{label}` is not about the room, as its name shows"
@@ -185,7 +187,7 @@ fn known(
         });
     };
     let (factor, offset) = match class.kind() {
-        Some(ClassKind::Number { unit, .. }) => match conversion(&feature.unit, unit) {
+        Some(ClassKind::Number { unit, .. }) => match unit_conversion(&feature.unit, unit) {
             Some(conversion) => conversion,
             None => {
                 let said = &feature.unit;

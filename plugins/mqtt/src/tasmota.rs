@@ -26,9 +26,9 @@ fn is_chip(name: &str) -> bool {
 #[derive(Debug, Default)]
 pub(crate) struct TasmotaDiscovery {
     devices: BTreeMap<String, (Value, Value)>,
-    /// Reason why the last message of a device could not be read, by address; the description of the device
-    /// then stays as it was.
-    problems: BTreeMap<String, String>,
+    /// Reason why the last message on a topic could not be read, by the address of the device and the last
+    /// level of the topic; the description of the device then stays as it was.
+    problems: BTreeMap<(String, String), String>,
 }
 
 impl TasmotaDiscovery {
@@ -40,14 +40,22 @@ impl TasmotaDiscovery {
     pub(crate) fn receive_discovery(&mut self, topic: &str, text: &str) -> Result<(), String> {
         let mut levels = topic.rsplit('/');
         let (Some(what), Some(address)) = (levels.next(), levels.next()) else { return Ok(()) };
+        let known = self.devices.get(address);
         let said = match text.trim().is_empty() {
-            true => Value::Null,
-            false => serde_json::from_str(text).map_err(|error| {
-                self.problems.insert(address.to_owned(), format!("`{topic}`: {error}"));
-                error.to_string()
-            })?,
+            true => Ok(Value::Null),
+            false => read(what, text, known),
         };
-        self.problems.remove(address);
+        let place = (address.to_owned(), what.to_owned());
+        let said = match said {
+            Ok(said) => said,
+            Err(problem) => {
+                if known.is_some() {
+                    self.problems.insert(place, format!("`{topic}`: {problem}"));
+                }
+                return Err(problem);
+            }
+        };
+        self.problems.remove(&place);
         let device = self.devices.entry(address.to_owned()).or_default();
         match what {
             "config" => device.0 = said,
@@ -64,7 +72,8 @@ impl TasmotaDiscovery {
     pub(crate) fn devices(&self) -> Vec<DescribedDevice> {
         let described = |(address, (config, sensors)): (&String, &(Value, Value))| {
             let mut device = described(address, config, sensors)?;
-            if let Some(problem) = self.problems.get(address) {
+            let of_device = self.problems.iter().filter(|((of, _), _)| of == address);
+            for (_, problem) in of_device {
                 let reason = format!("its last description cannot be read: {problem}");
                 device.unused.push(UnusedFeature::because(reason));
             }
@@ -72,6 +81,33 @@ impl TasmotaDiscovery {
         };
         self.devices.iter().filter_map(described).collect()
     }
+}
+
+/// Reads a discovery message. `known` has the config and the sensors that the device described before.
+///
+/// # Errors
+///
+/// Returns the problem in words if the text is no JSON, or lacks what the description before had: such a
+/// message is no update.
+fn read(what: &str, text: &str, known: Option<&(Value, Value)>) -> Result<Value, String> {
+    let said: Value = serde_json::from_str(text).map_err(|error| error.to_string())?;
+    let lacks = |before: &Value, key: &str| {
+        let is_alike = |value: &Value| match before[key] {
+            Value::String(_) => value.is_string(),
+            Value::Array(_) => value.is_array(),
+            Value::Object(_) => value.is_object(),
+            _ => true,
+        };
+        (!is_alike(&said[key])).then(|| format!("it has no `{key}` as before"))
+    };
+    let problem = match (what, known) {
+        ("config", Some((before, _))) => {
+            ["t", "ft", "tp", "rl"].iter().find_map(|key| lacks(before, key))
+        }
+        ("sensors", Some((_, before))) => lacks(before, "sn"),
+        _ => None,
+    };
+    problem.map_or(Ok(said), Err)
 }
 
 /// The config message of a device, which states the device's topics and texts.
@@ -295,6 +331,30 @@ mod tests {
         assert!(discovery.receive_discovery("tasmota/discovery/A4CF12D1E2F3/config", "{").is_err());
         let reason = &discovery.devices()[0].unused[0].reason;
         assert!(reason.contains("its last description cannot be read"), "{reason}");
+        // JSON of another shape takes nothing away, either.
+        for (what, text) in [
+            ("config", r#"{"ver":1}"#),
+            ("config", "{}"),
+            ("config", "5"),
+            ("config", r#"{"t":7,"rl":[1]}"#),
+            (
+                "config",
+                r#"{"t":"tasmota_D1E2F3","ft":"%prefix%/%topic%/","tp":["cmnd","stat","tele"]}"#,
+            ),
+            ("sensors", "[]"),
+            ("sensors", r#"{"ver":1}"#),
+        ] {
+            let topic = format!("tasmota/discovery/A4CF12D1E2F3/{what}");
+            assert!(discovery.receive_discovery(&topic, text).is_err(), "{text}");
+            let device = &discovery.devices()[0];
+            assert_eq!(device.features.len(), 3, "{text}");
+            assert!(!device.unused.is_empty(), "{text}");
+        }
+        for (what, text) in [("config", CONFIG), ("sensors", SENSORS)] {
+            let topic = format!("tasmota/discovery/A4CF12D1E2F3/{what}");
+            discovery.receive_discovery(&topic, text).expect("it can be read again");
+        }
+        assert!(discovery.devices()[0].unused.is_empty());
         discovery
             .receive_discovery("tasmota/discovery/A4CF12D1E2F3/config", "")
             .expect("taken back");

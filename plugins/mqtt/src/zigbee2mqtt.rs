@@ -24,7 +24,6 @@ struct ZigbeeDevice {
 
 #[derive(Deserialize)]
 struct ZigbeeDefinition {
-    #[serde(default)]
     exposes: Vec<ExposedFeature>,
 }
 
@@ -82,7 +81,7 @@ impl ZigbeeDiscovery {
             problem
         })?;
         self.problem = None;
-        let mut devices = BTreeMap::new();
+        let (mut devices, mut unnamed) = (BTreeMap::new(), None);
         for device in told {
             let text = |key: &str| device.get(key).and_then(Value::as_str).map(str::to_owned);
             let (address, name) = (text("ieee_address"), text("friendly_name"));
@@ -95,7 +94,7 @@ impl ZigbeeDiscovery {
                 // A device that cannot be read does not affect the others, and stays as it was.
                 Err(error) => {
                     let Some(address) = address else {
-                        tracing::warn!("ignored a device of Zigbee2MQTT: {error}");
+                        unnamed = Some(error.to_string());
                         continue;
                     };
                     let known = self.devices.remove(&address);
@@ -108,8 +107,15 @@ impl ZigbeeDiscovery {
                 }
             }
         }
+        if unnamed.is_some() {
+            // It may be any of the devices that the text does not name.
+            let earlier = std::mem::take(&mut self.devices).into_iter();
+            let kept = earlier.filter(|(address, _)| !devices.contains_key(address));
+            devices.extend(kept.collect::<Vec<_>>());
+        }
         self.devices = devices;
-        Ok(())
+        self.problem.clone_from(&unnamed);
+        unnamed.map_or(Ok(()), Err)
     }
 
     pub(crate) fn devices(&self) -> Vec<DescribedDevice> {

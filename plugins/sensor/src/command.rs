@@ -13,8 +13,8 @@ use programs::Program;
 use tokio::time::Instant;
 
 use crate::config::HardwareConfig;
-use crate::quantity::is_yes;
-use crate::text;
+use crate::quantity::{SensorQuantity, is_yes};
+use crate::text::{self, FoundValue, TextFormat};
 use crate::{MEASURING, Measurement, Probe};
 
 /// Default pause between two runs of the program for a quantity that is announced when it changes.
@@ -27,15 +27,15 @@ const _: () = assert!(RUNNING.as_millis() < MEASURING.as_millis());
 #[derive(Clone)]
 struct CommandProbe {
     program: Program,
-    /// JSON pointer to the value in the output of the program; `None` if the whole output is the value.
-    pointer: Option<String>,
-    factor: f64,
+    /// How the value is read from the output of the program.
+    format: TextFormat,
     every: Duration,
 }
 
 pub(crate) fn probe(
     blueprint: &Blueprint,
-    hardware: HardwareConfig,
+    mut hardware: HardwareConfig,
+    quantities: &[&SensorQuantity],
 ) -> Result<Arc<dyn Probe>, BuildError> {
     let missing = || {
         blueprint.problem(
@@ -43,18 +43,14 @@ pub(crate) fn probe(
              command = [\"cat\", \"/run/temperature\"]",
         )
     };
-    let HardwareConfig { command, json, factor, every, .. } = hardware;
+    let format = hardware.text_format(blueprint, quantities);
+    let HardwareConfig { command, every, .. } = hardware;
     let program = Program::of(command.into_iter().flatten()).ok_or_else(missing)?;
-    let factor = factor.unwrap_or(1.0);
-    if !factor.is_finite() || factor == 0.0 {
-        return Err(
-            blueprint.problem(format!("factor = {factor}: write a finite number other than 0"))
-        );
-    }
+    let format = format?;
     let every = every.as_deref().map(humantime::parse_duration).transpose();
     let every = every.map_err(|error| blueprint.problem(format!("every: {error}")))?;
     let every = every.unwrap_or(LOOK_AGAIN);
-    Ok(Arc::new(CommandProbe { program, pointer: json, factor, every }))
+    Ok(Arc::new(CommandProbe { program, format, every }))
 }
 
 impl CommandProbe {
@@ -62,16 +58,17 @@ impl CommandProbe {
         let name = self.program.name();
         let printed = self.program.run(RUNNING).await.map_err(|error| error.to_string())?;
         let printed = printed.trim();
-        let said = match &self.pointer {
-            None => printed.to_owned(),
-            Some(pointer) => text::at(printed, pointer).ok_or_else(|| {
+        let said = match &self.format.pointer {
+            None => FoundValue { word: printed.to_owned(), unit: None },
+            Some(pointer) => text::at(printed, pointer, quantity).ok_or_else(|| {
                 format!("find {pointer} in what `{name}` prints: {}", text::excerpt(printed))
             })?,
         };
-        let value = text::value(&said, quantity).ok_or_else(|| {
-            format!("read a number from what `{name}` prints: {}", text::excerpt(&said))
-        })?;
-        Ok(value * self.factor)
+        let quantity = SensorQuantity::named(quantity)?;
+        let wanted = if quantity.is_noticed() { "yes or no" } else { "a number" };
+        self.format
+            .value(&said, quantity)
+            .map_err(|problem| format!("read {wanted} from what `{name}` prints: {problem}"))
     }
 }
 
@@ -127,7 +124,9 @@ mod tests {
         for (command, more, expected) in [
             (&["echo", "21.5"][..], json!({}), "21.5 °C at lab"),
             (&["echo", "48312"], json!({ "factor": 0.001 }), "48.3 °C at lab"),
-            (&["echo", weather], json!({ "json": "/main/temp" }), "288.6 °C at lab"),
+            (&["echo", weather], json!({ "json": "/main/temp", "unit": "K" }), "15.5 °C at lab"),
+            (&["echo", "68 °F"], json!({}), "20.0 °C at lab"),
+            (&["echo", "68"], json!({ "unit": "°F" }), "20.0 °C at lab"),
             (&["echo", weather], json!({ "json": "/main/words" }), "12.5 °C at lab"),
             // No shell interprets the arguments.
             (&["printf", "%s", "7.25"], json!({}), "7.2 °C at lab"),
@@ -138,10 +137,34 @@ mod tests {
 
     #[tokio::test]
     async fn what_goes_wrong_is_told() {
+        let weather = r#"{"main": {"temp": 288.65}}"#;
         for (command, more, expected) in [
             (&["echo", "$HOME"][..], json!({}), "read a number from what `echo` prints: $HOME"),
             (&["echo", "nan"], json!({}), "read a number from what `echo` prints: nan"),
             (&["true"], json!({}), "read a number from what `true` prints: "),
+            (&["echo", "on"], json!({}), "read a number from what `echo` prints: on"),
+            (&["echo", "closed"], json!({}), "read a number from what `echo` prints: closed"),
+            (
+                &["echo", "999"],
+                json!({}),
+                "read a number from what `echo` prints: 999, which is impossible in °C",
+            ),
+            (
+                &["echo", "1e305"],
+                json!({}),
+                "read a number from what `echo` prints: 1e305, which is impossible in °C",
+            ),
+            (
+                &["echo", weather],
+                json!({ "json": "/main/temp" }),
+                "288.65, which is impossible in °C",
+            ),
+            (&["echo"], json!({ "unit": "hPa" }), "unit = \"hPa\": it cannot be converted to °C"),
+            (
+                &["echo"],
+                json!({ "unit": "F", "factor": 2 }),
+                "`factor` converts the number already: write `factor` or `unit`",
+            ),
             (&["echo", "{}"], json!({ "json": "/a" }), "find /a in what `echo` prints: {}"),
             (&["/no/such/program"], json!({}), "run `/no/such/program`: No such file or directory"),
             (

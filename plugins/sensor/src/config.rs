@@ -2,11 +2,13 @@
 
 use std::path::PathBuf;
 
-use actuator::PlaceName;
+use actuator::{PlaceName, unit_conversion};
 use agent::{Blueprint, BuildError};
 use gpio_lines::{Bias, LineName};
 use serde::Deserialize;
 
+use crate::quantity::SensorQuantity;
+use crate::text::TextFormat;
 use crate::{COMMAND, GPIO, LINUX, MQTT, PHIDGET};
 
 /// The `config` of a sensor's entry in the ecosystem file.
@@ -35,6 +37,8 @@ pub(crate) struct Config {
     /// Drivers `command` and `phidget`: factor that converts the number to the quantity's unit. The driver
     /// `phidget` allows it only for a sensor without a unit.
     factor: Option<f64>,
+    /// Drivers `command` and `mqtt`: unit of the numbers whose text has none, such as `"°F"`.
+    unit: Option<String>,
     /// Driver `command`: pause between two runs for a quantity that is announced when it changes, such as
     /// `"5s"`.
     every: Option<String>,
@@ -84,6 +88,7 @@ pub(crate) struct HardwareConfig {
     pub(crate) command: Option<Vec<String>>,
     pub(crate) json: Option<String>,
     pub(crate) factor: Option<f64>,
+    pub(crate) unit: Option<String>,
     pub(crate) every: Option<String>,
     pub(crate) wiring: PhidgetWiring,
     pub(crate) broker: Option<String>,
@@ -97,6 +102,48 @@ pub(crate) struct HardwareConfig {
     pub(crate) bias: Option<Bias>,
     pub(crate) debounce: Option<String>,
     pub(crate) chips: Option<PathBuf>,
+}
+
+impl HardwareConfig {
+    /// Moves out of the config how values are read from texts, and returns it.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the factor is no number to multiply by, or the unit fits no quantity of the
+    /// sensor.
+    pub(crate) fn text_format(
+        &mut self,
+        blueprint: &Blueprint,
+        quantities: &[&SensorQuantity],
+    ) -> Result<TextFormat, BuildError> {
+        let format = TextFormat {
+            pointer: self.json.take(),
+            unit: self.unit.take(),
+            factor: self.factor.take(),
+        };
+        if let Some(factor) = format.factor.filter(|factor| !factor.is_finite() || *factor == 0.0) {
+            let problem = format!("factor = {factor}: write a finite number other than 0");
+            return Err(blueprint.problem(problem));
+        }
+        if let Some(unit) = &format.unit {
+            let fits = |quantity: &&&SensorQuantity| {
+                !quantity.is_noticed() && unit_conversion(unit, quantity.unit()).is_some()
+            };
+            if quantities.iter().find(fits).is_none() {
+                let own = quantities.first().map_or("", |quantity| quantity.unit());
+                let problem = match own {
+                    "" => format!("unit = \"{unit}\": a yes or no has no unit"),
+                    own => format!("unit = \"{unit}\": it cannot be converted to {own}"),
+                };
+                return Err(blueprint.problem(problem));
+            }
+            if format.factor.is_some() {
+                let problem = "`factor` converts the number already: write `factor` or `unit`";
+                return Err(blueprint.problem(problem));
+            }
+        }
+        Ok(format)
+    }
 }
 
 /// The connection of a Phidget to its interface kit or hub, and the Phidget's part number.
@@ -118,35 +165,10 @@ impl Config {
     /// Returns an error if a key belongs to another driver than that of the entry, or `json` is no JSON
     /// pointer.
     pub(crate) fn hardware(&mut self, blueprint: &Blueprint) -> Result<HardwareConfig, BuildError> {
-        let said = [
-            ("device", &[LINUX][..], self.device.is_some()),
-            ("channel", &[LINUX], self.channel.is_some()),
-            ("sysfs", &[LINUX], self.sysfs.is_some()),
-            ("command", &[COMMAND], self.command.is_some()),
-            ("json", &[COMMAND, MQTT], self.json.is_some()),
-            ("factor", &[COMMAND, PHIDGET], self.factor.is_some()),
-            ("every", &[COMMAND], self.every.is_some()),
-            ("library", &[PHIDGET], self.library.is_some()),
-            ("serial", &[PHIDGET], self.serial.is_some()),
-            ("hub-port", &[PHIDGET], self.hub_port.is_some()),
-            ("port", &[PHIDGET], self.port.is_some()),
-            ("humidity-port", &[PHIDGET], self.humidity_port.is_some()),
-            ("sensor", &[PHIDGET], self.sensor.is_some()),
-            ("broker", &[MQTT], self.broker.is_some()),
-            ("user", &[MQTT], self.user.is_some()),
-            ("password-file", &[MQTT], self.password_file.is_some()),
-            ("ca", &[MQTT], self.ca.is_some()),
-            ("topic", &[MQTT], self.topic.is_some()),
-            ("availability", &[MQTT], self.availability.is_some()),
-            ("line", &[GPIO], self.line.is_some()),
-            ("active-low", &[GPIO], self.active_low.is_some()),
-            ("bias", &[GPIO], self.bias.is_some()),
-            ("debounce", &[GPIO], self.debounce.is_some()),
-            ("chips", &[GPIO], self.chips.is_some()),
-        ];
+        let said = self.driver_keys();
         let this = blueprint.driver.as_str();
         let is_of_another =
-            |(_, drivers, is_said): &&(&str, &[&str], bool)| *is_said && !drivers.contains(&this);
+            |(_, drivers, is_said): &&(_, &[&str], bool)| *is_said && !drivers.contains(&this);
         if let Some((key, drivers, _)) = said.iter().find(is_of_another) {
             let driver = drivers.first().copied().unwrap_or_default();
             let problem =
@@ -165,6 +187,7 @@ impl Config {
             command: self.command.take(),
             json: self.json.take(),
             factor: self.factor.take(),
+            unit: self.unit.take(),
             every: self.every.take(),
             wiring: self.wiring(),
             broker: self.broker.take(),
@@ -180,6 +203,38 @@ impl Config {
             chips: self.chips.take(),
         })
     }
+
+    /// Returns the keys that are for drivers, the drivers of each, and whether the config has the key.
+    fn driver_keys(&self) -> Vec<(&'static str, &'static [&'static str], bool)> {
+        vec![
+            ("device", &[LINUX], self.device.is_some()),
+            ("channel", &[LINUX], self.channel.is_some()),
+            ("sysfs", &[LINUX], self.sysfs.is_some()),
+            ("command", &[COMMAND], self.command.is_some()),
+            ("json", &[COMMAND, MQTT], self.json.is_some()),
+            ("factor", &[COMMAND, PHIDGET], self.factor.is_some()),
+            ("unit", &[COMMAND, MQTT], self.unit.is_some()),
+            ("every", &[COMMAND], self.every.is_some()),
+            ("library", &[PHIDGET], self.library.is_some()),
+            ("serial", &[PHIDGET], self.serial.is_some()),
+            ("hub-port", &[PHIDGET], self.hub_port.is_some()),
+            ("port", &[PHIDGET], self.port.is_some()),
+            ("humidity-port", &[PHIDGET], self.humidity_port.is_some()),
+            ("sensor", &[PHIDGET], self.sensor.is_some()),
+            ("broker", &[MQTT], self.broker.is_some()),
+            ("user", &[MQTT], self.user.is_some()),
+            ("password-file", &[MQTT], self.password_file.is_some()),
+            ("ca", &[MQTT], self.ca.is_some()),
+            ("topic", &[MQTT], self.topic.is_some()),
+            ("availability", &[MQTT], self.availability.is_some()),
+            ("line", &[GPIO], self.line.is_some()),
+            ("active-low", &[GPIO], self.active_low.is_some()),
+            ("bias", &[GPIO], self.bias.is_some()),
+            ("debounce", &[GPIO], self.debounce.is_some()),
+            ("chips", &[GPIO], self.chips.is_some()),
+        ]
+    }
+
     fn wiring(&mut self) -> PhidgetWiring {
         PhidgetWiring {
             library: self.library.take(),

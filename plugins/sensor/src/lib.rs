@@ -183,8 +183,8 @@ impl Sensor {
         let hardware = config.hardware(blueprint)?;
         let probe = match blueprint.driver.as_str() {
             LINUX => linux::probe(blueprint, hardware, &quantities)?,
-            COMMAND => command::probe(blueprint, hardware)?,
-            MQTT => mqtt::probe(blueprint, hardware)?,
+            COMMAND => command::probe(blueprint, hardware, &quantities)?,
+            MQTT => mqtt::probe(blueprint, hardware, &quantities)?,
             PHIDGET => phidget::probe(blueprint, hardware, &quantities)?,
             GPIO => gpio::probe(blueprint, hardware, &quantities)?,
             _ => simulated::probe(blueprint)?,
@@ -311,7 +311,7 @@ impl Device for Sensor {
             return Box::pin(std::future::ready(Err(unknown)));
         };
         let measured = self.probe.measure(quantity.name);
-        Box::pin(async move { believable(measured.await).map_err(MethodFailure::Driver) })
+        Box::pin(async move { believable(quantity, measured.await).map_err(MethodFailure::Driver) })
     }
 
     fn on_success(&mut self, call: &MethodCall, measured: Measurement) -> MethodResult {
@@ -341,7 +341,7 @@ impl Device for Sensor {
                 if let Some(until) = rests_until {
                     tokio::time::sleep_until(until).await;
                 }
-                believable(probe.notice(quantity.name, known).await)
+                believable(quantity, probe.notice(quantity.name, known).await)
             };
             let news = async {
                 match news {
@@ -388,7 +388,7 @@ impl Sensor {
     fn take_news(&mut self) {
         for quantity in &self.quantities {
             let said = self.probe.last_report(quantity.name);
-            match said.map(believable) {
+            match said.map(|said| believable(quantity, said)) {
                 Some(Ok(measured)) => drop(self.measured.insert(quantity.name, measured)),
                 // The latest report has no value, so the earlier one is no longer valid.
                 Some(Err(problem)) => {
@@ -414,12 +414,13 @@ impl Sensor {
     }
 }
 
-/// Turns a number that PDDL cannot express into an error of the driver.
-fn believable(measured: Result<Measurement, String>) -> Result<Measurement, String> {
-    match measured {
-        Ok(Measurement { value, .. }) if !value.is_finite() => {
-            Err(format!("use the measured value {value}: it is no finite number"))
-        }
-        other => other,
-    }
+/// Turns a value that is impossible for a quantity into an error of the driver.
+fn believable(
+    quantity: &SensorQuantity,
+    measured: Result<Measurement, String>,
+) -> Result<Measurement, String> {
+    let measured = measured?;
+    let possible = quantity.possible(measured.value);
+    possible.map_err(|problem| format!("use the measured value {problem}"))?;
+    Ok(measured)
 }

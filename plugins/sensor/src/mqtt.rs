@@ -17,8 +17,8 @@ use mqtt_link::{Broker, BrokerConnection, TopicState};
 use tokio::sync::watch;
 
 use crate::config::HardwareConfig;
-use crate::quantity::is_yes;
-use crate::text;
+use crate::quantity::{SensorQuantity, is_yes};
+use crate::text::{self, TextFormat};
 use crate::{MEASURING, Measurement, Probe};
 
 /// Time limit of waiting for the broker at the start, and for the first message of the device in a
@@ -31,8 +31,8 @@ struct MqttProbe {
     broker: Broker,
     topic: String,
     availability: Option<String>,
-    /// JSON pointer to the value in a JSON text; without it, the quantity's name is searched in the text.
-    pointer: Option<String>,
+    /// How values are read from texts; without a place in JSON, the quantity's name is searched.
+    format: TextFormat,
     /// Subscriptions, created at the first use, so that no connection is opened before the agent is active.
     subscriptions: Arc<Mutex<Option<TopicSubscriptions>>>,
     /// Number of messages of the device that were handled.
@@ -50,10 +50,11 @@ struct TopicSubscriptions {
 
 pub(crate) fn probe(
     blueprint: &Blueprint,
-    hardware: HardwareConfig,
+    mut hardware: HardwareConfig,
+    quantities: &[&SensorQuantity],
 ) -> Result<Arc<dyn Probe>, BuildError> {
-    let HardwareConfig { broker, user, password_file, ca, topic, availability, json, .. } =
-        hardware;
+    let format = hardware.text_format(blueprint, quantities)?;
+    let HardwareConfig { broker, user, password_file, ca, topic, availability, .. } = hardware;
     let topic = topic.ok_or_else(|| {
         let problem = "driver `mqtt` needs a `topic`, such as \"zigbee2mqtt/thermometer\"";
         blueprint.problem(problem)
@@ -71,7 +72,7 @@ pub(crate) fn probe(
         broker,
         topic,
         availability,
-        pointer: json,
+        format,
         subscriptions: link,
         handled_count: told,
     }))
@@ -96,11 +97,11 @@ impl MqttProbe {
     /// Returns the last value of a quantity, or the reason why the quantity has none; `None` if no message
     /// was received yet.
     fn read(&self, quantity: &str, said: &TopicState) -> Option<Result<Measurement, String>> {
-        let newest = said.texts.front()?;
+        let (newest, named) = (said.texts.front()?, SensorQuantity::named(quantity).ok()?);
         // A text without this quantity does not invalidate an earlier value; a text that reports no value
         // does.
         let measured = said.texts.iter().find_map(|word| {
-            let value = text::extract_value(&word.text, quantity, self.pointer.as_deref())?;
+            let value = self.format.extract(&word.text, named)?;
             Some(value.map(|value| Measurement { value, at: word.at }))
         });
         let problem =
@@ -329,7 +330,17 @@ mod tests {
             problem.to_string(),
             "receive a value on `zigbee2mqtt/thermo`: nothing was received yet"
         );
-        for rubbish in ["", "{", "[]", r#"{"temperature":null}"#, r#"{"temperature":"warm"}"#] {
+        for rubbish in [
+            "",
+            "{",
+            "[]",
+            "off",
+            "999",
+            r#"{"temperature":null}"#,
+            r#"{"temperature":"warm"}"#,
+            r#"{"temperature":false}"#,
+            r#"{"temperature":1e300}"#,
+        ] {
             broker.retain("zigbee2mqtt/thermo", rubbish);
             let mut sensor = thermometer(&broker).await;
             let failed = measure(&mut sensor, "temperature").await;

@@ -1,7 +1,7 @@
 //! The quantities that these sensors measure. To add a quantity, add its line to the table here and its
 //! names to the shared ontology; to simulate it, also add its line to the crate `building`.
 
-use actuator::is_derived;
+use actuator::{is_derived, is_possible_value};
 use pddl::Domain;
 
 /// A quantity that a sensor measures in its room.
@@ -17,8 +17,9 @@ pub(crate) struct SensorQuantity {
 /// The form of a quantity's value in the ontology, and as a text for people.
 #[derive(Debug)]
 pub(crate) enum ValueForm {
-    /// A number: `(= (FUNCTION ROOM) 21.5)` in PDDL; with its unit for people.
-    Number { function: &'static str, unit: &'static str, decimals: usize },
+    /// A number: `(= (FUNCTION ROOM) 21.5)` in PDDL. `unit` is the unit of the number, and `words` what
+    /// follows the number in texts for people.
+    Number { function: &'static str, unit: &'static str, words: &'static str, decimals: usize },
     /// A yes or no: `(PREDICATE ROOM)` or its negation. The sensor reports changes by itself.
     YesOrNo {
         predicate: &'static str,
@@ -33,11 +34,11 @@ pub(crate) enum ValueForm {
 
 /// The table of all quantities.
 pub(crate) const QUANTITIES: &[SensorQuantity] = &[
-    number("temperature", "temperature", "°C", 1),
-    number("humidity", "humidity", "% humidity", 0),
-    number("co2", "co2", "ppm of CO2", 0),
-    number("light", "light", "lx", 0),
-    number("distance", "free-distance", "m of free distance", 2),
+    number("temperature", "temperature", ("°C", "°C"), 1),
+    number("humidity", "humidity", ("%", "% humidity"), 0),
+    number("co2", "co2", ("ppm", "ppm of CO2"), 0),
+    number("light", "light", ("lx", "lx"), 0),
+    number("distance", "free-distance", ("m", "m of free distance"), 2),
     yes_or_no("motion", "motion", "motion", "no motion"),
     yes_or_no("reflection", "reflection", "something close by", "nothing close by"),
     SensorQuantity {
@@ -54,10 +55,10 @@ pub(crate) const QUANTITIES: &[SensorQuantity] = &[
 const fn number(
     name: &'static str,
     function: &'static str,
-    unit: &'static str,
+    (unit, words): (&'static str, &'static str),
     decimals: usize,
 ) -> SensorQuantity {
-    SensorQuantity { name, value: ValueForm::Number { function, unit, decimals } }
+    SensorQuantity { name, value: ValueForm::Number { function, unit, words, decimals } }
 }
 
 const fn yes_or_no(
@@ -83,6 +84,29 @@ impl SensorQuantity {
                 let known: Vec<_> = names().collect();
                 format!("unknown quantity `{name}`; known are {}", known.join(", "))
             }
+        })
+    }
+
+    /// Returns the unit of the quantity; empty for a yes or no.
+    pub(crate) fn unit(&self) -> &'static str {
+        match self.value {
+            ValueForm::Number { unit, .. } => unit,
+            ValueForm::YesOrNo { .. } => "",
+        }
+    }
+
+    /// Returns `value` if it is possible for the quantity, and the reason otherwise.
+    pub(crate) fn possible(&self, value: f64) -> Result<f64, String> {
+        let is_possible = is_possible_value(value, self.unit());
+        // A yes or no is 1 or 0, or the strength of a signal.
+        if is_possible && (!self.is_noticed() || value >= 0.0) {
+            return Ok(value);
+        }
+        // A number of hundreds of digits tells nothing.
+        let told = if value.abs() < 1e9 { value.to_string() } else { format!("{value:e}") };
+        Err(match self.unit() {
+            "" => format!("{told}, which is impossible"),
+            unit => format!("{told}, which is impossible in {unit}"),
         })
     }
 
@@ -159,7 +183,7 @@ impl SensorQuantity {
     /// Returns a value as a text for people.
     pub(crate) fn words(&self, value: f64) -> String {
         match self.value {
-            ValueForm::Number { unit, decimals, .. } => format!("{value:.decimals$} {unit}"),
+            ValueForm::Number { words, decimals, .. } => format!("{value:.decimals$} {words}"),
             ValueForm::YesOrNo { yes, .. } if is_yes(value) => yes.to_owned(),
             ValueForm::YesOrNo { no, .. } => no.to_owned(),
         }

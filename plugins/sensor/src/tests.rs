@@ -246,9 +246,25 @@ fn what_is_no_quantity_is_said_so() {
 }
 
 #[test]
-fn no_number_that_pddl_cannot_say_is_believed() {
-    for (value, is_believed) in [(0.0, true), (f64::NAN, false), (f64::INFINITY, false)] {
+fn no_impossible_number_is_believed_whichever_driver_has_it() {
+    for (quantity, value, is_believed) in [
+        ("temperature", 0.0, true),
+        ("temperature", f64::NAN, false),
+        ("temperature", f64::INFINITY, false),
+        ("temperature", 999.0, false),
+        ("temperature", -127.0, false),
+        ("temperature", -40.0, true),
+        ("humidity", 655.35, false),
+        ("humidity", 100.0, true),
+        ("co2", -1.0, false),
+        ("light", 2e6, false),
+        ("distance", -0.1, false),
+        ("motion", 1.0, true),
+        ("motion", -1.0, false),
+        ("contact", f64::NAN, false),
+    ] {
         let measured = Measurement { value, at: Instant::now() };
-        assert_eq!(believable(Ok(measured)).is_ok(), is_believed, "{value}");
+        let quantity = SensorQuantity::named(quantity).expect("a quantity");
+        assert_eq!(believable(quantity, Ok(measured)).is_ok(), is_believed, "{quantity:?} {value}");
     }
 }

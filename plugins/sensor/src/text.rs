@@ -1,5 +1,12 @@
 //! Finds values in the texts of programs and devices.
 
+use actuator::converted_value;
+use serde_json::Value;
+
+use crate::quantity::SensorQuantity;
+
+type Object = serde_json::Map<String, Value>;
+
 /// The most characters that are quoted of a text that is no measurement.
 const QUOTED_CHARS: usize = 60;
 
@@ -17,76 +24,88 @@ const ALIASES: &[(&str, &[&str])] = &[
 ];
 
 /// Beginnings of the names of chips that measure a Tasmota device itself, not the room.
-const CHIPS: &[&str] = &["ESP32", "ENERGY", "AXP", "MPU", "BL09"];
+const CHIPS: &[&str] = &["ESP32", "ENERGY", "AXP", "MPU", "BL09", "Shelly"];
 
-/// Returns the value that the JSON pointer `pointer` (RFC 6901) addresses in a JSON text, as a text.
-pub(crate) fn at(text: &str, pointer: &str) -> Option<String> {
-    let json: serde_json::Value = serde_json::from_str(text).ok()?;
-    json.pointer(pointer).map(plain)
+/// How the values of a sensor are read from texts.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct TextFormat {
+    /// JSON pointer (RFC 6901) to the value in a JSON text; `None` if the text has no place for it.
+    pub(crate) pointer: Option<String>,
+    /// Unit of numbers whose text has none; `None` if it is the unit of the quantity.
+    pub(crate) unit: Option<String>,
+    /// Factor that converts numbers to the unit of the quantity, whichever unit their text has.
+    pub(crate) factor: Option<f64>,
 }
 
-/// Returns the value of a quantity in a text, or the reason why the quantity has no value; `None` if the
-/// text is about other things, such as a battery.
-pub(crate) fn extract_value(
-    text: &str,
-    quantity: &str,
-    pointer: Option<&str>,
-) -> Option<Result<f64, String>> {
-    let is_json =
-        serde_json::from_str::<serde_json::Value>(text).is_ok_and(|json| json.is_object());
-    let word = match pointer {
-        Some(pointer) => at(text, pointer)?,
-        None if is_json => named(text, quantity)?,
-        None => text.to_owned(),
-    };
-    let said = value(&word, quantity).filter(|value| is_possible(*value, quantity));
-    Some(said.ok_or_else(|| excerpt(&word)))
+/// A value in a text, not yet interpreted.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct FoundValue {
+    /// The value itself.
+    pub(crate) word: String,
+    /// Unit that the text states beside the value.
+    pub(crate) unit: Option<String>,
 }
 
-/// Returns the value that a JSON object has under one of the names of a quantity. The value may also lie
-/// one level down, as in Tasmota's `{"SI7021": {"Temperature": 21.5}}`.
-pub(crate) fn named(text: &str, quantity: &str) -> Option<String> {
-    let json: serde_json::Value = serde_json::from_str(text).ok()?;
-    let object = json.as_object()?;
-    let aliases = ALIASES.iter().filter(|(name, _)| *name == quantity);
-    let names: Vec<_> = std::iter::once(quantity)
-        .chain(aliases.flat_map(|(_, names)| names.iter().copied()))
-        .collect();
-    type Object = serde_json::Map<String, serde_json::Value>;
-    let in_object = |object: &Object| {
-        let named = |name: &&str| object.iter().find(|(key, _)| name.eq_ignore_ascii_case(key));
-        names.iter().find_map(named).map(|(_, value)| plain(value))
-    };
-    in_object(object).or_else(|| {
-        // The temperature of a chip is not that of the room. A part that measures humidity too is
-        // preferred.
-        let is_own = |name: &String| CHIPS.iter().any(|chip| name.starts_with(chip));
-        let parts = object.iter().filter(|(name, _)| !is_own(name));
-        let mut parts: Vec<&Object> = parts.filter_map(|(_, part)| part.as_object()).collect();
-        parts.sort_by_key(|part| !part.keys().any(|key| key.eq_ignore_ascii_case("humidity")));
-        parts.into_iter().find_map(in_object)
-    })
-}
+impl TextFormat {
+    /// Returns the value of a quantity in a text, or the reason why the quantity has no value; `None` if
+    /// the text is about other things, such as a battery.
+    pub(crate) fn extract(
+        &self,
+        text: &str,
+        quantity: &SensorQuantity,
+    ) -> Option<Result<f64, String>> {
+        let is_json = serde_json::from_str::<Value>(text).is_ok_and(|json| json.is_object());
+        let found = match &self.pointer {
+            Some(pointer) => at(text, pointer, quantity.name)?,
+            None if is_json => named(text, quantity.name)?,
+            None => FoundValue { word: text.to_owned(), unit: None },
+        };
+        Some(self.value(&found, quantity))
+    }
 
-/// Whether a value is possible for a quantity. Chips report special numbers for “no value”.
-fn is_possible(value: f64, quantity: &str) -> bool {
-    match quantity {
-        "temperature" => value > -127.0,
-        "humidity" => (0.0..=110.0).contains(&value),
-        "co2" | "light" | "distance" => value >= 0.0,
-        _ => true,
+    /// Returns a value of a quantity, in the quantity's unit.
+    ///
+    /// # Errors
+    ///
+    /// Returns the beginning of the text if it is no number, or for a yes-or-no quantity no word for yes
+    /// or no; and a reason if the unit is another one, or the number is impossible.
+    pub(crate) fn value(
+        &self,
+        found: &FoundValue,
+        quantity: &SensorQuantity,
+    ) -> Result<f64, String> {
+        let unread = || excerpt(&found.word);
+        if quantity.is_noticed() {
+            let value = yes_or_no(&found.word, quantity.name).ok_or_else(unread)?;
+            return quantity.possible(value * self.factor.unwrap_or(1.0));
+        }
+        let (number, own) = number_with_unit(&found.word).ok_or_else(unread)?;
+        let value = match self.factor {
+            Some(factor) => number * factor,
+            None => {
+                let own = Some(own).filter(|unit| !unit.is_empty());
+                let unit = own.or(found.unit.as_deref()).or(self.unit.as_deref());
+                let (unit, wanted) = (unit.unwrap_or_default(), quantity.unit());
+                let other = || format!("{}, which is in `{unit}` and not in {wanted}", unread());
+                converted_value(number, unit, wanted).ok_or_else(other)?
+            }
+        };
+        quantity.possible(value)
     }
 }
 
-fn plain(value: &serde_json::Value) -> String {
-    match value {
-        serde_json::Value::String(text) => text.clone(),
-        other => other.to_string(),
-    }
+/// Returns the number at the beginning of a text and the unit behind it, which may be empty; `None` if the
+/// text begins with no number.
+fn number_with_unit(text: &str) -> Option<(f64, &str)> {
+    let text = text.trim();
+    let is_of_number = |symbol: char| symbol.is_ascii_digit() || "+-.eE".contains(symbol);
+    let end = text.find(|symbol| !is_of_number(symbol)).unwrap_or(text.len());
+    let number = text[..end].parse().ok()?;
+    Some((number, text[end..].trim()))
 }
 
-/// Returns the number in a text, or 1 or 0 if the text means yes or no; `None` for any other text.
-pub(crate) fn value(said: &str, quantity: &str) -> Option<f64> {
+/// Returns 1 or 0 for a text that means yes or no, and the number in any other; `None` if it has none.
+fn yes_or_no(said: &str, quantity: &str) -> Option<f64> {
     let word = said.trim().to_ascii_lowercase();
     match word.as_str() {
         // For a door, most devices report whether it is open; the quantity `contact` is whether it is
@@ -99,9 +118,71 @@ pub(crate) fn value(said: &str, quantity: &str) -> Option<f64> {
     }
 }
 
+/// Returns the value that a JSON pointer (RFC 6901) addresses in a JSON text.
+pub(crate) fn at(text: &str, pointer: &str, quantity: &str) -> Option<FoundValue> {
+    let json: Value = serde_json::from_str(text).ok()?;
+    let word = json.pointer(pointer).map(plain)?;
+    let (around, _) = pointer.rsplit_once('/')?;
+    let around = json.pointer(around).and_then(Value::as_object);
+    Some(FoundValue { word, unit: stated_unit(&json, around, quantity) })
+}
+
+/// Returns the value that a JSON object has under one of the names of a quantity. The value may also lie
+/// one level down, as in Tasmota's `{"SI7021": {"Temperature": 21.5}}`.
+pub(crate) fn named(text: &str, quantity: &str) -> Option<FoundValue> {
+    let json: Value = serde_json::from_str(text).ok()?;
+    let object = json.as_object()?;
+    let aliases = ALIASES.iter().filter(|(name, _)| *name == quantity);
+    let names: Vec<_> = std::iter::once(quantity)
+        .chain(aliases.flat_map(|(_, names)| names.iter().copied()))
+        .collect();
+    let in_object = |object: &Object| {
+        let named = |name: &&str| object.iter().find(|(key, _)| name.eq_ignore_ascii_case(key));
+        let (_, value) = names.iter().find_map(named)?;
+        Some(FoundValue { word: plain(value), unit: stated_unit(&json, Some(object), quantity) })
+    };
+    in_object(object).or_else(|| {
+        // The temperature of a chip is not that of the room. A part that measures humidity too is
+        // preferred.
+        let is_own = |name: &String| CHIPS.iter().any(|chip| name.starts_with(chip));
+        let parts = object.iter().filter(|(name, _)| !is_own(name));
+        let mut parts: Vec<&Object> = parts.filter_map(|(_, part)| part.as_object()).collect();
+        parts.sort_by_key(|part| !part.keys().any(|key| key.eq_ignore_ascii_case("humidity")));
+        parts.into_iter().find_map(in_object)
+    })
+}
+
+/// Returns the unit that a JSON text states for a quantity; `None` if it states none. A key with the
+/// quantity's name (`TempUnit`, `temperature_unit`) may also be at the top of the text. A plain `unit`
+/// counts beside the value only, and only if there is no other number that it may belong to.
+fn stated_unit(json: &Value, around: Option<&Object>, quantity: &str) -> Option<String> {
+    let unit = |object: &Object, names: &[&str]| {
+        let plain = |key: &str| key.replace(['_', '-', ' '], "").to_ascii_lowercase();
+        let found = object.iter().find(|(key, _)| names.contains(&plain(key).as_str()));
+        found.and_then(|(_, unit)| unit.as_str()).map(str::to_owned)
+    };
+    let own = format!("{quantity}unit");
+    let names: &[&str] = if quantity == "temperature" { &[&own, "tempunit"] } else { &[&own] };
+    let objects = [around, json.as_object()];
+    objects.into_iter().flatten().find_map(|object| unit(object, names)).or_else(|| {
+        let is_number = |value: &&Value| value.is_number();
+        let around = around.filter(|object| object.values().filter(is_number).count() <= 1)?;
+        unit(around, &["unit", "unitofmeasurement"])
+    })
+}
+
+fn plain(value: &Value) -> String {
+    match value {
+        Value::String(text) => text.clone(),
+        other => other.to_string(),
+    }
+}
+
 /// Whether a text of the availability topic means offline.
 pub(crate) fn is_offline(text: &str) -> bool {
-    let word = at(text, "/state").unwrap_or_else(|| text.trim().to_owned());
+    let json: Option<Value> = serde_json::from_str(text).ok();
+    let state = json.as_ref().and_then(|json| json.pointer("/state")).map(plain);
+    let word = state.unwrap_or_else(|| text.trim().to_owned());
     word.eq_ignore_ascii_case("offline")
 }
 
@@ -146,7 +227,8 @@ mod tests {
             ("21.5", "temperature", None),
             ("not json", "temperature", None),
         ] {
-            assert_eq!(named(text, quantity).as_deref(), expected, "{text}");
+            let found = named(text, quantity).map(|found| found.word);
+            assert_eq!(found.as_deref(), expected, "{text}");
         }
     }
 
@@ -162,8 +244,13 @@ mod tests {
             ("0", "contact", Some(0.0)),
             ("perhaps", "contact", None),
         ] {
-            assert_eq!(value(word, quantity), expected, "{word} of {quantity}");
+            let value = extract(word, quantity, &TextFormat::default());
+            assert_eq!(value.and_then(Result::ok), expected, "{word} of {quantity}");
         }
+    }
+
+    fn extract(text: &str, quantity: &str, format: &TextFormat) -> Option<Result<f64, String>> {
+        format.extract(text, SensorQuantity::named(quantity).expect("a quantity"))
     }
 
     #[test]
@@ -174,17 +261,90 @@ mod tests {
             (r#"{"battery":90}"#, "temperature", None),
             (r#"{"temperature":null}"#, "temperature", Some(Err("null"))),
             (r#"{"temperature":"warm"}"#, "temperature", Some(Err("warm"))),
-            (r#"{"temperature":-127}"#, "temperature", Some(Err("-127"))),
-            (r#"{"humidity":655.35}"#, "humidity", Some(Err("655.35"))),
+            (r#"{"temperature":false}"#, "temperature", Some(Err("false"))),
+            (r#"{"humidity":"on"}"#, "humidity", Some(Err("on"))),
+            (r#"{"motion":"on"}"#, "motion", Some(Ok(1.0))),
+            ("off", "temperature", Some(Err("off"))),
+            ("closed", "co2", Some(Err("closed"))),
+            ("no", "distance", Some(Err("no"))),
             ("nan", "temperature", Some(Err("nan"))),
+            ("inf", "temperature", Some(Err("inf"))),
             ("unavailable", "motion", Some(Err("unavailable"))),
+            ("warm", "motion", Some(Err("warm"))),
+            ("-127", "temperature", Some(Err("-127, which is impossible in °C"))),
+            ("999", "temperature", Some(Err("999, which is impossible in °C"))),
+            ("327.67", "temperature", Some(Err("327.67, which is impossible in °C"))),
+            ("1e305", "temperature", Some(Err("1e305, which is impossible in °C"))),
+            ("655.35", "humidity", Some(Err("655.35, which is impossible in %"))),
+            ("-1", "light", Some(Err("-1, which is impossible in lx"))),
+            ("-1", "motion", Some(Err("-1, which is impossible"))),
         ] {
             let expected = expected.map(|said| said.map_err(str::to_owned));
-            assert_eq!(extract_value(text, quantity, None), expected, "{text}");
+            assert_eq!(extract(text, quantity, &TextFormat::default()), expected, "{text}");
         }
-        assert_eq!(extract_value(r#"{"a":{"b":7}}"#, "co2", Some("/a/b")), Some(Ok(7.0)));
-        assert_eq!(extract_value(r#"{"battery":7}"#, "co2", Some("/a/b")), None);
-        assert_eq!(extract_value(r#"{"a":null}"#, "co2", Some("/a")), Some(Err("null".to_owned())));
+        let at = |pointer: &str| TextFormat {
+            pointer: Some(pointer.to_owned()),
+            ..TextFormat::default()
+        };
+        assert_eq!(extract(r#"{"a":{"b":7}}"#, "co2", &at("/a/b")), Some(Ok(7.0)));
+        assert_eq!(extract(r#"{"battery":7}"#, "co2", &at("/a/b")), None);
+        assert_eq!(extract(r#"{"a":null}"#, "co2", &at("/a")), Some(Err("null".to_owned())));
+    }
+
+    #[test]
+    fn units_are_read() {
+        let is_pascal = "1013, which is in `hPa` and not in °C";
+        for (text, pointer, unit, quantity, expected) in [
+            (
+                r#"{"SI7021":{"Temperature":68},"TempUnit":"F"}"#,
+                None,
+                None,
+                "temperature",
+                Ok(20.0),
+            ),
+            (
+                r#"{"SI7021":{"Temperature":68},"TempUnit":"F"}"#,
+                Some("/SI7021/Temperature"),
+                None,
+                "temperature",
+                Ok(20.0),
+            ),
+            (
+                r#"{"SI7021":{"Temperature":20},"TempUnit":"C"}"#,
+                None,
+                None,
+                "temperature",
+                Ok(20.0),
+            ),
+            (r#"{"SI7021":{"Humidity":40},"TempUnit":"F"}"#, None, None, "humidity", Ok(40.0)),
+            (r#"{"temperature":68,"temperature_unit":"°F"}"#, None, None, "temperature", Ok(20.0)),
+            (r#"{"value":68,"unit":"F"}"#, Some("/value"), None, "temperature", Ok(20.0)),
+            (r#"{"value":1013,"unit":"hPa"}"#, Some("/value"), None, "temperature", Err(is_pascal)),
+            (r#"{"temperature":20,"p":1013,"unit":"hPa"}"#, None, None, "temperature", Ok(20.0)),
+            ("68 °F", None, None, "temperature", Ok(20.0)),
+            ("293.15 K", None, None, "temperature", Ok(20.0)),
+            ("40%", None, None, "humidity", Ok(40.0)),
+            ("26 cm", None, None, "distance", Ok(0.26)),
+            (
+                "1013 hPa",
+                None,
+                None,
+                "temperature",
+                Err("1013 hPa, which is in `hPa` and not in °C"),
+            ),
+            ("68", None, Some("F"), "temperature", Ok(20.0)),
+            ("20 °C", None, Some("F"), "temperature", Ok(20.0)),
+            ("999 °F", None, None, "temperature", Err("537.222222, which is impossible in °C")),
+        ] {
+            let own = |text: Option<&str>| text.map(str::to_owned);
+            let format = TextFormat { pointer: own(pointer), unit: own(unit), factor: None };
+            let expected = expected.map_err(str::to_owned);
+            assert_eq!(extract(text, quantity, &format), Some(expected), "{text}");
+        }
+        // With a factor, the author of the config has converted the number.
+        let format = TextFormat { factor: Some(0.001), ..TextFormat::default() };
+        assert_eq!(extract("48312 m°C", "temperature", &format), Some(Ok(48.312)));
+        assert!(extract("4831200", "temperature", &format).is_some_and(|value| value.is_err()));
     }
 
     #[test]

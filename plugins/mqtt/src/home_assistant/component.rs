@@ -5,9 +5,10 @@ use serde_json::json;
 
 use super::config::EntityConfig;
 use crate::description::{
-    DeviceFeature, NOT_OF_THE_ROOM, OutgoingMessage, ReadingMethod, SwitchCommand, UnusedFeature,
-    ValueSource,
+    DeviceFeature, OutgoingMessage, ReadingMethod, SwitchCommand, UnusedFeature, ValueSource,
 };
+use crate::room_air::rank;
+use crate::template::Template;
 
 /// Components of Home Assistant of which nothing can be used, with the reasons.
 const UNUSED: &[(&str, &str)] = &[
@@ -45,39 +46,42 @@ const OF_LIGHTS: &[&str] = &[
     "transition",
 ];
 
-/// Words in a feature's name that show that the feature is not about the air of the room.
-const NOT_THE_ROOM: &[&str] = &[
-    "battery",
-    "board",
-    "boiler",
-    "chip",
-    "cpu",
-    "device",
-    "dew",
-    "dhw",
-    "esp",
-    "esp32",
-    "external",
-    "flow",
-    "heatsink",
-    "inlet",
-    "internal",
-    "mcu",
-    "motor",
-    "outdoor",
-    "outlet",
-    "outside",
-    "pcb",
-    "probe",
-    "processor",
-    "return",
-    "setpoint",
-    "soc",
-    "supply",
-    "target",
-    "water",
-    "wifi",
+/// Topics without which Home Assistant rejects the config of a component.
+const REQUIRED: &[(&str, &str)] = &[
+    ("binary_sensor", "state_topic"),
+    ("fan", "command_topic"),
+    ("light", "command_topic"),
+    ("lock", "command_topic"),
+    ("sensor", "state_topic"),
+    ("siren", "command_topic"),
+    ("switch", "command_topic"),
 ];
+
+/// Returns the reason why a config has not the shape of its component's configs; `None` if it has. Such a
+/// config cannot be read, unlike one that can be read and describes a thing that has no use here.
+pub(crate) fn malformed(component: &str, config: &EntityConfig) -> Option<String> {
+    let mut required = REQUIRED.iter().filter(|(name, _)| *name == component);
+    if let Some((_, topic)) = required.find(|(_, topic)| config.text(topic).is_none()) {
+        return Some(format!("it has no `{topic}`"));
+    }
+    let keys = || config.0.keys().filter_map(|key| Some((key, config.text(key)?)));
+    if !keys().any(|(key, _)| key.ends_with("topic")) {
+        return Some("it names no topic".to_owned());
+    }
+    keys().find_map(|(key, text)| match key.rsplit('_').next() {
+        Some("topic") if key.ends_with("command_topic") => mqtt_link::topic_problem(text),
+        Some("topic") => mqtt_link::filter_problem(text),
+        Some("template") => template_error(text),
+        _ => None,
+    })
+}
+
+/// Returns the syntax error in a template; `None` if it has none. A template that uses what is unknown here
+/// has none.
+fn template_error(text: &str) -> Option<String> {
+    let problem = Template::new(text, &[]).err()?;
+    problem.contains("syntax error").then_some(problem)
+}
 
 /// Returns the features of an entity, or the reason why the entity has none.
 pub(crate) fn features(
@@ -121,30 +125,6 @@ pub(crate) fn features(
         }
     }
     Ok(found)
-}
-
-/// Words of [`NOT_THE_ROOM`] that do not count if they occur only in an identifier, because an identifier
-/// may contain the name of a board or a chip.
-const OF_IDENTIFIERS: &[&str] = &["board", "device", "esp", "esp32", "external", "internal"];
-
-/// Returns the rank of a sensor by its name, or by its identifier if it has no name. The higher the rank,
-/// the less likely the sensor is about the air of the room.
-fn rank(label: &str, name: Option<&str>) -> u8 {
-    let words = |text: &str| -> Vec<String> {
-        let text = crate::naming::slug(text, " ");
-        let others = text.split(' ').filter(|word| NOT_THE_ROOM.contains(word));
-        others.map(str::to_owned).collect()
-    };
-    let of_label = words(label);
-    let says_so = match name {
-        Some(name) => !words(name).is_empty(),
-        None => of_label.iter().any(|word| !OF_IDENTIFIERS.contains(&word.as_str())),
-    };
-    match (says_so, of_label.is_empty()) {
-        (true, _) => NOT_OF_THE_ROOM,
-        (false, false) => 2,
-        (false, true) => 0,
-    }
 }
 
 fn sensor(config: &EntityConfig, label: &str) -> Result<DeviceFeature, String> {
@@ -331,7 +311,6 @@ fn lock(config: &EntityConfig, label: &str) -> Result<DeviceFeature, String> {
 
 /// Whether a template needs a variable: the template is invalid without the variable, and valid with it.
 fn wants(template: &str, variable: &str) -> bool {
-    use crate::template::Template;
     Template::new(template, &["value"]).is_err()
         && Template::new(template, &["value", variable]).is_ok()
 }

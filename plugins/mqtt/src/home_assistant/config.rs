@@ -94,7 +94,8 @@ impl EntityConfig {
         let shared = |key: &&str| Some(((*key).to_owned(), self.0.get(*key)?.clone()));
         let shared: Map<_, _> = SHARED.iter().filter_map(shared).collect();
         let of = |(name, component): (&String, &Value)| {
-            let own = EntityConfig::of(component.as_object()?.clone()).0;
+            // An entry that is no object has no keys, and therefore no platform.
+            let own = EntityConfig::of(component.as_object().cloned().unwrap_or_default()).0;
             // A component with nothing but its platform is to be removed.
             if own.keys().all(|key| key == "platform") && !own.is_empty() {
                 return None;

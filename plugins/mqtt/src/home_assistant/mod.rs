@@ -6,7 +6,8 @@
 //! - A message usually describes one *entity*. This module groups entities into devices: entities that
 //!   share an identifier or a connection belong to one device. Any of them may state the name and the area
 //!   of the device.
-//! - A message that cannot be read leaves the entities of its topic as they were; the problem is reported.
+//! - A message that cannot be read, or has not the shape of a description, leaves the entities of its topic
+//!   as they were; the problem is reported.
 
 mod component;
 mod config;
@@ -30,7 +31,8 @@ pub(crate) struct HomeAssistantDiscovery {
 /// The entities that the messages under one topic describe.
 #[derive(Debug, Default)]
 struct TopicEntities {
-    entities: Vec<DescribedEntity>,
+    /// The entities by their names in the message; the name is empty in a message about one entity.
+    entities: BTreeMap<String, DescribedEntity>,
     /// Reason why the last message could not be read; the entities are then those of an earlier message.
     problem: Option<String>,
 }
@@ -76,13 +78,17 @@ impl HomeAssistantDiscovery {
                 return Err(problem);
             }
         };
+        let has_entities = known.entities.values().any(|entity| !entity.features.is_empty());
+        if component == "device" && has_entities && config.components().is_empty() {
+            let problem = "it has no components".to_owned();
+            known.problem = Some(problem.clone());
+            return Err(problem);
+        }
         let object = object_of(topic, prefix, component);
-        known.problem = None;
-        known.entities = match component {
+        known.take(match component {
             "device" => whole(&config, object),
-            component => vec![entity(component, config.with_base(), object)],
-        };
-        Ok(())
+            component => vec![(String::new(), entity(component, config.with_base(), object))],
+        })
     }
 
     /// Returns all devices that the messages describe.
@@ -94,7 +100,7 @@ impl HomeAssistantDiscovery {
                     "its last description (`{topic}`) cannot be read: {problem}"
                 ))
             });
-            for (number, entity) in text.entities.iter().enumerate() {
+            for (number, entity) in text.entities.values().enumerate() {
                 groups.add(entity, trouble.clone().filter(|_| number == 0));
             }
             // If no message of a device could be read, its topic is all that is known.
@@ -106,6 +112,36 @@ impl HomeAssistantDiscovery {
         }
         groups.devices()
     }
+}
+
+impl TopicEntities {
+    /// Takes the entities of a new message in place of the earlier ones. An entity that has features and
+    /// whose new description is malformed stays as it was.
+    ///
+    /// # Errors
+    ///
+    /// Returns the problem in words if one of the descriptions is malformed.
+    fn take(&mut self, described: Vec<(String, EntityMessage)>) -> Result<(), String> {
+        let mut earlier = std::mem::take(&mut self.entities);
+        self.problem = None;
+        for (name, EntityMessage { entity, malformed }) in described {
+            let kept = earlier.remove(&name).filter(|kept| !kept.features.is_empty());
+            match (malformed, kept) {
+                (Some(problem), Some(kept)) => {
+                    self.entities.insert(name, kept);
+                    self.problem.get_or_insert(problem);
+                }
+                _ => drop(self.entities.insert(name, entity)),
+            }
+        }
+        self.problem.clone().map_or(Ok(()), Err)
+    }
+}
+
+/// A description of an entity, and the reason why the description has not the shape of one, if it has not.
+struct EntityMessage {
+    entity: DescribedEntity,
+    malformed: Option<String>,
 }
 
 /// Returns the part of a topic that identifies the entity: `NODE/OBJECT` or `OBJECT`.
@@ -201,35 +237,40 @@ impl DeviceGroups {
 }
 
 /// Returns the entities that a message about a whole device describes.
-fn whole(config: &EntityConfig, object: &str) -> Vec<DescribedEntity> {
+fn whole(config: &EntityConfig, object: &str) -> Vec<(String, EntityMessage)> {
     let components = config.components();
     let is_said = config.0.get("components").and_then(Value::as_object);
     if is_said.is_none_or(Map::is_empty) {
         let nothing = UnusedFeature::because("its description has no components".to_owned());
-        return vec![DescribedEntity { unused: Some(nothing), ..about(config, object) }];
+        let entity = DescribedEntity { unused: Some(nothing), ..about(config, object) };
+        return vec![(String::new(), EntityMessage { entity, malformed: None })];
     }
     let of = |(name, component): (String, EntityConfig)| match component.text("platform") {
         Some(platform) => {
             let platform = platform.to_owned();
-            entity(&platform, component.with_base(), &name)
+            let entity = entity(&platform, component.with_base(), &name);
+            (name, entity)
         }
         None => {
             let reason = format!("its component `{name}` has no `platform`");
-            let unused = Some(UnusedFeature::because(reason));
-            DescribedEntity { unused, ..about(&component, object) }
+            let unused = Some(UnusedFeature::because(reason.clone()));
+            let entity = DescribedEntity { unused, ..about(&component, object) };
+            (name, EntityMessage { entity, malformed: Some(reason) })
         }
     };
     components.into_iter().map(of).collect()
 }
 
-fn entity(component: &str, config: EntityConfig, object: &str) -> DescribedEntity {
+fn entity(component: &str, config: EntityConfig, object: &str) -> EntityMessage {
     let label = config.text("object_id").or_else(|| config.text("unique_id"));
     let label = label.or_else(|| config.text("name")).unwrap_or(object).to_owned();
     let (features, unused) = match component::features(component, &config, &label) {
         Ok(features) => (features, None),
         Err(unused) => (Vec::new(), Some(unused)),
     };
-    DescribedEntity { features, unused, ..about(&config, object) }
+    let malformed = component::malformed(component, &config);
+    let entity = DescribedEntity { features, unused, ..about(&config, object) };
+    EntityMessage { entity, malformed }
 }
 
 /// Returns an entity without features, with everything that the config states about its device.
