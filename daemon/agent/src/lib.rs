@@ -67,7 +67,8 @@ pub use host_services::{HostServices, MachineSimulation, WorkError};
 pub use knowledge::knowledge;
 pub use observer::{AgentSnapshot, AgentWatch, Observer};
 pub use plugin::{
-    Blueprint, BuildCheck, BuildError, ConfiguredNames, Host, PluginEntry, Resources, StateFolder,
+    Blueprint, BuildCheck, BuildError, ConfiguredModels, ConfiguredNames, Host, PluginEntry,
+    Resources, StateFolder,
 };
 pub use rights::{AgentRights, AllowedNames, AllowedRequesters, Rights};
 pub use router::{FailureCounters, MessageRouter};
