@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use acl::AgentId;
 use acl::content::Mode;
-use pddl::{Domain, Problem};
+use pddl::{ActionModel, Domain, Problem};
 
 use crate::settings::AgentSettings;
 
@@ -36,6 +36,11 @@ pub struct StateFolder(pub PathBuf);
 /// A discovered agent must not take any of these names.
 #[derive(Clone, Debug, Default)]
 pub struct ConfiguredNames(pub BTreeSet<String>);
+
+/// Resource of a host: the action models that the agents of the ecosystem file will announce, as far as
+/// the file determines them, including those of other daemons. Agents of packages have none here.
+#[derive(Clone, Debug, Default)]
+pub struct ConfiguredModels(pub Vec<ActionModel>);
 
 /// Resource of a host: states that an agent is built only to check that it can be built, perhaps on
 /// another machine than its own. Files, devices and everything else outside the agent's entry are then

@@ -268,6 +268,12 @@ impl Beliefs {
             .map(|(fact, owner)| (fact, owner))
     }
 
+    /// Returns the facts of all symbols for which `requested` contains claims, each with the owner of the
+    /// claim.
+    pub(crate) fn all_requested(&self) -> impl Iterator<Item = &(FactKey, Owner)> {
+        self.requested.iter()
+    }
+
     /// Makes sure that the next heartbeat of `owner` is parsed, even if it equals the last one.
     pub(crate) fn wake(&mut self, owner: &Owner) {
         self.unchanged.remove(owner);

@@ -8,7 +8,7 @@ use pddl::Name;
 
 use crate::compose::Contribution;
 use crate::declined::Declined;
-use crate::fact::{FactKey, FactSymbolKind};
+use crate::fact::{FactKey, FactSymbolKind, FactValue};
 use crate::limits;
 use crate::parsed_model::ParsedModel;
 use crate::timestamp::Timestamp;
@@ -154,16 +154,21 @@ impl Member {
     }
 
     /// Whether the agent `own`, described here, is carried by the agent `base`: its model contains a fact
-    /// about the two, and its own actions do not change that fact.
+    /// about the two, and its own actions do not change that fact. The fact names `own`, then `base`, and
+    /// perhaps more, as in `(fixed-to arm-1 robot-1 front)`; or `base` and `own` alone, as in `(carries
+    /// robot-1 arm-1)`.
     pub(crate) fn is_carried_by(&self, own: &AgentId, base: &AgentId) -> bool {
         let manifest = &self.described.manifest;
-        manifest.init.iter().any(|(fact, _)| match fact.arguments() {
-            [carried, on] => {
-                *carried == own.as_str()
-                    && *on == base.as_str()
-                    && !manifest.owned.contains(&(fact.space(), fact.symbol().clone()))
-            }
+        let is_pair = |one: &Name, other: &Name| *one == own.as_str() && *other == base.as_str();
+        let is_about = |arguments: &[Name]| match arguments {
+            [first, second] => is_pair(first, second) || is_pair(second, first),
+            [first, second, ..] => is_pair(first, second),
             _ => false,
+        };
+        manifest.init.iter().any(|(fact, value)| {
+            *value != FactValue::Unknown
+                && is_about(fact.arguments())
+                && !manifest.owned.contains(&(fact.space(), fact.symbol().clone()))
         })
     }
 

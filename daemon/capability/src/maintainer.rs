@@ -7,6 +7,7 @@
 //! - Leaves to others: the form of messages, the clock, and the decision when a lost agent is removed.
 
 mod departure;
+mod expected;
 mod facts;
 mod requests;
 mod views;
@@ -90,6 +91,9 @@ pub struct Maintainer {
     beliefs: Beliefs,
     /// Agents that have left and for which facts are kept as unknown, in the order in which they left.
     departed: VecDeque<AgentId>,
+    /// Facts that were marked as unknown because an agent of the ecosystem file had not joined, each
+    /// with this agent. A fact stays in this set when its mark has ended.
+    expected: BTreeSet<(FactKey, Owner)>,
     /// Actions that requests withhold from planning: of one agent, or of all agents if the agent is
     /// `None`.
     withheld: BTreeSet<(Name, Option<AgentId>)>,
@@ -140,6 +144,7 @@ impl Maintainer {
             conflicts,
             beliefs: Beliefs::new(everything),
             departed: VecDeque::new(),
+            expected: BTreeSet::new(),
             withheld: BTreeSet::new(),
             metric: None,
             announced: BTreeSet::new(),

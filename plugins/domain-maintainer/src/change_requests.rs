@@ -19,6 +19,9 @@ use crate::{AnnouncementScope, DomainMaintainer};
 /// Result of an accepted request: the change of the domain, and the text of the answer.
 type AcceptedChange = (DomainChange, String);
 
+/// The function of which the value is the length of the way between two places.
+const LENGTH: &str = "distance";
+
 /// Maximum number of remarks in the answer to a request.
 const REMARKS_MAX: usize = 8;
 
@@ -66,6 +69,9 @@ impl DomainMaintainer {
     ) -> Result<AcceptedChange, Refusal> {
         let effects = Effects::read(change).map_err(|mistakes| bad_content(&mistakes))?;
         if change.owner.is_none() {
+            if let Some(problem) = effects.believe.iter().find_map(impossible_length) {
+                return Err(Refusal::new(Reason::BadContent, problem));
+            }
             self.check_against_domain(change, &effects)?;
         }
         let living = change.owner.as_ref().and_then(|owner| ctx.find(owner));
@@ -158,11 +164,30 @@ impl DomainMaintainer {
                 notes.push(format!("`{fact}` does not count as long as {misfit}"));
             }
             for (owner, said) in maintainer.contradicting(fact, speaker) {
-                notes.push(format!("{owner} says `{said}`, and its next heartbeat overrides this"));
+                let repeats = match &owner {
+                    Owner::Agent(agent) => maintainer.incarnation(agent).is_some(),
+                    Owner::Map => false,
+                };
+                notes.push(match repeats {
+                    true => format!("{owner} says `{said}`, and its next heartbeat overrides this"),
+                    false => format!("{owner} says `{said}`, and this counts instead"),
+                });
             }
         }
         notes
     }
+}
+
+/// Returns why a fact cannot be that gives the way between two places its length, as `althing check` does
+/// for the map; `None` if the fact is possible. A length of 0 would make the way free for every plan, and
+/// no robot could tell how long it takes.
+fn impossible_length(fact: &InitElement) -> Option<String> {
+    let InitElement::Assign(fluent, length) = fact else { return None };
+    let [from, to] = &fluent.arguments[..] else { return None };
+    let is_length = fluent.function == LENGTH && length.0 <= 0.0;
+    is_length.then(|| {
+        format!("the way from `{from}` to `{to}` cannot be {length} m long; write more than 0")
+    })
 }
 
 fn bad_content(mistakes: &[Diagnostic]) -> Refusal {
@@ -183,5 +208,25 @@ fn describe_action((action, agent): &(Name, Option<AgentId>)) -> String {
     match agent {
         Some(agent) => format!("`{action}` of `{agent}`"),
         None => format!("`{action}` of all agents"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_way_is_longer_than_nothing() {
+        let problem = |text: &str| {
+            let facts = pddl::parse_init_elements(text).into_result().expect("a fact");
+            impossible_length(&facts[0])
+        };
+        let why = "the way from `corridor` to `office1` cannot be 0 m long; write more than 0";
+        assert_eq!(problem("(= (distance corridor office1) 0)").as_deref(), Some(why));
+        assert!(problem("(= (distance corridor office1) -0.0)").is_some());
+        assert!(problem("(= (distance corridor office1) -5)").is_some());
+        assert_eq!(problem("(= (distance corridor office1) 0.1)"), None);
+        assert_eq!(problem("(= (temperature office1) 0)"), None, "it may freeze");
+        assert_eq!(problem("(= (free-distance office1) 0)"), None, "something is before it");
     }
 }

@@ -24,8 +24,8 @@ use acl::{Deadline, Message, Performative};
 use agent::domain_sync::{self, DomainSync, MaintainsDomain};
 use agent::replication::{self, JournalClient, ReplicatesRecords};
 use agent::{
-    Agent, Blueprint, BuildError, Callbacks, Context, LaunchableAgent, PluginEntry, Presence,
-    Resource, TimerId,
+    Agent, Blueprint, BuildError, Callbacks, ConfiguredModels, Context, LaunchableAgent,
+    PluginEntry, Presence, Resource, TimerId,
 };
 use capability::{
     Conflict, DomainChange, Maintainer, MaintainerScope, RequestedChanges, Timestamp,
@@ -65,13 +65,19 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let mut maintainer = maintainer.with_silence_limit(silence);
     // Standby until the agent is told that it leads.
     maintainer.set_standby(true);
+    let mut upkeep = DomainSync::new(maintainer);
+    if let Some(configured) = blueprint.host.resources.get::<ConfiguredModels>() {
+        let now = upkeep.timestamp();
+        upkeep.maintainer.expect_agents(configured.0.iter().cloned(), now);
+    }
     Ok(Box::new(DomainMaintainer {
-        upkeep: DomainSync::new(maintainer),
+        upkeep,
         unannounced: None,
         announcement_timer: None,
         last_announced: None,
         announcement_scope: AnnouncementScope::Nothing,
         full_announcement_timer: None,
+        has_announced: false,
         has_requests: false,
         keeper: JournalClient::new(&blueprint.host),
         is_leading: false,
@@ -90,7 +96,11 @@ struct DomainMaintainer {
     /// The part of the requested changes that the next announcement contains.
     announcement_scope: AnnouncementScope,
     full_announcement_timer: Option<TimerId>,
-    /// Whether any requested changes were in force when requested changes were last announced.
+    /// Whether any requested changes, or marks of agents that are expected, were in force when requested
+    /// changes were last announced.
+    has_announced: bool,
+    /// Whether requested changes were in force then. Marks of agents that are expected do not count:
+    /// they follow from the ecosystem file, and the Journals keep none of them alone.
     has_requests: bool,
     keeper: JournalClient<DomainMaintainer>,
     /// Whether this replica of the Domain Maintainer leads. A standby receives the same messages and
@@ -330,9 +340,11 @@ impl DomainMaintainer {
         if since == RequestedSince::default() {
             return;
         }
-        self.has_requests |= !since.facts.is_empty() || !since.retracted.is_empty();
+        self.has_announced |= !since.facts.is_empty() || !since.retracted.is_empty();
+        let had_requests = self.has_requests;
+        self.has_requests |= self.upkeep.maintainer.has_requests(now);
         change.requested_since = Some(since);
-        if !self.keeper.journals().is_empty() {
+        if (had_requests || self.has_requests) && !self.keeper.journals().is_empty() {
             let requested = self.upkeep.maintainer.requested(now);
             self.replicate_requests(requested, ctx);
         }
@@ -361,13 +373,16 @@ impl DomainMaintainer {
         let requested = self.upkeep.maintainer.requested(now);
         let is_nothing = requested == Requested::default();
         // That no requested change is in force any more is announced once.
-        let was_something = std::mem::replace(&mut self.has_requests, !is_nothing);
+        let was_something = std::mem::replace(&mut self.has_announced, !is_nothing);
+        let has_requests = self.upkeep.maintainer.has_requests(now);
+        let had_requests = std::mem::replace(&mut self.has_requests, has_requests);
         if is_nothing && !was_something {
             return;
         }
         change.requested = Some(requested.clone());
         // A repetition is on record already, from when it was new.
-        if tells == AnnouncementScope::Full || since != Some(RequestedSince::default()) {
+        let is_new = tells == AnnouncementScope::Full || since != Some(RequestedSince::default());
+        if is_new && (had_requests || has_requests) {
             self.replicate_requests(requested, ctx);
         }
     }

@@ -96,7 +96,7 @@ fn rests_on(axiom: &Derived, member: &Member) -> bool {
 }
 
 /// Returns the facts that an axiom may derive from `fact`, if `fact` determines all their arguments.
-fn heads(axiom: &Derived, fact: &FactKey) -> Vec<FactKey> {
+pub(super) fn heads(axiom: &Derived, fact: &FactKey) -> Vec<FactKey> {
     let same = axiom
         .condition
         .atoms()

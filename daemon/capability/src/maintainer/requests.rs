@@ -291,7 +291,7 @@ impl Maintainer {
     /// Returns a claim in the form in which it is announced. Returns `None` if the claim need not be
     /// announced, because the owner's model or heartbeats report the fact, or because the claim has
     /// expired.
-    fn announced_claim(
+    pub(super) fn announced_claim(
         &self,
         owner: &AgentId,
         fact: &FactKey,

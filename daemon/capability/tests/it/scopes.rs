@@ -58,18 +58,43 @@ fn what_is_carried_is_known_whole() {
 /// An agent is found to be carried if its model contains a fact that says so, with any predicate.
 #[test]
 fn what_is_carried_is_found_whatever_says_so() {
-    let arm = model(
-        "arm-1",
-        "(:types arm item - object) (:objects arm-1 - arm)
-         (:predicates (arm-on ?a - arm ?b - mobile-base) (holding ?a - arm ?i - item))
-         (:init (arm-on arm-1 turtlebot-1))
-         (:action pick :agent ?a - arm :parameters (?i - item ?b - mobile-base)
-           :precondition (arm-on ?a ?b) :effect (holding ?a ?i))",
-    );
-    let office = local().with([arm]);
-    let carried = |base| office.maintainer.with_carried(&id(base));
-    assert_eq!(carried("turtlebot-1"), [id("arm-1"), id("ir-1"), id("turtlebot-1")].into());
-    assert_eq!(carried("turtlebot-2"), [id("turtlebot-2")].into());
+    for (declared, fact, is_carried) in [
+        ("(arm-on ?a - arm ?b - mobile-base)", "(arm-on arm-1 turtlebot-1)", true),
+        ("(carries ?b - mobile-base ?a - arm)", "(carries turtlebot-1 arm-1)", true),
+        (
+            "(fixed-to ?a - arm ?b - mobile-base ?s - side)",
+            "(fixed-to arm-1 turtlebot-1 front)",
+            true,
+        ),
+        // A fact about a third thing that also names the two, and one that its own actions change.
+        (
+            "(between ?s - side ?b - mobile-base ?a - arm)",
+            "(between front turtlebot-1 arm-1)",
+            false,
+        ),
+        ("(holding ?a - arm ?i - object)", "(holding arm-1 turtlebot-1)", false),
+        ("(arm-on ?a - arm ?b - mobile-base)", "(unknown (arm-on arm-1 turtlebot-1))", false),
+    ] {
+        let held = match declared.starts_with("(holding") {
+            true => "",
+            false => "(holding ?a - arm ?i - object)",
+        };
+        let arm = model(
+            "arm-1",
+            &format!(
+                "(:types arm item side - object) (:objects arm-1 - arm front - side)
+                 (:predicates {declared} {held}) (:init {fact})
+                 (:action drop :agent ?a - arm :parameters (?i - object)
+                   :precondition (holding ?a ?i) :effect (not (holding ?a ?i)))"
+            ),
+        );
+        let office = local().with([arm]);
+        let carried = |base| office.maintainer.with_carried(&id(base));
+        let has_arm = carried("turtlebot-1").contains(&id("arm-1"));
+        assert_eq!(has_arm, is_carried, "{fact}");
+        assert!(carried("turtlebot-1").contains(&id("ir-1")), "{fact}");
+        assert_eq!(carried("turtlebot-2"), [id("turtlebot-2")].into(), "{fact}");
+    }
 }
 
 #[test]

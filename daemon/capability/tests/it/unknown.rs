@@ -137,6 +137,65 @@ fn what_only_one_who_left_could_know_is_unknown() {
 }
 
 #[test]
+fn what_an_agent_of_the_file_will_answer_for_is_unknown_until_it_comes() {
+    let mut office = office().with([lamp("a"), motion("n")]);
+    office.beat("a", (1, 1), "(not (shining a))", "").expect("a heartbeat");
+    office.beat("n", (1, 1), "(not (motion office2))", "").expect("a heartbeat");
+    assert!(!unknown(&office, "lit") && !unknown(&office, "motion"));
+    let models = [lamp("a"), lamp("b"), motion("m")].map(|text| {
+        pddl::parse_action_model(&text).into_result().expect("a model of the ecosystem file")
+    });
+    let now = office.now;
+    let change = office.maintainer.expect_agents(models, now);
+    assert_eq!(change.believed, facts("(unknown (lit office2)) (unknown (motion office2))"));
+    assert_eq!(office.known("unknown-lit"), "(unknown-lit office2)");
+    assert_eq!(office.known("unknown-motion"), "(unknown-motion office2)");
+    assert!(!unknown(&office, "known-motion"), "nobody has looked");
+    assert!(!unknown(&office, "light"), "a number without a value needs no mark");
+    assert_eq!(office.known("located"), "(located n office2)");
+    assert!(!office.maintainer.has_requests(now), "nothing that a Journal has to keep");
+    // The others are told, because they do not read the file.
+    assert_eq!(office.maintainer.requested(now).facts.len(), 2);
+    office.admit(&lamp("b"));
+    office.beat("b", (1, 1), "(not (shining b))", "").expect("a heartbeat");
+    assert!(!unknown(&office, "lit"), "it has come, and is off");
+    assert!(unknown(&office, "motion"), "the other one has not come");
+    let retract = facts("(unknown (motion office2))");
+    let still = capability::Effects { believe: Vec::new(), retract };
+    office.maintainer.apply_request(&crate::office::id("ann").into(), &still, now).expect("a word");
+    assert!(!unknown(&office, "motion"), "a person has looked");
+}
+
+/// Nothing is known of roads, of what was done, and of where a robot that has not come will be.
+#[test]
+fn what_nobody_will_answer_for_stays_false() {
+    let mut office = office();
+    let models = [
+        crate::office::turtlebot("turtlebot-1"),
+        crate::office::thermometer("t"),
+        crate::office::ir_sensor("ir-1", "turtlebot-1"),
+    ];
+    let models = models.map(|text| pddl::parse_action_model(&text).into_result().expect("a model"));
+    let now = office.now;
+    let change = office.maintainer.expect_agents(models, now);
+    assert!(change.believed.is_empty(), "{change:?}");
+    assert!(!unknown(&office, "connected") && !unknown(&office, "known-temperature"));
+}
+
+#[test]
+fn a_mark_that_the_leader_has_taken_away_does_not_come_back_with_a_standby() {
+    let mut office = office();
+    office.maintainer.set_standby(true);
+    let now = office.now;
+    let model = pddl::parse_action_model(&motion("m")).into_result().expect("a model");
+    let _ = office.maintainer.expect_agents([model], now);
+    let none = capability::RequestedChanges::default();
+    office.maintainer.apply_leader_requests(&none, now).expect("an announcement");
+    office.maintainer.set_standby(false);
+    assert!(office.maintainer.requested(now).facts.is_empty());
+}
+
+#[test]
 fn an_actuator_plans_with_what_is_unknown_to_others() {
     let mut local = office_of("a").with([lamp("a"), motion("m")]);
     local.beat("a", (1, 1), "(unknown (shining a))", "").expect("a heartbeat");

@@ -105,6 +105,18 @@ async fn what_is_new_is_told_alone_and_all_of_it_a_moment_later() {
 }
 
 #[tokio::test(start_paused = true)]
+async fn a_way_has_a_length_and_the_map_does_not_say_it_again() {
+    let (set, _) = office(Mode::Decentralized).await;
+    let nothing = change(&set, "ann", believe("(= (distance corridor office1) 0)", "")).await;
+    let expected = "the way from `corridor` to `office1` cannot be 0 m long; write more than 0";
+    assert!(nothing.contains(expected), "{nothing}");
+    let longer = change(&set, "ann", believe("(= (distance corridor office1) 90)", "")).await;
+    let map = "done: believed; the map says `(= (distance corridor office1) ";
+    assert!(longer.starts_with(map), "{longer}");
+    assert!(longer.ends_with(", and this counts instead"), "{longer}");
+}
+
+#[tokio::test(start_paused = true)]
 async fn who_contradicts_whom_is_answered_and_seen() {
     let (set, _) = office(Mode::Decentralized).await;
     let observe = |facts: &str| {
@@ -115,7 +127,7 @@ async fn who_contradicts_whom_is_answered_and_seen() {
     let answer = change(&set, "bob", observe("(= (temperature office1) 21)")).await;
     assert_eq!(
         answer,
-        "done: believed; ann says `(= (temperature office1) 18)`, and its next heartbeat overrides this"
+        "done: believed; ann says `(= (temperature office1) 18)`, and this counts instead"
     );
     let state: BelievedState = read(&set, "domain-maintainer", Resource::State).await;
     let fact = state.facts.iter().find(|fact| fact.fact.contains("temperature office1"));
