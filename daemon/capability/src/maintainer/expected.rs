@@ -12,10 +12,10 @@ use pddl::{ActionModel, ActionSchema, Atom, Condition, Derived, Effect, Name, Te
 
 use super::Maintainer;
 use super::departure::heads;
-use crate::belief::{ClaimSource, FactClaim};
+use crate::belief::FactClaim;
 use crate::change::DomainChange;
 use crate::conflict::{ModelPart, ModelPartKind};
-use crate::fact::{FactKey, FactSymbolKind, FactValue, Owner};
+use crate::fact::{ClaimSource, FactKey, FactSymbolKind, FactValue, Owner};
 use crate::limits;
 use crate::model_summary::ModelSummary;
 use crate::timestamp::Timestamp;
