@@ -3,19 +3,22 @@
 //!
 //! - `documents`: source files that documents name exist.
 //! - `durations`: each duration has a name and a reason.
+//! - `folders`: in which folder each crate stands.
 //! - `layers`: which crate may depend on which, according to `cargo metadata`.
 //! - `purity`: what the pure crates and the production source must not contain.
 //! - `length`: no function longer than 70 lines, except for known ones.
 //! - `modules`: which modules of one crate import each other in a circle, each with its reason.
 //! - `source`: a minimal reader of Rust source for the above, with its own tests.
 //!
-//! A new crate of the workspace needs a line in `layers::LAYERS`. A new exception needs a reason; an
-//! exception that is no longer needed fails as well.
+//! A new crate of the workspace needs a line in `layers::LAYERS` and a place in the table “Folders”. A new
+//! exception needs a reason; an exception that is no longer needed fails as well.
 
 #[path = "architecture/documents.rs"]
 mod documents;
 #[path = "architecture/durations.rs"]
 mod durations;
+#[path = "architecture/folders.rs"]
+mod folders;
 #[path = "architecture/layers.rs"]
 mod layers;
 #[path = "architecture/length.rs"]

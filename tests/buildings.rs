@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use support::{Office, stderr, stdout};
 
 fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../..")
 }
 
 /// Returns an office for a building, after checking that its files have no mistake.

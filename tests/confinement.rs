@@ -416,7 +416,8 @@ fn calls_of_the_unit() -> Option<BTreeSet<i32>> {
 }
 
 fn unit() -> String {
-    let unit = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../deploy/systemd/althing.service");
+    let unit =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../deploy/systemd/althing.service");
     fs::read_to_string(unit).expect("the unit is in deploy/systemd")
 }
 

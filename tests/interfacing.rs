@@ -38,7 +38,7 @@ const SECRETS: &[&str] = &[
 ];
 
 fn ecosystem(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../ecosystems/{name}.toml"))
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../../ecosystems/{name}.toml"))
 }
 
 /// The building that matches the house's map, with a truth that only this test sees.

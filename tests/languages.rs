@@ -17,7 +17,7 @@ struct Thermometer(Child);
 impl Thermometer {
     fn start(office: &Office, python: &Path, name: &str, room: &str) -> Thermometer {
         let script = Path::new(env!("CARGO_MANIFEST_DIR"));
-        let script = script.join("../../plugins/python/thermometer.py");
+        let script = script.join("../../../plugins/python/thermometer.py");
         let socket = office.runtime_folder().join("lab/daemon.sock");
         let endpoint = format!("unixsock-stream/{}", socket.display());
         let mut command = office.program(python);
@@ -103,7 +103,7 @@ fn what_is_said_in_both_flows_is_what_the_published_schema_says() {
         let python = python.display();
         return left_out(&format!("{python} has no jsonschema: pip install jsonschema"));
     }
-    let schema = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs/protocol.schema.json");
+    let schema = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../docs/protocol.schema.json");
     for (mode, expected) in [
         ("decentralized", ["accept-proposal", "agree", "cfp", "confirm", "inform", "request"]),
         ("centralized", ["accept-proposal", "agree", "confirm", "inform", "propose", "request"]),

@@ -102,7 +102,7 @@ fn no_sign_of_life_is_given_unasked() {
 fn the_unit_waits_for_what_the_daemon_says() {
     let unit = fs::read_to_string(
         std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
-            .join("../../deploy/systemd/althing.service"),
+            .join("../../../deploy/systemd/althing.service"),
     );
     let unit = unit.expect("the unit is in deploy/systemd");
     for line in ["Type=notify", "NotifyAccess=main", "RestartPreventExitStatus=78"] {

@@ -11,7 +11,7 @@ const MADE: &str = "Duration::from_";
 
 /// Files in which durations have names of another kind, with reasons.
 const NAMED_OTHERWISE: &[(&str, &str)] =
-    &[("daemon/agent/src/settings.rs", "the fields of the settings are the names")];
+    &[("daemon/agents/agent/src/settings.rs", "the fields of the settings are the names")];
 
 /// Returns the places of constants and statics in `code`, from their name to their `;`.
 fn constants(code: &str) -> Vec<Range<usize>> {

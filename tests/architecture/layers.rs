@@ -264,7 +264,7 @@ fn zenoh_is_built_with_our_crate_of_tls_links() {
     let ours = ours.expect("Zenoh has TLS links");
     assert!(
         !ours.contains("source = "),
-        "daemon/substrate-zenoh/vendor is not used: see its README"
+        "daemon/transport/substrate-zenoh/vendor is not used: see its README"
     );
 }
 

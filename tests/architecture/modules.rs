@@ -388,9 +388,9 @@ fn files_are_placed_in_modules() {
         let expected = expected.map(|(name, module)| (name.to_owned(), names(module)));
         assert_eq!(placed(Path::new(path)), expected, "{path}");
     };
-    check("daemon/agent/src/lib.rs", Some(("agent", "")));
+    check("daemon/agents/agent/src/lib.rs", Some(("agent", "")));
     check("daemon/group/agent/src/router/inbound.rs", Some(("agent", "router::inbound")));
-    check("daemon/planner/src/search/mod.rs", Some(("planner", "search")));
+    check("daemon/planning/planner/src/search/mod.rs", Some(("planner", "search")));
     check("daemon/a/src/b/main.rs", Some(("a", "b::main")));
     check("daemon/a/src/bin/b.rs", None);
     check("daemon/a/build.rs", None);

@@ -1,6 +1,7 @@
 //! Words that source must not contain: effects in the pure crates, `unwrap` in production, Rust in
 //! data.
 
+use crate::folders::folder_of;
 use crate::layers::PURE;
 use crate::source::{code, line_of, production, read, rust_files, words};
 use crate::{none, root};
@@ -28,13 +29,19 @@ const PRINTS: &[&str] = &["print", "println", "eprint", "eprintln", "stdout", "s
 
 /// Files that may contain these words, with reasons.
 const PRINTS_ITSELF: &[(&str, &str)] = &[
-    ("daemon/terminal/src/output.rs", "it is that place"),
-    ("daemon/terminal/src/formatting.rs", "asks whether there is a terminal, and how wide it is"),
-    ("daemon/terminal/src/render.rs", "asks how wide the terminal is"),
-    ("daemon/althing/src/prompt/input.rs", "asks whether there is a terminal"),
-    ("daemon/althing/src/interruption.rs", "waits for a reader to go away"),
-    ("daemon/althing-plan/src/progress.rs", "asks whether there is a terminal"),
-    ("daemon/althing/src/commands/plugin/allow.rs", "asks whether there is a terminal"),
+    ("daemon/command-line/terminal/src/output.rs", "it is that place"),
+    (
+        "daemon/command-line/terminal/src/formatting.rs",
+        "asks whether there is a terminal, and how wide it is",
+    ),
+    ("daemon/command-line/terminal/src/render.rs", "asks how wide the terminal is"),
+    ("daemon/command-line/althing/src/prompt/input.rs", "asks whether there is a terminal"),
+    ("daemon/command-line/althing/src/interruption.rs", "waits for a reader to go away"),
+    ("daemon/command-line/althing-plan/src/progress.rs", "asks whether there is a terminal"),
+    (
+        "daemon/command-line/althing/src/commands/plugin/allow.rs",
+        "asks whether there is a terminal",
+    ),
 ];
 
 /// Returns the places in `code` that print, or that name a stream to print to.
@@ -72,7 +79,7 @@ fn opens_with_its_role(source: &str) -> bool {
 fn pure_crates_have_no_effects() {
     let mut complaints = Vec::new();
     for name in PURE {
-        let files = production(&root().join("daemon").join(name));
+        let files = production(&folder_of(name));
         assert!(!files.is_empty(), "`{name}` is gone, so this test looks at nothing");
         for (path, code) in files {
             complaints.extend(
@@ -105,7 +112,7 @@ fn everything_printed_goes_through_one_place() {
     let mut complaints = Vec::new();
     let mut needed = Vec::new();
     for name in ["althing", "althing-plan", "terminal", "plugin-host", "engines", "agent"] {
-        for (path, code) in production(&root().join("daemon").join(name).join("src")) {
+        for (path, code) in production(&folder_of(name).join("src")) {
             let file = path.strip_prefix(root()).unwrap_or(&path).display().to_string();
             let found = prints(&code);
             if PRINTS_ITSELF.iter().any(|(known, _)| *known == file) {

@@ -92,7 +92,7 @@ fn a_type_name_has_one_meaning() {
     for folder in ["daemon", "plugins"] {
         for (path, code) in production(&root().join(folder)) {
             let path = path.strip_prefix(root()).unwrap_or(&path).to_owned();
-            let of: Vec<_> = path.components().take(2).map(|part| part.as_os_str()).collect();
+            let of: Vec<_> = path.components().take(3).map(|part| part.as_os_str()).collect();
             let of = of.join("/".as_ref()).to_string_lossy().into_owned();
             for name in types_of(&code) {
                 crates.entry(name.to_owned()).or_default().insert(of.clone());

@@ -82,7 +82,7 @@ impl Office {
     }
 
     pub(crate) fn file() -> PathBuf {
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../ecosystems/smart-office.toml")
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../ecosystems/smart-office.toml")
     }
 
     pub(crate) fn runtime_folder(&self) -> PathBuf {

@@ -118,7 +118,7 @@ fn is_of_use(python: &Path) -> Result<(), String> {
 
 /// Returns the folder of this repository's Python package.
 pub(crate) fn thermometer() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../plugins/python/thermometer")
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../plugins/python/thermometer")
 }
 
 /// Copies a folder of files.

@@ -1,0 +1,99 @@
+//! Prints a layout as the map of an ecosystem: the part of the PDDL problem that no agent announces.
+//!
+//! The map has rooms, corridors, doors and distances. Devices are not in it, because they announce
+//! themselves. Reading PDDL is left to the `pddl` crate.
+
+use std::fmt::Write as _;
+
+use crate::layout::{Layout, LocationKind};
+
+impl Layout {
+    /// Returns the map as the text of a PDDL problem for the domain `domain_name`.
+    ///
+    /// Each connection is printed once per direction that a robot can take. The goal is the empty
+    /// conjunction, which always holds: goals come from the users.
+    pub fn map_pddl(&self, domain_name: &str) -> String {
+        format!(
+            "(define (problem {domain_name}-map)\n  (:domain {domain_name})\n  (:objects{})\n  \
+             (:init\n    (= (total-cost) 0){})\n  (:goal (and))\n  (:metric minimize (total-cost)))\n",
+            self.objects_pddl(),
+            self.ways_pddl(),
+        )
+    }
+
+    fn objects_pddl(&self) -> String {
+        let mut text = String::new();
+        for (kind, type_name) in
+            [(LocationKind::Room, "room"), (LocationKind::Corridor, "corridor")]
+        {
+            let of_kind = self.locations().iter().filter(|location| location.kind == kind);
+            let names: Vec<&str> = of_kind.map(|location| location.name.as_str()).collect();
+            if !names.is_empty() {
+                push(&mut text, format_args!("\n    {} - {type_name}", names.join(" ")));
+            }
+        }
+        text
+    }
+
+    fn ways_pddl(&self) -> String {
+        let mut text = String::new();
+        for way in self.connections() {
+            push_way(&mut text, &way.from, &way.to, way.meters);
+            if !way.one_way {
+                push_way(&mut text, &way.to, &way.from, way.meters);
+            }
+        }
+        text
+    }
+}
+
+fn push_way(text: &mut String, from: &str, to: &str, meters: f64) {
+    push(text, format_args!("\n    (connected {from} {to}) (= (distance {from} {to}) {meters})"));
+}
+
+fn push(text: &mut String, piece: std::fmt::Arguments<'_>) {
+    text.write_fmt(piece).expect("invariant: writing to a String cannot fail");
+}
+
+#[cfg(test)]
+mod tests {
+    use expect_test::expect;
+
+    use crate::Layout;
+
+    #[test]
+    fn a_map_has_every_direction_and_no_devices() {
+        let mut layout = Layout::new();
+        layout.add_room("lab", 20.0).unwrap().add_corridor("hall", 19.0).unwrap();
+        layout.add_room("vault", 12.0).unwrap().connect("hall", "lab", 2.5).unwrap();
+        layout.connect_one_way("hall", "vault", 10.0).unwrap();
+        layout.add_robot("rover", "hall", 1.0).unwrap();
+        expect![[r#"
+            (define (problem smart-office-map)
+              (:domain smart-office)
+              (:objects
+                lab vault - room
+                hall - corridor)
+              (:init
+                (= (total-cost) 0)
+                (connected hall lab) (= (distance hall lab) 2.5)
+                (connected lab hall) (= (distance lab hall) 2.5)
+                (connected hall vault) (= (distance hall vault) 10))
+              (:goal (and))
+              (:metric minimize (total-cost)))
+        "#]]
+        .assert_eq(&layout.map_pddl("smart-office"));
+    }
+
+    /// The map in the repository is the map of the building of seed 0.
+    #[test]
+    fn seed_0_is_the_map_of_the_smart_office() {
+        let file = include_str!("../../../../domains/smart-office/map.pddl");
+        let code = file.lines().map(|line| line.split(';').next().unwrap_or_default());
+        let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert_eq!(
+            words(&code.collect::<Vec<_>>().join("\n")),
+            words(&Layout::seeded(0).layout.map_pddl("smart-office")),
+        );
+    }
+}
