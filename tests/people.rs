@@ -425,6 +425,20 @@ fn a_file_is_read_anew_and_a_room_is_added_while_a_daemon_runs() {
     assert!(told_ready.recv_timeout(PATIENCE).expect("it begins again").contains("is ready"));
     let (code, said) = office.ask(&["goal", "(known-temperature attic)"]);
     assert_eq!(code, Some(0), "the attic is known: {said}");
+
+    // An agent of a package is new, then of another package, then of another daemon.
+    for (package, daemon) in [("one", "wall-pi"), ("two", "wall-pi"), ("two", "door-pi")] {
+        let agent = format!(
+            "[[agent]]\nname = \"packed\"\npackage = \"{package}\"\ndaemon = \"{daemon}\"\n\n"
+        );
+        office.write(
+            "lab.toml",
+            &lab_with(&office, &(thermometer("thermometer-c", "attic") + &agent)),
+        );
+        hangup();
+        await_note(&notes, "read at the start only: agents of packages");
+        assert!(told_ready.recv_timeout(PATIENCE).expect("it begins again").contains("is ready"));
+    }
     assert!(child.0.try_wait().expect("it is ours").is_none(), "it is the same process");
 }
 
