@@ -311,6 +311,9 @@ fn without_a_confinement_the_attacks_succeed() {
         "holds-memory-without-a-name",
         "holds-memory-that-it-shares",
         "holds-memory-of-zero",
+        "enlarges-the-buffer-of-a-socket",
+        "enlarges-the-buffer-of-a-pipe",
+        "lends-pages-to-a-pipe",
         "shares-memory",
         "connects-over-tcp",
     ] {
@@ -525,6 +528,56 @@ impl Drop for Delegated {
     }
 }
 
+/// Installs a package that runs a Python program.
+fn add_program(office: &Office, name: &str, program: &str, permissions: &str) {
+    let folder = office.folder().join("made").join(name);
+    fs::create_dir_all(&folder).expect("a folder");
+    fs::write(folder.join("program.py"), program).expect("a file");
+    let text = format!(
+        "name = \"{name}\"\nversion = \"1\"\nprotocol = \"1\"\nrun = [\"python3\", \"program.py\"]\n\
+         ready-within = \"60s\"\n\n[[agent]]\nname = \"agent-of-{name}\"\n\n[permissions]\n{permissions}"
+    );
+    fs::write(folder.join("plugin.toml"), text).expect("a file");
+    let (code, said) = office.ask(&["plugin", "add", &folder.display().to_string()]);
+    assert_eq!(code, Some(0), "{said}");
+}
+
+/// The files have no name and no process has them open; the memory belongs to no process.
+#[test]
+fn what_a_plugin_keeps_in_sockets_and_pipes_is_counted() {
+    if !has_python() {
+        return;
+    }
+    let office = office("", plainly);
+    let files = "import array, os, socket, time\n\
+        near, far = socket.socketpair()\n\
+        for number in range(20):\n\
+        \x20   path = os.path.join(os.environ['HOME'], str(number))\n\
+        \x20   file = os.open(path, os.O_CREAT | os.O_RDWR)\n\
+        \x20   os.unlink(path)\n\
+        \x20   os.write(file, bytes(1 << 20))\n\
+        \x20   near.sendmsg([b'x'], [(socket.SOL_SOCKET, socket.SCM_RIGHTS, array.array('i', [file]))])\n\
+        \x20   os.close(file)\n\
+        print('all is hidden', flush=True)\ntime.sleep(600)\n";
+    add_program(&office, "files", files, "disk = \"2MiB\"\n");
+    await_logged(&office, "files", "it keeps 20 open files in messages that none of its processes");
+    let buffers = "import os, socket, time\n\
+        kept = []\n\
+        for child in range(3):\n\
+        \x20   if os.fork() == 0: break\n\
+        for _ in range(25):\n\
+        \x20   for end in socket.socketpair():\n\
+        \x20       kept.append(end)\n\
+        \x20       end.setblocking(False)\n\
+        \x20       try:\n\
+        \x20           while True: end.send(b'small')\n\
+        \x20       except BlockingIOError: pass\n\
+        time.sleep(600)\n";
+    add_program(&office, "buffers", buffers, "memory = \"64MiB\"\n");
+    let said = await_logged(&office, "buffers", " MiB of memory, and may hold 64");
+    assert!(!said.contains("Traceback"), "{said}");
+}
+
 #[test]
 fn memory_without_a_name_counts_in_a_control_group() {
     use std::io::Write as _;
@@ -542,17 +595,10 @@ fn memory_without_a_name_counts_in_a_control_group() {
         command.args(["-c", &joins, "sh"]).args(daemon);
         command
     });
-    let folder = office.folder().join("made/hidden");
-    fs::create_dir_all(&folder).expect("a folder");
     let hides = "import os, time\nfile = os.memfd_create('hidden')\n\
                  for _ in range(300): os.write(file, bytes(1 << 20))\n\
                  print('it holds more than it may')\ntime.sleep(600)\n";
-    fs::write(folder.join("hides.py"), hides).expect("a file");
-    let text = "name = \"hidden\"\nversion = \"1\"\nprotocol = \"1\"\nrun = [\"python3\", \"hides.py\"]\n\
-                ready-within = \"60s\"\n\n[[agent]]\nname = \"agent-of-hidden\"\n";
-    fs::write(folder.join("plugin.toml"), text).expect("a file");
-    let (code, said) = office.ask(&["plugin", "add", &folder.display().to_string()]);
-    assert_eq!(code, Some(0), "{said}");
+    add_program(&office, "hidden", hides, "");
     let said = await_logged(&office, "hidden", "it held more memory than it may: 128 MiB");
     assert!(!said.contains("it holds more than it may"), "{said}");
     let listed = list(&office);

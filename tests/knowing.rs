@@ -114,6 +114,39 @@ fn a_room_whose_only_lamp_has_left_is_neither_lit_nor_dark() {
     }
 }
 
+/// The file names a lamp whose daemon starts after the reasoning agents. Until then it is unknown whether
+/// the lamp is on.
+#[test]
+fn a_room_whose_lamp_has_not_come_yet_is_neither_lit_nor_dark() {
+    for mode in ["decentralized", "centralized"] {
+        let office = Office::new();
+        let folder = office.folder().display().to_string();
+        let elsewhere = lamp("lamp-a", "reasoning").replace("office1", "conf-room");
+        let lamps = elsewhere + &lamp("lamp-b", "wall-pi");
+        let text = reasoning_apart(mode) + &lamps.replace("FOLDER", &folder);
+        let file = office.write("lab.toml", &text);
+        office.write("lamp-a", "on\n");
+        office.write("lamp-b", "on\n");
+        let folder = office.folder().to_owned();
+        let mut office = office.with_file(file);
+        office.up(&["reasoning"], &[]);
+        office.await_fact("(lit conf-room)", true);
+        office.await_fact("(unknown (lit office1))", true);
+        let (code, said) = office.ask(&["goal", "(not (lit office1))"]);
+        assert_eq!(code, Some(1), "{mode}: the lamp burns: {said}");
+        assert!(said.contains("it is unknown whether"), "{mode}: {said}");
+        // What no agent of the file will answer for is false as before.
+        let (code, said) = office.ask(&["goal", "(not (known-temperature office1))"]);
+        assert_eq!(code, Some(0), "{mode}: {said}");
+        office.up(&["wall-pi"], &[]);
+        office.await_fact("(lit office1)", true);
+        let (code, said) = office.ask(&["goal", "(not (lit office1))"]);
+        assert_eq!(code, Some(0), "{mode}: {said}");
+        let state = fs::read_to_string(folder.join("lamp-b")).expect("it was written");
+        assert_eq!(state.trim(), "off", "{mode}");
+    }
+}
+
 #[test]
 fn a_lamp_is_switched_off_among_many_that_know_nothing_of_it() {
     for mode in ["decentralized", "centralized"] {

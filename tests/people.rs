@@ -425,6 +425,20 @@ fn a_file_is_read_anew_and_a_room_is_added_while_a_daemon_runs() {
     assert!(told_ready.recv_timeout(PATIENCE).expect("it begins again").contains("is ready"));
     let (code, said) = office.ask(&["goal", "(known-temperature attic)"]);
     assert_eq!(code, Some(0), "the attic is known: {said}");
+
+    // An agent of a package is new, then of another package, then of another daemon.
+    for (package, daemon) in [("one", "wall-pi"), ("two", "wall-pi"), ("two", "door-pi")] {
+        let agent = format!(
+            "[[agent]]\nname = \"packed\"\npackage = \"{package}\"\ndaemon = \"{daemon}\"\n\n"
+        );
+        office.write(
+            "lab.toml",
+            &lab_with(&office, &(thermometer("thermometer-c", "attic") + &agent)),
+        );
+        hangup();
+        await_note(&notes, "read at the start only: agents of packages");
+        assert!(told_ready.recv_timeout(PATIENCE).expect("it begins again").contains("is ready"));
+    }
     assert!(child.0.try_wait().expect("it is ours").is_none(), "it is the same process");
 }
 
@@ -513,9 +527,10 @@ fn a_stopped_bystander_keeps_no_command_waiting() {
 }
 
 /// Stops the daemon through which a goal's command is connected, when its plan is reported. Checks that
-/// every report is printed exactly once.
+/// every report is printed exactly once and, if the goal `ends_soon`, that the reports do not wait until
+/// Zenoh notices that the daemon is stopped.
 #[track_caller]
-fn misses_no_line(time_scale: &str) {
+fn misses_no_line(time_scale: &str, ends_soon: bool) {
     let mut office = Office::new();
     for daemon in ["reasoning", "turtlebot-laptop", "conf-room-pi"] {
         let mut up = office.command(&["up", &file(), "--daemon", daemon]);
@@ -531,7 +546,13 @@ fn misses_no_line(time_scale: &str) {
     let noted = notes(child.0.stderr.take().expect("a pipe"));
     let mut all = await_note(&said, "a plan of 5 steps");
     office.signal("conf-room-pi", "STOP");
+    let stopped = Instant::now();
     await_note(&noted, "conf-room-pi.sock does not respond (process ");
+    if ends_soon {
+        all += &await_note(&said, "arrived at office2");
+        let took = stopped.elapsed();
+        assert!(took < Duration::from_secs(5), "{took:?}: Zenoh alone notices it after eight");
+    }
     all += &await_note(&said, "the goal holds");
     office.signal("conf-room-pi", "CONT");
     assert_eq!(child.within(PATIENCE), Some(0), "{all}");
@@ -543,12 +564,12 @@ fn misses_no_line(time_scale: &str) {
 
 #[test]
 fn a_goal_that_goes_on_while_its_command_hears_nothing_misses_no_line() {
-    misses_no_line("0.6");
+    misses_no_line("0.6", false);
 }
 
 #[test]
 fn a_goal_that_ends_while_its_command_hears_nothing_misses_no_line() {
-    misses_no_line("0.05");
+    misses_no_line("0.05", true);
 }
 
 /// Starts a command with a maintained goal that holds and is on the disk of its Journal. Returns it

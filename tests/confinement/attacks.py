@@ -19,6 +19,7 @@ LIBC = ctypes.CDLL(None, use_errno=True)
 # Calls with the same number on every machine.
 PIDFD_SEND_SIGNAL, IO_URING_SETUP, PIDFD_OPEN, PIDFD_GETFD, PROCESS_MADVISE = 424, 425, 434, 438, 440
 FS_IOC_GETFLAGS, FS_IOC_SETFLAGS, NO_DUMP, IN_ALL_EVENTS = 0x80086601, 0x40086602, 0x40, 0xFFF
+F_SETPIPE_SZ = 1031
 CLONE_NEWUSER, CLONE_NEWNET, PTRACE_ATTACH, PTRACE_DETACH = 0x10000000, 0x40000000, 16, 17
 VICTIM, INSIDE, PROCESS = TARGETS["victim"], TARGETS["inside"], TARGETS["process"]
 
@@ -93,6 +94,31 @@ def in_child(attempt):
 
 def namespaces(flags):
     in_child(lambda: call(LIBC.unshare(flags)))
+
+
+def wider_socket():
+    near, far = socket.socketpair()
+    with near, far:
+        near.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 22)
+
+
+def wider_pipe():
+    read, write = os.pipe()
+    try:
+        fcntl.fcntl(write, F_SETPIPE_SZ, 1 << 20)
+    finally:
+        os.close(read), os.close(write)
+
+
+def lent_pages():
+    class Vector(ctypes.Structure):
+        _fields_ = [("base", ctypes.c_void_p), ("length", ctypes.c_size_t)]
+    read, write = os.pipe()
+    page = ctypes.create_string_buffer(4096)
+    try:
+        call(LIBC.vmsplice(write, ctypes.byref(Vector(ctypes.addressof(page), 4096)), 1, 0))
+    finally:
+        os.close(read), os.close(write)
 
 
 def shared_memory():
@@ -189,6 +215,9 @@ ATTACKS = {
     "holds-memory-without-a-name": lambda: os.close(os.memfd_create("hidden")),
     "holds-memory-that-it-shares": lambda: mmap.mmap(-1, mmap.PAGESIZE).close(),
     "holds-memory-of-zero": memory_of_zero,
+    "enlarges-the-buffer-of-a-socket": wider_socket,
+    "enlarges-the-buffer-of-a-pipe": wider_pipe,
+    "lends-pages-to-a-pipe": lent_pages,
     "shares-memory": shared_memory,
     "makes-a-device": device,
 }

@@ -92,7 +92,10 @@ impl MachineConfinement {
     pub(crate) fn limits(&self) -> String {
         match &self.tree {
             Ok(_) => "limited by the kernel (a control group for each plugin)".to_owned(),
-            Err(why) => format!("measured four times a second, because {why}"),
+            Err(why) => format!(
+                "measured four times a second, without what is in connections that they have not \
+                 accepted, because {why}"
+            ),
         }
     }
 

@@ -20,6 +20,7 @@
 //! the ecosystem only through the proxy agents.
 
 mod advice;
+mod buffers;
 mod cgroup;
 mod confinement;
 mod desired_state;

@@ -95,6 +95,13 @@ impl ProcessHealth {
             let home = look.home.display();
             return Some(format!("it keeps {FILES_MAX} files and more in {home}"));
         }
+        if kept.in_flight > 0 {
+            let count = kept.in_flight;
+            return Some(format!(
+                "it keeps {count} open files in messages that none of its processes receives, where \
+                 they cannot be counted"
+            ));
+        }
         let hides = kept.hides.as_ref()?;
         Some(format!("what it keeps on disk cannot be counted: {hides}"))
     }

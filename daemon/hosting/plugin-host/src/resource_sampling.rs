@@ -43,19 +43,22 @@ pub(crate) struct ResourceSampler {
     home: PathBuf,
     file_max: u64,
     next_kept: Instant,
+    /// Number of descriptors in flight at the last count.
+    in_flight: u64,
 }
 
 impl ResourceSampler {
     pub(crate) fn new(group: i32, home: PathBuf, file_max: u64) -> ResourceSampler {
-        ResourceSampler { group, home, file_max, next_kept: Instant::now() }
+        ResourceSampler { group, home, file_max, next_kept: Instant::now(), in_flight: 0 }
     }
 
     /// Measures the resources that the plugin takes now.
     pub(crate) async fn sample(&mut self, counted: Option<&PluginCgroup>) -> ResourceSample {
         let (group, home, file_max) = (self.group, self.home.clone(), self.file_max);
         let counts = Instant::now() >= self.next_kept;
+        let counts_buffers = counted.is_none();
         let looking = tokio::task::spawn_blocking(move || {
-            let usage = usage::usage(group);
+            let usage = usage::usage(group, counts_buffers);
             let began = Instant::now();
             let kept = counts.then(|| usage::measure_disk(&home, group, file_max));
             (
@@ -64,9 +67,14 @@ impl ResourceSampler {
             )
         });
         // The thread pool is gone when the runtime shuts down. Then nothing is measured any more.
-        let Ok((look, took)) = looking.await else { return ResourceSample::default() };
+        let Ok((mut look, took)) = looking.await else { return ResourceSample::default() };
         if counts {
             self.next_kept = Instant::now() + KEPT_EVERY.max(took * KEPT_SHARE);
+        }
+        if let Some(kept) = &mut look.disk_usage {
+            // A program that passes a descriptor on has it in flight for a moment only.
+            let before = std::mem::replace(&mut self.in_flight, kept.in_flight);
+            kept.in_flight = kept.in_flight.min(before);
         }
         ResourceSample { cgroup_usage: counted.map(PluginCgroup::measure), ..look }
     }

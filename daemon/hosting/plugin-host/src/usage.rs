@@ -11,6 +11,8 @@ use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use crate::buffers;
+
 /// Largest number of files in a plugin's data folder that are counted; the count stops there.
 pub(crate) const FILES_MAX: u64 = 10_000;
 
@@ -52,6 +54,9 @@ pub(crate) struct DiskUsage {
     pub(crate) bytes: u64,
     /// Number of files and folders on disk, counted up to [`FILES_MAX`].
     pub(crate) files: u64,
+    /// Number of descriptors that are in messages which no process has received. The files behind them
+    /// cannot be counted.
+    pub(crate) in_flight: u64,
     /// The first file or folder that cannot be read, with the reason, for a person; `None` if all can be
     /// read. If there is one, the count is incomplete.
     pub(crate) hides: Option<String>,
@@ -64,8 +69,9 @@ impl DiskUsage {
     }
 }
 
-/// Measures the resources that the processes of a process group take.
-pub(crate) fn usage(group: i32) -> GroupUsage {
+/// Measures the resources that the processes of a process group take. With `counts_buffers`, memory in the
+/// buffers of their sockets and pipes counts as theirs.
+pub(crate) fn usage(group: i32, counts_buffers: bool) -> GroupUsage {
     let mut usage = GroupUsage::default();
     for (process, stat) in processes_of(group) {
         usage.processes += 1;
@@ -73,6 +79,9 @@ pub(crate) fn usage(group: i32) -> GroupUsage {
         usage.cpu.insert((process, stat.began), stat.spent);
         let status = fs::read_to_string(format!("/proc/{process}/status")).unwrap_or_default();
         usage.memory += memory(&status);
+    }
+    if counts_buffers {
+        usage.memory += buffers::memory(usage.cpu.keys().map(|(process, _)| *process));
     }
     usage
 }
@@ -187,6 +196,14 @@ pub(crate) fn measure_disk(home: &Path, group: i32, file_max: u64) -> DiskUsage 
         }
     }
     removed(home, group, file_max, &mut kept);
+    match buffers::in_flight(processes_of(group).map(|(process, _)| process)) {
+        Ok(count) => kept.in_flight = count,
+        Err((process, error)) if !has_ended(process) => {
+            kept.hide(|| format!("the list of open files of its process {process}"), &error);
+        }
+        // It is counted the next time.
+        Err(_) => (),
+    }
     kept
 }
 
@@ -356,7 +373,7 @@ mod tests {
         child.stdin.as_mut().expect("piped").write_all(b"!").expect("it listens");
         child.stdout.as_mut().expect("piped").read_exact(&mut [0]).expect("it answers");
         let group = i32::try_from(child.id()).expect("a number of a process");
-        let (used, kept) = (usage(group), measure_disk(home.path(), group, 1 << 20));
+        let (used, kept) = (usage(group, true), measure_disk(home.path(), group, 1 << 20));
         let others = processes(group);
         child.kill().expect("our own child");
         child.wait().expect("our own child");

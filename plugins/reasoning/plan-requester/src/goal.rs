@@ -165,9 +165,10 @@ impl Goal {
     }
 
     /// Restores the part of the goal's history from before this replica took the goal over.
-    pub(crate) fn recall_history(&mut self, history: Vec<HistoryEntry>) {
+    pub(crate) fn recall_history(&mut self, mut history: Vec<HistoryEntry>) {
+        let surplus = history.len().saturating_sub(HISTORY_ENTRIES_MAX);
+        history.drain(..surplus);
         self.history = history;
-        self.history.truncate(HISTORY_ENTRIES_MAX);
     }
 
     /// Marks a step of the running plan as done.

@@ -139,6 +139,16 @@ impl ClientTarget {
     /// Opens the link to the ecosystem.
     pub(super) async fn link(self) -> Result<ClientLink, String> {
         let config = self.config()?;
+        self.link_with(config).await
+    }
+
+    /// Opens a second link of the same process, beside its first one.
+    pub(super) async fn side_link(self) -> Result<ClientLink, String> {
+        let config = guest_config(&self.name, &self.endpoints, self.keys.as_ref(), "side")?;
+        self.link_with(config).await
+    }
+
+    async fn link_with(self, config: substrate_zenoh::Config) -> Result<ClientLink, String> {
         let daemon = config.daemon.clone();
         let ClientTarget { name, ecosystem, endpoints, keys } = self;
         let ecosystem = ecosystem.map(Arc::new);

@@ -41,6 +41,9 @@ pub(super) struct ConnectionWatch {
 pub(super) enum ConnectionEvent {
     /// A line to show to the user.
     Line(String),
+    /// The daemon through which the command receives messages is stopped: a line to show to the user.
+    /// The link is closed, so that the command is connected to another daemon soon.
+    Stopped(String),
     /// The command was disconnected and receives messages again; it may have missed some meanwhile.
     Reconnected,
 }
@@ -48,10 +51,7 @@ pub(super) enum ConnectionEvent {
 impl ConnectionWatch {
     /// Starts to watch the connection; `leader` is the agent that decides on the goal.
     pub(super) fn begin(view: &EcosystemView, leader: AgentId) -> ConnectionWatch {
-        let door = view.endpoints.iter().find_map(|endpoint| {
-            let process = daemon_sockets::process_at(endpoint)?;
-            (!daemon_sockets::is_stopped(process)).then(|| (endpoint.clone(), process))
-        });
+        let door = door_of(view);
         let mut ticks = interval(PERIOD);
         ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
         let view = view.clone();
@@ -72,11 +72,13 @@ impl ConnectionWatch {
         loop {
             self.ticks.tick().await;
             if self.hears_again() {
+                (self.door, self.is_door_told) = (door_of(&self.view), false);
                 return ConnectionEvent::Reconnected;
             }
-            if let Some(line) =
-                self.of_door().or_else(|| self.of_link()).or_else(|| self.of_leader())
-            {
+            if let Some(line) = self.of_door() {
+                return ConnectionEvent::Stopped(line);
+            }
+            if let Some(line) = self.of_link().or_else(|| self.of_leader()) {
                 return ConnectionEvent::Line(line);
             }
         }
@@ -96,13 +98,19 @@ impl ConnectionWatch {
         let is_stopped = daemon_sockets::is_stopped(*process);
         let is_news = is_stopped && !self.is_door_told;
         self.is_door_told = is_stopped;
-        is_news.then(|| {
-            format!(
-                "the daemon at {door} does not respond (process {process} is stopped), and this \
-                 command is connected to it: within twenty seconds it connects to another \
-                 daemon, if there is one, and prints the reports on the goal that it missed"
-            )
-        })
+        if !is_news {
+            return None;
+        }
+        daemon_sockets::disconnect_from(*process);
+        let running = daemon_sockets::running(&self.view.endpoints);
+        let next = match running.first() {
+            Some(other) => format!("it reads the reports on the goal at {other} from now on"),
+            None => "this machine has no other, so the command waits for it".to_owned(),
+        };
+        Some(format!(
+            "the daemon at {door} does not respond (process {process} is stopped), and this \
+             command was connected to it; {next}"
+        ))
     }
 
     /// Returns a line if no daemon is reached any more, or if one is reached again. For a stopped
@@ -143,4 +151,15 @@ impl ConnectionWatch {
             }
         }
     }
+}
+
+/// Returns the daemon of this machine that the command is connected to: its endpoint and process. A
+/// daemon in another PID namespace is not found.
+fn door_of(view: &EcosystemView) -> Option<(String, Pid)> {
+    view.endpoints.iter().find_map(|endpoint| {
+        let process = daemon_sockets::process_at(endpoint)?;
+        let is_it =
+            !daemon_sockets::is_stopped(process) && daemon_sockets::is_connected_to(process);
+        is_it.then(|| (endpoint.clone(), process))
+    })
 }

@@ -1,17 +1,18 @@
 //! Chooses the daemon of this machine through which a command joins. Running daemons are tried
 //! before stopped ones.
 //!
-//! A stopped process (SIGSTOP, a debugger, a frozen container) still accepts connections, because
+//! A stopped process (SIGSTOP, a debugger, a frozen control group) still accepts connections, because
 //! the kernel accepts them for it, but it never answers. Zenoh waits ten seconds for each stopped
 //! process.
 
+use std::os::fd::OwnedFd;
 use std::path::Path;
 
 use nix::sys::socket::getsockopt;
 use nix::sys::socket::sockopt::PeerCredentials;
 use rustix::io::Errno;
-use rustix::net::{self, AddressFamily, SocketAddrUnix, SocketFlags, SocketType};
-use rustix::process::Pid;
+use rustix::net::{self, AddressFamily, Shutdown, SocketAddrUnix, SocketFlags, SocketType};
+use rustix::process::{Pid, PidfdFlags, PidfdGetfdFlags, getpid, pidfd_getfd, pidfd_open};
 use terminal::output;
 
 /// The prefix of a Zenoh endpoint that is a socket of this machine.
@@ -32,14 +33,7 @@ enum SocketPeer {
 pub(super) fn running_first(endpoints: &[String]) -> Vec<String> {
     let (mut awake, mut stopped) = (Vec::new(), Vec::new());
     for endpoint in endpoints {
-        let why = match listener(endpoint) {
-            Some(SocketPeer::Full) => Some("it accepts no connection".to_owned()),
-            Some(SocketPeer::Process(Some(process))) if is_stopped(process) => {
-                Some(format!("process {process} is stopped; `kill -CONT {process}` lets it go on"))
-            }
-            _ => None,
-        };
-        match why {
+        match why_mute(endpoint) {
             Some(why) => stopped.push((endpoint.clone(), why)),
             None => awake.push(endpoint.clone()),
         }
@@ -57,6 +51,62 @@ pub(super) fn running_first(endpoints: &[String]) -> Vec<String> {
     awake
 }
 
+/// Returns those of the endpoints at which no stopped process listens.
+pub(super) fn running(endpoints: &[String]) -> Vec<String> {
+    endpoints.iter().filter(|endpoint| why_mute(endpoint).is_none()).cloned().collect()
+}
+
+/// Returns why no answer of the daemon at an endpoint is to be expected, as text for a person; `None` if
+/// there is no such reason.
+fn why_mute(endpoint: &str) -> Option<String> {
+    match listener(endpoint)? {
+        SocketPeer::Full => Some("it accepts no connection".to_owned()),
+        SocketPeer::Process(Some(process)) if is_frozen(process) => {
+            Some(format!("the control group of process {process} is frozen"))
+        }
+        SocketPeer::Process(Some(process)) if is_stopped(process) => {
+            Some(format!("process {process} is stopped; `kill -CONT {process}` lets it go on"))
+        }
+        SocketPeer::Process(_) => None,
+    }
+}
+
+/// Whether this process has a connection to `process`; `true` where the kernel does not tell.
+pub(super) fn is_connected_to(process: Pid) -> bool {
+    connections_to(process).is_none_or(|connections| !connections.is_empty())
+}
+
+/// Shuts down all connections of this process to `process`, so that Zenoh connects to another daemon at
+/// once and not when the link's lease has expired. Does nothing where the kernel does not allow it.
+pub(super) fn disconnect_from(process: Pid) {
+    for connection in connections_to(process).unwrap_or_default() {
+        let _ = net::shutdown(&connection, Shutdown::Both);
+    }
+}
+
+/// Returns second descriptors of the sockets of this process that are connected to `process`; the first
+/// ones belong to Zenoh. Returns `None` if the kernel does not give them.
+fn connections_to(process: Pid) -> Option<Vec<OwnedFd>> {
+    let own = pidfd_open(getpid(), PidfdFlags::empty()).ok()?;
+    let open = std::fs::read_dir("/proc/self/fd").ok()?;
+    let numbers = open.flatten().filter_map(|entry| entry.file_name().to_str()?.parse().ok());
+    let mut connections = Vec::new();
+    for number in numbers.collect::<Vec<i32>>() {
+        match pidfd_getfd(&own, number, PidfdGetfdFlags::empty()) {
+            Ok(copy) => {
+                let peer = getsockopt(&copy, PeerCredentials).ok();
+                if peer.and_then(|peer| Pid::from_raw(peer.pid())) == Some(process) {
+                    connections.push(copy);
+                }
+            }
+            // It was closed in the meantime.
+            Err(Errno::BADF) => (),
+            Err(_) => return None,
+        }
+    }
+    Some(connections)
+}
+
 /// Returns the id of the process that listens at an endpoint of this machine; `None` if it is
 /// unknown.
 pub(super) fn process_at(endpoint: &str) -> Option<Pid> {
@@ -66,12 +116,23 @@ pub(super) fn process_at(endpoint: &str) -> Option<Pid> {
     }
 }
 
-/// Whether a process is stopped, by SIGSTOP or by a debugger.
+/// Whether a process is stopped, by SIGSTOP, by a debugger, or with its control group.
 pub(super) fn is_stopped(process: Pid) -> bool {
     let about = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
     // The process name before it is in parentheses, and may contain any character.
     let state = about.rsplit_once(')').and_then(|(_, rest)| rest.trim_start().chars().next());
-    matches!(state, Some('T' | 't'))
+    matches!(state, Some('T' | 't')) || is_frozen(process)
+}
+
+/// Whether the control group (cgroup v2) of a process is frozen, as that of a paused container is.
+fn is_frozen(process: Pid) -> bool {
+    let groups = std::fs::read_to_string(format!("/proc/{process}/cgroup")).unwrap_or_default();
+    let path = groups.lines().find_map(|line| line.strip_prefix("0::/"));
+    // A group below that of another namespace is shown with `..`.
+    let path = path.filter(|path| !path.starts_with(".."));
+    let events = path.map(|path| Path::new("/sys/fs/cgroup").join(path).join("cgroup.events"));
+    let events = events.and_then(|path| std::fs::read_to_string(path).ok());
+    events.is_some_and(|events| events.lines().any(|line| line == "frozen 1"))
 }
 
 /// Whether a process listens at a socket.
@@ -119,9 +180,27 @@ mod tests {
         assert!(is_listening(&path) && !is_stopped(own));
     }
 
+    #[test]
+    fn connections_to_other_processes_are_left_alone() {
+        use std::io::Read as _;
+        use std::os::unix::net::UnixStream;
+        use std::process::{Command, Stdio};
+        let (mut own, far) = UnixStream::pair().expect("a pair");
+        own.set_nonblocking(true).expect("a socket");
+        let mut cat = Command::new("cat").stdin(Stdio::piped()).spawn().expect("a program");
+        let process = Pid::from_raw(cat.id().try_into().expect("a process id")).expect("not 0");
+        assert!(!is_connected_to(process) && is_connected_to(getpid()));
+        disconnect_from(process);
+        let read = own.read(&mut [0]).map_err(|error| error.kind());
+        assert_eq!(read, Err(std::io::ErrorKind::WouldBlock), "both ends are of this process");
+        assert!(!is_stopped(process));
+        drop((cat.stdin.take(), far));
+        cat.wait().expect("it ends");
+    }
+
     /// Opens a connection if the socket's queue in the kernel has room for it; otherwise returns
     /// `None`.
-    fn is_free(path: &Path) -> Option<std::os::fd::OwnedFd> {
+    fn is_free(path: &Path) -> Option<OwnedFd> {
         let flags = SocketFlags::NONBLOCK;
         let socket = net::socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None);
         let socket = socket.expect("a socket");

@@ -25,6 +25,7 @@ mod scenario;
 mod send;
 mod sensors;
 pub(crate) mod set;
+mod side_link;
 pub(crate) mod state;
 mod up;
 mod validate;

@@ -3,9 +3,10 @@
 //! `send` use this.
 
 use std::mem;
+use std::pin::pin;
 use std::process::ExitCode;
 
-use acl::content::{HistoryEntry, Outcome, Report};
+use acl::content::{GoalStatus, HistoryEntry, Outcome, Report};
 use acl::{AgentId, ConversationId};
 use keyboard::{Keyboard, RequestRef, Terminal, UserEvent, UserRequest};
 use terminal::{exit, output};
@@ -14,6 +15,7 @@ use tokio::signal;
 use crate::commands::client::{self, ClientLink};
 use crate::commands::connection_watch::{ConnectionEvent, ConnectionWatch};
 use crate::commands::printed_reports::PrintedReports;
+use crate::commands::side_link::SideLink;
 use crate::commands::{event_output, goals};
 use crate::interruption;
 
@@ -59,19 +61,20 @@ pub(super) async fn send_and_follow(
         Err(problem) => return client::unavailable(problem, json),
     };
     let mut vigil = vigil(link, &manner);
-    let mut about: Option<ConversationId> = None;
+    let (mut about, mut holds) = (None::<ConversationId>, false);
     let mut interrupt = manner.interrupt;
-    let mut holds = false;
     let mut told = PrintedReports::default();
-    let reader_gone = interruption::reader_gone();
-    tokio::pin!(reader_gone);
+    let mut side: Option<SideLink> = None;
+    let mut reader_gone = pin!(interruption::reader_gone());
     loop {
         let heard = tokio::select! {
             news = news(&mut vigil) => {
-                match news {
-                    ConnectionEvent::Line(line) => output::print_note(&line),
-                    ConnectionEvent::Reconnected => catch_up(link, about.as_ref(), &mut told, json).await,
-                }
+                let goals = goals_after(link, news, &mut side).await;
+                catch_up(goals, about.as_ref(), &mut told, json);
+                continue;
+            }
+            goals = SideLink::goals(&mut side) => {
+                catch_up(goals, about.as_ref(), &mut told, json);
                 continue;
             }
             heard = terminal.events.recv() => heard,
@@ -170,16 +173,36 @@ async fn news(vigil: &mut Option<ConnectionWatch>) -> ConnectionEvent {
     }
 }
 
+/// Handles an event of leader or link. Returns the goals of the ecosystem if the command may have missed
+/// reports on its own.
+async fn goals_after(
+    link: &ClientLink,
+    event: ConnectionEvent,
+    side: &mut Option<SideLink>,
+) -> Vec<GoalStatus> {
+    match event {
+        ConnectionEvent::Line(line) => output::print_note(&line),
+        ConnectionEvent::Stopped(line) => {
+            output::print_note(&line);
+            *side = SideLink::open(&link.view).await;
+        }
+        ConnectionEvent::Reconnected => {
+            SideLink::close(side).await;
+            return goals::ask(&link.view).await.unwrap_or_default();
+        }
+    }
+    Vec::new()
+}
+
 /// Prints the reports of a goal that the command missed, as far as the Plan Requester still keeps
 /// them.
-async fn catch_up(
-    link: &ClientLink,
+fn catch_up(
+    goals: Vec<GoalStatus>,
     about: Option<&ConversationId>,
     told: &mut PrintedReports,
     json: bool,
 ) {
     let Some(about) = about else { return };
-    let goals = goals::ask(&link.view).await.unwrap_or_default();
     if let Some(goal) = goals.into_iter().find(|goal| goal.conversation == *about) {
         print_missed(told, about, goal.history, json);
     }

@@ -30,8 +30,8 @@ use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId};
 use agent::{
-    AdmissionPolicy, Admissions, AgentSettings, ConfiguredNames, Host, HostServices, MessageRouter,
-    Mode, Resources, Rights, Spawner, StateFolder,
+    AdmissionPolicy, Admissions, AgentSettings, ConfiguredModels, ConfiguredNames, Host,
+    HostServices, MessageRouter, Mode, Resources, Rights, Spawner, StateFolder,
 };
 use substrate::Substrate;
 use substrate::memory::Network;
@@ -181,6 +181,10 @@ impl DaemonNode {
         resources.insert(Admissions::new(admit));
         let named = ecosystem.agents.iter().map(|entry| entry.name.to_string());
         resources.insert(ConfiguredNames(named.collect()));
+        let keeps_domain = |entry: &AgentEntry| entry.plugin == domain_maintainer::PLUGIN.name;
+        if agents.iter().any(keeps_domain) {
+            resources.insert(ConfiguredModels(models(ecosystem).into_values().collect()));
+        }
         state.into_iter().for_each(|folder| resources.insert(StateFolder(folder)));
         let host = Arc::new(Host {
             ontology: Arc::clone(&ecosystem.domain),

@@ -237,6 +237,9 @@ fn forbidden(choice: CallFilterOptions) -> Result<CallRules, BackendError> {
     }
     if !choice.counts_memory {
         rules.extend(numbers("memfd_create").map(|call| (call, Vec::new())));
+        // Pages that are lent to a pipe stay in memory when the process has given them back.
+        rules.extend(numbers("vmsplice").map(|call| (call, Vec::new())));
+        larger_buffers(&mut rules)?;
         // Shared anonymous pages are not limited as data of the process. When the process gives them back
         // (`MADV_DONTNEED`), they stay in memory, but outside of its resident set.
         let shared = (libc::MAP_SHARED | libc::MAP_ANONYMOUS).unsigned_abs().into();
@@ -248,6 +251,21 @@ fn forbidden(choice: CallFilterOptions) -> Result<CallRules, BackendError> {
     processes(&mut rules)?;
     files(&mut rules)?;
     Ok(rules)
+}
+
+/// Forbids to enlarge the buffers of sockets and pipes, which hold memory that belongs to no process. The
+/// daemon counts buffers of the default size (`buffers`).
+fn larger_buffers(rules: &mut CallRules) -> Result<(), BackendError> {
+    let level = u64::from(libc::SOL_SOCKET.unsigned_abs());
+    let mut options = Vec::new();
+    for option in [libc::SO_SNDBUF, libc::SO_SNDBUFFORCE, libc::SO_RCVBUFFORCE] {
+        options.push(vec![is(1, level)?, is(2, u64::from(option.unsigned_abs()))?]);
+    }
+    add(rules, "setsockopt", options);
+    for call in ["fcntl", "fcntl64"] {
+        add(rules, call, vec![vec![is(1, u64::from(libc::F_SETPIPE_SZ.unsigned_abs()))?]]);
+    }
+    Ok(())
 }
 
 /// Forbids sockets of families that the plugin may not use, and Unix sockets without a connection, because

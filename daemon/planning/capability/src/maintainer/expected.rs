@@ -1,9 +1,10 @@
 //! Facts of agents that the ecosystem file names and that have not joined yet.
 //!
-//! A lamp whose daemon starts later, or died before the Domain Maintainer was restarted, may be on. What
-//! such an agent will answer for is read from its model: states that its actions observe or can make both
-//! true and false, and facts that follow from them by axioms. As long as the agent has not joined, these
-//! facts are unknown, if they are about things that are there without the agent.
+//! Such an agent may be a lamp that is on: its daemon starts later, or died before the Domain Maintainer
+//! was restarted. The facts that the agent will answer for are read from its model: states that its
+//! actions observe or can make both true and false, and facts that follow from them by axioms. As long as
+//! the agent has not joined, these facts are unknown, if they are about things that are there without the
+//! agent.
 
 use std::collections::{BTreeMap, BTreeSet};
 

@@ -199,9 +199,11 @@ fn fixed(old: &Ecosystem, new: &Ecosystem, asked: &[String]) -> Vec<String> {
     }
     let packages = |of: &Ecosystem| -> Vec<(String, String)> {
         let others = of.agents.iter().filter(|entry| !entry.is_built_in());
-        others
-            .map(|entry| (entry.name.to_string(), debug(&(&entry.driver, &entry.config))))
-            .collect()
+        let all = others.map(|entry| {
+            let AgentEntry { path: _, name, plugin, package, daemons, driver, config } = entry;
+            (name.to_string(), debug(&(plugin, package, daemons, driver, config)))
+        });
+        all.collect()
     };
     let journals = |of: &Ecosystem| of.journals().cloned().collect::<Vec<_>>();
     let wish = |of: &Ecosystem, goal: &String| debug(&of.find_goal(goal).ok());
