@@ -37,7 +37,7 @@ pub(crate) struct Config {
     /// Drivers `command` and `phidget`: factor that converts the number to the quantity's unit. The driver
     /// `phidget` allows it only for a sensor without a unit.
     factor: Option<f64>,
-    /// Drivers `command` and `mqtt`: unit of the numbers whose text has none, such as `"°F"`.
+    /// Drivers `command` and `mqtt`: unit of numbers without a unit in their text, such as `"°F"`.
     unit: Option<String>,
     /// Driver `command`: pause between two runs for a quantity that is announced when it changes, such as
     /// `"5s"`.

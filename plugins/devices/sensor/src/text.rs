@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use crate::quantity::SensorQuantity;
 
-type Object = serde_json::Map<String, Value>;
+type JsonObject = serde_json::Map<String, Value>;
 
 /// The most characters that are quoted of a text that is no measurement.
 const QUOTED_CHARS: usize = 60;
@@ -31,7 +31,7 @@ const CHIPS: &[&str] = &["ESP32", "ENERGY", "AXP", "MPU", "BL09", "Shelly"];
 pub(crate) struct TextFormat {
     /// JSON pointer (RFC 6901) to the value in a JSON text; `None` if the text has no place for it.
     pub(crate) pointer: Option<String>,
-    /// Unit of numbers whose text has none; `None` if it is the unit of the quantity.
+    /// Unit of numbers without a unit in their text; `None` if it is the unit of the quantity.
     pub(crate) unit: Option<String>,
     /// Factor that converts numbers to the unit of the quantity, whichever unit their text has.
     pub(crate) factor: Option<f64>,
@@ -136,7 +136,7 @@ pub(crate) fn named(text: &str, quantity: &str) -> Option<FoundValue> {
     let names: Vec<_> = std::iter::once(quantity)
         .chain(aliases.flat_map(|(_, names)| names.iter().copied()))
         .collect();
-    let in_object = |object: &Object| {
+    let in_object = |object: &JsonObject| {
         let named = |name: &&str| object.iter().find(|(key, _)| name.eq_ignore_ascii_case(key));
         let (_, value) = names.iter().find_map(named)?;
         Some(FoundValue { word: plain(value), unit: stated_unit(&json, Some(object), quantity) })
@@ -146,7 +146,7 @@ pub(crate) fn named(text: &str, quantity: &str) -> Option<FoundValue> {
         // preferred.
         let is_own = |name: &String| CHIPS.iter().any(|chip| name.starts_with(chip));
         let parts = object.iter().filter(|(name, _)| !is_own(name));
-        let mut parts: Vec<&Object> = parts.filter_map(|(_, part)| part.as_object()).collect();
+        let mut parts: Vec<&JsonObject> = parts.filter_map(|(_, part)| part.as_object()).collect();
         parts.sort_by_key(|part| !part.keys().any(|key| key.eq_ignore_ascii_case("humidity")));
         parts.into_iter().find_map(in_object)
     })
@@ -155,16 +155,17 @@ pub(crate) fn named(text: &str, quantity: &str) -> Option<FoundValue> {
 /// Returns the unit that a JSON text states for a quantity; `None` if it states none. A key with the
 /// quantity's name (`TempUnit`, `temperature_unit`) may also be at the top of the text. A plain `unit`
 /// counts beside the value only, and only if there is no other number that it may belong to.
-fn stated_unit(json: &Value, around: Option<&Object>, quantity: &str) -> Option<String> {
-    let unit = |object: &Object, names: &[&str]| {
+fn stated_unit(json: &Value, around: Option<&JsonObject>, quantity: &str) -> Option<String> {
+    let unit = |object: &JsonObject, names: &[&str]| {
         let plain = |key: &str| key.replace(['_', '-', ' '], "").to_ascii_lowercase();
         let found = object.iter().find(|(key, _)| names.contains(&plain(key).as_str()));
         found.and_then(|(_, unit)| unit.as_str()).map(str::to_owned)
     };
     let own = format!("{quantity}unit");
-    let names: &[&str] = if quantity == "temperature" { &[&own, "tempunit"] } else { &[&own] };
+    let mut names = vec![own.as_str()];
+    names.extend((quantity == "temperature").then_some("tempunit"));
     let objects = [around, json.as_object()];
-    objects.into_iter().flatten().find_map(|object| unit(object, names)).or_else(|| {
+    objects.into_iter().flatten().find_map(|object| unit(object, &names)).or_else(|| {
         let is_number = |value: &&Value| value.is_number();
         let around = around.filter(|object| object.values().filter(is_number).count() <= 1)?;
         unit(around, &["unit", "unitofmeasurement"])

@@ -241,8 +241,8 @@ mod tests {
                 "classes.pressure: there is no key `agnet`; did you mean `agent`?",
             ),
             (
-                json!({ "agent": "barometer", "unti": "hPa" }),
-                "classes.pressure: there is no key `unti`; did you mean `unit`?",
+                json!({ "agent": "barometer", "unitt": "hPa" }),
+                "classes.pressure: there is no key `unitt`; did you mean `unit`?",
             ),
             (
                 json!({ "colour": "red" }),

@@ -122,9 +122,9 @@ const STOREYS: &[&str] = &[
 /// Returns the rank of a sensor by its name, or by its identifier if it has no name. The higher the rank,
 /// the less likely the sensor is about the air of the room.
 pub(crate) fn rank(label: &str, name: Option<&str>) -> u8 {
-    let of_label = telling_words(label, NOT_THE_ROOM);
+    let of_label = telling_words(label, NOT_THE_ROOM, NOT_THE_ROOM_PAIRS);
     let says_so = match name {
-        Some(name) => !telling_words(name, NOT_THE_ROOM).is_empty(),
+        Some(name) => !telling_words(name, NOT_THE_ROOM, NOT_THE_ROOM_PAIRS).is_empty(),
         None => of_label.iter().any(|word| !OF_IDENTIFIERS.contains(&word.as_str())),
     };
     match (says_so, of_label.is_empty()) {
@@ -136,11 +136,11 @@ pub(crate) fn rank(label: &str, name: Option<&str>) -> u8 {
 
 /// Whether a device is in a thing with air of its own, such as a fridge, by the device's name.
 pub(crate) fn is_in_a_thing(device: &str) -> bool {
-    !telling_words(device, THINGS).is_empty()
+    !telling_words(device, THINGS, &[]).is_empty()
 }
 
-/// Returns the words of a text that are in the list, or show the same as a pair.
-fn telling_words(text: &str, list: &[&str]) -> Vec<String> {
+/// Returns the words of a text that are in the list, or begin one of the pairs.
+fn telling_words(text: &str, list: &[&str], pairs: &[(&str, &str)]) -> Vec<String> {
     let text = slug(text, " ");
     let words: Vec<&str> = text.split(' ').filter(|word| !word.is_empty()).collect();
     let is_in = |word: &str| list.contains(&word);
@@ -148,7 +148,7 @@ fn telling_words(text: &str, list: &[&str]) -> Vec<String> {
         let word = words[*at];
         let next = words.get(at + 1).copied().unwrap_or_default();
         let before = at.checked_sub(1).and_then(|before| words.get(before)).copied();
-        if NOT_THE_ROOM_PAIRS.contains(&(word, next)) {
+        if pairs.contains(&(word, next)) {
             return true;
         }
         if !is_in(word) && !word.strip_suffix('s').is_some_and(is_in) {

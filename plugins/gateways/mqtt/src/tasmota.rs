@@ -64,6 +64,7 @@ impl TasmotaDiscovery {
         }
         if device.0.is_null() && device.1.is_null() {
             self.devices.remove(address);
+            self.problems.retain(|(of, _), _| of != address);
         }
         Ok(())
     }

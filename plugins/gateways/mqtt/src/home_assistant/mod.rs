@@ -115,8 +115,8 @@ impl HomeAssistantDiscovery {
 }
 
 impl TopicEntities {
-    /// Takes the entities of a new message in place of the earlier ones. An entity that has features and
-    /// whose new description is malformed stays as it was.
+    /// Takes the entities of a new message in place of the earlier ones. An entity that has features stays
+    /// as it was if its new description is malformed.
     ///
     /// # Errors
     ///
@@ -268,7 +268,9 @@ fn entity(component: &str, config: EntityConfig, object: &str) -> EntityMessage 
         Ok(features) => (features, None),
         Err(unused) => (Vec::new(), Some(unused)),
     };
-    let malformed = component::malformed(component, &config);
+    // A description with features has been read.
+    let malformed =
+        if features.is_empty() { component::malformed(component, &config) } else { None };
     let entity = DescribedEntity { features, unused, ..about(&config, object) };
     EntityMessage { entity, malformed }
 }
@@ -328,4 +330,38 @@ fn mac(address: &str) -> String {
     }
     let pairs: Vec<_> = (0..6).map(|pair| &digits[2 * pair..2 * pair + 2]).collect();
     pairs.join(":")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_invalid_topic_or_template_takes_nothing_away() {
+        let mut discovery = HomeAssistantDiscovery::default();
+        let topic = "homeassistant/sensor/t/config";
+        let mut receive = |text: &str| {
+            let received = discovery.receive_description("homeassistant", topic, text);
+            (received, discovery.devices()[0].features.len())
+        };
+        let good = r#"{"uniq_id":"t","dev_cla":"temperature","stat_t":"t/state"}"#;
+        assert_eq!(receive(good), (Ok(()), 1));
+        for (bad, expected) in [
+            (r##"{"uniq_id":"t","dev_cla":"temperature","stat_t":"t/#/state"}"##, "is no topic"),
+            (
+                r#"{"uniq_id":"t","dev_cla":"temperature","stat_t":"t","val_tpl":"{{ value. }}"}"#,
+                "syntax error",
+            ),
+        ] {
+            let (received, features) = receive(bad);
+            let problem = received.expect_err(bad);
+            assert!(problem.contains(expected), "{problem}");
+            assert_eq!(features, 1, "{bad}");
+        }
+        // A template that uses what is unknown here can be read, and refuses the entity by name.
+        let other =
+            r#"{"uniq_id":"t","dev_cla":"temperature","stat_t":"t","val_tpl":"{{ now() }}"}"#;
+        assert_eq!(receive(other), (Ok(()), 0));
+        assert_eq!(receive(good), (Ok(()), 1));
+    }
 }
