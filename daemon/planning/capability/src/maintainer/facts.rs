@@ -115,7 +115,9 @@ impl Maintainer {
     }
 
     /// Withdraws claims about facts that `agent` is responsible for and does not report itself, if they
-    /// come from requests or from effects of other agents' actions.
+    /// come from requests or from effects of other agents' actions. A claim by another agent that is
+    /// responsible for the fact, too, stays: the next heartbeat of that agent decides. Of two
+    /// thermometers in a room, one may have measured and the other not.
     fn override_others(&mut self, agent: &AgentId, owner: &Owner) {
         let Some(member) = self.roster.get(agent) else { return };
         let mut over = Vec::new();
@@ -125,12 +127,19 @@ impl Maintainer {
                     let own = self.beliefs.claim_of(fact, owner);
                     own.is_some_and(|own| own.value == FactValue::True)
                 };
-                if other != owner && member.is_responsible_for(fact) && !is_so() {
+                let is_overridden = other != owner && member.is_responsible_for(fact) && !is_so();
+                if is_overridden && !self.answers_for(other, fact) {
                     over.push((fact.clone(), other.clone()));
                 }
             }
         }
         over.iter().for_each(|(fact, other)| self.beliefs.withdraw(fact, other));
+    }
+
+    /// Whether the owner of a claim is an agent that is responsible for the fact.
+    fn answers_for(&self, owner: &Owner, fact: &FactKey) -> bool {
+        let Owner::Agent(agent) = owner else { return false };
+        self.roster.get(agent).is_some_and(|member| member.is_responsible_for(fact))
     }
 
     /// Makes sure that the next heartbeats of all agents that are responsible for `fact` are parsed,

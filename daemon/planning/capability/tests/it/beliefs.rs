@@ -106,6 +106,24 @@ fn effects_are_believed_until_the_owner_speaks() {
 }
 
 #[test]
+fn another_owner_of_a_fact_does_not_override_an_effect_that_its_own_agent_answers_for() {
+    let mut office = office().with([thermometer("t-1"), thermometer("t-2")]);
+    let (known, not_known) = ("(known-temperature office2)", "(not (known-temperature office2))");
+    office.beat("t-1", (1, 1), not_known, "").expect("a heartbeat");
+    office.beat("t-2", (1, 1), not_known, "").expect("a heartbeat");
+    // `t-1` measures, says so, and the Plan Executor reports the effect of its action.
+    office.beat("t-1", (1, 2), known, "").expect("a heartbeat");
+    let now = office.now;
+    office.maintainer.apply_effects(&id("t-1"), None, &effects(known), now).expect("it is here");
+    // `t-2` repeats what it said before: that it has not measured.
+    office.beat("t-2", (1, 2), not_known, "").expect("a heartbeat");
+    assert_eq!(office.known("known-temperature"), known);
+    // The word of `t-1` itself counts.
+    office.beat("t-1", (1, 3), not_known, "").expect("a heartbeat");
+    assert_eq!(office.known("known-temperature"), "");
+}
+
+#[test]
 fn facts_can_be_known_for_a_while() {
     let mut office = office().with([thermometer("t-1"), thermometer("t-2")]);
     let known = "(known-temperature office2)";
