@@ -34,7 +34,7 @@ pub enum PlanningFlow {
 
 /// Something that happened to a goal.
 #[derive(Clone, Debug)]
-pub enum Event {
+pub enum GoalEvent {
     /// The goal is looked at: a timer has fired, another goal is done with planning, or the world has
     /// changed.
     Considered(Turn),
@@ -70,7 +70,7 @@ pub enum Event {
     /// The execution of the plan has ended.
     ExecutionEnded(Attempt, ExecutionEnd),
     /// The known state was compared with the goal after the plan was carried out.
-    Verified(Attempt, Verdict),
+    Verified(Attempt, GoalVerdict),
     /// The initiator has cancelled the goal.
     Cancelled,
     /// Another goal or a better plan comes first. The text is the reason, as the initiator is told.
@@ -92,54 +92,54 @@ pub enum Event {
     TakenOver,
 }
 
-/// The kind of an [`Event`], for the table of transitions.
+/// The kind of an [`GoalEvent`], for the table of transitions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum EventKind {
-    /// [`Event::Considered`].
+pub enum GoalEventKind {
+    /// [`GoalEvent::Considered`].
     Considered,
-    /// [`Event::DomainMissing`].
+    /// [`GoalEvent::DomainMissing`].
     DomainMissing,
-    /// [`Event::DomainUnusable`].
+    /// [`GoalEvent::DomainUnusable`].
     DomainUnusable,
-    /// [`Event::GoalInvalid`].
+    /// [`GoalEvent::GoalInvalid`].
     GoalInvalid,
-    /// [`Event::GoalHolds`].
+    /// [`GoalEvent::GoalHolds`].
     GoalHolds,
-    /// [`Event::GoalLost`].
+    /// [`GoalEvent::GoalLost`].
     GoalLost,
-    /// [`Event::AgentsBusy`].
+    /// [`GoalEvent::AgentsBusy`].
     AgentsBusy,
-    /// [`Event::GoalOpen`].
+    /// [`GoalEvent::GoalOpen`].
     GoalOpen,
-    /// [`Event::PlannerFailed`].
+    /// [`GoalEvent::PlannerFailed`].
     PlannerFailed,
-    /// [`Event::BidsOutdated`].
+    /// [`GoalEvent::BidsOutdated`].
     BidsOutdated,
-    /// [`Event::PlanFound`].
+    /// [`GoalEvent::PlanFound`].
     PlanFound,
-    /// [`Event::PlanMissing`].
+    /// [`GoalEvent::PlanMissing`].
     PlanMissing,
-    /// [`Event::Explained`].
+    /// [`GoalEvent::Explained`].
     Explained,
-    /// [`Event::ExecutorRestarted`].
+    /// [`GoalEvent::ExecutorRestarted`].
     ExecutorRestarted,
-    /// [`Event::OtherPlanRuns`].
+    /// [`GoalEvent::OtherPlanRuns`].
     OtherPlanRuns,
-    /// [`Event::ExecutionEnded`].
+    /// [`GoalEvent::ExecutionEnded`].
     ExecutionEnded,
-    /// [`Event::Verified`].
+    /// [`GoalEvent::Verified`].
     Verified,
-    /// [`Event::Cancelled`].
+    /// [`GoalEvent::Cancelled`].
     Cancelled,
-    /// [`Event::Yielded`].
+    /// [`GoalEvent::Yielded`].
     Yielded,
-    /// [`Event::AgentsReleased`].
+    /// [`GoalEvent::AgentsReleased`].
     AgentsReleased,
-    /// [`Event::WorldChanged`].
+    /// [`GoalEvent::WorldChanged`].
     WorldChanged,
-    /// [`Event::EndedElsewhere`].
+    /// [`GoalEvent::EndedElsewhere`].
     EndedElsewhere,
-    /// [`Event::TakenOver`].
+    /// [`GoalEvent::TakenOver`].
     TakenOver,
 }
 
@@ -209,7 +209,7 @@ pub enum ExecutionEnd {
 
 /// Result of comparing the known state with a goal after its plan was carried out.
 #[derive(Clone, Debug)]
-pub enum Verdict {
+pub enum GoalVerdict {
     /// The goal holds.
     Holds,
     /// A part of the goal does not hold. The text says which.
@@ -222,7 +222,7 @@ pub enum Verdict {
 
 /// Something that the owner of a goal must do.
 #[derive(Clone, Debug)]
-pub enum Command {
+pub enum GoalCommand {
     /// Consider the goal again at once.
     Consider,
     /// Consider the goal after this time; a former timer of the goal no longer counts.
@@ -265,64 +265,64 @@ pub enum Command {
     Abandon,
 }
 
-// === impl Event ===
+// === impl GoalEvent ===
 
-impl Event {
+impl GoalEvent {
     /// Returns the kind of this event.
-    pub fn kind(&self) -> EventKind {
+    pub fn kind(&self) -> GoalEventKind {
         match self {
-            Event::Considered(_) => EventKind::Considered,
-            Event::DomainMissing(_) => EventKind::DomainMissing,
-            Event::DomainUnusable(..) => EventKind::DomainUnusable,
-            Event::GoalInvalid(..) => EventKind::GoalInvalid,
-            Event::GoalHolds(_) => EventKind::GoalHolds,
-            Event::GoalLost(..) => EventKind::GoalLost,
-            Event::AgentsBusy(..) => EventKind::AgentsBusy,
-            Event::GoalOpen(..) => EventKind::GoalOpen,
-            Event::PlannerFailed(..) => EventKind::PlannerFailed,
-            Event::BidsOutdated(..) => EventKind::BidsOutdated,
-            Event::PlanFound(..) => EventKind::PlanFound,
-            Event::PlanMissing(_) => EventKind::PlanMissing,
-            Event::Explained(..) => EventKind::Explained,
-            Event::ExecutorRestarted(_) => EventKind::ExecutorRestarted,
-            Event::OtherPlanRuns(..) => EventKind::OtherPlanRuns,
-            Event::ExecutionEnded(..) => EventKind::ExecutionEnded,
-            Event::Verified(..) => EventKind::Verified,
-            Event::Cancelled => EventKind::Cancelled,
-            Event::Yielded(_) => EventKind::Yielded,
-            Event::AgentsReleased => EventKind::AgentsReleased,
-            Event::WorldChanged { .. } => EventKind::WorldChanged,
-            Event::EndedElsewhere => EventKind::EndedElsewhere,
-            Event::TakenOver => EventKind::TakenOver,
+            GoalEvent::Considered(_) => GoalEventKind::Considered,
+            GoalEvent::DomainMissing(_) => GoalEventKind::DomainMissing,
+            GoalEvent::DomainUnusable(..) => GoalEventKind::DomainUnusable,
+            GoalEvent::GoalInvalid(..) => GoalEventKind::GoalInvalid,
+            GoalEvent::GoalHolds(_) => GoalEventKind::GoalHolds,
+            GoalEvent::GoalLost(..) => GoalEventKind::GoalLost,
+            GoalEvent::AgentsBusy(..) => GoalEventKind::AgentsBusy,
+            GoalEvent::GoalOpen(..) => GoalEventKind::GoalOpen,
+            GoalEvent::PlannerFailed(..) => GoalEventKind::PlannerFailed,
+            GoalEvent::BidsOutdated(..) => GoalEventKind::BidsOutdated,
+            GoalEvent::PlanFound(..) => GoalEventKind::PlanFound,
+            GoalEvent::PlanMissing(_) => GoalEventKind::PlanMissing,
+            GoalEvent::Explained(..) => GoalEventKind::Explained,
+            GoalEvent::ExecutorRestarted(_) => GoalEventKind::ExecutorRestarted,
+            GoalEvent::OtherPlanRuns(..) => GoalEventKind::OtherPlanRuns,
+            GoalEvent::ExecutionEnded(..) => GoalEventKind::ExecutionEnded,
+            GoalEvent::Verified(..) => GoalEventKind::Verified,
+            GoalEvent::Cancelled => GoalEventKind::Cancelled,
+            GoalEvent::Yielded(_) => GoalEventKind::Yielded,
+            GoalEvent::AgentsReleased => GoalEventKind::AgentsReleased,
+            GoalEvent::WorldChanged { .. } => GoalEventKind::WorldChanged,
+            GoalEvent::EndedElsewhere => GoalEventKind::EndedElsewhere,
+            GoalEvent::TakenOver => GoalEventKind::TakenOver,
         }
     }
 
     /// Returns the work that this event ends or tells of; `None` if it is about none.
     pub fn attempt(&self) -> Option<Attempt> {
         match self {
-            Event::DomainMissing(attempt)
-            | Event::DomainUnusable(attempt, _)
-            | Event::GoalInvalid(attempt, _)
-            | Event::GoalHolds(attempt)
-            | Event::GoalLost(attempt, _)
-            | Event::AgentsBusy(attempt, _)
-            | Event::GoalOpen(attempt, _)
-            | Event::PlannerFailed(attempt, ..)
-            | Event::BidsOutdated(attempt, _)
-            | Event::PlanFound(attempt, _)
-            | Event::PlanMissing(attempt)
-            | Event::Explained(attempt, _)
-            | Event::ExecutorRestarted(attempt)
-            | Event::OtherPlanRuns(attempt, _)
-            | Event::ExecutionEnded(attempt, _)
-            | Event::Verified(attempt, _) => Some(*attempt),
-            Event::Considered(_)
-            | Event::Cancelled
-            | Event::Yielded(_)
-            | Event::AgentsReleased
-            | Event::WorldChanged { .. }
-            | Event::EndedElsewhere
-            | Event::TakenOver => None,
+            GoalEvent::DomainMissing(attempt)
+            | GoalEvent::DomainUnusable(attempt, _)
+            | GoalEvent::GoalInvalid(attempt, _)
+            | GoalEvent::GoalHolds(attempt)
+            | GoalEvent::GoalLost(attempt, _)
+            | GoalEvent::AgentsBusy(attempt, _)
+            | GoalEvent::GoalOpen(attempt, _)
+            | GoalEvent::PlannerFailed(attempt, ..)
+            | GoalEvent::BidsOutdated(attempt, _)
+            | GoalEvent::PlanFound(attempt, _)
+            | GoalEvent::PlanMissing(attempt)
+            | GoalEvent::Explained(attempt, _)
+            | GoalEvent::ExecutorRestarted(attempt)
+            | GoalEvent::OtherPlanRuns(attempt, _)
+            | GoalEvent::ExecutionEnded(attempt, _)
+            | GoalEvent::Verified(attempt, _) => Some(*attempt),
+            GoalEvent::Considered(_)
+            | GoalEvent::Cancelled
+            | GoalEvent::Yielded(_)
+            | GoalEvent::AgentsReleased
+            | GoalEvent::WorldChanged { .. }
+            | GoalEvent::EndedElsewhere
+            | GoalEvent::TakenOver => None,
         }
     }
 }

@@ -8,8 +8,8 @@ use acl::content::{GoalPhase, Keep, Outcome, Report};
 
 use crate::action_backoff::ActionBackoffs;
 use crate::event::{
-    Attempt, Blockers, Command, Event, ExecutionEnd, MissingPlan, PlanDecision, PlanningFlow,
-    PlanningMode, Turn, Verdict,
+    Attempt, Blockers, ExecutionEnd, GoalCommand, GoalEvent, GoalVerdict, MissingPlan,
+    PlanDecision, PlanningFlow, PlanningMode, Turn,
 };
 use crate::transitions::is_lawful;
 
@@ -102,8 +102,8 @@ pub fn holding() -> Report {
     Report::new(Outcome::Holds, "the goal holds; it is watched")
 }
 
-fn progress(detail: impl Into<String>) -> Command {
-    Command::Report(Report::new(Outcome::Progress, detail))
+fn progress(detail: impl Into<String>) -> GoalCommand {
+    GoalCommand::Report(Report::new(Outcome::Progress, detail))
 }
 
 impl GoalState {
@@ -138,14 +138,14 @@ impl GoalState {
         (rounds, failures): (u32, u32),
         is_running: bool,
         now: Duration,
-    ) -> (GoalState, Vec<Command>) {
+    ) -> (GoalState, Vec<GoalCommand>) {
         let mut state =
             GoalState { rounds, failures, adopted_at: Some(now), ..GoalState::new(keep) };
         if !is_running {
-            return (state, vec![progress("the goal was taken over"), Command::Consider]);
+            return (state, vec![progress("the goal was taken over"), GoalCommand::Consider]);
         }
         state.phase = GoalPhase::Executing;
-        let requested = Command::RequestExecution(state.next_attempt());
+        let requested = GoalCommand::RequestExecution(state.next_attempt());
         (state, vec![requested, progress("the goal was taken over; its plan goes on")])
     }
 
@@ -198,7 +198,7 @@ impl GoalState {
     /// Changes the state by an event that happened at the time `now`, and returns what must be done
     /// about it, in this order. An event of earlier work, and an event that the table has no transition
     /// for, changes nothing.
-    pub fn handle(&mut self, event: Event, now: Duration, policy: Policy) -> Vec<Command> {
+    pub fn handle(&mut self, event: GoalEvent, now: Duration, policy: Policy) -> Vec<GoalCommand> {
         let (kind, from) = (event.kind(), self.phase);
         let is_of_earlier_work = event.attempt().is_some_and(|attempt| attempt != self.attempt);
         if is_of_earlier_work || !crate::transitions::is_expected(kind, from) {
@@ -209,49 +209,51 @@ impl GoalState {
         commands
     }
 
-    fn react(&mut self, event: Event, now: Duration, policy: Policy) -> Vec<Command> {
+    fn react(&mut self, event: GoalEvent, now: Duration, policy: Policy) -> Vec<GoalCommand> {
         match event {
-            Event::Considered(turn) => self.considered(turn, now),
-            Event::DomainMissing(_) => self.wait(NO_MAINTAINER.to_owned(), ASK_AGAIN),
-            Event::DomainUnusable(_, why) => self.end(Outcome::Failed, why),
-            Event::GoalInvalid(_, why) if self.in_warm_up(now) => self.wait(why, ASK_AGAIN),
-            Event::GoalInvalid(_, why) => self.end(Outcome::Failed, why),
-            Event::GoalHolds(_) => self.satisfied(),
-            Event::GoalLost(..) | Event::AgentsBusy(..) | Event::GoalOpen(..) => {
+            GoalEvent::Considered(turn) => self.considered(turn, now),
+            GoalEvent::DomainMissing(_) => self.wait(NO_MAINTAINER.to_owned(), ASK_AGAIN),
+            GoalEvent::DomainUnusable(_, why) => self.end(Outcome::Failed, why),
+            GoalEvent::GoalInvalid(_, why) if self.in_warm_up(now) => self.wait(why, ASK_AGAIN),
+            GoalEvent::GoalInvalid(_, why) => self.end(Outcome::Failed, why),
+            GoalEvent::GoalHolds(_) => self.satisfied(),
+            GoalEvent::GoalLost(..) | GoalEvent::AgentsBusy(..) | GoalEvent::GoalOpen(..) => {
                 self.unsatisfied(event, now, policy)
             }
-            Event::PlannerFailed(_, why, wait) => self.retry(why, wait, policy),
-            Event::BidsOutdated(_, why) => self.bids_outdated(why, now, policy),
-            Event::PlanFound(_, decision) => self.plan_found(decision, now, policy),
-            Event::PlanMissing(_) => {
+            GoalEvent::PlannerFailed(_, why, wait) => self.retry(why, wait, policy),
+            GoalEvent::BidsOutdated(_, why) => self.bids_outdated(why, now, policy),
+            GoalEvent::PlanFound(_, decision) => self.plan_found(decision, now, policy),
+            GoalEvent::PlanMissing(_) => {
                 self.enter(GoalPhase::Explaining);
-                vec![Command::Explain(self.next_attempt())]
+                vec![GoalCommand::Explain(self.next_attempt())]
             }
-            Event::Explained(_, missing) => self.explained(missing, now, policy),
-            Event::ExecutorRestarted(_) => vec![Command::RequestExecution(self.next_attempt())],
-            Event::OtherPlanRuns(_, round) => self.other_plan_runs(round),
-            Event::ExecutionEnded(_, end) => self.execution_ended(end, now, policy),
-            Event::Verified(_, verdict) => self.verified(verdict, policy),
-            Event::Cancelled => self.cancelled(),
-            Event::Yielded(why) => {
+            GoalEvent::Explained(_, missing) => self.explained(missing, now, policy),
+            GoalEvent::ExecutorRestarted(_) => {
+                vec![GoalCommand::RequestExecution(self.next_attempt())]
+            }
+            GoalEvent::OtherPlanRuns(_, round) => self.other_plan_runs(round),
+            GoalEvent::ExecutionEnded(_, end) => self.execution_ended(end, now, policy),
+            GoalEvent::Verified(_, verdict) => self.verified(verdict, policy),
+            GoalEvent::Cancelled => self.cancelled(),
+            GoalEvent::Yielded(why) => {
                 self.enter(GoalPhase::Preempted);
-                vec![Command::CancelExecution, progress(why)]
+                vec![GoalCommand::CancelExecution, progress(why)]
             }
-            Event::AgentsReleased => {
+            GoalEvent::AgentsReleased => {
                 self.enter(GoalPhase::Queued);
                 Vec::new()
             }
-            Event::WorldChanged { joined, have_agents_changed, is_planning_busy } => {
+            GoalEvent::WorldChanged { joined, have_agents_changed, is_planning_busy } => {
                 self.world_changed(&joined, have_agents_changed, is_planning_busy)
             }
-            Event::EndedElsewhere => {
+            GoalEvent::EndedElsewhere => {
                 let is_executing = self.phase == GoalPhase::Executing;
                 self.enter(GoalPhase::Ended);
-                vec![if is_executing { Command::CancelExecution } else { Command::Abandon }]
+                vec![if is_executing { GoalCommand::CancelExecution } else { GoalCommand::Abandon }]
             }
-            Event::TakenOver => {
+            GoalEvent::TakenOver => {
                 self.enter(GoalPhase::Ended);
-                vec![Command::Abandon]
+                vec![GoalCommand::Abandon]
             }
         }
     }
@@ -275,14 +277,14 @@ impl GoalState {
 
     // === a round of planning ===
 
-    fn considered(&mut self, turn: Turn, now: Duration) -> Vec<Command> {
+    fn considered(&mut self, turn: Turn, now: Duration) -> Vec<GoalCommand> {
         if let Some(why) = turn.missing_quorum {
             let is_told = self.phase == GoalPhase::WaitingForChange && self.waits_because == why;
             self.enter(GoalPhase::WaitingForChange);
             self.waits_because.clone_from(&why);
             let told = (!is_told).then(|| progress(format!("waiting: {why}")));
             // Goals that need no quorum go on.
-            return told.into_iter().chain([Command::ScheduleNext]).collect();
+            return told.into_iter().chain([GoalCommand::ScheduleNext]).collect();
         }
         if turn.is_planning_busy {
             self.enter(GoalPhase::Queued);
@@ -294,14 +296,14 @@ impl GoalState {
         if is_still_blocked {
             self.enter(GoalPhase::WaitingForAgents);
             self.waits_because = format!("it {}", self.blocked_by);
-            return vec![Command::ScheduleNext];
+            return vec![GoalCommand::ScheduleNext];
         }
         self.enter(GoalPhase::FetchingDomain);
         self.is_request_stale = false;
-        vec![Command::StopTimer, Command::FetchDomain(self.next_attempt())]
+        vec![GoalCommand::StopTimer, GoalCommand::FetchDomain(self.next_attempt())]
     }
 
-    fn satisfied(&mut self) -> Vec<Command> {
+    fn satisfied(&mut self) -> Vec<GoalCommand> {
         self.failures = 0;
         self.planning_mode = PlanningMode::default();
         if self.keep == Keep::Achieve {
@@ -311,44 +313,47 @@ impl GoalState {
         self.enter(GoalPhase::Holding);
         self.no_plan_because.clear();
         let is_told = std::mem::replace(&mut self.is_holding_reported, true);
-        let told = (!is_told).then(|| Command::Report(holding()));
-        let rest =
-            [Command::ForgetPlan, Command::ConsiderAfter(RECHECK_INTERVAL), Command::ScheduleNext];
+        let told = (!is_told).then(|| GoalCommand::Report(holding()));
+        let rest = [
+            GoalCommand::ForgetPlan,
+            GoalCommand::ConsiderAfter(RECHECK_INTERVAL),
+            GoalCommand::ScheduleNext,
+        ];
         told.into_iter().chain(rest).collect()
     }
 
-    fn unsatisfied(&mut self, event: Event, now: Duration, policy: Policy) -> Vec<Command> {
+    fn unsatisfied(&mut self, event: GoalEvent, now: Duration, policy: Policy) -> Vec<GoalCommand> {
         if self.rounds > 0 && !policy.is_replanning {
             let why = "it does not hold any more, and replanning is off";
             return self.end(Outcome::Failed, why);
         }
         self.is_holding_reported = false;
         match event {
-            Event::GoalLost(_, why) => {
+            GoalEvent::GoalLost(_, why) => {
                 self.planning_mode = PlanningMode::default();
                 self.no_plan(why, now, policy)
             }
-            Event::AgentsBusy(_, blockers) => self.block(blockers, now),
-            Event::GoalOpen(_, PlanningFlow::Centralized) => {
+            GoalEvent::AgentsBusy(_, blockers) => self.block(blockers, now),
+            GoalEvent::GoalOpen(_, PlanningFlow::Centralized) => {
                 self.enter(GoalPhase::Planning);
-                vec![Command::Plan(self.next_attempt())]
+                vec![GoalCommand::Plan(self.next_attempt())]
             }
             _ => {
                 self.enter(GoalPhase::CollectingProposals);
-                vec![Command::Plan(self.next_attempt())]
+                vec![GoalCommand::Plan(self.next_attempt())]
             }
         }
     }
 
     /// Waits for the newer action models of bidders for a while. After that time the bids count as they
     /// are.
-    fn bids_outdated(&mut self, why: String, now: Duration, policy: Policy) -> Vec<Command> {
+    fn bids_outdated(&mut self, why: String, now: Duration, policy: Policy) -> Vec<GoalCommand> {
         let since = *self.outdated_since.get_or_insert(now);
         if now.saturating_sub(since) >= ANNOUNCEMENT_DELAY.max(policy.grace) {
             return Vec::new();
         }
         let rejected = "a new call for proposals follows: an action model is newer";
-        let mut commands = vec![Command::RejectProposals(rejected)];
+        let mut commands = vec![GoalCommand::RejectProposals(rejected)];
         commands.extend(self.wait(why, ANNOUNCEMENT_DELAY));
         commands
     }
@@ -358,7 +363,7 @@ impl GoalState {
         decision: PlanDecision,
         now: Duration,
         policy: Policy,
-    ) -> Vec<Command> {
+    ) -> Vec<GoalCommand> {
         self.planning_mode = PlanningMode::Cooperative;
         if !matches!(decision, PlanDecision::Conflict(_)) {
             self.no_plan_since = None;
@@ -370,11 +375,11 @@ impl GoalState {
                 self.blocked_by.clear();
                 self.no_plan_because.clear();
                 // The next goal may be planned for during execution.
-                vec![Command::Execute(self.next_attempt()), Command::ScheduleNext]
+                vec![GoalCommand::Execute(self.next_attempt()), GoalCommand::ScheduleNext]
             }
             PlanDecision::Preempt(others, blockers) => {
                 let mut commands = self.block(blockers, now);
-                commands.push(Command::Preempt(others));
+                commands.push(GoalCommand::Preempt(others));
                 commands
             }
             PlanDecision::WaitFor(blockers) => self.block(blockers, now),
@@ -387,10 +392,15 @@ impl GoalState {
 
     /// Continues when the reason for the missing plan is known: tries the next mode of planning, waits
     /// for other goals, or reports the reason.
-    fn explained(&mut self, missing: MissingPlan, now: Duration, policy: Policy) -> Vec<Command> {
+    fn explained(
+        &mut self,
+        missing: MissingPlan,
+        now: Duration,
+        policy: Policy,
+    ) -> Vec<GoalCommand> {
         if missing.are_agents_free_again {
             self.enter(GoalPhase::Queued);
-            return vec![Command::ScheduleNext];
+            return vec![GoalCommand::ScheduleNext];
         }
         let has_hope = missing.has_hope && self.planning_mode != PlanningMode::DiagnoseConflict;
         let next = match self.planning_mode {
@@ -408,13 +418,13 @@ impl GoalState {
         };
         self.planning_mode = next;
         self.enter(GoalPhase::Queued);
-        vec![Command::Consider]
+        vec![GoalCommand::Consider]
     }
 
     // === waiting ===
 
     /// Makes the goal wait until the plan of one of the blockers no longer runs.
-    fn block(&mut self, blockers: Blockers, now: Duration) -> Vec<Command> {
+    fn block(&mut self, blockers: Blockers, now: Duration) -> Vec<GoalCommand> {
         self.planning_mode = PlanningMode::Cooperative;
         let Blockers { goals, agents } = blockers;
         self.blocked_by_agents =
@@ -430,20 +440,20 @@ impl GoalState {
         self.enter(GoalPhase::WaitingForAgents);
         self.waits_because = format!("it {why}");
         self.blocked_by = why;
-        told.into_iter().chain([Command::ScheduleNext]).collect()
+        told.into_iter().chain([GoalCommand::ScheduleNext]).collect()
     }
 
     /// Makes the goal wait for the time `wait`, and then considers it again. Other goals may be planned
     /// for meanwhile.
-    fn wait(&mut self, why: String, wait: Duration) -> Vec<Command> {
+    fn wait(&mut self, why: String, wait: Duration) -> Vec<GoalCommand> {
         self.enter(GoalPhase::WaitingForChange);
         self.waits_because = why;
-        vec![Command::ConsiderAfter(wait), Command::ScheduleNext]
+        vec![GoalCommand::ConsiderAfter(wait), GoalCommand::ScheduleNext]
     }
 
     /// Handles a plan that failed or could not be made: plans for the goal again after the time `wait`,
     /// or gives the goal up.
-    fn retry(&mut self, why: String, wait: Duration, policy: Policy) -> Vec<Command> {
+    fn retry(&mut self, why: String, wait: Duration, policy: Policy) -> Vec<GoalCommand> {
         self.failures += 1;
         let gives_up = self.keep == Keep::Achieve && self.failures >= FAILURES_MAX;
         if gives_up || !policy.is_replanning {
@@ -460,7 +470,7 @@ impl GoalState {
     /// Handles that planning found no plan. While news may still be on their way, plans once more. After
     /// that a goal that is to be achieved once ends; a kept goal waits until the ecosystem changes, or
     /// until a failed action may be tried again.
-    fn no_plan(&mut self, why: String, now: Duration, policy: Policy) -> Vec<Command> {
+    fn no_plan(&mut self, why: String, now: Duration, policy: Policy) -> Vec<GoalCommand> {
         if std::mem::take(&mut self.is_request_stale) {
             // The search used a state of the world that is out of date.
             return self.wait(why, SETTLE_DELAY);
@@ -493,12 +503,13 @@ impl GoalState {
 
     /// Continues with a plan of the goal that is already running, in place of the plan made here. If the
     /// former plan was to be cancelled, the running one is.
-    fn other_plan_runs(&mut self, round: u32) -> Vec<Command> {
+    fn other_plan_runs(&mut self, round: u32) -> Vec<GoalCommand> {
         self.rounds = self.rounds.max(round);
-        let adopted = [Command::AdoptRunningPlan, Command::RequestExecution(self.next_attempt())];
+        let adopted =
+            [GoalCommand::AdoptRunningPlan, GoalCommand::RequestExecution(self.next_attempt())];
         let last = match self.phase {
             GoalPhase::Executing => progress("another plan for the goal is under way, and goes on"),
-            _ => Command::CancelExecution,
+            _ => GoalCommand::CancelExecution,
         };
         adopted.into_iter().chain([last]).collect()
     }
@@ -508,7 +519,7 @@ impl GoalState {
         end: ExecutionEnd,
         now: Duration,
         policy: Policy,
-    ) -> Vec<Command> {
+    ) -> Vec<GoalCommand> {
         let from = self.phase;
         let is_done = matches!(end, ExecutionEnd::Done);
         if from == GoalPhase::Executing && is_done && self.keep == Keep::Achieve {
@@ -523,12 +534,12 @@ impl GoalState {
                 // Checked once more before it is reported to hold: an agent may have left meanwhile.
                 self.failures = 0;
                 self.enter(GoalPhase::Holding);
-                vec![Command::ConsiderAfter(SETTLE_DELAY), Command::ScheduleNext]
+                vec![GoalCommand::ConsiderAfter(SETTLE_DELAY), GoalCommand::ScheduleNext]
             }
             // The goal queues for its turn; the goal that it yielded to comes first.
             (GoalPhase::Preempted, _) => {
                 self.enter(GoalPhase::Queued);
-                vec![Command::ScheduleNext]
+                vec![GoalCommand::ScheduleNext]
             }
             (_, ExecutionEnd::Failed(report, blamed)) => {
                 blamed.into_iter().for_each(|it| self.backoffs.penalize(it, &report, now));
@@ -537,10 +548,10 @@ impl GoalState {
             (_, ExecutionEnd::Cancelled(why)) => self.retry(why, Duration::ZERO, policy),
             (_, ExecutionEnd::Unknown(why, wait)) => self.retry(why, wait, policy),
         };
-        std::iter::once(Command::ReleaseAgents).chain(next).collect()
+        std::iter::once(GoalCommand::ReleaseAgents).chain(next).collect()
     }
 
-    fn cancelled_in_execution(&mut self, end: ExecutionEnd) -> Vec<Command> {
+    fn cancelled_in_execution(&mut self, end: ExecutionEnd) -> Vec<GoalCommand> {
         let (outcome, detail) = match end {
             ExecutionEnd::Done => (Outcome::Done, "it was done before the cancel came".to_owned()),
             ExecutionEnd::Cancelled(_) => (Outcome::Cancelled, CANCELLED.to_owned()),
@@ -552,36 +563,36 @@ impl GoalState {
         self.end(outcome, detail)
     }
 
-    fn verify_first(&mut self) -> Vec<Command> {
+    fn verify_first(&mut self) -> Vec<GoalCommand> {
         self.enter(GoalPhase::Verifying);
         self.looks = 1;
-        vec![Command::Verify(self.next_attempt(), Duration::ZERO)]
+        vec![GoalCommand::Verify(self.next_attempt(), Duration::ZERO)]
     }
 
-    fn verified(&mut self, verdict: Verdict, policy: Policy) -> Vec<Command> {
+    fn verified(&mut self, verdict: GoalVerdict, policy: Policy) -> Vec<GoalCommand> {
         let next = match verdict {
-            Verdict::Holds => return self.end(Outcome::Done, "the goal holds"),
-            Verdict::Unusable(why) => return self.end(Outcome::Failed, why),
-            Verdict::Unmet(_) if self.looks < LOOKS_MAX => {
+            GoalVerdict::Holds => return self.end(Outcome::Done, "the goal holds"),
+            GoalVerdict::Unusable(why) => return self.end(Outcome::Failed, why),
+            GoalVerdict::Unmet(_) if self.looks < LOOKS_MAX => {
                 self.looks += 1;
-                return vec![Command::Verify(self.next_attempt(), SETTLE_DELAY)];
+                return vec![GoalCommand::Verify(self.next_attempt(), SETTLE_DELAY)];
             }
-            Verdict::Unmet(unmet) => {
+            GoalVerdict::Unmet(unmet) => {
                 let why = format!("every step is done, and {unmet}");
                 self.retry(why, Duration::ZERO, policy)
             }
-            Verdict::Unanswered => self.wait(NO_MAINTAINER.to_owned(), ASK_AGAIN),
+            GoalVerdict::Unanswered => self.wait(NO_MAINTAINER.to_owned(), ASK_AGAIN),
         };
-        std::iter::once(Command::ReleaseAgents).chain(next).collect()
+        std::iter::once(GoalCommand::ReleaseAgents).chain(next).collect()
     }
 
     // === the end ===
 
-    fn cancelled(&mut self) -> Vec<Command> {
+    fn cancelled(&mut self) -> Vec<GoalCommand> {
         match self.phase {
             GoalPhase::Executing => {
                 self.enter(GoalPhase::Cancelling);
-                vec![Command::CancelExecution]
+                vec![GoalCommand::CancelExecution]
             }
             GoalPhase::Preempted | GoalPhase::Cancelling => {
                 self.enter(GoalPhase::Cancelling);
@@ -589,18 +600,18 @@ impl GoalState {
             }
             GoalPhase::Planning => {
                 let end = self.end(Outcome::Cancelled, CANCELLED);
-                std::iter::once(Command::CancelPlanning).chain(end).collect()
+                std::iter::once(GoalCommand::CancelPlanning).chain(end).collect()
             }
             _ => self.end(Outcome::Cancelled, CANCELLED),
         }
     }
 
     /// Ends the goal. If its plan was being verified, its agents are free afterwards.
-    fn end(&mut self, outcome: Outcome, detail: impl Into<String>) -> Vec<Command> {
-        let released = (self.phase == GoalPhase::Verifying).then_some(Command::ReleaseAgents);
+    fn end(&mut self, outcome: Outcome, detail: impl Into<String>) -> Vec<GoalCommand> {
+        let released = (self.phase == GoalPhase::Verifying).then_some(GoalCommand::ReleaseAgents);
         self.enter(GoalPhase::Ended);
-        let end = Command::End(outcome, detail.into());
-        [end].into_iter().chain(released).chain([Command::ScheduleNext]).collect()
+        let end = GoalCommand::End(outcome, detail.into());
+        [end].into_iter().chain(released).chain([GoalCommand::ScheduleNext]).collect()
     }
 
     // === changes of the world ===
@@ -612,7 +623,7 @@ impl GoalState {
         joined: &[AgentId],
         have_agents_changed: bool,
         is_planning_busy: bool,
-    ) -> Vec<Command> {
+    ) -> Vec<GoalCommand> {
         joined.iter().for_each(|agent| self.backoffs.reset(agent));
         if have_agents_changed {
             self.blocked_by_agents = None;
@@ -626,7 +637,7 @@ impl GoalState {
             GoalPhase::WaitingForAgents => have_agents_changed,
             _ => false,
         };
-        is_concerned.then_some(Command::ConsiderAfter(SETTLE_DELAY)).into_iter().collect()
+        is_concerned.then_some(GoalCommand::ConsiderAfter(SETTLE_DELAY)).into_iter().collect()
     }
 }
 

@@ -1,14 +1,14 @@
 //! The life of a goal as a state machine: events in, commands out. No clock and no I/O.
 //!
 //! A [`GoalState`] has a phase (`acl::content::GoalPhase`). Its only way to another phase is
-//! [`GoalState::handle`], which takes an [`Event`] and returns the [`Command`]s that its owner, the
+//! [`GoalState::handle`], which takes an [`GoalEvent`] and returns the [`GoalCommand`]s that its owner, the
 //! Plan Requester, carries out in their order. [`TRANSITIONS`] lists every lawful transition; the
 //! diagram in `docs/goals.md` is drawn from it, and tests execute it.
 //!
 //! - Time is a parameter: a `Duration` since an origin that the owner chooses.
 //! - Work that a command begins (a question, a search, an execution) has a number, its [`Attempt`]. An
 //!   event that ends work names the attempt; an event of an earlier attempt changes nothing.
-//! - A goal ends exactly once: [`Command::End`] leads to the phase `Ended`, in which every event is
+//! - A goal ends exactly once: [`GoalCommand::End`] leads to the phase `Ended`, in which every event is
 //!   ignored.
 //!
 //! Start reading at [`TRANSITIONS`], then `goal_state.rs`.
@@ -20,8 +20,8 @@ mod transitions;
 
 pub use action_backoff::{ActionBackoffs, AvoidedAction, AvoidedActions};
 pub use event::{
-    Attempt, Blockers, Command, Event, EventKind, ExecutionEnd, MissingPlan, PlanDecision,
-    PlanningFlow, PlanningMode, Turn, Verdict,
+    Attempt, Blockers, ExecutionEnd, GoalCommand, GoalEvent, GoalEventKind, GoalVerdict,
+    MissingPlan, PlanDecision, PlanningFlow, PlanningMode, Turn,
 };
 pub use goal_state::{FAILURES_MAX, GoalState, Policy, RECHECK_INTERVAL, SETTLE_DELAY, holding};
-pub use transitions::{TRANSITIONS, Transition, is_lawful};
+pub use transitions::{GoalTransition, TRANSITIONS, is_lawful};

@@ -5,14 +5,14 @@ use acl::content::GoalPhase::{
     Planning, Preempted, Queued, Verifying, WaitingForAgents, WaitingForChange,
 };
 
-use crate::event::EventKind;
+use crate::event::GoalEventKind;
 
 /// A row of the table: an event, the phases in which it counts, and the phases that it may lead to. An
 /// event that is not listed for a phase changes nothing in that phase.
 #[derive(Clone, Copy, Debug)]
-pub struct Transition {
+pub struct GoalTransition {
     /// The event.
-    pub event: EventKind,
+    pub event: GoalEventKind,
     /// The phases in which the event counts.
     pub from: &'static [GoalPhase],
     /// The phases that the event leads to.
@@ -22,19 +22,19 @@ pub struct Transition {
 }
 
 const fn leads(
-    event: EventKind,
+    event: GoalEventKind,
     from: &'static [GoalPhase],
     to: &'static [GoalPhase],
-) -> Transition {
-    Transition { event, from, to, may_stay: false }
+) -> GoalTransition {
+    GoalTransition { event, from, to, may_stay: false }
 }
 
 const fn may_lead(
-    event: EventKind,
+    event: GoalEventKind,
     from: &'static [GoalPhase],
     to: &'static [GoalPhase],
-) -> Transition {
-    Transition { event, from, to, may_stay: true }
+) -> GoalTransition {
+    GoalTransition { event, from, to, may_stay: true }
 }
 
 const IDLE: &[GoalPhase] = &[Queued, WaitingForAgents, WaitingForChange, Holding];
@@ -67,55 +67,59 @@ const WITHOUT_THE_EXECUTOR: &[GoalPhase] = &[
 ];
 
 /// All lawful transitions of a goal.
-pub const TRANSITIONS: &[Transition] = &[
+pub const TRANSITIONS: &[GoalTransition] = &[
     may_lead(
-        EventKind::Considered,
+        GoalEventKind::Considered,
         IDLE,
         &[Queued, WaitingForAgents, WaitingForChange, FetchingDomain],
     ),
-    leads(EventKind::DomainMissing, &[FetchingDomain], &[WaitingForChange]),
-    leads(EventKind::DomainUnusable, &[FetchingDomain], &[Ended]),
-    leads(EventKind::GoalInvalid, &[FetchingDomain], &[WaitingForChange, Ended]),
-    leads(EventKind::GoalHolds, &[FetchingDomain], &[Holding, Ended]),
-    leads(EventKind::GoalLost, &[FetchingDomain], &[WaitingForChange, Ended]),
-    leads(EventKind::AgentsBusy, &[FetchingDomain], &[WaitingForAgents, Ended]),
-    leads(EventKind::GoalOpen, &[FetchingDomain], &[Planning, CollectingProposals, Ended]),
-    leads(EventKind::PlannerFailed, &[Planning], &[WaitingForChange, Ended]),
-    may_lead(EventKind::BidsOutdated, &[CollectingProposals], &[WaitingForChange]),
+    leads(GoalEventKind::DomainMissing, &[FetchingDomain], &[WaitingForChange]),
+    leads(GoalEventKind::DomainUnusable, &[FetchingDomain], &[Ended]),
+    leads(GoalEventKind::GoalInvalid, &[FetchingDomain], &[WaitingForChange, Ended]),
+    leads(GoalEventKind::GoalHolds, &[FetchingDomain], &[Holding, Ended]),
+    leads(GoalEventKind::GoalLost, &[FetchingDomain], &[WaitingForChange, Ended]),
+    leads(GoalEventKind::AgentsBusy, &[FetchingDomain], &[WaitingForAgents, Ended]),
+    leads(GoalEventKind::GoalOpen, &[FetchingDomain], &[Planning, CollectingProposals, Ended]),
+    leads(GoalEventKind::PlannerFailed, &[Planning], &[WaitingForChange, Ended]),
+    may_lead(GoalEventKind::BidsOutdated, &[CollectingProposals], &[WaitingForChange]),
     leads(
-        EventKind::PlanFound,
+        GoalEventKind::PlanFound,
         LOOKING_FOR_A_PLAN,
         &[Executing, WaitingForAgents, WaitingForChange, Ended],
     ),
-    leads(EventKind::PlanMissing, LOOKING_FOR_A_PLAN, &[Explaining]),
+    leads(GoalEventKind::PlanMissing, LOOKING_FOR_A_PLAN, &[Explaining]),
     leads(
-        EventKind::Explained,
+        GoalEventKind::Explained,
         &[Explaining],
         &[Queued, WaitingForAgents, WaitingForChange, Ended],
     ),
-    may_lead(EventKind::ExecutorRestarted, &[Executing], &[]),
-    may_lead(EventKind::OtherPlanRuns, WITH_THE_EXECUTOR, &[]),
-    leads(EventKind::ExecutionEnded, &[Executing], &[Verifying, Holding, WaitingForChange, Ended]),
-    leads(EventKind::ExecutionEnded, &[Preempted], &[Verifying, Holding, Queued]),
-    leads(EventKind::ExecutionEnded, &[Cancelling], &[Ended]),
-    may_lead(EventKind::Verified, &[Verifying], &[WaitingForChange, Ended]),
-    leads(EventKind::Yielded, &[Executing], &[Preempted]),
-    leads(EventKind::AgentsReleased, &[WaitingForAgents], &[Queued]),
-    may_lead(EventKind::WorldChanged, ALIVE, &[]),
-    leads(EventKind::Cancelled, &[Executing, Preempted], &[Cancelling]),
-    may_lead(EventKind::Cancelled, &[Cancelling], &[]),
-    leads(EventKind::Cancelled, WITHOUT_THE_EXECUTOR, &[Ended]),
-    leads(EventKind::EndedElsewhere, ALIVE, &[Ended]),
-    leads(EventKind::TakenOver, ALIVE, &[Ended]),
+    may_lead(GoalEventKind::ExecutorRestarted, &[Executing], &[]),
+    may_lead(GoalEventKind::OtherPlanRuns, WITH_THE_EXECUTOR, &[]),
+    leads(
+        GoalEventKind::ExecutionEnded,
+        &[Executing],
+        &[Verifying, Holding, WaitingForChange, Ended],
+    ),
+    leads(GoalEventKind::ExecutionEnded, &[Preempted], &[Verifying, Holding, Queued]),
+    leads(GoalEventKind::ExecutionEnded, &[Cancelling], &[Ended]),
+    may_lead(GoalEventKind::Verified, &[Verifying], &[WaitingForChange, Ended]),
+    leads(GoalEventKind::Yielded, &[Executing], &[Preempted]),
+    leads(GoalEventKind::AgentsReleased, &[WaitingForAgents], &[Queued]),
+    may_lead(GoalEventKind::WorldChanged, ALIVE, &[]),
+    leads(GoalEventKind::Cancelled, &[Executing, Preempted], &[Cancelling]),
+    may_lead(GoalEventKind::Cancelled, &[Cancelling], &[]),
+    leads(GoalEventKind::Cancelled, WITHOUT_THE_EXECUTOR, &[Ended]),
+    leads(GoalEventKind::EndedElsewhere, ALIVE, &[Ended]),
+    leads(GoalEventKind::TakenOver, ALIVE, &[Ended]),
 ];
 
 /// Whether the event counts in the phase.
-pub(crate) fn is_expected(event: EventKind, phase: GoalPhase) -> bool {
+pub(crate) fn is_expected(event: GoalEventKind, phase: GoalPhase) -> bool {
     TRANSITIONS.iter().any(|row| row.event == event && row.from.contains(&phase))
 }
 
 /// Whether the event may lead from one phase to the other.
-pub fn is_lawful(event: EventKind, from: GoalPhase, to: GoalPhase) -> bool {
+pub fn is_lawful(event: GoalEventKind, from: GoalPhase, to: GoalPhase) -> bool {
     TRANSITIONS.iter().any(|row| {
         let is_target = row.to.contains(&to) || (row.may_stay && from == to);
         row.event == event && row.from.contains(&from) && is_target

@@ -6,8 +6,8 @@ use std::time::Duration;
 use acl::content::{GoalPhase, Keep, Outcome, Report};
 use acl::{AgentId, ConversationId};
 use goal_lifecycle::{
-    Attempt, Blockers, Command, Event, ExecutionEnd, GoalState, MissingPlan, PlanDecision,
-    PlanningFlow, Policy, TRANSITIONS, Turn, Verdict, is_lawful,
+    Attempt, Blockers, ExecutionEnd, GoalCommand, GoalEvent, GoalState, GoalVerdict, MissingPlan,
+    PlanDecision, PlanningFlow, Policy, TRANSITIONS, Turn, is_lawful,
 };
 use proptest::prelude::*;
 
@@ -23,7 +23,7 @@ fn blockers(agents: &[&str]) -> Blockers {
 }
 
 /// Returns one event of each kind and variant, about the work `attempt`.
-fn events(attempt: Attempt) -> Vec<Event> {
+fn events(attempt: Attempt) -> Vec<GoalEvent> {
     let text = || "a reason".to_owned();
     let quorum = Turn { missing_quorum: Some("no quorum".to_owned()), ..Turn::default() };
     let busy = Turn { is_planning_busy: true, ..Turn::default() };
@@ -32,58 +32,61 @@ fn events(attempt: Attempt) -> Vec<Event> {
     let failed = Report::new(Outcome::Failed, "it is dark");
     let blamed = Some((agent("lamp"), "light".to_owned()));
     vec![
-        Event::Considered(Turn::default()),
-        Event::Considered(quorum),
-        Event::Considered(busy),
-        Event::Considered(in_use),
-        Event::DomainMissing(attempt),
-        Event::DomainUnusable(attempt, text()),
-        Event::GoalInvalid(attempt, text()),
-        Event::GoalHolds(attempt),
-        Event::GoalLost(attempt, text()),
-        Event::AgentsBusy(attempt, blockers(&["lamp"])),
-        Event::GoalOpen(attempt, PlanningFlow::Centralized),
-        Event::GoalOpen(attempt, PlanningFlow::Decentralized),
-        Event::PlannerFailed(attempt, text(), Duration::ZERO),
-        Event::BidsOutdated(attempt, text()),
-        Event::PlanFound(attempt, PlanDecision::Run),
-        Event::PlanFound(
+        GoalEvent::Considered(Turn::default()),
+        GoalEvent::Considered(quorum),
+        GoalEvent::Considered(busy),
+        GoalEvent::Considered(in_use),
+        GoalEvent::DomainMissing(attempt),
+        GoalEvent::DomainUnusable(attempt, text()),
+        GoalEvent::GoalInvalid(attempt, text()),
+        GoalEvent::GoalHolds(attempt),
+        GoalEvent::GoalLost(attempt, text()),
+        GoalEvent::AgentsBusy(attempt, blockers(&["lamp"])),
+        GoalEvent::GoalOpen(attempt, PlanningFlow::Centralized),
+        GoalEvent::GoalOpen(attempt, PlanningFlow::Decentralized),
+        GoalEvent::PlannerFailed(attempt, text(), Duration::ZERO),
+        GoalEvent::BidsOutdated(attempt, text()),
+        GoalEvent::PlanFound(attempt, PlanDecision::Run),
+        GoalEvent::PlanFound(
             attempt,
             PlanDecision::Preempt(vec![ConversationId::new("c")], blockers(&[])),
         ),
-        Event::PlanFound(attempt, PlanDecision::WaitFor(blockers(&[]))),
-        Event::PlanFound(attempt, PlanDecision::Conflict("`(lit hall)`".to_owned())),
-        Event::PlanMissing(attempt),
-        Event::Explained(attempt, MissingPlan { why: text(), ..MissingPlan::default() }),
-        Event::Explained(attempt, MissingPlan { are_agents_free_again: true, ..hope.clone() }),
-        Event::Explained(attempt, MissingPlan { can_preempt: true, ..hope.clone() }),
-        Event::Explained(attempt, MissingPlan { blockers: blockers(&["lamp"]), ..hope.clone() }),
-        Event::Explained(attempt, MissingPlan { has_kept_goals: true, ..hope }),
-        Event::ExecutorRestarted(attempt),
-        Event::OtherPlanRuns(attempt, 7),
-        Event::ExecutionEnded(attempt, ExecutionEnd::Done),
-        Event::ExecutionEnded(attempt, ExecutionEnd::Cancelled(text())),
-        Event::ExecutionEnded(attempt, ExecutionEnd::Failed(failed, blamed)),
-        Event::ExecutionEnded(attempt, ExecutionEnd::Unknown(text(), Duration::ZERO)),
-        Event::Verified(attempt, Verdict::Holds),
-        Event::Verified(attempt, Verdict::Unmet(text())),
-        Event::Verified(attempt, Verdict::Unusable(text())),
-        Event::Verified(attempt, Verdict::Unanswered),
-        Event::Cancelled,
-        Event::Yielded(text()),
-        Event::AgentsReleased,
-        Event::WorldChanged {
+        GoalEvent::PlanFound(attempt, PlanDecision::WaitFor(blockers(&[]))),
+        GoalEvent::PlanFound(attempt, PlanDecision::Conflict("`(lit hall)`".to_owned())),
+        GoalEvent::PlanMissing(attempt),
+        GoalEvent::Explained(attempt, MissingPlan { why: text(), ..MissingPlan::default() }),
+        GoalEvent::Explained(attempt, MissingPlan { are_agents_free_again: true, ..hope.clone() }),
+        GoalEvent::Explained(attempt, MissingPlan { can_preempt: true, ..hope.clone() }),
+        GoalEvent::Explained(
+            attempt,
+            MissingPlan { blockers: blockers(&["lamp"]), ..hope.clone() },
+        ),
+        GoalEvent::Explained(attempt, MissingPlan { has_kept_goals: true, ..hope }),
+        GoalEvent::ExecutorRestarted(attempt),
+        GoalEvent::OtherPlanRuns(attempt, 7),
+        GoalEvent::ExecutionEnded(attempt, ExecutionEnd::Done),
+        GoalEvent::ExecutionEnded(attempt, ExecutionEnd::Cancelled(text())),
+        GoalEvent::ExecutionEnded(attempt, ExecutionEnd::Failed(failed, blamed)),
+        GoalEvent::ExecutionEnded(attempt, ExecutionEnd::Unknown(text(), Duration::ZERO)),
+        GoalEvent::Verified(attempt, GoalVerdict::Holds),
+        GoalEvent::Verified(attempt, GoalVerdict::Unmet(text())),
+        GoalEvent::Verified(attempt, GoalVerdict::Unusable(text())),
+        GoalEvent::Verified(attempt, GoalVerdict::Unanswered),
+        GoalEvent::Cancelled,
+        GoalEvent::Yielded(text()),
+        GoalEvent::AgentsReleased,
+        GoalEvent::WorldChanged {
             joined: vec![agent("lamp")],
             have_agents_changed: true,
             is_planning_busy: false,
         },
-        Event::WorldChanged {
+        GoalEvent::WorldChanged {
             joined: Vec::new(),
             have_agents_changed: false,
             is_planning_busy: true,
         },
-        Event::EndedElsewhere,
-        Event::TakenOver,
+        GoalEvent::EndedElsewhere,
+        GoalEvent::TakenOver,
     ]
 }
 
@@ -115,12 +118,12 @@ impl Owner {
     }
 
     /// Lets an event happen, and checks what the machine answers.
-    fn tell(&mut self, event: Event, policy: Policy) {
+    fn tell(&mut self, event: GoalEvent, policy: Policy) {
         let (kind, attempt, from) = (event.kind(), event.attempt(), self.state.phase());
         let is_current = attempt.is_none_or(|attempt| attempt == self.state.attempt());
-        let is_end = matches!(event, Event::ExecutionEnded(..));
+        let is_end = matches!(event, GoalEvent::ExecutionEnded(..));
         let is_listed =
-            |row: &&goal_lifecycle::Transition| row.event == kind && row.from.contains(&from);
+            |row: &&goal_lifecycle::GoalTransition| row.event == kind && row.from.contains(&from);
         let counts = is_current && TRANSITIONS.iter().any(|row| is_listed(&row));
         let before = self.state.attempt();
         let commands = self.state.handle(event, self.now, policy);
@@ -141,43 +144,43 @@ impl Owner {
         self.check(to);
     }
 
-    fn obey(&mut self, command: Command) {
+    fn obey(&mut self, command: GoalCommand) {
         match command {
-            Command::Execute(attempt) => {
+            GoalCommand::Execute(attempt) => {
                 assert!(!self.runs, "two plans of one goal run");
                 assert_eq!(attempt, self.state.attempt());
                 self.runs = true;
             }
-            Command::RequestExecution(attempt) => {
+            GoalCommand::RequestExecution(attempt) => {
                 assert_eq!(attempt, self.state.attempt());
                 self.runs = true;
                 self.is_cancelling = false;
             }
-            Command::CancelExecution => {
+            GoalCommand::CancelExecution => {
                 assert!(self.runs, "no plan runs that could be cancelled");
                 self.is_cancelling = true;
             }
-            Command::ConsiderAfter(_) | Command::Consider => self.has_timer = true,
-            Command::StopTimer => self.has_timer = false,
-            Command::End(outcome, detail) => {
+            GoalCommand::ConsiderAfter(_) | GoalCommand::Consider => self.has_timer = true,
+            GoalCommand::StopTimer => self.has_timer = false,
+            GoalCommand::End(outcome, detail) => {
                 assert!(outcome.is_final() && !detail.is_empty());
                 self.ends += 1;
             }
-            Command::Abandon => self.is_abandoned = true,
-            Command::Plan(attempt)
-            | Command::FetchDomain(attempt)
-            | Command::Explain(attempt)
-            | Command::Verify(attempt, _) => assert_eq!(attempt, self.state.attempt()),
-            Command::Report(report) => {
+            GoalCommand::Abandon => self.is_abandoned = true,
+            GoalCommand::Plan(attempt)
+            | GoalCommand::FetchDomain(attempt)
+            | GoalCommand::Explain(attempt)
+            | GoalCommand::Verify(attempt, _) => assert_eq!(attempt, self.state.attempt()),
+            GoalCommand::Report(report) => {
                 assert!(!report.outcome.is_final(), "only `End` tells the end");
             }
-            Command::RejectProposals(_)
-            | Command::AdoptRunningPlan
-            | Command::CancelPlanning
-            | Command::ForgetPlan
-            | Command::ReleaseAgents
-            | Command::Preempt(_)
-            | Command::ScheduleNext => {}
+            GoalCommand::RejectProposals(_)
+            | GoalCommand::AdoptRunningPlan
+            | GoalCommand::CancelPlanning
+            | GoalCommand::ForgetPlan
+            | GoalCommand::ReleaseAgents
+            | GoalCommand::Preempt(_)
+            | GoalCommand::ScheduleNext => {}
         }
     }
 
@@ -260,10 +263,11 @@ fn a_goal_ends_after_so_many_failures_and_a_kept_one_does_not() {
     for (keep, ends) in [(Keep::Achieve, true), (Keep::Maintain, false)] {
         let mut state = GoalState::new(keep);
         for _ in 0..goal_lifecycle::FAILURES_MAX {
-            state.handle(Event::Considered(Turn::default()), Duration::ZERO, POLICY);
-            let open = Event::GoalOpen(state.attempt(), PlanningFlow::Centralized);
+            state.handle(GoalEvent::Considered(Turn::default()), Duration::ZERO, POLICY);
+            let open = GoalEvent::GoalOpen(state.attempt(), PlanningFlow::Centralized);
             state.handle(open, Duration::ZERO, POLICY);
-            let failed = Event::PlannerFailed(state.attempt(), "busy".to_owned(), Duration::ZERO);
+            let failed =
+                GoalEvent::PlannerFailed(state.attempt(), "busy".to_owned(), Duration::ZERO);
             state.handle(failed, Duration::ZERO, POLICY);
         }
         assert_eq!(state.phase() == GoalPhase::Ended, ends);
@@ -273,10 +277,10 @@ fn a_goal_ends_after_so_many_failures_and_a_kept_one_does_not() {
 #[test]
 fn an_answer_of_earlier_work_changes_nothing() {
     let mut state = GoalState::new(Keep::Achieve);
-    state.handle(Event::Considered(Turn::default()), Duration::ZERO, POLICY);
+    state.handle(GoalEvent::Considered(Turn::default()), Duration::ZERO, POLICY);
     let fetching = state.attempt();
-    state.handle(Event::GoalOpen(fetching, PlanningFlow::Centralized), Duration::ZERO, POLICY);
-    let late = state.handle(Event::GoalHolds(fetching), Duration::ZERO, POLICY);
+    state.handle(GoalEvent::GoalOpen(fetching, PlanningFlow::Centralized), Duration::ZERO, POLICY);
+    let late = state.handle(GoalEvent::GoalHolds(fetching), Duration::ZERO, POLICY);
     assert!(late.is_empty());
     assert_eq!(state.phase(), GoalPhase::Planning);
 }

@@ -1,12 +1,12 @@
 //! The execution of a plan as a state machine: events in, commands out. No clock and no I/O.
 //!
 //! A [`PlanState`] knows the steps of one plan, their order, and the state of the world that follows
-//! from the confirmed steps. [`PlanState::handle`] takes an [`Event`] and returns the [`Command`]s that
+//! from the confirmed steps. [`PlanState::handle`] takes an [`ExecutionEvent`] and returns the [`ExecutionCommand`]s that
 //! its owner, the Plan Executor, carries out in their order. [`TRANSITIONS`] lists the lawful
 //! transitions between its phases; `docs/goals.md` has the same table, and tests execute it.
 //!
 //! - A step is requested once, when all steps that it depends on are confirmed.
-//! - A plan ends exactly once ([`Command::End`]), when no agent acts for it any more.
+//! - A plan ends exactly once ([`ExecutionCommand::End`]), when no agent acts for it any more.
 //!
 //! Start reading at [`TRANSITIONS`], then `plan_state.rs`.
 
@@ -17,6 +17,8 @@ mod transitions;
 mod translate;
 
 pub use effect_check::LastHeartbeats;
-pub use plan_state::{CheckDelay, Command, Event, PlanState};
-pub use transitions::{EventKind, ExecutionPhase, TRANSITIONS, Transition, is_lawful};
+pub use plan_state::{CheckDelay, ExecutionCommand, ExecutionEvent, PlanState};
+pub use transitions::{
+    ExecutionEventKind, ExecutionPhase, ExecutionTransition, TRANSITIONS, is_lawful,
+};
 pub use translate::ActionRequest;

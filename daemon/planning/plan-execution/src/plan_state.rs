@@ -8,12 +8,12 @@ use pddl::knowledge::Knowledge;
 
 use crate::effect_check::{LastHeartbeats, UnverifiedEffect};
 use crate::execution::Execution;
-use crate::transitions::{EventKind, ExecutionPhase, is_expected, is_lawful};
+use crate::transitions::{ExecutionEventKind, ExecutionPhase, is_expected, is_lawful};
 use crate::translate::ActionRequest;
 
 /// Something that happened to a running plan. Steps are named by their index.
 #[derive(Clone, Debug)]
-pub enum Event {
+pub enum ExecutionEvent {
     /// The plan begins, or goes on after a take-over.
     Started,
     /// The agent of a step has reported about it.
@@ -54,24 +54,24 @@ pub enum Event {
 
 /// Something that the owner of a running plan must do.
 #[derive(Clone, Debug)]
-pub enum Command {
+pub enum ExecutionCommand {
     /// Request this step from its actuator.
     RequestStep(usize, Box<ActionRequest>),
-    /// Cancel this step. If its agent is absent, [`Event::StepAbandoned`] follows.
+    /// Cancel this step. If its agent is absent, [`ExecutionEvent::StepAbandoned`] follows.
     CancelStep(usize),
     /// Close the exchange about this step.
     CloseStep(usize),
-    /// Send this effect to the Domain Maintainer. [`Event::ChangeAnswered`] follows.
+    /// Send this effect to the Domain Maintainer. [`ExecutionEvent::ChangeAnswered`] follows.
     SendChange(ChangeState),
     /// Report to all requesters of the plan.
     Report(Report),
     /// Schedule a check of the rest of the plan, in place of one that is scheduled.
     ScheduleCheck(CheckDelay),
-    /// Ask the Domain Maintainer for the known state. [`Event::StateReceived`] follows.
+    /// Ask the Domain Maintainer for the known state. [`ExecutionEvent::StateReceived`] follows.
     QueryState,
     /// Forget the question for the known state, if one is asked.
     DropQuery,
-    /// Wait for the heartbeats that verify the effects. [`Event::EffectsOverdue`] follows.
+    /// Wait for the heartbeats that verify the effects. [`ExecutionEvent::EffectsOverdue`] follows.
     AwaitEffects,
     /// End the plan with this report.
     End(Report),
@@ -125,34 +125,34 @@ fn failure(problem: impl Into<String>) -> Report {
     Report::new(Outcome::Failed, problem)
 }
 
-// === impl Event ===
+// === impl ExecutionEvent ===
 
-impl Event {
+impl ExecutionEvent {
     /// Returns the kind of this event.
-    pub fn kind(&self) -> EventKind {
+    pub fn kind(&self) -> ExecutionEventKind {
         match self {
-            Event::Started => EventKind::Started,
-            Event::StepReported(..) => EventKind::StepReported,
-            Event::StepRefused(..) => EventKind::StepRefused,
-            Event::StepLost(..) => EventKind::StepLost,
-            Event::StepAbandoned(_) => EventKind::StepAbandoned,
-            Event::HeartbeatReceived(_) => EventKind::HeartbeatReceived,
-            Event::EffectsOverdue => EventKind::EffectsOverdue,
-            Event::WorldChanged { .. } => EventKind::WorldChanged,
-            Event::CheckDue(_) => EventKind::CheckDue,
-            Event::StateReceived { .. } => EventKind::StateReceived,
-            Event::ChangeAnswered => EventKind::ChangeAnswered,
-            Event::CancelRequested(_) => EventKind::CancelRequested,
+            ExecutionEvent::Started => ExecutionEventKind::Started,
+            ExecutionEvent::StepReported(..) => ExecutionEventKind::StepReported,
+            ExecutionEvent::StepRefused(..) => ExecutionEventKind::StepRefused,
+            ExecutionEvent::StepLost(..) => ExecutionEventKind::StepLost,
+            ExecutionEvent::StepAbandoned(_) => ExecutionEventKind::StepAbandoned,
+            ExecutionEvent::HeartbeatReceived(_) => ExecutionEventKind::HeartbeatReceived,
+            ExecutionEvent::EffectsOverdue => ExecutionEventKind::EffectsOverdue,
+            ExecutionEvent::WorldChanged { .. } => ExecutionEventKind::WorldChanged,
+            ExecutionEvent::CheckDue(_) => ExecutionEventKind::CheckDue,
+            ExecutionEvent::StateReceived { .. } => ExecutionEventKind::StateReceived,
+            ExecutionEvent::ChangeAnswered => ExecutionEventKind::ChangeAnswered,
+            ExecutionEvent::CancelRequested(_) => ExecutionEventKind::CancelRequested,
         }
     }
 
     /// Returns the step that the event is about; `None` if it is about none.
     fn step(&self) -> Option<usize> {
         match self {
-            Event::StepReported(step, _)
-            | Event::StepRefused(step, _)
-            | Event::StepLost(step, _)
-            | Event::StepAbandoned(step) => Some(*step),
+            ExecutionEvent::StepReported(step, _)
+            | ExecutionEvent::StepRefused(step, _)
+            | ExecutionEvent::StepLost(step, _)
+            | ExecutionEvent::StepAbandoned(step) => Some(*step),
             _ => None,
         }
     }
@@ -205,7 +205,11 @@ impl PlanState {
     /// Changes the state by an event, and returns what must be done about it, in this order.
     /// `heartbeats` has the last heartbeat of every agent. An event that the table has no transition
     /// for, and one about a step that does not run, changes nothing.
-    pub fn handle(&mut self, event: Event, heartbeats: &LastHeartbeats) -> Vec<Command> {
+    pub fn handle(
+        &mut self,
+        event: ExecutionEvent,
+        heartbeats: &LastHeartbeats,
+    ) -> Vec<ExecutionCommand> {
         let (kind, from) = (event.kind(), self.phase);
         let is_about_another =
             event.step().is_some_and(|step| !self.running_steps.contains_key(&step));
@@ -218,44 +222,53 @@ impl PlanState {
         commands
     }
 
-    fn react(&mut self, event: Event, heartbeats: &LastHeartbeats, out: &mut Vec<Command>) {
+    fn react(
+        &mut self,
+        event: ExecutionEvent,
+        heartbeats: &LastHeartbeats,
+        out: &mut Vec<ExecutionCommand>,
+    ) {
         match event {
-            Event::Started => self.go_on(out),
-            Event::StepReported(step, report) => self.reported(step, report, heartbeats, out),
-            Event::StepRefused(step, refusal) => self.refused(step, &refusal, out),
-            Event::StepLost(step, problem) => self.fail(step, failure(problem), out),
-            Event::StepAbandoned(step) => {
+            ExecutionEvent::Started => self.go_on(out),
+            ExecutionEvent::StepReported(step, report) => {
+                self.reported(step, report, heartbeats, out)
+            }
+            ExecutionEvent::StepRefused(step, refusal) => self.refused(step, &refusal, out),
+            ExecutionEvent::StepLost(step, problem) => self.fail(step, failure(problem), out),
+            ExecutionEvent::StepAbandoned(step) => {
                 self.running_steps.remove(&step);
                 self.end_if_idle(out);
             }
-            Event::HeartbeatReceived(agent) => self.verify_effect(&agent, heartbeats, out),
-            Event::EffectsOverdue => {
+            ExecutionEvent::HeartbeatReceived(agent) => self.verify_effect(&agent, heartbeats, out),
+            ExecutionEvent::EffectsOverdue => {
                 self.unverified_effects.clear();
                 self.go_on(out);
             }
-            Event::WorldChanged { left, joined } => self.world_changed(&left, &joined, out),
-            Event::CheckDue(delay) => self.check(delay, out),
-            Event::StateReceived { snapshot, knowledge, are_agents_absent } => {
+            ExecutionEvent::WorldChanged { left, joined } => {
+                self.world_changed(&left, &joined, out)
+            }
+            ExecutionEvent::CheckDue(delay) => self.check(delay, out),
+            ExecutionEvent::StateReceived { snapshot, knowledge, are_agents_absent } => {
                 self.compare(&snapshot, *knowledge, are_agents_absent, out);
             }
-            Event::ChangeAnswered => {
+            ExecutionEvent::ChangeAnswered => {
                 self.unanswered_changes = self.unanswered_changes.saturating_sub(1);
             }
-            Event::CancelRequested(report) => self.give_up(report, out),
+            ExecutionEvent::CancelRequested(report) => self.give_up(report, out),
         }
     }
 
     // === acting ===
 
     /// Requests every step whose predecessors are all done; ends the plan if no step is left.
-    fn go_on(&mut self, out: &mut Vec<Command>) {
+    fn go_on(&mut self, out: &mut Vec<ExecutionCommand>) {
         if self.final_report.is_some() {
             return self.end_if_idle(out);
         }
         if self.execution.is_complete() && !self.unverified_effects.is_empty() {
             if self.phase != ExecutionPhase::AwaitingEffects {
                 self.phase = ExecutionPhase::AwaitingEffects;
-                out.push(Command::AwaitEffects);
+                out.push(ExecutionCommand::AwaitEffects);
             }
             return;
         }
@@ -273,7 +286,7 @@ impl PlanState {
             };
             let (agent, action) = (order.agent.clone(), order.action.clone());
             self.running_steps.insert(step, RunningStep { agent, action, is_blamed: true });
-            out.push(Command::RequestStep(step, Box::new(order)));
+            out.push(ExecutionCommand::RequestStep(step, Box::new(order)));
         }
     }
 
@@ -282,7 +295,7 @@ impl PlanState {
         step: usize,
         report: Report,
         heartbeats: &LastHeartbeats,
-        out: &mut Vec<Command>,
+        out: &mut Vec<ExecutionCommand>,
     ) {
         let Some(agent) = self.running_steps.get(&step).map(|running| running.agent.clone()) else {
             return;
@@ -300,7 +313,7 @@ impl PlanState {
                 let problem = format!("`{agent}` gave up: {}", report.detail);
                 self.fail(step, failure(problem), out);
             }
-            Outcome::Progress | Outcome::Holds => out.push(Command::Report(report)),
+            Outcome::Progress | Outcome::Holds => out.push(ExecutionCommand::Report(report)),
         }
     }
 
@@ -312,7 +325,7 @@ impl PlanState {
         agent: &AgentId,
         mut report: Report,
         heartbeats: &LastHeartbeats,
-        out: &mut Vec<Command>,
+        out: &mut Vec<ExecutionCommand>,
     ) {
         let running = self.running_steps.remove(&step);
         let action = running.map(|running| running.action).unwrap_or_default();
@@ -328,7 +341,7 @@ impl PlanState {
         }
         report.outcome = Outcome::Progress;
         report.step = u32::try_from(step).ok();
-        out.push(Command::Report(report));
+        out.push(ExecutionCommand::Report(report));
         self.go_on(out);
     }
 
@@ -339,7 +352,7 @@ impl PlanState {
         step: usize,
         agent: &AgentId,
         (why, detail): (Reason, &str),
-        out: &mut Vec<Command>,
+        out: &mut Vec<ExecutionCommand>,
     ) {
         let change = self.execution.uncertain(step);
         if let Some(running) = self.running_steps.get_mut(&step) {
@@ -352,7 +365,7 @@ impl PlanState {
         self.fail(step, Report { declined: Some(why), ..report }, out);
     }
 
-    fn refused(&mut self, step: usize, refusal: &Refusal, out: &mut Vec<Command>) {
+    fn refused(&mut self, step: usize, refusal: &Refusal, out: &mut Vec<ExecutionCommand>) {
         let Some(running) = self.running_steps.get_mut(&step) else { return };
         // A busy agent has not failed: it can do the same action a moment later.
         running.is_blamed = !matches!(refusal.reason, Reason::Busy | Reason::MailboxFull);
@@ -360,16 +373,24 @@ impl PlanState {
         self.fail(step, Report { declined: Some(refusal.reason), ..failure(problem) }, out);
     }
 
-    fn send_change(&mut self, change: ChangeState, agent: &AgentId, out: &mut Vec<Command>) {
+    fn send_change(
+        &mut self,
+        change: ChangeState,
+        agent: &AgentId,
+        out: &mut Vec<ExecutionCommand>,
+    ) {
         self.unanswered_changes += 1;
-        out.push(Command::SendChange(ChangeState { owner: Some(agent.clone()), ..change }));
+        out.push(ExecutionCommand::SendChange(ChangeState {
+            owner: Some(agent.clone()),
+            ..change
+        }));
     }
 
     /// Gives the plan up because a step has failed.
-    fn fail(&mut self, step: usize, mut report: Report, out: &mut Vec<Command>) {
+    fn fail(&mut self, step: usize, mut report: Report, out: &mut Vec<ExecutionCommand>) {
         report.detail = format!("{}: {}", self.execution.step_text(step), report.detail);
         if let Some(running) = self.running_steps.remove(&step) {
-            out.push(Command::CloseStep(step));
+            out.push(ExecutionCommand::CloseStep(step));
             report.action = Some(running.action).filter(|_| running.is_blamed);
         }
         self.give_up(report, out);
@@ -379,22 +400,22 @@ impl PlanState {
 
     /// Gives the plan up with this outcome: cancels its running steps. The plan ends when no agent acts
     /// any more.
-    fn give_up(&mut self, report: Report, out: &mut Vec<Command>) {
+    fn give_up(&mut self, report: Report, out: &mut Vec<ExecutionCommand>) {
         if self.final_report.is_none() {
             self.final_report = Some(report);
             self.phase = ExecutionPhase::GivingUp;
-            out.extend(self.running_steps.keys().map(|step| Command::CancelStep(*step)));
+            out.extend(self.running_steps.keys().map(|step| ExecutionCommand::CancelStep(*step)));
         }
         self.end_if_idle(out);
     }
 
-    fn end_if_idle(&mut self, out: &mut Vec<Command>) {
+    fn end_if_idle(&mut self, out: &mut Vec<ExecutionCommand>) {
         if !self.running_steps.is_empty() {
             return;
         }
         if let Some(report) = self.final_report.clone() {
             self.phase = ExecutionPhase::Ended;
-            out.push(Command::End(report));
+            out.push(ExecutionCommand::End(report));
         }
     }
 
@@ -405,7 +426,7 @@ impl PlanState {
         &mut self,
         agent: &AgentId,
         heartbeats: &LastHeartbeats,
-        out: &mut Vec<Command>,
+        out: &mut Vec<ExecutionCommand>,
     ) {
         let Some(doubt) = self.unverified_effects.get(agent) else { return };
         let Some(contradiction) = heartbeats.check_again(agent, doubt) else { return };
@@ -423,7 +444,12 @@ impl PlanState {
     /// Schedules a check of the plan. If an agent that the plan needs has left, the check waits for the
     /// grace, so that a short interruption of the network does not end the plan. News about agents that
     /// the plan does not need do not change this wait.
-    fn world_changed(&mut self, left: &[AgentId], joined: &[AgentId], out: &mut Vec<Command>) {
+    fn world_changed(
+        &mut self,
+        left: &[AgentId],
+        joined: &[AgentId],
+        out: &mut Vec<ExecutionCommand>,
+    ) {
         let needs = |agent: &AgentId| self.execution.needs(agent);
         let (is_gone, is_back) = (left.iter().any(needs), joined.iter().any(needs));
         let is_in_grace = self.scheduled_check.is_some_and(|delay| delay != CheckDelay::Settle);
@@ -431,19 +457,19 @@ impl PlanState {
             return;
         }
         if is_gone {
-            out.push(Command::DropQuery);
+            out.push(ExecutionCommand::DropQuery);
         }
         let delay = if is_gone { CheckDelay::GraceAfterDeparture } else { CheckDelay::Settle };
         self.schedule_check(delay, out);
     }
 
-    fn schedule_check(&mut self, delay: CheckDelay, out: &mut Vec<Command>) {
+    fn schedule_check(&mut self, delay: CheckDelay, out: &mut Vec<ExecutionCommand>) {
         self.scheduled_check = Some(delay);
-        out.push(Command::ScheduleCheck(delay));
+        out.push(ExecutionCommand::ScheduleCheck(delay));
     }
 
     /// Asks for the known state, to check the rest of the plan against it.
-    fn check(&mut self, delay: CheckDelay, out: &mut Vec<Command>) {
+    fn check(&mut self, delay: CheckDelay, out: &mut Vec<ExecutionCommand>) {
         if self.scheduled_check != Some(delay) {
             return;
         }
@@ -455,7 +481,7 @@ impl PlanState {
         if self.unanswered_changes > 0 {
             return self.schedule_check(CheckDelay::Settle, out);
         }
-        out.push(Command::QueryState);
+        out.push(ExecutionCommand::QueryState);
     }
 
     fn compare(
@@ -463,7 +489,7 @@ impl PlanState {
         snapshot: &Snapshot,
         knowledge: Knowledge,
         are_agents_absent: bool,
-        out: &mut Vec<Command>,
+        out: &mut Vec<ExecutionCommand>,
     ) {
         // If a step was confirmed after the question was sent, the answer is older than the state known
         // here.

@@ -17,7 +17,7 @@ pub enum ExecutionPhase {
 
 /// The kind of an event.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum EventKind {
+pub enum ExecutionEventKind {
     /// The plan begins, or goes on after a take-over.
     Started,
     /// An agent has reported about a step.
@@ -46,9 +46,9 @@ pub enum EventKind {
 
 /// A row of the table: an event, a phase, and the phases that the event may lead to from there.
 #[derive(Clone, Copy, Debug)]
-pub struct Transition {
+pub struct ExecutionTransition {
     /// The event.
-    pub event: EventKind,
+    pub event: ExecutionEventKind,
     /// The phase in which the event counts.
     pub from: ExecutionPhase,
     /// The phases that the event may lead to.
@@ -56,47 +56,47 @@ pub struct Transition {
 }
 
 const fn leads(
-    event: EventKind,
+    event: ExecutionEventKind,
     from: ExecutionPhase,
     to: &'static [ExecutionPhase],
-) -> Transition {
-    Transition { event, from, to }
+) -> ExecutionTransition {
+    ExecutionTransition { event, from, to }
 }
 
 /// All lawful transitions of an execution. An event that is not listed for a phase changes nothing in
 /// that phase.
-pub const TRANSITIONS: &[Transition] = &[
-    leads(EventKind::Started, Running, &[Running, GivingUp, Ended]),
-    leads(EventKind::StepReported, Running, &[Running, AwaitingEffects, GivingUp, Ended]),
-    leads(EventKind::StepReported, GivingUp, &[GivingUp, Ended]),
-    leads(EventKind::StepRefused, Running, &[Running, GivingUp, Ended]),
-    leads(EventKind::StepRefused, GivingUp, &[GivingUp, Ended]),
-    leads(EventKind::StepLost, Running, &[Running, GivingUp, Ended]),
-    leads(EventKind::StepLost, GivingUp, &[GivingUp, Ended]),
-    leads(EventKind::StepAbandoned, GivingUp, &[GivingUp, Ended]),
-    leads(EventKind::HeartbeatReceived, Running, &[Running, GivingUp, Ended]),
-    leads(EventKind::HeartbeatReceived, AwaitingEffects, &[AwaitingEffects, Ended]),
-    leads(EventKind::EffectsOverdue, AwaitingEffects, &[Ended]),
-    leads(EventKind::WorldChanged, Running, &[Running]),
-    leads(EventKind::WorldChanged, AwaitingEffects, &[AwaitingEffects]),
-    leads(EventKind::CheckDue, Running, &[Running]),
-    leads(EventKind::CheckDue, AwaitingEffects, &[AwaitingEffects]),
-    leads(EventKind::StateReceived, Running, &[Running, GivingUp, Ended]),
-    leads(EventKind::StateReceived, AwaitingEffects, &[AwaitingEffects, Ended]),
-    leads(EventKind::ChangeAnswered, Running, &[Running]),
-    leads(EventKind::ChangeAnswered, AwaitingEffects, &[AwaitingEffects]),
-    leads(EventKind::ChangeAnswered, GivingUp, &[GivingUp]),
-    leads(EventKind::CancelRequested, Running, &[GivingUp, Ended]),
-    leads(EventKind::CancelRequested, AwaitingEffects, &[Ended]),
-    leads(EventKind::CancelRequested, GivingUp, &[GivingUp]),
+pub const TRANSITIONS: &[ExecutionTransition] = &[
+    leads(ExecutionEventKind::Started, Running, &[Running, GivingUp, Ended]),
+    leads(ExecutionEventKind::StepReported, Running, &[Running, AwaitingEffects, GivingUp, Ended]),
+    leads(ExecutionEventKind::StepReported, GivingUp, &[GivingUp, Ended]),
+    leads(ExecutionEventKind::StepRefused, Running, &[Running, GivingUp, Ended]),
+    leads(ExecutionEventKind::StepRefused, GivingUp, &[GivingUp, Ended]),
+    leads(ExecutionEventKind::StepLost, Running, &[Running, GivingUp, Ended]),
+    leads(ExecutionEventKind::StepLost, GivingUp, &[GivingUp, Ended]),
+    leads(ExecutionEventKind::StepAbandoned, GivingUp, &[GivingUp, Ended]),
+    leads(ExecutionEventKind::HeartbeatReceived, Running, &[Running, GivingUp, Ended]),
+    leads(ExecutionEventKind::HeartbeatReceived, AwaitingEffects, &[AwaitingEffects, Ended]),
+    leads(ExecutionEventKind::EffectsOverdue, AwaitingEffects, &[Ended]),
+    leads(ExecutionEventKind::WorldChanged, Running, &[Running]),
+    leads(ExecutionEventKind::WorldChanged, AwaitingEffects, &[AwaitingEffects]),
+    leads(ExecutionEventKind::CheckDue, Running, &[Running]),
+    leads(ExecutionEventKind::CheckDue, AwaitingEffects, &[AwaitingEffects]),
+    leads(ExecutionEventKind::StateReceived, Running, &[Running, GivingUp, Ended]),
+    leads(ExecutionEventKind::StateReceived, AwaitingEffects, &[AwaitingEffects, Ended]),
+    leads(ExecutionEventKind::ChangeAnswered, Running, &[Running]),
+    leads(ExecutionEventKind::ChangeAnswered, AwaitingEffects, &[AwaitingEffects]),
+    leads(ExecutionEventKind::ChangeAnswered, GivingUp, &[GivingUp]),
+    leads(ExecutionEventKind::CancelRequested, Running, &[GivingUp, Ended]),
+    leads(ExecutionEventKind::CancelRequested, AwaitingEffects, &[Ended]),
+    leads(ExecutionEventKind::CancelRequested, GivingUp, &[GivingUp]),
 ];
 
 /// Whether the event counts in the phase.
-pub(crate) fn is_expected(event: EventKind, phase: ExecutionPhase) -> bool {
+pub(crate) fn is_expected(event: ExecutionEventKind, phase: ExecutionPhase) -> bool {
     TRANSITIONS.iter().any(|row| row.event == event && row.from == phase)
 }
 
 /// Whether the event may lead from one phase to the other.
-pub fn is_lawful(event: EventKind, from: ExecutionPhase, to: ExecutionPhase) -> bool {
+pub fn is_lawful(event: ExecutionEventKind, from: ExecutionPhase, to: ExecutionPhase) -> bool {
     TRANSITIONS.iter().any(|row| row.event == event && row.from == from && row.to.contains(&to))
 }

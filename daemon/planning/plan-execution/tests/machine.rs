@@ -9,7 +9,8 @@ use acl::content::{
 use acl::{AgentId, Deadline, Incarnation};
 use pddl::knowledge::Knowledge;
 use plan_execution::{
-    CheckDelay, Command, Event, ExecutionPhase, LastHeartbeats, PlanState, TRANSITIONS, is_lawful,
+    CheckDelay, ExecutionCommand, ExecutionEvent, ExecutionPhase, LastHeartbeats, PlanState,
+    TRANSITIONS, is_lawful,
 };
 use proptest::prelude::*;
 
@@ -63,7 +64,7 @@ fn execute(plan: &str, goal: &str) -> Execute {
     }
 }
 
-fn snapshot(facts: &str) -> Event {
+fn snapshot(facts: &str) -> ExecutionEvent {
     let snapshot = Snapshot {
         epoch: 1,
         revision: 1,
@@ -76,7 +77,7 @@ fn snapshot(facts: &str) -> Event {
         knowledge: BTreeMap::new(),
         conflicts: BTreeMap::new(),
     };
-    Event::StateReceived {
+    ExecutionEvent::StateReceived {
         snapshot: Box::new(snapshot),
         knowledge: Box::new(Knowledge::default()),
         are_agents_absent: false,
@@ -118,7 +119,7 @@ impl Owner {
     }
 
     /// Lets a heartbeat of the robot arrive.
-    fn beat(&mut self, facts: &str) -> Event {
+    fn beat(&mut self, facts: &str) -> ExecutionEvent {
         self.sequence += 1;
         let beat = Heartbeat {
             digest: String::new(),
@@ -128,18 +129,18 @@ impl Owner {
             period: Deadline(Duration::from_secs(1)),
         };
         self.heartbeats.store_heartbeat(&agent("robot"), Incarnation(1), &beat);
-        Event::HeartbeatReceived(agent("robot"))
+        ExecutionEvent::HeartbeatReceived(agent("robot"))
     }
 
-    fn tell(&mut self, event: Event) -> Vec<Command> {
+    fn tell(&mut self, event: ExecutionEvent) -> Vec<ExecutionCommand> {
         let (kind, from) = (event.kind(), self.state.phase());
-        if let Event::StepReported(step, report) = &event
+        if let ExecutionEvent::StepReported(step, report) = &event
             && report.outcome == Outcome::Done
             && self.open.remove(step)
         {
             self.confirmed.insert(*step);
         }
-        if let Event::StepAbandoned(step) = &event
+        if let ExecutionEvent::StepAbandoned(step) = &event
             && from == ExecutionPhase::GivingUp
         {
             self.open.remove(step);
@@ -157,27 +158,27 @@ impl Owner {
         commands
     }
 
-    fn obey(&mut self, command: &Command) {
+    fn obey(&mut self, command: &ExecutionCommand) {
         match command {
-            Command::RequestStep(step, request) => {
+            ExecutionCommand::RequestStep(step, request) => {
                 assert!(self.requested.insert(*step), "step {step} is requested twice");
                 let needs = if *step == 2 { vec![0, 1] } else { Vec::new() };
                 assert!(needs.iter().all(|before| self.confirmed.contains(before)));
                 assert_eq!(request.agent, agent(if *step == 1 { "lamp" } else { "robot" }));
                 self.open.insert(*step);
             }
-            Command::CancelStep(step) => {
+            ExecutionCommand::CancelStep(step) => {
                 assert!(self.open.contains(step), "step {step} does not run");
                 assert!(self.cancelled.insert(*step), "step {step} is cancelled twice");
             }
-            Command::CloseStep(step) => assert!(self.open.remove(step)),
-            Command::End(report) => self.ends.push(report.clone()),
-            Command::Report(report) => assert!(!report.outcome.is_final()),
-            Command::SendChange(change) => assert!(change.owner.is_some()),
-            Command::ScheduleCheck(_)
-            | Command::QueryState
-            | Command::DropQuery
-            | Command::AwaitEffects => {}
+            ExecutionCommand::CloseStep(step) => assert!(self.open.remove(step)),
+            ExecutionCommand::End(report) => self.ends.push(report.clone()),
+            ExecutionCommand::Report(report) => assert!(!report.outcome.is_final()),
+            ExecutionCommand::SendChange(change) => assert!(change.owner.is_some()),
+            ExecutionCommand::ScheduleCheck(_)
+            | ExecutionCommand::QueryState
+            | ExecutionCommand::DropQuery
+            | ExecutionCommand::AwaitEffects => {}
         }
     }
 
@@ -207,41 +208,41 @@ fn done() -> Report {
 }
 
 /// Returns one event of each kind and variant.
-fn events(owner: &mut Owner) -> Vec<Event> {
+fn events(owner: &mut Owner) -> Vec<ExecutionEvent> {
     let report = |outcome| Report::new(outcome, "a reason");
     let uncertain = Report { declined: Some(Reason::Uncertain), ..report(Outcome::Failed) };
-    let changed = |left: &[&str], joined: &[&str]| Event::WorldChanged {
+    let changed = |left: &[&str], joined: &[&str]| ExecutionEvent::WorldChanged {
         left: left.iter().map(|name| agent(name)).collect(),
         joined: joined.iter().map(|name| agent(name)).collect(),
     };
     let mut all = vec![
-        Event::Started,
-        Event::EffectsOverdue,
+        ExecutionEvent::Started,
+        ExecutionEvent::EffectsOverdue,
         changed(&["robot"], &[]),
         changed(&[], &["robot"]),
         changed(&["other"], &[]),
-        Event::CheckDue(CheckDelay::Settle),
-        Event::CheckDue(CheckDelay::GraceAfterDeparture),
-        Event::CheckDue(CheckDelay::Grace),
+        ExecutionEvent::CheckDue(CheckDelay::Settle),
+        ExecutionEvent::CheckDue(CheckDelay::GraceAfterDeparture),
+        ExecutionEvent::CheckDue(CheckDelay::Grace),
         snapshot("(at robot hall)"),
         snapshot("(at robot room) (lit room)"),
         snapshot(""),
-        Event::ChangeAnswered,
-        Event::CancelRequested(report(Outcome::Cancelled)),
+        ExecutionEvent::ChangeAnswered,
+        ExecutionEvent::CancelRequested(report(Outcome::Cancelled)),
         owner.beat("(at robot hall)"),
         owner.beat("(at robot room) (shown room)"),
     ];
     for step in 0..3 {
         all.extend([
-            Event::StepReported(step, done()),
-            Event::StepReported(step, report(Outcome::Failed)),
-            Event::StepReported(step, uncertain.clone()),
-            Event::StepReported(step, report(Outcome::Cancelled)),
-            Event::StepReported(step, report(Outcome::Progress)),
-            Event::StepRefused(step, Refusal::new(Reason::Busy, "busy")),
-            Event::StepRefused(step, Refusal::new(Reason::Incapable, "no")),
-            Event::StepLost(step, "`robot` did not answer in time".to_owned()),
-            Event::StepAbandoned(step),
+            ExecutionEvent::StepReported(step, done()),
+            ExecutionEvent::StepReported(step, report(Outcome::Failed)),
+            ExecutionEvent::StepReported(step, uncertain.clone()),
+            ExecutionEvent::StepReported(step, report(Outcome::Cancelled)),
+            ExecutionEvent::StepReported(step, report(Outcome::Progress)),
+            ExecutionEvent::StepRefused(step, Refusal::new(Reason::Busy, "busy")),
+            ExecutionEvent::StepRefused(step, Refusal::new(Reason::Incapable, "no")),
+            ExecutionEvent::StepLost(step, "`robot` did not answer in time".to_owned()),
+            ExecutionEvent::StepAbandoned(step),
         ]);
     }
     all
@@ -250,13 +251,13 @@ fn events(owner: &mut Owner) -> Vec<Event> {
 #[test]
 fn independent_steps_run_side_by_side_and_the_last_one_after_both() {
     let mut owner = Owner::new();
-    owner.tell(Event::Started);
+    owner.tell(ExecutionEvent::Started);
     assert_eq!(owner.open, [0, 1].into());
-    owner.tell(Event::StepReported(1, done()));
+    owner.tell(ExecutionEvent::StepReported(1, done()));
     assert_eq!(owner.open, [0].into());
-    owner.tell(Event::StepReported(0, done()));
+    owner.tell(ExecutionEvent::StepReported(0, done()));
     assert_eq!(owner.open, [2].into());
-    owner.tell(Event::StepReported(2, done()));
+    owner.tell(ExecutionEvent::StepReported(2, done()));
     assert_eq!(owner.ends.len(), 1);
     assert_eq!(owner.ends[0].outcome, Outcome::Done);
 }
@@ -267,14 +268,14 @@ fn a_confirmation_that_the_next_heartbeat_contradicts_fails_the_plan() {
         [("(at robot hall)", Outcome::Failed), ("(at robot room)", Outcome::Done)]
     {
         let mut owner = Owner::new();
-        owner.tell(Event::Started);
-        owner.tell(Event::StepReported(1, done()));
+        owner.tell(ExecutionEvent::Started);
+        owner.tell(ExecutionEvent::StepReported(1, done()));
         let before = owner.beat("(at robot hall)");
         owner.tell(before);
-        owner.tell(Event::StepReported(0, done()));
+        owner.tell(ExecutionEvent::StepReported(0, done()));
         let after = owner.beat(next);
         owner.tell(after);
-        owner.tell(Event::StepReported(2, done()));
+        owner.tell(ExecutionEvent::StepReported(2, done()));
         assert_eq!(owner.ends.first().map(|end| end.outcome), Some(expected), "{next}");
     }
 }
@@ -287,15 +288,15 @@ fn a_completed_plan_waits_for_the_heartbeat_that_verifies_it() {
         (None, Outcome::Done),
     ] {
         let mut owner = Owner::of("(go robot hall room)", "(at robot room)");
-        owner.tell(Event::Started);
+        owner.tell(ExecutionEvent::Started);
         let before = owner.beat("(at robot hall)");
         owner.tell(before);
-        let commands = owner.tell(Event::StepReported(0, done()));
-        assert!(commands.iter().any(|command| matches!(command, Command::AwaitEffects)));
+        let commands = owner.tell(ExecutionEvent::StepReported(0, done()));
+        assert!(commands.iter().any(|command| matches!(command, ExecutionCommand::AwaitEffects)));
         assert_eq!(owner.state.phase(), ExecutionPhase::AwaitingEffects);
         let event = match next {
             Some(facts) => owner.beat(facts),
-            None => Event::EffectsOverdue,
+            None => ExecutionEvent::EffectsOverdue,
         };
         owner.tell(event);
         assert_eq!(owner.ends.first().map(|end| end.outcome), Some(expected), "{next:?}");
@@ -311,13 +312,13 @@ fn random_events_reach_every_row_of_the_table() {
             0 => Owner::new(),
             _ => Owner::of("(go robot hall room)", "(at robot room)"),
         };
-        seen.insert((Event::Started.kind(), owner.state.phase()));
-        owner.tell(Event::Started);
+        seen.insert((ExecutionEvent::Started.kind(), owner.state.phase()));
+        owner.tell(ExecutionEvent::Started);
         if round % 4 == 1 {
             // The robot confirms what its last heartbeat contradicts.
             let before = owner.beat("(at robot hall)");
             owner.tell(before);
-            owner.tell(Event::StepReported(0, done()));
+            owner.tell(ExecutionEvent::StepReported(0, done()));
         }
         for _ in 0..30 {
             let all = events(&mut owner);
@@ -336,16 +337,16 @@ fn random_events_reach_every_row_of_the_table() {
 #[test]
 fn a_check_that_fails_twice_gives_the_plan_up() {
     let mut owner = Owner::new();
-    owner.tell(Event::Started);
-    owner.tell(Event::WorldChanged { left: Vec::new(), joined: Vec::new() });
-    owner.tell(Event::CheckDue(CheckDelay::Settle));
+    owner.tell(ExecutionEvent::Started);
+    owner.tell(ExecutionEvent::WorldChanged { left: Vec::new(), joined: Vec::new() });
+    owner.tell(ExecutionEvent::CheckDue(CheckDelay::Settle));
     owner.tell(snapshot(""));
     assert_eq!(owner.state.phase(), ExecutionPhase::Running);
-    owner.tell(Event::CheckDue(CheckDelay::Settle));
+    owner.tell(ExecutionEvent::CheckDue(CheckDelay::Settle));
     owner.tell(snapshot(""));
     assert_eq!(owner.state.phase(), ExecutionPhase::GivingUp);
-    owner.tell(Event::StepAbandoned(0));
-    owner.tell(Event::StepReported(1, Report::new(Outcome::Cancelled, "it stopped")));
+    owner.tell(ExecutionEvent::StepAbandoned(0));
+    owner.tell(ExecutionEvent::StepReported(1, Report::new(Outcome::Cancelled, "it stopped")));
     assert_eq!(owner.ends.len(), 1);
     assert_eq!(owner.ends[0].outcome, Outcome::Failed);
 }
@@ -355,9 +356,9 @@ fn a_busy_agent_is_not_blamed_and_an_incapable_one_is() {
     for (reason, expected) in [(Reason::Busy, None), (Reason::Incapable, Some("(light lamp room)"))]
     {
         let mut owner = Owner::new();
-        owner.tell(Event::Started);
-        owner.tell(Event::StepRefused(1, Refusal::new(reason, "no")));
-        owner.tell(Event::StepAbandoned(0));
+        owner.tell(ExecutionEvent::Started);
+        owner.tell(ExecutionEvent::StepRefused(1, Refusal::new(reason, "no")));
+        owner.tell(ExecutionEvent::StepAbandoned(0));
         let end = owner.ends.first().expect("it has ended");
         assert_eq!(end.action.as_deref(), expected);
         assert_eq!(end.declined, Some(reason));
@@ -374,7 +375,7 @@ proptest! {
         happenings in prop::collection::vec(0_usize..42, 1..60),
     ) {
         let mut owner = Owner::new();
-        owner.tell(Event::Started);
+        owner.tell(ExecutionEvent::Started);
         for which in happenings {
             let all = events(&mut owner);
             // `Started` comes first and once.

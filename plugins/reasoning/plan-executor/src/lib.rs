@@ -26,7 +26,7 @@ use agent::{
     Agent, Blueprint, BuildError, Callbacks, Context, ExchangeEvent, ExchangeOpening,
     LaunchableAgent, Participation, PluginEntry, Presence, Resident, TimerId, WorkHandle,
 };
-use plan_execution::{ActionRequest, Command, Event, LastHeartbeats, PlanState};
+use plan_execution::{ActionRequest, ExecutionCommand, ExecutionEvent, LastHeartbeats, PlanState};
 use serde::Deserialize;
 
 use crate::takeover::{FinishedPlans, PlanId, Subscribers};
@@ -202,7 +202,7 @@ impl PlanExecutor {
             verification_timer: None,
         };
         self.running_plans.insert(token.clone(), running);
-        self.handle(&token, Event::Started, ctx);
+        self.handle(&token, ExecutionEvent::Started, ctx);
     }
 
     fn cancelled(&mut self, message: Message, ctx: &mut Context<Self>) {
@@ -214,40 +214,40 @@ impl PlanExecutor {
     }
 
     fn give_up(&mut self, token: &ReplyToken, report: Report, ctx: &mut Context<Self>) {
-        self.handle(token, Event::CancelRequested(report), ctx);
+        self.handle(token, ExecutionEvent::CancelRequested(report), ctx);
     }
 
     // === the state machine ===
 
     /// Tells a running plan what happened, and carries out the commands that follow.
-    fn handle(&mut self, token: &ReplyToken, event: Event, ctx: &mut Context<Self>) {
+    fn handle(&mut self, token: &ReplyToken, event: ExecutionEvent, ctx: &mut Context<Self>) {
         let Some(running) = self.running_plans.get_mut(token) else { return };
         let commands = running.state.handle(event, &self.last_heartbeats);
         let mut abandoned = Vec::new();
         for command in commands {
             match command {
-                Command::RequestStep(step, request) => {
+                ExecutionCommand::RequestStep(step, request) => {
                     self.request_step(token, step, *request, ctx)
                 }
-                Command::CancelStep(step) => {
+                ExecutionCommand::CancelStep(step) => {
                     abandoned.extend(self.cancel_step(token, step, ctx));
                 }
-                Command::CloseStep(step) => self.close_step(token, step, ctx),
-                Command::SendChange(change) => self.send_change(token, change, ctx),
-                Command::Report(report) => self.report(token, &report, ctx),
-                Command::ScheduleCheck(delay) => self.schedule_check(token, delay, ctx),
-                Command::QueryState => self.query_state(token, ctx),
-                Command::DropQuery => {
+                ExecutionCommand::CloseStep(step) => self.close_step(token, step, ctx),
+                ExecutionCommand::SendChange(change) => self.send_change(token, change, ctx),
+                ExecutionCommand::Report(report) => self.report(token, &report, ctx),
+                ExecutionCommand::ScheduleCheck(delay) => self.schedule_check(token, delay, ctx),
+                ExecutionCommand::QueryState => self.query_state(token, ctx),
+                ExecutionCommand::DropQuery => {
                     if let Some(running) = self.running_plans.get_mut(token) {
                         running.state_query = None;
                     }
                 }
-                Command::AwaitEffects => self.await_effects(token, ctx),
-                Command::End(report) => self.end(token, report, ctx),
+                ExecutionCommand::AwaitEffects => self.await_effects(token, ctx),
+                ExecutionCommand::End(report) => self.end(token, report, ctx),
             }
         }
         for step in abandoned {
-            self.handle(token, Event::StepAbandoned(step), ctx);
+            self.handle(token, ExecutionEvent::StepAbandoned(step), ctx);
         }
     }
 
@@ -302,10 +302,10 @@ impl PlanExecutor {
         };
         let event = match answer {
             ExchangeEvent::TimedOut => {
-                Event::StepLost(step, format!("`{agent}` did not answer in time"))
+                ExecutionEvent::StepLost(step, format!("`{agent}` did not answer in time"))
             }
             ExchangeEvent::Undelivered(why) => {
-                Event::StepLost(step, format!("`{agent}` could not be reached: {why}"))
+                ExecutionEvent::StepLost(step, format!("`{agent}` could not be reached: {why}"))
             }
             ExchangeEvent::Message(message) => match message.performative {
                 Performative::Agree => {
@@ -318,17 +318,17 @@ impl PlanExecutor {
                         if report.outcome.is_final() {
                             running.step_exchanges.remove(&step);
                         }
-                        Event::StepReported(step, report)
+                        ExecutionEvent::StepReported(step, report)
                     }
                     Err(error) => {
                         ctx.not_understood(&message, error.to_string());
                         let problem = "sent a confirmation that cannot be read";
-                        Event::StepLost(step, format!("`{agent}` {problem}"))
+                        ExecutionEvent::StepLost(step, format!("`{agent}` {problem}"))
                     }
                 },
                 _ => {
                     let unread = |_| Refusal::new(Reason::Other, "without a reason");
-                    Event::StepRefused(step, message.content_as().unwrap_or_else(unread))
+                    ExecutionEvent::StepRefused(step, message.content_as().unwrap_or_else(unread))
                 }
             },
         };
@@ -380,7 +380,7 @@ impl PlanExecutor {
         let told = token.clone();
         let patience = ctx.settings().answer_deadline;
         ctx.open(opening, patience, move |executor: &mut Self, _, ctx| {
-            executor.handle(&told, Event::ChangeAnswered, ctx);
+            executor.handle(&told, ExecutionEvent::ChangeAnswered, ctx);
         });
     }
 

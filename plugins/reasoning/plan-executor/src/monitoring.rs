@@ -6,7 +6,7 @@ use std::time::Duration;
 use acl::content::{Inform, Snapshot};
 use acl::{Message, ReplyToken};
 use agent::{Context, Resource};
-use plan_execution::{CheckDelay, Event};
+use plan_execution::{CheckDelay, ExecutionEvent};
 
 use crate::{PlanExecutor, RunningPlan};
 
@@ -18,7 +18,8 @@ impl PlanExecutor {
     pub(crate) fn informed(&mut self, message: Message, ctx: &mut Context<Self>) {
         let beat = match message.content_as::<Inform>() {
             Ok(Inform::Epoch(change)) if message.sender == self.domain_maintainer => {
-                let event = Event::WorldChanged { left: change.left, joined: change.joined };
+                let event =
+                    ExecutionEvent::WorldChanged { left: change.left, joined: change.joined };
                 let plans: Vec<_> = self.running_plans.keys().cloned().collect();
                 return plans.iter().for_each(|token| self.handle(token, event.clone(), ctx));
             }
@@ -31,7 +32,7 @@ impl PlanExecutor {
         let plans = self.running_plans.iter().filter(|(_, running)| awaits(running));
         let plans: Vec<_> = plans.map(|(token, _)| token.clone()).collect();
         for token in plans {
-            self.handle(&token, Event::HeartbeatReceived(message.sender.clone()), ctx);
+            self.handle(&token, ExecutionEvent::HeartbeatReceived(message.sender.clone()), ctx);
         }
     }
 
@@ -42,7 +43,7 @@ impl PlanExecutor {
         let waiting = token.clone();
         let patience = ctx.settings().heartbeat_lease;
         running.verification_timer = Some(ctx.after(patience, move |executor: &mut Self, ctx| {
-            executor.handle(&waiting, Event::EffectsOverdue, ctx);
+            executor.handle(&waiting, ExecutionEvent::EffectsOverdue, ctx);
         }));
     }
 
@@ -63,7 +64,7 @@ impl PlanExecutor {
             if let Some(running) = executor.running_plans.get_mut(&checked) {
                 running.check_timer = None;
             }
-            executor.handle(&checked, Event::CheckDue(delay), ctx);
+            executor.handle(&checked, ExecutionEvent::CheckDue(delay), ctx);
         });
         let former = running.check_timer.replace(timer);
         former.into_iter().for_each(|former| ctx.cancel_timer(former));
@@ -92,7 +93,7 @@ impl PlanExecutor {
         let is_needed_away = running.state.needed().any(|agent| ctx.find(&agent).is_none());
         let are_agents_absent = self.departure_timer.is_some() || is_needed_away;
         let knowledge = Box::new(agent::knowledge(&snapshot.knowledge));
-        let event = Event::StateReceived { snapshot, knowledge, are_agents_absent };
+        let event = ExecutionEvent::StateReceived { snapshot, knowledge, are_agents_absent };
         self.handle(token, event, ctx);
     }
 }

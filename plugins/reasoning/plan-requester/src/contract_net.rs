@@ -13,7 +13,7 @@ use std::time::Duration;
 use acl::content::{Bid, CallForProposals, Outcome, Proposal, Reason, Refusal, Report, value};
 use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
 use agent::{Context, ExchangeEvent, ExchangeOpening, TimerId};
-use goal_lifecycle::{Attempt, Event, PlanDecision};
+use goal_lifecycle::{Attempt, GoalEvent, PlanDecision};
 use pddl::{Condition, Plan};
 use planner::Cancel;
 use planner::explain::Explanation;
@@ -252,7 +252,7 @@ impl PlanRequester {
             Some(bidder) => {
                 let why =
                     format!("the action model that `{bidder}` bids with is not known here yet");
-                self.handle(id, Event::BidsOutdated(attempt, why.clone()), ctx);
+                self.handle(id, GoalEvent::BidsOutdated(attempt, why.clone()), ctx);
                 if self.calling(id).is_none() {
                     return;
                 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 use acl::content::{Execute, GoalPhase, Outcome, Refusal, Report, Request, value};
 use acl::{AgentId, ConversationId, Performative, Protocol};
 use agent::{Context, DeliveryError, ExchangeEvent, ExchangeOpening};
-use goal_lifecycle::{Attempt, Event, ExecutionEnd};
+use goal_lifecycle::{Attempt, ExecutionEnd, GoalEvent};
 
 use crate::PlanRequester;
 use crate::goal::{PlanningRound, Work};
@@ -95,13 +95,13 @@ impl PlanRequester {
         let is_executing = goal.state.phase() == GoalPhase::Executing;
         if is_executing && matches!(answer, ExchangeEvent::Undelivered(DeliveryError::Restarted)) {
             // The executor may have lost the plan, or another executor leads now.
-            return self.handle(id, Event::ExecutorRestarted(attempt), ctx);
+            return self.handle(id, GoalEvent::ExecutorRestarted(attempt), ctx);
         }
         let answer = match running_plan_of_refusal(answer) {
             Ok(plan) => {
                 let round = plan.round;
                 goal.other_plan = Some(plan);
-                return self.handle(id, Event::OtherPlanRuns(attempt, round), ctx);
+                return self.handle(id, GoalEvent::OtherPlanRuns(attempt, round), ctx);
             }
             Err(answer) => answer,
         };
@@ -127,7 +127,7 @@ impl PlanRequester {
             goal.failed_steps = std::mem::take(&mut goal.steps_left);
         }
         goal.work = Work::Nothing;
-        self.handle(id, Event::ExecutionEnded(attempt, end), ctx);
+        self.handle(id, GoalEvent::ExecutionEnded(attempt, end), ctx);
     }
 
     /// Adopts a plan of the goal that is already running, in place of the plan made here. Another

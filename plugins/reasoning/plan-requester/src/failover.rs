@@ -18,7 +18,7 @@ use acl::content::{
 use acl::{ConversationId, Incarnation, Performative};
 use agent::replication::{self, JournalClient, ReplicatesRecords, ReplicationOutcome};
 use agent::{Context, Participation, Resident};
-use goal_lifecycle::{Event, GoalState, SETTLE_DELAY, holding};
+use goal_lifecycle::{GoalEvent, GoalState, SETTLE_DELAY, holding};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -292,7 +292,8 @@ impl PlanRequester {
         if let Some(engagement) = self.local_exchange(&record.engagement) {
             record.engagement = engagement;
         }
-        let event = if record.ended.is_some() { Event::EndedElsewhere } else { Event::TakenOver };
+        let event =
+            if record.ended.is_some() { GoalEvent::EndedElsewhere } else { GoalEvent::TakenOver };
         self.remove_goal(&id, event, ctx);
         if was_running {
             self.release_agents(&id, ctx);
@@ -426,7 +427,7 @@ impl PlanRequester {
     /// same plan, the Plan Executor would otherwise report to that side only.
     fn follow_again(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         if let Some(attempt) = self.goals.get(id).map(|goal| goal.state.attempt()) {
-            self.handle(id, Event::ExecutorRestarted(attempt), ctx);
+            self.handle(id, GoalEvent::ExecutorRestarted(attempt), ctx);
         }
     }
 
@@ -436,7 +437,7 @@ impl PlanRequester {
         let goals: Vec<_> = self.goals.keys().cloned().collect();
         for id in goals {
             records.extend(self.records_of(&id));
-            self.remove_goal(&id, Event::TakenOver, ctx);
+            self.remove_goal(&id, GoalEvent::TakenOver, ctx);
         }
         self.ended.clear_except_unsent();
         self.cheaper_plan_check = None;
@@ -454,7 +455,7 @@ impl PlanRequester {
             running.map(|(id, goal)| (id.clone(), goal.state.attempt())).collect();
         ctx.after(SETTLE_DELAY, move |requester: &mut Self, ctx| {
             for (id, attempt) in running {
-                requester.handle(&id, Event::ExecutorRestarted(attempt), ctx);
+                requester.handle(&id, GoalEvent::ExecutorRestarted(attempt), ctx);
             }
         });
     }

@@ -42,7 +42,7 @@ use agent::{
     Agent, Blueprint, BuildError, Callbacks, Context, LaunchableAgent, Mode, Participation,
     PluginEntry, Presence, Resource, TimerId, WorkHandle,
 };
-use goal_lifecycle::{Attempt, Event, PlanningFlow, holding};
+use goal_lifecycle::{Attempt, GoalEvent, PlanningFlow, holding};
 use pddl::Condition;
 use serde::Deserialize;
 use tokio::time::Instant;
@@ -298,7 +298,7 @@ impl PlanRequester {
     fn cancel(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         goal.add_history(ctx.wall_clock(), None, "cancelled");
-        self.handle(id, Event::Cancelled, ctx);
+        self.handle(id, GoalEvent::Cancelled, ctx);
     }
 
     // === comparing ===
@@ -311,7 +311,7 @@ impl PlanRequester {
             let snapshot = answers.first().and_then(|bytes| serde_json::from_slice(bytes).ok());
             let event = match snapshot {
                 Some(snapshot) => requester.compare_goal(&considered, attempt, snapshot, ctx),
-                None => Some(Event::DomainMissing(attempt)),
+                None => Some(GoalEvent::DomainMissing(attempt)),
             };
             event.into_iter().for_each(|event| requester.handle(&considered, event, ctx));
         });
@@ -328,10 +328,10 @@ impl PlanRequester {
         attempt: Attempt,
         snapshot: Snapshot,
         ctx: &mut Context<Self>,
-    ) -> Option<Event> {
+    ) -> Option<GoalEvent> {
         let known = match PlanningSnapshot::read(snapshot) {
             Ok(known) => known,
-            Err(problem) => return Some(Event::DomainUnusable(attempt, problem)),
+            Err(problem) => return Some(GoalEvent::DomainUnusable(attempt, problem)),
         };
         let now = self.elapsed(ctx);
         let goal = self.goals.get_mut(id).filter(|goal| goal.is_current(attempt))?;
@@ -339,22 +339,22 @@ impl PlanRequester {
         let known = known.without_avoided(goal.state.backoffs().avoided(now));
         let is_first = goal.state.rounds() == 0;
         if let Some(problem) = is_first.then(|| wrong_in(goal, &known)).flatten() {
-            return Some(Event::GoalInvalid(attempt, problem));
+            return Some(GoalEvent::GoalInvalid(attempt, problem));
         }
         let open = match known.open_conjuncts(&goal.condition) {
-            Ok(open) if open.is_empty() => return Some(Event::GoalHolds(attempt)),
+            Ok(open) if open.is_empty() => return Some(GoalEvent::GoalHolds(attempt)),
             Ok(open) => open,
-            Err(problem) => return Some(Event::DomainUnusable(attempt, problem)),
+            Err(problem) => return Some(GoalEvent::DomainUnusable(attempt, problem)),
         };
         if let Some(lost) = (!is_first).then(|| lost_to(goal, &known)).flatten() {
             if self.config.replanning {
                 self.report_changes(id, &known, &open, ctx);
             }
-            return Some(Event::GoalLost(attempt, lost));
+            return Some(GoalEvent::GoalLost(attempt, lost));
         }
         let known = known.without_agents(&self.agents_in_use(id));
         if let Some(blockers) = self.all_in_use(id, &known) {
-            return Some(Event::AgentsBusy(attempt, blockers));
+            return Some(GoalEvent::AgentsBusy(attempt, blockers));
         }
         let flow = match self.mode {
             Mode::Centralized => PlanningFlow::Centralized,
@@ -362,7 +362,7 @@ impl PlanRequester {
         };
         let round = PlanningRound { known: Arc::new(known), open, found: None, why_missing: None };
         self.goals.get_mut(id)?.round = Some(round);
-        Some(Event::GoalOpen(attempt, flow))
+        Some(GoalEvent::GoalOpen(attempt, flow))
     }
 
     /// Looks for a plan for a goal, in the flow that its phase tells.
@@ -442,7 +442,7 @@ impl PlanRequester {
         }
         let Ok(Inform::Epoch(change)) = message.content_as::<Inform>() else { return };
         // When planning for one goal ends, the next goal is taken up from there.
-        let event = Event::WorldChanged {
+        let event = GoalEvent::WorldChanged {
             joined: change.joined.clone(),
             have_agents_changed: !change.joined.is_empty() || !change.left.is_empty(),
             is_planning_busy: self.is_planning_busy(),

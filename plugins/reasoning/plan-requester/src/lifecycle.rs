@@ -6,14 +6,19 @@ use std::time::Duration;
 use acl::content::{Outcome, Report};
 use acl::{ConversationId, Performative};
 use agent::Context;
-use goal_lifecycle::{Command, Event, Policy, Turn};
+use goal_lifecycle::{GoalCommand, GoalEvent, Policy, Turn};
 
 use crate::PlanRequester;
 use crate::goal::{Goal, Work};
 
 impl PlanRequester {
     /// Tells a goal what happened, and carries out the commands that follow.
-    pub(crate) fn handle(&mut self, id: &ConversationId, event: Event, ctx: &mut Context<Self>) {
+    pub(crate) fn handle(
+        &mut self,
+        id: &ConversationId,
+        event: GoalEvent,
+        ctx: &mut Context<Self>,
+    ) {
         let (now, policy) = (self.elapsed(ctx), self.policy(ctx));
         let Some(goal) = self.goals.get_mut(id) else { return };
         let commands = goal.state.handle(event, now, policy);
@@ -24,7 +29,7 @@ impl PlanRequester {
     pub(crate) fn carry_out(
         &mut self,
         id: &ConversationId,
-        commands: Vec<Command>,
+        commands: Vec<GoalCommand>,
         ctx: &mut Context<Self>,
     ) {
         for command in commands {
@@ -35,34 +40,34 @@ impl PlanRequester {
         }
     }
 
-    fn obey(&mut self, id: &ConversationId, command: Command, ctx: &mut Context<Self>) {
+    fn obey(&mut self, id: &ConversationId, command: GoalCommand, ctx: &mut Context<Self>) {
         match command {
-            Command::Consider => self.consider(id, ctx),
-            Command::ConsiderAfter(wait) => self.consider_after(id, wait, ctx),
-            Command::StopTimer => self.stop_timer(id, ctx),
-            Command::FetchDomain(attempt) => self.fetch_domain(id, attempt, ctx),
-            Command::Plan(attempt) => self.plan(id, attempt, ctx),
-            Command::Explain(attempt) => self.explain_missing_plan(id, attempt, ctx),
-            Command::RejectProposals(why) => self.reject_proposals(id, why, ctx),
-            Command::Execute(attempt) => self.execute(id, attempt, ctx),
-            Command::RequestExecution(attempt) => self.ask_executor(id, attempt, ctx),
-            Command::AdoptRunningPlan => self.adopt_running_plan(id, ctx),
-            Command::CancelExecution => self.cancel_execution(id, ctx),
-            Command::CancelPlanning => self.cancel_planning(id, ctx),
-            Command::Verify(attempt, wait) => self.verify(id, attempt, wait, ctx),
-            Command::ForgetPlan => {
+            GoalCommand::Consider => self.consider(id, ctx),
+            GoalCommand::ConsiderAfter(wait) => self.consider_after(id, wait, ctx),
+            GoalCommand::StopTimer => self.stop_timer(id, ctx),
+            GoalCommand::FetchDomain(attempt) => self.fetch_domain(id, attempt, ctx),
+            GoalCommand::Plan(attempt) => self.plan(id, attempt, ctx),
+            GoalCommand::Explain(attempt) => self.explain_missing_plan(id, attempt, ctx),
+            GoalCommand::RejectProposals(why) => self.reject_proposals(id, why, ctx),
+            GoalCommand::Execute(attempt) => self.execute(id, attempt, ctx),
+            GoalCommand::RequestExecution(attempt) => self.ask_executor(id, attempt, ctx),
+            GoalCommand::AdoptRunningPlan => self.adopt_running_plan(id, ctx),
+            GoalCommand::CancelExecution => self.cancel_execution(id, ctx),
+            GoalCommand::CancelPlanning => self.cancel_planning(id, ctx),
+            GoalCommand::Verify(attempt, wait) => self.verify(id, attempt, wait, ctx),
+            GoalCommand::ForgetPlan => {
                 let plan = self.goals.get_mut(id).and_then(|goal| goal.plan.take());
                 if plan.is_some() {
                     // A replica that takes over does not need this plan.
                     self.forget_plan(id, ctx);
                 }
             }
-            Command::ReleaseAgents => self.release_agents(id, ctx),
-            Command::Preempt(others) => self.preempt(id, &others, ctx),
-            Command::ScheduleNext => self.schedule_next(ctx),
-            Command::Report(report) => self.send_report(id, report, ctx),
-            Command::End(outcome, detail) => self.end(id, outcome, detail, ctx),
-            Command::Abandon => self.abandon(id, ctx),
+            GoalCommand::ReleaseAgents => self.release_agents(id, ctx),
+            GoalCommand::Preempt(others) => self.preempt(id, &others, ctx),
+            GoalCommand::ScheduleNext => self.schedule_next(ctx),
+            GoalCommand::Report(report) => self.send_report(id, report, ctx),
+            GoalCommand::End(outcome, detail) => self.end(id, outcome, detail, ctx),
+            GoalCommand::Abandon => self.abandon(id, ctx),
         }
     }
 
@@ -83,7 +88,7 @@ impl PlanRequester {
             is_planning_busy: self.is_planning_busy(),
             agents_in_use: self.agents_in_use(id),
         };
-        self.handle(id, Event::Considered(turn), ctx);
+        self.handle(id, GoalEvent::Considered(turn), ctx);
     }
 
     fn consider_after(&mut self, id: &ConversationId, wait: Duration, ctx: &mut Context<Self>) {
@@ -149,7 +154,7 @@ impl PlanRequester {
     pub(crate) fn remove_goal(
         &mut self,
         id: &ConversationId,
-        event: Event,
+        event: GoalEvent,
         ctx: &mut Context<Self>,
     ) {
         self.handle(id, event, ctx);

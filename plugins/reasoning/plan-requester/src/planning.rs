@@ -9,7 +9,7 @@ use acl::content::{
 };
 use acl::{AgentId, ConversationId, Performative, Protocol};
 use agent::{Context, ExchangeEvent, ExchangeOpening};
-use goal_lifecycle::{Attempt, Event, PlanDecision};
+use goal_lifecycle::{Attempt, GoalEvent, PlanDecision};
 use pddl::Condition;
 use planner::Cancel;
 use planner::explain::Explanation;
@@ -85,7 +85,7 @@ impl PlanRequester {
         let (sender, proposal) = match read(answer) {
             Ok(read) => read,
             Err((why, wait)) => {
-                return self.handle(id, Event::PlannerFailed(attempt, why, wait), ctx);
+                return self.handle(id, GoalEvent::PlannerFailed(attempt, why, wait), ctx);
             }
         };
         let judged = self.judge(id, &known, &proposal).map(|(plan, cost)| {

@@ -18,7 +18,7 @@ use std::time::Duration;
 use acl::content::{GoalPhase, Keep, Snapshot};
 use acl::{AgentId, ConversationId};
 use agent::{Context, Resource};
-use goal_lifecycle::{Attempt, Blockers, Event, MissingPlan, PlanDecision, PlanningMode};
+use goal_lifecycle::{Attempt, Blockers, GoalEvent, MissingPlan, PlanDecision, PlanningMode};
 use pddl::{Condition, Plan};
 use planner::{Budget, Cancel, Options};
 
@@ -169,7 +169,7 @@ impl PlanRequester {
         if let Some(round) = self.goals.get_mut(id).and_then(|goal| goal.round.as_mut()) {
             round.found = Some(found);
         }
-        self.handle(id, Event::PlanFound(attempt, decision), ctx);
+        self.handle(id, GoalEvent::PlanFound(attempt, decision), ctx);
     }
 
     /// Handles that the present attempt found no plan. `why` computes the reason.
@@ -183,7 +183,7 @@ impl PlanRequester {
         if let Some(round) = self.goals.get_mut(id).and_then(|goal| goal.round.as_mut()) {
             round.why_missing = Some(Box::new(why));
         }
-        self.handle(id, Event::PlanMissing(attempt), ctx);
+        self.handle(id, GoalEvent::PlanMissing(attempt), ctx);
     }
 
     /// Returns the parts of a goal that did not hold when its round of planning began.
@@ -216,7 +216,7 @@ impl PlanRequester {
         };
         let work = ctx.compute(look, move |requester: &mut Self, (known, why, has_hope), ctx| {
             let missing = requester.missing_plan(&unplanned, &known, (why, has_hope));
-            requester.handle(&unplanned, Event::Explained(attempt, missing), ctx);
+            requester.handle(&unplanned, GoalEvent::Explained(attempt, missing), ctx);
         });
         goal.work = Work::Explanation(ExplanationTask { cancel, _work: work });
     }
@@ -254,7 +254,7 @@ impl PlanRequester {
         let Some(goal) = self.goals.get(id) else { return };
         let why = format!("gives way to `{}`", goal.text);
         for other in others {
-            self.handle(other, Event::Yielded(why.clone()), ctx);
+            self.handle(other, GoalEvent::Yielded(why.clone()), ctx);
         }
     }
 
@@ -266,7 +266,7 @@ impl PlanRequester {
         }
         let goals: Vec<_> = self.goals.keys().cloned().collect();
         for id in goals {
-            self.handle(&id, Event::AgentsReleased, ctx);
+            self.handle(&id, GoalEvent::AgentsReleased, ctx);
         }
     }
 
@@ -345,7 +345,7 @@ impl PlanRequester {
             Some(ctx.compute(estimate, move |requester: &mut Self, better, ctx| {
                 for (id, _, _, round) in better {
                     if requester.goals.get(&id).is_some_and(|goal| goal.state.rounds() == round) {
-                        requester.handle(&id, Event::Yielded(why.clone()), ctx);
+                        requester.handle(&id, GoalEvent::Yielded(why.clone()), ctx);
                     }
                 }
             }));

@@ -8,7 +8,7 @@ use std::time::Duration;
 use acl::ConversationId;
 use acl::content::Snapshot;
 use agent::{Context, Resource};
-use goal_lifecycle::{Attempt, Event, Verdict};
+use goal_lifecycle::{Attempt, GoalEvent, GoalVerdict};
 
 use crate::PlanRequester;
 use crate::goal::{Goal, Work};
@@ -42,22 +42,23 @@ impl PlanRequester {
         let work = ctx.run(asked, move |requester: &mut Self, answers, ctx| {
             let snapshot = answers.first().and_then(|bytes| serde_json::from_slice(bytes).ok());
             let Some(goal) = requester.goals.get(&verified) else { return };
-            let verdict = snapshot.map_or(Verdict::Unanswered, |snapshot| verdict(goal, snapshot));
-            requester.handle(&verified, Event::Verified(attempt, verdict), ctx);
+            let verdict =
+                snapshot.map_or(GoalVerdict::Unanswered, |snapshot| verdict(goal, snapshot));
+            requester.handle(&verified, GoalEvent::Verified(attempt, verdict), ctx);
         });
         goal.work = Work::Question(work);
     }
 }
 
 /// Compares the known state with a goal.
-fn verdict(goal: &Goal, snapshot: Snapshot) -> Verdict {
+fn verdict(goal: &Goal, snapshot: Snapshot) -> GoalVerdict {
     let unmet = PlanningSnapshot::read(snapshot).and_then(|known| {
         let open = known.open_conjuncts(&goal.condition)?;
         Ok(open.first().map(|conjunct| known.describe_status(conjunct)))
     });
     match unmet {
-        Ok(None) => Verdict::Holds,
-        Ok(Some(unmet)) => Verdict::Unmet(unmet),
-        Err(problem) => Verdict::Unusable(problem),
+        Ok(None) => GoalVerdict::Holds,
+        Ok(Some(unmet)) => GoalVerdict::Unmet(unmet),
+        Err(problem) => GoalVerdict::Unusable(problem),
     }
 }
