@@ -68,7 +68,8 @@ impl ZigbeeDiscovery {
     ///
     /// # Errors
     ///
-    /// Returns an error if the text cannot be read; the known devices then stay as they were.
+    /// Returns an error if the text, or an entry without an address, cannot be read. The known devices that
+    /// it may mean then stay as they were; the others are updated.
     pub(crate) fn receive_devices(&mut self, base: &str, text: &str) -> Result<(), String> {
         // An empty text means that the retained one was removed; the devices are removed too.
         let told: Result<Vec<Value>, _> = match text.trim().is_empty() {
@@ -335,7 +336,8 @@ mod tests {
     #[test]
     fn what_devices_expose_is_read() {
         let mut bridge = ZigbeeDiscovery::default();
-        bridge.receive_devices("zigbee2mqtt", DEVICES).expect("its text");
+        let problem = bridge.receive_devices("zigbee2mqtt", DEVICES).expect_err("one is nonsense");
+        assert!(problem.contains("ieee_address"), "{problem}");
         let devices = bridge.devices();
         let names: Vec<_> = devices.iter().map(|device| device.name.as_str()).collect();
         assert_eq!(names, ["office1/thermo", "plug", "pir"]);
@@ -359,7 +361,7 @@ mod tests {
     #[test]
     fn what_cannot_be_read_takes_nothing_away() {
         let mut bridge = ZigbeeDiscovery::default();
-        bridge.receive_devices("z", DEVICES).expect("its text");
+        bridge.receive_devices("z", DEVICES).expect_err("one is nonsense");
         for rubbish in ["{}", "[", "12", "{\"a\":1}"] {
             assert!(bridge.receive_devices("z", rubbish).is_err(), "{rubbish}");
             let devices = bridge.devices();
@@ -368,8 +370,12 @@ mod tests {
             assert!(reason.contains("`bridge/devices` cannot be read"), "{reason}");
         }
         // A device with a broken description stays as it was, and the other devices are updated.
-        let text = r#"[{"ieee_address":"0x00158d0001a2b3c4","friendly_name":7},null,
+        let text = r#"[{"ieee_address":"0x00158d0001a2b3c4","friendly_name":7},
             {"ieee_address":"0x1","friendly_name":"new","definition":{"exposes":[]}}]"#;
+        // An entry without an address may be any device, so none is taken away.
+        let with_another = text.replace("7},", "7},null,");
+        bridge.receive_devices("z", &with_another).expect_err("one is null");
+        assert_eq!(bridge.devices().len(), 4);
         bridge.receive_devices("z", text).expect("its text");
         let devices = bridge.devices();
         let names: Vec<_> = devices.iter().map(|device| device.name.as_str()).collect();

@@ -487,7 +487,7 @@ fn a_key_that_the_plugin_does_not_know() {
                |                                  ^^^^^^^
                |
                = help: known are `location`, `quantity`, `humidity`, `valid-for`,
-                       `device`, `channel`, and 22 more that are for one driver each
+                       `device`, `channel`, and 23 more that are for one driver each
                        (docs/devices.md)
 
             1 error

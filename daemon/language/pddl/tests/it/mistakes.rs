@@ -256,7 +256,7 @@ fn conditions_are_made_like_this() {
               at `(q)`
             2:35: error: expected a variable, found `x`; write `?x` [VARIABLE = ?NAME]
               at `x`
-            2:51: error: expected a list of variables, found `?x` [(exists|forall (VARIABLES) CONDITION)]
+            2:51: error: the parentheses around the variables are missing; write `(?x)` [(exists|forall (VARIABLES) CONDITION)]
               at `?x`
             2:63: error: missing second term [(= TERM TERM) | (= EXPRESSION EXPRESSION)]
               at `)`
@@ -280,7 +280,7 @@ fn conditions_are_made_like_this() {
               at `#t`
             (define (problem p)
               (:domain d)
-              (:goal (and (not (p)) (exists () (p)))))
+              (:goal (and (not (p)) (exists () (p)) (exists (?x) (p)))))
         "#]],
     );
 }

@@ -127,7 +127,7 @@ fn actions_of_one_name_are_one_alternative() {
     let explanation = explained(&office, &guards, &[], "(at tb office1)");
     assert_eq!(explanation.obstacles[0].alternatives.len(), 1, "{explanation:#?}");
     expect![[r#"
-        no agent can `move` `tb` to `office1`;
+        no agent can `move` for `(at tb office1)`;
         `tb` does not offer `move` now
     "#]]
     .assert_eq(&lines(&explanation));

@@ -110,7 +110,7 @@ async fn a_way_has_a_length_and_the_map_does_not_say_it_again() {
     let nothing = change(&set, "ann", believe("(= (distance corridor office1) 0)", "")).await;
     let expected = "the way from `corridor` to `office1` cannot be 0 m long; write more than 0";
     assert!(nothing.contains(expected), "{nothing}");
-    let longer = change(&set, "ann", believe("(= (distance corridor office1) 90)", "")).await;
+    let longer = change(&set, "bob", believe("(= (distance corridor office1) 90)", "")).await;
     let map = "done: believed; the map says `(= (distance corridor office1) ";
     assert!(longer.starts_with(map), "{longer}");
     assert!(longer.ends_with(", and this counts instead"), "{longer}");
