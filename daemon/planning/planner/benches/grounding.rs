@@ -136,10 +136,6 @@ fn ground(domain: &Path, problem: &Path, seconds: u64) -> String {
     let ground =
         within(Duration::from_secs(seconds), |cancel| prepared.ground(Budget::default(), cancel));
     let grounded = Clock::now();
-    let ground = match ground {
-        Ok(ground) => ground,
-        Err(err) => return err.to_string(),
-    };
     let peak = peak_megabytes();
     format!(
         "parse {:.3} normalize {:.3} ground {:.3} total {:.3} s, peak {peak:.1} MB; {}",

@@ -82,13 +82,13 @@ pub fn prepare(domain: &Domain, problem: &Problem) -> Result<NormalizedProblem, 
 impl NormalizedProblem {
     /// Grounds the problem within `budget`. A limit or a proof of unsolvability is not an error here;
     /// it becomes the [`ProblemSize::stop_reason`].
-    pub fn ground(&self, budget: Budget, cancel: &Cancel) -> Result<GroundProblem, PlanError> {
+    pub fn ground(&self, budget: Budget, cancel: &Cancel) -> GroundProblem {
         let mut join_steps = 0;
         let task = match ground(&self.0, budget, cancel, &mut join_steps) {
             Ok(grounded) => grounded.task.ok_or(StopReason::Unsolvable { before_search: true }),
             Err(reason) => Err(reason),
         };
-        Ok(GroundProblem { task, join_steps })
+        GroundProblem { task, join_steps }
     }
 }
 
