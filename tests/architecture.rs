@@ -9,6 +9,7 @@
 //! - `length`: no function longer than 70 lines, except for known ones.
 //! - `modules`: which modules of one crate import each other in a circle, each with its reason.
 //! - `source`: a minimal reader of Rust source for the above, with its own tests.
+//! - `transitions`: the tables of transitions in `docs/goals.md`.
 //!
 //! A new crate of the workspace needs a line in `layers::LAYERS` and a place in the table “Folders”. A new
 //! exception needs a reason; an exception that is no longer needed fails as well.
@@ -29,6 +30,8 @@ mod modules;
 mod purity;
 #[path = "architecture/source.rs"]
 mod source;
+#[path = "architecture/transitions.rs"]
+mod transitions;
 #[path = "architecture/wording.rs"]
 mod wording;
 

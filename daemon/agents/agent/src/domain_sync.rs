@@ -210,15 +210,15 @@ fn advance<A: MaintainsDomain>(agent: &mut A, ctx: &mut Context<A>) {
     }
 }
 
-/// Requests the model of the agent `whose`. If no answer comes, asks again up to `again` times.
+/// Requests the model of an agent. If no answer comes, asks again up to `again` times.
 /// Reasoning agents have no model and do not answer.
-fn fetch<A: MaintainsDomain>(agent: &mut A, whose: &AgentId, again: u32, ctx: &mut Context<A>) {
-    if agent.domain_sync().fetching.contains_key(whose) {
+fn fetch<A: MaintainsDomain>(agent: &mut A, owner: &AgentId, again: u32, ctx: &mut Context<A>) {
+    if agent.domain_sync().fetching.contains_key(owner) {
         return;
     }
-    let Some(resident) = ctx.find(whose) else { return };
+    let Some(resident) = ctx.find(owner) else { return };
     let asked = ctx.router().model_of(resident);
-    let name = whose.clone();
+    let name = owner.clone();
     let work = ctx.run(asked, move |agent: &mut A, answers, ctx| {
         agent.domain_sync().fetching.remove(&name);
         if answers.is_empty()
@@ -233,5 +233,5 @@ fn fetch<A: MaintainsDomain>(agent: &mut A, whose: &AgentId, again: u32, ctx: &m
             receive_inform(agent, &message, ctx);
         }
     });
-    agent.domain_sync().fetching.insert(whose.clone(), work);
+    agent.domain_sync().fetching.insert(owner.clone(), work);
 }

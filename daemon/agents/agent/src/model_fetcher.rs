@@ -29,7 +29,7 @@ pub(crate) struct ModelFetcher(Arc<Mutex<BTreeMap<DaemonId, PendingRequests>>>);
 struct PendingRequests {
     /// Number of requests for a single model that are under way.
     asked: usize,
-    /// Agents whose models the next joint request must cover, each with the channel for its model.
+    /// Agents that the next joint request asks for their models, each with the channel for the model.
     waiting: Vec<(AgentId, oneshot::Sender<Vec<Bytes>>)>,
 }
 

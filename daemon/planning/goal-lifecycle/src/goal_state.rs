@@ -52,6 +52,7 @@ const LOOKS_MAX: u32 = 3;
 const IMMEDIATE_RETRIES: u32 = 3;
 
 const NO_MAINTAINER: &str = "no Domain Maintainer answers";
+const CANCELLED: &str = "cancelled as asked";
 
 /// Settings that the life of a goal depends on.
 #[derive(Clone, Copy, Debug)]
@@ -521,12 +522,10 @@ impl GoalState {
         policy: Policy,
     ) -> Vec<GoalCommand> {
         let from = self.phase;
-        let is_done = matches!(end, ExecutionEnd::Done);
-        if from == GoalPhase::Executing && is_done && self.keep == Keep::Achieve {
-            // Other goals wait until it is clear whether this goal is reached: their plans might undo
-            // it.
-            return self.verify_first();
-        }
+        // Other goals wait until it is clear whether this goal is reached: their plans might undo it.
+        let is_verified_first = from == GoalPhase::Executing
+            && self.keep == Keep::Achieve
+            && matches!(end, ExecutionEnd::Done);
         let next = match (from, end) {
             (GoalPhase::Cancelling, end) => self.cancelled_in_execution(end),
             (_, ExecutionEnd::Done) if self.keep == Keep::Achieve => self.verify_first(),
@@ -548,7 +547,8 @@ impl GoalState {
             (_, ExecutionEnd::Cancelled(why)) => self.retry(why, Duration::ZERO, policy),
             (_, ExecutionEnd::Unknown(why, wait)) => self.retry(why, wait, policy),
         };
-        std::iter::once(GoalCommand::ReleaseAgents).chain(next).collect()
+        let released = (!is_verified_first).then_some(GoalCommand::ReleaseAgents);
+        released.into_iter().chain(next).collect()
     }
 
     fn cancelled_in_execution(&mut self, end: ExecutionEnd) -> Vec<GoalCommand> {
@@ -640,5 +640,3 @@ impl GoalState {
         is_concerned.then_some(GoalCommand::ConsiderAfter(SETTLE_DELAY)).into_iter().collect()
     }
 }
-
-const CANCELLED: &str = "cancelled as asked";

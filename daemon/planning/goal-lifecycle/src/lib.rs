@@ -24,4 +24,4 @@ pub use event::{
     MissingPlan, PlanDecision, PlanningFlow, PlanningMode, Turn,
 };
 pub use goal_state::{FAILURES_MAX, GoalState, Policy, RECHECK_INTERVAL, SETTLE_DELAY, holding};
-pub use transitions::{GoalTransition, TRANSITIONS, is_lawful};
+pub use transitions::{GoalTransition, PhaseSet, TRANSITIONS, is_lawful};

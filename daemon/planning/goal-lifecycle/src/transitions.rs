@@ -7,6 +7,15 @@ use acl::content::GoalPhase::{
 
 use crate::event::GoalEventKind;
 
+/// The phases in which an event counts.
+#[derive(Clone, Copy, Debug)]
+pub enum PhaseSet {
+    /// These phases.
+    Only(&'static [GoalPhase]),
+    /// All phases but these, in which the goal has not ended.
+    AllBut(&'static [GoalPhase]),
+}
+
 /// A row of the table: an event, the phases in which it counts, and the phases that it may lead to. An
 /// event that is not listed for a phase changes nothing in that phase.
 #[derive(Clone, Copy, Debug)]
@@ -14,57 +23,49 @@ pub struct GoalTransition {
     /// The event.
     pub event: GoalEventKind,
     /// The phases in which the event counts.
-    pub from: &'static [GoalPhase],
+    pub from: PhaseSet,
     /// The phases that the event leads to.
     pub to: &'static [GoalPhase],
     /// Whether the goal may also stay in its phase.
     pub may_stay: bool,
 }
 
-const fn leads(
-    event: GoalEventKind,
-    from: &'static [GoalPhase],
-    to: &'static [GoalPhase],
-) -> GoalTransition {
+const fn leads(event: GoalEventKind, from: PhaseSet, to: &'static [GoalPhase]) -> GoalTransition {
     GoalTransition { event, from, to, may_stay: false }
 }
 
 const fn may_lead(
     event: GoalEventKind,
-    from: &'static [GoalPhase],
+    from: PhaseSet,
     to: &'static [GoalPhase],
 ) -> GoalTransition {
     GoalTransition { event, from, to, may_stay: true }
 }
 
-const IDLE: &[GoalPhase] = &[Queued, WaitingForAgents, WaitingForChange, Holding];
-const LOOKING_FOR_A_PLAN: &[GoalPhase] = &[Planning, CollectingProposals];
-const WITH_THE_EXECUTOR: &[GoalPhase] = &[Executing, Preempted, Cancelling];
-const ALIVE: &[GoalPhase] = &[
-    Queued,
-    WaitingForAgents,
-    WaitingForChange,
-    FetchingDomain,
-    Planning,
-    CollectingProposals,
-    Explaining,
-    Executing,
-    Preempted,
-    Cancelling,
-    Verifying,
-    Holding,
-];
-const WITHOUT_THE_EXECUTOR: &[GoalPhase] = &[
-    Queued,
-    WaitingForAgents,
-    WaitingForChange,
-    FetchingDomain,
-    Planning,
-    CollectingProposals,
-    Explaining,
-    Verifying,
-    Holding,
-];
+const fn only(phases: &'static [GoalPhase]) -> PhaseSet {
+    PhaseSet::Only(phases)
+}
+
+const IDLE: PhaseSet = only(&[Queued, WaitingForAgents, WaitingForChange, Holding]);
+const LOOKING_FOR_A_PLAN: PhaseSet = only(&[Planning, CollectingProposals]);
+const WITH_THE_EXECUTOR: PhaseSet = only(&[Executing, Preempted, Cancelling]);
+const WITHOUT_THE_EXECUTOR: PhaseSet = PhaseSet::AllBut(&[Executing, Preempted, Cancelling]);
+const ALIVE: PhaseSet = PhaseSet::AllBut(&[]);
+
+impl PhaseSet {
+    /// Whether the set contains the phase.
+    pub fn contains(self, phase: GoalPhase) -> bool {
+        match self {
+            PhaseSet::Only(phases) => phases.contains(&phase),
+            PhaseSet::AllBut(phases) => phase != Ended && !phases.contains(&phase),
+        }
+    }
+
+    /// Returns the phases of the set, in the order of [`GoalPhase::ALL`].
+    pub fn phases(self) -> impl Iterator<Item = GoalPhase> {
+        GoalPhase::ALL.into_iter().filter(move |phase| self.contains(*phase))
+    }
+}
 
 /// All lawful transitions of a goal.
 pub const TRANSITIONS: &[GoalTransition] = &[
@@ -73,15 +74,19 @@ pub const TRANSITIONS: &[GoalTransition] = &[
         IDLE,
         &[Queued, WaitingForAgents, WaitingForChange, FetchingDomain],
     ),
-    leads(GoalEventKind::DomainMissing, &[FetchingDomain], &[WaitingForChange]),
-    leads(GoalEventKind::DomainUnusable, &[FetchingDomain], &[Ended]),
-    leads(GoalEventKind::GoalInvalid, &[FetchingDomain], &[WaitingForChange, Ended]),
-    leads(GoalEventKind::GoalHolds, &[FetchingDomain], &[Holding, Ended]),
-    leads(GoalEventKind::GoalLost, &[FetchingDomain], &[WaitingForChange, Ended]),
-    leads(GoalEventKind::AgentsBusy, &[FetchingDomain], &[WaitingForAgents, Ended]),
-    leads(GoalEventKind::GoalOpen, &[FetchingDomain], &[Planning, CollectingProposals, Ended]),
-    leads(GoalEventKind::PlannerFailed, &[Planning], &[WaitingForChange, Ended]),
-    may_lead(GoalEventKind::BidsOutdated, &[CollectingProposals], &[WaitingForChange]),
+    leads(GoalEventKind::DomainMissing, only(&[FetchingDomain]), &[WaitingForChange]),
+    leads(GoalEventKind::DomainUnusable, only(&[FetchingDomain]), &[Ended]),
+    leads(GoalEventKind::GoalInvalid, only(&[FetchingDomain]), &[WaitingForChange, Ended]),
+    leads(GoalEventKind::GoalHolds, only(&[FetchingDomain]), &[Holding, Ended]),
+    leads(GoalEventKind::GoalLost, only(&[FetchingDomain]), &[WaitingForChange, Ended]),
+    leads(GoalEventKind::AgentsBusy, only(&[FetchingDomain]), &[WaitingForAgents, Ended]),
+    leads(
+        GoalEventKind::GoalOpen,
+        only(&[FetchingDomain]),
+        &[Planning, CollectingProposals, Ended],
+    ),
+    leads(GoalEventKind::PlannerFailed, only(&[Planning]), &[WaitingForChange, Ended]),
+    may_lead(GoalEventKind::BidsOutdated, only(&[CollectingProposals]), &[WaitingForChange]),
     leads(
         GoalEventKind::PlanFound,
         LOOKING_FOR_A_PLAN,
@@ -90,24 +95,24 @@ pub const TRANSITIONS: &[GoalTransition] = &[
     leads(GoalEventKind::PlanMissing, LOOKING_FOR_A_PLAN, &[Explaining]),
     leads(
         GoalEventKind::Explained,
-        &[Explaining],
+        only(&[Explaining]),
         &[Queued, WaitingForAgents, WaitingForChange, Ended],
     ),
-    may_lead(GoalEventKind::ExecutorRestarted, &[Executing], &[]),
+    may_lead(GoalEventKind::ExecutorRestarted, only(&[Executing]), &[]),
     may_lead(GoalEventKind::OtherPlanRuns, WITH_THE_EXECUTOR, &[]),
     leads(
         GoalEventKind::ExecutionEnded,
-        &[Executing],
+        only(&[Executing]),
         &[Verifying, Holding, WaitingForChange, Ended],
     ),
-    leads(GoalEventKind::ExecutionEnded, &[Preempted], &[Verifying, Holding, Queued]),
-    leads(GoalEventKind::ExecutionEnded, &[Cancelling], &[Ended]),
-    may_lead(GoalEventKind::Verified, &[Verifying], &[WaitingForChange, Ended]),
-    leads(GoalEventKind::Yielded, &[Executing], &[Preempted]),
-    leads(GoalEventKind::AgentsReleased, &[WaitingForAgents], &[Queued]),
+    leads(GoalEventKind::ExecutionEnded, only(&[Preempted]), &[Verifying, Holding, Queued]),
+    leads(GoalEventKind::ExecutionEnded, only(&[Cancelling]), &[Ended]),
+    may_lead(GoalEventKind::Verified, only(&[Verifying]), &[WaitingForChange, Ended]),
+    leads(GoalEventKind::Yielded, only(&[Executing]), &[Preempted]),
+    leads(GoalEventKind::AgentsReleased, only(&[WaitingForAgents]), &[Queued]),
     may_lead(GoalEventKind::WorldChanged, ALIVE, &[]),
-    leads(GoalEventKind::Cancelled, &[Executing, Preempted], &[Cancelling]),
-    may_lead(GoalEventKind::Cancelled, &[Cancelling], &[]),
+    leads(GoalEventKind::Cancelled, only(&[Executing, Preempted]), &[Cancelling]),
+    may_lead(GoalEventKind::Cancelled, only(&[Cancelling]), &[]),
     leads(GoalEventKind::Cancelled, WITHOUT_THE_EXECUTOR, &[Ended]),
     leads(GoalEventKind::EndedElsewhere, ALIVE, &[Ended]),
     leads(GoalEventKind::TakenOver, ALIVE, &[Ended]),
@@ -115,13 +120,13 @@ pub const TRANSITIONS: &[GoalTransition] = &[
 
 /// Whether the event counts in the phase.
 pub(crate) fn is_expected(event: GoalEventKind, phase: GoalPhase) -> bool {
-    TRANSITIONS.iter().any(|row| row.event == event && row.from.contains(&phase))
+    TRANSITIONS.iter().any(|row| row.event == event && row.from.contains(phase))
 }
 
 /// Whether the event may lead from one phase to the other.
 pub fn is_lawful(event: GoalEventKind, from: GoalPhase, to: GoalPhase) -> bool {
     TRANSITIONS.iter().any(|row| {
         let is_target = row.to.contains(&to) || (row.may_stay && from == to);
-        row.event == event && row.from.contains(&from) && is_target
+        row.event == event && row.from.contains(from) && is_target
     })
 }
