@@ -79,7 +79,7 @@ impl TextFormat {
             let value = yes_or_no(&found.word, quantity.name).ok_or_else(unread)?;
             return quantity.possible(value * self.factor.unwrap_or(1.0));
         }
-        let (number, own) = number_with_unit(&found.word).ok_or_else(unread)?;
+        let (number, own) = number_with_unit(&found.word).ok_or_else(|| no_number(&found.word))?;
         let value = match self.factor {
             Some(factor) => number * factor,
             None => {
@@ -94,14 +94,32 @@ impl TextFormat {
     }
 }
 
+/// Returns why a text is no number: its beginning, and what to write for a decimal comma.
+fn no_number(text: &str) -> String {
+    let with_point = text.replacen(',', ".", 1);
+    match number_with_unit(&with_point) {
+        Some(_) if with_point != text => format!("{}; write a point for the comma", excerpt(text)),
+        _ => excerpt(text),
+    }
+}
+
 /// Returns the number at the beginning of a text and the unit behind it, which may be empty; `None` if the
-/// text begins with no number.
+/// text is anything else, such as `21,5`, `12:30`, `0x15` or two numbers.
 fn number_with_unit(text: &str) -> Option<(f64, &str)> {
     let text = text.trim();
     let is_of_number = |symbol: char| symbol.is_ascii_digit() || "+-.eE".contains(symbol);
     let end = text.find(|symbol| !is_of_number(symbol)).unwrap_or(text.len());
-    let number = text[..end].parse().ok()?;
-    Some((number, text[end..].trim()))
+    let (number, unit) = (text[..end].parse().ok()?, text[end..].trim());
+    is_like_a_unit(unit).then_some((number, unit))
+}
+
+/// Whether a text may be a unit: it begins as one, and its only digit is an exponent at its end, as in
+/// `µg/m3`. Or it is empty.
+fn is_like_a_unit(text: &str) -> bool {
+    let begins =
+        text.chars().next().is_none_or(|first| first.is_alphabetic() || "°%‰".contains(first));
+    let base = text.strip_suffix(['2', '3']).unwrap_or(text);
+    begins && !base.contains(|symbol: char| symbol.is_ascii_digit())
 }
 
 /// Returns 1 or 0 for a text that means yes or no, and the number in any other; `None` if it has none.
@@ -346,6 +364,30 @@ mod tests {
         let format = TextFormat { factor: Some(0.001), ..TextFormat::default() };
         assert_eq!(extract("48312 m°C", "temperature", &format), Some(Ok(48.312)));
         assert!(extract("4831200", "temperature", &format).is_some_and(|value| value.is_err()));
+    }
+
+    #[test]
+    fn what_follows_a_number_is_a_unit_or_the_text_is_no_number() {
+        for (text, expected) in [
+            ("21,5", "21,5; write a point for the comma"),
+            ("21,5 °C", "21,5 °C; write a point for the comma"),
+            ("1,234,567", "1,234,567"),
+            ("12:30", "12:30"),
+            ("0x15", "0x15"),
+            ("21.5 22.5", "21.5 22.5"),
+            ("21.5;40", "21.5;40"),
+            ("2026-11-26T20:00", "2026-11-26T20:00"),
+        ] {
+            // A factor makes no difference: such a text has no number that it could convert.
+            for factor in [None, Some(0.1)] {
+                let format = TextFormat { factor, ..TextFormat::default() };
+                let found = extract(text, "temperature", &format);
+                assert_eq!(found, Some(Err(expected.to_owned())), "{text} {factor:?}");
+            }
+        }
+        let dust = SensorQuantity::named("co2").expect("a quantity");
+        let format = TextFormat { factor: Some(1.0), ..TextFormat::default() };
+        assert_eq!(format.extract("12 µg/m3", dust), Some(Ok(12.0)));
     }
 
     #[test]
