@@ -130,7 +130,7 @@ fn a_question_is_answered_or_ends_at_its_deadline() {
     let question = |patience: u32| {
         let text = format!(
             r#"{{"receiver": "keyboard", "performative": "query-ref",
-                "content": {{"text": "May I enter?"}}, "reply_by": {patience}}}"#
+                "content": {{"text": "May I enter?"}}, "reply_within": {patience}}}"#
         );
         office.write(&format!("{patience}.json"), &text).display().to_string()
     };

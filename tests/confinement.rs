@@ -204,7 +204,7 @@ fn package(office: &Office, targets: &Targets, network: bool) -> PathBuf {
     fs::create_dir_all(&folder).expect("a folder");
     targets.describe(&folder, &sockets_of_daemons(&office.runtime_folder()));
     let text = format!(
-        "name = \"attacker\"\nversion = \"1\"\nprotocol = \"1\"\nrun = [\"python3\", \"attacks.py\"]\n\
+        "name = \"attacker\"\nversion = \"1\"\nprotocol = \"2\"\nrun = [\"python3\", \"attacks.py\"]\n\
          ready-within = \"60s\"\n\n[[agent]]\nname = \"agent-of-attacker\"\n\n[permissions]\n\
          network = {network}\nread = [\"{}\"]\n",
         office.folder().join("shared").display()
@@ -534,7 +534,7 @@ fn add_program(office: &Office, name: &str, program: &str, permissions: &str) {
     fs::create_dir_all(&folder).expect("a folder");
     fs::write(folder.join("program.py"), program).expect("a file");
     let text = format!(
-        "name = \"{name}\"\nversion = \"1\"\nprotocol = \"1\"\nrun = [\"python3\", \"program.py\"]\n\
+        "name = \"{name}\"\nversion = \"1\"\nprotocol = \"2\"\nrun = [\"python3\", \"program.py\"]\n\
          ready-within = \"60s\"\n\n[[agent]]\nname = \"agent-of-{name}\"\n\n[permissions]\n{permissions}"
     );
     fs::write(folder.join("plugin.toml"), text).expect("a file");

@@ -144,7 +144,7 @@ fn a_person_at_a_prompt() {
     terminal.type_text("(known-temperature of");
     terminal.await_line("(known-temperature of");
     let question = r#"{"receiver": "alice", "performative": "query-ref",
-        "content": {"text": "May I enter?"}, "reply_by": 60000}"#;
+        "content": {"text": "May I enter?"}, "reply_within": 60000}"#;
     let question = office.write("question.json", question).display().to_string();
     let mut asking = office.command(&["send", &question, "--ecosystem", &file()]);
     let asking = asking.stdout(Stdio::piped()).spawn().expect("the binary is built");

@@ -244,7 +244,7 @@ fn hostile_question(office: &Office) -> String {
     let text = serde_json::to_string(HOSTILE).expect("JSON");
     let message = format!(
         r#"{{"receiver": "keyboard", "performative": "query-ref",
-            "content": {{"text": {text}}}, "reply_by": 60000}}"#
+            "content": {{"text": {text}}}, "reply_within": 60000}}"#
     );
     office.write("hostile.json", &message).display().to_string()
 }

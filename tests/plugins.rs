@@ -280,7 +280,7 @@ fn script_of(office: &Office, shell: &str, name: &str, script: &str, more: &str)
     let folder = office.folder().join("made").join(name);
     fs::create_dir_all(&folder).expect("a folder");
     let text = format!(
-        "name = \"{name}\"\nversion = \"1\"\nprotocol = \"1\"\nrun = [\"{shell}\", \"-c\", '''{script}''']\n\
+        "name = \"{name}\"\nversion = \"1\"\nprotocol = \"2\"\nrun = [\"{shell}\", \"-c\", '''{script}''']\n\
          ready-within = \"2s\"\n\n[[agent]]\nname = \"agent-of-{name}\"\n\n{more}"
     );
     fs::write(folder.join("plugin.toml"), text).expect("a file");
@@ -552,7 +552,7 @@ fn a_manifest_that_lies_and_a_package_that_is_not_whole_say_so() {
         replace(&made.join("plugin.toml"), "[action.report-temperature]", "[action.measure]");
     });
     put("newer", &|made| {
-        replace(&made.join("plugin.toml"), "protocol = \"1\"", "protocol = \"7\"")
+        replace(&made.join("plugin.toml"), "protocol = \"2\"", "protocol = \"7\"")
     });
     put("misconfigured", &|made| {
         replace(&made.join("plugin.toml"), "config = { location", "config = { place");
@@ -622,7 +622,7 @@ fn a_plugin_of_this_house_runs_unchanged_as_a_process() {
         std::fs::copy(sensor_process(), made.join("sensor-process")).expect("a program");
         let machine = format!("{}-linux", std::env::consts::ARCH);
         let text = format!(
-            "name = \"sensors\"\nversion = \"1\"\nprotocol = \"1\"\n\n[executable]\n\
+            "name = \"sensors\"\nversion = \"1\"\nprotocol = \"2\"\n\n[executable]\n\
              {machine} = \"sensor-process\"\n\n[action.report-temperature]\n\
              method = \"read_temperature\"\ntimeout = \"2s\"\n\n\
              [config.location]\ntype = \"text\"\n"

@@ -211,7 +211,7 @@ fn sensors(folder: &Path, agents: &str) {
     std::fs::copy(sensor_process(), package.join("sensor-process")).expect("a program");
     let machine = format!("{}-linux", std::env::consts::ARCH);
     let text = format!(
-        "name = \"sensors\"\nversion = \"1\"\nprotocol = \"1\"\n\n\
+        "name = \"sensors\"\nversion = \"1\"\nprotocol = \"2\"\n\n\
          [executable]\n{machine} = \"sensor-process\"\n\n[action.report-temperature]\n\
          method = \"read_temperature\"\ntimeout = \"2s\"\n\n\
          [config.location]\ntype = \"text\"\n\n[config.device]\ntype = \"text\"\noptional = true\n\n\

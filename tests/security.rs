@@ -125,9 +125,9 @@ fn who_may_not_ask_for_goals_is_refused_and_counted() {
     let (code, said) = secured.office.ask(&["goal", "(known-temperature office1)"]);
     assert_ne!(code, Some(0), "{said}");
     assert!(said.contains("does not let `keyboard-"), "{said}");
-    assert!(rejected(&secured.office, "reasoning", "overstepped") > 0);
+    assert!(rejected(&secured.office, "reasoning", "unauthorized") > 0);
     let (_, table) = secured.office.ask(&["mailbox"]);
-    assert!(table.contains("overstepped"), "{table}");
+    assert!(table.contains("unauthorized"), "{table}");
 }
 
 #[test]

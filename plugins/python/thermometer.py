@@ -25,7 +25,7 @@ session = zenoh.open(zenoh.Config.from_json5(json.dumps(
 
 def message(performative, content, **more):
     state["messages"] += 1
-    return {"version": 1, "id": f"{NAME}.{LIFE}.{state['messages']}", "performative": performative, "sender": NAME,
+    return {"version": 2, "id": f"{NAME}.{LIFE}.{state['messages']}", "performative": performative, "sender": NAME,
             "incarnation": LIFE, "content": content, "conversation_id": NAME, "language": "pddl", **more}
 
 

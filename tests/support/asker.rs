@@ -200,7 +200,7 @@ impl Asker {
             conversation_id: ConversationId::new(&format!("goal-{number}-of-{}", self.id)),
             reply_with: Some(ReplyToken::new(&id)),
             in_reply_to: None,
-            reply_by: None,
+            reply_within: None,
             via: Vec::new(),
             unknown: serde_json::Map::new(),
         }

@@ -320,13 +320,13 @@ impl Testbed {
             let Ok(line) = serde_json::from_str::<Value>(line) else { continue };
             // Of a command that an earlier incarnation began and ended, only the end is kept.
             if let Some(ended) = line.get("ended").and_then(|end| token(&end["token"])) {
-                let plan = (ended.epoch, ended.round);
+                let plan = (ended.term, ended.round);
                 let newest = newest.entry(ended.conversation.clone()).or_insert(plan);
                 *newest = plan.max(*newest);
                 seen.insert(ended);
             }
             let Some(begun) = line.get("begun").and_then(token) else { continue };
-            let plan = (begun.epoch, begun.round);
+            let plan = (begun.term, begun.round);
             let newest = newest.entry(begun.conversation.clone()).or_insert(plan);
             if plan < *newest {
                 return Err(format!("{begun} is begun after a command of the plan {newest:?}"));

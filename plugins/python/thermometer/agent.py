@@ -14,7 +14,7 @@ session = zenoh.open(zenoh.Config.from_json5(json.dumps({  # no shared memory, n
 
 
 def message(name, performative, content, **more):
-    return json.dumps({"version": 1, "id": f"{name}.{LIFE}.{next(count)}", "performative": performative, "sender": name,
+    return json.dumps({"version": 2, "id": f"{name}.{LIFE}.{next(count)}", "performative": performative, "sender": name,
                        "incarnation": LIFE, "content": content, "conversation_id": name, "language": "pddl", **more})
 
 

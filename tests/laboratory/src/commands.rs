@@ -76,7 +76,7 @@ fn twice(agent: &str, tokens: &[ActionToken]) -> Vec<String> {
 fn overtaken(agent: &str, tokens: &[ActionToken]) -> Option<String> {
     let mut newest: BTreeMap<&ConversationId, (u64, u32)> = BTreeMap::new();
     tokens.iter().find_map(|token| {
-        let (plan, newest) = ((token.epoch, token.round), newest.entry(&token.conversation));
+        let (plan, newest) = ((token.term, token.round), newest.entry(&token.conversation));
         let newest = newest.or_insert(plan);
         if plan < *newest {
             let (term, round) = *newest;

@@ -97,8 +97,8 @@ impl MachineSimulation for MachineServices {
         Duration::from_micros(disk.u64(200..15_000))
     }
 
-    fn waits_changed(&self, agent: &AgentId, life: Incarnation, exchanges: ExchangeSummary) {
-        self.waits.record_exchanges(agent, life, exchanges);
+    fn waits_changed(&self, agent: &AgentId, incarnation: Incarnation, exchanges: ExchangeSummary) {
+        self.waits.record_exchanges(agent, incarnation, exchanges);
     }
 }
 
@@ -205,8 +205,8 @@ impl SimulatedMachine {
         let (keyboard, terminal) = Keyboard::with_terminal();
         let id = AgentId::new(name).expect("invariant: a name");
         let berth = process.launch_context(&id, false);
-        let life = AbortOnDrop(LaunchableAgent::launch(Box::new(keyboard), berth));
-        process.agents.push(tokio::spawn(async move { drop(life.ended().await) }));
+        let task = AbortOnDrop(LaunchableAgent::launch(Box::new(keyboard), berth));
+        process.agents.push(tokio::spawn(async move { drop(task.ended().await) }));
         Some(terminal)
     }
 

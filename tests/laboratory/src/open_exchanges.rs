@@ -18,12 +18,17 @@ pub struct OpenExchanges(Mutex<BTreeMap<(AgentId, Incarnation), ExchangeSummary>
 
 impl OpenExchanges {
     /// Records the open exchanges of an agent.
-    pub fn record_exchanges(&self, agent: &AgentId, life: Incarnation, exchanges: ExchangeSummary) {
+    pub fn record_exchanges(
+        &self,
+        agent: &AgentId,
+        incarnation: Incarnation,
+        exchanges: ExchangeSummary,
+    ) {
         self.with(|waits| {
             if exchanges.open_count == 0 {
-                waits.remove(&(agent.clone(), life));
+                waits.remove(&(agent.clone(), incarnation));
             } else {
-                waits.insert((agent.clone(), life), exchanges);
+                waits.insert((agent.clone(), incarnation), exchanges);
             }
         });
     }
@@ -58,13 +63,17 @@ mod tests {
     #[tokio::test(start_paused = true)]
     async fn who_waits_too_long_is_told_of_until_it_is_over() {
         let (waits, now) = (OpenExchanges::default(), Instant::now());
-        let (robot, life) = (AgentId::new("robot").expect("a name"), Incarnation(1));
+        let (robot, incarnation) = (AgentId::new("robot").expect("a name"), Incarnation(1));
         let due = now + Duration::from_secs(1);
-        waits.record_exchanges(&robot, life, ExchangeSummary { open_count: 2, due: Some(due) });
+        waits.record_exchanges(
+            &robot,
+            incarnation,
+            ExchangeSummary { open_count: 2, due: Some(due) },
+        );
         assert_eq!(waits.open(), [(robot.clone(), 2)]);
         assert_eq!(waits.overdue(due + MARGIN), [""; 0]);
         assert_eq!(waits.overdue(due + MARGIN * 2).len(), 1);
-        waits.record_exchanges(&robot, life, ExchangeSummary::default());
+        waits.record_exchanges(&robot, incarnation, ExchangeSummary::default());
         assert_eq!((waits.open(), waits.overdue(due + MARGIN * 2)), (vec![], vec![]));
     }
 }

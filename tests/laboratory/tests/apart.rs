@@ -60,7 +60,7 @@ struct Machine {
 
 impl Machine {
     /// Creates a daemon with a Domain Maintainer; the smaller its incarnation, the sooner it leads.
-    fn new(network: &Network, daemon: &str, life: u64) -> Machine {
+    fn new(network: &Network, daemon: &str, incarnation: u64) -> Machine {
         let daemon = DaemonId::new(daemon).expect("a name");
         let ecosystem = EcosystemId::new("home").expect("a name");
         let settings = AgentSettings::default();
@@ -73,7 +73,7 @@ impl Machine {
         let (id, driver) = (name("domain-maintainer"), String::new());
         let blueprint = Blueprint { id: id.clone(), driver, config, host };
         let maintainer = (domain_maintainer::PLUGIN.build)(blueprint).expect("built");
-        let mut machine = Machine { switchboard, lives: life };
+        let mut machine = Machine { switchboard, lives: incarnation };
         let berth = machine.berth(id, true);
         drop(maintainer.launch(berth));
         machine

@@ -8,7 +8,7 @@ mod sayer;
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::content::{Keep, Keeping, Outcome, Record, Report, Request, Version};
+use acl::content::{Keep, Outcome, Record, Report, Request, StoreRecords, Version};
 use acl::{Performative, Protocol};
 use agent::{Agent, Callbacks, Context, MessageRouter, Mode, Participation, Resource};
 use substrate::ResourceQuery;
@@ -28,7 +28,9 @@ struct Journal(mpsc::UnboundedSender<Record>);
 impl Agent for Journal {
     fn callbacks(&self) -> Callbacks<Self> {
         Callbacks::new().on(Performative::Request, |journal: &mut Journal, message, ctx| {
-            if let Ok(Request::Keep(Keeping { records })) = message.content_as::<Request>() {
+            if let Ok(Request::StoreRecords(StoreRecords { records })) =
+                message.content_as::<Request>()
+            {
                 records.into_iter().for_each(|record| journal.0.send(record).expect("it is read"));
             }
             let report = Report::new(Outcome::Done, "kept");
@@ -98,7 +100,7 @@ impl Asked {
             to: name("plan-requester"),
             protocol: Protocol::StateChange,
             conversation: "handing-over",
-            says: Request::Keep(Keeping { records: vec![record] }),
+            says: Request::StoreRecords(StoreRecords { records: vec![record] }),
             told,
         };
         drop(launch(Box::new(sayer), "plan-requester", &there, true));

@@ -8,9 +8,9 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use acl::content::{
-    CallOff, Execute, Method, Offer, Outcome, Reason, Refusal, Report, Request, value,
+    CancelPlan, Execute, Method, Offer, Outcome, Reason, Refusal, Report, Request, value,
 };
-use acl::{ConversationId, Deadline, Message, Performative, Protocol};
+use acl::{ConversationId, Message, Millis, Performative, Protocol};
 use agent::{Agent, Callbacks, Context, ExchangeEvent, ExchangeOpening, Mode, Participation};
 use tokio::sync::mpsc;
 use tokio::time::timeout;
@@ -33,9 +33,9 @@ fn execute(term: u64, round: u32) -> Execute {
     let method = Method {
         method: "light".to_owned(),
         arguments: [].into(),
-        timeout: Deadline(Duration::from_secs(60)),
+        timeout: Millis(Duration::from_secs(60)),
     };
-    let offer = Offer { inside: "light".to_owned(), guard: String::new(), method: Some(method) };
+    let offer = Offer { schema: "light".to_owned(), guard: String::new(), method: Some(method) };
     Execute {
         domain: DOMAIN.to_owned(),
         problem: PROBLEM.to_owned(),
@@ -187,7 +187,7 @@ async fn a_later_plan_of_the_same_takes_the_place_of_the_first() {
 /// called off, or after. No report says that the plan was carried out.
 #[tokio::test(start_paused = true)]
 async fn a_plan_that_is_called_off_neither_goes_on_nor_begins() {
-    let off = || Request::CallOff(CallOff { term: 5, round: 1 });
+    let off = || Request::CancelPlan(CancelPlan { term: 5, round: 1 });
     for asks in [vec![asked(5, 1), off()], vec![off(), asked(5, 1)]] {
         for answer in first_answers(asks, 2, Duration::from_secs(30)).await {
             let report: Report = answer.content_as().expect("a report");
@@ -198,7 +198,7 @@ async fn a_plan_that_is_called_off_neither_goes_on_nor_begins() {
 
 #[tokio::test(start_paused = true)]
 async fn calling_one_plan_off_leaves_another_under_way() {
-    let asks = vec![asked(5, 1), Request::CallOff(CallOff { term: 9, round: 1 })];
+    let asks = vec![asked(5, 1), Request::CancelPlan(CancelPlan { term: 9, round: 1 })];
     let refusal: Refusal = first_answer(asks).await.content_as().expect("a refusal");
     assert_eq!(refusal.under_way.as_deref(), Some(&execute(5, 1)));
 }

@@ -13,7 +13,7 @@ mod office;
 use std::error::Error;
 use std::time::Duration;
 
-use acl::Deadline;
+use acl::Millis;
 use acl::content::Method;
 use actuator::{
     Actuator, BoxFuture, Description, Device, MethodCall, MethodFailure, MethodResult, OwnFact,
@@ -98,7 +98,7 @@ impl Device for CoffeeMachine {
         let method = Method {
             method: "brew".to_owned(),
             arguments: [("room".to_owned(), "?r".to_owned())].into(),
-            timeout: Deadline(Duration::from_secs(10)),
+            timeout: Millis(Duration::from_secs(10)),
         };
         Description { model, methods: [("make-coffee".to_owned(), method)].into() }
     }

@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use std::error::Error;
 use std::time::{Duration, Instant};
 
-use acl::Deadline;
+use acl::Millis;
 use acl::content::Method;
 use actuator::{
     Actuator, BoxFuture, Description, Device, MethodCall, MethodFailure, MethodResult, OwnFact,
@@ -83,7 +83,7 @@ impl Device for Thermometer {
         let method = Method {
             method: "measure".to_owned(),
             arguments: BTreeMap::new(),
-            timeout: Deadline(Duration::from_secs(2)),
+            timeout: Millis(Duration::from_secs(2)),
         };
         Description { model, methods: [("report-temperature".to_owned(), method)].into() }
     }

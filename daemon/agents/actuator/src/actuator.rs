@@ -7,10 +7,10 @@ use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
 use acl::content::{
-    Act, ActionToken, Agreement, CallForProposals, Cancelling, Heartbeat, Inform, Method,
+    Act, ActionToken, Agreement, CallForProposals, CancelAction, Heartbeat, Inform, Method,
     ModelAnnouncement, Outcome, Reason, Refusal, Report, Request,
 };
-use acl::{AgentId, Deadline, Message, Performative, ReplyToken};
+use acl::{AgentId, Message, Millis, Performative, ReplyToken};
 use agent::{
     Agent, Blueprint, BuildError, Callbacks, Context, Host, Participation, Presence, Resource,
     StateFolder, TimerId, WorkHandle,
@@ -245,14 +245,14 @@ impl<D: Device> Actuator<D> {
         let lasting: Vec<_> = lasting.into_iter().map(|fact| fact.fact).collect();
         let known_for = passing
             .into_iter()
-            .filter_map(|fact| Some((fact.fact.to_string(), Deadline(fact.known_for?))))
+            .filter_map(|fact| Some((fact.fact.to_string(), Millis(fact.known_for?))))
             .collect();
         Heartbeat {
             digest: self.announced.digest.clone(),
             sequence: self.announced.sequence,
             facts: text_of(&lasting),
             known_for,
-            period: Deadline(ctx.settings().heartbeat_period),
+            period: Millis(ctx.settings().heartbeat_period),
         }
     }
 
@@ -448,7 +448,7 @@ impl<D: Device> Actuator<D> {
             if let Some((cancel, _)) = self.running_bids.get(exchange) {
                 cancel.set();
             }
-            let cancelling = message.content_as::<Cancelling>().unwrap_or_default();
+            let cancelling = message.content_as::<CancelAction>().unwrap_or_default();
             if cancelling.unless_followed {
                 return self.requester_stood_down(exchange, ctx);
             }
@@ -487,9 +487,9 @@ impl<D: Device> Actuator<D> {
             };
             let directory = ctx.directory();
             let is_here = |asker: &Participation| {
-                asker
-                    .life
-                    .is_none_or(|life| directory.find_incarnation(&asker.initiator, life).is_some())
+                asker.incarnation.is_none_or(|incarnation| {
+                    directory.find_incarnation(&asker.initiator, incarnation).is_some()
+                })
             };
             if acting.subscribers.is_empty()
                 || (is_second && !acting.subscribers.iter().any(is_here))
@@ -527,7 +527,7 @@ impl<D: Device> Actuator<D> {
         if self.running_bids.len() >= BIDS_MAX {
             return ctx.refuse(&engagement, Reason::Busy, "it is planning for other calls");
         }
-        let patience = message.reply_by.map_or(ctx.settings().proposals_deadline, |by| by.0);
+        let patience = message.reply_within.map_or(ctx.settings().proposals_deadline, |by| by.0);
         let cancel = Cancel::new();
         let (flag, deadline) = (cancel.clone(), cancel.clone());
         ctx.after(patience.mul_f32(0.8), move |_: &mut Self, _| deadline.set());

@@ -142,11 +142,7 @@ impl Ledger {
             None => {
                 let newest =
                     self.newest_plans.get(&token.conversation).copied().unwrap_or_default();
-                if (token.epoch, token.round) < newest {
-                    TokenState::Stale
-                } else {
-                    TokenState::New
-                }
+                if (token.term, token.round) < newest { TokenState::Stale } else { TokenState::New }
             }
         }
     }
@@ -190,7 +186,7 @@ impl Ledger {
 
     fn insert_begun(&mut self, token: ActionToken) {
         let newest = self.newest_plans.entry(token.conversation.clone()).or_default();
-        *newest = (*newest).max((token.epoch, token.round));
+        *newest = (*newest).max((token.term, token.round));
         if self.tokens.insert(token.clone(), TokenMark::Begun).is_none() {
             self.order.push_back(token);
         }
@@ -318,8 +314,8 @@ fn lock(file: &Mutex<LedgerFile>) -> std::sync::MutexGuard<'_, LedgerFile> {
 mod tests {
     use super::*;
 
-    fn token(epoch: u64, round: u32, step: u32) -> ActionToken {
-        ActionToken { epoch, conversation: ConversationId::new("c"), round, step }
+    fn token(term: u64, round: u32, step: u32) -> ActionToken {
+        ActionToken { term, conversation: ConversationId::new("c"), round, step }
     }
 
     const TOKENS_MAX: usize = 1_000;
@@ -361,14 +357,17 @@ mod tests {
     fn a_torn_line_is_left_out() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("robot.tokens");
-        // The first line is how an earlier version wrote it.
-        let earlier = serde_json::to_string(&token(1, 1, 0)).expect("JSON");
+        // The first two lines are those of earlier versions.
+        let first = r#"{"epoch":1,"conversation":"c","round":1,"step":0}"#;
+        let second = r#"{"begun":{"epoch":1,"conversation":"c","round":1,"step":2}}"#;
+        let earlier = format!("{first}\n{second}");
         let whole = serde_json::to_string(&LedgerLine::Begun(token(1, 1, 1))).expect("JSON");
         std::fs::write(&path, format!("{earlier}\n{whole}\n{}", &whole[..20])).expect("written");
         let ledger = open(&StateFolder(folder.path().to_owned()));
         assert_eq!(ledger.state_of(&token(1, 1, 0)), TokenState::Begun);
         assert_eq!(ledger.state_of(&token(1, 1, 1)), TokenState::Begun);
-        assert_eq!(ledger.order.len(), 2);
+        assert_eq!(ledger.state_of(&token(1, 1, 2)), TokenState::Begun);
+        assert_eq!(ledger.order.len(), 3);
     }
 
     #[test]

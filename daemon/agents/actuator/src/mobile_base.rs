@@ -15,7 +15,7 @@ use std::future::pending;
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::Deadline;
+use acl::Millis;
 use acl::content::{Achieve, Keep, Method, Methods};
 use agent::{Blueprint, BuildError};
 use serde::Deserialize;
@@ -397,14 +397,14 @@ impl MobileBase {
         let navigate = Method {
             method: "navigate_to".to_owned(),
             arguments: [("place".to_owned(), "?to".to_owned())].into(),
-            timeout: Deadline(self.move_timeout),
+            timeout: Millis(self.move_timeout),
         };
         let mut methods: Methods = [("move".to_owned(), navigate)].into();
         if let Some(PowerSupply { recharge_time, .. }) = &self.power {
             let recharge = Method {
                 method: "recharge".to_owned(),
                 arguments: BTreeMap::new(),
-                timeout: Deadline(*recharge_time * 2 + DOCKING),
+                timeout: Millis(*recharge_time * 2 + DOCKING),
             };
             methods.insert("recharge".to_owned(), recharge);
         }

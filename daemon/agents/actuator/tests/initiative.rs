@@ -201,25 +201,25 @@ impl Room {
         &self,
         agent: impl Agent,
         id: &str,
-        life: u64,
+        incarnation: u64,
     ) -> (CancellationToken, JoinHandle<Result<(), LaunchError>>) {
         let stopping = CancellationToken::new();
-        let life = Box::new(agent).launch(LaunchContext {
+        let task = Box::new(agent).launch(LaunchContext {
             id: name(id),
-            incarnation: Incarnation(life),
+            incarnation: Incarnation(incarnation),
             router: Arc::clone(&self.switchboard),
             ontology: Arc::from("home"),
             stopping: stopping.clone(),
             has_replicas: false,
             via: [].into(),
         });
-        (stopping, life)
+        (stopping, task)
     }
 
-    fn other(&self, id: &str, life: u64, answer: Option<&'static str>) -> CancellationToken {
+    fn other(&self, id: &str, incarnation: u64, answer: Option<&'static str>) -> CancellationToken {
         let told = self.told.clone();
         let reason = Reason::Incapable;
-        self.launch(Other { refuses: 0, reason, answer, told, asked: None }, id, life).0
+        self.launch(Other { refuses: 0, reason, answer, told, asked: None }, id, incarnation).0
     }
 
     /// Starts the doorbell. At its first ring the doorbell takes the first list of initiatives in
@@ -305,8 +305,8 @@ async fn a_goal_waits_for_a_plan_requester_and_outlives_it() {
     let mut room = room();
     room.bell([vec![want("(a)")]]);
     assert_eq!(room.ring().await, [""; 0]);
-    for life in [1, 2] {
-        let requester = room.other("plan-requester", life, None);
+    for incarnation in [1, 2] {
+        let requester = room.other("plan-requester", incarnation, None);
         let lines = room.quiet().await;
         assert!(lines.contains(&"plan-requester is asked for (a)".to_owned()), "{lines:?}");
         requester.cancel();

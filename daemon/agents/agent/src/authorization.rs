@@ -391,7 +391,7 @@ mod tests {
             conversation_id: ConversationId::new("c"),
             reply_with: Some(ReplyToken::new("r")),
             in_reply_to: None,
-            reply_by: None,
+            reply_within: None,
             via: Vec::new(),
             unknown: serde_json::Map::new(),
         }
@@ -408,7 +408,7 @@ mod tests {
             sequence: 1,
             facts: String::new(),
             known_for: BTreeMap::new(),
-            period: acl::Deadline(std::time::Duration::from_secs(1)),
+            period: acl::Millis(std::time::Duration::from_secs(1)),
         };
         let text = format!(
             "(define (agent {sender}) (:domain office) (:action {action} :agent ?r - object \
@@ -433,17 +433,23 @@ mod tests {
         let query = |sender| message(sender, Performative::QueryRef, serde_json::Value::Null);
         assert_eq!(house.hears("robot-pi", Some("requester"), query("robot")), none());
         let counted = house.hears("robot-pi", Some("requester"), query("requester"));
-        assert_eq!(counted, one("overstepped"));
+        assert_eq!(counted, one("unauthorized"));
         assert_eq!(house.refusals(), [r#"To("requester", Message(Refuse)) Forbidden"#]);
     }
 
     #[tokio::test]
     async fn who_may_not_ask_is_refused_with_the_reason() {
         let house = House::new();
-        assert_eq!(house.hears("robot-pi", Some("requester"), change("robot")), one("overstepped"));
+        assert_eq!(
+            house.hears("robot-pi", Some("requester"), change("robot")),
+            one("unauthorized")
+        );
         assert_eq!(house.refusals(), [r#"To("robot", Message(Refuse)) Forbidden"#]);
         let house = House::new();
-        assert_eq!(house.hears("desk--cli-7", Some("requester"), change("me")), one("overstepped"));
+        assert_eq!(
+            house.hears("desk--cli-7", Some("requester"), change("me")),
+            one("unauthorized")
+        );
         assert_eq!(house.refusals(), [r#"To("me", Message(Refuse)) Forbidden"#]);
         assert_eq!(House::new().hears("hub", Some("requester"), change("robot")), none(), "itself");
     }
@@ -452,31 +458,31 @@ mod tests {
     async fn a_model_offers_what_its_agent_may() {
         assert_eq!(House::new().hears("robot-pi", None, model("robot", "move")), none());
         let vault = model("robot", "open-vault");
-        assert_eq!(House::new().hears("robot-pi", None, vault), one("overstepped"));
+        assert_eq!(House::new().hears("robot-pi", None, vault), one("unauthorized"));
         let person = model("me", "move");
-        assert_eq!(House::new().hears("desk--cli-7", None, person), one("overstepped"));
+        assert_eq!(House::new().hears("desk--cli-7", None, person), one("unauthorized"));
     }
 
     #[tokio::test]
     async fn only_the_reasoning_speaks_for_the_domain_and_calls_for_proposals() {
         let epoch = value(&Inform::Epoch(EpochChange::default()));
         let epoch = message("robot", Performative::Inform, epoch);
-        assert_eq!(House::new().hears("robot-pi", None, epoch), one("overstepped"));
+        assert_eq!(House::new().hears("robot-pi", None, epoch), one("unauthorized"));
         let call = message("robot", Performative::Cfp, serde_json::Value::Null);
-        assert_eq!(House::new().hears("robot-pi", None, call), one("overstepped"));
+        assert_eq!(House::new().hears("robot-pi", None, call), one("unauthorized"));
     }
 
     #[tokio::test]
     async fn presence_is_held_against_the_rights_and_messages_against_presence() {
         let house = House::new();
-        let joins = |name: &str, place: &str, life| {
+        let joins = |name: &str, place: &str, incarnation| {
             let (agent, daemon) = (agent(name), daemon(place));
-            let resident = Resident { agent, daemon, incarnation: Incarnation(life) };
+            let resident = Resident { agent, daemon, incarnation: Incarnation(incarnation) };
             house.hub.presence(Presence::Joined(resident));
         };
         joins("robot", "desk--cli-7", 1);
         joins("me", "robot-pi", 1);
-        assert_eq!(house.hub.rejections().counts(), [("overstepped".to_owned(), 2)].into());
+        assert_eq!(house.hub.rejections().counts(), [("unauthorized".to_owned(), 2)].into());
         assert_eq!(house.hub.find(&agent("robot")), None);
         assert_eq!(house.hub.find(&agent("me")), None);
 
@@ -515,7 +521,7 @@ mod tests {
             sequence: 2,
             facts: "x".repeat(256 << 10),
             known_for: BTreeMap::new(),
-            period: acl::Deadline(std::time::Duration::from_secs(1)),
+            period: acl::Millis(std::time::Duration::from_secs(1)),
         });
         let long = message("robot", Performative::Inform, value(&heartbeat));
         assert_eq!(house.hears("robot-pi", None, long)["oversized"], 2);
@@ -531,9 +537,9 @@ mod tests {
     #[tokio::test]
     async fn who_is_elsewhere_is_not_spoken_for_in_any_life() {
         let house = House::new();
-        let lamp = |place: &str, life| {
+        let lamp = |place: &str, incarnation| {
             let (agent, daemon) = (agent("lamp"), daemon(place));
-            Resident { agent, daemon, incarnation: Incarnation(life) }
+            Resident { agent, daemon, incarnation: Incarnation(incarnation) }
         };
         let says = |message: Message| Message { incarnation: Incarnation(1 << 53), ..message };
         let query = || message("lamp", Performative::QueryRef, serde_json::Value::Null);

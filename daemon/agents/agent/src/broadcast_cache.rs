@@ -236,7 +236,7 @@ mod tests {
 
     fn beat(id: &str, sequence: u64) -> Value {
         json!({
-            "version": 1, "id": id, "performative": "inform", "sender": "lamp", "incarnation": 7,
+            "version": 2, "id": id, "performative": "inform", "sender": "lamp", "incarnation": 7,
             "content": { "of": "heartbeat", "digest": "d", "facts": "(lit lamp)", "period": 1000,
                 "sequence": sequence },
             "conversation_id": "lamp"

@@ -15,7 +15,7 @@ use std::time::Duration;
 use acl::codec::Sketch;
 use acl::content::{Reason, Refusal, value};
 use acl::{
-    AgentId, ConversationId, Deadline, DecodeError, EcosystemId, Incarnation, Message, MessageId,
+    AgentId, ConversationId, DecodeError, EcosystemId, Incarnation, Message, MessageId, Millis,
     Performative, Protocol, ReplyToken, SCHEMA_VERSION,
 };
 use conversation::{Exchange, ExchangePhase};
@@ -129,7 +129,7 @@ impl CommunicationAgent {
             conversation_id: conversation,
             reply_with: None,
             in_reply_to: None,
-            reply_by: None,
+            reply_within: None,
             via: self.via.to_vec(),
             unknown: Map::new(),
         }
@@ -157,7 +157,7 @@ impl CommunicationAgent {
         let mut message = self.message(performative, conversation, content);
         message.protocol = Some(protocol);
         message.reply_with = Some(token.clone());
-        message.reply_by = Some(Deadline(patience));
+        message.reply_within = Some(Millis(patience));
         message.receiver.extend(to);
         let sent = self.post(&message, patience);
         (message, sent)
@@ -184,13 +184,13 @@ impl CommunicationAgent {
         performative: Performative,
         content: Value,
     ) -> Result<(), DeliveryError> {
-        let Participation { initiator, life, exchange, conversation, protocol } =
+        let Participation { initiator, incarnation, exchange, conversation, protocol } =
             engagement.clone();
         let mut message = self.message(performative, conversation, content);
         message.protocol = protocol;
         message.in_reply_to = Some(exchange.clone());
         message.receiver.push(initiator.clone());
-        self.post_to(life, &message, ANSWER_RETRIED)?;
+        self.post_to(incarnation, &message, ANSWER_RETRIED)?;
         self.advance_engagement(&(exchange, initiator), &message);
         Ok(())
     }
@@ -204,11 +204,11 @@ impl CommunicationAgent {
         self.post_to(None, message, patience)
     }
 
-    /// Sends a message to the receiver that it names; if `life` is given, only to that incarnation of
+    /// Sends a message to the receiver that it names; if `incarnation` is given, only to that one of
     /// the receiver.
     fn post_to(
         &mut self,
-        life: Option<Incarnation>,
+        incarnation: Option<Incarnation>,
         message: &Message,
         patience: Duration,
     ) -> Result<(), DeliveryError> {
@@ -221,23 +221,23 @@ impl CommunicationAgent {
         };
         let directory = self.router.directory();
         // A foreign tool may state no incarnation: then any holder of its name is meant.
-        let life = life.filter(|life| *life != Incarnation::default());
-        let resident = match life {
-            Some(life) => directory.find_incarnation(to, life),
+        let incarnation = incarnation.filter(|incarnation| *incarnation != Incarnation::default());
+        let resident = match incarnation {
+            Some(incarnation) => directory.find_incarnation(to, incarnation),
             None => directory.find(to),
         };
         if message.performative.is_retried() {
             let parcel = OutboundMessage {
                 to: to.clone(),
-                incarnation: life,
+                incarnation,
                 performative: message.performative,
                 exchange: message.exchange().cloned(),
                 opens: message.opens_exchange(),
                 payload: payload.clone(),
                 give_up: Instant::now() + patience,
             };
-            let life = resident.map(ReceiverIncarnation::from);
-            if !self.outbox.put(message.id.clone(), parcel, life, Instant::now()) {
+            let incarnation = resident.map(ReceiverIncarnation::from);
+            if !self.outbox.put(message.id.clone(), parcel, incarnation, Instant::now()) {
                 return Err(DeliveryError::OutboxFull);
             }
         }
@@ -273,8 +273,9 @@ impl CommunicationAgent {
     /// Sends the receipts that this agent owes.
     pub(crate) fn send_receipts(&mut self) {
         let directory = self.router.directory();
-        for ((to, life), payload) in self.receipts.take() {
-            let resident = directory.find_incarnation(&to, life).or_else(|| directory.find(&to));
+        for ((to, incarnation), payload) in self.receipts.take() {
+            let resident =
+                directory.find_incarnation(&to, incarnation).or_else(|| directory.find(&to));
             if let Some(resident) = resident {
                 self.router.send_to(&address(resident), Subject::Receipt, payload);
             }
@@ -291,6 +292,7 @@ impl CommunicationAgent {
         let sketch = Sketch {
             id: Some(message.id.clone()),
             sender: Some(message.sender.clone()),
+            incarnation: Some(message.incarnation),
             conversation_id: Some(message.conversation_id.clone()),
             exchange: message.exchange().cloned(),
             performative: None,
@@ -339,10 +341,13 @@ impl CommunicationAgent {
     pub(crate) fn read(&mut self, payload: &[u8]) -> IncomingMessage {
         let message = match acl::decode(payload) {
             Ok(message) => message,
-            Err(error) => {
-                self.unreadable(error);
-                return IncomingMessage::Nothing;
-            }
+            Err(error) => match error.to_not_understood() {
+                Some(message) => message,
+                None => {
+                    self.unreadable(error);
+                    return IncomingMessage::Nothing;
+                }
+            },
         };
         let is_full = message.opens_exchange() && !self.outbox.has_room();
         if is_full {

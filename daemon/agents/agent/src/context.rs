@@ -325,8 +325,8 @@ impl<A: 'static> Context<A> {
             has_replicas: false,
             via: [].into(),
         };
-        let life = agent.launch(berth);
-        let work = self.run(life, |agent: &mut A, ended, ctx| {
+        let task = agent.launch(berth);
+        let work = self.run(task, |agent: &mut A, ended, ctx| {
             // A panic is on stderr already, with its place.
             then(agent, ended.ok().and_then(Result::err), ctx);
         });

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 use acl::DaemonId;
-use acl::content::{Appeared, Discovered};
+use acl::content::{Discovered, DiscoveredAgents};
 use bytes::Bytes;
 
 /// Sources of a daemon's reports.
@@ -58,7 +58,7 @@ impl DaemonReports {
         if discovered.is_empty() {
             return None;
         }
-        let appeared = Appeared { daemon: of.clone(), discovered };
+        let appeared = DiscoveredAgents { daemon: of.clone(), discovered };
         serde_json::to_vec(&appeared).ok().map(Bytes::from)
     }
 
@@ -96,7 +96,8 @@ mod tests {
         };
         let names = || {
             let report = reports.discovered(&daemon)?;
-            let Appeared { discovered, .. } = serde_json::from_slice(&report).expect("a report");
+            let DiscoveredAgents { discovered, .. } =
+                serde_json::from_slice(&report).expect("a report");
             Some(discovered.iter().map(|one| one.agent.to_string()).collect::<Vec<_>>())
         };
         assert_eq!(names(), None);

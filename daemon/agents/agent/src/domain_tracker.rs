@@ -268,8 +268,8 @@ impl InformOutcome {
         heartbeat: &Heartbeat,
         now: Timestamp,
     ) {
-        let (sender, life) = (message.sender.clone(), message.incarnation);
-        match ParsedHeartbeat::read(sender, life, heartbeat, now) {
+        let (sender, incarnation) = (message.sender.clone(), message.incarnation);
+        match ParsedHeartbeat::read(sender, incarnation, heartbeat, now) {
             Ok(beat) => match maintainer.apply_heartbeat(beat, now) {
                 Ok(change) => self.changes.push(change),
                 Err(declined) => {
@@ -380,7 +380,7 @@ mod tests {
             conversation_id: ConversationId::new("meter"),
             reply_with: None,
             in_reply_to: None,
-            reply_by: None,
+            reply_within: None,
             via: Vec::new(),
             unknown: serde_json::Map::new(),
         }
@@ -392,7 +392,7 @@ mod tests {
             sequence,
             facts: "(known hall)".to_owned(),
             known_for: BTreeMap::new(),
-            period: acl::Deadline(Duration::from_secs(1)),
+            period: acl::Millis(Duration::from_secs(1)),
         }
     }
 

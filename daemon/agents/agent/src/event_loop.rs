@@ -97,7 +97,7 @@ async fn run_agent<A: Agent>(agent: Box<A>, context: LaunchContext) -> Result<()
     let stopping = Box::pin(stopping.cancelled_owned());
     let alarm = Box::pin(tokio::time::sleep_until(Instant::now()));
     let told = Some(told);
-    let mut life = AgentTask {
+    let mut task = AgentTask {
         agent,
         callbacks,
         ctx,
@@ -109,9 +109,9 @@ async fn run_agent<A: Agent>(agent: Box<A>, context: LaunchContext) -> Result<()
         standing,
         _token,
     };
-    let end = life.run().await;
+    let end = task.run().await;
     router.host_services().tell_waits(&id, incarnation, ExchangeSummary::default);
-    life.ctx.communication.send_receipts();
+    task.ctx.communication.send_receipts();
     router.unregister(&id, incarnation);
     end
 }

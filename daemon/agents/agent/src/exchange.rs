@@ -59,8 +59,8 @@ pub struct Participation {
     pub initiator: AgentId,
     /// Incarnation of the initiator. If the initiator has several replicas, the one that opened the
     /// exchange gets the answer.
-    #[serde(default)]
-    pub life: Option<Incarnation>,
+    #[serde(default, alias = "life")]
+    pub incarnation: Option<Incarnation>,
     /// Token of the exchange.
     pub exchange: ReplyToken,
     /// Conversation that the exchange belongs to.
@@ -87,7 +87,7 @@ impl Participation {
         let own_id = || ReplyToken::new(message.id.as_str());
         Participation {
             initiator: message.sender.clone(),
-            life: Some(message.incarnation),
+            incarnation: Some(message.incarnation),
             exchange: message.exchange().cloned().unwrap_or_else(own_id),
             conversation: message.conversation_id.clone(),
             protocol: message.protocol,

@@ -11,7 +11,7 @@ use acl::content::{MailboxStatus, Mailboxes};
 pub struct FailureCounters {
     unknown_receiver: AtomicU64,
     unreadable: AtomicU64,
-    unsent: AtomicU64,
+    not_sent: AtomicU64,
     not_persisted: AtomicU64,
 }
 
@@ -34,8 +34,8 @@ impl FailureCounters {
     }
 
     /// Counts a message that the substrate did not accept.
-    pub(crate) fn count_unsent(&self) {
-        self.unsent.fetch_add(1, Ordering::Relaxed);
+    pub(crate) fn count_not_sent(&self) {
+        self.not_sent.fetch_add(1, Ordering::Relaxed);
     }
 
     /// Returns the report of a daemon about its mailboxes, with these counters.
@@ -51,8 +51,8 @@ impl FailureCounters {
             mailboxes,
             unknown_receiver: count(&self.unknown_receiver),
             unreadable: count(&self.unreadable),
-            unsent: count(&self.unsent),
-            unkept: count(&self.not_persisted),
+            not_sent: count(&self.not_sent),
+            not_persisted: count(&self.not_persisted),
             rejected,
         }
     }
@@ -68,14 +68,14 @@ mod tests {
         let report = || {
             let daemon = DaemonId::new("d").expect("a name");
             let report = counters.report(daemon, Vec::new(), BTreeMap::new());
-            let Mailboxes { unknown_receiver, unreadable, unsent, unkept, .. } = report;
-            [unknown_receiver, unreadable, unsent, unkept]
+            let Mailboxes { unknown_receiver, unreadable, not_sent, not_persisted, .. } = report;
+            [unknown_receiver, unreadable, not_sent, not_persisted]
         };
         counters.count_unknown_receiver();
         assert_eq!(report(), [1, 0, 0, 0]);
         counters.count_unreadable();
         assert_eq!(report(), [1, 1, 0, 0]);
-        counters.count_unsent();
+        counters.count_not_sent();
         assert_eq!(report(), [1, 1, 1, 0]);
         counters.count_not_persisted();
         assert_eq!(report(), [1, 1, 1, 1]);

@@ -101,11 +101,11 @@ impl HostServices {
     pub(crate) fn tell_waits(
         &self,
         agent: &AgentId,
-        life: Incarnation,
+        incarnation: Incarnation,
         exchanges: impl FnOnce() -> ExchangeSummary,
     ) {
         if let Threads::Simulated(machine, _) = &self.threads {
-            machine.waits_changed(agent, life, exchanges());
+            machine.waits_changed(agent, incarnation, exchanges());
         }
     }
 

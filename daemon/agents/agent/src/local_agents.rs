@@ -144,7 +144,7 @@ mod tests {
         assert!(!hosted.has_listeners());
         let maintainer = add(&mut hosted, "maintainer", 1, &[Performative::Inform]);
         assert!(hosted.has_listeners());
-        let text = r#"{"version": 1, "id": "m", "performative": "inform", "sender": "lamp",
+        let text = r#"{"version": 2, "id": "m", "performative": "inform", "sender": "lamp",
             "incarnation": 1, "content": null, "conversation_id": "c"}"#;
         let message = acl::decode(text.as_bytes()).expect("a message");
 

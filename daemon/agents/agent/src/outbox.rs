@@ -45,12 +45,12 @@ struct PendingDelivery {
 
 #[derive(Debug)]
 enum SendState {
-    /// The message was sent to the incarnation `life` of the receiver; without a receipt it is sent
+    /// The message was sent to the `incarnation` of the receiver; without a receipt it is sent
     /// again at the time `again`.
-    Sent { life: ReceiverIncarnation, again: Instant, wait: Duration },
-    /// The receiver is not present, and is awaited until the time `until`. `life` is the incarnation of
+    Sent { incarnation: ReceiverIncarnation, again: Instant, wait: Duration },
+    /// The receiver is not present, and is awaited until the time `until`. `incarnation` is that of
     /// the receiver that was present before, if any.
-    Parked { life: Option<ReceiverIncarnation>, until: Instant },
+    Parked { incarnation: Option<ReceiverIncarnation>, until: Instant },
 }
 
 /// One incarnation of a receiver, with the daemon that hosts it.
@@ -100,29 +100,31 @@ impl Outbox {
         }
     }
 
-    /// Adds a message to the outbox. `life` is the present incarnation of the receiver; `None` if the
+    /// Adds a message to the outbox. `incarnation` is that of the present receiver; `None` if the
     /// receiver is not present. Returns `false` if the outbox is full.
     pub(crate) fn put(
         &mut self,
         id: MessageId,
         parcel: OutboundMessage,
-        life: Option<ReceiverIncarnation>,
+        incarnation: Option<ReceiverIncarnation>,
         now: Instant,
     ) -> bool {
         if self.parcels.len() >= self.parcels_max {
             return false;
         }
-        let state = match life {
-            Some(life) => {
-                SendState::Sent { life, again: now + self.retry_first, wait: self.retry_first }
-            }
+        let state = match incarnation {
+            Some(incarnation) => SendState::Sent {
+                incarnation,
+                again: now + self.retry_first,
+                wait: self.retry_first,
+            },
             // The message is for the incarnation that asked. Its presence may not be known here
             // yet; if it is not present after a lease, it is dead. Another incarnation may hold the
             // name by now, and this one may return.
             None if parcel.incarnation.is_some() => {
-                SendState::Parked { life: None, until: parcel.give_up.min(now + self.lease) }
+                SendState::Parked { incarnation: None, until: parcel.give_up.min(now + self.lease) }
             }
-            None => SendState::Parked { life: None, until: parcel.give_up },
+            None => SendState::Parked { incarnation: None, until: parcel.give_up },
         };
         self.numbered += 1;
         self.parcels.insert(id, PendingDelivery { number: self.numbered, parcel, state });
@@ -171,7 +173,7 @@ impl Outbox {
     ///   former leader knew. A message that is for one incarnation only waits for that incarnation. Any
     ///   other message is given up.
     pub(crate) fn joined(&mut self, resident: &Resident, now: Instant) -> Vec<DueAction> {
-        let (agent, life) = (&resident.agent, ReceiverIncarnation::from(resident));
+        let (agent, incarnation) = (&resident.agent, ReceiverIncarnation::from(resident));
         let mut due = Vec::new();
         let retry_first = self.retry_first;
         self.parcels.retain(|id, under_way| {
@@ -179,12 +181,15 @@ impl Outbox {
                 return true;
             }
             let before = match &under_way.state {
-                SendState::Sent { life, .. } => Some(life),
-                SendState::Parked { life, .. } => life.as_ref(),
+                SendState::Sent { incarnation, .. } => Some(incarnation),
+                SendState::Parked { incarnation, .. } => incarnation.as_ref(),
             };
-            let is_another = before.is_some_and(|before| *before != life)
-                || under_way.parcel.incarnation.is_some_and(|bound| bound != life.incarnation);
-            let took_over = before.is_none_or(|before| before.daemon != life.daemon);
+            let is_another = before.is_some_and(|before| *before != incarnation)
+                || under_way
+                    .parcel
+                    .incarnation
+                    .is_some_and(|bound| bound != incarnation.incarnation);
+            let took_over = before.is_none_or(|before| before.daemon != incarnation.daemon);
             if under_way.parcel.incarnation.is_some() && is_another && took_over {
                 // The message is for an incarnation that is a standby now, or has left and may return.
                 return true;
@@ -197,8 +202,9 @@ impl Outbox {
                 ));
                 return false;
             }
-            let life = life.clone();
-            under_way.state = SendState::Sent { life, again: now + retry_first, wait: retry_first };
+            let incarnation = incarnation.clone();
+            under_way.state =
+                SendState::Sent { incarnation, again: now + retry_first, wait: retry_first };
             due.push((under_way.number, DueAction::Send(under_way.parcel.clone())));
             true
         });
@@ -209,12 +215,15 @@ impl Outbox {
     pub(crate) fn left(&mut self, agent: &AgentId, directory: &Directory, now: Instant) {
         for under_way in self.parcels.values_mut().filter(|other| other.parcel.to == *agent) {
             let bound = under_way.parcel.incarnation;
-            if bound.is_some_and(|life| directory.find_incarnation(agent, life).is_some()) {
+            if bound
+                .is_some_and(|incarnation| directory.find_incarnation(agent, incarnation).is_some())
+            {
                 continue;
             }
-            if let SendState::Sent { life, .. } = &under_way.state {
+            if let SendState::Sent { incarnation, .. } = &under_way.state {
                 let until = under_way.parcel.give_up.min(now + self.grace);
-                under_way.state = SendState::Parked { life: Some(life.clone()), until };
+                under_way.state =
+                    SendState::Parked { incarnation: Some(incarnation.clone()), until };
             }
         }
     }
@@ -252,16 +261,19 @@ impl Outbox {
                 // No presence change reports the return of an incarnation that does not hold the name.
                 SendState::Parked { .. }
                     if parcel.give_up > now
-                        && let Some(life) = parcel.its_life(directory) =>
+                        && let Some(incarnation) = parcel.its_incarnation(directory) =>
                 {
                     let wait = retry_first;
                     due.push((number, DueAction::Send(parcel.clone())));
-                    under_way.state = SendState::Sent { life, again: now + wait, wait };
+                    under_way.state = SendState::Sent { incarnation, again: now + wait, wait };
                     return true;
                 }
-                SendState::Parked { life, .. } => {
-                    let why =
-                        if life.is_some() { DeliveryError::Left } else { DeliveryError::NotHere };
+                SendState::Parked { incarnation, .. } => {
+                    let why = if incarnation.is_some() {
+                        DeliveryError::Left
+                    } else {
+                        DeliveryError::NotHere
+                    };
                     due.push((number, DueAction::GiveUp(id.clone(), parcel.clone(), why)));
                 }
             }
@@ -283,7 +295,7 @@ impl OutboundMessage {
     /// or the holder of the name if the message is for any incarnation.
     pub(crate) fn receiver<'d>(&self, directory: &'d Directory) -> Option<&'d Resident> {
         match self.incarnation {
-            Some(life) => directory.find_incarnation(&self.to, life),
+            Some(incarnation) => directory.find_incarnation(&self.to, incarnation),
             None => directory.find(&self.to),
         }
     }
@@ -292,7 +304,7 @@ impl OutboundMessage {
 impl OutboundMessage {
     /// Returns the one incarnation that the message is for. `None` if that incarnation is not present,
     /// or if the message is for any incarnation.
-    fn its_life(&self, directory: &Directory) -> Option<ReceiverIncarnation> {
+    fn its_incarnation(&self, directory: &Directory) -> Option<ReceiverIncarnation> {
         directory.find_incarnation(&self.to, self.incarnation?).map(ReceiverIncarnation::from)
     }
 }
@@ -316,9 +328,9 @@ mod tests {
         AgentId::new("robot").expect("a name")
     }
 
-    fn resident(daemon: &str, life: u64) -> Resident {
+    fn resident(daemon: &str, incarnation: u64) -> Resident {
         let daemon = DaemonId::new(daemon).expect("a name");
-        Resident { agent: robot(), daemon, incarnation: Incarnation(life) }
+        Resident { agent: robot(), daemon, incarnation: Incarnation(incarnation) }
     }
 
     fn parcel(give_up: Instant) -> OutboundMessage {
@@ -333,13 +345,14 @@ mod tests {
         }
     }
 
-    /// Returns an outbox with one message to `robot`. The robot is present in incarnation `life`, or
+    /// Returns an outbox with one message to `robot`. The robot is present in `incarnation`, or
     /// absent if that is `None`.
-    fn outbox(life: Option<u64>, now: Instant) -> Outbox {
+    fn outbox(incarnation: Option<u64>, now: Instant) -> Outbox {
         let mut outbox = Outbox::new(&AgentSettings::default());
         let parcel = parcel(now + Duration::from_secs(60));
-        let life = life.map(|life| ReceiverIncarnation::from(&resident("a", life)));
-        assert!(outbox.put(MessageId::new("m"), parcel, life, now));
+        let incarnation =
+            incarnation.map(|incarnation| ReceiverIncarnation::from(&resident("a", incarnation)));
+        assert!(outbox.put(MessageId::new("m"), parcel, incarnation, now));
         outbox
     }
 
@@ -380,8 +393,8 @@ mod tests {
             opens: false,
             ..parcel(now + PATIENCE)
         };
-        let life = Some(ReceiverIncarnation::from(&resident("a", 1)));
-        assert!(outbox.put(MessageId::new("m"), proposal, life, now));
+        let incarnation = Some(ReceiverIncarnation::from(&resident("a", 1)));
+        assert!(outbox.put(MessageId::new("m"), proposal, incarnation, now));
         let exchange = ReplyToken::new("t");
         outbox.replied(&exchange, &robot(), Performative::Cancel);
         assert!(outbox.next_due().is_some(), "it may have crossed");
@@ -453,13 +466,9 @@ mod tests {
         let asker = resident("a", 1);
         for number in 8..=11 {
             let payload = Bytes::from(format!("{number}"));
-            let life = Some(asker.incarnation);
-            let answer = OutboundMessage {
-                opens: false,
-                incarnation: life,
-                payload,
-                ..parcel(now + PATIENCE)
-            };
+            let incarnation = Some(asker.incarnation);
+            let answer =
+                OutboundMessage { opens: false, incarnation, payload, ..parcel(now + PATIENCE) };
             assert!(outbox.put(MessageId::new(&format!("m.{number}")), answer, None, now));
         }
         let later = now + Duration::from_millis(3_499);

@@ -29,7 +29,7 @@ struct OwedReceipt {
     to: AgentId,
     /// Incarnation of the agent that sent the message. The receipt is for this incarnation only,
     /// because another one does not know the message.
-    life: Incarnation,
+    incarnation: Incarnation,
     message: MessageId,
     /// Turn that replaces the receipt, if the turn is sent before the receipt.
     until: Option<ImplicitReceipt>,
@@ -86,14 +86,14 @@ impl Receipts {
     /// Notes that this agent owes the receipt of a message.
     pub(crate) fn owe(
         &mut self,
-        (to, life): (AgentId, Incarnation),
+        (to, incarnation): (AgentId, Incarnation),
         message: MessageId,
         until: Option<ImplicitReceipt>,
         now: Instant,
     ) {
         let latest = if self.owed.len() >= OWED_MAX { now } else { now + self.delay };
         self.due = Some(self.due.map_or(latest, |due| due.min(latest)));
-        self.owed.push(OwedReceipt { to, life, message, until });
+        self.owed.push(OwedReceipt { to, incarnation, message, until });
     }
 
     /// Removes the owed receipts that an outgoing turn of an exchange replaces.
@@ -114,8 +114,8 @@ impl Receipts {
     pub(crate) fn take(&mut self) -> BTreeMap<(AgentId, Incarnation), Bytes> {
         self.due = None;
         let mut letters: BTreeMap<(AgentId, Incarnation), Vec<MessageId>> = BTreeMap::new();
-        for OwedReceipt { to, life, message, .. } in self.owed.drain(..) {
-            letters.entry((to, life)).or_default().push(message);
+        for OwedReceipt { to, incarnation, message, .. } in self.owed.drain(..) {
+            letters.entry((to, incarnation)).or_default().push(message);
         }
         letters.into_iter().map(|(to, messages)| (to, write(&messages))).collect()
     }
@@ -143,7 +143,7 @@ mod tests {
         AgentId::new(text).expect("a name")
     }
 
-    fn life(text: &str) -> (AgentId, Incarnation) {
+    fn incarnation(text: &str) -> (AgentId, Incarnation) {
         (name(text), Incarnation(1))
     }
 
@@ -154,14 +154,14 @@ mod tests {
         assert_eq!(receipts.due(), None);
         for (to, message, later) in [("a", "1", 0), ("b", "2", 5), ("a", "3", 9)] {
             let then = now + Duration::from_millis(later);
-            receipts.owe(life(to), MessageId::new(message), None, then);
+            receipts.owe(incarnation(to), MessageId::new(message), None, then);
         }
         assert_eq!(receipts.due(), Some(now + RETRY / 5));
 
         let letters = receipts.take();
 
-        assert_eq!(read(&letters[&life("a")]), ["1", "3"].map(MessageId::new));
-        assert_eq!(read(&letters[&life("b")]), ["2"].map(MessageId::new));
+        assert_eq!(read(&letters[&incarnation("a")]), ["1", "3"].map(MessageId::new));
+        assert_eq!(read(&letters[&incarnation("b")]), ["2"].map(MessageId::new));
         assert_eq!((receipts.due(), receipts.take().len()), (None, 0));
     }
 
@@ -170,11 +170,11 @@ mod tests {
         let mut receipts = Receipts::new(RETRY);
         let (exchange, now) = (ReplyToken::new("e"), Instant::now());
         let opened = Some(ImplicitReceipt::Answered(exchange.clone()));
-        receipts.owe(life("a"), MessageId::new("request"), opened, now);
-        receipts.owe(life("a"), MessageId::new("cancel"), None, now);
+        receipts.owe(incarnation("a"), MessageId::new("request"), opened, now);
+        receipts.owe(incarnation("a"), MessageId::new("cancel"), None, now);
         receipts.replied(&name("b"), &exchange, Performative::Confirm);
         receipts.replied(&name("a"), &exchange, Performative::Confirm);
-        assert_eq!(read(&receipts.take()[&life("a")]), [MessageId::new("cancel")]);
+        assert_eq!(read(&receipts.take()[&incarnation("a")]), [MessageId::new("cancel")]);
     }
 
     #[tokio::test(start_paused = true)]
@@ -182,7 +182,7 @@ mod tests {
         let mut receipts = Receipts::new(RETRY);
         let (exchange, now) = (ReplyToken::new("e"), Instant::now());
         let proposed = Some(ImplicitReceipt::Judged(exchange.clone()));
-        receipts.owe(life("a"), MessageId::new("proposal"), proposed, now);
+        receipts.owe(incarnation("a"), MessageId::new("proposal"), proposed, now);
         receipts.replied(&name("a"), &exchange, Performative::Cancel);
         receipts.replied(&name("a"), &ReplyToken::new("f"), Performative::AcceptProposal);
         assert!(receipts.due().is_some());
@@ -195,7 +195,7 @@ mod tests {
         let mut receipts = Receipts::new(RETRY);
         let now = Instant::now();
         for _ in 0..=OWED_MAX {
-            receipts.owe(life("a"), MessageId::new("m"), None, now);
+            receipts.owe(incarnation("a"), MessageId::new("m"), None, now);
         }
         assert_eq!(receipts.due(), Some(now));
     }

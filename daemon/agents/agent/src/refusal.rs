@@ -26,7 +26,7 @@ pub(crate) fn refusal(
         content: value(&Refusal::new(reason, detail)),
         in_reply_to: message.reply_with.clone(),
         reply_with: None,
-        reply_by: None,
+        reply_within: None,
         via: Vec::new(),
         unknown: Map::new(),
         ..message
@@ -39,7 +39,7 @@ mod tests {
 
     #[test]
     fn a_refusal_answers_the_message_in_the_name_of_its_receiver() {
-        let text = r#"{"version": 1, "id": "m", "performative": "request", "sender": "user",
+        let text = r#"{"version": 2, "id": "m", "performative": "request", "sender": "user",
             "incarnation": 3, "receiver": ["robot"], "content": null, "conversation_id": "c",
             "reply_with": "t", "protocol": "action"}"#;
         let message = || acl::decode(text.as_bytes()).expect("a message");

@@ -104,8 +104,8 @@ impl<A: Agent> JournalClient<A> {
 
     /// Takes note of records that other agents have written. Versions that this agent writes later are
     /// newer than these records.
-    pub fn advance_term_past(&mut self, life: Incarnation, records: &[Record]) {
-        self.begin_term(life, records);
+    pub fn advance_term_past(&mut self, incarnation: Incarnation, records: &[Record]) {
+        self.begin_term(incarnation, records);
     }
 
     /// Returns the term under which this agent writes; it is greater than any term that the agent has
@@ -120,12 +120,12 @@ impl<A: Agent> JournalClient<A> {
         Record { key, version: self.version, body }
     }
 
-    fn begin_term(&mut self, life: Incarnation, records: &[Record]) {
+    fn begin_term(&mut self, incarnation: Incarnation, records: &[Record]) {
         let read = records.iter().map(|record| record.version.term).max();
         // Reading its own records does not begin a new term.
         if read > Some(self.version.term) || self.version.term == 0 {
-            let later = read.map_or(0, |term| term.saturating_add(stride_of(life)));
-            self.version = Version { term: later.max(life.0), count: 0 };
+            let later = read.map_or(0, |term| term.saturating_add(stride_of(incarnation)));
+            self.version = Version { term: later.max(incarnation.0), count: 0 };
         }
     }
 }
@@ -133,13 +133,13 @@ impl<A: Agent> JournalClient<A> {
 /// Returns the distance between a new term and the greatest term that was read. The distance differs
 /// between incarnations, so that two agents begin different terms even if they have read the same
 /// records while cut off from each other.
-fn stride_of(Incarnation(life): Incarnation) -> u64 {
+fn stride_of(Incarnation(incarnation): Incarnation) -> u64 {
     /// 2⁶⁴ divided by the golden ratio. Multiplication by this number spreads incarnations that lie
     /// close together (Knuth, The Art of Computer Programming, 6.4).
     const SPREAD: u64 = 0x9e37_79b9_7f4a_7c15;
     // 32 bits, which is about an hour in microseconds: terms do not run far ahead of the clock, and
     // there is room for more terms than there are seconds in a century.
-    (life.wrapping_mul(SPREAD) >> 32).max(1)
+    (incarnation.wrapping_mul(SPREAD) >> 32).max(1)
 }
 
 /// Replicates records to the Journals that are present. Calls `then` as soon as enough Journals have
@@ -171,13 +171,13 @@ pub fn handle_leadership<A: ReplicatesRecords>(
     is_leading: bool,
     ctx: &mut Context<A>,
 ) {
-    let life = ctx.incarnation();
+    let incarnation = ctx.incarnation();
     let keeper = agent.journal_client();
     keeper.is_leading = is_leading;
     (keeper.unread, keeper.reading, keeper.reads) = (BTreeSet::new(), None, 0);
     keeper.has_read = false;
     if is_leading {
-        keeper.begin_term(life, &[]);
+        keeper.begin_term(incarnation, &[]);
         read_all(agent, ctx);
     }
 }
@@ -282,7 +282,7 @@ async fn answers(
 fn take_in<A: ReplicatesRecords>(
     agent: &mut A,
     answers: Vec<(AgentId, Vec<Record>)>,
-    life: Incarnation,
+    incarnation: Incarnation,
 ) -> Option<Vec<Record>> {
     if answers.is_empty() {
         return None;
@@ -292,7 +292,7 @@ fn take_in<A: ReplicatesRecords>(
     let mut newest: BTreeMap<String, Record> = BTreeMap::new();
     for (journal, records) in answers {
         keeper.unread.remove(&journal);
-        keeper.begin_term(life, &records);
+        keeper.begin_term(incarnation, &records);
         for record in records {
             let is_newer =
                 newest.get(&record.key).is_none_or(|known| known.version < record.version);
@@ -351,9 +351,9 @@ mod tests {
         let version = Version { term: 1_700_000_034_043_986, count: 3 };
         let read = Record { key: "goal/a".to_owned(), version, body: Value::Null };
         let terms = [1_700_000_034_042_988, 1_700_000_034_042_989, 1_700_000_034_039_001];
-        let terms = terms.map(|life| {
+        let terms = terms.map(|incarnation| {
             let mut keeper = keeper();
-            keeper.begin_term(Incarnation(life), std::slice::from_ref(&read));
+            keeper.begin_term(Incarnation(incarnation), std::slice::from_ref(&read));
             keeper.term()
         });
         assert!(terms.iter().all(|term| *term > version.term));

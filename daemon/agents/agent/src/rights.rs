@@ -145,7 +145,7 @@ impl Rights {
             Request::Achieve(_)
             | Request::Plan(_)
             | Request::Execute(_)
-            | Request::CallOff(_)
+            | Request::CancelPlan(_)
             | Request::Act(_) => self.may_ask_for_goals(agent),
             // The Plan Executor reports the effects of an action in the name of the agent that acted.
             Request::ChangeState(ChangeState { owner: Some(owner), .. })
@@ -159,10 +159,10 @@ impl Rights {
             | Request::ChangeActions(_) => {
                 self.may(&self.changes, agent, "change things", "changes")
             }
-            Request::Keep(_) if !self.may_reason(agent) => Err(format!(
+            Request::StoreRecords(_) if !self.may_reason(agent) => Err(format!(
                 "`{agent}` is no reasoning agent, and only those write to the Journals"
             )),
-            Request::Keep(_) => Ok(()),
+            Request::StoreRecords(_) => Ok(()),
             // Sensors and robots report what they observe. An observation takes precedence over
             // what other agents claim, so for an agent that the file does not name it counts as a
             // change.
@@ -330,8 +330,8 @@ mod tests {
         });
         let change = Request::ChangeState(ChangeState::default());
         let observation = Request::Observe(Observation::default());
-        let (question, said) = (1, PersonsAnswer::plain("yes"));
-        let answer = Request::AnswerQuestion(AnswerQuestion { question, said });
+        let (question, answer) = (1, PersonsAnswer::plain("yes"));
+        let answer = Request::AnswerQuestion(AnswerQuestion { question, answer });
         for (who, goals, changes, observes) in [
             ("camera", true, false, true),
             ("robot", false, false, true),

@@ -135,7 +135,7 @@ impl SubstrateLink {
         let LinkState { daemon, substrate, counters, rejections, .. } = &*self.0;
         let substrate = substrate.get().ok_or(SendError::Closed);
         if let Err(error) = substrate.and_then(|substrate| send(&**substrate)) {
-            counters.count_unsent();
+            counters.count_not_sent();
             if let SendError::TooLong { .. } = error {
                 rejections.note(&Rejected {
                     violation: ViolationKind::Oversized,
@@ -188,7 +188,7 @@ mod tests {
         let (link, counters) = link();
         link.broadcast(&name("a"), Performative::Inform, Bytes::new());
         let daemon = DaemonId::new("d").expect("a name");
-        assert_eq!(counters.report(daemon, Vec::new(), [].into()).unsent, 1);
+        assert_eq!(counters.report(daemon, Vec::new(), [].into()).not_sent, 1);
         assert!(matches!(link.announce(&name("a"), Incarnation(1)), Err(SendError::Closed)));
     }
 

@@ -46,7 +46,7 @@ async fn what_is_dropped_is_not_heard_of_though_it_was_done() {
     let network = Network::new();
     switchboard.connect(network.open(daemon, Arc::<MessageRouter>::clone(&switchboard) as _));
     let (told, mut heard) = mpsc::unbounded_channel();
-    let life = Box::new(Fickle { works: Vec::new(), told }).launch(LaunchContext {
+    let task = Box::new(Fickle { works: Vec::new(), told }).launch(LaunchContext {
         id: AgentId::new("fickle").expect("a name"),
         incarnation: Incarnation(1),
         router: switchboard,
@@ -58,5 +58,5 @@ async fn what_is_dropped_is_not_heard_of_though_it_was_done() {
     let first = heard.recv().await.expect("it lives");
     assert!(["one", "other"].contains(&first), "{first}");
     assert_eq!(heard.recv().await, Some("later"), "and nothing of the other");
-    life.abort();
+    task.abort();
 }

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use acl::content::{Outcome, Reason, Refusal, Report, Request, value};
 use acl::{
-    AgentId, ConversationId, DaemonId, EcosystemId, Incarnation, Message, Performative, Protocol,
+    AgentId, ConversationId, DaemonId, EcosystemId, Incarnation, Message, Performative, Protocol, ReplyToken,
 };
 use agent::{
     Agent, AgentSettings, Callbacks, Context, ExchangeEvent, ExchangeOpening, LaunchContext,
@@ -51,9 +51,9 @@ impl Daemon {
         &self,
         agent: impl Agent,
         id: &str,
-        life: u64,
+        incarnation: u64,
     ) -> JoinHandle<Result<(), LaunchError>> {
-        self.berth(agent, id, life, false)
+        self.berth(agent, id, incarnation, false)
     }
 
     /// Returns a context for launching an agent that may have replicas.
@@ -61,12 +61,12 @@ impl Daemon {
         &self,
         agent: impl Agent,
         id: &str,
-        life: u64,
+        incarnation: u64,
         stands_by: bool,
     ) -> JoinHandle<Result<(), LaunchError>> {
         Box::new(agent).launch(LaunchContext {
             id: name(id),
-            incarnation: Incarnation(life),
+            incarnation: Incarnation(incarnation),
             router: Arc::clone(&self.switchboard),
             ontology: Arc::from("test"),
             stopping: self.stopping.clone(),
@@ -407,6 +407,52 @@ async fn garbage_is_answered_and_hurts_nobody() {
     assert_eq!(room.hears().await, "agree 1", "the worker goes on");
 }
 
+/// Returns a text in version 1 of the protocol, whose field for the answer's duration had another name.
+fn of_version_1(performative: Performative, sender: &str, exchange: Option<&ReplyToken>) -> Bytes {
+    let message = serde_json::json!({
+        "version": 1, "id": format!("{sender}.1"), "performative": performative, "sender": sender,
+        "incarnation": 1, "conversation_id": "c", "in_reply_to": exchange, "reply_by": 2_000,
+        "content": {"reason": "unreadable", "detail": "version 2 is not known here"},
+    });
+    Bytes::from(message.to_string())
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_request_to_another_version_is_answered_at_once() {
+    let mut room = room(5 * SECOND, SECOND);
+    let (tell, mut told) = mpsc::unbounded_channel();
+    room.network.tap(move |addressed, payload| {
+        if matches!(addressed, Destination::To(_, Subject::Message(Performative::Request))) {
+            let _ = tell.send(payload.clone());
+        }
+    });
+    let _token = room.there.port.announce(&name("worker"), Incarnation(1)).expect("open");
+    room.ask();
+    let asked = acl::decode(&told.recv().await.expect("it asks")).expect("a message");
+    let answer = of_version_1(Performative::NotUnderstood, "worker", asked.reply_with.as_ref());
+    let to = AgentAddress { daemon: room.here.switchboard.daemon().clone(), agent: name("asker") };
+    let subject = Subject::Message(Performative::NotUnderstood);
+    room.there.port.send(&to, subject, answer).expect("open");
+    assert_eq!(room.hears().await, "not-understood 1", "and not silence");
+}
+
+#[tokio::test(start_paused = true)]
+async fn broadcasts_of_another_version_are_counted_under_their_own_name() {
+    let room = room(5 * SECOND, SECOND);
+    let _token = room.there.port.announce(&name("lamp"), Incarnation(1)).expect("open");
+    tokio::task::yield_now().await;
+    let heartbeat = of_version_1(Performative::Inform, "lamp", None);
+    room.there.port.broadcast(&name("lamp"), Performative::Inform, heartbeat).expect("open");
+    tokio::task::yield_now().await;
+    let daemon = Some(room.here.switchboard.daemon().clone());
+    let ask =
+        substrate::ResourceQuery { daemon, resource: substrate::Resource::Mailbox, agent: None };
+    let answers = room.here.switchboard.ask(ask, SECOND).await;
+    let load: serde_json::Value = serde_json::from_slice(&answers[0]).expect("JSON");
+    assert_eq!(load["rejected"]["other-version"], 1, "{load}");
+    assert_eq!(load["unreadable"], 0, "{load}");
+}
+
 #[tokio::test(start_paused = true)]
 async fn what_another_says_of_a_deed_is_nothing() {
     let mut room = room(10 * SECOND, SECOND);
@@ -441,7 +487,7 @@ async fn what_another_says_of_a_deed_is_nothing() {
         substrate::ResourceQuery { daemon, resource: substrate::Resource::Mailbox, agent: None };
     let answers = room.here.switchboard.ask(ask, SECOND).await;
     let load: serde_json::Value = serde_json::from_slice(&answers[0]).expect("JSON");
-    assert_eq!(load["rejected"]["overstepped"], 1, "{load}");
+    assert_eq!(load["rejected"]["unauthorized"], 1, "{load}");
 }
 
 #[tokio::test(start_paused = true)]
@@ -491,16 +537,16 @@ async fn of_several_the_oldest_acts_and_the_next_takes_over() {
     let settings = AgentSettings::default();
     let [a, b, c] = ["a", "b", "c"].map(|name| Daemon::open(&network, name, settings.clone()));
     let mut deeds = Vec::new();
-    for (daemon, life) in [(&c, 2), (&b, 1)] {
+    for (daemon, incarnation) in [(&c, 2), (&b, 1)] {
         let (done, did) = mpsc::unbounded_channel();
-        daemon.berth(Worker { takes: Duration::ZERO, done }, "worker", life, true);
+        daemon.berth(Worker { takes: Duration::ZERO, done }, "worker", incarnation, true);
         deeds.push(did);
     }
-    let ask = async |asker: &str, life: u64| {
+    let ask = async |asker: &str, incarnation: u64| {
         let (heard, mut hears) = mpsc::unbounded_channel();
         let (patience, performative) = (Duration::from_secs(5), Performative::Request);
         let agent = Asker { patience, performative, changes_its_mind: false, heard };
-        a.launch(agent, asker, life);
+        a.launch(agent, asker, incarnation);
         // Also asked before it is clear which replica is the leader.
         while let Some(word) = hears.recv().await {
             if word.contains("confirm") || word.contains("Silence") {
@@ -556,10 +602,14 @@ async fn who_does_not_heed_presence_is_told_from_when_it_does() {
     let [a, b] = ["a", "b"].map(|name| Daemon::open(&network, name, AgentSettings::default()));
     let (heeds, (met, mut meets)) = (Arc::new(AtomicBool::new(false)), mpsc::unbounded_channel());
     a.launch(Idler { heeds: Arc::clone(&heeds), met }, "worker", 1);
-    let ask = async |asker: &str, life: u64| {
+    let ask = async |asker: &str, incarnation: u64| {
         let (heard, mut hears) = mpsc::unbounded_channel();
         let (patience, performative) = (Duration::from_secs(5), Performative::Request);
-        b.launch(Asker { patience, performative, changes_its_mind: false, heard }, asker, life);
+        b.launch(
+            Asker { patience, performative, changes_its_mind: false, heard },
+            asker,
+            incarnation,
+        );
         while !hears.recv().await.expect("an answer").contains("confirm") {}
     };
     let (done, _did) = mpsc::unbounded_channel();
@@ -584,11 +634,11 @@ async fn who_does_not_heed_presence_gives_way_to_who_had_its_name_before() {
     let settings = AgentSettings { mailbox_messages_max: 1, ..AgentSettings::default() };
     let [a, b] = ["a", "b"].map(|name| Daemon::open(&network, name, settings.clone()));
     let (met, _meets) = mpsc::unbounded_channel();
-    let life = a.launch(Idler { heeds: Arc::default(), met }, "worker", 9);
+    let task = a.launch(Idler { heeds: Arc::default(), met }, "worker", 9);
     tokio::time::sleep(Duration::from_secs(1)).await;
     // An older agent of the same name appears at the other daemon.
     let _token = b.port.announce(&name("worker"), Incarnation(3)).expect("open");
-    let ended = tokio::time::timeout(Duration::from_secs(5), life).await.expect("in time");
+    let ended = tokio::time::timeout(Duration::from_secs(5), task).await.expect("in time");
     let error = ended.expect("no panic").expect_err("the name is taken").to_string();
     assert!(error.contains("already at daemon `b`"), "{error}");
 }

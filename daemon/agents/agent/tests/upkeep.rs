@@ -8,7 +8,7 @@ use acl::content::{
     EpochChange, Heartbeat, Inform, Mailboxes, ModelAnnouncement, Requested, RequestedFact,
     RequestedSince,
 };
-use acl::{AgentId, DaemonId, Deadline, EcosystemId, Incarnation, Message, Performative};
+use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Message, Millis, Performative};
 use agent::domain_sync::{self, DomainSync, MaintainsDomain};
 use agent::{
     Agent, AgentSettings, Callbacks, Context, Host, LaunchContext, LaunchableAgent as _,
@@ -56,7 +56,7 @@ impl Meter {
             sequence: self.sequence,
             facts: "(known hall)".to_owned(),
             known_for: [].into(),
-            period: Deadline(ctx.settings().heartbeat_period),
+            period: Millis(ctx.settings().heartbeat_period),
         };
         let (model, methods) = (MODEL.to_owned(), [].into());
         ctx.broadcast_state(&Inform::Model(Box::new(ModelAnnouncement {
@@ -124,10 +124,10 @@ impl House {
         House { switchboard, _network: network }
     }
 
-    fn berth(&self, id: &str, life: u64) -> LaunchContext {
+    fn berth(&self, id: &str, incarnation: u64) -> LaunchContext {
         LaunchContext {
             id: name(id),
-            incarnation: Incarnation(life),
+            incarnation: Incarnation(incarnation),
             router: Arc::clone(&self.switchboard),
             ontology: Arc::from("test"),
             stopping: CancellationToken::new(),
@@ -283,7 +283,7 @@ impl Agent for Teller {
                 sequence: 1,
                 facts: String::new(),
                 known_for: [].into(),
-                period: Deadline(ctx.settings().heartbeat_period),
+                period: Millis(ctx.settings().heartbeat_period),
             };
             let methods = [].into();
             ctx.broadcast_state(&Inform::Model(Box::new(ModelAnnouncement {
@@ -302,7 +302,7 @@ fn facts(facts: &[(&str, Option<u64>)]) -> Vec<RequestedFact> {
     let fact = |(fact, known_for): &(&str, Option<u64>)| RequestedFact {
         fact: (*fact).to_owned(),
         owner: name("ann"),
-        known_for: known_for.map(Deadline::from),
+        known_for: known_for.map(Millis::from),
     };
     facts.iter().map(fact).collect()
 }
@@ -383,7 +383,7 @@ impl Mumbler {
             sequence: self.sequence,
             facts: String::new(),
             known_for: [].into(),
-            period: Deadline(ctx.settings().heartbeat_period),
+            period: Millis(ctx.settings().heartbeat_period),
         };
         let (model, methods) = ("(define (agent mumb".to_owned(), [].into());
         ctx.broadcast_state(&match self.sequence {

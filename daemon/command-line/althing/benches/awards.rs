@@ -22,7 +22,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use acl::content::{Method, Methods, Outcome as Ended, Partition};
-use acl::{AgentId, Deadline};
+use acl::{AgentId, Millis};
 use actuator::{
     Actuator, BoxFuture, Description, Device, MethodCall, MethodFailure, MethodResult, OwnFact,
 };
@@ -207,7 +207,7 @@ impl Device for Bidder {
         let method = Method {
             method: "do".to_owned(),
             arguments: Default::default(),
-            timeout: Deadline(Duration::from_secs(1)),
+            timeout: Millis(Duration::from_secs(1)),
         };
         Description { model, methods: Methods::from([("do".to_owned(), method)]) }
     }

@@ -118,11 +118,11 @@ fn change_and_replan(campus: &Campus) -> Outcome<()> {
     }
     let dying = layout.rooms().find_map(|room| layout.fixed_sensors_in(room).next());
     let dying = AgentId::new(dying.ok_or("no thermometer")?)?;
-    let life = Incarnation::default();
+    let incarnation = Incarnation::default();
     let change = figures(|| {
-        maintainer.mask(&dying, life, Timestamp(1));
+        maintainer.mask(&dying, incarnation, Timestamp(1));
         maintainer.snapshot(Timestamp(1));
-        maintainer.unmask(&dying, life, Timestamp(1));
+        maintainer.unmask(&dying, incarnation, Timestamp(1));
         maintainer.snapshot(Timestamp(1));
         Ok(())
     })?;
@@ -135,21 +135,21 @@ fn change_and_replan(campus: &Campus) -> Outcome<()> {
 
     let all = plan_for(&maintainer.snapshot(Timestamp(1)), layout, None)?;
     tell_figures("a plan for all rooms", &all, PLAN_AIM_MS);
-    maintainer.mask(&dying, life, Timestamp(1));
+    maintainer.mask(&dying, incarnation, Timestamp(1));
     let room = dying.as_str().trim_start_matches("thermometer-");
     let again = plan_for(&maintainer.snapshot(Timestamp(1)), layout, Some(room))?;
     tell_figures("the same, when the thermometer of one room is gone", &again, PLAN_AIM_MS);
     let (without, with) = {
         let without = maintainer.snapshot(Timestamp(1));
-        maintainer.unmask(&dying, life, Timestamp(1));
+        maintainer.unmask(&dying, incarnation, Timestamp(1));
         (without, maintainer.snapshot(Timestamp(1)))
     };
     let kept = replan_for(&[with, without], layout, room)?;
     tell_figures("a replan: it is gone, or back", &kept, REPLAN_AIM_MS);
-    maintainer.mask(&dying, life, Timestamp(1));
+    maintainer.mask(&dying, incarnation, Timestamp(1));
     for device in layout.devices() {
         if !matches!(device, BuildingDevice::Robot { .. }) {
-            maintainer.mask(&AgentId::new(device.name())?, life, Timestamp(1));
+            maintainer.mask(&AgentId::new(device.name())?, incarnation, Timestamp(1));
         }
     }
     let nobody = maintainer.snapshot(Timestamp(1));
@@ -169,7 +169,7 @@ fn change_and_replan(campus: &Campus) -> Outcome<()> {
 /// Measures the time to explain why these conditions cannot be reached.
 fn explain(snapshot: &DomainSnapshot, parts: &[Condition]) -> Outcome<Figures> {
     let guards = snapshot.guards().into_iter().map(|(inside, guard)| {
-        let (outside, predicate) = (Name::new(&guard.outside), Name::new(&guard.predicate));
+        let (outside, predicate) = (Name::new(&guard.action), Name::new(&guard.predicate));
         (Name::new(&inside), ActionGuard { outside, predicate })
     });
     let (domain, problem, guards) = (&*snapshot.domain, &snapshot.problem, guards.collect());

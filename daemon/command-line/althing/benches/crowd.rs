@@ -81,9 +81,9 @@ async fn main() -> Outcome<()> {
     let mut figures = Figures::default();
     for newcomer in 0..newcomers {
         let name = format!("newcomer-{newcomer}");
-        let (took, life) = join(&name, newcomer, &host, &observer, &mut epochs).await?;
+        let (took, task) = join(&name, newcomer, &host, &observer, &mut epochs).await?;
         figures.push(took);
-        life.abort();
+        task.abort();
         tokio::time::sleep(Duration::from_millis(200)).await;
     }
     figures.tell("an agent joins: activation to announced everywhere");
@@ -101,11 +101,11 @@ async fn join(
 ) -> Outcome<(Duration, JoinHandle<Result<(), LaunchError>>)> {
     while epochs.try_recv().is_ok() {}
     let (id, began) = (AgentId::new(name)?, Instant::now());
-    let life = workers::launch(&id, place, host, daemon)?;
+    let task = workers::launch(&id, place, host, daemon)?;
     loop {
         let joined = tokio::time::timeout(PATIENCE, epochs.recv()).await?;
         if joined.ok_or("the listener has ended")?.contains(&id) {
-            return Ok((began.elapsed(), life));
+            return Ok((began.elapsed(), task));
         }
     }
 }

@@ -124,10 +124,10 @@ impl Bench {
             let entry = newcomer("newcomer", number)?;
             let begun = Instant::now();
             let agent = support::build(&sensor::TEMPERATURE_SENSOR, &entry, &self.host)?;
-            let life = support::launch(&entry.name, agent, &self.switchboard, ECOSYSTEM);
+            let task = support::launch(&entry.name, agent, &self.switchboard, ECOSYSTEM);
             announced.push(self.joined(&entry.name).await? - begun);
             known.push(self.known_to_all(&entry.name).await? - begun);
-            life.abort();
+            task.abort();
             self.left(&entry.name).await?;
         }
         println!("a new agent in a running daemon, {count} times");

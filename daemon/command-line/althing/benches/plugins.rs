@@ -106,7 +106,7 @@ fn put(machine: &Machine, program: &Path) -> Outcome<()> {
     std::os::unix::fs::symlink(program, made.join("program"))?;
     let target = format!("{}-linux", std::env::consts::ARCH);
     let manifest = format!(
-        "name = \"{NAME}\"\nversion = \"1\"\nprotocol = \"1\"\n\n[executable]\n\
+        "name = \"{NAME}\"\nversion = \"1\"\nprotocol = \"2\"\n\n[executable]\n\
          {target} = \"program\"\n\n[action.report-temperature]\nmethod = \"read_temperature\"\n\
          timeout = \"2s\"\n\n[[agent]]\nname = \"t-1\"\ndriver = \"command\"\n\
          config = {{ location = \"office1\", command = [\"true\"] }}\n\n\

@@ -213,11 +213,11 @@ Example: althing replay day.jsonl --ecosystem office.toml --speed 10 --lose 0.1"
 const SEND_HELP: &str = "\
 The message is an object with `receiver` (a name; to all without it),
 `performative` (request, query-ref, cfp or cancel) and `content`; where they are
-not given, `protocol`, `conversation_id` and `reply_by` (milliseconds) are
+not given, `protocol`, `conversation_id` and `reply_within` (milliseconds) are
 chosen. Sender, ids and version are the keyboard's.
 
 Example: {\"receiver\": \"keyboard\", \"performative\": \"query-ref\",
-          \"content\": {\"text\": \"May I enter?\"}, \"reply_by\": 30000}";
+          \"content\": {\"text\": \"May I enter?\"}, \"reply_within\": 30000}";
 
 const COMPLETIONS_HELP: &str = "\
 Examples: source <(althing completions bash)          in ~/.bashrc

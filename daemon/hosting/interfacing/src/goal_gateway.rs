@@ -181,7 +181,7 @@ mod tests {
     fn what_two_call_the_same_is_two_things() {
         let of = |asker: &str| {
             let text = format!(
-                r#"{{"version":1,"id":"{asker}.1","performative":"request","sender":"{asker}",
+                r#"{{"version":2,"id":"{asker}.1","performative":"request","sender":"{asker}",
                 "incarnation":1,"content":{{}},"conversation_id":"c","reply_with":"r-1"}}"#
             );
             request_key(&Participation::of(&acl::decode(text.as_bytes()).expect("a message")))

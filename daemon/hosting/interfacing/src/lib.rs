@@ -225,10 +225,10 @@ impl InterfaceDirection<'_> {
         agent: impl agent::Agent,
         via: Vec<EcosystemId>,
     ) {
-        let life = Box::new(agent).launch(landing.launch_context(id, via, &landing.stopping));
+        let task = Box::new(agent).launch(landing.launch_context(id, via, &landing.stopping));
         let id = id.clone();
         landing.tasks.spawn(async move {
-            match life.await {
+            match task.await {
                 Ok(Ok(())) => (),
                 Ok(Err(error)) => tracing::error!(%id, "failed to {error}"),
                 Err(error) => tracing::error!(%id, %error, "the agent broke"),

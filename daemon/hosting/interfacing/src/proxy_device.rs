@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use acl::content::{Method, Methods, Outcome, Reason, Refusal, Report};
-use acl::{Deadline, EcosystemId, Performative};
+use acl::{EcosystemId, Millis, Performative};
 use actuator::{
     BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult, OwnFact,
 };
@@ -181,7 +181,7 @@ impl Device for ProxyDevice {
             let method = Method {
                 method: name.clone(),
                 arguments: BTreeMap::new(),
-                timeout: Deadline(timeout.saturating_add(METHOD_MARGIN)),
+                timeout: Millis(timeout.saturating_add(METHOD_MARGIN)),
             };
             (name.clone(), method)
         };

@@ -33,17 +33,17 @@ pub(super) async fn run_proxy(crossing: Arc<ProxyContext>, mut sight: AgentWatch
                 None => return,
             },
         };
-        let life = (sighted.incarnation, sighted.digest.clone());
+        let seen = (sighted.incarnation, sighted.digest.clone());
         let Some(via) = route(&crossing, &sighted, near.router.ecosystem()) else {
             crossing.counters.looped_agents.fetch_add(1, Ordering::Relaxed);
-            wait_until_changed(&mut sight, life).await;
+            wait_until_changed(&mut sight, seen).await;
             continue;
         };
         let exported = match crossing.export(&sighted) {
             Ok(exported) => exported,
             Err(why) => {
                 tracing::warn!(agent = %crossing.mapping.agent, why, "it gets no proxy agent");
-                wait_until_changed(&mut sight, life).await;
+                wait_until_changed(&mut sight, seen).await;
                 continue;
             }
         };
@@ -83,16 +83,16 @@ async fn run_incarnation(
         }
     };
     let stopping = near.stopping.child_token();
-    let mut life = agent.launch(near.launch_context(id, via, &stopping));
+    let mut task = agent.launch(near.launch_context(id, via, &stopping));
     tracing::info!(%id, of = %crossing.mapping.agent, far = %crossing.far, "has a proxy agent");
     let ended = tokio::select! {
         biased;
-        ended = &mut life => ended,
+        ended = &mut task => ended,
         () = wait_until_gone(sight, incarnation) => {
             tracing::info!(%id, of = %crossing.mapping.agent, far = %crossing.far, "has left");
             // The proxy agent cancels its request, withdraws its presence, and ends.
             stopping.cancel();
-            let _ = life.await;
+            let _ = task.await;
             return true;
         }
     };

@@ -7,7 +7,7 @@ use std::fs::DirBuilder;
 use std::os::unix::fs::{DirBuilderExt as _, FileTypeExt as _};
 use std::path::{Path, PathBuf};
 
-use acl::{DaemonId, Deadline, Hello, HelloAgent, SCHEMA_VERSION};
+use acl::{DaemonId, Hello, HelloAgent, Millis, SCHEMA_VERSION};
 use agent::Spawner;
 use pddl::ActionModel;
 
@@ -264,7 +264,7 @@ pub(crate) fn hello(
         domain: host.ontology.to_string(),
         map: host.map.to_string(),
         mode: host.mode,
-        heartbeat_period: Deadline(host.settings.heartbeat_period),
+        heartbeat_period: Millis(host.settings.heartbeat_period),
         building: building.map(|path| path.display().to_string()),
     };
     serde_json::to_string(&hello).unwrap_or_default()

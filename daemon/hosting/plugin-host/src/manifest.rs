@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use acl::content::{Method, Methods};
-use acl::{AgentId, Deadline, SCHEMA_VERSION};
+use acl::{AgentId, Millis, SCHEMA_VERSION};
 use pddl::{Diagnostic, Span};
 use serde::Deserialize;
 use serde_json::Value;
@@ -278,7 +278,7 @@ impl ManifestReader {
         }
     }
 
-    /// Checks the versions of the protocol that the plugin speaks, such as `"1"` or `"1-3"`.
+    /// Checks the versions of the protocol that the plugin speaks, such as `"2"` or `"2-3"`.
     fn protocol(&mut self, said: &Spanned<String>) {
         let (first, last) = said.get_ref().split_once('-').unwrap_or((said.get_ref(), ""));
         let first = first.trim().parse::<u32>();
@@ -293,7 +293,7 @@ impl ManifestReader {
                     self.wrong(said, message, "get a version of the plugin for this Althing");
                 }
             }
-            _ => self.wrong(said, "no versions", "write \"1\", or a first and a last: \"1-3\""),
+            _ => self.wrong(said, "no versions", "write \"2\", or a first and a last: \"2-3\""),
         }
     }
 
@@ -329,7 +329,7 @@ impl ManifestReader {
 
     fn method(&mut self, action: &Spanned<RawAction>) -> Option<Method> {
         let RawAction { method, arguments, timeout } = action.get_ref();
-        let timeout = Deadline(self.duration(timeout)?);
+        let timeout = Millis(self.duration(timeout)?);
         Some(Method { method: method.clone(), arguments: arguments.clone(), timeout })
     }
 
@@ -433,7 +433,7 @@ mod tests {
     const WHOLE: &str = r#"
 name = "thermometer"
 version = "0.1.0"
-protocol = "1"
+protocol = "2"
 run = ["python3", "agent.py"]
 model = "model.pddl"
 
@@ -466,8 +466,8 @@ memory = "64MiB"
     #[test]
     fn what_is_wrong_is_said_where_it_stands() {
         for (was, is, expected) in [
-            ("protocol = \"1\"", "protocol = \"2-3\"", "speaks version 2-3 of the protocol"),
-            ("protocol = \"1\"", "protocol = \"one\"", "no versions"),
+            ("protocol = \"2\"", "protocol = \"3-4\"", "speaks version 3-4 of the protocol"),
+            ("protocol = \"2\"", "protocol = \"one\"", "no versions"),
             ("run = [\"python3\", \"agent.py\"]", "", "nothing to run"),
             ("run = [\"python3\", \"agent.py\"]", "run = []", "no program"),
             ("memory = \"64MiB\"", "devices = [\"/\"]", "devices `/` cannot be given to a plugin"),

@@ -395,7 +395,7 @@ mod tests {
         let path = folder.join("lamp");
         fs::create_dir_all(&path).expect("a folder");
         let text =
-            format!("name = \"lamp\"\nversion = \"{version}\"\nprotocol = \"1\"\nrun = [\"sh\"]\n");
+            format!("name = \"lamp\"\nversion = \"{version}\"\nprotocol = \"2\"\nrun = [\"sh\"]\n");
         fs::write(path.join("plugin.toml"), text).expect("a file");
         path
     }

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use acl::content::{Act, ActionToken, Cancelling, Outcome, Refusal, Report, Request, value};
+use acl::content::{Act, ActionToken, CancelAction, Outcome, Refusal, Report, Request, value};
 use acl::{AgentId, Performative, Protocol, ReplyToken};
 use actuator::{MethodCall, MethodFailure};
 use agent::{Agent, Callbacks, Context, ExchangeEvent, ExchangeOpening, WorkHandle};
@@ -99,8 +99,8 @@ impl PluginClient {
             return;
         }
         let conversation = ctx.new_conversation();
-        let (epoch, round) = (ctx.incarnation().0, 0);
-        let token = ActionToken { epoch, conversation: conversation.clone(), round, step: 0 };
+        let (term, round) = (ctx.incarnation().0, 0);
+        let token = ActionToken { term, conversation: conversation.clone(), round, step: 0 };
         let MethodCall { action, method, arguments } = call;
         let opening = ExchangeOpening {
             to: Some(to.clone()),
@@ -153,7 +153,7 @@ impl PluginClient {
     fn cancel_action(&mut self, number: u64, ctx: &mut Context<Self>) {
         if let Some(PendingAction { exchange, to, .. }) = self.under_way.remove(&number) {
             tracing::debug!(agent = %to, "cancels the action");
-            ctx.cancel(&exchange, &Cancelling::default());
+            ctx.cancel(&exchange, &CancelAction::default());
         }
     }
 }

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 use acl::content::Report;
-use acl::{AgentId, Deadline, Incarnation};
+use acl::{AgentId, Incarnation, Millis};
 use actuator::{
     Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
     OwnFact,
@@ -67,7 +67,7 @@ impl ProxyRunner {
                     None => return self.note(None),
                 },
             };
-            let life = (sighted.incarnation, sighted.digest.clone());
+            let seen = (sighted.incarnation, sighted.digest.clone());
             if let Some(objection) = self.objection(&sighted) {
                 tracing::warn!(agent = %self.agent, plugin = self.package.manifest.name,
                     "is rejected: {objection}");
@@ -75,7 +75,7 @@ impl ProxyRunner {
                 tokio::select! {
                     biased;
                     () = stopping.cancelled() => (),
-                    () = wait_until_changed(&mut self.sight, life) => (),
+                    () = wait_until_changed(&mut self.sight, seen) => (),
                 }
                 self.note(None);
                 continue;
@@ -123,7 +123,7 @@ impl ProxyRunner {
         };
         let actuator = Actuator::new(&blueprint, device).map_err(|error| error.to_string())?;
         let stopping = self.stopping.child_token();
-        let mut life = Box::new(actuator).launch(self.landing.launch_context(
+        let mut task = Box::new(actuator).launch(self.landing.launch_context(
             &self.agent,
             Vec::new(),
             &stopping,
@@ -132,7 +132,7 @@ impl ProxyRunner {
         let ended = loop {
             tokio::select! {
                 biased;
-                ended = &mut life => break ended,
+                ended = &mut task => break ended,
                 () = wait_until_absent(&mut self.sight) => {
                     self.note(None);
                     if tokio::time::timeout(ABSENCE_MAX, appeared(&mut self.sight)).await.is_ok() {
@@ -142,7 +142,7 @@ impl ProxyRunner {
                         continue;
                     }
                     stopping.cancel();
-                    let _ = life.await;
+                    let _ = task.await;
                     return Ok(());
                 }
             }
@@ -240,7 +240,7 @@ impl Device for PluginProxy {
         // The timeout of a method is at most that of the manifest.
         for (action, method) in &mut methods {
             if let Some(known) = self.package.manifest.methods.get(action) {
-                method.timeout = Deadline(method.timeout.0.min(known.timeout.0));
+                method.timeout = Millis(method.timeout.0.min(known.timeout.0));
             }
         }
         if self.sighted.is_none() {

@@ -15,7 +15,7 @@ const DOCS: &str = "docs/plugins.md says what a plugin.toml has";
 const EXAMPLES: &[(&str, &str)] = &[
     ("name", "name = \"thermometer\""),
     ("version", "version = \"0.1.0\""),
-    ("protocol", "protocol = \"1\""),
+    ("protocol", "protocol = \"2\""),
     ("method", "method = \"read\""),
     ("timeout", "timeout = \"2s\""),
     ("type", "type = \"text\""),
@@ -98,11 +98,11 @@ mod tests {
 
     #[test]
     fn mistakes_of_form_are_told_in_the_authors_words() {
-        let head = "name = \"a\"\nversion = \"1\"\nprotocol = \"1\"\nrun = [\"a\"]\n";
+        let head = "name = \"a\"\nversion = \"1\"\nprotocol = \"2\"\nrun = [\"a\"]\n";
         for (text, expected) in [
             ("[plugin]\nname = \"a\"", "unknown key `plugin`: `name`, `version` and `run` stand"),
             ("name = \"a\"\nversion = 1", "must be a text in quotes, and is 1: write version = \""),
-            ("name = \"a\"\nversion = \"1\"", "`protocol` is missing: write protocol = \"1\""),
+            ("name = \"a\"\nversion = \"1\"", "`protocol` is missing: write protocol = \"2\""),
             (&format!("{head}[agent]\nname = \"x\""), "`agent` must be a list in [ ], and is a"),
             (&format!("{head}[agent]\nname = \"x\""), "table: write [[agent]]"),
             (&format!("{head}[[agents]]"), "unknown key `agents`: did you mean `agent`?"),

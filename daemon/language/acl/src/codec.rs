@@ -8,8 +8,11 @@ use serde::de::{IgnoredAny, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer as _};
 use serde_json::Value;
 
+use crate::content::{Reason, Refusal, value};
 use crate::message::SCHEMA_VERSION;
-use crate::{AgentId, ConversationId, Message, MessageId, ReplyToken};
+use crate::{
+    AgentId, ConversationId, Incarnation, Message, MessageId, Performative, ReplyToken,
+};
 
 /// Maximum size of a message that is read, in bytes; a longer text is rejected. An action model of a
 /// hundred actions has less than 64 KiB, and a domain of a hundred agents less than 1 MiB.
@@ -37,8 +40,11 @@ pub enum Problem {
     /// The text is not JSON, or a field is missing or has another shape.
     #[error("{0}")]
     Shape(serde_json::Error),
-    /// The envelope has a version that this crate does not know.
-    #[error("version {version} of the envelope is not known here, only {SCHEMA_VERSION}")]
+    /// The message has a version of the protocol that this crate does not know.
+    #[error(
+        "it is of version {version} of the protocol, and only version {SCHEMA_VERSION} is known here; \
+         install one version of Althing on all machines"
+    )]
     UnknownVersion {
         /// The version in the text.
         version: u64,
@@ -52,6 +58,8 @@ pub struct Sketch {
     pub id: Option<MessageId>,
     /// Sender of the unreadable message; `None` if it could not be read.
     pub sender: Option<AgentId>,
+    /// Incarnation of the sender; `None` if it could not be read.
+    pub incarnation: Option<Incarnation>,
     /// Conversation of the unreadable message; `None` if it could not be read.
     pub conversation_id: Option<ConversationId>,
     /// Token of the exchange that the unreadable message belongs to; `None` if it could not be read.
@@ -59,6 +67,47 @@ pub struct Sketch {
     /// Performative of the unreadable message as it is spelled there, even if FIPA has no such
     /// performative; `None` if it could not be read.
     pub performative: Option<String>,
+}
+
+// === impl DecodeError ===
+
+impl DecodeError {
+    /// Whether the message has a version of the protocol that this crate does not know.
+    pub fn is_of_other_version(&self) -> bool {
+        matches!(self.problem, Problem::UnknownVersion { .. })
+    }
+
+    /// Returns the `not-understood` that this message is in another version of the protocol, as a message
+    /// of this version. So an agent learns at once that its request was not understood, instead of
+    /// waiting for an answer. Returns `None` if this message is something else.
+    pub fn to_not_understood(&self) -> Option<Message> {
+        let Sketch { id, sender, incarnation, conversation_id, exchange, performative } =
+            &*self.sketch;
+        let is_not_understood =
+            performative.as_deref() == Some(Performative::NotUnderstood.as_str());
+        if !is_not_understood || !self.is_of_other_version() {
+            return None;
+        }
+        let detail = format!("the answer cannot be read: {}", self.problem);
+        Some(Message {
+            version: SCHEMA_VERSION,
+            id: id.clone()?,
+            performative: Performative::NotUnderstood,
+            sender: sender.clone()?,
+            incarnation: (*incarnation)?,
+            receiver: Vec::new(),
+            content: value(&Refusal::new(Reason::Unreadable, detail)),
+            language: None,
+            ontology: None,
+            protocol: None,
+            conversation_id: conversation_id.clone()?,
+            reply_with: None,
+            in_reply_to: Some(exchange.clone()?),
+            reply_within: None,
+            via: Vec::new(),
+            unknown: serde_json::Map::new(),
+        })
+    }
 }
 
 /// Converts a message to JSON.
@@ -142,6 +191,7 @@ fn sketch(bytes: &[u8]) -> Sketch {
     Sketch {
         id: opt(&value, "id"),
         sender: opt(&value, "sender"),
+        incarnation: opt(&value, "incarnation"),
         conversation_id: opt(&value, "conversation_id"),
         exchange: token("in_reply_to").or_else(|| token("reply_with")),
         performative: opt(&value, "performative"),
@@ -161,7 +211,7 @@ mod tests {
 
     fn minimal() -> Value {
         json!({
-            "version": 1, "id": "m1", "performative": "request", "sender": "keyboard",
+            "version": 2, "id": "m1", "performative": "request", "sender": "keyboard",
             "incarnation": 1, "conversation_id": "c1"
         })
     }
@@ -205,9 +255,29 @@ mod tests {
 
     #[test]
     fn an_unknown_version_of_another_shape_is_still_a_version() {
-        let bytes = json!({"version": 2, "from": "keyboard", "sender": "keyboard"}).to_string();
-        let error = decode(bytes.as_bytes()).expect_err("version 2");
-        assert!(matches!(error.problem, Problem::UnknownVersion { version: 2 }), "{error}");
+        let bytes = json!({"version": 3, "from": "keyboard", "sender": "keyboard"}).to_string();
+        let error = decode(bytes.as_bytes()).expect_err("version 3");
+        assert!(matches!(error.problem, Problem::UnknownVersion { version: 3 }), "{error}");
+    }
+
+    #[test]
+    fn a_not_understood_of_another_version_is_recognized() {
+        let message = |version: u32, performative: &str| {
+            let mut message = minimal();
+            (message["version"], message["performative"]) = (json!(version), json!(performative));
+            message["in_reply_to"] = json!("t");
+            decode(message.to_string().as_bytes())
+        };
+        let error = message(1, "not-understood").expect_err("version 1");
+        let answer = error.to_not_understood().expect("all fields are there");
+        assert_eq!(answer.exchange(), Some(&ReplyToken::new("t")));
+        let refusal: Refusal = answer.content_as().expect("a refusal");
+        assert!(refusal.detail.contains("version 1 of the protocol"), "{}", refusal.detail);
+        assert_eq!(decode(&encode(&answer)).expect("it is of this version"), answer);
+        let other = message(1, "agree").expect_err("version 1");
+        assert_eq!(other.to_not_understood(), None);
+        let wrong = message(SCHEMA_VERSION, "shout").expect_err("no such performative");
+        assert!(!wrong.is_of_other_version());
     }
 
     #[test]

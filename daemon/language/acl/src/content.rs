@@ -12,7 +12,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::{AgentId, ConversationId, DaemonId, Deadline};
+use crate::{AgentId, ConversationId, DaemonId, Millis};
 
 pub use self::goal::{GoalPhase, GoalStatus, HISTORY_ENTRIES_MAX, HistoryEntry};
 pub use self::state::{
@@ -33,7 +33,7 @@ pub enum Request {
     /// To the Plan Executor: execute this plan.
     Execute(Box<Execute>),
     /// To the Plan Executor: cancel a plan that is no longer needed.
-    CallOff(CallOff),
+    CancelPlan(CancelPlan),
     /// To an actuator: execute an action, which is given with the method that carries it out.
     Act(Box<Act>),
     /// To the Domain Maintainer: change the state.
@@ -49,7 +49,7 @@ pub enum Request {
     /// To the Domain Maintainer: believe facts observed by the sender.
     Observe(Observation),
     /// To a Journal: store records. The Journal confirms the request as soon as the records are on disk.
-    Keep(Keeping),
+    StoreRecords(StoreRecords),
 }
 
 /// Request to change the planning mode, centralised or decentralised.
@@ -80,7 +80,7 @@ pub struct AnswerQuestion {
     pub question: u64,
     /// The answer of the person.
     #[serde(flatten)]
-    pub said: PersonsAnswer,
+    pub answer: PersonsAnswer,
 }
 
 /// Request to reach or keep a goal.
@@ -139,7 +139,7 @@ pub struct PlanRequest {
     /// Remaining steps of an interrupted plan, one per line, if the new plan should continue that plan
     /// where possible.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub rest: Option<String>,
+    pub remaining_steps: Option<String>,
 }
 
 /// Request to execute a plan.
@@ -155,7 +155,7 @@ pub struct Execute {
     /// Epoch in which the domain, the problem and the plan are valid: the number of changes of the set of
     /// capabilities.
     pub epoch: u64,
-    /// Term of the Plan Requester that made the plan: see [`ActionToken::epoch`].
+    /// Term of the Plan Requester that made the plan: see [`ActionToken::term`].
     #[serde(default)]
     pub term: u64,
     /// Number of the plan among the plans of its conversation in that term, from 1.
@@ -177,7 +177,7 @@ pub struct Execute {
 /// have requested it, and that request may arrive after the cancellation.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub struct CallOff {
+pub struct CancelPlan {
     /// Term of the plan to cancel; see [`Execute::term`].
     pub term: u64,
     /// Number of the plan to cancel; see [`Execute::round`].
@@ -193,7 +193,8 @@ pub type Offers = BTreeMap<AgentId, BTreeMap<String, Offer>>;
 pub struct Offer {
     /// Name of the action in the composite domain. It differs from the agent's own name for the action if
     /// two agents use one name for different actions.
-    pub inside: String,
+    #[serde(alias = "inside")]
+    pub schema: String,
     /// The guard: the PDDL fact that allows this agent to use the action.
     pub guard: String,
     /// The method by which the actuator carries out the action; `None` if it is not known.
@@ -214,7 +215,7 @@ pub struct Method {
     #[serde(default)]
     pub arguments: BTreeMap<String, String>,
     /// Longest time that the method may take.
-    pub timeout: Deadline,
+    pub timeout: Millis,
 }
 
 /// Request to an actuator to carry out an action.
@@ -240,7 +241,8 @@ pub struct Act {
 pub struct ActionToken {
     /// Term of the Plan Requester that made the plan. Each Plan Requester that takes over a goal has a
     /// greater term than the one before.
-    pub epoch: u64,
+    #[serde(alias = "epoch")]
+    pub term: u64,
     /// Conversation of the goal.
     pub conversation: ConversationId,
     /// Number of the plan in the term, from 1.
@@ -253,7 +255,7 @@ pub struct ActionToken {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct Cancelling {
+pub struct CancelAction {
     /// Whether to cancel the action only if no other agent follows the same commitment. This is set by a
     /// sender that is no longer the leader, because the new leader may follow the commitment.
     pub unless_followed: bool,
@@ -262,7 +264,7 @@ pub struct Cancelling {
 /// Request to a Journal to store records.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Keeping {
+pub struct StoreRecords {
     /// The records to store. Of several records with the same key, the one with the greatest version
     /// counts.
     pub records: Vec<Record>,
@@ -577,7 +579,7 @@ pub struct OpenQuestion {
     /// The question, as text for a person.
     pub text: String,
     /// Remaining time for which the asking agent awaits an answer.
-    pub left: Deadline,
+    pub remaining: Millis,
     /// Public key to which the answer must be sealed; `None` if the answer is not secret.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seal_to: Option<String>,
@@ -596,10 +598,10 @@ pub struct Mailboxes {
     /// Number of messages that were sent to all agents and could not be parsed.
     pub unreadable: u64,
     /// Number of messages that the substrate did not accept for sending.
-    pub unsent: u64,
+    pub not_sent: u64,
     /// Number of records that could not be stored, because the disk is full or its data cannot be read.
     #[serde(default)]
-    pub unkept: u64,
+    pub not_persisted: u64,
     /// Number of rejected messages, by kind of the rule that was broken.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub rejected: BTreeMap<String, u64>,
@@ -670,8 +672,8 @@ impl Refusal {
 
 impl fmt::Display for ActionToken {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let ActionToken { epoch, conversation, round, step } = self;
-        write!(f, "{epoch}/{conversation}/{round}/{step}")
+        let ActionToken { term, conversation, round, step } = self;
+        write!(f, "{term}/{conversation}/{round}/{step}")
     }
 }
 
@@ -711,7 +713,7 @@ impl fmt::Display for PlanStatus {
 
 /// Answer of a daemon to a query for discovered agents.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Appeared {
+pub struct DiscoveredAgents {
     /// The daemon that answers.
     pub daemon: DaemonId,
     /// The discovered agents, sorted by discoverer and then by name.

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::content::{Methods, Mode};
-use crate::message::Deadline;
+use crate::message::Millis;
 use crate::name::{AgentId, DaemonId, EcosystemId};
 
 /// Everything that a plugin needs to join the ecosystem. It is sent as one line of JSON. The daemon keeps
@@ -34,7 +34,7 @@ pub struct Hello {
     /// The planning mode of the ecosystem (centralised or decentralised).
     pub mode: Mode,
     /// Time between two heartbeats of each agent.
-    pub heartbeat_period: Deadline,
+    pub heartbeat_period: Millis,
     /// Path of the socket of the simulated building, which simulated drivers use; `None` if there is no
     /// simulated building.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -22,7 +22,7 @@ mod schema;
 pub use codec::{DecodeError, decode, encode, sender_of};
 pub use hello::{Hello, HelloAgent, HostName};
 pub use message::{
-    ConversationId, Deadline, Incarnation, Message, MessageId, Protocol, ReplyToken, SCHEMA_VERSION,
+    ConversationId, Incarnation, Message, MessageId, Millis, Protocol, ReplyToken, SCHEMA_VERSION,
 };
 pub use name::{AgentId, DaemonId, EcosystemId, InvalidName};
 pub use performative::Performative;

@@ -12,7 +12,7 @@ use serde_json::{Map, Value};
 use crate::{AgentId, EcosystemId, Performative};
 
 /// Version of the envelope that this crate writes and reads.
-pub const SCHEMA_VERSION: u32 = 1;
+pub const SCHEMA_VERSION: u32 = 2;
 
 /// One ACL message.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -53,10 +53,10 @@ pub struct Message {
     /// sides use the same token in all messages after the first.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub in_reply_to: Option<ReplyToken>,
-    /// Time for which the sender waits for an answer. In FIPA this is a point in time; here it is a
-    /// duration.
+    /// Time within which an answer is of use, counted from the receipt of the message. FIPA has
+    /// `reply_by` instead, which is a point in time.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub reply_by: Option<Deadline>,
+    pub reply_within: Option<Millis>,
     /// Ecosystems through which the message's sender is represented here, the farthest first; empty if
     /// the sender is an agent of this ecosystem. Messages and facts of the sender are not passed on to an
     /// ecosystem in this list, so that they cannot return to it.
@@ -151,24 +151,24 @@ text_type! {
 #[serde(transparent)]
 pub struct Incarnation(pub u64);
 
-/// Duration for which an answer is awaited, counted from the receipt of the message.
+/// A duration, which is sent in milliseconds.
 ///
-/// A duration (FIPA's `+` form) is used instead of a point in time, because the clocks of boards without
-/// a battery disagree. It is sent in milliseconds.
+/// Messages contain durations and no points in time, because the clocks of boards without a battery
+/// disagree.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(from = "u64", into = "u64")]
-pub struct Deadline(pub Duration);
+pub struct Millis(pub Duration);
 
-impl From<u64> for Deadline {
-    fn from(milliseconds: u64) -> Deadline {
-        Deadline(Duration::from_millis(milliseconds))
+impl From<u64> for Millis {
+    fn from(milliseconds: u64) -> Millis {
+        Millis(Duration::from_millis(milliseconds))
     }
 }
 
-impl From<Deadline> for u64 {
-    fn from(deadline: Deadline) -> u64 {
-        u64::try_from(deadline.0.as_millis()).unwrap_or(u64::MAX)
+impl From<Millis> for u64 {
+    fn from(duration: Millis) -> u64 {
+        u64::try_from(duration.0.as_millis()).unwrap_or(u64::MAX)
     }
 }
 

@@ -7,8 +7,8 @@ use schemars::{JsonSchema, SchemaGenerator};
 use serde_json::{Value, json};
 
 use crate::content::{
-    Agreement, Bid, CallForProposals, Cancelling, Choice, Inform, PlanProposal, Question, Refusal,
-    Report, Request, Withdrawal,
+    Agreement, Bid, CallForProposals, CancelAction, Choice, Inform, PlanProposal, Question,
+    Refusal, Report, Request, Withdrawal,
 };
 use crate::{Hello, Message, Performative, SCHEMA_VERSION};
 
@@ -23,7 +23,7 @@ fn of<T: JsonSchema>(generator: &mut SchemaGenerator) -> Value {
 fn contents(performative: Performative, generator: &mut SchemaGenerator) -> Vec<Value> {
     match performative {
         Performative::Agree => vec![of::<Bid>(generator), of::<Agreement>(generator)],
-        Performative::Cancel => vec![of::<Cancelling>(generator), of::<Withdrawal>(generator)],
+        Performative::Cancel => vec![of::<CancelAction>(generator), of::<Withdrawal>(generator)],
         Performative::Request => vec![of::<Request>(generator)],
         Performative::Cfp => vec![of::<CallForProposals>(generator)],
         Performative::Propose => vec![of::<PlanProposal>(generator)],

@@ -31,10 +31,10 @@ pub struct Exchange {
 }
 
 impl Exchange {
-    /// Creates the state of an exchange before its first message, which the incarnation `life` of
+    /// Creates the state of an exchange before its first message, which the `incarnation` of
     /// `initiator` will send.
-    pub fn new(protocol: Protocol, initiator: AgentId, life: Incarnation) -> Exchange {
-        Exchange { protocol, initiator, incarnation: life, phase: ExchangePhase::Opening }
+    pub fn new(protocol: Protocol, initiator: AgentId, incarnation: Incarnation) -> Exchange {
+        Exchange { protocol, initiator, incarnation, phase: ExchangePhase::Opening }
     }
 
     /// Returns the phase that the exchange is in.

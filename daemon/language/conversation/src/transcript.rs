@@ -155,7 +155,7 @@ mod tests {
             reply_with: token.clone().filter(|_| opens),
             in_reply_to: token.filter(|_| !opens),
             via: Vec::new(),
-            reply_by: None,
+            reply_within: None,
             unknown: serde_json::Map::new(),
         }
     }

@@ -34,15 +34,15 @@ fn measure(title: &str, variant: impl Fn(usize) -> usize) {
     println!("{title}");
     let last = &announced[AGENTS - 1];
     let agent = &last.agent;
-    let life = last.incarnation;
+    let incarnation = last.incarnation;
     let digest = model_digest(&text(AGENTS - 1, variant(AGENTS - 1)), &Methods::new());
     let mut took: [Vec<Duration>; 7] = Default::default();
     for round in 0..ROUNDS {
         let mut steps = Steps { took: &mut took, next: 0 };
-        steps.time(|| maintainer.remove(agent, life, Timestamp(1)));
+        steps.time(|| maintainer.remove(agent, incarnation, Timestamp(1)));
         steps.time(|| maintainer.admit(last.clone(), Timestamp(1)).expect("a good model"));
-        steps.time(|| maintainer.mask(agent, life, Timestamp(1)));
-        steps.time(|| maintainer.unmask(agent, life, Timestamp(1)));
+        steps.time(|| maintainer.mask(agent, incarnation, Timestamp(1)));
+        steps.time(|| maintainer.unmask(agent, incarnation, Timestamp(1)));
         let beat = heartbeat(last, &digest, round + 1);
         steps.time(|| maintainer.apply_heartbeat(beat, Timestamp(1)).expect("a good heartbeat"));
         let snapshot = steps.time(|| maintainer.snapshot(Timestamp(1)));

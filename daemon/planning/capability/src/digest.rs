@@ -62,7 +62,7 @@ fn hex(state: u64) -> String {
 
 #[cfg(test)]
 mod tests {
-    use acl::Deadline;
+    use acl::Millis;
 
     use super::*;
 
@@ -70,7 +70,7 @@ mod tests {
         let method = Method {
             method: "navigate_to".to_owned(),
             arguments: [("pose".to_owned(), "?to".to_owned())].into(),
-            timeout: Deadline::from(timeout_ms),
+            timeout: Millis::from(timeout_ms),
         };
         [(action.to_owned(), method)].into()
     }

@@ -7,7 +7,7 @@ use acl::content::{
     ChangeState, Heartbeat, Methods, ModelAnnouncement, Observation, Requested, RequestedFact,
     RequestedSince,
 };
-use acl::{AgentId, Deadline, Incarnation};
+use acl::{AgentId, Incarnation, Millis};
 use pddl::{ActionModel, Diagnostic, InitElement, Metric, Name};
 
 use crate::declined::Declined;
@@ -205,7 +205,7 @@ impl Default for SilenceLimit {
 impl KnownFact {
     fn read_all(
         facts: &str,
-        known_for: &BTreeMap<String, Deadline>,
+        known_for: &BTreeMap<String, Millis>,
         now: Timestamp,
     ) -> Result<Vec<KnownFact>, Vec<Diagnostic>> {
         let lasting = pddl::parse_init_elements(facts).into_result()?;

@@ -111,8 +111,8 @@ impl DomainSnapshot {
     pub fn guards(&self) -> BTreeMap<String, Guard> {
         let offered = self.composite.offers.values().flatten();
         let guard = |action: &OfferedAction| {
-            let (outside, predicate) = (action.outside.to_string(), action.guard.to_string());
-            (action.inside.as_str().to_owned(), Guard { outside, predicate })
+            let (action_name, predicate) = (action.outside.to_string(), action.guard.to_string());
+            (action.inside.as_str().to_owned(), Guard { action: action_name, predicate })
         };
         offered.map(guard).collect()
     }
@@ -121,7 +121,7 @@ impl DomainSnapshot {
         let outside = action.outside.as_str().to_owned();
         let methods = self.methods.get(agent);
         let offer = Offer {
-            inside: action.inside.as_str().to_owned(),
+            schema: action.inside.as_str().to_owned(),
             guard: guard.to_string(),
             method: methods.and_then(|methods| methods.get(&outside)).cloned(),
         };

@@ -165,8 +165,8 @@ mod tests {
         let now = Duration::ZERO;
         let mut backoffs = ActionBackoffs::new(Keep::Achieve);
         backoffs.penalize(lamp(), &failed(Some(Reason::Incapable)), now);
-        let (inside, guard) = ("light".to_owned(), "(offers-light lamp)".to_owned());
-        let offer = Offer { inside, guard, method: None };
+        let (schema, guard) = ("light".to_owned(), "(offers-light lamp)".to_owned());
+        let offer = Offer { schema, guard, method: None };
         let (agent, action) = lamp();
         let offers: Offers = [(agent.clone(), [(action, offer)].into())].into();
         backoffs.compare_with(&offers);

@@ -36,8 +36,8 @@ pub(crate) struct UnverifiedEffect {
 
 impl LastHeartbeats {
     /// Stores a heartbeat, unless a newer one is stored.
-    pub fn store_heartbeat(&mut self, agent: &AgentId, life: Incarnation, beat: &Heartbeat) {
-        let at = (life, beat.sequence);
+    pub fn store_heartbeat(&mut self, agent: &AgentId, incarnation: Incarnation, beat: &Heartbeat) {
+        let at = (incarnation, beat.sequence);
         if self.0.get(agent).is_some_and(|word| word.received_as >= at) {
             return;
         }

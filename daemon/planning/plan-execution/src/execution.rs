@@ -186,14 +186,14 @@ impl Execution {
     /// Returns a step with the action name that the composite domain now has for the step's action.
     fn renamed(&self, step: &PlanStep, offers: &Offers) -> Result<PlanStep, String> {
         let agent = acting_agent(step).ok_or("no agent acts in it")?;
-        let is_it = |(_, offer): &(&String, &Offer)| step.action == *offer.inside.as_str();
+        let is_it = |(_, offer): &(&String, &Offer)| step.action == *offer.schema.as_str();
         let known = self.offers.get(&agent).and_then(|actions| actions.iter().find(is_it));
         let outside = known.map_or(step.action.as_str(), |(outside, _)| outside.as_str());
         let offer = offers
             .get(&agent)
             .and_then(|actions| actions.get(outside))
             .ok_or_else(|| format!("`{agent}` does not offer `{outside}` any more"))?;
-        Ok(PlanStep { action: offer.inside.as_str().into(), ..step.clone() })
+        Ok(PlanStep { action: offer.schema.as_str().into(), ..step.clone() })
     }
 
     /// Returns the change after a step that may or may not have been done: every fact that the step

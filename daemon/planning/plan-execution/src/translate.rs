@@ -43,7 +43,7 @@ pub(crate) fn translate(
     let agent = acting_agent(step).ok_or("no agent acts in it")?;
     let (outside, offer) = offers
         .get(&agent)
-        .and_then(|actions| actions.iter().find(|(_, offer)| step.action == *offer.inside.as_str()))
+        .and_then(|actions| actions.iter().find(|(_, offer)| step.action == *offer.schema.as_str()))
         .ok_or_else(|| format!("`{agent}` does not offer `{}`", step.action))?;
     let Offer { method: Some(method), .. } = offer else {
         return Err(format!("`{agent}` names no method for `{outside}`"));
@@ -87,7 +87,7 @@ fn bind(method: &Method, bound: &BTreeMap<&str, &str>) -> Result<BTreeMap<String
 
 #[cfg(test)]
 mod tests {
-    use acl::Deadline;
+    use acl::Millis;
 
     use super::*;
 
@@ -98,9 +98,9 @@ mod tests {
         let method = Method {
             method: "navigate_to".into(),
             arguments: [("pose".to_owned(), template.to_owned())].into(),
-            timeout: Deadline(Duration::from_secs(60)),
+            timeout: Millis(Duration::from_secs(60)),
         };
-        let offer = Offer { inside: "move--r".into(), guard: String::new(), method: Some(method) };
+        let offer = Offer { schema: "move--r".into(), guard: String::new(), method: Some(method) };
         let robot = AgentId::new("r2").expect("a name");
         let offers = [(robot, [("move".to_owned(), offer)].into())].into();
         let domain = pddl::parse_domain(DOMAIN).into_result().expect("a domain");

@@ -6,7 +6,7 @@ use std::time::Duration;
 use acl::content::{
     Execute, Heartbeat, Method, Offer, Offers, Outcome, Reason, Refusal, Report, Snapshot,
 };
-use acl::{AgentId, Deadline, Incarnation};
+use acl::{AgentId, Incarnation, Millis};
 use pddl::knowledge::Knowledge;
 use plan_execution::{
     CheckDelay, ExecutionCommand, ExecutionEvent, ExecutionPhase, LastHeartbeats, PlanState,
@@ -41,10 +41,10 @@ fn problem(facts: &str, goal: &str) -> String {
 
 fn offers() -> Offers {
     let offer = |action: &str| {
-        let timeout = Deadline(Duration::from_secs(5));
+        let timeout = Millis(Duration::from_secs(5));
         let method = Method { method: action.to_owned(), arguments: BTreeMap::new(), timeout };
-        let inside = action.to_owned();
-        (action.to_owned(), Offer { inside, guard: String::new(), method: Some(method) })
+        let schema = action.to_owned();
+        (action.to_owned(), Offer { schema, guard: String::new(), method: Some(method) })
     };
     let robot = [offer("go"), offer("show")].into();
     [(agent("robot"), robot), (agent("lamp"), [offer("light")].into())].into()
@@ -126,7 +126,7 @@ impl Owner {
             sequence: self.sequence,
             facts: facts.to_owned(),
             known_for: BTreeMap::new(),
-            period: Deadline(Duration::from_secs(1)),
+            period: Millis(Duration::from_secs(1)),
         };
         self.heartbeats.store_heartbeat(&agent("robot"), Incarnation(1), &beat);
         ExecutionEvent::HeartbeatReceived(agent("robot"))

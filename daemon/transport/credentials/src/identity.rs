@@ -26,7 +26,7 @@ pub(crate) const NUMBERED_CHANNELS: usize = 2;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SequenceState {
     /// Incarnation of the sender: the time at which it started, in microseconds since the Unix epoch.
-    pub life: u64,
+    pub incarnation: u64,
     /// The last sequence number that the sender has used in each numbered channel, in the order of
     /// [`SealChannel`].
     pub numbers: [u64; NUMBERED_CHANNELS],
@@ -119,11 +119,11 @@ impl DaemonIdentity {
         })
     }
 
-    /// Sets the incarnation to `life`, which is known to be later than all earlier ones. For the case
+    /// Sets the incarnation, which must be known to be later than all earlier ones. For the case
     /// that the clock was set back.
     #[must_use]
-    pub fn with_incarnation(self, life: u64) -> DaemonIdentity {
-        DaemonIdentity { incarnation: life, ..self }
+    pub fn with_incarnation(self, incarnation: u64) -> DaemonIdentity {
+        DaemonIdentity { incarnation, ..self }
     }
 
     /// Uses the key of this daemon for the messages of its guest `guest`; see [`DaemonId::guest`].
@@ -155,7 +155,7 @@ impl DaemonIdentity {
     /// sealed in each numbered channel.
     pub fn sequence_state(&self) -> SequenceState {
         let numbers = NUMBERED.map(|channel| self.numbers[channel].load(Ordering::Relaxed));
-        SequenceState { life: self.incarnation, numbers, age: self.age() }
+        SequenceState { incarnation: self.incarnation, numbers, age: self.age() }
     }
 
     fn age(&self) -> u64 {
@@ -191,21 +191,13 @@ impl DaemonIdentity {
     ) -> Vec<u8> {
         let is_itself = self.sender.as_str() == self.certificate.subject;
         let speaker = if is_itself { "" } else { self.sender.as_str() };
-        let (life, at) = (self.incarnation, self.age());
-        let statement = SignedFields {
-            channel,
-            incarnation: life,
-            number,
-            at,
-            to,
-            sender: speaker,
-            key_expr,
-            nonce,
-        };
+        let (incarnation, at) = (self.incarnation, self.age());
+        let statement =
+            SignedFields { channel, incarnation, number, at, to, sender: speaker, key_expr, nonce };
         let signature = self.key.sign(&statement.bytes(payload));
         let certificate = self.certificate.der.as_ref();
         Seal {
-            incarnation: life,
+            incarnation,
             number,
             at,
             to,

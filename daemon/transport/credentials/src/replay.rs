@@ -95,20 +95,14 @@ impl ReplayGuard {
         place: MessagePosition,
         now: Instant,
     ) -> Result<(), DistrustReason> {
-        let MessagePosition {
-            incarnation: life,
-            channel,
-            number,
-            at,
-            is_for_this_incarnation: is_for_this_life,
-        } = place;
+        let MessagePosition { incarnation, channel, number, at, is_for_this_incarnation } = place;
         // Only a sender that has answered, or sends to this incarnation, is remembered: recordings of many
         // senders must not displace the real ones.
-        let known = match is_for_this_life {
-            true => self.current_sender(speaker, life).ok_or(DistrustReason::Replayed)?,
-            false => self.synced_sender(speaker, life)?,
+        let known = match is_for_this_incarnation {
+            true => self.current_sender(speaker, incarnation).ok_or(DistrustReason::Replayed)?,
+            false => self.synced_sender(speaker, incarnation)?,
         };
-        if !is_for_this_life {
+        if !is_for_this_incarnation {
             let (from, answered) = known.from.as_ref().ok_or(DistrustReason::NotSynced)?;
             let is_before = from.get(channel).is_none_or(|from| number <= *from);
             if is_before && now.saturating_duration_since(*answered) < OVERTAKEN_GRACE {
@@ -125,16 +119,16 @@ impl ReplayGuard {
         if is_new { Ok(()) } else { Err(DistrustReason::Replayed) }
     }
 
-    /// Returns the state of a sender that has answered a call in the incarnation `life`; otherwise the
+    /// Returns the state of a sender that has answered a call in the `incarnation`; otherwise the
     /// reason why a message of the sender is not believed.
     fn synced_sender(
         &mut self,
         speaker: &str,
-        life: u64,
+        incarnation: u64,
     ) -> Result<&mut SenderWindows, DistrustReason> {
         self.clock += 1;
         let known = self.senders.get_mut(speaker).ok_or(DistrustReason::NotSynced)?;
-        match life.cmp(&known.incarnation) {
+        match incarnation.cmp(&known.incarnation) {
             Ordering::Less => Err(DistrustReason::Replayed),
             Ordering::Equal => {
                 known.last_used = self.clock;
@@ -148,9 +142,9 @@ impl ReplayGuard {
     /// had been dropped.
     pub(crate) fn record_reply(&mut self, speaker: &str, said: SequenceState, now: Instant) {
         if !self.senders.contains_key(speaker) {
-            self.insert(speaker, said.life);
+            self.insert(speaker, said.incarnation);
         }
-        if let Some(known) = self.current_sender(speaker, said.life) {
+        if let Some(known) = self.current_sender(speaker, said.incarnation) {
             known.from.get_or_insert((said.numbers, now));
             known.age = Some((said.age, now));
         }
@@ -163,16 +157,17 @@ impl ReplayGuard {
         known.from.map(|_| known.incarnation)
     }
 
-    /// Returns the state of a sender. The state is reset if the incarnation `life` is newer than the
+    /// Returns the state of a sender. The state is reset if the `incarnation` is newer than the
     /// known one; `None` if it is older.
-    fn current_sender(&mut self, speaker: &str, life: u64) -> Option<&mut SenderWindows> {
+    fn current_sender(&mut self, speaker: &str, incarnation: u64) -> Option<&mut SenderWindows> {
         self.clock += 1;
-        if !self.senders.contains_key(speaker) && !self.admit(speaker, life) {
+        if !self.senders.contains_key(speaker) && !self.admit(speaker, incarnation) {
             return None;
         }
-        let known = self.senders.get_mut(speaker).filter(|known| life >= known.incarnation)?;
-        if life > known.incarnation {
-            *known = SenderWindows::new(life);
+        let known =
+            self.senders.get_mut(speaker).filter(|known| incarnation >= known.incarnation)?;
+        if incarnation > known.incarnation {
+            *known = SenderWindows::new(incarnation);
         }
         known.last_used = self.clock;
         Some(known)
@@ -180,35 +175,35 @@ impl ReplayGuard {
 
     /// Adds an unknown sender to the remembered ones. Returns `false`, and adds nothing, if the sender
     /// may be one that was dropped.
-    fn admit(&mut self, speaker: &str, life: u64) -> bool {
-        if life <= self.dropped_incarnation {
+    fn admit(&mut self, speaker: &str, incarnation: u64) -> bool {
+        if incarnation <= self.dropped_incarnation {
             return false;
         }
-        self.insert(speaker, life);
+        self.insert(speaker, incarnation);
         true
     }
 
-    fn insert(&mut self, speaker: &str, life: u64) {
+    fn insert(&mut self, speaker: &str, incarnation: u64) {
         if self.senders.len() >= SENDERS_MAX {
             let silent = self.senders.iter().min_by_key(|(_, known)| known.last_used);
-            if let Some((name, life)) =
+            if let Some((name, incarnation)) =
                 silent.map(|(name, known)| (name.clone(), known.incarnation))
             {
                 self.senders.remove(&name);
-                self.dropped_incarnation = self.dropped_incarnation.max(life);
+                self.dropped_incarnation = self.dropped_incarnation.max(incarnation);
             }
         }
         self.senders.insert(
             speaker.to_owned(),
-            SenderWindows { last_used: self.clock, ..SenderWindows::new(life) },
+            SenderWindows { last_used: self.clock, ..SenderWindows::new(incarnation) },
         );
     }
 }
 
 impl SenderWindows {
-    fn new(life: u64) -> SenderWindows {
+    fn new(incarnation: u64) -> SenderWindows {
         SenderWindows {
-            incarnation: life,
+            incarnation,
             from: None,
             age: None,
             windows: Default::default(),
@@ -281,34 +276,29 @@ mod tests {
     fn is_heard(
         replays: &mut ReplayGuard,
         speaker: &str,
-        life: u64,
+        incarnation: u64,
         channel: usize,
         number: u64,
     ) -> bool {
-        let place = MessagePosition {
-            incarnation: life,
-            channel,
-            number,
-            at: 0,
-            is_for_this_incarnation: false,
-        };
+        let place =
+            MessagePosition { incarnation, channel, number, at: 0, is_for_this_incarnation: false };
         replays.record(speaker, place, Instant::now()).is_ok()
     }
 
-    fn begun(life: u64) -> SequenceState {
-        SequenceState { life, numbers: [0; NUMBERED_CHANNELS], age: 0 }
+    fn begun(incarnation: u64) -> SequenceState {
+        SequenceState { incarnation, numbers: [0; NUMBERED_CHANNELS], age: 0 }
     }
 
     #[test]
     fn what_was_said_before_one_listened_is_not_heard() {
         let (mut replays, began) = (ReplayGuard::default(), Instant::now());
         let (place, later) = (
-            |number, is_for_this_life| MessagePosition {
+            |number, is_for_this_incarnation| MessagePosition {
                 incarnation: 5,
                 channel: 0,
                 number,
                 at: 0,
-                is_for_this_incarnation: is_for_this_life,
+                is_for_this_incarnation,
             },
             began + OVERTAKEN_GRACE,
         );
@@ -316,7 +306,11 @@ mod tests {
         assert_eq!(note(place(7, false)), Err(DistrustReason::NotSynced));
         assert_eq!(note(place(3, true)), Ok(()), "it cannot have been said before");
         assert_eq!(replays.incarnation("pi"), None);
-        replays.record_reply("pi", SequenceState { life: 5, numbers: [9, 40], age: 0 }, began);
+        replays.record_reply(
+            "pi",
+            SequenceState { incarnation: 5, numbers: [9, 40], age: 0 },
+            began,
+        );
         assert_eq!(replays.incarnation("pi"), Some(5));
         assert_eq!(replays.record("pi", place(7, false), began), Err(DistrustReason::NotSynced));
         let mut note = |place| replays.record("pi", place, later);
@@ -326,10 +320,18 @@ mod tests {
         assert_eq!(note(place(10, false)), Ok(()));
         let beat = |number| MessagePosition { channel: 1, ..place(number, false) };
         assert_eq!([note(beat(40)), note(beat(41))], [Err(DistrustReason::Replayed), Ok(())]);
-        replays.record_reply("pi", SequenceState { life: 5, numbers: [20, 50], age: 0 }, began);
+        replays.record_reply(
+            "pi",
+            SequenceState { incarnation: 5, numbers: [20, 50], age: 0 },
+            began,
+        );
         let mut note = |place| replays.record("pi", place, later);
         assert_eq!(note(place(11, false)), Ok(()), "only the first answer counts");
-        replays.record_reply("pi", SequenceState { life: 4, numbers: [0, 0], age: 0 }, began);
+        replays.record_reply(
+            "pi",
+            SequenceState { incarnation: 4, numbers: [0, 0], age: 0 },
+            began,
+        );
         let mut note = |place| replays.record("pi", place, later);
         assert_eq!(note(place(10, false)), Err(DistrustReason::Replayed));
         for guest in 0..1_000 {
@@ -344,14 +346,18 @@ mod tests {
         assert_eq!(note(place(12, false)), Ok(()));
         let reborn = MessagePosition { incarnation: 6, ..place(1, false) };
         assert_eq!(note(reborn), Err(DistrustReason::NotSynced));
-        replays.record_reply("pi", SequenceState { life: 6, numbers: [0, 0], age: 0 }, began);
+        replays.record_reply(
+            "pi",
+            SequenceState { incarnation: 6, numbers: [0, 0], age: 0 },
+            began,
+        );
         assert_eq!(replays.record("pi", reborn, later), Ok(()));
     }
 
     #[test]
     fn nothing_is_heard_twice_and_nothing_too_late() {
         let mut replays = ReplayGuard::default();
-        for (life, number, expected) in [
+        for (incarnation, number, expected) in [
             (5, 1, true),
             (5, 1, false),
             (5, 3, true),
@@ -367,8 +373,12 @@ mod tests {
             (6, u64::MAX, false),
             (6, 2, false),
         ] {
-            replays.record_reply("pi", begun(life), Instant::now());
-            assert_eq!(is_heard(&mut replays, "pi", life, 0, number), expected, "{life} {number}");
+            replays.record_reply("pi", begun(incarnation), Instant::now());
+            assert_eq!(
+                is_heard(&mut replays, "pi", incarnation, 0, number),
+                expected,
+                "{incarnation} {number}"
+            );
         }
         assert!(is_heard(&mut replays, "pi", 6, 1, 2), "channels are numbered apart");
     }
@@ -379,7 +389,11 @@ mod tests {
         let second = Duration::from_secs(1);
         // The incarnation is an hour old when it is called.
         let hour = 3_600_000;
-        replays.record_reply("pi", SequenceState { life: 5, numbers: [0; 2], age: hour }, began);
+        replays.record_reply(
+            "pi",
+            SequenceState { incarnation: 5, numbers: [0; 2], age: hour },
+            began,
+        );
         let mut hears = |number, at, now| {
             let place = MessagePosition {
                 incarnation: 5,

@@ -3,17 +3,17 @@
 //!
 //! ```text
 //! 1 byte    version
-//! 8 bytes   life of the speaker, big-endian
-//! 8 bytes   number of the message in that life
-//! 8 bytes   when it was sealed: milliseconds of that life
-//! 8 bytes   life of the daemon that it is for; 0: it is for all, or for one of no known life
+//! 8 bytes   incarnation of the speaker, big-endian
+//! 8 bytes   number of the message in that incarnation
+//! 8 bytes   when it was sealed: milliseconds of that incarnation
+//! 8 bytes   incarnation of the daemon that it is for; 0: it is for all, or for one of no known incarnation
 //! 1 byte    length of the speaker's name; 0: it is the certificate's
 //! …         the name
 //! 64 bytes  Ed25519 signature
 //! …         the certificate, DER
 //! ```
 //!
-//! A *life* is an incarnation, and the *speaker* is the sender: a daemon or a guest of one.
+//! The *speaker* is the sender: a daemon or a guest of one.
 //!
 //! The signed bytes are, in this order: a text that only this protocol uses; the channel; the four
 //! numbers; the sender, the key expression and the nonce, each with its length; and the SHA-256 of the
@@ -90,12 +90,11 @@ pub(crate) struct SignedFields<'s> {
 
 impl<'s> Seal<'s> {
     pub(crate) fn write(&self) -> Vec<u8> {
-        let Seal { incarnation: life, number, at, to, sender: speaker, signature, certificate } =
-            *self;
+        let Seal { incarnation, number, at, to, sender: speaker, signature, certificate } = *self;
         let length = 2 + 4 * NUMBERS_BYTES + speaker.len() + signature.len() + certificate.len();
         let mut bytes = Vec::with_capacity(length);
         bytes.push(VERSION);
-        bytes.extend(life.to_be_bytes());
+        bytes.extend(incarnation.to_be_bytes());
         bytes.extend(number.to_be_bytes());
         bytes.extend(at.to_be_bytes());
         bytes.extend(to.to_be_bytes());
@@ -111,7 +110,7 @@ impl<'s> Seal<'s> {
     /// version.
     pub(crate) fn read(bytes: &'s [u8]) -> Option<Seal<'s>> {
         let (version, rest) = bytes.split_first()?;
-        let (life, rest) = rest.split_first_chunk::<NUMBERS_BYTES>()?;
+        let (incarnation, rest) = rest.split_first_chunk::<NUMBERS_BYTES>()?;
         let (number, rest) = rest.split_first_chunk::<NUMBERS_BYTES>()?;
         let (at, rest) = rest.split_first_chunk::<NUMBERS_BYTES>()?;
         let (to, rest) = rest.split_first_chunk::<NUMBERS_BYTES>()?;
@@ -122,7 +121,7 @@ impl<'s> Seal<'s> {
             return None;
         }
         Some(Seal {
-            incarnation: u64::from_be_bytes(*life),
+            incarnation: u64::from_be_bytes(*incarnation),
             number: u64::from_be_bytes(*number),
             at: u64::from_be_bytes(*at),
             to: u64::from_be_bytes(*to),
@@ -138,20 +137,12 @@ impl<'s> Seal<'s> {
 impl SignedFields<'_> {
     /// Returns the bytes to sign for these fields and `payload`.
     pub(crate) fn bytes(&self, payload: &[u8]) -> Vec<u8> {
-        let SignedFields {
-            channel,
-            incarnation: life,
-            number,
-            at,
-            to,
-            sender: speaker,
-            key_expr,
-            nonce,
-        } = *self;
+        let SignedFields { channel, incarnation, number, at, to, sender: speaker, key_expr, nonce } =
+            *self;
         let mut bytes = Vec::with_capacity(CONTEXT.len() + key_expr.len() + speaker.len() + 104);
         bytes.extend(CONTEXT);
         bytes.push(channel as u8);
-        bytes.extend(life.to_be_bytes());
+        bytes.extend(incarnation.to_be_bytes());
         bytes.extend(number.to_be_bytes());
         bytes.extend(at.to_be_bytes());
         bytes.extend(to.to_be_bytes());

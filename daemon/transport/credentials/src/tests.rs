@@ -108,7 +108,7 @@ fn what_was_recorded_before_one_listened_is_not_believed() {
     assert_eq!(beat(&recorded), Err(DistrustReason::NotSynced));
     let verified = VerifiedOrigin { sender: daemon("pi"), signing_daemon: daemon("pi") };
     verifier.record_reply(&verified, pi.sequence_state());
-    assert_eq!(verifier.incarnation(&daemon("pi")), Some(pi.sequence_state().life));
+    assert_eq!(verifier.incarnation(&daemon("pi")), Some(pi.sequence_state().incarnation));
     assert_eq!(beat(&recorded), Err(DistrustReason::NotSynced), "it may have been on its way");
     let said = pi.seal(SealChannel::AgentState, KEY, b"go", None);
     assert_eq!(beat(&said), Ok(verified));
@@ -252,7 +252,7 @@ fn who_is_revoked_is_believed_no_more_and_may_come_back_with_a_new_certificate()
     refused(&verifier, sealed(KEY, b"go", &seal), DistrustReason::Revoked, Some("pi"));
     let seal = other.seal(SealChannel::Message, KEY, b"go", Some(HERE));
     assert!(verifier.open(sealed(KEY, b"go", &seal)).is_ok());
-    assert!(house.verifier().revocations().is_some(), "a new life knows it from the start");
+    assert!(house.verifier().revocations().is_some(), "a new incarnation knows it from the start");
 
     let anew = house.identity("pi");
     let seal = anew.seal(SealChannel::Message, KEY, b"go", Some(HERE));

@@ -201,15 +201,9 @@ impl Verifier {
                 DistrustReason::OldReceiver
             });
         }
-        let (channel, is_for_this_life) = (sealed.channel as usize, seal.to != 0);
-        let Seal { incarnation: life, number, at, .. } = *seal;
-        let place = MessagePosition {
-            incarnation: life,
-            channel,
-            number,
-            at,
-            is_for_this_incarnation: is_for_this_life,
-        };
+        let (channel, is_for_this_incarnation) = (sealed.channel as usize, seal.to != 0);
+        let Seal { incarnation, number, at, .. } = *seal;
+        let place = MessagePosition { incarnation, channel, number, at, is_for_this_incarnation };
         heard.replays.record(speaker, place, now)?;
         // The rate is checked last: a replay of another daemon's messages must not use up that daemon's
         // permits. A message that is dropped because of the rate is sent again under another number.

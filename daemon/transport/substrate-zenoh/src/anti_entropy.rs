@@ -173,10 +173,11 @@ impl SyncRound {
         told: &KnownSessions,
     ) {
         if let Some(roll) = roll {
-            if !roll.told.contains(own) || roll.silent.contains(me) {
+            if !roll.known_sessions.contains(own) || roll.silent.contains(me) {
                 self.unaware.insert(daemon.clone());
             }
-            self.unknown_sessions.extend(roll.told.iter().filter(|zid| !told.has(zid)).cloned());
+            self.unknown_sessions
+                .extend(roll.known_sessions.iter().filter(|zid| !told.has(zid)).cloned());
         }
         self.answered.insert(daemon);
     }

@@ -43,13 +43,13 @@ pub(crate) struct SyncReply {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) hosts: Option<Vec<(AgentId, Incarnation)>>,
     /// Sessions from which the answering session has received a token, by their Zenoh ids.
-    pub(crate) told: BTreeSet<String>,
+    pub(crate) known_sessions: BTreeSet<String>,
     /// Daemons that have a token and do not answer the calls of the answering daemon.
     #[serde(default)]
     pub(crate) silent: BTreeSet<DaemonId>,
     /// The sequence numbers that the daemon has signed so far; `None` if the ecosystem is not secured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(crate) said: Option<SequenceState>,
+    pub(crate) signed: Option<SequenceState>,
 }
 
 /// Content of a call (the periodic query to all daemons).
@@ -87,16 +87,17 @@ impl SyncReply {
     /// their digest.
     pub(crate) fn answer(
         hosts: Vec<(AgentId, Incarnation)>,
-        told: &KnownSessions,
-        said: Option<SequenceState>,
+        sessions: &KnownSessions,
+        signed: Option<SequenceState>,
         (me, call): (&DaemonId, &SyncRequest),
     ) -> Bytes {
         let is_known = call.known.get(me) == Some(&digest(&hosts));
         let hosts = (!is_known).then_some(hosts);
-        let known = lock(&told.table);
-        let (told, silent) = (known.sessions.keys().cloned().collect(), known.silent.clone());
+        let known = lock(&sessions.table);
+        let (known_sessions, silent) =
+            (known.sessions.keys().cloned().collect(), known.silent.clone());
         drop(known);
-        let roll = SyncReply { hosts, told, silent, said };
+        let roll = SyncReply { hosts, known_sessions, silent, signed };
         serde_json::to_vec(&roll).map_or_else(|_| Bytes::new(), Bytes::from)
     }
 
@@ -239,29 +240,29 @@ mod tests {
 
     #[test]
     fn sessions_are_remembered_within_a_bound() {
-        let told = KnownSessions::default();
-        let hear = |number: usize, kind| told.receive_token(&format!("{number:x}"), 0, kind);
+        let sessions = KnownSessions::default();
+        let hear = |number: usize, kind| sessions.receive_token(&format!("{number:x}"), 0, kind);
         let taken = (0..2 * SESSIONS_MAX).filter(|number| hear(*number, SampleKind::Put));
         assert_eq!(taken.count(), SESSIONS_MAX);
         assert!(hear(0, SampleKind::Put), "a known session is taken again");
         for telling in 0..100 {
-            told.receive_token("0", telling, SampleKind::Put);
+            sessions.receive_token("0", telling, SampleKind::Put);
         }
-        assert_eq!(lock(&told.table).sessions["0"].len(), TELLINGS_MAX);
+        assert_eq!(lock(&sessions.table).sessions["0"].len(), TELLINGS_MAX);
         hear(1, SampleKind::Delete);
         assert!(hear(SESSIONS_MAX, SampleKind::Put), "there is room again");
     }
 
     #[test]
     fn an_answer_is_read_as_it_was_given() {
-        let told = KnownSessions::default();
-        told.receive_token("a1", 0, SampleKind::Put);
-        told.receive_token("a1", 1, SampleKind::Put);
-        told.receive_token("a1", 0, SampleKind::Delete);
+        let sessions = KnownSessions::default();
+        sessions.receive_token("a1", 0, SampleKind::Put);
+        sessions.receive_token("a1", 1, SampleKind::Put);
+        sessions.receive_token("a1", 0, SampleKind::Delete);
         let robot = (AgentId::new("robot").expect("a name"), Incarnation(7));
         let (pi, me) = (DaemonId::new("pi").expect("a name"), DaemonId::new("me").expect("a name"));
         let nothing = SyncRequest::read(b"");
-        let answer = SyncReply::answer(vec![robot.clone()], &told, None, (&pi, &nothing));
+        let answer = SyncReply::answer(vec![robot.clone()], &sessions, None, (&pi, &nothing));
         let read = SyncReply::read(&answer);
         let named = |roll: &Option<SyncReply>| roll.as_ref().expect("a roll").hosts.clone();
         assert_eq!(named(&read), Some(vec![robot.clone()]));
@@ -270,12 +271,12 @@ mod tests {
         {
             let call = SyncRequest::new([(pi.clone(), digest(&known))].into(), &me);
             let call = SyncRequest::read(&call.write());
-            let answer = SyncReply::answer(vec![robot.clone()], &told, None, (&pi, &call));
-            told.record_caller(&call);
+            let answer = SyncReply::answer(vec![robot.clone()], &sessions, None, (&pi, &call));
+            sessions.record_caller(&call);
             assert_eq!(named(&SyncReply::read(&answer)).is_some(), is_named, "{known:?}");
         }
-        assert!(lock(&told.table).callers.contains(&me), "the caller is known");
-        for garbage in [&b""[..], b"{", b"[1]", b"{\"hosts\":[[\"X\",1]],\"told\":[]}"] {
+        assert!(lock(&sessions.table).callers.contains(&me), "the caller is known");
+        for garbage in [&b""[..], b"{", b"[1]", b"{\"hosts\":[[\"X\",1]],\"known_sessions\":[]}"] {
             assert!(SyncReply::read(garbage).is_none());
         }
     }

@@ -242,7 +242,7 @@ impl Membership {
         hosted.silent_since = None;
         let named: BTreeSet<_> = match hosts {
             HostedAgents::Listed(hosts) => {
-                hosts.iter().map(|(agent, life)| (agent, *life)).collect()
+                hosts.iter().map(|(agent, incarnation)| (agent, *incarnation)).collect()
             }
             HostedAgents::AsKnown | HostedAgents::Unstated => BTreeSet::new(),
         };
@@ -399,9 +399,9 @@ mod tests {
         DaemonId::new(name).expect("a name")
     }
 
-    fn resident(agent: &str, at: &str, life: u64) -> Resident {
+    fn resident(agent: &str, at: &str, incarnation: u64) -> Resident {
         let agent = AgentId::new(agent).expect("a name");
-        Resident { agent, daemon: daemon(at), incarnation: Incarnation(life) }
+        Resident { agent, daemon: daemon(at), incarnation: Incarnation(incarnation) }
     }
 
     fn hosts(residents: &[Resident]) -> Vec<(AgentId, Incarnation)> {

@@ -143,7 +143,7 @@ impl QuerySender {
         };
         let answerer = security.answerer(&answered)?;
         let roll = SyncReply::read(&payload);
-        if let Some(said) = roll.as_ref().and_then(|roll| roll.said) {
+        if let Some(said) = roll.as_ref().and_then(|roll| roll.signed) {
             security.record_reply(answerer, said);
         }
         Some((daemon, roll))

@@ -49,8 +49,8 @@ impl Security {
     /// Returns the sealed form of a message to the daemon `to`. The seal is valid only for the
     /// incarnation in which that daemon last answered.
     pub(crate) fn seal_to(&self, to: &DaemonId, key_expr: &str, payload: &[u8]) -> ZBytes {
-        let life = self.verifier.incarnation(to);
-        ZBytes::from(self.identity.seal(SealChannel::Message, key_expr, payload, life))
+        let incarnation = self.verifier.incarnation(to);
+        ZBytes::from(self.identity.seal(SealChannel::Message, key_expr, payload, incarnation))
     }
 
     /// Returns the sequence numbers that this daemon has signed so far, which it sends in its answers to
@@ -122,7 +122,7 @@ impl Security {
     ) -> Option<Origin> {
         let seal = attachment.map(ZBytes::to_bytes);
         let seal = seal.as_deref();
-        let heard_in = self.identity.sequence_state().life;
+        let heard_in = self.identity.sequence_state().incarnation;
         let only = keys.only_sender(key_expr);
         let sealed = SealedMessage {
             channel,

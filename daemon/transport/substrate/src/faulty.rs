@@ -114,19 +114,16 @@ impl Network {
     /// Connects a daemon; `inbound` receives what is sent to it. Returns the sending side of the
     /// daemon.
     pub fn open(&self, daemon: DaemonId, inbound: Arc<dyn Inbound>) -> Arc<dyn Substrate> {
-        let life = self.0.with(|wire| {
+        let number = self.0.with(|wire| {
             wire.connections_count += 1;
-            let life = wire.connections_count;
+            let number = wire.connections_count;
             let connected =
-                ConnectedDaemon { inbound, number: life, sees: BTreeSet::new(), under_way: 0 };
+                ConnectedDaemon { inbound, number, sees: BTreeSet::new(), under_way: 0 };
             wire.daemons.insert(daemon.clone(), connected);
             wire.refresh_presence(&daemon);
-            life
+            number
         });
-        Arc::new(Port {
-            target: ConnectionId { daemon, number: life },
-            shared: Arc::downgrade(&self.0),
-        })
+        Arc::new(Port { target: ConnectionId { daemon, number }, shared: Arc::downgrade(&self.0) })
     }
 
     /// Disconnects a daemon as a SIGKILL of its process would: messages under way to the daemon are

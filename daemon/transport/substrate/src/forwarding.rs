@@ -54,8 +54,12 @@ impl<T: ForwardingSubstrate> Substrate for T {
         ForwardingSubstrate::broadcast_state(self, sender, payload)
     }
 
-    fn announce(&self, agent: &AgentId, life: Incarnation) -> Result<PresenceToken, SendError> {
-        self.inner().announce(agent, life)
+    fn announce(
+        &self,
+        agent: &AgentId,
+        incarnation: Incarnation,
+    ) -> Result<PresenceToken, SendError> {
+        self.inner().announce(agent, incarnation)
     }
 
     fn ask(&self, question: ResourceQuery, timeout: Duration) -> BoxFuture<Vec<Bytes>> {

@@ -166,6 +166,8 @@ pub enum ViolationKind {
     Oversized,
     /// An announcement or heartbeat cannot be read, or cannot be accepted.
     NotUnderstood,
+    /// The message has another version of the protocol.
+    OtherVersion,
     /// A daemon wanted to connect and showed no certificate that is valid here.
     RefusedLink,
 }
@@ -355,10 +357,11 @@ impl ViolationKind {
             ViolationKind::Replayed => "replayed",
             ViolationKind::Revoked => "revoked",
             ViolationKind::Flooded => "flooded",
-            ViolationKind::Unauthorized => "overstepped",
+            ViolationKind::Unauthorized => "unauthorized",
             ViolationKind::Oversized => "oversized",
             ViolationKind::NotUnderstood => "not-understood",
-            ViolationKind::RefusedLink => "unlinked",
+            ViolationKind::OtherVersion => "other-version",
+            ViolationKind::RefusedLink => "refused-link",
         }
     }
 }

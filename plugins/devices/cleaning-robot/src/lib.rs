@@ -9,7 +9,7 @@ mod simulated;
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::Deadline;
+use acl::Millis;
 use acl::content::Method;
 use actuator::{
     Actuator, BaseConfig, BaseOutcome, BoxFuture, Description, Device, DeviceEvent, MethodCall,
@@ -114,7 +114,7 @@ impl Device for CleaningRobot {
         let method = |name: &str, timeout| Method {
             method: name.to_owned(),
             arguments: [].into(),
-            timeout: Deadline(timeout),
+            timeout: Millis(timeout),
         };
         let mut methods = base.methods();
         methods.insert("sweep".to_owned(), method(SWEEP, SWEEPING_MAX));

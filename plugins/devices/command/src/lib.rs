@@ -16,7 +16,7 @@ mod effect;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use acl::Deadline;
+use acl::Millis;
 use acl::content::Method;
 use actuator::{
     Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
@@ -78,7 +78,7 @@ impl Device for CommandActuator {
         let method = |(action, run): (&String, &ActionProgram)| {
             let arguments = run.variables.iter().map(|name| (name.clone(), format!("?{name}")));
             let (method, arguments) = (action.clone(), arguments.collect());
-            (action.clone(), Method { method, arguments, timeout: Deadline(run.time_out + MARGIN) })
+            (action.clone(), Method { method, arguments, timeout: Millis(run.time_out + MARGIN) })
         };
         Description { model, methods: self.runs.iter().map(method).collect() }
     }

@@ -13,7 +13,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::content::Method;
-use acl::{AgentId, Deadline};
+use acl::{AgentId, Millis};
 use actuator::{
     Actuator, BoxFuture, Description, Device, MethodCall, MethodFailure, MethodResult, OwnFact,
     facts_of, model_of,
@@ -138,7 +138,7 @@ impl Device for IrTemperatureSensor {
         let method = Method {
             method: "read_temperature".to_owned(),
             arguments: [("room".to_owned(), "?r".to_owned())].into(),
-            timeout: Deadline(MEASURING),
+            timeout: Millis(MEASURING),
         };
         let methods = [("report-temperature".to_owned(), method)].into();
         Description { model: model_of(&text), methods }

@@ -19,7 +19,7 @@ use std::fmt::Write as _;
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::Deadline;
+use acl::Millis;
 use acl::content::{Method, Methods};
 use actuator::{
     Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
@@ -218,7 +218,7 @@ impl PtzCamera {
                 .iter()
                 .map(|(key, value)| ((*key).to_owned(), value.clone()))
                 .collect(),
-            timeout: Deadline(timeout),
+            timeout: Millis(timeout),
         };
         let preset = ("preset", "?p".to_owned());
         let at = [preset.clone(), ("place", "?l".to_owned())];

@@ -13,7 +13,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::Deadline;
+use acl::Millis;
 use acl::content::{Achieve, Keep, Method, Methods};
 use actuator::{
     Actuator, BoxFuture, Description, Device, DeviceEvent, Initiative, MethodCall, MethodFailure,
@@ -193,7 +193,7 @@ impl Device for Screen {
         let method = |name: &str, arguments: &[(&str, &str)]| Method {
             method: name.to_owned(),
             arguments: arguments.iter().map(|(k, v)| ((*k).to_owned(), (*v).to_owned())).collect(),
-            timeout: Deadline(SHOWING_TIME_MAX),
+            timeout: Millis(SHOWING_TIME_MAX),
         };
         let methods: Methods = [
             ("set-up".to_owned(), method("allocate", &[])),

@@ -33,7 +33,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::Deadline;
+use acl::Millis;
 use acl::content::Method;
 use actuator::{
     Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
@@ -287,7 +287,7 @@ impl Device for Sensor {
             let method = Method {
                 method: quantity.method(),
                 arguments: BTreeMap::new(),
-                timeout: Deadline(MEASURING),
+                timeout: Millis(MEASURING),
             };
             (quantity.action(), method)
         };

@@ -19,7 +19,7 @@ use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use acl::Deadline;
+use acl::Millis;
 use acl::content::Method;
 use actuator::{
     Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
@@ -202,7 +202,7 @@ impl Device for Switch {
     fn describe(&self) -> Description {
         let Switch { id, ontology, location, kind, .. } = self;
         let text = kind::model(id, location.as_str(), *kind, ontology, self.is_available());
-        let timeout = Deadline(self.driver_handle.driver.time_out() + MARGIN);
+        let timeout = Millis(self.driver_handle.driver.time_out() + MARGIN);
         let method = |action: &str, method: &str| {
             let (method, arguments) = (method.to_owned(), BTreeMap::new());
             (action.to_owned(), Method { method, arguments, timeout })

@@ -99,7 +99,7 @@ async fn a_model_says_what_it_is_and_what_it_does() {
     assert_eq!(model.to_string(), expected.to_string());
     assert_eq!(methods["lock-door"].method, "on");
     assert_eq!(methods["unlock-door"].method, "off");
-    assert_eq!(methods["lock-door"].timeout, Deadline(Duration::from_secs(6)));
+    assert_eq!(methods["lock-door"].timeout, Millis(Duration::from_secs(6)));
 }
 
 #[tokio::test]

@@ -17,7 +17,7 @@ mod simulated;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use acl::Deadline;
+use acl::Millis;
 use acl::content::Method;
 use actuator::{
     Actuator, BaseConfig, BaseOutcome, BoxFuture, Description, Device, DeviceEvent, Initiative,
@@ -131,7 +131,7 @@ impl Device for TurtleBot {
             let method = Method {
                 method: login::METHOD.to_owned(),
                 arguments: [("place".to_owned(), "?l".to_owned())].into(),
-                timeout: Deadline(login.timeout()),
+                timeout: Millis(login.timeout()),
             };
             methods.insert("validate-person".to_owned(), method);
         }

@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use acl::Deadline;
+use acl::Millis;
 use acl::content::{Achieve, Keep, Method};
 use actuator::{DeviceEvent, Initiative, MethodResult, OwnFact, PlaceName, facts_of};
 use agent::{Blueprint, BuildError};
@@ -96,7 +96,7 @@ impl Patrol {
         Method {
             method: METHOD.to_owned(),
             arguments: [("place".to_owned(), "?l".to_owned())].into(),
-            timeout: Deadline(LOOKING_TIME_MAX),
+            timeout: Millis(LOOKING_TIME_MAX),
         }
     }
 

@@ -11,7 +11,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::Deadline;
+use acl::Millis;
 use acl::content::Method;
 use actuator::{
     Actuator, BaseConfig, BaseOutcome, BoxFuture, Description, Device, DeviceEvent, MethodCall,
@@ -127,7 +127,7 @@ impl Device for VideoRobot {
             let method = Method {
                 method: method.to_owned(),
                 arguments: arguments.collect(),
-                timeout: Deadline(SHOWING_TIME_MAX),
+                timeout: Millis(SHOWING_TIME_MAX),
             };
             methods.insert(action.to_owned(), method);
         }

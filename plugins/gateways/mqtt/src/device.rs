@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::Deadline;
+use acl::Millis;
 use acl::content::Method;
 use actuator::{
     BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult, OwnFact,
@@ -201,7 +201,7 @@ impl Device for MqttDevice {
         let model = model_of(&self.part.model(&self.ontology, offers));
         let methods = self.leading().flat_map(|feature| self.part.features[feature].methods());
         let methods = methods.map(|(action, method)| {
-            (action, Method { method, arguments: BTreeMap::new(), timeout: Deadline(METHOD) })
+            (action, Method { method, arguments: BTreeMap::new(), timeout: Millis(METHOD) })
         });
         Description { model, methods: methods.collect() }
     }

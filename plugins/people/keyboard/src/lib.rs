@@ -209,7 +209,12 @@ impl Keyboard {
                 let said = PersonsAnswer::plain(text);
                 match seal_to.as_deref().map_or(Ok(said.clone()), |key| sealed(key, &said)) {
                     Ok(said) => {
-                        self.give_answer(keyboard, AnswerQuestion { question, said }, id, ctx);
+                        self.give_answer(
+                            keyboard,
+                            AnswerQuestion { question, answer: said },
+                            id,
+                            ctx,
+                        );
                     }
                     Err(refusal) => {
                         let about = self.begin(Some(id), ctx);
@@ -513,7 +518,7 @@ impl Keyboard {
             let detail = "too many questions are open at this keyboard";
             return ctx.refuse(&engagement, Reason::Busy, detail);
         };
-        let asked = message.reply_by.map_or(QUESTION_PATIENCE, |by| by.0);
+        let asked = message.reply_within.map_or(QUESTION_PATIENCE, |by| by.0);
         let patience = asked - QUESTION_MARGIN.min(asked / 10);
         let timer =
             ctx.after(patience, move |keyboard: &mut Self, ctx| keyboard.expire(number, ctx));
@@ -601,7 +606,7 @@ impl Keyboard {
         answer: AnswerQuestion,
         ctx: &mut Context<Self>,
     ) -> Result<Report, Refusal> {
-        let AnswerQuestion { question: number, said } = answer;
+        let AnswerQuestion { question: number, answer: said } = answer;
         // The keyboard that sends the answer may not know the key.
         let said = match self.questions.seal_to(number).filter(|_| said.sealed.is_none()) {
             Some(key) => sealed(key, &said)?,

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use acl::content::OpenQuestion;
-use acl::{AgentId, Deadline, ReplyToken};
+use acl::{AgentId, Millis, ReplyToken};
 use agent::{Participation, TimerId};
 use tokio::time::Instant;
 
@@ -118,7 +118,7 @@ impl PendingQuestion {
             from: self.engagement.initiator.clone(),
             text: self.text.clone(),
             seal_to: self.seal_to.clone(),
-            left: Deadline(self.until.saturating_duration_since(now)),
+            remaining: Millis(self.until.saturating_duration_since(now)),
         }
     }
 }

@@ -27,7 +27,7 @@ pub(crate) fn one_step_plan(
     let problem = problem.into_result().map_err(|found| first(&found, &snapshot.problem))?;
     let (agent, offer) = offer_of(&step, &snapshot.offers)?;
     let timeout = offer.method.as_ref().map_or(Duration::ZERO, |method| method.timeout.0);
-    let inside = PlanStep { action: offer.inside.as_str().into(), ..step };
+    let inside = PlanStep { action: offer.schema.as_str().into(), ..step };
     let plan = Plan { steps: vec![inside], cost: None };
     let found = pddl::check_plan(&domain, &problem, &plan);
     if let Some(mistake) = found.iter().find(|found| found.severity == Severity::Error) {
@@ -84,7 +84,7 @@ fn first(found: &[pddl::Diagnostic], text: &str) -> String {
 
 #[cfg(test)]
 mod tests {
-    use acl::Deadline;
+    use acl::Millis;
     use acl::content::Method;
 
     use super::*;
@@ -93,9 +93,9 @@ mod tests {
         let method = Method {
             method: "navigate_to".into(),
             arguments: Default::default(),
-            timeout: Deadline(Duration::from_secs(7)),
+            timeout: Millis(Duration::from_secs(7)),
         };
-        let offer = Offer { inside: "move--r".into(), guard: String::new(), method: Some(method) };
+        let offer = Offer { schema: "move--r".into(), guard: String::new(), method: Some(method) };
         let robot = AgentId::new("r2").expect("a name");
         let domain = "(define (domain d) (:types robot place)
             (:action move--r :agent ?r - robot :parameters (?from ?to - place) :effect ()))";

@@ -37,7 +37,9 @@ impl DomainMaintainer {
             Ok(Request::ChangeMetric(change)) => self.change_metric(&change),
             Ok(Request::ChangeActions(change)) => self.change_actions(change),
             Ok(Request::Observe(observed)) => self.observe(asker, &observed),
-            Ok(Request::Keep(handed)) => return self.receive_handover(&message, &handed, ctx),
+            Ok(Request::StoreRecords(handed)) => {
+                return self.receive_handover(&message, &handed, ctx);
+            }
             Ok(_) => Err(Refusal::new(
                 Reason::Incapable,
                 "a Domain Maintainer takes `change-state`, `change-metric`, `change-actions` and \

@@ -9,9 +9,9 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use acl::content::{
-    Keeping, Outcome, Reason, Record, Refusal, Report, Request, RequestedSince, value,
+    Outcome, Reason, Record, Refusal, Report, Request, RequestedSince, StoreRecords, value,
 };
-use acl::{DaemonId, Deadline, Message, Performative, Protocol};
+use acl::{DaemonId, Message, Millis, Performative, Protocol};
 use agent::domain_sync;
 use agent::{Context, ExchangeEvent, ExchangeOpening, Participation};
 use capability::{RequestedChangesSince, Timestamp};
@@ -73,7 +73,7 @@ impl DomainMaintainer {
             return;
         }
         let acts = ctx.find(ctx.id()).map(|resident| resident.incarnation);
-        if acts.is_none_or(|life| life == ctx.incarnation()) {
+        if acts.is_none_or(|incarnation| incarnation == ctx.incarnation()) {
             // The new leader is not known here yet.
             return retry_handover(changed, times, ctx);
         }
@@ -83,7 +83,7 @@ impl DomainMaintainer {
             performative: Performative::Request,
             protocol: Protocol::StateChange,
             conversation: ctx.new_conversation(),
-            content: value(&Request::Keep(Keeping { records: vec![record] })),
+            content: value(&Request::StoreRecords(StoreRecords { records: vec![record] })),
         };
         let mut changed = Some(changed);
         let patience = ctx.settings().answer_deadline;
@@ -101,7 +101,7 @@ impl DomainMaintainer {
     pub(crate) fn receive_handover(
         &mut self,
         message: &Message,
-        handed: &Keeping,
+        handed: &StoreRecords,
         ctx: &mut Context<Self>,
     ) {
         if message.sender != *ctx.id() || message.incarnation == ctx.incarnation() {
@@ -157,7 +157,7 @@ fn retry_handover(changed: RequestedSince, times: u32, ctx: &mut Context<DomainM
 fn with_time_passed(mut changed: RequestedSince, by: Duration) -> RequestedSince {
     changed.facts.retain_mut(|fact| match &mut fact.known_for {
         None => true,
-        Some(Deadline(left)) => {
+        Some(Millis(left)) => {
             *left = left.saturating_sub(by);
             !left.is_zero()
         }

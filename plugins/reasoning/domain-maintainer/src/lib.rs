@@ -20,7 +20,7 @@ use acl::content::{
     BelievedFact, BelievedState, Claim, EpochChange, Inform, Reason, Record, Refusal, Requested,
     RequestedSince, Version, value,
 };
-use acl::{Deadline, Message, Performative};
+use acl::{Message, Millis, Performative};
 use agent::domain_sync::{self, DomainSync, MaintainsDomain};
 use agent::replication::{self, JournalClient, ReplicatesRecords};
 use agent::{
@@ -419,14 +419,14 @@ fn claim_content(claim: &capability::OwnerClaim) -> Claim {
         fact: claim.said.to_string(),
         source: claim.source.to_string(),
         age_ms: u64::try_from(claim.age.as_millis()).unwrap_or(u64::MAX),
-        known_for: claim.left.map(Deadline),
+        known_for: claim.left.map(Millis),
     }
 }
 
 /// Returns the longest remaining time of the claims of a fact; `None` if any of them has no limit.
-fn known_for(claims: &[capability::OwnerClaim]) -> Option<Deadline> {
+fn known_for(claims: &[capability::OwnerClaim]) -> Option<Millis> {
     let left: Option<Vec<Duration>> = claims.iter().map(|claim| claim.left).collect();
-    left?.into_iter().max().map(Deadline)
+    left?.into_iter().max().map(Millis)
 }
 
 fn merge_change(gathered: &mut EpochChange, change: EpochChange) {

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use acl::Deadline;
+use acl::Millis;
 use acl::content::Requested;
 use serde::{Deserialize, Serialize};
 
@@ -30,9 +30,9 @@ impl StoredRequests {
         let mut requested = self.requested;
         requested.facts.retain_mut(|fact| match fact.known_for {
             None => true,
-            Some(Deadline(all)) => {
+            Some(Millis(all)) => {
                 let left = passed.and_then(|passed| all.checked_sub(passed));
-                fact.known_for = left.map(Deadline);
+                fact.known_for = left.map(Millis);
                 left.is_some_and(|left| !left.is_zero())
             }
         });
@@ -57,7 +57,7 @@ mod tests {
         let fact = |fact: &str, seconds: Option<u64>| RequestedFact {
             fact: fact.to_owned(),
             owner: AgentId::new("ann").expect("a name"),
-            known_for: seconds.map(|seconds| Deadline(Duration::from_secs(seconds))),
+            known_for: seconds.map(|seconds| Millis(Duration::from_secs(seconds))),
         };
         let facts = vec![fact("(a)", None), fact("(b)", Some(60)), fact("(c)", Some(5))];
         let requested = Requested { facts, ..Requested::default() };

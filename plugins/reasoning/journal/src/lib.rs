@@ -17,7 +17,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::content::{Keeping, Outcome, Reason, Record, Refusal, Report, Request};
+use acl::content::{Outcome, Reason, Record, Refusal, Report, Request, StoreRecords};
 use acl::{AgentId, Message, Performative};
 use agent::{
     Agent, Blueprint, BuildError, Callbacks, Context, LaunchableAgent, Participation, PluginEntry,
@@ -171,7 +171,7 @@ impl Journal {
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
         let engagement = Participation::of(&message);
         match message.content_as::<Request>() {
-            Ok(Request::Keep(Keeping { records })) => {
+            Ok(Request::StoreRecords(StoreRecords { records })) => {
                 self.queue_records(Some(engagement), records, ctx)
             }
             Ok(_) => ctx.refuse(&engagement, Reason::Incapable, "a Journal takes `keep`"),

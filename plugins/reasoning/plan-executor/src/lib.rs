@@ -162,7 +162,7 @@ impl PlanExecutor {
         let engagement = Participation::of(&message);
         let execute = match message.content_as::<Request>() {
             Ok(Request::Execute(execute)) => execute,
-            Ok(Request::CallOff(plan)) => return self.called_off(&engagement, plan, ctx),
+            Ok(Request::CancelPlan(plan)) => return self.called_off(&engagement, plan, ctx),
             Ok(_) => {
                 let detail = "a Plan Executor executes plans; ask the Plan Requester for goals";
                 return ctx.refuse(&engagement, Reason::Incapable, detail);
@@ -267,7 +267,7 @@ impl PlanExecutor {
             method,
             arguments,
             token: ActionToken {
-                epoch: term,
+                term,
                 conversation: conversation.clone(),
                 round,
                 step: u32::try_from(step).unwrap_or(u32::MAX),

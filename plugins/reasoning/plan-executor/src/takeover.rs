@@ -16,7 +16,7 @@
 
 use std::collections::VecDeque;
 
-use acl::content::{CallOff, Cancelling, Execute, Outcome, Reason, Refusal, Report, value};
+use acl::content::{CancelAction, CancelPlan, Execute, Outcome, Reason, Refusal, Report, value};
 use acl::{ConversationId, Performative, ReplyToken};
 use agent::{Context, Participation, Resident};
 use plan_execution::ExecutionPhase;
@@ -58,7 +58,7 @@ impl PlanId {
         PlanId { conversation: conversation.clone(), term, round }
     }
 
-    fn to_call_off(conversation: &ConversationId, CallOff { term, round }: CallOff) -> PlanId {
+    fn to_cancel(conversation: &ConversationId, CancelPlan { term, round }: CancelPlan) -> PlanId {
         PlanId { conversation: conversation.clone(), term, round }
     }
 }
@@ -79,7 +79,7 @@ impl Subscribers {
         }
         if self.0.len() >= SUBSCRIBERS_MAX {
             let acts = |asker: &Participation| {
-                ctx.find(&asker.initiator).map(|resident| resident.incarnation) == asker.life
+                ctx.find(&asker.initiator).map(|resident| resident.incarnation) == asker.incarnation
             };
             self.0.remove(self.0.iter().position(|asker| !acts(asker)).unwrap_or(0));
         }
@@ -162,10 +162,10 @@ impl PlanExecutor {
     pub(crate) fn called_off(
         &mut self,
         engagement: &Participation,
-        plan: CallOff,
+        plan: CancelPlan,
         ctx: &mut Context<Self>,
     ) {
-        let plan = PlanId::to_call_off(&engagement.conversation, plan);
+        let plan = PlanId::to_cancel(&engagement.conversation, plan);
         let report = Report::new(Outcome::Cancelled, "called off");
         if !self.answer_if_known(engagement, &plan, ctx) {
             ctx.answer(engagement, Performative::Confirm, &report);
@@ -224,12 +224,12 @@ impl PlanExecutor {
             |running: &&mut RunningPlan| running.state.phase() != ExecutionPhase::GivingUp;
         for running in self.running_plans.values_mut().filter(is_active) {
             for acting in running.step_exchanges.values_mut() {
-                let life = Some(resident.incarnation);
+                let incarnation = Some(resident.incarnation);
                 if acting.agent == resident.agent
                     && acting.agent_incarnation.is_some()
-                    && acting.agent_incarnation != life
+                    && acting.agent_incarnation != incarnation
                 {
-                    acting.agent_incarnation = life;
+                    acting.agent_incarnation = incarnation;
                     ctx.reopen_with_leader(&acting.exchange);
                 }
             }
@@ -240,7 +240,7 @@ impl PlanExecutor {
     /// the same tokens. A step that the new leader does not continue, because that leader has another
     /// plan for the goal, is cancelled by the actuator of the step.
     pub(crate) fn abandon_all(&mut self, ctx: &mut Context<Self>) {
-        let cancelling = value(&Cancelling { unless_followed: true });
+        let cancelling = value(&CancelAction { unless_followed: true });
         for (_, running) in std::mem::take(&mut self.running_plans) {
             for StepExchange { exchange, agent, .. } in running.step_exchanges.values() {
                 ctx.send_turn(exchange, agent, Performative::Cancel, cancelling.clone());

@@ -123,11 +123,11 @@ impl GoalContext {
             .map(|schema| (schema.name.as_str(), meaning(schema, &guards)))
             .collect();
         let of_agent = |(agent, actions): (&AgentId, &BTreeMap<String, Offer>)| {
-            let meaning = |offer: &Offer| schemas.get(&*offer.inside).cloned().unwrap_or_default();
+            let meaning = |offer: &Offer| schemas.get(&*offer.schema).cloned().unwrap_or_default();
             let named = |(action, offer): (&String, &Offer)| {
                 ((agent.clone(), action.clone()), meaning(offer))
             };
-            let concerns = |(_, offer): &(&String, &Offer)| relevant.has_action(&offer.inside);
+            let concerns = |(_, offer): &(&String, &Offer)| relevant.has_action(&offer.schema);
             actions.iter().filter(concerns).map(named).collect::<Vec<_>>()
         };
         let facts = known.problem.init.iter().filter_map(|element| match element {
@@ -326,8 +326,8 @@ mod tests {
         let guard = |agent: &str| format!("(offers-measure {agent})");
         let guards: Vec<String> = agents.iter().map(|agent| guard(agent)).collect();
         let offer = |agent: &&str| {
-            let (inside, method) = ("measure".to_owned(), None);
-            let offer = Offer { inside, guard: guard(agent), method };
+            let (schema, method) = ("measure".to_owned(), None);
+            let offer = Offer { schema, guard: guard(agent), method };
             (id(agent), [("measure".to_owned(), offer)].into())
         };
         let (outside, predicate) = ("measure".to_owned(), "offers-measure".to_owned());
@@ -342,7 +342,7 @@ mod tests {
                 guards.join(" ")
             ),
             offers: agents.iter().map(offer).collect(),
-            guards: [("measure".to_owned(), Guard { outside, predicate })].into(),
+            guards: [("measure".to_owned(), Guard { action: outside, predicate })].into(),
             former: Vec::new(),
             knowledge: BTreeMap::new(),
             conflicts: BTreeMap::new(),

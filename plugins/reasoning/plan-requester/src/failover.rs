@@ -33,7 +33,8 @@ const PLAN: &str = "plan/";
 struct GoalRecord {
     engagement: Participation,
     /// Incarnation of the initiator that asked for the goal.
-    life: Incarnation,
+    #[serde(alias = "life")]
+    incarnation: Incarnation,
     asked: Achieve,
     rounds: u32,
     failures: u32,
@@ -315,12 +316,15 @@ impl PlanRequester {
 
     /// Whether a later incarnation of the initiator has requested the same goal again here, before the
     /// record of the earlier request arrived.
-    fn is_asked_anew(&self, GoalRecord { engagement, life, asked, .. }: &GoalRecord) -> bool {
+    fn is_asked_anew(
+        &self,
+        GoalRecord { engagement, incarnation, asked, .. }: &GoalRecord,
+    ) -> bool {
         self.goals.values().any(|goal| {
             let is_same = goal.text == asked.goal && goal.keep == asked.keep;
             is_same
                 && goal.engagement.initiator == engagement.initiator
-                && *life < goal.initiator_incarnation
+                && *incarnation < goal.initiator_incarnation
         })
     }
 
@@ -328,7 +332,7 @@ impl PlanRequester {
     /// initiator that asked `elsewhere`; `None` if that incarnation has not asked this replica.
     fn local_exchange(&self, elsewhere: &Participation) -> Option<Participation> {
         let engagement = &self.goals.get(&elsewhere.conversation)?.engagement;
-        (engagement.life == elsewhere.life).then(|| engagement.clone())
+        (engagement.incarnation == elsewhere.incarnation).then(|| engagement.clone())
     }
 
     /// Handles a record that is older than this replica's own state of the goal. If no plan runs here,
@@ -374,9 +378,9 @@ impl PlanRequester {
     /// Sends the outcome of a goal to its initiator, if the incarnation that requested the goal is
     /// still present. The initiator may have missed the outcome; if not, the repetition has no effect.
     fn send_outcome(&mut self, record: &GoalRecord, report: &Report, ctx: &mut Context<Self>) {
-        let GoalRecord { engagement, life, .. } = record;
+        let GoalRecord { engagement, incarnation, .. } = record;
         self.ended.store_sent(engagement.clone(), report.clone());
-        if ctx.find(&engagement.initiator).is_some_and(|asker| asker.incarnation == *life) {
+        if ctx.find(&engagement.initiator).is_some_and(|asker| asker.incarnation == *incarnation) {
             self.send_or_queue(engagement, report.clone(), ctx);
         }
     }
@@ -389,8 +393,9 @@ impl PlanRequester {
         plan: Option<Execute>,
         ctx: &mut Context<Self>,
     ) {
-        let GoalRecord { engagement, life, asked, rounds, failures, running, happened, .. } =
-            record;
+        let GoalRecord {
+            engagement, incarnation, asked, rounds, failures, running, happened, ..
+        } = record;
         let id = engagement.conversation.clone();
         let condition = match pddl::parse_condition(&asked.goal).into_result() {
             Ok(condition) => condition,
@@ -407,7 +412,7 @@ impl PlanRequester {
             running.is_some(),
             self.elapsed(ctx),
         );
-        let mut goal = Goal::new(engagement, life, asked, condition);
+        let mut goal = Goal::new(engagement, incarnation, asked, condition);
         (goal.state, goal.version) = (state, version);
         goal.recall_history(happened);
         if let (Some(running), Some(plan)) = (running, plan) {
@@ -521,7 +526,7 @@ fn record_of(goal: &Goal) -> GoalRecord {
     });
     GoalRecord {
         engagement: goal.engagement.clone(),
-        life: goal.initiator_incarnation,
+        incarnation: goal.initiator_incarnation,
         asked,
         rounds: goal.state.rounds(),
         failures: goal.state.failures(),
@@ -540,5 +545,33 @@ fn acceptance(kept: &ReplicationOutcome, listed: usize) -> String {
         [] => format!("accepted, but kept nowhere: none of {listed} Journals has it"),
         [one] => format!("accepted; kept by {one}, 1 of {listed}"),
         some => format!("accepted; kept by {}, {} of {listed}", some.join(" and "), some.len()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde_json::json;
+
+    use super::*;
+
+    #[test]
+    fn records_of_version_1_are_read() {
+        let engagement = json!({
+            "initiator": "user", "life": 7, "exchange": "t", "conversation": "c", "protocol": "goal"
+        });
+        let goal = json!({
+            "engagement": engagement, "life": 7, "asked": {"goal": "(lit hall)"}, "rounds": 1,
+            "failures": 0
+        });
+        let record = GoalRecord::deserialize(goal).expect("a record of version 1");
+        assert_eq!(record.incarnation, Incarnation(7));
+        assert_eq!(record.engagement.incarnation, Some(Incarnation(7)));
+        let plan = json!({
+            "domain": "", "problem": "", "plan": "", "epoch": 1, "round": 1,
+            "offers": {"lamp": {"light": {"inside": "light--2", "guard": "(offers-light lamp)"}}}
+        });
+        let plan = Execute::deserialize(plan).expect("a plan of version 1");
+        let offer = plan.offers.into_values().flatten().next().expect("one agent, one action");
+        assert_eq!(offer.1.schema, "light--2");
     }
 }

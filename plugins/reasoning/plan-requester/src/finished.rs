@@ -121,7 +121,7 @@ impl FinishedGoals {
     pub(crate) fn of_asker(&self, asker: &Resident) -> Vec<(Participation, Report)> {
         let is_its = |engagement: &Participation| {
             engagement.initiator == asker.agent
-                && engagement.life.is_none_or(|life| life == asker.incarnation)
+                && engagement.incarnation.is_none_or(|incarnation| incarnation == asker.incarnation)
         };
         self.sent.iter().filter(|(engagement, _)| is_its(engagement)).cloned().collect()
     }

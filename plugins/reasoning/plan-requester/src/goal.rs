@@ -96,14 +96,14 @@ impl Drop for ExplanationTask {
 impl Goal {
     pub(crate) fn new(
         engagement: Participation,
-        life: Incarnation,
+        incarnation: Incarnation,
         asked: Achieve,
         condition: Condition,
     ) -> Goal {
         let Achieve { goal, keep, priority, partition } = asked;
         Goal {
             engagement,
-            initiator_incarnation: life,
+            initiator_incarnation: incarnation,
             text: goal,
             condition,
             keep,
@@ -208,9 +208,14 @@ impl Goal {
 
     /// Whether `asked` requests the same as this goal, but comes from a later incarnation of the
     /// initiator. Two requests of one incarnation are two goals.
-    pub(crate) fn is_asked_anew(&self, by: &AgentId, life: Incarnation, asked: &Achieve) -> bool {
+    pub(crate) fn is_asked_anew(
+        &self,
+        by: &AgentId,
+        incarnation: Incarnation,
+        asked: &Achieve,
+    ) -> bool {
         let is_same = self.text == asked.goal && self.keep == asked.keep;
-        is_same && self.engagement.initiator == *by && self.initiator_incarnation < life
+        is_same && self.engagement.initiator == *by && self.initiator_incarnation < incarnation
     }
 
     pub(crate) fn status(&self) -> GoalStatus {

@@ -7,7 +7,7 @@
 
 use std::time::Duration;
 
-use acl::content::{Keeping, Outcome, Record, Report, Request, value};
+use acl::content::{Outcome, Record, Report, Request, StoreRecords, value};
 use acl::{Message, Performative, Protocol};
 use agent::replication::ReplicatesRecords as _;
 use agent::{Context, ExchangeEvent, ExchangeOpening, Participation};
@@ -32,7 +32,7 @@ impl PlanRequester {
             return self.adopt_records(records, ctx);
         }
         let acts = ctx.find(ctx.id()).map(|resident| resident.incarnation);
-        if acts.is_none_or(|life| life == ctx.incarnation()) {
+        if acts.is_none_or(|incarnation| incarnation == ctx.incarnation()) {
             // The new leader is not known here yet.
             return retry_handover(records, times, ctx);
         }
@@ -41,7 +41,7 @@ impl PlanRequester {
             performative: Performative::Request,
             protocol: Protocol::StateChange,
             conversation: ctx.new_conversation(),
-            content: value(&Request::Keep(Keeping { records: records.clone() })),
+            content: value(&Request::StoreRecords(StoreRecords { records: records.clone() })),
         };
         let mut records = Some(records);
         let patience = ctx.settings().answer_deadline;
@@ -74,8 +74,8 @@ impl PlanRequester {
     }
 
     fn adopt_records(&mut self, records: Vec<Record>, ctx: &mut Context<Self>) {
-        let life = ctx.incarnation();
-        self.keeper.advance_term_past(life, &records);
+        let incarnation = ctx.incarnation();
+        self.keeper.advance_term_past(incarnation, &records);
         let handed: Vec<_> = records
             .iter()
             .filter_map(|record| Some((conversation_of(&record.key)?, record.version)))

@@ -34,7 +34,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::content::{
-    Achieve, GoalPhase, Inform, Keeping, Outcome, Reason, Report, Request, SetMode, Snapshot,
+    Achieve, GoalPhase, Inform, Outcome, Reason, Report, Request, SetMode, Snapshot, StoreRecords,
 };
 use acl::{AgentId, ConversationId, Message, Performative};
 use agent::replication::{self, JournalClient};
@@ -197,7 +197,7 @@ impl PlanRequester {
                 let report = Report::new(Outcome::Done, format!("plans are {mode} from now on"));
                 return ctx.answer(&engagement, Performative::Confirm, &report);
             }
-            Ok(Request::Keep(Keeping { records })) if message.sender == *ctx.id() => {
+            Ok(Request::StoreRecords(StoreRecords { records })) if message.sender == *ctx.id() => {
                 return self.receive_handover(&message, records, ctx);
             }
             Ok(_) => {
@@ -238,8 +238,9 @@ impl PlanRequester {
     /// `asked` repeats. The earlier incarnation can no longer receive the outcomes of these goals or
     /// cancel them, so the new goal replaces them.
     fn take_place(&mut self, message: &Message, asked: &Achieve, ctx: &mut Context<Self>) {
-        let (by, life) = (&message.sender, message.incarnation);
-        let former = self.goals.iter().filter(|(_, goal)| goal.is_asked_anew(by, life, asked));
+        let (by, incarnation) = (&message.sender, message.incarnation);
+        let former =
+            self.goals.iter().filter(|(_, goal)| goal.is_asked_anew(by, incarnation, asked));
         let former: Vec<_> = former.map(|(id, _)| id.clone()).collect();
         for id in former {
             tracing::info!(conversation = %id, "its asker was restarted and asks again");

@@ -2,7 +2,7 @@
 //! ended or already hold. That replica was cut off or died, and its plans may still run
 //! (docs/design.md, “Fail-over”).
 
-use acl::content::{CallOff, Execute, Request, value};
+use acl::content::{CancelPlan, Execute, Request, value};
 use acl::{ConversationId, Performative, Protocol};
 use agent::{Context, ExchangeOpening};
 
@@ -28,7 +28,7 @@ impl PlanRequester {
             performative: Performative::Request,
             protocol: Protocol::Execution,
             conversation: id.clone(),
-            content: value(&Request::CallOff(CallOff { term: plan.term, round: plan.round })),
+            content: value(&Request::CancelPlan(CancelPlan { term: plan.term, round: plan.round })),
         };
         let (called_off, patience) = (id.clone(), ctx.settings().answer_deadline * 2);
         ctx.open(opening, patience, move |requester: &mut Self, answer, ctx| {

@@ -34,7 +34,7 @@ impl PlanRequester {
             domain: known.domain_text.clone(),
             problem: known.problem_of(&wanted).to_string(),
             epoch: known.epoch,
-            rest: known.nameable(&goal.failed_steps).map(|rest| rest.to_string()),
+            remaining_steps: known.nameable(&goal.failed_steps).map(|rest| rest.to_string()),
         };
         let opening = ExchangeOpening {
             to: Some(self.config.planning_agent.clone()),

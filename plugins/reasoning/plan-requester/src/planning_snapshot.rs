@@ -71,7 +71,7 @@ impl PlanningSnapshot {
         let domain = pddl::parse_domain(&domain_text).into_result().map_err(first)?;
         let problem = pddl::parse_problem(&problem).into_result().map_err(first)?;
         let guard = |(inside, guard): (String, acl::content::Guard)| {
-            let (outside, predicate) = (Name::new(&guard.outside), Name::new(&guard.predicate));
+            let (outside, predicate) = (Name::new(&guard.action), Name::new(&guard.predicate));
             (Name::new(&inside), ActionGuard { outside, predicate })
         };
         let guards = guards.into_iter().map(guard).collect();
@@ -402,7 +402,7 @@ impl PlanningSnapshot {
             .and_then(|agent| offers.get(agent.as_str()))
             .and_then(|actions| actions.get(step.action.as_str()))
             .ok_or_else(|| format!("no agent offers `{step}`"))?;
-        Ok(PlanStep { action: offer.inside.as_str().into(), ..step.clone() })
+        Ok(PlanStep { action: offer.schema.as_str().into(), ..step.clone() })
     }
 
     /// Returns a plan as people are to read it: every action has the name that its agent uses.
@@ -430,7 +430,7 @@ impl PlanningSnapshot {
 pub(crate) fn outside(step: &PlanStep, offers: &Offers) -> PlanStep {
     let agent = step.arguments.first().map_or("", |agent| agent.as_str());
     let offered = offers.get(agent).into_iter().flatten();
-    let named = { offered }.find(|(_, offer)| step.action == *offer.inside.as_str());
+    let named = { offered }.find(|(_, offer)| step.action == *offer.schema.as_str());
     let action = named.map_or(step.action.as_str(), |(outside, _)| outside.as_str());
     PlanStep { action: action.into(), ..step.clone() }
 }

@@ -96,7 +96,7 @@ impl PlanningAgent {
         request: PlanRequest,
         ctx: &mut Context<Self>,
     ) {
-        let patience = message.reply_by.map_or(ctx.settings().planning_deadline, |by| by.0);
+        let patience = message.reply_within.map_or(ctx.settings().planning_deadline, |by| by.0);
         let cancel = Cancel::new();
         let (flag, deadline) = (cancel.clone(), cancel.clone());
         // The planner reads no clock, so a timer sets the cancel flag.
@@ -184,7 +184,7 @@ fn propose(request: &PlanRequest, memory: &mut PlannerCache, cancel: &Cancel) ->
 
 /// Returns the remaining steps of the plan that was running for the goal, as the request gives them.
 fn remaining_steps(request: &PlanRequest) -> Result<Vec<PlanStep>, Vec<pddl::Diagnostic>> {
-    let Some(text) = &request.rest else { return Ok(Vec::new()) };
+    let Some(text) = &request.remaining_steps else { return Ok(Vec::new()) };
     Ok(pddl::parse_plan(text).into_result()?.steps)
 }
 

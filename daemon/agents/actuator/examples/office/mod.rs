@@ -156,7 +156,7 @@ impl Visitor {
         ctx: &mut Context<Visitor>,
     ) {
         // The device carries out this token at most once, however often it is requested.
-        let token = ActionToken { epoch: 1, conversation: conversation.clone(), round: 1, step: 0 };
+        let token = ActionToken { term: 1, conversation: conversation.clone(), round: 1, step: 0 };
         let (method, arguments) = (self.wish.method.to_owned(), self.wish.arguments.clone());
         let act = Request::Act(Box::new(Act { action, method, arguments, token }));
         let request = ExchangeOpening {

@@ -8,7 +8,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-use acl::content::{Keeping, Reason, Record, Refusal, Request, value};
+use acl::content::{Reason, Record, Refusal, Request, StoreRecords, value};
 use acl::{AgentId, DaemonId, Performative, Protocol};
 
 use super::{ReplicatesRecords, ReplicationOutcome};
@@ -206,7 +206,7 @@ fn send<A: ReplicatesRecords>(agent: &mut A, journal: &AgentId, ctx: &mut Contex
         performative: Performative::Request,
         protocol: Protocol::StateChange,
         conversation: ctx.new_conversation(),
-        content: value(&Request::Keep(Keeping { records })),
+        content: value(&Request::StoreRecords(StoreRecords { records })),
     };
     let (patience, from) = (ctx.settings().answer_deadline, journal.clone());
     ctx.open(opening, patience, move |agent: &mut A, answer, ctx| {

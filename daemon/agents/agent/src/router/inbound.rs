@@ -171,6 +171,15 @@ impl MessageRouter {
                 tracing::info!(%sender, claims = %message.sender, "a broadcast in another's name");
                 return;
             }
+            Err(error) if error.is_of_other_version() => {
+                self.rejections.note(&Rejected {
+                    violation: ViolationKind::OtherVersion,
+                    detail: &format!("cannot be read: {}", error.problem),
+                    claimed: Some(origin.map_or(sender.as_str(), |origin| origin.daemon.as_str())),
+                    key: sender.as_str(),
+                });
+                return;
+            }
             Err(error) => {
                 self.counters.count_unreadable();
                 tracing::info!(%sender, %error, "an unreadable broadcast");

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use acl::content::{Method, Methods};
-use acl::{AgentId, Deadline};
+use acl::{AgentId, Millis};
 use actuator::{
     Actuator, BoxFuture, Description, Device, MethodCall, MethodFailure, MethodResult, OwnFact,
 };
@@ -140,7 +140,7 @@ impl Device for Worker {
         let method = Method {
             method: "look".to_owned(),
             arguments: Default::default(),
-            timeout: Deadline(Duration::from_secs(1)),
+            timeout: Millis(Duration::from_secs(1)),
         };
         Description { model, methods: Methods::from([("look".to_owned(), method)]) }
     }

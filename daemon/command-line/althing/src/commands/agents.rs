@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::process::ExitCode;
 
 use acl::AgentId;
-use acl::content::{Appeared, Inform, Snapshot};
+use acl::content::{DiscoveredAgents, Inform, Snapshot};
 use agent::{Resident, Resource};
 use serde_json::json;
 use terminal::{exit, output, visible};
@@ -26,14 +26,14 @@ async fn discovered(view: &EcosystemView, json: bool) -> ExitCode {
     view.directory(None).await;
     let answers = view.ask(Resource::Discovered, None).await;
     let read = |answer: &bytes::Bytes| serde_json::from_slice(answer).ok();
-    let mut found: Vec<Appeared> = answers.iter().filter_map(read).collect();
+    let mut found: Vec<DiscoveredAgents> = answers.iter().filter_map(read).collect();
     found.sort_by(|one, other| one.daemon.cmp(&other.daemon));
     if json {
         let value = json!({ "ecosystem": view.name, "daemons": found });
         return output::print_json(&value, exit::DONE);
     }
     let mut text = String::new();
-    for Appeared { daemon, discovered } in &found {
+    for DiscoveredAgents { daemon, discovered } in &found {
         for one in discovered {
             let joined = if one.joined { "takes part" } else { "does not take part" };
             let why = one.problem.as_ref().map(|why| format!(": {why}")).unwrap_or_default();
@@ -52,9 +52,10 @@ async fn discovered(view: &EcosystemView, json: bool) -> ExitCode {
 pub(crate) async fn print(view: &EcosystemView, json: bool) -> ExitCode {
     view.directory(None).await;
     let residents = residents(view).await;
-    let models = models(view).await;
+    let AnnouncedModels { models, unreadable } = models(view).await;
     let offers = |agent: &AgentId| models.get(agent).cloned().unwrap_or_default();
-    let conflicts = conflicts(view).await;
+    let mut conflicts = conflicts(view).await;
+    conflicts.extend(unreadable);
     let left_out = |agent: &AgentId| conflicts.get(agent).cloned().unwrap_or_default();
     if json {
         let agents: Vec<_> = residents
@@ -112,15 +113,35 @@ async fn conflicts(view: &EcosystemView) -> BTreeMap<AgentId, Vec<String>> {
     snapshot.map(|snapshot| snapshot.conflicts).unwrap_or_default()
 }
 
-/// Queries, for each agent, the actions in its action model.
-async fn models(view: &EcosystemView) -> BTreeMap<AgentId, Vec<String>> {
-    let mut models = BTreeMap::new();
+/// What the agents announce of themselves.
+#[derive(Default)]
+struct AnnouncedModels {
+    /// For each agent, the names of the actions in its action model.
+    models: BTreeMap<AgentId, Vec<String>>,
+    /// For each agent that uses another version of the protocol, a line that says so.
+    unreadable: BTreeMap<AgentId, Vec<String>>,
+}
+
+/// Queries the action models of all agents.
+async fn models(view: &EcosystemView) -> AnnouncedModels {
+    let mut announced_models = AnnouncedModels::default();
+    let AnnouncedModels { models, unreadable } = &mut announced_models;
     for answer in view.ask(Resource::Model, None).await {
-        let Ok(message) = acl::decode(&answer) else { continue };
+        let message = match acl::decode(&answer) {
+            Ok(message) => message,
+            Err(error) => {
+                if let Some(sender) = error.sketch.sender.clone()
+                    && error.is_of_other_version()
+                {
+                    unreadable.insert(sender, vec![format!("no plan uses it: {}", error.problem)]);
+                }
+                continue;
+            }
+        };
         let Ok(Inform::Model(announced)) = message.content_as::<Inform>() else { continue };
         let Some(model) = pddl::parse_action_model(&announced.model).value else { continue };
         let actions = model.actions.iter().map(|action| action.name.to_string()).collect();
         models.insert(message.sender, actions);
     }
-    models
+    announced_models
 }

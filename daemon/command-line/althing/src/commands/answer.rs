@@ -39,7 +39,7 @@ pub(crate) async fn list(view: &EcosystemView, json: bool) -> ExitCode {
         return output::print("no questions are open\n", exit::DONE);
     }
     let mut text = format!("{:<28} {:<20} {:>8}  QUESTION\n", "ID", "FROM", "LEFT");
-    for OpenQuestion { keyboard, question, from, text: asked, left, .. } in &open {
+    for OpenQuestion { keyboard, question, from, text: asked, remaining: left, .. } in &open {
         let id = format!("{keyboard}/{question}");
         let (left, asked) = (super::brief(left.0), visible::line(asked));
         let _ = writeln!(text, "{id:<28} {:<20} {left:>8}  {asked}", from.as_str());

@@ -29,7 +29,7 @@ pub(crate) fn lines(heard: &UserEvent) -> Vec<Styled> {
         UserEvent::Unanswered(_, why) => block(Color::Red, "no reply", why),
         UserEvent::Answered(_, message) => vec![of_message(message)],
         UserEvent::Question(open) => {
-            let OpenQuestion { question, from, text, left, .. } = open;
+            let OpenQuestion { question, from, text, remaining: left, .. } = open;
             let left = super::brief(left.0);
             vec![
                 line(Color::Yellow, "asks", &format!("{from}: {text}")),

@@ -58,17 +58,19 @@ fn table(daemons: &[Mailboxes], with_daemons: bool) -> String {
         );
     }
     if with_daemons {
-        let header = ["MISADDRESSED", "UNREADABLE", "UNSENT", "UNKEPT"];
-        let [unknown, unreadable, unsent, unkept] = header;
+        let header = ["MISADDRESSED", "UNREADABLE", "NOT-SENT", "NOT-PERSISTED"];
+        let [unknown, unreadable, not_sent, not_persisted] = header;
         let _ = writeln!(
             text,
-            "\n{:<30} {unknown:>12} {unreadable:>12} {unsent:>8} {unkept:>8}",
+            "\n{:<30} {unknown:>12} {unreadable:>12} {not_sent:>8} {not_persisted:>13}",
             "DAEMON"
         );
-        for Mailboxes { daemon, unknown_receiver, unreadable, unsent, unkept, .. } in daemons {
+        for Mailboxes { daemon, unknown_receiver, unreadable, not_sent, not_persisted, .. } in
+            daemons
+        {
             let _ = writeln!(
                 text,
-                "{daemon:<30} {unknown_receiver:>12} {unreadable:>12} {unsent:>8} {unkept:>8}"
+                "{daemon:<30} {unknown_receiver:>12} {unreadable:>12} {not_sent:>8} {not_persisted:>13}"
             );
         }
         let rejecting = || daemons.iter().filter(|daemon| !daemon.rejected.is_empty());

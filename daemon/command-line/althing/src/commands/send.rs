@@ -7,7 +7,7 @@ use std::process::ExitCode;
 use std::time::Duration;
 
 use acl::content::{CallForProposals, Question, Request};
-use acl::{AgentId, ConversationId, Deadline, Performative, Protocol};
+use acl::{AgentId, ConversationId, Millis, Performative, Protocol};
 use agent::Directory;
 use conversation::{ExchangePhase, ExchangeRole, PROTOCOLS};
 use keyboard::{MessageDraft, UserRequest};
@@ -38,7 +38,7 @@ struct WrittenMessage {
     content: Value,
     protocol: Option<Protocol>,
     conversation_id: Option<ConversationId>,
-    reply_by: Option<Deadline>,
+    reply_within: Option<Millis>,
     /// The other keys in the file: keys that the keyboard sets itself ([`SAID_BY_KEYBOARD`]), and
     /// unknown ones.
     #[serde(flatten)]
@@ -47,7 +47,7 @@ struct WrittenMessage {
 
 /// The keys of a message that users write themselves.
 const WRITTEN: &[&str] =
-    &["performative", "receiver", "content", "protocol", "conversation_id", "reply_by"];
+    &["performative", "receiver", "content", "protocol", "conversation_id", "reply_within"];
 
 /// The keys of a message that the keyboard agent sets itself, whatever the file contains.
 const SAID_BY_KEYBOARD: &[&str] = &[
@@ -140,7 +140,7 @@ fn draft(text: &str) -> Result<MessageDraft, String> {
         content,
         protocol,
         conversation_id,
-        reply_by,
+        reply_within,
         rest,
     } = written;
     if let Some(key) = rest.keys().find(|key| !SAID_BY_KEYBOARD.contains(&key.as_str())) {
@@ -172,7 +172,7 @@ fn draft(text: &str) -> Result<MessageDraft, String> {
     if performative == Performative::Cancel && conversation_id.is_none() {
         return Err("a `cancel` names the goal's `conversation_id`".to_owned());
     }
-    let patience = reply_by.map_or(PATIENCE, |by| by.0);
+    let patience = reply_within.map_or(PATIENCE, |by| by.0);
     Ok(MessageDraft {
         to,
         performative,
@@ -216,13 +216,13 @@ fn shape(performative: Performative, content: &Value) -> Result<Protocol, String
         Performative::Request => Ok(match Request::deserialize(content).map_err(wrong)? {
             Request::Achieve(_) => Protocol::Goal,
             Request::Plan(_) => Protocol::Planning,
-            Request::Execute(_) | Request::CallOff(_) => Protocol::Execution,
+            Request::Execute(_) | Request::CancelPlan(_) => Protocol::Execution,
             Request::Act(_) => Protocol::Action,
             Request::ChangeState(_)
             | Request::ChangeMetric(_)
             | Request::ChangeActions(_)
             | Request::Observe(_)
-            | Request::Keep(_)
+            | Request::StoreRecords(_)
             | Request::SetMode(_)
             | Request::AnswerQuestion(_) => Protocol::StateChange,
         }),

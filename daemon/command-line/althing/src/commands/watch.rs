@@ -287,7 +287,7 @@ mod tests {
 
     fn message(performative: &str, content: &Value) -> Message {
         let message = json!({
-            "version": 1, "id": "m1", "performative": performative, "sender": "alice",
+            "version": 2, "id": "m1", "performative": performative, "sender": "alice",
             "incarnation": 1, "conversation_id": "c1", "protocol": "query", "content": content,
         });
         serde_json::from_value(message).expect("a message")

@@ -54,8 +54,9 @@ pub(crate) fn secure(
     let read = || -> Result<Security, CredentialError> {
         let trust = Trust::read(&folder)?.storing_at(kept.join("revoked.pem"))?;
         // Greater than the number of each earlier incarnation, even if the clock was set back.
-        let life = HostServices::new(Some(kept.clone())).next_incarnation();
-        let identity = DaemonIdentity::read(&folder, daemon, &trust)?.with_incarnation(life.0);
+        let incarnation = HostServices::new(Some(kept.clone())).next_incarnation();
+        let identity =
+            DaemonIdentity::read(&folder, daemon, &trust)?.with_incarnation(incarnation.0);
         let identity = Arc::new(identity);
         let verifier = Arc::new(Verifier::new(trust, settings.messages_per_second_max));
         Ok(Security { identity, verifier })

@@ -82,7 +82,7 @@ pub(crate) struct PresenceGuard {
     /// The daemon's ticket file. The lock on it lasts until the kernel closes the file.
     ticket: File,
     /// The path by which daemons that enter later connect to this daemon.
-    life: PathBuf,
+    incarnation: PathBuf,
     /// The paths by which this daemon connects to the daemons that entered before it.
     pub(crate) others: Vec<PathBuf>,
 }
@@ -93,7 +93,7 @@ struct PresenceFile {
     /// Whether the ticket file is locked, which means that the daemon is present.
     is_here: bool,
     /// The incarnation in the ticket; empty if the daemon has left in good order.
-    life: String,
+    incarnation: String,
     /// Time of the last change of the ticket file.
     since: SystemTime,
 }
@@ -155,19 +155,19 @@ fn clean_up_crashed(folder: &Path, daemon: &DaemonId) -> Result<(), RegisterErro
     let path = socket_in(folder, daemon.as_str())?.with_extension(PRESENCE_EXTENSION);
     let failed = |source| RegisterError::Io { path: path.clone(), source };
     let ticket = match read(&path) {
-        Ok(ticket) => ticket.filter(|ticket| !ticket.is_here && !ticket.life.is_empty()),
+        Ok(ticket) => ticket.filter(|ticket| !ticket.is_here && !ticket.incarnation.is_empty()),
         Err(error) if error.kind() == io::ErrorKind::NotFound => None,
         Err(error) => return Err(failed(error)),
     };
-    let Some(PresenceFile { life, .. }) = ticket else { return Ok(()) };
+    let Some(PresenceFile { incarnation, .. }) = ticket else { return Ok(()) };
     // The link may have been removed already.
-    let _ = fs::remove_file(path.with_extension(life));
+    let _ = fs::remove_file(path.with_extension(incarnation));
     open(&path)?.set_len(0).map_err(failed)
 }
 
 /// Returns how much longer a daemon that enters has to wait, given the tickets of all daemons.
 fn remaining_delay(tickets: &[PresenceFile], now: SystemTime) -> Duration {
-    let said = tickets.iter().filter(|ticket| !ticket.is_here && ticket.life.is_empty());
+    let said = tickets.iter().filter(|ticket| !ticket.is_here && ticket.incarnation.is_empty());
     // A clock that was set back must not keep a daemon away for longer.
     let past = said.map(|ticket| now.duration_since(ticket.since).unwrap_or_default());
     past.min().map_or(Duration::ZERO, |past| REOPEN_DELAY.saturating_sub(past))
@@ -197,13 +197,13 @@ fn read(path: &Path) -> io::Result<Option<PresenceFile>> {
         Err(TryLockError::WouldBlock) => true,
         Err(TryLockError::Error(source)) => return Err(source),
     };
-    let mut life = String::new();
-    file.read_to_string(&mut life)?;
-    if !is_life(&life) {
-        life.clear();
+    let mut incarnation = String::new();
+    file.read_to_string(&mut incarnation)?;
+    if !is_incarnation_name(&incarnation) {
+        incarnation.clear();
     }
     let since = file.metadata()?.modified()?;
-    Ok(Some(PresenceFile { daemon: daemon.to_owned(), is_here, life, since }))
+    Ok(Some(PresenceFile { daemon: daemon.to_owned(), is_here, incarnation, since }))
 }
 
 /// Opens a file that only this user can open. If other users could open it, they could lock it and
@@ -215,13 +215,13 @@ fn open(path: &Path) -> Result<File, RegisterError> {
 }
 
 /// Returns the text that names the incarnation of a daemon that starts at the time `now`.
-fn name_life(now: SystemTime) -> String {
+fn incarnation_name(now: SystemTime) -> String {
     let micros = now.duration_since(UNIX_EPOCH).unwrap_or_default().as_micros();
     let digits = format!("{micros:0LIFE_DIGITS$x}");
     digits[digits.len() - LIFE_DIGITS..].to_owned()
 }
 
-fn is_life(text: &str) -> bool {
+fn is_incarnation_name(text: &str) -> bool {
     text.len() == LIFE_DIGITS && text.bytes().all(|byte| byte.is_ascii_hexdigit())
 }
 
@@ -240,29 +240,29 @@ impl PresenceGuard {
             TryLockError::Error(source) => failed(source),
         })?;
         let mut others = Vec::new();
-        for PresenceFile { daemon: other, is_here, life, .. } in presence_files(folder)? {
-            if is_here && !life.is_empty() && other != daemon.as_str() {
-                others.push(folder.join(format!("{other}.{life}")));
+        for PresenceFile { daemon: other, is_here, incarnation, .. } in presence_files(folder)? {
+            if is_here && !incarnation.is_empty() && other != daemon.as_str() {
+                others.push(folder.join(format!("{other}.{incarnation}")));
             }
         }
-        let name = name_life(SystemTime::now());
-        let life = socket.with_extension(&name);
+        let name = incarnation_name(SystemTime::now());
+        let incarnation = socket.with_extension(&name);
         // The ticket is written first: if the process dies here, the next incarnation finds in it
         // the path of the link to remove.
         ticket.set_len(0).map_err(failed)?;
         ticket.write_all_at(name.as_bytes(), 0).map_err(failed)?;
         let target = socket.file_name().unwrap_or_default();
-        std::os::unix::fs::symlink(target, &life)
-            .map_err(|source| RegisterError::Io { path: life.clone(), source })?;
+        std::os::unix::fs::symlink(target, &incarnation)
+            .map_err(|source| RegisterError::Io { path: incarnation.clone(), source })?;
         others.sort();
-        Ok(PresenceGuard { ticket, life, others })
+        Ok(PresenceGuard { ticket, incarnation, others })
     }
 }
 
 impl Drop for PresenceGuard {
     fn drop(&mut self) {
         // If this fails, the next incarnation waits as if this one had crashed.
-        let _ = fs::remove_file(&self.life);
+        let _ = fs::remove_file(&self.incarnation);
         let _ = self.ticket.set_len(0);
     }
 }

@@ -279,9 +279,9 @@ impl DaemonNode {
     pub(crate) fn launch(&self, id: AgentId, agent: impl agent::Agent, ontology: &str) {
         let berth =
             supervisor::launch_context(&id, &self.switchboard, ontology, &self.stopping, false);
-        let life = agent::LaunchableAgent::launch(Box::new(agent), berth);
+        let task = agent::LaunchableAgent::launch(Box::new(agent), berth);
         self.tasks.spawn(async move {
-            if let Ok(Err(error)) = life.await {
+            if let Ok(Err(error)) = task.await {
                 tracing::error!(%id, "failed to {error}");
             }
         });

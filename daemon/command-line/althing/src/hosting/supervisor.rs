@@ -133,11 +133,11 @@ impl AgentSupervisor {
     /// Runs one incarnation of the agent to its end. Returns `true` if it was the last.
     async fn run_incarnation(&self, agent: Box<dyn LaunchableAgent>) -> bool {
         let id = &self.blueprint.id;
-        let mut life = agent.launch(self.berth());
+        let mut task = agent.launch(self.berth());
         let ended = tokio::select! {
-            ended = &mut life => ended,
+            ended = &mut task => ended,
             () = self.unplugged.cancelled() => {
-                life.abort();
+                task.abort();
                 return true;
             }
         };

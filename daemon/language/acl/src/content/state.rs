@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::{Methods, Offers};
-use crate::{AgentId, Deadline};
+use crate::{AgentId, Millis};
 
 /// The domain and the state as the Domain Maintainer knows them at one moment.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -80,7 +80,7 @@ pub enum Auxiliary {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Guard {
     /// Name of the action as the agents that offer it call it.
-    pub outside: String,
+    pub action: String,
     /// Name of the guard predicate, which holds for each agent that offers the action.
     pub predicate: String,
 }
@@ -109,7 +109,7 @@ pub struct BelievedFact {
     pub age_ms: u64,
     /// Time until the fact expires; `None` if it does not expire.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub known_for: Option<Deadline>,
+    pub known_for: Option<Millis>,
     /// All claims about the fact. If owners claim different values of a function, all of these claims are
     /// listed, and the newest is believed.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -131,7 +131,7 @@ pub struct Claim {
     pub age_ms: u64,
     /// Time until the claim expires; `None` if it does not expire.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub known_for: Option<Deadline>,
+    pub known_for: Option<Millis>,
 }
 
 /// Request to change the believed state.
@@ -192,7 +192,7 @@ pub struct Observation {
     pub facts: String,
     /// The observed facts that expire, each with the time left.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub known_for: BTreeMap<String, Deadline>,
+    pub known_for: BTreeMap<String, Millis>,
 }
 
 /// An actuator's announcement of its whole action model.
@@ -224,9 +224,9 @@ pub struct Heartbeat {
     pub facts: String,
     /// The owned facts that expire, each with the time left.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
-    pub known_for: BTreeMap<String, Deadline>,
+    pub known_for: BTreeMap<String, Millis>,
     /// Longest time until the next heartbeat is sent.
-    pub period: Deadline,
+    pub period: Millis,
 }
 
 /// A change of the ecosystem's capabilities, or of its believed state.
@@ -306,5 +306,5 @@ pub struct RequestedFact {
     pub owner: AgentId,
     /// Time until the fact expires; `None` if it does not expire.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub known_for: Option<Deadline>,
+    pub known_for: Option<Millis>,
 }

@@ -6,7 +6,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use acl::content::{ActionOf, Requested, RequestedFact, RequestedSince};
-use acl::{AgentId, Deadline};
+use acl::{AgentId, Millis};
 use pddl::{Condition, InitElement, Metric, Name, Number, Problem};
 
 use super::Maintainer;
@@ -305,7 +305,7 @@ impl Maintainer {
         Some(RequestedFact {
             fact: fact.element(claim.value).to_string(),
             owner: owner.clone(),
-            known_for: claim.until.map(|until| Deadline(until.since(now))),
+            known_for: claim.until.map(|until| Millis(until.since(now))),
         })
     }
 

@@ -316,7 +316,7 @@ fn provenance_names_owners_and_ages() {
             let claims: Vec<String> = { fact.claims.iter() }
                 .map(|by| {
                     format!(
-                        "  {} ({:?}, life {}, heartbeat {}) {:?} ago, {:?} left\n",
+                        "  {} ({:?}, incarnation {}, heartbeat {}) {:?} ago, {:?} left\n",
                         by.owner, by.source, by.incarnation, by.sequence, by.age, by.left
                     )
                 })
@@ -326,16 +326,16 @@ fn provenance_names_owners_and_ages() {
         .collect();
     expect![[r#"
         (connected corridor office2) 
-          the map (Model, life 0, heartbeat 0) 5s ago, None left
+          the map (Model, incarnation 0, heartbeat 0) 5s ago, None left
         (known-temperature office2) 
-          keyboard (Request, life 0, heartbeat 0) 4s ago, None left
-          t-1 (Heartbeat, life 1, heartbeat 3) 4s ago, Some(6s) left
+          keyboard (Request, incarnation 0, heartbeat 0) 4s ago, None left
+          t-1 (Heartbeat, incarnation 1, heartbeat 3) 4s ago, Some(6s) left
         (located t-1 office2) 
-          t-1 (Model, life 1, heartbeat 0) 4s ago, None left
+          t-1 (Model, incarnation 1, heartbeat 0) 4s ago, None left
         (mounted-on ir-1 base) `base` is not here
-          ir-1 (Model, life 1, heartbeat 0) 4s ago, None left
+          ir-1 (Model, incarnation 1, heartbeat 0) 4s ago, None left
         (= (distance corridor office2) 6) 
-          the map (Model, life 0, heartbeat 0) 5s ago, None left
+          the map (Model, incarnation 0, heartbeat 0) 5s ago, None left
     "#]]
     .assert_eq(&lines.concat());
 }

@@ -1,7 +1,7 @@
 //! Tests of parsing the contents of messages.
 
 use acl::content::{ChangeState, Heartbeat, Method, Methods, ModelAnnouncement};
-use acl::{Deadline, Incarnation};
+use acl::{Incarnation, Millis};
 use capability::{Announcement, Effects, ParsedHeartbeat, Timestamp, model_digest};
 use expect_test::expect;
 
@@ -12,8 +12,8 @@ fn heartbeat(facts: &str) -> Heartbeat {
         digest: "d".to_owned(),
         sequence: 4,
         facts: facts.to_owned(),
-        known_for: [("(known-temperature office2)".to_owned(), Deadline::from(60_000))].into(),
-        period: Deadline::from(1_000),
+        known_for: [("(known-temperature office2)".to_owned(), Millis::from(60_000))].into(),
+        period: Millis::from(1_000),
     }
 }
 
@@ -44,7 +44,9 @@ fn a_request_is_read_whole_or_not_at_all() {
 fn who_hears_the_same_need_not_read_it_again() {
     let one = office().with([thermometer("t-1"), thermometer("t-2")]);
     let digest = model_digest(&thermometer("t-1"), &Methods::new());
-    let read = |life, digest| one.maintainer.announcement(&id("t-1"), Incarnation(life), digest);
+    let read = |incarnation, digest| {
+        one.maintainer.announcement(&id("t-1"), Incarnation(incarnation), digest)
+    };
     assert!(read(2, &digest).is_none(), "another incarnation");
     assert!(read(1, "another").is_none(), "another model");
     let mut other = office().with([thermometer("t-2")]);
@@ -60,7 +62,7 @@ fn a_model_comes_with_its_methods_and_leaves_with_the_snapshot() {
     let method = Method {
         method: "read".to_owned(),
         arguments: [("room".to_owned(), "?r".to_owned())].into(),
-        timeout: Deadline::from(2_000),
+        timeout: Millis::from(2_000),
     };
     let methods = [("report-temperature".to_owned(), method)].into();
     let digest = model_digest(&model, &methods);
@@ -75,7 +77,7 @@ fn a_model_comes_with_its_methods_and_leaves_with_the_snapshot() {
         {
             "t-1": {
                 "report-temperature": Offer {
-                    inside: "report-temperature",
+                    schema: "report-temperature",
                     guard: "(offers-report-temperature t-1)",
                     method: Some(
                         Method {
@@ -83,7 +85,7 @@ fn a_model_comes_with_its_methods_and_leaves_with_the_snapshot() {
                             arguments: {
                                 "room": "?r",
                             },
-                            timeout: Deadline(
+                            timeout: Millis(
                                 2s,
                             ),
                         },
@@ -92,7 +94,7 @@ fn a_model_comes_with_its_methods_and_leaves_with_the_snapshot() {
             },
             "t-2": {
                 "report-temperature": Offer {
-                    inside: "report-temperature",
+                    schema: "report-temperature",
                     guard: "(offers-report-temperature t-2)",
                     method: None,
                 },

@@ -62,7 +62,7 @@ fn guards_are_told_of_those_who_cannot_act_now_too() {
     let content = office.snapshot().to_content();
     assert!(content.offers.is_empty());
     let guard = content.guards.get("move").expect("the schema is there");
-    assert_eq!((guard.outside.as_str(), guard.predicate.as_str()), ("move", "offers-move"));
+    assert_eq!((guard.action.as_str(), guard.predicate.as_str()), ("move", "offers-move"));
 }
 
 #[test]

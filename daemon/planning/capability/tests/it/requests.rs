@@ -1,7 +1,7 @@
 //! Tests of changes by requests at run time, and of passing them on to the maintainers of actuators.
 
 use acl::content::{Observation, Requested, RequestedSince};
-use acl::{AgentId, Deadline};
+use acl::{AgentId, Millis};
 use capability::{
     ClaimSource, Declined, KnownFact, Owner, RequestedChanges, RequestedChangesSince, Timestamp,
 };
@@ -13,7 +13,7 @@ use proptest::sample::select;
 use crate::office::{Office, effects, facts, id, office, office_of, thermometer, turtlebot};
 
 fn observed(office: &mut Office, who: &str, facts: &str, known_for: &[(&str, u64)]) {
-    let known_for = known_for.iter().map(|(fact, ms)| ((*fact).to_owned(), Deadline::from(*ms)));
+    let known_for = known_for.iter().map(|(fact, ms)| ((*fact).to_owned(), Millis::from(*ms)));
     let observation = Observation { facts: facts.to_owned(), known_for: known_for.collect() };
     let known = KnownFact::read(&observation, office.now).expect("PDDL");
     office.maintainer.apply_observation(&id(who), &known, office.now).expect("room");

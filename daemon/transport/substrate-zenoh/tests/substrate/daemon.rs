@@ -12,7 +12,7 @@ use substrate::{
 use substrate_zenoh::{Config, SessionMode, ZenohSubstrate};
 use tokio::sync::mpsc;
 
-/// Deadline far beyond the duration of any step; a test that reaches it has failed.
+/// Millis far beyond the duration of any step; a test that reaches it has failed.
 pub(crate) const DEADLINE: Duration = Duration::from_secs(10);
 
 /// Texts longer than `LONG` bytes are recorded with their first `SHORT` bytes only.

@@ -80,12 +80,12 @@ impl House {
         let trust = Trust::read(&self.folder).expect("just made");
         let verifier = Arc::new(Verifier::new(trust, per_second));
         let identity = Arc::new(self.identity(name));
-        let life = identity.sequence_state().life;
-        self.lives.lock().expect("no panic").insert(name.to_owned(), life);
+        let incarnation = identity.sequence_state().incarnation;
+        self.lives.lock().expect("no panic").insert(name.to_owned(), incarnation);
         Security { identity, verifier }
     }
 
-    fn life(&self, name: &str) -> Option<u64> {
+    fn incarnation(&self, name: &str) -> Option<u64> {
         self.lives.lock().expect("no panic").get(name).copied()
     }
 
@@ -249,7 +249,7 @@ async fn an_unknown_certificate_does_not_get_in() {
     let mut a = house.open("a", &[]).await;
     let authority = format!("{:?}", house.folder.authority().display().to_string());
     assert!(raw(&a, &[], &authority).await.is_err(), "without a certificate");
-    a.hear("rejected unlinked -").await;
+    a.hear("rejected refused-link -").await;
 
     let mut config = config("stranger");
     config.mode = SessionMode::Client;
@@ -274,7 +274,7 @@ async fn an_unknown_certificate_does_not_get_in() {
     let b = house.open("b", &[&a]).await;
     let _token = b.announce("y");
     let mut heard = a.hear("joined y@b").await;
-    heard.retain(|line| line != "rejected unlinked -");
+    heard.retain(|line| line != "rejected refused-link -");
     assert_eq!(heard, ["joined y@b"]);
 }
 
@@ -293,7 +293,7 @@ async fn who_does_not_get_in_keeps_nobody_out() {
             tokio::time::sleep(Duration::from_millis(3)).await;
         }
     });
-    a.hear("rejected unlinked -").await;
+    a.hear("rejected refused-link -").await;
     let began = Instant::now();
     let b = house.open("b", &[&a]).await;
     let _token = b.announce("y");
@@ -315,7 +315,7 @@ async fn what_is_not_signed_rightly_is_dropped_and_said() {
     assert_eq!(a.hear_any().await, ["rejected forged -"]);
     // Signed with its own key, but for another payload.
     let identity = house.identity("rogue");
-    let seal = identity.seal(SealChannel::Message, TO_A, b"harmless", house.life("a"));
+    let seal = identity.seal(SealChannel::Message, TO_A, b"harmless", house.incarnation("a"));
     rogue.put(TO_A, "harmful").attachment(seal).await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected forged rogue"]);
     // In the name of another daemon's guest.
@@ -324,7 +324,7 @@ async fn what_is_not_signed_rightly_is_dropped_and_said() {
         SealChannel::Message,
         TO_A,
         b"x",
-        house.life("a"),
+        house.incarnation("a"),
     );
     rogue.put(TO_A, "x").attachment(seal).await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected forged b--cli-1"]);
@@ -342,11 +342,11 @@ async fn what_is_not_signed_rightly_is_dropped_and_said() {
     assert_eq!(a.hear_any().await, ["rejected forged rogue"]);
     // With a certificate of another authority.
     let foreign =
-        House::new().identity("b").seal(SealChannel::Message, TO_A, b"x", house.life("a"));
+        House::new().identity("b").seal(SealChannel::Message, TO_A, b"x", house.incarnation("a"));
     rogue.put(TO_A, "x").attachment(foreign).await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected unknown b"]);
 
-    let seal = identity.seal(SealChannel::Message, TO_A, b"true", house.life("a"));
+    let seal = identity.seal(SealChannel::Message, TO_A, b"true", house.incarnation("a"));
     rogue.put(TO_A, "true").attachment(seal).await.expect("open");
     assert_eq!(a.hear_any().await, ["to x inform: true <rogue>"]);
 }
@@ -563,12 +563,13 @@ async fn a_message_of_100_mib_harms_nobody_and_is_counted() {
 
     let rogue = house.rogue("rogue", &a).await;
     reach(&rogue, TO_A).await;
-    let seal = house.identity("rogue").seal(SealChannel::Message, TO_A, &huge, house.life("a"));
+    let seal =
+        house.identity("rogue").seal(SealChannel::Message, TO_A, &huge, house.incarnation("a"));
     // Waits until it is sent: a message dropped by congestion control would prove nothing.
     let put = rogue.put(TO_A, huge).attachment(seal).congestion_control(CongestionControl::Block);
     put.await.expect("open");
     let identity = house.identity("rogue");
-    let seal = identity.seal(SealChannel::Message, TO_A, b"after it", house.life("a"));
+    let seal = identity.seal(SealChannel::Message, TO_A, b"after it", house.incarnation("a"));
     rogue.put(TO_A, "after it").attachment(seal).await.expect("open");
     let heard = a.hear("to x inform: after it <rogue>").await;
     let said: Vec<_> = heard.iter().filter(|line| line.starts_with("to ")).collect();

@@ -134,7 +134,7 @@ fn draft_of(message: &Message) -> Option<MessageDraft> {
         protocol: message.protocol.unwrap_or(Protocol::StateChange),
         conversation: None,
         content: message.content.clone(),
-        patience: message.reply_by.map_or(PATIENCE, |by| by.0),
+        patience: message.reply_within.map_or(PATIENCE, |by| by.0),
     })
 }
 
@@ -145,7 +145,7 @@ fn action_of(execute: &Execute) -> Option<String> {
     let [step] = &plan.steps[..] else { return None };
     let agent = step.arguments.first()?.as_str();
     let (_, offers) = execute.offers.iter().find(|(name, _)| name.as_str() == agent)?;
-    let (outside, _) = offers.iter().find(|(_, offer)| step.action == offer.inside.as_str())?;
+    let (outside, _) = offers.iter().find(|(_, offer)| step.action == offer.schema.as_str())?;
     let step = pddl::PlanStep::new(outside.as_str(), step.arguments.iter().cloned());
     Some(step.to_string())
 }

@@ -292,7 +292,7 @@ mod tests {
 
     fn message() -> Message {
         serde_json::from_value(json!({
-            "version": 1, "id": "m1", "performative": "inform", "sender": "alice",
+            "version": 2, "id": "m1", "performative": "inform", "sender": "alice",
             "incarnation": 1, "conversation_id": "c1", "protocol": "query",
             "content": { "of": "answer", "text": "2718" },
         }))

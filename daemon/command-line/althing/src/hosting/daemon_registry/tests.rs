@@ -25,7 +25,7 @@ async fn come(folder: &TempDir, name: &str) -> PresenceGuard {
 /// Returns the path of the symbolic link.
 fn kill(folder: &TempDir, name: &str, stay: PresenceGuard) -> PathBuf {
     let ticket = folder.path().join(name).with_extension(PRESENCE_EXTENSION);
-    let (said, target) = (fs::read(&ticket).expect("it lived"), stay.life.clone());
+    let (said, target) = (fs::read(&ticket).expect("it lived"), stay.incarnation.clone());
     drop(stay);
     fs::write(&ticket, said).expect("the folder is ours");
     std::os::unix::fs::symlink(format!("{name}.sock"), &target).expect("its path was taken away");
@@ -143,10 +143,10 @@ fn leaves_at(folder: &TempDir, name: &str, at: SystemTime) {
 #[test]
 fn a_clock_that_was_put_back_keeps_nobody_away() {
     let now = SystemTime::now();
-    let ticket = |life: &str, since| PresenceFile {
+    let ticket = |incarnation: &str, since| PresenceFile {
         daemon: "b".to_owned(),
         is_here: false,
-        life: life.to_owned(),
+        incarnation: incarnation.to_owned(),
         since,
     };
     for (said, expected) in [
@@ -172,8 +172,8 @@ async fn a_life_is_called_by_a_path_of_its_own() {
     let first = come(&folder, "a").await;
     let listener = UnixListener::bind(&socket).expect("a socket");
     let other = come(&folder, "b").await;
-    assert_eq!(other.others, std::slice::from_ref(&first.life));
-    assert!(UnixStream::connect(&first.life).is_ok());
+    assert_eq!(other.others, std::slice::from_ref(&first.incarnation));
+    assert!(UnixStream::connect(&first.incarnation).is_ok());
 
     drop(listener);
     let old = kill(&folder, "a", first);
@@ -181,12 +181,12 @@ async fn a_life_is_called_by_a_path_of_its_own() {
     let second = come(&folder, "a").await;
     fs::remove_file(&socket).expect("Zenoh takes it away before it listens");
     let _listener = UnixListener::bind(&socket).expect("a socket");
-    assert!(UnixStream::connect(&second.life).is_ok());
+    assert!(UnixStream::connect(&second.incarnation).is_ok());
     assert!(UnixStream::connect(&old).is_err(), "the calls of old do not reach it");
 
-    let life = second.life.clone();
+    let incarnation = second.incarnation.clone();
     drop(second);
-    assert!(fs::symlink_metadata(life).is_err(), "it takes its path along");
+    assert!(fs::symlink_metadata(incarnation).is_err(), "it takes its path along");
 }
 
 #[tokio::test(start_paused = true)]
@@ -231,7 +231,10 @@ async fn no_other_user_can_lock_what_locks() {
 #[test]
 fn lives_fit_where_sockets_do() {
     let longest = "a".repeat(100 - ".sock".len());
-    let life = Path::new(&longest).with_extension(name_life(SystemTime::now()));
-    assert!(life.as_os_str().len() < 108, "room for the final zero");
-    assert!(is_life(&name_life(UNIX_EPOCH)) && is_life(&name_life(SystemTime::now())));
+    let incarnation = Path::new(&longest).with_extension(incarnation_name(SystemTime::now()));
+    assert!(incarnation.as_os_str().len() < 108, "room for the final zero");
+    assert!(
+        is_incarnation_name(&incarnation_name(UNIX_EPOCH))
+            && is_incarnation_name(&incarnation_name(SystemTime::now()))
+    );
 }

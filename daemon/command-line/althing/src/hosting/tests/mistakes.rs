@@ -498,7 +498,7 @@ async fn a_later_life_of_an_asker_keeps_its_goal_once() {
             let switchboard = office.node.switchboard();
             let berth =
                 supervisor::launch_context(&id, switchboard, "smart-office", &stopping, false);
-            let life = Box::new(keyboard).launch(berth);
+            let task = Box::new(keyboard).launch(berth);
             let mut asker = Person { terminal, lines: Vec::new() };
             let goal = format!("(at turtlebot-{robot} office1)");
             asker.wish(&goal, Keep::Maintain).await;
@@ -509,7 +509,7 @@ async fn a_later_life_of_an_asker_keeps_its_goal_once() {
             let same = kept.iter().filter(|kept| kept.goal == goal);
             assert_eq!(same.count(), 1, "{mode:?}: {kept:#?}");
             stopping.cancel();
-            life.await.expect("it ends").expect("in peace");
+            task.await.expect("it ends").expect("in peace");
         }
         office.close().await;
     }

@@ -7,7 +7,7 @@ use acl::content::{
     Act, Agreement, Bid, CallForProposals, Heartbeat, Inform, Method, ModelAnnouncement, Outcome,
     Proposal, Reason, Report, Request,
 };
-use acl::{AgentId, Deadline, Message, Performative};
+use acl::{AgentId, Message, Millis, Performative};
 use agent::{Agent, Callbacks, Context, Participation};
 use capability::model_digest;
 
@@ -104,7 +104,7 @@ impl Body {
         let method = |name: &str| Method {
             method: name.to_owned(),
             arguments: [].into(),
-            timeout: Deadline(Duration::from_secs(20)),
+            timeout: Millis(Duration::from_secs(20)),
         };
         let actions = read.actions.iter().map(|action| action.name.as_str());
         let methods = actions.map(|name| (name.to_owned(), method(name))).collect();
@@ -113,7 +113,7 @@ impl Body {
             sequence: self.beats,
             facts,
             known_for: [].into(),
-            period: Deadline(Duration::from_secs(1)),
+            period: Millis(Duration::from_secs(1)),
         };
         ctx.broadcast_state(&Inform::Model(Box::new(ModelAnnouncement {
             model,

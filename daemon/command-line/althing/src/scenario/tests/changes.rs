@@ -7,7 +7,7 @@ use acl::content::{
     ActionOf, BelievedState, ChangeActions, ChangeMetric, ChangeState, EpochChange, Inform,
     Observation, Request, RequestedFact, Snapshot,
 };
-use acl::{AgentId, Deadline, Message, Performative};
+use acl::{AgentId, Message, Millis, Performative};
 use agent::{Agent, Callbacks, Context, Mode, Resource};
 use tokio::sync::mpsc;
 
@@ -26,7 +26,7 @@ async fn what_is_changed_by_request_reaches_those_who_plan_alone() {
     assert!(!before.problem.contains("(known-humidity office2)"));
     let answer = change(&set, "ann", believe("", "(connected corridor office1)")).await;
     assert_eq!(answer, "done: believed");
-    let known_for = [("(known-humidity office2)".to_owned(), Deadline::from(20_000))].into();
+    let known_for = [("(known-humidity office2)".to_owned(), Millis::from(20_000))].into();
     let observation = Observation { facts: String::new(), known_for };
     assert_eq!(change(&set, "bob", Request::Observe(observation)).await, "done: believed");
     let metric = "(:metric minimize (* 2 (total-cost)))".to_owned();

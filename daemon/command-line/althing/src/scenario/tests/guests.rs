@@ -6,7 +6,7 @@ use acl::content::{
     Agreement, Bid, CallForProposals, Heartbeat, Inform, Method, ModelAnnouncement, Proposal,
     Reason, Request,
 };
-use acl::{AgentId, Deadline, Message, Performative};
+use acl::{AgentId, Message, Millis, Performative};
 use agent::{Agent, Callbacks, Context, Participation};
 use capability::model_digest;
 
@@ -80,7 +80,7 @@ impl Guest {
         let method = Method {
             method: "read_temperature".to_owned(),
             arguments: [].into(),
-            timeout: Deadline(Duration::from_secs(2)),
+            timeout: Millis(Duration::from_secs(2)),
         };
         let methods = [("report-temperature".to_owned(), method)].into();
         let heartbeat = Heartbeat {
@@ -88,7 +88,7 @@ impl Guest {
             sequence: self.beats,
             facts: "(located guest office1)".to_owned(),
             known_for: [].into(),
-            period: Deadline(Duration::from_secs(1)),
+            period: Millis(Duration::from_secs(1)),
         };
         let model = model.to_owned();
         ctx.broadcast_state(&Inform::Model(Box::new(ModelAnnouncement {
