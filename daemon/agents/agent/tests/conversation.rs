@@ -6,7 +6,8 @@ use std::time::Duration;
 
 use acl::content::{Outcome, Reason, Refusal, Report, Request, value};
 use acl::{
-    AgentId, ConversationId, DaemonId, EcosystemId, Incarnation, Message, Performative, Protocol, ReplyToken,
+    AgentId, ConversationId, DaemonId, EcosystemId, Incarnation, Message, Performative, Protocol,
+    ReplyToken,
 };
 use agent::{
     Agent, AgentSettings, Callbacks, Context, ExchangeEvent, ExchangeOpening, LaunchContext,

@@ -10,9 +10,7 @@ use serde_json::Value;
 
 use crate::content::{Reason, Refusal, value};
 use crate::message::SCHEMA_VERSION;
-use crate::{
-    AgentId, ConversationId, Incarnation, Message, MessageId, Performative, ReplyToken,
-};
+use crate::{AgentId, ConversationId, Incarnation, Message, MessageId, Performative, ReplyToken};
 
 /// Maximum size of a message that is read, in bytes; a longer text is rejected. An action model of a
 /// hundred actions has less than 64 KiB, and a domain of a hundred agents less than 1 MiB.

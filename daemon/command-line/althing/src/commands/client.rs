@@ -96,7 +96,7 @@ impl ClientTarget {
         if endpoints.is_empty() {
             let folder = hosting::runtime_folder(&name).map_err(|error| error.to_string())?;
             let is_alive = |path: &PathBuf| daemon_sockets::is_listening(path);
-            alive.extend(super::up::sockets(&folder).into_iter().filter(is_alive));
+            alive.extend(hosting::daemon_sockets(&folder).into_iter().filter(is_alive));
             let endpoint = |path: &PathBuf| format!("unixsock-stream/{}", path.display());
             endpoints.extend(alive.iter().map(endpoint));
         }
@@ -112,7 +112,7 @@ impl ClientTarget {
         let keys = match settings {
             Some(None) => None,
             known => {
-                let (chosen, host) = (reach.key.as_deref(), super::up::host_name());
+                let (chosen, host) = (reach.key.as_deref(), hosting::host_name());
                 let settings = known.flatten();
                 GuestKeys::find(&name, settings, &alive, chosen, host.as_ref())?
             }
@@ -210,7 +210,7 @@ pub(crate) fn reach_words(reach: &ReachArgs) -> String {
 
 /// Returns a name for a guest that no other process of any machine has.
 pub(crate) fn guest_name(role: &str) -> String {
-    let host = super::up::host_name();
+    let host = hosting::host_name();
     let host = host.as_ref().map_or("here", DaemonId::as_str);
     // Two machines with the same beginning of their names rarely have the same process ids.
     let host: String = host.chars().take(HOST_CHARS_MAX).collect();
@@ -271,7 +271,7 @@ fn only_running() -> Result<EcosystemId, String> {
         .into_iter()
         .filter(|name| {
             let folder = hosting::runtime_folder(name);
-            let sockets = folder.map(|folder| super::up::sockets(&folder)).unwrap_or_default();
+            let sockets = folder.map(|folder| hosting::daemon_sockets(&folder)).unwrap_or_default();
             sockets.iter().any(|path| daemon_sockets::is_listening(path))
         })
         .collect();

@@ -7,11 +7,9 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 
-use ::building::{Building, BuildingHandle, ServeError, Server};
 use acl::{AgentId, DaemonId};
 use agent::Mode;
 use keyboard::{GoalRequest, Keyboard, Terminal, UserEvent, UserRequest};
-use serde_json::Value;
 use terminal::report::DiagnosticReport;
 use terminal::{exit, output};
 use tokio::sync::oneshot;
@@ -19,10 +17,10 @@ use tokio::sync::oneshot;
 use crate::cli::UpArgs;
 use crate::commands::client::{self, EcosystemView};
 use crate::commands::{event_output, goal};
-use crate::config::{self, AgentEntry, Ecosystem, InterfaceEntry, Overrides, ParsedEcosystem};
+use crate::config::{self, Ecosystem, InterfaceEntry, Overrides, ParsedEcosystem};
 use crate::hosting::{
-    self, BuildingTakeover, DaemonNode, GuestKeys, MessageTransport, NodeOptions, PluginProcesses,
-    PresenceGuard, READY, socket_in,
+    self, DaemonNode, GuestKeys, HostedPart, NodeOptions, OpenedDaemon, PresenceGuard, READY,
+    socket_in,
 };
 use crate::interfacing::{self, PeerEcosystem};
 use crate::interruption;
@@ -31,11 +29,6 @@ use crate::prompt::{self, PromptSession};
 use crate::review::{self, ReviewScope};
 use crate::service_manager::{self, Watchdog};
 use reload::{Reload, ReloadOutcome};
-
-/// Zenoh's retry settings for a lost link to another daemon of this machine: Zenoh tries four times
-/// a second as long as the other daemon does not answer. Looking for a socket costs almost nothing,
-/// and a daemon that was stopped is reached again as soon as it continues.
-const RETRY: &str = "retry_period_init_ms=250;retry_period_max_ms=250";
 
 /// Runs `althing up`: reads the ecosystem, hosts the agents of this machine, and drains the daemon
 /// at SIGINT and SIGTERM.
@@ -123,65 +116,6 @@ struct UpTasks {
     until_stdin_ends: bool,
 }
 
-/// The part of the ecosystem that this process hosts: a daemon, and its agents.
-#[derive(Clone)]
-struct HostedPart {
-    daemon: DaemonId,
-    agents: Vec<AgentEntry>,
-    is_alone: bool,
-}
-
-impl HostedPart {
-    /// Returns the part that this process hosts: that of the daemon named by `--daemon`, otherwise
-    /// that of the daemon with the name of this host. A machine that the file does not name runs
-    /// alone and hosts all agents.
-    fn find(ecosystem: &Ecosystem, asked: Option<&str>) -> Result<HostedPart, String> {
-        let host = host_name();
-        let named = match asked {
-            Some(name) => Some(DaemonId::new(name).map_err(|error| error.to_string())?),
-            None => host.clone().filter(|host| ecosystem.daemons.contains(host)),
-        };
-        let Some(daemon) = named else {
-            let alone = DaemonId::new("alone").map_err(|error| error.to_string())?;
-            let daemon = host.unwrap_or(alone);
-            if ecosystem.security.is_some() && !ecosystem.daemons.is_empty() {
-                let known: Vec<_> = ecosystem.daemons.iter().map(DaemonId::as_str).collect();
-                return Err(format!(
-                    "the ecosystem is secured, and its file has no daemon `{daemon}`: the others \
-                     would reject its messages; name this daemon with --daemon: {}",
-                    known.join(", ")
-                ));
-            }
-            // A daemon that runs alone hosts every agent, so no agent has a standby.
-            let alone = |entry: &AgentEntry| AgentEntry { daemons: Vec::new(), ..entry.clone() };
-            let agents = ecosystem.agents.iter().map(alone).collect();
-            return Ok(HostedPart { daemon, agents, is_alone: true });
-        };
-        if !ecosystem.daemons.is_empty() && !ecosystem.daemons.contains(&daemon) {
-            let known: Vec<_> = ecosystem.daemons.iter().map(DaemonId::as_str).collect();
-            let hint = pddl::nearest(daemon.as_str(), known.iter().copied())
-                .map(|near| format!("did you mean `{near}`? "))
-                .unwrap_or_default();
-            return Err(format!(
-                "the ecosystem has no daemon called `{daemon}`; {hint}It has: {}",
-                known.join(", ")
-            ));
-        }
-        let own = ecosystem.agents_of(&daemon);
-        let nobodys = ecosystem.unassigned_agents().filter(|_| ecosystem.daemons.len() <= 1);
-        let agents = own.chain(nobodys).cloned().collect();
-        Ok(HostedPart { daemon, agents, is_alone: false })
-    }
-}
-
-/// Returns the host name of this machine as a daemon's name; `None` if the host name is not a valid
-/// name of a daemon.
-pub(super) fn host_name() -> Option<DaemonId> {
-    let name = std::fs::read_to_string("/proc/sys/kernel/hostname").ok()?;
-    let first = name.trim().split('.').next()?.to_lowercase();
-    DaemonId::new(&first).ok()
-}
-
 /// The other ecosystems that this daemon joins, each with the interface that connects this
 /// ecosystem to it.
 type PeerInterfaces = Vec<(InterfaceEntry, PeerEcosystem)>;
@@ -223,7 +157,7 @@ async fn abroad(
             .join(other.name.as_str());
         std::fs::create_dir_all(&state)
             .map_err(|error| format!("use the folder {}: {error}", state.display()))?;
-        let (wire, stay) = wire(&other, &daemon).await?;
+        let (wire, stay) = hosting::daemon_transport(&other, &daemon).await?;
         let part = NodeOptions {
             ecosystem: &other,
             daemon,
@@ -267,12 +201,13 @@ async fn up(
         exit::with(exit::UNAVAILABLE)
     };
     hosting::warn_of_few_file_handles();
-    // `_stay` and the building are dropped after the node: other daemons must not see that this one
-    // has left before it has.
-    let (mut node, simulated, _stay, scouts) = match open(&ecosystem, &place).await {
+    // The presence and the building are dropped after the node: other daemons must not see that this
+    // one has left before it has.
+    let opened = match hosting::open_daemon(&ecosystem, &place).await {
         Ok(opened) => opened,
         Err(problem) => return unavailable(format!("failed to {problem}")),
     };
+    let OpenedDaemon { mut node, building, presence: _presence, scouts } = opened;
     let abroad = match abroad(&ecosystem, others, &place, &node).await {
         Ok(abroad) => abroad,
         Err(problem) => return unavailable(format!("failed to {problem}")),
@@ -281,7 +216,7 @@ async fn up(
     // right after that.
     let interrupted = interruption::interrupted();
     tokio::pin!(interrupted);
-    reload.building = simulated.own.clone();
+    reload.building = building.own.clone();
     if !manner.has_prompt {
         reload.hangups = reload::listen();
         reload.had_terminal = std::io::stdin().is_terminal();
@@ -379,7 +314,7 @@ async fn prompt(
         switchboard: Arc::clone(node.switchboard()),
         name: ecosystem.name.clone(),
         ecosystem: Some(ecosystem),
-        endpoints: sockets(&folder).iter().map(endpoint).collect(),
+        endpoints: hosting::daemon_sockets(&folder).iter().map(endpoint).collect(),
     };
     Ok(PromptSession { view, id, terminal, json: false })
 }
@@ -443,156 +378,6 @@ fn announce(ecosystem: &Ecosystem, place: &HostedPart, node: &DaemonNode) {
     }
 }
 
-/// Opens the node of this daemon. Returns the node, the simulated building, the daemon's presence
-/// in the folder of sockets, and whether the daemon scouts for daemons on other machines.
-async fn open(
-    ecosystem: &Ecosystem,
-    place: &HostedPart,
-) -> Result<(DaemonNode, SimulatedBuilding, PresenceGuard, bool), String> {
-    let socket = building_socket(ecosystem, place)?;
-    let simulated = simulated(ecosystem, &place.agents, socket.as_ref()).await?;
-    let building = simulated.handle.clone();
-    let socket = socket.filter(|_| building.is_some());
-    let state =
-        hosting::state_folder(&ecosystem.name, &place.daemon).map_err(|error| error.to_string())?;
-    let (wire, stay) = wire(ecosystem, &place.daemon).await?;
-    let scouts = wire.scouts();
-    let part = NodeOptions {
-        ecosystem,
-        daemon: place.daemon.clone(),
-        agents: place.agents.clone(),
-        mode: ecosystem.mode,
-        building,
-        state: Some(state.clone()),
-    };
-    let node = DaemonNode::open(part, wire).await.map_err(|error| error.to_string())?;
-    let processes = PluginProcesses {
-        ecosystem,
-        agents: &place.agents,
-        runtime: hosting::runtime_folder(&ecosystem.name).map_err(|error| error.to_string())?,
-        state,
-        building: socket,
-    };
-    node.host_processes(processes)?;
-    Ok((node, simulated, stay, scouts))
-}
-
-/// Returns the socket by which several processes share the simulated building: the one that the
-/// ecosystem file names or, if this daemon hosts agents of packages, one in the runtime folder.
-fn building_socket(ecosystem: &Ecosystem, place: &HostedPart) -> Result<Option<PathBuf>, String> {
-    if ecosystem.building.socket.is_some() {
-        return Ok(ecosystem.building.socket.clone());
-    }
-    let is_shared = place.agents.iter().any(|entry| !entry.is_built_in());
-    let folder = hosting::runtime_folder(&ecosystem.name).map_err(|error| error.to_string())?;
-    Ok(is_shared.then(|| folder.join(format!("{}.building", place.daemon))))
-}
-
-/// The simulated building as this daemon uses it.
-#[derive(Default)]
-struct SimulatedBuilding {
-    handle: Option<BuildingHandle>,
-    /// The building itself; `None` if another process simulates it.
-    own: Option<Building>,
-    /// The server by which other processes use the building, as long as this daemon runs.
-    _server: Option<Server>,
-    /// The task that takes over the building when the process that serves it is gone.
-    _succession: Option<BuildingTakeover>,
-}
-
-impl SimulatedBuilding {
-    fn ours(building: Building, server: Option<Server>) -> SimulatedBuilding {
-        let handle = Some(building.handle());
-        SimulatedBuilding { handle, own: Some(building), _server: server, _succession: None }
-    }
-
-    /// Returns the simulated building of another process as this daemon uses it. This daemon takes
-    /// the building over when that process is gone.
-    fn theirs(ecosystem: &Ecosystem, socket: &Path, building: BuildingHandle) -> SimulatedBuilding {
-        let succession =
-            hosting::watch_building(ecosystem.clone(), socket.to_owned(), building.clone());
-        SimulatedBuilding {
-            handle: Some(building),
-            _succession: Some(succession),
-            ..SimulatedBuilding::default()
-        }
-    }
-}
-
-/// Returns the building in which these agents' simulated drivers act; without such drivers, none.
-/// If another process serves the building already, it is that one, otherwise a new one, which other
-/// processes may use.
-async fn simulated(
-    ecosystem: &Ecosystem,
-    agents: &[AgentEntry],
-    socket: Option<&PathBuf>,
-) -> Result<SimulatedBuilding, String> {
-    let has_drivers = |entry: &AgentEntry| {
-        plugins::find(&entry.plugin).is_some_and(|plugin| !plugin.drivers.is_empty())
-    };
-    if !agents.iter().any(has_drivers) {
-        return Ok(SimulatedBuilding::default());
-    }
-    if let Some(socket) = socket
-        && let Ok(building) = BuildingHandle::connect(socket).await
-    {
-        return Ok(SimulatedBuilding::theirs(ecosystem, socket, building));
-    }
-    let building = hosting::simulate(ecosystem).map_err(|error| error.to_string())?;
-    let Some(socket) = socket else {
-        return Ok(SimulatedBuilding::ours(building, None));
-    };
-    match ::building::serve(building.handle(), socket).await {
-        Ok(server) => Ok(SimulatedBuilding::ours(building, Some(server))),
-        // Another daemon that started at the same time was faster.
-        Err(ServeError::InUse { .. }) => {
-            let theirs = BuildingHandle::connect(socket).await;
-            let theirs = theirs.map_err(|error| error.to_string())?;
-            Ok(SimulatedBuilding::theirs(ecosystem, socket, theirs))
-        }
-        Err(error) => Err(error.to_string()),
-    }
-}
-
-/// Returns the Zenoh configuration of this daemon. The daemons of one machine find each other by
-/// sockets in a folder, and each connects to those that entered the folder before it.
-async fn wire(
-    ecosystem: &Ecosystem,
-    daemon: &DaemonId,
-) -> Result<(MessageTransport, PresenceGuard), String> {
-    let folder = hosting::runtime_folder(&ecosystem.name).map_err(|error| error.to_string())?;
-    let socket = socket_in(&folder, daemon.as_str()).map_err(|error| error.to_string())?;
-    let security = ecosystem.security.as_ref();
-    let secured = security.map(|settings| hosting::secure(&ecosystem.name, daemon, settings));
-    let secured = secured.transpose()?;
-    let stay =
-        hosting::register_daemon(&folder, daemon).await.map_err(|error| error.to_string())?;
-    match security {
-        Some(settings) => hosting::publish_keys(&socket, &settings.folder)
-            .map_err(|error| format!("tell guests where the keys are: {error}"))?,
-        None => hosting::unpublish_keys(&socket),
-    }
-    let endpoint = |path: &PathBuf| format!("unixsock-stream/{}", path.display());
-    let mut config = substrate_zenoh::Config::new(ecosystem.name.clone(), daemon.clone());
-    config.listen = vec![endpoint(&socket)];
-    let called = |path: &PathBuf| format!("{}#{RETRY}", endpoint(path));
-    config.connect = stay.others.iter().map(called).collect();
-    config.zenoh = zenoh_settings(&ecosystem.zenoh);
-    if let (Some(secured), Some(settings)) = (&secured, security) {
-        let (folder, before) = (settings.folder.clone(), settings.warn_before);
-        tokio::spawn(hosting::warn_of_expiry(secured.clone(), folder, before));
-    }
-    config.security = secured;
-    Ok((MessageTransport::Zenoh(Box::new(config)), stay))
-}
-
-fn zenoh_settings(said: &Value) -> Value {
-    match said {
-        Value::Object(table) if table.is_empty() => Value::Null,
-        other => other.clone(),
-    }
-}
-
 /// Requests the goals of the command line, through a keyboard agent.
 async fn ask(
     ecosystem: &Ecosystem,
@@ -620,15 +405,4 @@ async fn hear(terminal: &mut Option<Terminal>) -> UserEvent {
         Some(heard) => heard,
         None => std::future::pending().await,
     }
-}
-
-/// Returns the sockets of an ecosystem's daemons on this machine, sorted.
-pub(super) fn sockets(folder: &Path) -> Vec<PathBuf> {
-    let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
-    let paths = entries.flatten().map(|entry| entry.path());
-    let mut sockets: Vec<_> = paths
-        .filter(|path| path.extension().is_some_and(|extension| extension == "sock"))
-        .collect();
-    sockets.sort();
-    sockets
 }

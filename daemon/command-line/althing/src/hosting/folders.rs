@@ -71,6 +71,17 @@ pub(crate) fn running_ecosystems() -> Vec<EcosystemId> {
     ecosystems
 }
 
+/// Returns the sockets of an ecosystem's daemons on this machine, sorted.
+pub(crate) fn daemon_sockets(folder: &Path) -> Vec<PathBuf> {
+    let Ok(entries) = fs::read_dir(folder) else { return Vec::new() };
+    let paths = entries.flatten().map(|entry| entry.path());
+    let mut sockets: Vec<_> = paths
+        .filter(|path| path.extension().is_some_and(|extension| extension == "sock"))
+        .collect();
+    sockets.sort();
+    sockets
+}
+
 fn runtime_base() -> PathBuf {
     match (variable("ALTHING_RUNTIME_DIR"), variable("XDG_RUNTIME_DIR")) {
         (Some(folder), _) => folder,

@@ -18,8 +18,11 @@ mod fault_injection;
 mod file_digests;
 mod file_handles;
 mod folders;
+mod hosted_part;
+mod opened_daemon;
 mod plugin_processes;
 mod reexec;
+mod shared_building;
 mod socket_watch;
 mod supervisor;
 mod suspend_watch;
@@ -43,17 +46,19 @@ use crate::plugins;
 
 pub(crate) use address_watch::watch_addresses;
 pub(crate) use building::{simulate, update_devices};
-pub(crate) use building_takeover::{BuildingTakeover, watch_building};
-pub(crate) use credentials::{GuestKeys, publish_keys, secure, unpublish_keys, warn_of_expiry};
-pub(crate) use daemon_registry::{PresenceGuard, register_daemon};
+pub(crate) use credentials::GuestKeys;
+pub(crate) use daemon_registry::PresenceGuard;
 pub(crate) use dry_run::{DryRun, models};
 pub(crate) use fault_injection::FaultInjector;
 pub(crate) use file_digests::watch_files;
 pub(crate) use file_handles::warn_of_few_file_handles;
 pub(crate) use folders::{
-    plugins_folder, restrict_umask, running_ecosystems, runtime_folder, socket_in, state_folder,
+    daemon_sockets, plugins_folder, restrict_umask, running_ecosystems, runtime_folder, socket_in,
+    state_folder,
 };
-pub(crate) use plugin_processes::{ITSELF, PluginProcesses, become_plugin};
+pub(crate) use hosted_part::{HostedPart, host_name};
+pub(crate) use opened_daemon::{OpenedDaemon, daemon_transport, open_daemon};
+pub(crate) use plugin_processes::{ITSELF, become_plugin};
 pub(crate) use reexec::restart_process;
 pub(crate) use socket_watch::watch_socket;
 use supervisor::SupervisedAgent;

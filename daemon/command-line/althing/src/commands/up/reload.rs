@@ -14,9 +14,9 @@ use acl::AgentId;
 use terminal::output;
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
-use super::{HostedPart, read};
+use super::read;
 use crate::config::{AgentEntry, Ecosystem, Overrides};
-use crate::hosting::{self, DaemonNode};
+use crate::hosting::{self, DaemonNode, HostedPart};
 
 /// The daemon's current configuration, and what is needed to read it again.
 pub(super) struct Reload {
