@@ -1,11 +1,9 @@
 //! The buildings of `ecosystems/` other than the office: each starts from its files alone and reaches
 //! its goals.
 
-mod support;
-
 use std::path::{Path, PathBuf};
 
-use support::{Office, stderr, stdout};
+use crate::support::{Office, stderr, stdout};
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../..")

@@ -1,11 +1,9 @@
 //! The commands that talk to a running ecosystem, and the answers to invalid requests.
 
-mod support;
-
 use std::process::{Child, Stdio};
 use std::time::Instant;
 
-use support::{Office, PATIENCE, ask, lines, office, stderr, stdout};
+use crate::support::{Office, PATIENCE, ask, lines, office, stderr, stdout};
 
 fn file() -> String {
     Office::file().display().to_string()

@@ -4,13 +4,11 @@
 //!
 //! The machines are network namespaces, so messages cross real wires.
 
-mod support;
-
 use std::path::PathBuf;
 use std::process::{Child, Stdio};
 
-use support::network::{LAN, Site, example, has, secured, smart_office};
-use support::{PATIENCE, lines};
+use crate::support::network::{LAN, Site, example, has, secured, smart_office};
+use crate::support::{PATIENCE, lines};
 
 const BOARDS: [&str; 3] = ["reasoning", "turtlebot-laptop", "office2-pi"];
 const AGENTS: [&str; 3] = ["plan-requester", "turtlebot-1", "thermometer-office2"];

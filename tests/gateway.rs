@@ -1,14 +1,13 @@
 //! Devices of a real MQTT broker that appear as discovered agents: as Zigbee2MQTT, ESPHome (Home
 //! Assistant's discovery) and Tasmota describe them.
 
-mod support;
-
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
-use support::broker::Broker;
-use support::{Office, lab};
+
+use crate::support::broker::Broker;
+use crate::support::{Office, lab};
 
 const PATIENCE: Duration = Duration::from_secs(60);
 
@@ -357,7 +356,7 @@ impl Told {
         self.0.lock().expect("nobody panics").clone()
     }
 
-    fn listens(&self, broker: &Broker, topic: &str) -> support::broker::Subscriber {
+    fn listens(&self, broker: &Broker, topic: &str) -> crate::support::broker::Subscriber {
         let (told, to) = (self.clone(), topic.to_owned());
         broker.device(topic, move |text| {
             told.0.lock().expect("nobody panics").push(format!("{to} {text}"));

@@ -2,16 +2,15 @@
 //! swept, the house receives none of the firm's names or reasons, and when the robot's process is
 //! killed, its proxy agent leaves the firm too.
 
-mod support;
-
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use acl::{DaemonId, EcosystemId};
 use building::{Building, Layout};
 use substrate_zenoh::{Config, SessionMode, Tap};
-use support::{Office, PATIENCE, stderr, stdout};
 use tokio::sync::mpsc;
+
+use crate::support::{Office, PATIENCE, stderr, stdout};
 
 /// Names of the firm that must never reach the house: its things, its vocabulary, its agents.
 const SECRETS: &[&str] = &[

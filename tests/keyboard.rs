@@ -1,15 +1,13 @@
 //! The prompt as a person uses it: in a terminal of 80 × 24, driven by a terminal multiplexer.
 
-mod support;
-
 use std::io::Read as _;
 use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
 use std::sync::mpsc;
 use std::time::Instant;
 
-use support::left_out::left_out;
-use support::{Office, PATIENCE, office, stdout};
+use crate::support::left_out::left_out;
+use crate::support::{Office, PATIENCE, office, stdout};
 
 /// A terminal with one program in it.
 struct Terminal<'o> {

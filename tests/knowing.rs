@@ -2,11 +2,9 @@
 //! answers for, a number is measured before it is judged, and the facts of a dead daemon become
 //! unknown.
 
-mod support;
-
 use std::fs;
 
-use support::{Office, lab};
+use crate::support::{Office, lab};
 
 /// Returns the entry of a lamp that runs two programs; its state is in the file `FOLDER/NAME`.
 fn lamp(name: &str, daemon: &str) -> String {

@@ -1,15 +1,13 @@
 //! An agent in another language: the Python thermometer of `plugins/python`, a process of its own that
 //! uses nothing but the protocol.
 
-mod support;
-
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
-use support::left_out::left_out;
-use support::packages::python;
-use support::{Office, lab};
+use crate::support::left_out::left_out;
+use crate::support::packages::python;
+use crate::support::{Office, lab};
 
 /// The Python agent; it is killed with the test.
 struct Thermometer(Child);

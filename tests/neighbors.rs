@@ -1,15 +1,14 @@
 //! Daemons of one machine find each other, in any order and under any name.
 
-mod support;
-
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use acl::{AgentId, DaemonId, EcosystemId};
 use substrate::{Delivery, Inbound, Presence, ReceivedQuery};
 use substrate_zenoh::{Config, SessionMode, ZenohSubstrate};
-use support::{Office, PATIENCE};
 use tokio::sync::mpsc;
+
+use crate::support::{Office, PATIENCE};
 
 const DAEMONS: [&str; 5] =
     ["reasoning", "turtlebot-laptop", "office2-pi", "conf-room-pi", "corridor-pi"];
@@ -123,7 +122,7 @@ fn a_name_is_taken_once() {
     let file = Office::file().display().to_string();
     let second = office.run(&["up", &file, "--daemon", "corridor-pi"]);
     assert_eq!(second.status.code(), Some(69));
-    let said = support::stderr(&second);
+    let said = crate::support::stderr(&second);
     assert!(said.contains("a daemon of this name is running here already"), "{said}");
     let (code, agents) = office.ask(&["agents"]);
     assert_eq!(code, Some(0), "{agents}");

@@ -1,8 +1,6 @@
 //! Problems that people met at a terminal: readers that close their pipe, goals that are left, ports
 //! that are taken, text with terminal control sequences.
 
-mod support;
-
 use std::fs::File;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::TcpListener;
@@ -13,7 +11,8 @@ use std::time::{Duration, Instant};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-use support::{Office, PATIENCE, ask, lab, lines, office, stderr, stdout};
+
+use crate::support::{Office, PATIENCE, ask, lab, lines, office, stderr, stdout};
 
 fn file() -> String {
     Office::file().display().to_string()

@@ -1,8 +1,6 @@
 //! Plugin packages on a real daemon: installed, planned with, killed, upgraded, removed; and packages
 //! that misbehave.
 
-mod support;
-
 use std::fs::{self, Permissions};
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::{Path, PathBuf};
@@ -10,8 +8,9 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
-use support::packages::{copy, has_python, replace, sensor_process, thermometer};
-use support::{Office, lab};
+
+use crate::support::packages::{copy, has_python, replace, sensor_process, thermometer};
+use crate::support::{Office, lab};
 
 const PATIENCE: Duration = Duration::from_secs(60);
 
@@ -350,12 +349,12 @@ fn a_check_starts_the_program_and_says_what_to_do_where_it_fails() {
     ] {
         script(&office, name, program, "");
         let output = office.run(&["plugin", "check", &folder(name)]);
-        let said = support::stderr(&output).split_whitespace().collect::<Vec<_>>().join(" ");
+        let said = crate::support::stderr(&output).split_whitespace().collect::<Vec<_>>().join(" ");
         assert_eq!(output.status.code(), Some(33), "{name}: {said}");
         assert!(said.contains("it does not start") && said.contains(expected), "{name}: {said}");
         assert!(help.is_none_or(|help| said.contains(help)), "{name}: {said}");
         let output = office.run(&["plugin", "check", "--files-only", &folder(name)]);
-        assert_eq!(output.status.code(), Some(0), "{name}: {}", support::stderr(&output));
+        assert_eq!(output.status.code(), Some(0), "{name}: {}", crate::support::stderr(&output));
     }
 }
 

@@ -1,11 +1,9 @@
 //! An actuator that runs any program, on a real daemon: planned with, run, and replaced when it fails.
 //! The evidence is in the files that the program writes.
 
-mod support;
-
 use std::fs;
 
-use support::{Office, lab};
+use crate::support::{Office, lab};
 
 /// A kettle with two programs; the test sets `FOLDER` and the program that brews.
 const KETTLE: &str = r#"

@@ -8,21 +8,18 @@
 //!   measures the simulated building, and no device reports the same number: the known number of a room
 //!   shows which device has measured it.
 
-#[path = "support/kernel.rs"]
-mod kernel;
-mod support;
-
 use std::fs;
 use std::path::Path;
 use std::process::Stdio;
 
 use building::{Building, BuildingDevice, BuildingEvent, Layout, Truth};
-use kernel::{SAID, THERMOMETER, said_in};
 use serde_json::json;
-use support::broker::Broker;
-use support::left_out::left_out;
-use support::packages::{self, copy, has_python, replace, sensor_process, thermometer};
-use support::{Office, PATIENCE, lab, lines};
+
+use crate::kernel::{SAID, THERMOMETER, said_in};
+use crate::support::broker::Broker;
+use crate::support::left_out::left_out;
+use crate::support::packages::{self, copy, has_python, replace, sensor_process, thermometer};
+use crate::support::{Office, PATIENCE, lab, lines};
 
 /// Memory of the kernel, in megabytes.
 const MEGABYTES: u32 = 1_024;

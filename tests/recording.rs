@@ -2,14 +2,13 @@
 //! the goals end in the same way, and are reached also if every tenth message is lost and every tenth
 //! is duplicated.
 
-mod support;
-
 use std::io::{BufRead as _, BufReader};
 use std::path::PathBuf;
 use std::process::{Child, Stdio};
 
 use serde_json::Value;
-use support::{Office, PATIENCE, lines, office, stderr, stdout};
+
+use crate::support::{Office, PATIENCE, lines, office, stderr, stdout};
 
 /// Starts recording; returns when the recorder receives all messages.
 fn record(office: &Office, file: &str) -> Child {

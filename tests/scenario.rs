@@ -1,10 +1,9 @@
 //! `althing scenario` as a user runs it: both flows, in one process and in at least five, in several
 //! buildings. The exit code reflects the building's truth.
 
-mod support;
-
 use serde_json::Value;
-use support::{Office, stderr, stdout};
+
+use crate::support::{Office, stderr, stdout};
 
 #[track_caller]
 fn check(arguments: &[&str]) -> Value {

@@ -1,8 +1,6 @@
 //! A secured office, set up by the commands of a caretaker: certificates, TLS links between daemons
 //! that share nothing but the network, people at command lines, and senders that are rejected.
 
-mod support;
-
 use std::fs;
 use std::net::TcpListener;
 use std::os::unix::fs::PermissionsExt as _;
@@ -11,8 +9,9 @@ use std::process::{Child, Stdio};
 use std::time::Instant;
 
 use serde_json::Value;
-use support::network::example;
-use support::{Office, PATIENCE, lines, stderr, stdout};
+
+use crate::support::network::example;
+use crate::support::{Office, PATIENCE, lines, stderr, stdout};
 
 const BOARDS: [&str; 2] = ["turtlebot-laptop", "office2-pi"];
 

@@ -1,16 +1,12 @@
 //! Thermometers of a kernel, from their listing to a goal: in a folder that imitates sysfs, and in a
 //! real kernel, Debian's `user-mode-linux`, in which the whole ecosystem runs.
 
-#[path = "support/kernel.rs"]
-mod kernel;
-mod support;
-
 use std::fs;
 use std::os::unix::fs::symlink;
 use std::path::{Path, PathBuf};
 
-use kernel::{SAID, THERMOMETER, said_in};
-use support::{Office, lab, stderr, stdout};
+use crate::kernel::{SAID, THERMOMETER, said_in};
+use crate::support::{Office, lab, stderr, stdout};
 
 /// A thermometer as sysfs shows it, below a folder.
 struct Thermometer(PathBuf);

@@ -1,13 +1,11 @@
 //! A daemon under a service manager: a socket of this test receives what systemd would.
 
-mod support;
-
 use std::fs;
 use std::os::unix::net::UnixDatagram;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use support::{Office, PATIENCE};
+use crate::support::{Office, PATIENCE};
 
 /// The service manager's side.
 struct Manager {

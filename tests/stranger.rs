@@ -2,8 +2,6 @@
 //! in an order that the protocols allow, a local domain of each bidder, and no plan with other agents'
 //! actions.
 
-mod support;
-
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,8 +14,9 @@ use substrate::{
     Delivery, Inbound, Presence, ReceivedQuery, Resource, ResourceQuery, Substrate as _,
 };
 use substrate_zenoh::{Config, SessionMode};
-use support::{Office, PATIENCE, stderr, stdout};
 use tokio::sync::mpsc;
+
+use crate::support::{Office, PATIENCE, stderr, stdout};
 
 const DAEMONS: [&str; 5] =
     ["reasoning", "conf-room-pi", "office1-pi", "office2-pi", "turtlebot-laptop"];

@@ -1,0 +1,28 @@
+//! End-to-end tests: the program `althing` in real processes, over Zenoh.
+//!
+//! They are one target, so that the test support and its libraries are compiled and linked once. Targets
+//! of their own are `load` and `faults`, which need the machine for themselves, and `confinement`, where
+//! plugins attack their surroundings.
+
+mod buildings;
+mod commands;
+mod federation;
+mod gateway;
+mod interfacing;
+#[path = "support/kernel.rs"]
+mod kernel;
+mod keyboard;
+mod knowing;
+mod languages;
+mod neighbors;
+mod people;
+mod plugins;
+mod programs;
+mod reality;
+mod recording;
+mod scenario;
+mod security;
+mod sensors;
+mod service;
+mod stranger;
+mod support;
