@@ -12,6 +12,7 @@
 //! The life of each goal is the state machine of `goal-lifecycle`; `lifecycle` wraps it. Start reading
 //! there.
 
+mod absent_agents;
 mod contract_net;
 mod execution;
 mod explanations;
@@ -39,14 +40,15 @@ use acl::content::{
 use acl::{AgentId, ConversationId, Message, Performative};
 use agent::replication::{self, JournalClient};
 use agent::{
-    Agent, Blueprint, BuildError, Callbacks, Context, LaunchableAgent, Mode, Participation,
-    PluginEntry, Presence, Resource, TimerId, WorkHandle,
+    Agent, Blueprint, BuildError, Callbacks, ConfiguredModels, Context, LaunchableAgent, Mode,
+    Participation, PluginEntry, Presence, Resource, TimerId, WorkHandle,
 };
 use goal_lifecycle::{Attempt, GoalEvent, PlanningFlow, holding};
-use pddl::Condition;
+use pddl::{ActionModel, Condition};
 use serde::Deserialize;
 use tokio::time::Instant;
 
+use crate::absent_agents::absent_declarers;
 use crate::finished::FinishedGoals;
 use crate::goal::{Goal, PlanningRound, Work};
 use crate::planning_snapshot::{PlanningSnapshot, first};
@@ -90,6 +92,8 @@ struct Config {
     domain_maintainer: AgentId,
     planning_agent: AgentId,
     plan_executor: AgentId,
+    /// The action models that the agents of the ecosystem file will announce, as far as they are known.
+    configured_models: Vec<ActionModel>,
     /// Whether a new plan is made when a plan fails. Switched off only in tests that show the effect of
     /// replanning.
     replanning: bool,
@@ -100,10 +104,12 @@ impl Config {
         let FileConfig { domain_maintainer, planning_agent, plan_executor, replanning } =
             blueprint.config_as()?;
         let roles = blueprint.host.settings.roles.clone();
+        let configured = blueprint.host.resources.get::<ConfiguredModels>();
         Ok(Config {
             domain_maintainer: domain_maintainer.unwrap_or(roles.domain_maintainer),
             planning_agent: planning_agent.unwrap_or(roles.planning_agent),
             plan_executor: plan_executor.unwrap_or(roles.plan_executor),
+            configured_models: configured.map(|models| models.0.clone()).unwrap_or_default(),
             replanning: replanning.unwrap_or(true),
         })
     }
@@ -339,6 +345,16 @@ impl PlanRequester {
         goal.state.backoffs_mut().compare_with(&known.offers);
         let known = known.without_avoided(goal.state.backoffs().avoided(now));
         let is_first = goal.state.rounds() == 0;
+        let absent: Vec<_> = { self.config.configured_models.iter() }
+            .filter(|model| {
+                AgentId::new(model.agent.as_str()).is_ok_and(|id| ctx.find(&id).is_none())
+            })
+            .collect();
+        let task = (&known.domain, &known.problem);
+        let lacks = |goal: &Goal| absent_declarers(task, &goal.condition, &absent);
+        if let Some(lost) = is_first.then(|| lacks(goal)).flatten() {
+            return Some(GoalEvent::GoalLost(attempt, lost));
+        }
         if let Some(problem) = is_first.then(|| wrong_in(goal, &known)).flatten() {
             return Some(GoalEvent::GoalInvalid(attempt, problem));
         }

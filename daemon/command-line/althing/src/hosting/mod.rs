@@ -186,8 +186,11 @@ impl DaemonNode {
         resources.insert(Admissions::new(admit));
         let named = ecosystem.agents.iter().map(|entry| entry.name.to_string());
         resources.insert(ConfiguredNames(named.collect()));
-        let keeps_domain = |entry: &AgentEntry| entry.plugin == domain_maintainer::PLUGIN.name;
-        if agents.iter().any(keeps_domain) {
+        let uses_models = |entry: &AgentEntry| {
+            [domain_maintainer::PLUGIN.name, plan_requester::PLUGIN.name]
+                .contains(&entry.plugin.as_str())
+        };
+        if agents.iter().any(uses_models) {
             resources.insert(ConfiguredModels(models(ecosystem).into_values().collect()));
         }
         state.into_iter().for_each(|folder| resources.insert(StateFolder(folder)));
