@@ -6,7 +6,7 @@ use pddl::{Atom, Effect, InitElement, Name, Term};
 
 /// Facts of the agent, by the text of the fact. The value of a function is listed by the text of the
 /// function.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct AgentFacts(BTreeMap<String, InitElement>);
 
 impl AgentFacts {
@@ -76,7 +76,7 @@ impl AgentFacts {
         effect: &Effect,
         arguments: &BTreeMap<String, String>,
     ) {
-        let mut after = AgentFacts(self.0.clone());
+        let mut after = self.clone();
         after.apply(effect, arguments);
         for atom in atoms(effect) {
             let atom = ground(atom, arguments);

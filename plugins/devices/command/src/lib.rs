@@ -6,12 +6,14 @@
 //! - If a program succeeds, the effect of its action becomes true. Lines that the program prints in
 //!   parentheses are additional facts, such as `(= (temperature office1) 21.5)` or `(not (lit office1))`;
 //!   the last other line is a message to people.
-//! - If a program is ended before it has finished, the facts that its action would have changed are
-//!   unknown.
+//! - If a program is ended before it has finished, or the daemon ends while it runs, the facts that its
+//!   action would have changed are unknown.
+//! - `fact_file` stores the facts, so that they outlive the daemon.
 //! - After a failure the actuator offers no actions for a while, so that plans are made without it.
 
 mod config;
 mod effect;
+mod fact_file;
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -23,12 +25,13 @@ use actuator::{
     OwnFact,
 };
 use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
-use pddl::{ActionModel, InitElement};
+use pddl::{ActionModel, ActionSchema, InitElement};
 use programs::ProgramError;
 use tokio::time::Instant;
 
 use crate::config::{ActionProgram, Config};
 use crate::effect::AgentFacts;
+use crate::fact_file::FactFile;
 
 /// Pause after a failure in which an actuator offers no actions.
 const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
@@ -55,8 +58,12 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
 fn commanded(blueprint: &Blueprint) -> Result<CommandActuator, BuildError> {
     let config: Config = blueprint.config_as()?;
     let (model, runs) = config.parse_actions(blueprint)?;
-    let known = AgentFacts::new(model.init.clone());
-    Ok(CommandActuator { model, runs, known, paused_until: None })
+    let file = FactFile::of(blueprint, &model);
+    let stored = file
+        .read()
+        .map_err(|problem| BuildError::Other { agent: blueprint.id.clone(), problem })?;
+    let known = AgentFacts::new(stored.unwrap_or_else(|| model.init.clone()));
+    Ok(CommandActuator { model, runs, known, file, paused_until: None })
 }
 
 struct CommandActuator {
@@ -64,7 +71,14 @@ struct CommandActuator {
     /// Program of each action, by the name of the action.
     runs: BTreeMap<String, ActionProgram>,
     known: AgentFacts,
+    file: FactFile,
     paused_until: Option<Instant>,
+}
+
+impl CommandActuator {
+    fn action_of(&self, call: &MethodCall) -> Option<&ActionSchema> {
+        self.model.actions.iter().find(|action| action.name.as_str() == call.method)
+    }
 }
 
 impl Device for CommandActuator {
@@ -93,6 +107,12 @@ impl Device for CommandActuator {
             return Box::pin(std::future::ready(Err(unknown)));
         };
         let (program, time_out) = (run.program(&call.arguments), run.time_out);
+        // If the daemon ends while the program runs, the effect is unknown.
+        let mut uncertain = self.known.clone();
+        if let Some(action) = self.action_of(call) {
+            uncertain.apply_uncertain(&action.effect, &call.arguments);
+        }
+        self.file.write(&uncertain);
         Box::pin(async move {
             let program = program.ok_or_else(|| MethodFailure::Driver("run nothing".to_owned()))?;
             let printed = program.run(time_out).await;
@@ -106,24 +126,25 @@ impl Device for CommandActuator {
 
     fn on_success(&mut self, call: &MethodCall, printed: String) -> MethodResult {
         let (facts, told) = read(&printed);
-        let action = self.model.actions.iter().find(|action| action.name.as_str() == call.method);
         let mut observations = Vec::new();
-        if let Some(action) = action {
-            observations = self.known.apply(&action.effect, &call.arguments);
+        if let Some(effect) = self.action_of(call).map(|action| action.effect.clone()) {
+            observations = self.known.apply(&effect, &call.arguments);
         }
         for fact in facts {
             self.known.add(fact.clone());
             observations.push(fact);
         }
+        self.file.write(&self.known);
         let detail = told.unwrap_or_else(|| format!("{} is done", call.action));
         MethodResult { detail, observations }
     }
 
     fn on_failure(&mut self, call: &MethodCall, failure: &MethodFailure) {
-        let action = self.model.actions.iter().find(|action| action.name.as_str() == call.method);
-        if let (true, Some(action)) = (is_end_unknown(failure), action) {
-            self.known.apply_uncertain(&action.effect, &call.arguments);
+        let effect = self.action_of(call).map(|action| action.effect.clone());
+        if let (true, Some(effect)) = (is_end_unknown(failure), effect) {
+            self.known.apply_uncertain(&effect, &call.arguments);
         }
+        self.file.write(&self.known);
         if *failure != MethodFailure::GivenUp {
             self.paused_until = Some(Instant::now() + REST_AFTER_FAILURE);
         }

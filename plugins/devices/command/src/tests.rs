@@ -136,6 +136,39 @@ async fn a_program_says_what_is_false_or_unknown() {
     }
 }
 
+#[tokio::test]
+async fn facts_outlive_the_daemon() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let with = |model: &str| {
+        let run = json!({ "run": ["true"] });
+        let mut blueprint = blueprint(json!({ "model": model, "actions": { "brew": run } }));
+        let host = Arc::get_mut(&mut blueprint.host).expect("the only one");
+        host.resources.insert(agent::StateFolder(folder.path().to_owned()));
+        commanded(&blueprint)
+    };
+    let mut device = with(MODEL).expect("right");
+    assert_eq!(facts(&device), ["(clean c)"]);
+    // The daemon is killed while the program runs.
+    drop(device.perform(&call_of_brew()));
+    let mut device = with(MODEL).expect("right");
+    assert_eq!(facts(&device), UNKNOWN);
+    assert!(brew(&mut device).await.is_ok());
+    let mut device = with(MODEL).expect("right");
+    assert_eq!(facts(&device), ["(brewed kitchen)"]);
+    // A program that failed has changed nothing.
+    drop(device.perform(&call_of_brew()));
+    device.on_failure(&call_of_brew(), &MethodFailure::Driver("exit status: 1".to_owned()));
+    assert_eq!(facts(&with(MODEL).expect("right")), ["(brewed kitchen)"]);
+    let other = MODEL.replace("(:init (clean c))", "(:init (brewed hall))");
+    assert_eq!(facts(&with(&other).expect("right")), ["(brewed hall)"], "another model");
+    let file = folder.path().join("c.facts");
+    let text = std::fs::read_to_string(&file).expect("it is there");
+    assert!(text.ends_with("\n(brewed kitchen)\n"), "{text}");
+    std::fs::write(&file, text.replace("kitchen)", "kitchen")).expect("a file");
+    let problem = with(MODEL).err().map(|error| error.to_string()).unwrap_or_default();
+    assert!(problem.contains("c.facts") && problem.contains("remove the file"), "{problem}");
+}
+
 #[test]
 fn mistakes_say_what_would_be_right() {
     let run = json!({ "run": ["true"] });

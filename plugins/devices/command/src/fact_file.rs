@@ -1,0 +1,69 @@
+//! The facts of an agent on disk, so that a restart of the daemon does not make facts false that the
+//! agent's programs have made true.
+
+use std::path::PathBuf;
+use std::{fs, io};
+
+use acl::fnv::Fnv64;
+use agent::{Blueprint, BuildCheck, StateFolder};
+use pddl::{ActionModel, InitElement};
+
+use crate::effect::AgentFacts;
+
+/// File with the facts of one agent. The first line is a comment with the digest of the action model;
+/// each further line is a fact in PDDL.
+#[derive(Debug)]
+pub(crate) struct FactFile {
+    /// Path of the file; `None` if nothing outlives the process.
+    path: Option<PathBuf>,
+    /// The first line of the file.
+    header: String,
+}
+
+impl FactFile {
+    pub(crate) fn of(blueprint: &Blueprint, model: &ActionModel) -> FactFile {
+        let resources = &blueprint.host.resources;
+        let is_check = resources.get::<BuildCheck>().is_some();
+        let folder = resources.get::<StateFolder>().filter(|_| !is_check);
+        let path = folder.map(|folder| folder.0.join(format!("{}.facts", blueprint.id)));
+        let digest = Fnv64::default().with(model.to_string().as_bytes()).value();
+        FactFile { path, header: format!("; facts of the model {digest:016x}") }
+    }
+
+    /// Returns the stored facts; `None` if there are none, or if they belong to another action model.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error, as text for a person, if the file exists and cannot be read.
+    pub(crate) fn read(&self) -> Result<Option<Vec<InitElement>>, String> {
+        let Some(path) = &self.path else { return Ok(None) };
+        let text = match fs::read_to_string(path) {
+            Ok(text) => text,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(format!("read {}: {error}", path.display())),
+        };
+        let Some(facts) = text.strip_prefix(&self.header) else { return Ok(None) };
+        let facts = pddl::parse_init_elements(facts).into_result().map_err(|diagnostics| {
+            let why = diagnostics.first().map(|first| first.message.clone()).unwrap_or_default();
+            format!(
+                "read {}: {why}; remove the file, and the facts of `:init` count again",
+                path.display()
+            )
+        })?;
+        Ok(Some(facts))
+    }
+
+    /// Replaces the stored facts, as a whole. A failure is logged: the agent continues, and a restart
+    /// finds the facts that were stored before.
+    pub(crate) fn write(&self, facts: &AgentFacts) {
+        let Some(path) = &self.path else { return };
+        let mut text = self.header.clone();
+        facts.facts().for_each(|fact| text.push_str(&format!("\n{fact}")));
+        text.push('\n');
+        let new = path.with_extension("facts.new");
+        let written = fs::write(&new, text).and_then(|()| fs::rename(&new, path));
+        if let Err(error) = written {
+            tracing::error!(file = %path.display(), %error, "failed to store facts");
+        }
+    }
+}
