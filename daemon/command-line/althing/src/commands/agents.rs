@@ -49,6 +49,9 @@ async fn discovered(view: &EcosystemView, json: bool) -> ExitCode {
     output::print(text, exit::DONE)
 }
 
+/// Column in which the offered actions begin.
+const OFFERS_COLUMN: usize = 44;
+
 pub(crate) async fn print(view: &EcosystemView, json: bool) -> ExitCode {
     view.directory(None).await;
     let residents = residents(view).await;
@@ -77,7 +80,7 @@ pub(crate) async fn print(view: &EcosystemView, json: bool) -> ExitCode {
     for resident in &residents {
         let offers = offers(&resident.agent).join(", ");
         let line = format!("{:<24} {:<18} {offers}", resident.agent, resident.daemon);
-        let _ = writeln!(text, "{}", line.trim_end());
+        let _ = writeln!(text, "{}", output::folded(line.trim_end(), OFFERS_COLUMN));
         for conflict in left_out(&resident.agent) {
             let _ = writeln!(
                 text,
