@@ -109,24 +109,32 @@ fn apply<'f>(
     items: Items<'f>,
     span: Span,
 ) -> Option<Expression> {
-    // `f(x)` is one operand, which is reported; the list in `(+(f) 1)` touches the operator only.
-    let is_operand = |node: &SyntaxNode<'f>| match node.touched_word() {
-        Some(word) => matches!(word.text(), "+" | "-" | "*" | "/"),
-        None => true,
+    // `f(x)` is one operand, which is reported. The lists in `(+(f) 1)` and `(+ 1(f))` touch an operator
+    // and a number, and are operands of their own.
+    let is_operand = |node: &SyntaxNode<'f>| {
+        let is_name = |word: SyntaxNode<'f>| word.text().starts_with(char::is_alphabetic);
+        !node.touched_word().is_some_and(is_name)
     };
-    let count = items.filter(is_operand).count();
-    let count_fits = match operator {
+    let fits = |count: usize| match operator {
         Operator::Add | Operator::Multiply => count >= 2,
         Operator::Subtract => count == 1 || count == 2,
         Operator::Divide => count == 2,
     };
-    if !count_fits {
+    let wrong_number = |count: usize| {
         let message = format!("wrong number of operands: {count}");
-        reader.report(Diagnostic::error(span, message).with_rule(EXPRESSION));
+        Diagnostic::error(span, message).with_rule(EXPRESSION)
+    };
+    let count = items.filter(is_operand).count();
+    if !fits(count) {
+        reader.report(wrong_number(count));
         return None;
     }
     let read: Vec<Expression> = items.filter_map(|node| expression(reader, node)).collect();
     if read.len() < count {
+        return None;
+    }
+    if !fits(read.len()) {
+        reader.report(wrong_number(read.len()));
         return None;
     }
     match <[Expression; 1]>::try_from(read) {

@@ -324,3 +324,14 @@ fn bytes_that_are_not_utf8_are_latin_1() {
     assert_eq!(pddl::text_from_bytes("; Thiébaux".as_bytes()), "; Thiébaux");
     check_part(pddl::parse_condition("\u{feff}(p)"), expect!["(p)"]);
 }
+
+#[test]
+fn a_list_that_touches_a_number_is_an_operand_of_its_own() {
+    for (expression, printed) in [("(+ 1(f))", "(+ 1 (f))"), ("(- 0(f))", "(- 0 (f))")] {
+        let condition = pddl::parse_condition(&format!("(< {expression} 5)"));
+        assert_eq!(condition.into_result().expect("valid").to_string(), format!("(< {printed} 5)"));
+    }
+    let three =
+        pddl::parse_condition("(< (- 0(f) 1) 5)").into_result().expect_err("three operands");
+    assert_eq!(three[0].message, "wrong number of operands: 3");
+}
