@@ -11,8 +11,8 @@
 //! - `source`: a minimal reader of Rust source for the above, with its own tests.
 //! - `transitions`: the tables of transitions in `docs/goals.md`.
 //!
-//! A new crate of the workspace needs a line in `layers::LAYERS` and a place in the table “Folders”. A new
-//! exception needs a reason; an exception that is no longer needed fails as well.
+//! A new crate of the workspace needs a line in `layers::LAYERS` and a place in the table
+//! “Folders”. A new exception needs a reason; an exception that is no longer needed fails as well.
 
 #[path = "architecture/documents.rs"]
 mod documents;

@@ -1,5 +1,5 @@
-//! The buildings of `ecosystems/` other than the office: each starts from its files alone and reaches
-//! its goals.
+//! The buildings of `ecosystems/` other than the office: each starts from its files alone and
+//! reaches its goals.
 
 use std::path::{Path, PathBuf};
 
@@ -45,7 +45,7 @@ fn known(building: &Office) -> String {
 }
 
 #[test]
-fn robots_of_the_ward_ride_the_lift() {
+fn robots_of_the_ward_use_the_lift() {
     for mode in ["decentralized", "centralized"] {
         let ward = up("ward", mode, 8);
 
@@ -77,7 +77,7 @@ fn robots_of_the_ward_ride_the_lift() {
 
 /// One house of the campus and the reasoning machine: the other houses are not started yet.
 #[test]
-fn a_house_of_the_campus_is_measured_by_its_own() {
+fn a_house_of_the_campus_is_measured_by_its_own_devices() {
     for mode in ["centralized", "decentralized"] {
         let mut campus = building("campus");
         campus.up(&["reasoning", "house-a"], &["--mode", mode]);

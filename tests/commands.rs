@@ -1,4 +1,4 @@
-//! The commands that talk to a running ecosystem, and the answers to invalid requests.
+//! Tests of the commands for a running ecosystem, and of the answers to invalid requests.
 
 use std::process::{Child, Stdio};
 use std::time::Instant;
@@ -82,7 +82,7 @@ fn one_action_at_a_time() {
 }
 
 #[test]
-fn the_state_is_changed_by_a_word() {
+fn the_state_is_changed_by_a_request() {
     let office = office();
     let fact = "(known-temperature office1)";
     let (code, set) = ask(&office, &["set", fact]);
@@ -103,7 +103,7 @@ fn the_state_is_changed_by_a_word() {
 }
 
 #[test]
-fn the_flow_changes_while_it_runs() {
+fn the_planning_mode_changes_at_run_time() {
     let office = office();
     let planned = || {
         let mailboxes = office.ask_json(&["mailbox", "planning-agent"]);
@@ -179,7 +179,7 @@ fn await_line(lines: &std::sync::mpsc::Receiver<String>, text: &str) -> String {
 }
 
 #[test]
-fn a_goal_is_looked_at_and_its_conversation_watched() {
+fn a_goal_is_listed_and_its_conversation_watched() {
     let office = office();
     let (_, own) = ask(&office, &["goals"]);
     assert!(own.starts_with("(patrolled corridor)\n"), "what the robot wants by itself: {own}");
@@ -216,7 +216,7 @@ fn a_goal_is_looked_at_and_its_conversation_watched() {
 }
 
 #[test]
-fn mailboxes_and_messages_are_open_to_whoever_looks_after_them() {
+fn mailboxes_are_listed_and_messages_are_sent_by_commands() {
     let office = office();
     let (code, all) = ask(&office, &["mailbox"]);
     assert_eq!(code, Some(0), "{all}");
@@ -240,7 +240,7 @@ fn mailboxes_and_messages_are_open_to_whoever_looks_after_them() {
 }
 
 #[test]
-fn a_script_is_done_line_by_line() {
+fn a_script_runs_line_by_line() {
     let office = office();
     let file = file();
     let script = "# to and fro\n\
@@ -278,7 +278,7 @@ fn shells_can_complete() {
 }
 
 #[test]
-fn a_frozen_process_is_silence_not_for_ever() {
+fn a_stopped_daemon_is_replaced_in_a_plan() {
     let office = office();
     office.signal("office2-pi", "STOP");
     let (code, goal) = ask(&office, &["goal", "temperatures"]);
@@ -288,7 +288,7 @@ fn a_frozen_process_is_silence_not_for_ever() {
 }
 
 #[test]
-fn nobody_there_is_said() {
+fn an_absent_ecosystem_is_reported() {
     let office = Office::new();
     let commands = [
         &["agents"][..],
@@ -311,7 +311,7 @@ fn nobody_there_is_said() {
 }
 
 #[test]
-fn an_unknown_daemon_is_told_the_known_ones() {
+fn an_unknown_daemon_name_yields_the_known_ones() {
     let office = Office::new();
     let output = office.run(&["up", &file(), "--daemon", "office2-pie"]);
     assert_eq!(output.status.code(), Some(78));

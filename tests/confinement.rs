@@ -1,9 +1,10 @@
 //! Attacks of a confined plugin on a real daemon: on its sockets, on the owner's files, on other
 //! processes, on kernel limits. Each way to confine is tested alone: with a kernel that has all of
-//! them, without namespaces, without Landlock, and with the system calls that the shipped unit allows.
+//! them, without namespaces, without Landlock, and with the system calls that the shipped unit
+//! allows.
 //!
-//! Tests that need a missing feature of this kernel are skipped with a report. Without a confinement
-//! the same attacks must succeed, otherwise they would prove nothing.
+//! Tests that need a missing feature of this kernel are skipped with a report. Without a
+//! confinement the same attacks must succeed, otherwise they would prove nothing.
 
 mod support;
 
@@ -185,8 +186,8 @@ fn await_listed(office: &Office, is_so: impl Fn(&Value) -> bool) -> Value {
     }
 }
 
-/// Waits until the log of a plugin contains a text; returns the whole log. The log is used because the
-/// reason of a state disappears with the next state.
+/// Waits until the log of a plugin contains a text; returns the whole log. The log is used because
+/// the reason of a state disappears with the next state.
 fn await_logged(office: &Office, name: &str, text: &str) -> String {
     let deadline = Instant::now() + PATIENCE;
     loop {
@@ -323,7 +324,7 @@ fn without_a_confinement_the_attacks_succeed() {
 }
 
 #[test]
-fn a_plugin_reaches_nothing_with_all_that_this_kernel_has() {
+fn a_plugin_reaches_nothing_with_all_features_of_this_kernel() {
     if !has_python() {
         return;
     }
@@ -338,7 +339,7 @@ fn a_plugin_reaches_nothing_with_all_that_this_kernel_has() {
 }
 
 #[test]
-fn a_plugin_reaches_nothing_where_there_are_no_namespaces() {
+fn a_plugin_reaches_nothing_without_namespaces() {
     if !has_python() {
         return;
     }
@@ -361,7 +362,7 @@ fn a_plugin_reaches_nothing_where_there_are_no_namespaces() {
 }
 
 #[test]
-fn a_plugin_reaches_nothing_where_there_is_no_landlock() {
+fn a_plugin_reaches_nothing_without_landlock() {
     if !has_python() {
         return;
     }
@@ -453,7 +454,7 @@ fn a_plugin_starts_and_reaches_nothing_with_the_calls_of_the_shipped_unit() {
 }
 
 #[test]
-fn where_confinement_is_required_and_lacks_something_no_plugin_runs() {
+fn no_plugin_runs_if_required_confinement_is_incomplete() {
     if !has_python() {
         return;
     }
@@ -542,9 +543,10 @@ fn add_program(office: &Office, name: &str, program: &str, permissions: &str) {
     assert_eq!(code, Some(0), "{said}");
 }
 
-/// The files have no name and no process has them open; the memory belongs to no process.
+/// The plugin's files have no name and are open in no process, so their memory belongs to no
+/// process.
 #[test]
-fn what_a_plugin_keeps_in_sockets_and_pipes_is_counted() {
+fn memory_in_sockets_and_pipes_of_a_plugin_is_counted() {
     if !has_python() {
         return;
     }
@@ -583,7 +585,8 @@ fn memory_without_a_name_counts_in_a_control_group() {
     use std::io::Write as _;
     let group = match Delegated::new() {
         Ok(group) => group,
-        // No package can change how the kernel's control groups are mounted, so CI does not require it.
+        // No package can change how the kernel's control groups are mounted, so CI does not require
+        // it.
         Err(why) => {
             let _ = writeln!(std::io::stderr(), "\nNOT TESTED: limits of control groups: {why}\n");
             return;

@@ -1,19 +1,19 @@
 //! Faults on real processes and real wires: processes killed and stopped, cables pulled, networks
 //! partitioned, disks filled, files of stores torn in the middle of a write.
 //!
-//! In each round a person requests that a robot be at another place, and a fault strikes. The goal must
-//! end: achieved, and then the robot is there in the building's own truth, or with a reason. The robot
-//! never sets off more often than its ledger has commands. The ledger has no command twice, and none of
-//! an older plan after one of a newer plan. At the end all daemons die and return, and every Journal
-//! still has every accepted goal and its end.
+//! In each round a person requests that a robot be at another place, and a fault strikes. The goal
+//! must end: achieved, and then the robot is there in the building's own truth, or with a reason.
+//! The robot never sets off more often than its ledger has commands. The ledger has no command
+//! twice, and none of an older plan after one of a newer plan. At the end all daemons die and
+//! return, and every Journal still has every accepted goal and its end.
 //!
 //! ```text
 //! ALTHING_FAULTS=200 cargo test --workspace --test faults -- --nocapture
 //! ```
 //!
 //! plays that many rounds of all kinds and prints a table. Without the number it plays one round of
-//! each kind, alternating between the two flows. `ALTHING_FAULTS_OF=pieces` plays only the kinds with
-//! that word.
+//! each kind, alternating between the two flows. `ALTHING_FAULTS_OF=pieces` plays only the kinds
+//! with that word.
 
 mod support;
 #[path = "support/testbed.rs"]
@@ -280,8 +280,8 @@ fn other_side(bed: &Testbed, agent: &str, n: usize) -> String {
 
 // === disks ===
 
-/// The goal is kept by the other Journals and the report says so. When there is room again, all keep
-/// the next goal.
+/// The goal is kept by the other Journals and the report says so. When there is room again, all
+/// keep the next goal.
 fn fill_journal(bed: &mut Testbed, n: usize) -> Played {
     fill(bed, "alpha");
     let mut asked = bed.ask(n, &[]);

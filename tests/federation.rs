@@ -1,6 +1,6 @@
 //! Daemons on several machines find each other: on one network by scouting, across networks by
-//! configured connections, through each other and through a plain router, and after crashes, restarts
-//! and changes of address. Two ecosystems on one network stay separate.
+//! configured connections, through each other and through a plain router, and after crashes,
+//! restarts and changes of address. Two ecosystems on one network stay separate.
 //!
 //! The machines are network namespaces, so messages cross real wires.
 
@@ -35,10 +35,10 @@ fn daemons_of_one_network_find_each_other() {
     reaches(&site, "office2-pi", "(known-temperature office1)");
 }
 
-/// `office2-pi` and `reasoning` are on different networks and can reach only `corridor-pi`, which is on
-/// both.
+/// `office2-pi` and `reasoning` are on different networks and can reach only `corridor-pi`, which
+/// is on both.
 #[test]
-fn the_ends_of_a_line_meet_through_its_middle() {
+fn daemons_on_two_networks_are_linked_through_a_third() {
     let names = ["reasoning", "corridor-pi", "office2-pi"];
     let Some(mut site) = Site::new(secured(&smart_office(CALLING), &names)) else { return };
     two_networks(&mut site, "corridor-pi");
@@ -50,9 +50,9 @@ fn the_ends_of_a_line_meet_through_its_middle() {
     reaches(&site, "reasoning", "(known-temperature office2)");
 }
 
-/// The same with a plain Zenoh router in the middle.
+/// The two ends are linked through a plain Zenoh router in the middle.
 #[test]
-fn a_plain_router_in_the_middle() {
+fn daemons_on_two_networks_are_linked_through_a_router() {
     let names = ["reasoning", "standing-router", "office2-pi"];
     let Some(mut site) = Site::new(secured(&smart_office(CALLING), &names)) else { return };
     two_networks(&mut site, "standing-router");
@@ -65,7 +65,7 @@ fn a_plain_router_in_the_middle() {
 
 /// Three daemons are configured with the hub only, but can reach each other.
 #[test]
-fn the_death_of_a_hub_is_survived_and_its_return_noticed() {
+fn daemons_stay_linked_when_their_hub_dies_and_returns() {
     let names = [&BOARDS[..], &["corridor-pi"]].concat();
     let told = CALLING.replace("scouting = false", "scouting.multicast.enabled = false");
     let Some(mut site) = Site::on_lan(secured(&smart_office(&told), &names), &names) else {
@@ -118,7 +118,7 @@ fn a_machine_moves_while_its_daemon_runs() {
 
 /// A cable is pulled out for longer than the lease, and put in again.
 #[test]
-fn who_was_cut_off_is_found_again() {
+fn a_daemon_that_was_cut_off_is_found_again() {
     let office = secured(&smart_office(SCOUTING), &BOARDS);
     let Some(mut site) = Site::on_lan(office, &BOARDS) else { return };
     site.network("nowhere");
@@ -134,7 +134,7 @@ fn who_was_cut_off_is_found_again() {
 
 /// A process is stopped for longer than the lease, as by closing a laptop's lid, and continued.
 #[test]
-fn who_stood_still_is_seen_by_all_again() {
+fn a_daemon_that_was_suspended_is_seen_by_all_again() {
     let office = secured(&smart_office(SCOUTING), &BOARDS);
     let Some(mut site) = Site::on_lan(office, &BOARDS) else { return };
     BOARDS.iter().for_each(|board| site.up(board, &[]));
@@ -148,8 +148,8 @@ fn who_stood_still_is_seen_by_all_again() {
     reaches(&site, "reasoning", "(known-temperature office2)");
 }
 
-/// Two ecosystems with the same daemons and agents, and even the same authority, use one router: each
-/// finds its own daemons, and never the other's.
+/// Two ecosystems with the same daemons and agents, and even the same authority, use one router:
+/// each finds its own daemons, and never the other's.
 #[test]
 fn two_ecosystems_on_one_wire_do_not_merge() {
     let names = ["reasoning", "turtlebot-laptop", "office2-pi", "standing-router"];
@@ -171,9 +171,9 @@ fn two_ecosystems_on_one_wire_do_not_merge() {
     assert_eq!(seen, ["thermometer-office2"]);
 }
 
-/// Two ecosystems scout on one network, with the same daemons, agents and authority: they do not even
-/// connect. A third ecosystem with the same name but its own authority connects, and its messages are
-/// rejected.
+/// Two ecosystems scout on one network, with the same daemons, agents and authority: they do not
+/// even connect. A third ecosystem with the same name but its own authority connects, and its
+/// messages are rejected.
 #[test]
 fn two_ecosystems_that_scout_on_one_network_do_not_merge() {
     let names = ["reasoning", "turtlebot-laptop", "office2-pi"];

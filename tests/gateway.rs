@@ -63,7 +63,7 @@ fn await_discovered(office: &Office, agent: &str, is_so: impl Fn(&Value) -> bool
 }
 
 #[test]
-fn devices_appear_are_planned_with_go_and_come_back() {
+fn devices_join_leave_and_return() {
     let Some(mut broker) = Broker::start() else { return };
     for mode in ["decentralized", "centralized"] {
         let office = office(mode, &broker, "");
@@ -112,7 +112,7 @@ fn devices_appear_are_planned_with_go_and_come_back() {
 }
 
 #[test]
-fn a_broker_that_is_not_reached_is_told_until_it_is() {
+fn an_unreachable_broker_is_reported() {
     let Some(mut broker) = Broker::start() else { return };
     broker.kill();
     let office = office("decentralized", &broker, "");
@@ -130,7 +130,7 @@ fn a_broker_that_is_not_reached_is_told_until_it_is() {
 }
 
 #[test]
-fn lamps_relays_and_locks_are_switched_and_believed_by_what_they_say() {
+fn lamps_relays_and_locks_are_switched_and_report_their_states() {
     let Some(broker) = Broker::start() else { return };
     let broker = Arc::new(broker);
     let told = Arc::new(Mutex::new(Vec::new()));
@@ -194,7 +194,7 @@ fn silent_lamp(name: &str, id: &str) -> Value {
 }
 
 #[test]
-fn a_lamp_that_was_not_heard_of_is_neither_on_nor_off_and_a_room_has_several() {
+fn the_state_of_a_silent_lamp_is_unknown() {
     let Some(broker) = Broker::start() else { return };
     let broker = Arc::new(broker);
     for mode in ["decentralized", "centralized"] {
@@ -241,7 +241,7 @@ fn a_lamp_that_was_not_heard_of_is_neither_on_nor_off_and_a_room_has_several() {
 }
 
 #[test]
-fn what_cannot_be_used_says_why_and_harms_nobody() {
+fn unusable_devices_are_listed_with_the_reason() {
     let Some(broker) = Broker::start() else { return };
     for rubbish in ["{", "[1, null]", "\"x\""] {
         broker.retain("zigbee2mqtt/bridge/devices", rubbish);
@@ -290,7 +290,7 @@ fn what_cannot_be_used_says_why_and_harms_nobody() {
 }
 
 #[test]
-fn where_the_file_says_so_devices_are_listed_and_those_that_are_named_join() {
+fn with_admission_by_list_only_named_devices_join() {
     let Some(broker) = Broker::start() else { return };
     let config = "devices = [\"0x2\"]\nignore = [\"secret*\"]\n\n[plugins]\nadmit = \"listed\"\n";
     let office = office("decentralized", &broker, config);
@@ -305,7 +305,7 @@ fn where_the_file_says_so_devices_are_listed_and_those_that_are_named_join() {
 }
 
 #[test]
-fn where_the_file_says_so_a_person_is_asked_once() {
+fn with_admission_by_consent_a_person_is_asked_once() {
     let Some(broker) = Broker::start() else { return };
     let ask =
         "\n[[agent]]\nname = \"keyboard\"\nplugin = \"keyboard\"\n\n[plugins]\nadmit = \"ask\"\n";
@@ -334,7 +334,7 @@ fn where_the_file_says_so_a_person_is_asked_once() {
 }
 
 #[test]
-fn hundreds_of_devices_are_here_within_seconds_in_a_few_epochs() {
+fn hundreds_of_devices_join_within_seconds_in_a_few_epochs() {
     let Some(broker) = Broker::start() else { return };
     let office = office("decentralized", &broker, "");
     let before = office.ask_json(&["domain"])["epoch"].as_u64().expect("a number");
@@ -383,7 +383,7 @@ fn entity(name: &str, more: Value) -> String {
 }
 
 #[test]
-fn values_are_what_the_device_knows() {
+fn values_follow_templates_and_expire() {
     let Some(broker) = Broker::start() else { return };
     let office = office("decentralized", &broker, "");
     let fact = |text: &str, is_so: bool| office.await_fact(text, is_so);
@@ -406,7 +406,8 @@ fn values_are_what_the_device_knows() {
     broker.say("lab/n", r#"{"temp":21.75}"#);
     fact("(= (temperature office1) 21.8)", true);
     fact("(= (temperature office1) 0)", false);
-    // A template without filters passes the raw value; null then means that the device does not know.
+    // A template without filters passes the raw value; null then means that the device does not
+    // know.
     temperature(json!({ "val_tpl": "{{ value_json.temp }}" }));
     broker.say("lab/n", r#"{"temp":22.5}"#);
     fact("(= (temperature office1) 22.5)", true);
@@ -444,7 +445,7 @@ fn values_are_what_the_device_knows() {
 }
 
 #[test]
-fn an_entity_is_away_by_itself_and_a_bad_description_takes_nothing_away() {
+fn entities_have_their_own_availability_and_survive_bad_descriptions() {
     let Some(mut broker) = Broker::start() else { return };
     let office = office("decentralized", &broker, "");
     let sensor = |class: &str, unit: &str, more: Value| {
@@ -511,7 +512,7 @@ fn an_entity_is_away_by_itself_and_a_bad_description_takes_nothing_away() {
 }
 
 #[test]
-fn a_device_is_told_what_it_said_that_it_takes() {
+fn commands_use_the_payloads_of_the_description() {
     let Some(broker) = Broker::start() else { return };
     let told = Told::default();
     let topics = ["lab/plug/set", "lab/lamp/set", "lab/door/set"];
@@ -542,7 +543,7 @@ fn a_device_is_told_what_it_said_that_it_takes() {
 
 /// A plug that never reports its state: the last command counts, until the broker was away.
 #[test]
-fn what_says_nothing_of_itself_is_not_known_once_the_broker_was_away() {
+fn the_state_of_a_silent_plug_is_unknown_after_a_broker_restart() {
     let Some(mut broker) = Broker::start() else { return };
     let told = Told::default();
     let plug = entity("plug1", json!({ "cmd_t": "lab/plug/set" }));
@@ -573,7 +574,7 @@ fn what_says_nothing_of_itself_is_not_known_once_the_broker_was_away() {
 
 /// Two windows of one device: the room is closed when both are.
 #[test]
-fn several_contacts_of_one_device_speak_for_the_room_together() {
+fn several_contacts_of_one_device_are_combined() {
     let Some(broker) = Broker::start() else { return };
     for name in ["left", "right"] {
         let device = json!({ "ids": ["both"], "name": "windows", "sa": "Office 1" });
@@ -598,7 +599,7 @@ fn several_contacts_of_one_device_speak_for_the_room_together() {
 }
 
 #[test]
-fn states_are_asked_for_and_devices_are_told_to_describe_themselves() {
+fn states_and_descriptions_are_queried() {
     let Some(mut broker) = Broker::start() else { return };
     let told = Told::default();
     let listen = |broker: &Broker| {
@@ -653,7 +654,7 @@ fn states_are_asked_for_and_devices_are_told_to_describe_themselves() {
 }
 
 #[test]
-fn who_is_who_and_where() {
+fn devices_are_identified_and_located() {
     let Some(broker) = Broker::start() else { return };
     let office = office("decentralized", &broker, "");
     let lux = json!([
@@ -680,7 +681,8 @@ fn who_is_who_and_where() {
     assert_eq!(nowhere["problem"], "its room is not known");
     tell(&broker, &[]);
 
-    // Two devices of one name, one identified by its connections only, one in an area that is no room.
+    // Two devices of one name, one identified by its connections only, one in an area that is no
+    // room.
     let sensor = |device: Value, class: &str, topic: &str| {
         json!({ "uniq_id": topic, "dev_cla": class, "stat_t": topic, "dev": device }).to_string()
     };

@@ -1,6 +1,6 @@
-//! A firm borrows the robot of a house, over two Zenoh meshes and real processes: the room is really
-//! swept, the house receives none of the firm's names or reasons, and when the robot's process is
-//! killed, its proxy agent leaves the firm too.
+//! A firm borrows the robot of a house, over two Zenoh meshes and real processes: the room is
+//! really swept, the house receives none of the firm's names or reasons, and when the robot's
+//! process is killed, its proxy agent leaves the firm too.
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -96,7 +96,7 @@ fn await_cleaner(office: &Office, is_there: bool) {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn the_firm_borrows_the_robot_and_the_house_never_learns_why() {
+async fn the_firm_borrows_the_robot_without_revealing_the_reason() {
     let mut office = Office::of(ecosystem("house"));
     let house = house();
     let socket = office.runtime_folder().parent().expect("a folder").join("building.sock");
@@ -126,7 +126,7 @@ async fn the_firm_borrows_the_robot_and_the_house_never_learns_why() {
     let truth = house.truth();
     assert_eq!((truth.swept_count("room-217"), truth.swept_count("room-218")), (1, 0));
     let mut lines = Vec::new();
-    // Until a heartbeat after everything else: all earlier messages have arrived by then.
+    // Reads up to a heartbeat after everything else: all earlier messages have arrived by then.
     loop {
         let line = tokio::time::timeout(PATIENCE, heard.recv()).await.expect("heartbeats come");
         let line = line.expect("the tap lives");

@@ -27,8 +27,8 @@ fn has_tmux() -> bool {
 }
 
 impl<'o> Terminal<'o> {
-    /// Runs `althing` in a terminal. When it ends, the terminal shows its exit code, and whether typed
-    /// text is echoed as before.
+    /// Runs `althing` in a terminal. When it ends, the terminal shows its exit code, and whether
+    /// typed text is echoed as before.
     fn open(office: &'o Office, arguments: &str) -> Terminal<'o> {
         let socket = office.write("tmux.conf", "set -g default-terminal screen-256color\n");
         let (config, socket) = (socket.clone(), socket.with_extension("sock"));

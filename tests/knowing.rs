@@ -40,7 +40,7 @@ fn reasoning_apart(mode: &str) -> String {
 }
 
 #[test]
-fn a_room_of_which_a_dead_daemon_had_a_lamp_is_neither_lit_nor_dark() {
+fn the_light_of_a_room_is_unknown_when_a_lamps_daemon_dies() {
     for mode in ["decentralized", "centralized"] {
         let office = Office::new();
         let folder = office.folder().display().to_string();
@@ -88,7 +88,7 @@ fn a_room_of_which_a_dead_daemon_had_a_lamp_is_neither_lit_nor_dark() {
 /// No axiom derives the light of a room if its only lamp has left. The lamp's last claim is unknown
 /// then, and so is whether the room is dark.
 #[test]
-fn a_room_whose_only_lamp_has_left_is_neither_lit_nor_dark() {
+fn the_light_of_a_room_is_unknown_when_its_only_lamp_leaves() {
     for mode in ["decentralized", "centralized"] {
         let office = Office::new();
         let folder = office.folder().display().to_string();
@@ -112,10 +112,10 @@ fn a_room_whose_only_lamp_has_left_is_neither_lit_nor_dark() {
     }
 }
 
-/// The file names a lamp whose daemon starts after the reasoning agents. Until then it is unknown whether
-/// the lamp is on.
+/// The file names a lamp on a daemon that starts after the reasoning agents. Until then it is
+/// unknown whether the lamp is on.
 #[test]
-fn a_room_whose_lamp_has_not_come_yet_is_neither_lit_nor_dark() {
+fn the_light_of_a_room_is_unknown_until_its_lamp_joins() {
     for mode in ["decentralized", "centralized"] {
         let office = Office::new();
         let folder = office.folder().display().to_string();
@@ -133,7 +133,7 @@ fn a_room_whose_lamp_has_not_come_yet_is_neither_lit_nor_dark() {
         let (code, said) = office.ask(&["goal", "(not (lit office1))"]);
         assert_eq!(code, Some(1), "{mode}: the lamp burns: {said}");
         assert!(said.contains("it is unknown whether"), "{mode}: {said}");
-        // What no agent of the file will answer for is false as before.
+        // A fact for which no agent of the file answers is false, as before.
         let (code, said) = office.ask(&["goal", "(not (known-temperature office1))"]);
         assert_eq!(code, Some(0), "{mode}: {said}");
         office.up(&["wall-pi"], &[]);
@@ -146,7 +146,7 @@ fn a_room_whose_lamp_has_not_come_yet_is_neither_lit_nor_dark() {
 }
 
 #[test]
-fn a_lamp_is_switched_off_among_many_that_know_nothing_of_it() {
+fn a_lamp_is_switched_off_among_many_agents() {
     for mode in ["decentralized", "centralized"] {
         let office = Office::new();
         let folder = office.folder().display().to_string();
@@ -203,7 +203,7 @@ fn a_number_is_measured_before_it_is_judged() {
 }
 
 #[test]
-fn a_persons_word_does_not_move_a_robot() {
+fn a_claim_of_a_person_does_not_move_a_robot() {
     let mut office = Office::new();
     let robot = "\n[[agent]]\nname = \"robot-1\"\nplugin = \"turtlebot\"\n\
                  config = { start = \"corridor\", speed = 0.3 }\n";

@@ -1,5 +1,5 @@
-//! An agent in another language: the Python thermometer of `plugins/python`, a process of its own that
-//! uses nothing but the protocol.
+//! An agent in another language: the Python thermometer of `plugins/python`, a process of its own
+//! that uses nothing but the protocol.
 
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
@@ -28,7 +28,7 @@ impl Thermometer {
         Thermometer(child)
     }
 
-    /// Kills it by SIGKILL.
+    /// Kills the agent by SIGKILL.
     fn die(&mut self) {
         self.0.kill().expect("our own child");
         self.0.wait().expect("our own child");
@@ -42,7 +42,8 @@ impl Drop for Thermometer {
     }
 }
 
-/// Validates lines of `althing watch --json` against the published schema; prints the performatives.
+/// Validates lines of `althing watch --json` against the published schema; prints the
+/// performatives.
 const HELD_AGAINST_SCHEMA: &str = r#"
 import json, sys
 import jsonschema
@@ -94,7 +95,7 @@ fn an_agent_in_python_joins_is_planned_with_acts_and_dies() {
 }
 
 #[test]
-fn what_is_said_in_both_flows_is_what_the_published_schema_says() {
+fn messages_of_both_flows_match_the_published_schema() {
     let Some(python) = python() else { return };
     let has_validator = Command::new(python).args(["-c", "import jsonschema"]).status();
     if !has_validator.is_ok_and(|status| status.success()) {
@@ -128,14 +129,14 @@ fn what_is_said_in_both_flows_is_what_the_published_schema_says() {
     }
 }
 
-/// A command with its output in a file; ended with the test.
+/// A command with its output in a file. The command is ended with the test.
 struct Listening {
     child: Child,
     file: std::path::PathBuf,
 }
 
 impl Listening {
-    /// Starts it and waits until it receives messages.
+    /// Starts the command and waits until it receives messages.
     fn start(command: &mut Command, file: &Path) -> Listening {
         let words = std::fs::File::create(file).expect("a file");
         let mut child = command.stdout(words).stderr(Stdio::piped()).spawn().expect("it is ours");
@@ -146,7 +147,7 @@ impl Listening {
         Listening { child, file: file.to_owned() }
     }
 
-    /// Waits until its output contains these words.
+    /// Waits until the output of the command contains `words`.
     fn until(&mut self, words: &str) {
         let deadline = std::time::Instant::now() + std::time::Duration::from_secs(30);
         while !std::fs::read_to_string(&self.file).expect("a file").contains(words) {

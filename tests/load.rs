@@ -1,5 +1,5 @@
-//! Overload: what is refused is refused at once with a reason, and the end of every accepted goal is
-//! reported and kept.
+//! Overload: what is refused is refused at once with a reason, and the end of every accepted goal
+//! is reported and kept.
 
 mod support;
 
@@ -12,7 +12,8 @@ use substrate::Resource;
 use support::Office;
 use support::asker::{Asker, Heard};
 
-/// Number of goals requested at once: more than are pursued at a time, and more than a mailbox holds.
+/// Number of goals requested at once: more than are pursued at a time, and more than a mailbox
+/// holds.
 const GOALS: usize = 400;
 
 /// Number of ended goals that the Journals keep (docs/reliability.md).
@@ -21,11 +22,11 @@ const ENDS_KEPT: usize = 128;
 /// Number of commands started at once: several times as many as may join at a time.
 const COMMANDS: usize = 12;
 
-/// Time limit of all of it on a busy machine.
+/// Time limit of the whole test on a busy machine.
 const BUSY: Duration = Duration::from_secs(120);
 
-/// Starts the office with a Journal on each of three machines, and the log of the reasoning daemon in a
-/// file.
+/// Starts the office with a Journal on each of three machines, and the log of the reasoning daemon
+/// in a file.
 fn office() -> Office {
     let office = Office::new();
     let text = std::fs::read_to_string(Office::file()).expect("it is there");
@@ -73,7 +74,7 @@ fn goals(count: usize) -> impl Iterator<Item = String> {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn of_hundreds_of_goals_at_once_every_end_is_told_and_kept() {
+async fn every_end_of_hundreds_of_simultaneous_goals_is_reported_and_kept() {
     let office = tokio::task::spawn_blocking(office).await.expect("no panic");
     let asker = Asker::join(&office, "asker").await;
     let heard = asker.ask(goals(GOALS), BUSY).await;
@@ -106,7 +107,7 @@ async fn of_hundreds_of_goals_at_once_every_end_is_told_and_kept() {
     assert!(unkept.is_empty(), "{unkept:?}");
 
     // A Journal keeps the last ends and drops older ones, and must not keep any of these goals as
-    // running. The requester may have its answer earlier.
+    // running. The requester may receive its answer before that.
     let ended = heard.values().filter(|heard| heard.ended.is_some()).count();
     assert!(ended >= 32, "hardly any was accepted: {reasons:?}");
     let kept = tokio::time::timeout(BUSY, async {
@@ -121,8 +122,8 @@ async fn of_hundreds_of_goals_at_once_every_end_is_told_and_kept() {
     kept.await.expect("all ends are on disk");
 }
 
-/// Returns how many of the requester's goals the Journals have as running, and of how many they have
-/// the end.
+/// Returns how many of the requester's goals the Journals have as running, and of how many they
+/// have the end.
 async fn records(asker: &Asker) -> (usize, usize) {
     let journals = asker.question(Resource::Journal).await;
     assert!(!journals.is_empty(), "no Journal answers");
@@ -143,7 +144,7 @@ async fn records(asker: &Asker) -> (usize, usize) {
 }
 
 #[test]
-fn commands_that_come_at_once_wait_their_turn() {
+fn simultaneous_commands_join_in_turn() {
     let office = office();
     let file = office.file.display().to_string();
     let goals = ["(known-temperature conf-room)", "(known-co2 conf-room)"];

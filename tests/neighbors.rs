@@ -30,7 +30,7 @@ impl Inbound for Ear {
     fn deliver(&self, _: Delivery) {}
     fn receive_query(&self, _: ReceivedQuery) {}
     fn presence(&self, presence: Presence) {
-        // When a test is over, the receiver is gone.
+        // The receiver is gone when the test is over.
         let _ = self.0.send(presence);
     }
 }
@@ -100,7 +100,7 @@ async fn a_daemon_that_is_killed_and_started_again_at_once() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_daemon_of_which_the_others_have_not_read() {
+async fn a_daemon_that_the_other_files_do_not_name() {
     let mut office = Office::new();
     office.up(&["reasoning", "corridor-pi"], &[]);
     let text = std::fs::read_to_string(Office::file()).expect("the repository's own");

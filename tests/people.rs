@@ -1,5 +1,5 @@
-//! Problems that people met at a terminal: readers that close their pipe, goals that are left, ports
-//! that are taken, text with terminal control sequences.
+//! Problems that people met at a terminal: readers that close their pipe, goals that are left,
+//! ports that are taken, text with terminal control sequences.
 
 use std::fs::File;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
@@ -58,7 +58,7 @@ fn head(office: &Office, arguments: &[&str], lines: usize) -> Ends {
 }
 
 #[test]
-fn who_prints_ends_when_nobody_reads_any_more() {
+fn a_command_ends_when_its_reader_is_gone() {
     let mut office = Office::new();
     office.up_alone(&[]);
     for arguments in [&["watch"][..], &["watch", "--json"]] {
@@ -97,7 +97,7 @@ fn a_scenario_and_a_prompt_end_with_their_reader() {
     command.stdin(Stdio::piped()).stdout(Stdio::piped());
     let mut child = command.spawn().expect("the binary is built");
     drop(child.stdout.take());
-    // Its input stays open.
+    // The input of the child stays open.
     let _input = child.stdin.take();
     Ends(child).within(PATIENCE);
 }
@@ -105,7 +105,7 @@ fn a_scenario_and_a_prompt_end_with_their_reader() {
 // === a goal that is left ===
 
 #[test]
-fn who_leaves_a_goal_hears_how_to_follow_it_and_how_to_give_it_up() {
+fn leaving_a_goal_prints_how_to_follow_and_cancel_it() {
     let office = office();
     let mut command =
         office.command(&["goal", "(at turtlebot-1 office1)", "--maintain", "--ecosystem", &file()]);
@@ -216,8 +216,8 @@ impl Terminal {
     }
 }
 
-/// Control sequences that an attacker would send to a terminal: a title, a cleared screen in two ways,
-/// a line that moves back, text in reverse direction.
+/// Control sequences that an attacker would send to a terminal: a title, a cleared screen in two
+/// ways, a line that moves back, text in reverse direction.
 const HOSTILE: &str =
     "PIN \u{1b}]0;owned\u{7}\u{1b}[35m\u{9b}2J\r\u{202e}evil\u{2066}\u{7f}\u{200b}x";
 
@@ -249,7 +249,7 @@ fn hostile_question(office: &Office) -> String {
 }
 
 #[test]
-fn a_terminal_is_sent_nothing_that_a_stranger_made_up() {
+fn text_of_agents_reaches_a_terminal_without_control_characters() {
     let mut office = Office::new();
     office.up_alone(&[]);
     let file = file();
@@ -315,7 +315,7 @@ fn a_terminal_is_sent_nothing_that_a_stranger_made_up() {
 
 /// Mistakes are shown with their lines.
 #[test]
-fn neither_do_files_reach_a_terminal_raw() {
+fn text_of_files_reaches_a_terminal_without_control_characters() {
     let office = Office::new();
     let text =
         "(define (problem p) (:domain d) (:objects a\u{1b}]0;x\u{7} b\u{202e}c \u{9b}2J - room)";
@@ -331,7 +331,7 @@ fn neither_do_files_reach_a_terminal_raw() {
 
 /// The log of a daemon in a terminal contains text from agents.
 #[test]
-fn nor_does_a_log() {
+fn text_in_a_log_reaches_a_terminal_without_control_characters() {
     let office = Office::new();
     let mut command = office.command(&["up", &file(), "-v"]);
     command.env("ALTHING_LOG", "info,keyboard=debug,agent=debug");
@@ -370,7 +370,7 @@ fn lab_with(office: &Office, agents: &str) -> String {
 }
 
 #[test]
-fn a_file_is_read_anew_and_a_room_is_added_while_a_daemon_runs() {
+fn a_file_is_reloaded_while_a_daemon_runs() {
     let mut office = Office::new();
     let goals = "[goals]\nwarm = \"(known-temperature office1)\"\n\n";
     let first = lab_with(&office, &(goals.to_owned() + &thermometer("thermometer-a", "office1")));
@@ -469,7 +469,7 @@ fn await_note(notes: &mpsc::Receiver<String>, text: &str) -> String {
 }
 
 #[test]
-fn machines_with_different_maps_tell_of_each_other() {
+fn machines_with_different_maps_log_the_difference() {
     let mut office = Office::new();
     let agents = thermometer("thermometer-b", "office2");
     let text = lab_with(&office, &(agents.replace("driver =", "daemon = \"b\"\ndriver =")));
@@ -510,7 +510,7 @@ fn machines_with_different_maps_tell_of_each_other() {
 // === a daemon that is stopped ===
 
 #[test]
-fn a_stopped_bystander_keeps_no_command_waiting() {
+fn a_stopped_daemon_delays_no_command_of_others() {
     let mut office = Office::new();
     // Commands try daemons in order of their names, and this one is the first.
     office.up(&["reasoning", "conf-room-pi"], &[]);
@@ -525,9 +525,9 @@ fn a_stopped_bystander_keeps_no_command_waiting() {
     assert!(took < Duration::from_secs(9), "Zenoh alone waits ten seconds: {took:?}");
 }
 
-/// Stops the daemon through which a goal's command is connected, when its plan is reported. Checks that
-/// every report is printed exactly once and, if the goal `ends_soon`, that the reports do not wait until
-/// Zenoh notices that the daemon is stopped.
+/// Stops the daemon through which a goal's command is connected, when its plan is reported. Checks
+/// that every report is printed exactly once and, if the goal `ends_soon`, that the reports do not
+/// wait until Zenoh notices that the daemon is stopped.
 #[track_caller]
 fn misses_no_line(time_scale: &str, ends_soon: bool) {
     let mut office = Office::new();
@@ -562,12 +562,12 @@ fn misses_no_line(time_scale: &str, ends_soon: bool) {
 }
 
 #[test]
-fn a_goal_that_goes_on_while_its_command_hears_nothing_misses_no_line() {
+fn a_running_goal_loses_no_line_when_its_daemon_stops() {
     misses_no_line("0.6", false);
 }
 
 #[test]
-fn a_goal_that_ends_while_its_command_hears_nothing_misses_no_line() {
+fn an_ending_goal_loses_no_line_when_its_daemon_stops() {
     misses_no_line("0.05", true);
 }
 
@@ -585,7 +585,7 @@ fn kept_goal(office: &Office) -> (Ends, mpsc::Receiver<String>, mpsc::Receiver<S
 }
 
 #[test]
-fn who_waits_for_a_goal_hears_that_nobody_leads() {
+fn a_missing_leader_is_reported_to_a_waiting_command() {
     let mut office = Office::new();
     office.up(&["office2-pi", "reasoning"], &[]);
     let (_goal, _said, notes) = kept_goal(&office);
@@ -596,7 +596,7 @@ fn who_waits_for_a_goal_hears_that_nobody_leads() {
 }
 
 #[test]
-fn who_waits_for_a_goal_hears_that_no_daemon_is_reached() {
+fn a_lost_link_is_reported_to_a_waiting_command() {
     let mut office = Office::new();
     office.up(&["office2-pi", "reasoning"], &[]);
     let (_goal, _said, notes) = kept_goal(&office);
@@ -610,7 +610,7 @@ fn who_waits_for_a_goal_hears_that_no_daemon_is_reached() {
 // === access rights of files ===
 
 #[test]
-fn what_a_daemon_and_a_recording_keep_is_closed_to_others_whatever_the_umask() {
+fn files_of_a_daemon_are_closed_to_others_under_any_umask() {
     let mut office = Office::new();
     let state = office.folder().join("state");
     let file = file();
@@ -665,7 +665,7 @@ fn up_at(office: &Office, name: &str, listen: &str, connect: &str) -> Child {
 }
 
 #[test]
-fn a_port_that_is_taken_is_said_to_be_taken_and_by_whom() {
+fn a_taken_port_is_reported_with_its_owner() {
     let office = Office::new();
     let taken = TcpListener::bind("127.0.0.1:0").expect("a port");
     let port = taken.local_addr().expect("an address").port();
@@ -678,7 +678,7 @@ fn a_port_that_is_taken_is_said_to_be_taken_and_by_whom() {
     assert!(said.contains("ALTHING_ZENOH__LISTEN__ENDPOINTS="), "the cure: {said}");
 }
 
-/// One file for all machines lists the addresses of all, including its own.
+/// One file for all machines lists the addresses of all machines, also that of the daemon itself.
 #[test]
 fn a_daemon_that_is_told_to_call_itself_does_not() {
     let office = Office::new();

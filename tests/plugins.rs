@@ -1,5 +1,5 @@
-//! Plugin packages on a real daemon: installed, planned with, killed, upgraded, removed; and packages
-//! that misbehave.
+//! Plugin packages on a real daemon: installed, planned with, killed, upgraded, removed; and
+//! packages that misbehave.
 
 use std::fs::{self, Permissions};
 use std::os::unix::fs::PermissionsExt as _;
@@ -89,7 +89,7 @@ fn send(signal: &str, pid: &str) {
 }
 
 #[test]
-fn a_folder_that_is_put_in_can_be_planned_with_and_one_that_is_taken_out_cannot() {
+fn an_installed_package_joins_and_a_removed_one_leaves() {
     if !has_python() {
         return;
     }
@@ -125,7 +125,7 @@ fn a_folder_that_is_put_in_can_be_planned_with_and_one_that_is_taken_out_cannot(
 }
 
 #[test]
-fn who_is_killed_is_back_and_nobody_outlives_the_daemon() {
+fn a_killed_plugin_is_restarted_and_none_outlives_the_daemon() {
     if !has_python() {
         return;
     }
@@ -146,7 +146,7 @@ fn who_is_killed_is_back_and_nobody_outlives_the_daemon() {
 }
 
 #[test]
-fn who_freezes_is_started_again_and_a_person_sees_why() {
+fn a_frozen_plugin_is_restarted_with_a_reason() {
     if !has_python() {
         return;
     }
@@ -169,7 +169,7 @@ fn who_freezes_is_started_again_and_a_person_sees_why() {
 }
 
 #[test]
-fn agents_of_the_file_come_with_their_config_and_what_appears_is_listed() {
+fn agents_of_the_file_get_their_config_and_others_are_listed() {
     if !has_python() {
         return;
     }
@@ -189,7 +189,8 @@ fn agents_of_the_file_come_with_their_config_and_what_appears_is_listed() {
         assert_eq!(code, Some(0), "{said}");
         assert!(said.contains(celsius.trim_end_matches(" °C")), "{said}");
     }
-    // Its own agent is not started if the file names others; all of them joined at the first start.
+    // The package's own agent is not started if the file names others. All of these joined at the
+    // first start.
     let status = status(&named, "thermometer");
     assert_eq!(status["agents"].as_array().map(Vec::len), Some(2), "{status}");
     assert_eq!(status["restarts"], 0, "{status}");
@@ -208,7 +209,7 @@ fn agents_of_the_file_come_with_their_config_and_what_appears_is_listed() {
 }
 
 #[test]
-fn where_the_file_says_so_a_person_lets_a_plugin_in_or_not() {
+fn with_admission_by_consent_a_person_admits_a_plugin() {
     if !has_python() {
         return;
     }
@@ -230,7 +231,7 @@ fn where_the_file_says_so_a_person_lets_a_plugin_in_or_not() {
 }
 
 #[test]
-fn an_upgrade_takes_over_and_one_that_does_not_work_is_taken_back() {
+fn an_upgrade_takes_over_and_a_broken_one_is_rolled_back() {
     if !has_python() {
         return;
     }
@@ -274,7 +275,7 @@ fn script(office: &Office, name: &str, text: &str, more: &str) {
     script_of(office, "sh", name, text, more);
 }
 
-/// The same with a shell of another name.
+/// Installs a package with a script for the shell `shell` as its program.
 fn script_of(office: &Office, shell: &str, name: &str, script: &str, more: &str) {
     let folder = office.folder().join("made").join(name);
     fs::create_dir_all(&folder).expect("a folder");
@@ -333,7 +334,7 @@ fn a_program_that_is_a_shim_of_a_version_manager_runs() {
 }
 
 #[test]
-fn a_check_starts_the_program_and_says_what_to_do_where_it_fails() {
+fn a_check_starts_the_program_and_explains_a_failure() {
     let office = office("decentralized", "");
     let folder = |name: &str| office.plugins_folder().join(name).display().to_string();
     for (name, program, expected, help) in [
@@ -359,7 +360,7 @@ fn a_check_starts_the_program_and_says_what_to_do_where_it_fails() {
 }
 
 #[test]
-fn who_misbehaves_is_ended_with_a_reason_and_leaves_nothing() {
+fn a_misbehaving_plugin_is_ended_with_a_reason() {
     let office = office("decentralized", "");
     let memory = "[permissions]\nmemory = \"48MiB\"\n";
     let forks = "for i in 1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17; do sleep 600 & done; wait";
@@ -406,7 +407,7 @@ fn who_misbehaves_is_ended_with_a_reason_and_leaves_nothing() {
 }
 
 #[test]
-fn time_that_children_have_spent_counts() {
+fn processor_time_of_children_counts() {
     let office = office("decentralized", "");
     // Each child computes for a moment and is gone before any check sees it.
     let burns = "while :; do (i=0; while [ $i -lt 20000 ]; do i=$((i+1)); done); done";
@@ -484,7 +485,7 @@ fn a_folder_that_others_can_write_to_is_refused() {
 }
 
 #[test]
-fn who_floods_is_slowed_and_then_stopped_and_nobody_else_suffers() {
+fn a_flooding_plugin_is_slowed_and_then_stopped() {
     if !has_python() {
         return;
     }
@@ -508,7 +509,7 @@ fn who_floods_is_slowed_and_then_stopped_and_nobody_else_suffers() {
 }
 
 #[test]
-fn the_internet_is_for_those_who_ask_for_it() {
+fn only_plugins_with_the_network_right_reach_the_network() {
     if !has_python() {
         return;
     }
@@ -532,7 +533,7 @@ fn the_internet_is_for_those_who_ask_for_it() {
 }
 
 #[test]
-fn a_manifest_that_lies_and_a_package_that_is_not_whole_say_so() {
+fn false_manifests_and_incomplete_packages_are_reported() {
     if !has_python() {
         return;
     }
@@ -609,7 +610,7 @@ fn a_manifest_that_lies_and_a_package_that_is_not_whole_say_so() {
 }
 
 #[test]
-fn a_plugin_of_this_house_runs_unchanged_as_a_process() {
+fn a_built_in_plugin_runs_unchanged_as_a_process() {
     let agents = "[[agent]]\nname = \"t-1\"\npackage = \"sensors\"\nplugin = \"temperature-sensor\"\n\
                   config = { location = \"office1\" }\n\n\
                   [building.temperatures]\noffice1 = 18.5\n";

@@ -1,5 +1,5 @@
-//! An actuator that runs any program, on a real daemon: planned with, run, and replaced when it fails.
-//! The evidence is in the files that the program writes.
+//! An actuator that runs any program, on a real daemon: planned with, run, and replaced when it
+//! fails. The evidence is in the files that the program writes.
 
 use std::fs;
 
@@ -32,7 +32,7 @@ brew = BREW
 const BREWS: &str = r#"{ run = ["/bin/sh", "-c", "test -e FOLDER/tea || { echo no tea >&2; exit 1; }; echo $1 >> FOLDER/log", "brew", "{r}"], time-out = "5s" }"#;
 
 #[test]
-fn any_program_is_planned_with_and_done_without_when_it_fails() {
+fn any_program_is_planned_with_and_replaced_when_it_fails() {
     for mode in ["decentralized", "centralized"] {
         let office = Office::new();
         let folder = office.folder().display().to_string();
@@ -58,9 +58,9 @@ fn any_program_is_planned_with_and_done_without_when_it_fails() {
     }
 }
 
-/// The kettle may have poured the water away or not, so its being full is unknown.
+/// The kettle has poured the water away or not, so it is unknown whether it is full.
 #[test]
-fn of_what_hung_nobody_knows_whether_it_was_done() {
+fn the_effect_of_a_hung_program_is_unknown() {
     let office = Office::new();
     let folder = office.folder().display().to_string();
     let hangs = r#"{ run = ["sleep", "600"], time-out = "500ms" }"#;

@@ -1,12 +1,12 @@
-//! The paper's first two scenarios with real sensors and plugins that are processes. A robot replaces
-//! every sensor that fails.
+//! The paper's first two scenarios with real sensors and plugins that are processes. A robot
+//! replaces every sensor that fails.
 //!
 //! - With the building's truth: a thermometer on a real broker, one in Python, and one that is
 //!   installed later.
-//! - In a real kernel, Debian's `user-mode-linux`, in which the whole ecosystem runs: the kernel's own
-//!   thermometer, read by a plugin process; the broker's; and one in Python, installed later. The robot
-//!   measures the simulated building, and no device reports the same number: the known number of a room
-//!   shows which device has measured it.
+//! - In a real kernel, Debian's `user-mode-linux`, in which the whole ecosystem runs: the kernel's
+//!   own thermometer, read by a plugin process; the broker's; and one in Python, installed later.
+//!   The robot measures the simulated building, and no device reports the same number: the known
+//!   number of a room shows which device has measured it.
 
 use std::fs;
 use std::path::Path;
@@ -88,7 +88,7 @@ fn sensors_of_a_real_kernel_go_down_and_the_robot_takes_over() {
     }
 }
 
-/// Waits until this sensor has measured a room since a position of the building's log.
+/// Waits until the sensor `sensor` has measured a room since a position in the building's log.
 async fn until_read(building: &Building, sensor: &str, room: &str, since: u64) {
     let is_it = |truth: &Truth| {
         let mut since = truth.occurrences().filter(|occurrence| occurrence.sequence >= since);
@@ -121,7 +121,7 @@ fn robot(layout: &Layout, socket: &Path) -> String {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn what_goes_down_is_taken_over_by_the_building_s_truth() {
+async fn failed_sensors_are_replaced_according_to_the_truth() {
     let Some(broker) = Broker::start() else { return };
     if !has_python() {
         return;

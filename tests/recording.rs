@@ -1,6 +1,6 @@
-//! A day of the office is recorded, from real processes over Zenoh, and replayed into a fresh office:
-//! the goals end in the same way, and are reached also if every tenth message is lost and every tenth
-//! is duplicated.
+//! A day of the office is recorded, from real processes over Zenoh, and replayed into a fresh
+//! office: the goals end in the same way, and are reached also if every tenth message is lost and
+//! every tenth is duplicated.
 
 use std::io::{BufRead as _, BufReader};
 use std::path::PathBuf;
@@ -95,8 +95,9 @@ fn a_day_is_recorded_and_played_again() {
     for seed in ["1", "2"] {
         let faults = ["--lose", "0.1", "--duplicate", "0.1", "--seed", seed, "--speed", "2"];
         let (code, played) = replay(&office, &file, &faults);
-        // Goals are reached in spite of it. A single action is planned with the known state, which may
-        // be a second old if a heartbeat was lost; then the action may be declined.
+        // The faults do not keep a goal from being reached. A single action is planned with the
+        // known state, which may be a second old if a heartbeat was lost; then the action may be
+        // declined.
         assert_eq!(played["plays"][0]["now"], "done", "seed {seed}: {played:#}");
         let plays = played["plays"].as_array().expect("a list");
         let is_same = plays.iter().all(|play| play["same"] == true);
@@ -116,7 +117,7 @@ fn a_day_is_recorded_and_played_again() {
 }
 
 #[test]
-fn what_is_no_recording_is_refused() {
+fn an_invalid_recording_is_refused() {
     let office = Office::new();
     let file = office.write("no.jsonl", "{\"hello\": 1}\n").display().to_string();
     let ecosystem = Office::file().display().to_string();

@@ -1,5 +1,5 @@
-//! `althing scenario` as a user runs it: both flows, in one process and in at least five, in several
-//! buildings. The exit code reflects the building's truth.
+//! `althing scenario` as a user runs it: both flows, in one process and in at least five, in
+//! several buildings. The exit code reflects the building's truth.
 
 use serde_json::Value;
 
@@ -81,7 +81,7 @@ fn scenario_3_in_processes() {
         let validated: Vec<_> =
             admissions.iter().filter(|admission| admission["validated"] == true).collect();
         assert_eq!((admissions.len(), validated.len()), (4, 2), "{admissions:?}");
-        // Strings only: a time may happen to have these digits.
+        // Only strings are checked, because a time may happen to have these digits.
         let mut words = Vec::new();
         words_of(&value, &mut words);
         assert!(words.iter().any(|word| word.contains("PIN")), "{words:?}");

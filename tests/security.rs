@@ -15,8 +15,8 @@ use crate::support::{Office, PATIENCE, lines, stderr, stdout};
 
 const BOARDS: [&str; 2] = ["turtlebot-laptop", "office2-pi"];
 
-/// The smart office, secured, with further lines in its file; one folder of keys, as on the machine on
-/// which they are made.
+/// The smart office, secured, with further lines in its file; one folder of keys, as on the machine
+/// on which they are made.
 struct Secured {
     office: Office,
     file: PathBuf,
@@ -81,8 +81,8 @@ fn a_goal_is_reached_in_a_secured_office() {
     let (code, agents) = secured.office.ask(&["agents"]);
     assert_eq!(code, Some(0), "{agents}");
     assert!(agents.contains("turtlebot-1") && agents.contains("thermometer-office2"), "{agents}");
-    // On a machine with a running daemon the ecosystem's name is enough: the daemon gives its guests
-    // the path of the keys.
+    // On a machine with a running daemon the ecosystem's name is enough: the daemon gives its
+    // guests the path of the keys.
     let named = secured.office.run(&["state", "--ecosystem", "smart-office"]);
     assert!(named.status.success(), "{}", stderr(&named));
 }
@@ -117,7 +117,7 @@ fn daemons_apart_are_linked_by_tls_and_people_from_elsewhere_too() {
 }
 
 #[test]
-fn who_may_not_ask_for_goals_is_refused_and_counted() {
+fn a_sender_without_the_right_to_request_goals_is_refused_and_counted() {
     let mut secured = Secured::new("[rights]\ngoals = [\"camera-1\"]\n");
     secured.office.up(&["reasoning", "turtlebot-laptop"], &[]);
     secured.office.await_devices(2);
@@ -130,7 +130,7 @@ fn who_may_not_ask_for_goals_is_refused_and_counted() {
 }
 
 #[test]
-fn who_is_revoked_is_not_believed_any_more() {
+fn messages_of_a_revoked_daemon_are_rejected() {
     let mut secured = Secured::new("");
     secured.office.up(&["reasoning", "turtlebot-laptop", "office2-pi"], &[]);
     secured.office.await_devices(3);
@@ -155,7 +155,7 @@ fn who_is_revoked_is_not_believed_any_more() {
 }
 
 #[test]
-fn what_is_wrong_with_keys_is_said_before_anything_starts() {
+fn mistakes_in_keys_are_reported_before_the_start() {
     let secured = Secured::new("");
     let file = secured.file.display().to_string();
     let up = |name| stderr(&secured.office.run(&["up", &file, "--daemon", name]));
@@ -229,7 +229,7 @@ impl Drop for Rogue {
 }
 
 #[test]
-fn what_is_too_long_is_counted_and_harms_nobody() {
+fn an_oversized_message_is_counted_and_harmless() {
     let mut secured = Secured::new("");
     secured.cert(&["daemon", "anna-laptop"]);
     let port = TcpListener::bind("127.0.0.1:0").and_then(|socket| socket.local_addr());
@@ -257,7 +257,7 @@ fn what_is_too_long_is_counted_and_harms_nobody() {
 }
 
 #[test]
-fn what_is_too_long_is_counted_also_where_nobody_knows_whose_it_is() {
+fn an_oversized_message_of_an_unknown_sender_is_counted() {
     let mut office = Office::new();
     office.up(&["reasoning"], &[]);
     let socket = office.runtime_folder().join("smart-office/reasoning.sock");

@@ -1,5 +1,5 @@
-//! Thermometers of a kernel, from their listing to a goal: in a folder that imitates sysfs, and in a
-//! real kernel, Debian's `user-mode-linux`, in which the whole ecosystem runs.
+//! Thermometers of a kernel, from their listing to a goal: in a folder that imitates sysfs, and in
+//! a real kernel, Debian's `user-mode-linux`, in which the whole ecosystem runs.
 
 use std::fs;
 use std::os::unix::fs::symlink;
@@ -73,7 +73,7 @@ fn a_thermometer_from_its_listing_to_a_goal() {
 }
 
 #[test]
-fn what_is_plugged_into_a_board_appears_by_itself() {
+fn a_sensor_that_is_plugged_into_a_board_is_discovered() {
     let office = Office::new();
     let thermometer = Thermometer(office.folder().join("sys"));
     fs::create_dir_all(&thermometer.0).expect("a folder");
@@ -101,7 +101,7 @@ fn what_is_plugged_into_a_board_appears_by_itself() {
     office.await_fact("(known-temperature office1)", false);
     let (code, said) = office.ask(&["goal", "(known-temperature office1)"]);
     assert_eq!(code, Some(1), "{said}");
-    // The same device under another number.
+    // The same device appears under another number.
     thermometer.plug(3, "19000\n");
     office.await_devices(1);
     let (code, said) = office.ask(&["goal", "(known-temperature office1)"]);

@@ -63,7 +63,7 @@ fn up(office: &Office, manager: &Manager, watchdog: Option<Duration>) -> Ends {
 }
 
 #[test]
-fn the_service_manager_hears_of_a_whole_life() {
+fn the_service_manager_is_notified_from_start_to_stop() {
     let office = Office::new();
     let manager = Manager::beside(&office);
     let mut daemon = up(&office, &manager, Some(Duration::from_millis(300)));
@@ -73,7 +73,8 @@ fn the_service_manager_hears_of_a_whole_life() {
     assert_eq!(code, Some(0), "{agents}");
     assert!(agents.contains("turtlebot-1"), "when it says so, it is: {agents}");
 
-    // The daemon notifies three times per deadline: ten notifications take well under ten deadlines.
+    // The daemon notifies three times per deadline: ten notifications take well under ten
+    // deadlines.
     let began = Instant::now();
     for _ in 0..10 {
         manager.awaits("WATCHDOG=1");
@@ -87,7 +88,7 @@ fn the_service_manager_hears_of_a_whole_life() {
 }
 
 #[test]
-fn no_sign_of_life_is_given_unasked() {
+fn no_keep_alive_is_sent_without_a_watchdog() {
     let office = Office::new();
     let manager = Manager::beside(&office);
     let daemon = up(&office, &manager, None);
@@ -97,7 +98,7 @@ fn no_sign_of_life_is_given_unasked() {
 }
 
 #[test]
-fn the_unit_waits_for_what_the_daemon_says() {
+fn the_unit_waits_for_the_notifications_of_the_daemon() {
     let unit = fs::read_to_string(
         std::path::Path::new(env!("CARGO_MANIFEST_DIR"))
             .join("../../../deploy/systemd/althing.service"),
@@ -124,7 +125,7 @@ fn a_daemon_whose_folder_of_sockets_is_deleted_makes_it_again() {
 }
 
 #[test]
-fn a_daemon_with_few_file_handles_says_so_at_start() {
+fn a_daemon_with_few_file_handles_warns_at_start() {
     let office = Office::new();
     let manager = Manager::beside(&office);
     let file = Office::file().display().to_string();

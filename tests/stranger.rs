@@ -1,6 +1,6 @@
-//! Messages as an independent tool receives them on Zenoh (`althing/**`): the performatives of Table 1
-//! in an order that the protocols allow, a local domain of each bidder, and no plan with other agents'
-//! actions.
+//! Messages as an independent tool receives them on Zenoh (`althing/**`): the performatives of
+//! Table 1 in an order that the protocols allow, a local domain of each bidder, and no plan with
+//! other agents' actions.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -34,8 +34,8 @@ fn stranger(office: &Office, name: &str) -> Config {
     config
 }
 
-/// Requests the temperatures while an independent client listens; returns all messages up to the goal's
-/// final report.
+/// Requests the temperatures while an independent client listens; returns all messages up to the
+/// goal's final report.
 async fn listen(office: &Office) -> Vec<Message> {
     let (tell, mut heard) = mpsc::unbounded_channel();
     let _tap = substrate_zenoh::tap(stranger(office, "stranger"), move |_, payload: Bytes| {
@@ -48,7 +48,7 @@ async fn listen(office: &Office) -> Vec<Message> {
     let output = tokio::task::spawn_blocking(|| asking).await.expect("no panic").expect("it runs");
     assert!(output.status.success(), "{}{}", stdout(&output), stderr(&output));
     let mut messages = Vec::new();
-    // Until a heartbeat after the final report: all earlier messages have arrived by then.
+    // Reads up to a heartbeat after the final report: all earlier messages have arrived by then.
     let mut is_over = false;
     loop {
         let payload = tokio::time::timeout(PATIENCE, heard.recv()).await.expect("heartbeats come");
@@ -65,9 +65,9 @@ async fn listen(office: &Office) -> Vec<Message> {
 
 /// Returns the exchanges that violate their protocols.
 ///
-/// A lost message is received later, when it is repeated, so the messages of each side are sorted by
-/// the sender's numbering. An answer may also overtake, on its way to the listener, the message that it
-/// answers. So an exchange is correct if *some* order of both sides is allowed.
+/// A lost message is received later, when it is repeated. Therefore the messages of each side are
+/// sorted by the sender's numbering. An answer may overtake the message that it answers on the way
+/// to the listener. Therefore an exchange is correct if *some* order of both sides is allowed.
 fn disorder(messages: &[Message]) -> Vec<String> {
     let mut disorder = Vec::new();
     let mut ids = BTreeSet::new();

@@ -1,4 +1,5 @@
-//! Source files that documents name exist: a file that is renamed takes its mentions along.
+//! Checks that the source files named in documents exist, so that a renamed file is renamed there,
+//! too.
 
 use std::fs;
 use std::path::Path;

@@ -1,5 +1,5 @@
-//! Durations: each one that is written as a number has a name, and the name a comment with its reason.
-//! The settings that people may change are fields with comments, and are exempt.
+//! Durations: each one that is written as a number has a name, and the name a comment with its
+//! reason. The settings that people may change are fields with comments, and are exempt.
 
 use std::ops::Range;
 
@@ -56,8 +56,8 @@ fn unnamed(code: &str) -> Vec<usize> {
     unnamed.map(|place| line_of(code, place)).collect()
 }
 
-/// Returns the lines of constant durations in `source` that have no comment. One comment may be about
-/// several constants in a row.
+/// Returns the lines of constant durations in `source` that have no comment. One comment may be
+/// about several constants in a row.
 fn unexplained(source: &str) -> Vec<usize> {
     let code = without_tests(&code(source));
     let lines: Vec<&str> = source.lines().map(str::trim).collect();

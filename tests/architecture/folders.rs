@@ -1,5 +1,5 @@
-//! Where crates stand (ARCHITECTURE.md, “Folders”): each crate of `daemon/` and `plugins/` is in the folder
-//! of a group, and the table names it there.
+//! Checks in which folder each crate is (ARCHITECTURE.md, “Folders”): each crate of `daemon/` and
+//! `plugins/` is in the folder of a group, and the table names it there.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs;

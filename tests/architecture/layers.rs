@@ -1,4 +1,4 @@
-//! Which crate may depend on which (ARCHITECTURE.md, “Layers”), according to `cargo metadata`.
+//! Checks which crate depends on which (ARCHITECTURE.md, “Layers”), according to `cargo metadata`.
 
 use std::process::Command;
 
@@ -243,7 +243,7 @@ fn every_crate_has_a_layer() {
 }
 
 #[test]
-fn plugins_see_agent_and_not_a_substrate_nor_each_other() {
+fn plugins_depend_on_no_substrate_and_no_other_plugin() {
     none(&too_curious(&edges(&metadata()), EXCEPTIONS), "plugins see `agent`");
 }
 
@@ -290,7 +290,7 @@ fn metadata_is_read() {
 }
 
 #[test]
-fn what_points_up_or_sideways_is_found() {
+fn dependencies_up_or_sideways_are_found() {
     for (of, on, is_fine) in [
         ("agent", "capability", true),
         ("capability", "agent", false),
@@ -306,7 +306,7 @@ fn what_points_up_or_sideways_is_found() {
 }
 
 #[test]
-fn curious_plugins_and_unused_exceptions_are_found() {
+fn forbidden_dependencies_of_plugins_and_unused_exceptions_are_found() {
     let known = [exception("turtlebot", "building", "why")];
     let used = inside("turtlebot", "building");
     let check = |edge, exceptions: &[Exception], complaints| {

@@ -1,5 +1,5 @@
-//! The length of functions, as a ratchet: known long functions may only shrink, and no other function
-//! may exceed the limit.
+//! The length of functions, as a ratchet: known long functions may only shrink, and no other
+//! function may exceed the limit.
 
 use crate::source::{Function, functions, production};
 use crate::{none, root};
@@ -10,8 +10,8 @@ const LINES_MAX: usize = 70;
 /// Longer functions, by file and name, with the lines they may have. Never add one.
 const KNOWN: &[(&str, &str, usize)] = &[];
 
-/// Returns complaints about functions of one file that exceed their limit, and about known functions
-/// that no longer do.
+/// Returns complaints about functions of one file that exceed their limit, and about known
+/// functions that no longer do.
 fn too_long(file: &str, functions: &[Function], known: &[(&str, &str, usize)]) -> Vec<String> {
     let limit = |name: &str| {
         let entry = known.iter().find(|(of, known, _)| *of == file && *known == name);
@@ -53,7 +53,7 @@ fn no_function_grows_past_the_limit() {
 // === the rule can fail ===
 
 #[test]
-fn the_ratchet_turns_one_way() {
+fn known_long_functions_may_only_shrink() {
     let check = |lines, known: &[(&str, &str, usize)], complaints| {
         let function = Function { name: "f".to_owned(), line: 1, lines };
         assert_eq!(too_long("a.rs", &[function], known).len(), complaints, "{lines}, {known:?}");

@@ -1,8 +1,8 @@
-//! Circles of modules: which top-level modules of one crate import each other.
+//! Checks which top-level modules of one crate import each other in a circle.
 //!
-//! The imports of a module are the paths in its production source that begin with `crate`, `super` or
-//! `self`. A name that the root of the crate re-exports counts as an import of its module. The root itself
-//! names all modules, so it is no part of a circle.
+//! The imports of a module are the paths in its production source that begin with `crate`, `super`
+//! or `self`. A name that the root of the crate re-exports counts as an import of its module. The
+//! root itself names all modules, so it is no part of a circle.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -45,8 +45,8 @@ struct SourceFile {
     code: String,
 }
 
-/// The imports among the top-level modules of a crate: for each module the modules that it imports, each
-/// with one place.
+/// The imports among the top-level modules of a crate: for each module the modules that it imports,
+/// each with one place.
 type Imports = BTreeMap<String, BTreeMap<String, String>>;
 
 // === paths in source ===
@@ -74,8 +74,8 @@ fn is_word(token: &str) -> bool {
     token.starts_with(|first: char| first.is_alphanumeric() || first == '_')
 }
 
-/// Reads a path or a tree of paths at the start of `tokens`, such as `a::{b, c::d}`. Returns its paths;
-/// the name after an `as` replaces nothing.
+/// Reads a path or a tree of paths at the start of `tokens`, such as `a::{b, c::d}`. Returns its
+/// paths, without the new names after `as`.
 fn paths(tokens: &mut &[(usize, &str)]) -> Vec<Vec<String>> {
     let mut path = Vec::new();
     while let Some(((_, token), rest)) = tokens.split_first() {
@@ -129,8 +129,8 @@ fn inline_modules<'c>(
     declared.map(|(start, name)| (start..start + item_length(&code[start..]), name)).collect()
 }
 
-/// Returns the paths in `code` that begin with `crate`, `super` or `self`, each from the root of the
-/// crate and with its start. `module` is the module that contains the code.
+/// Returns the paths in `code` that begin with `crate`, `super` or `self`, each from the root of
+/// the crate and with its start. `module` is the module that contains the code.
 fn absolute_paths(code: &str, module: &[String]) -> Vec<(usize, Vec<String>)> {
     let tokens = tokens(code);
     let inline = inline_modules(code, &tokens);
@@ -228,7 +228,8 @@ fn reached<'i>(imports: &'i Imports, from: &str) -> BTreeSet<&'i str> {
     reached
 }
 
-/// Returns the circles: the largest sets of modules of which each imports all others, directly or not.
+/// Returns the circles: the largest sets of modules of which each imports all others, directly or
+/// not.
 fn circles(imports: &Imports) -> BTreeSet<Vec<&str>> {
     let reached: BTreeMap<_, _> =
         imports.keys().map(|module| (module.as_str(), reached(imports, module))).collect();
@@ -243,8 +244,8 @@ fn circles(imports: &Imports) -> BTreeSet<Vec<&str>> {
     circles
 }
 
-/// Returns complaints about circles of the crate `of` that are not known, and about known ones that do
-/// not exist any more.
+/// Returns complaints about circles of the crate `of` that are not known, and about known ones that
+/// do not exist any more.
 fn complaints(of: &str, imports: &Imports, known: &[Circle]) -> Vec<String> {
     let circles = circles(imports);
     let known: Vec<_> = known.iter().filter(|circle| circle.of == of).collect();
@@ -267,8 +268,8 @@ fn complaints(of: &str, imports: &Imports, known: &[Circle]) -> Vec<String> {
 
 // === the workspace ===
 
-/// Returns the name of the crate that contains the file at `path`, and the file's module; `None` if the
-/// file belongs to no library or is a program of its own.
+/// Returns the name of the crate that contains the file at `path`, and the file's module; `None` if
+/// the file belongs to no library or is a program of its own.
 fn placed(path: &Path) -> Option<(String, Vec<String>)> {
     let parts: Vec<_> = path.iter().filter_map(|part| part.to_str()).collect();
     let src = parts.iter().rposition(|part| *part == "src")?;
@@ -351,7 +352,7 @@ fn re_exported_names_count_as_their_module() {
 }
 
 #[test]
-fn circles_are_found_and_what_leads_to_them_is_not() {
+fn circles_are_found_without_the_modules_that_lead_to_them() {
     let files = [
         file("a", "use crate::b::x;"),
         file("b::x", "use super::y; use crate::c::{y, z};"),

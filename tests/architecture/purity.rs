@@ -1,13 +1,13 @@
-//! Words that source must not contain: effects in the pure crates, `unwrap` in production, Rust in
-//! data.
+//! Checks words that source must not contain: effects in the pure crates, `unwrap` in production,
+//! Rust in data.
 
 use crate::folders::folder_of;
 use crate::layers::PURE;
 use crate::source::{code, line_of, production, read, rust_files, words};
 use crate::{none, root};
 
-/// Words that no pure crate contains: each stands for waiting, a clock, the environment, a file or a
-/// log.
+/// Words that no pure crate contains: each stands for waiting, a clock, the environment, a file or
+/// a log.
 const EFFECTS: &[&str] = &[
     "async",
     "await",
@@ -168,7 +168,7 @@ fn effects_are_found_in_code_only() {
 }
 
 #[test]
-fn what_prints_is_found() {
+fn printing_is_found() {
     for (source, expected) in [
         ("fn a() { println!(\"x\"); }", 1),
         ("fn a() { std::io::stderr().write(b) }", 1),

@@ -1,5 +1,5 @@
-//! Reads just enough Rust to find words, functions and test modules. It is no full parser, because a
-//! test of the architecture should not need a compiler's front end to build.
+//! Reads just enough Rust to find words, functions and test modules. It is no full parser, because
+//! a test of the architecture should not need a compiler's front end to build.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -44,15 +44,15 @@ pub(crate) fn read(path: &Path) -> String {
     fs::read_to_string(path).unwrap_or_else(|error| panic!("read {}: {error}", path.display()))
 }
 
-/// Returns the production files under `folder`, each with its code: without comments, texts, and items
-/// compiled for tests only.
+/// Returns the production files under `folder`, each with its code: without comments, texts, and
+/// items compiled for tests only.
 pub(crate) fn production(folder: &Path) -> Vec<(PathBuf, String)> {
     let files = production_files(folder).into_iter();
     files.map(|(path, source)| (path, without_tests(&code(&source)))).collect()
 }
 
-/// Returns the comments of the production files under `folder`: the lines that begin with `//`, each with
-/// its number.
+/// Returns the comments of the production files under `folder`: the lines that begin with `//`,
+/// each with its number.
 pub(crate) fn comments(folder: &Path) -> Vec<(PathBuf, Vec<(usize, String)>)> {
     let files = production_files(folder).into_iter();
     files.map(|(path, source)| (path, comments_of(&source))).collect()

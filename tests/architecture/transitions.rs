@@ -1,5 +1,5 @@
-//! The tables of transitions that `docs/goals.md` shows are those of the code. `UPDATE_EXPECT=1 cargo
-//! test -p tests transitions` writes them there.
+//! The tables of transitions that `docs/goals.md` shows are those of the code. `UPDATE_EXPECT=1
+//! cargo test -p tests transitions` writes them there.
 
 use std::collections::BTreeMap;
 use std::fmt::{Debug, Write as _};

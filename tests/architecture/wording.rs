@@ -1,12 +1,13 @@
-//! The language of comments and names, as far as it can be counted: the subject of a comment comes first
-//! and has a name, and one name of a type has one meaning (CONTRIBUTING.md, docs/glossary.md).
+//! Checks the language of comments and names, as far as it can be counted. The subject of a comment
+//! comes first and has a name, and one name of a type has one meaning (CONTRIBUTING.md,
+//! docs/glossary.md).
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::source::{comments, production, words};
 use crate::{none, root};
 
-/// Names of types that several crates define, and why.
+/// Names of types that several crates define, with reasons.
 const SHARED_NAMES: &[(&str, &str)] = &[
     ("BoxFuture", "the usual alias; gpio-lines knows no other crate of ours"),
     ("Config", "what the configuration of a plugin is called in its own crate"),
@@ -14,7 +15,7 @@ const SHARED_NAMES: &[(&str, &str)] = &[
     ("Simulated", "the simulated driver of a plugin"),
 ];
 
-/// Pronouns in whose place a comment names the thing: the agent, the sender, the daemon.
+/// Pronouns that a comment replaces by the name of the thing: the agent, the sender, the daemon.
 const NAMELESS: &[&str] = &["who", "whom", "whose", "whoever", "nobody", "somebody", "anybody"];
 
 /// Words that a doc comment does not open with.
@@ -122,7 +123,7 @@ fn types_are_found_in_code_only() {
 }
 
 #[test]
-fn riddles_are_found() {
+fn forbidden_words_are_found() {
     assert!(is_nameless("/// Asks who holds a name."));
     assert!(!is_nameless("/// The whole of it."));
     assert!(opens_badly("/// Of what a package brings there is one."));

@@ -1,5 +1,5 @@
-//! An independent requester: one agent that requests any number of goals at once, by docs/protocol.md
-//! alone, and records the answers to each.
+//! An independent requester: one agent that requests any number of goals at once, by
+//! docs/protocol.md alone, and records the answers to each.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -19,7 +19,7 @@ use tokio::sync::mpsc;
 
 use super::Office;
 
-/// Delay before a request is sent again that has neither a receipt nor an answer.
+/// Delay before a request without a receipt or an answer is sent again.
 const RETRY: Duration = Duration::from_millis(200);
 
 /// Answers to one goal.
@@ -104,7 +104,7 @@ impl Inbound for Ears {
             Destination::To(_, Subject::Message(_)) => {
                 let message = acl::decode(&delivery.payload).expect("an agent's words");
                 self.note(&message);
-                // Sent from another task, not from within Zenoh's callback.
+                // The receipt is sent from another task, not from within Zenoh's callback.
                 let _ = self.owed.send(message.id);
             }
             Destination::All(..) | Destination::AgentState(_) => (),

@@ -32,8 +32,8 @@ pub(crate) struct Broker {
     port: u16,
     child: Child,
     folder: TempDir,
-    /// Socket that holds the broker's port while the broker is dead; otherwise another test's broker
-    /// could get it.
+    /// Socket that holds the broker's port while the broker is dead; otherwise another test's
+    /// broker could get it.
     held: Option<OwnedFd>,
 }
 
@@ -65,7 +65,8 @@ impl Broker {
         Some(Broker { port, child, folder, held: None })
     }
 
-    /// Starts the process and returns it once it listens; `None` if it cannot and has ended.
+    /// Starts the process, and returns it when it listens. Returns `None` if it cannot listen and
+    /// has ended.
     fn begin(folder: &TempDir) -> Option<Child> {
         let mut command = Command::new(PROGRAM);
         command.arg("-c").arg(folder.path().join("broker.conf"));
@@ -116,7 +117,7 @@ impl Broker {
         self.folder.path().join(name)
     }
 
-    /// Returns its name in a config.
+    /// Returns the address of the broker, as a config names it.
     pub(crate) fn name(&self) -> String {
         format!("127.0.0.1:{}", self.port)
     }

@@ -1,5 +1,5 @@
-//! A real kernel as an unprivileged process: Debian's `user-mode-linux`, with an infrared thermometer
-//! (TMP006) on a simulated bus, which has measured 25 degrees.
+//! A real kernel as an unprivileged process: Debian's `user-mode-linux`, with an infrared
+//! thermometer (TMP006) on a simulated bus, which has measured 25 degrees.
 //!
 //! Tests of several crates include this file. It needs Debian's packages and nothing else.
 
@@ -26,8 +26,8 @@ const PATIENCE: Duration = Duration::from_secs(180);
 /// Prefix of the script's output lines, which separates them from the kernel's.
 pub(crate) const SAID: &str = "@said ";
 
-/// Loads the drivers and sets the thermometer's registers: its identity, that it has measured, and the
-/// value.
+/// Loads the drivers and sets the thermometer's registers: its identity, that it has measured, and
+/// the value.
 const PRELUDE: &str = r#"#!/bin/sh
 export PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/run
 mount -t proc proc /proc; mount -t sysfs sysfs /sys; mount -t tmpfs tmpfs /run
@@ -46,8 +46,8 @@ echo tmp006 0x40 > new_device
 "#;
 
 /// Runs a script as a kernel's first process, in the folder of its bus; returns the script's output
-/// lines. Returns `None` with a report if packages are missing: then nothing is tested, and `CI=true`
-/// fails.
+/// lines. Returns `None` with a report if packages are missing: then nothing is tested, and
+/// `CI=true` fails.
 pub(crate) fn said_in(folder: &Path, megabytes: u32, script: &str) -> Option<Vec<String>> {
     if let Some(missing) = NEEDED.iter().find(|path| !Path::new(path).exists()) {
         let needed = "apt-get install user-mode-linux i2c-tools busybox";
@@ -78,7 +78,7 @@ pub(crate) fn said_in(folder: &Path, megabytes: u32, script: &str) -> Option<Vec
     let lines = text.lines().filter_map(|line| line.trim_end().split_once(SAID));
     let said: Vec<_> = lines.map(|(_, said)| said.to_owned()).collect();
     if said.is_empty() {
-        // Shown if the test fails, which it will.
+        // The text is shown only if the test fails, which is certain at this point.
         println!("{text}");
     }
     Some(said)

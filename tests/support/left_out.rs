@@ -1,9 +1,9 @@
 //! Reports a test that cannot run because the machine lacks something it needs.
 //!
 //! The report goes to standard error and into `target/left-out.tsv`, one line per test: package,
-//! Cargo's options for its target, test, reason. `.ci/run` runs exactly those tests again once it has
-//! installed what they need, with `CI=true`, which makes such a report fail the test. Tests of several
-//! crates include this file.
+//! Cargo's options for its target, test, reason. `.ci/run` runs exactly those tests again once it
+//! has installed what they need, with `CI=true`, which makes such a report fail the test. Tests of
+//! several crates include this file.
 
 use std::fs::OpenOptions;
 use std::io::Write as _;

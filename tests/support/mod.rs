@@ -1,5 +1,5 @@
-//! Processes of a test: started in a folder of their own, awaited by their output, ended by their
-//! handles.
+//! Processes of a test. They run in a folder of their own, are awaited by their output, and are
+//! ended by their handles.
 
 #![allow(dead_code, reason = "each test file uses its part")]
 
@@ -19,20 +19,21 @@ use std::time::{Duration, Instant};
 use serde_json::Value;
 use tempfile::TempDir;
 
-/// Time limit of every step, on a machine that is busy with other tests: longer than a scenario's own
-/// limit, so that the scenario's report comes first.
+/// Time limit of every step, on a machine that is busy with other tests: longer than a scenario's
+/// own limit, so that the scenario's report comes first.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(90);
 
-/// The paper's office, or another building, in a folder of its own; its daemons end with it.
+/// The paper's office, or another building, in a folder of its own. Its daemons end with this
+/// value.
 pub(crate) struct Office {
     pub(crate) file: PathBuf,
     folder: TempDir,
-    /// The `PATH` of its programs; `None` for that of this test.
+    /// The `PATH` of the office's programs; `None` for that of this test.
     path: Option<OsString>,
     daemons: Vec<Daemon>,
 }
 
-/// One `althing up`.
+/// One process of `althing up`.
 pub(crate) struct Daemon {
     pub(crate) name: String,
     child: Child,
@@ -40,24 +41,24 @@ pub(crate) struct Daemon {
 }
 
 impl Office {
-    /// The repository's own smart office, fifty times as fast as real time.
+    /// Returns the repository's own smart office, fifty times as fast as real time.
     pub(crate) fn new() -> Office {
         Office::of(Office::file())
     }
 
-    /// The same folder with another ecosystem file.
+    /// Returns this office with another ecosystem file.
     pub(crate) fn with_file(mut self, file: PathBuf) -> Office {
         self.file = file;
         self
     }
 
-    /// The same with a Python that plugins can use first on the `PATH`, if there is one.
+    /// Returns this office with a Python that plugins can use first on the `PATH`, if there is one.
     pub(crate) fn with_python(mut self) -> Office {
         self.path = Some(packages::path());
         self
     }
 
-    /// The same with a folder of programs first on the `PATH`.
+    /// Returns this office with a folder of programs first on the `PATH`.
     pub(crate) fn with_programs(mut self, folder: &Path) -> Office {
         let path = self.path.take().or_else(|| std::env::var_os("PATH")).unwrap_or_default();
         let rest = std::env::split_paths(&path).collect::<Vec<_>>();
@@ -75,7 +76,7 @@ impl Office {
         self.begin_as(name, command);
     }
 
-    /// Another ecosystem, at the same speed.
+    /// Returns an office with another ecosystem file, at the same speed.
     pub(crate) fn of(file: PathBuf) -> Office {
         let folder = tempfile::Builder::new().prefix("alt-").tempdir().expect("a folder");
         Office { file, folder, path: None, daemons: Vec::new() }
@@ -139,8 +140,8 @@ impl Office {
         (output.status.code(), format!("{}{}", stdout(&output), stderr(&output)))
     }
 
-    /// Runs a command on the running ecosystem with `--json`; returns the JSON on stdout, which must be
-    /// nothing else. `Null` if stdout is empty.
+    /// Runs a command on the running ecosystem with `--json`; returns the JSON on stdout, which
+    /// must be nothing else. `Null` if stdout is empty.
     pub(crate) fn ask_json(&self, arguments: &[&str]) -> Value {
         let file = self.file.display().to_string();
         let output = self.run(&[arguments, &["--json", "--ecosystem", &file]].concat());
@@ -274,8 +275,8 @@ impl Office {
     }
 }
 
-/// Returns the file of an ecosystem `lab`: the reasoning agents, with the ontology and map of the smart
-/// office.
+/// Returns the file of an ecosystem `lab`: the reasoning agents, with the ontology and map of the
+/// smart office.
 pub(crate) fn lab(mode: &str) -> String {
     let office = Office::file().canonicalize().expect("it is there");
     let domain = office.ancestors().nth(2).expect("a folder").join("domains/smart-office");

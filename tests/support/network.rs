@@ -1,8 +1,8 @@
-//! Machines and networks of a test: each machine is a network namespace with its own runtime folder, so
-//! that messages between machines use wires that can be cut.
+//! Machines and networks of a test: each machine is a network namespace with its own runtime
+//! folder, so that messages between machines use wires that can be cut.
 //!
-//! A namespace is held by a `cat` that waits on a pipe of this test: however the test ends, the `cat`
-//! ends too, and the namespace and its wires with it. The host's network is not touched.
+//! A namespace is held by a `cat` that waits on a pipe of this test. When the test ends in any way,
+//! the `cat` ends too, and the namespace and its wires with it. The host's network is not touched.
 
 #![allow(dead_code, reason = "each test file uses its part")]
 
@@ -17,8 +17,8 @@ use serde_json::Value;
 use super::left_out::left_out;
 use super::{Office, PATIENCE, finish, stderr, stdout};
 
-/// A bridge that represents a network of machines. A bridge without machines represents a cable that
-/// leads nowhere.
+/// A bridge that represents a network of machines. A bridge without machines represents a cable
+/// that leads nowhere.
 pub(crate) const LAN: &str = "lan";
 
 /// Machines on networks, with one office for all of them.
@@ -35,7 +35,8 @@ struct Namespace {
     holder: Child,
 }
 
-/// Whether namespaces can be created here. Reports it if not, which fails with `CI=true`.
+/// Whether namespaces can be created on this machine. Otherwise reports that, which fails with
+/// `CI=true`.
 pub(crate) fn is_permitted() -> bool {
     let tried = Command::new("unshare").args(["--mount", "--net", "ip", "link", "show"]).output();
     let problem = match tried {
@@ -186,7 +187,7 @@ impl Site {
         self.up_from(&self.office.file.clone(), name, options);
     }
 
-    /// The same from another ecosystem file.
+    /// Starts a daemon as [`Site::up`] does, with another ecosystem file.
     pub(crate) fn up_from(&mut self, file: &Path, name: &str, options: &[&str]) {
         let mut command = self.program(name, env!("CARGO_BIN_EXE_althing"));
         command.arg("up").arg(file).args(["--daemon", name]).args(options);
@@ -254,7 +255,8 @@ pub(crate) fn has(seen: &[String], agent: &str) -> bool {
 
 /// Returns the name of a cable's end. Interface names have at most 15 characters.
 fn wire(machine: &str, network: &str) -> String {
-    // The last characters: names of machines such as boards and laptops differ there.
+    // The last characters are kept, because names of machines such as boards and laptops differ
+    // there.
     let letters: Vec<_> = machine.chars().filter(char::is_ascii_alphanumeric).collect();
     let machine: String = letters[letters.len().saturating_sub(9)..].iter().collect();
     let network: String = network.chars().take(5).collect();

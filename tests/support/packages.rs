@@ -12,9 +12,9 @@ pub(crate) fn has_python() -> bool {
     python().is_some()
 }
 
-/// Returns a Python that has Zenoh and runs a plugin in its confinement. Returns `None` with a report
-/// if there is none. Tried are the program that `python3` really is, that of an active virtual
-/// environment, and the system's.
+/// Returns a Python that has Zenoh and runs a plugin in its confinement. Returns `None` with a
+/// report if there is none. Tried are the program that `python3` really is, that of an active
+/// virtual environment, and the system's.
 pub(crate) fn python() -> Option<&'static Path> {
     match found_python() {
         Ok(python) => Some(python),

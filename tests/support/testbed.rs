@@ -1,9 +1,9 @@
-//! A testbed for faults: an ecosystem of six machines, each a network namespace with a real daemon, in
-//! a simulated building with a truth that only the test knows.
+//! A testbed for faults: an ecosystem of six machines, each a network namespace with a real daemon,
+//! in a simulated building with a truth that only the test knows.
 //!
-//! - `alpha` and `beta` take goals and plan, one as leader; `gamma` and `delta` execute plans, one as
-//!   leader; `robot` is a robot. `desk` hosts no agent: people request goals there, and no fault hits
-//!   it. `alpha`, `beta` and `gamma` have Journals.
+//! - `alpha` and `beta` take goals and plan, one as leader; `gamma` and `delta` execute plans, one
+//!   as leader; `robot` is a robot. `desk` hosts no agent: people request goals there, and no fault
+//!   hits it. `alpha`, `beta` and `gamma` have Journals.
 //! - Waiting is always for an event: presence, a report to a goal's command, or the truth.
 //! - The testbed requests goals and judges; the faults are in `faults.rs`.
 
@@ -40,7 +40,8 @@ pub(crate) const ISLAND: &str = "island";
 /// The robot drives 6 meters in half a second: long enough for a fault to strike on the way.
 const TIME_SCALE: f64 = 0.025;
 
-/// Rate limit for answers from one machine to the ear, per second: more than there are.
+/// Rate limit for answers from one machine to the listening client, per second: more than there
+/// are.
 const EAR_PER_SECOND: u32 = 100_000;
 
 /// Machines with a small disk of their own, and its size: room for two journals.
@@ -126,7 +127,7 @@ impl Present {
 // === impl Testbed ===
 
 impl Testbed {
-    /// Returns `None` if namespaces are not permitted.
+    /// Opens the testbed. Returns `None` if namespaces are not permitted.
     pub(crate) fn open(mode: &str) -> Option<Testbed> {
         let office = secured(&ecosystem(mode), &MACHINES);
         let mut site = Site::on_lan(office, &MACHINES)?;
@@ -169,8 +170,8 @@ impl Testbed {
         self.until_known()
     }
 
-    /// Waits until the ecosystem knows the place of the robot. A daemon that was cut off believes the
-    /// former place until the robot's next heartbeat.
+    /// Waits until the ecosystem knows the place of the robot. A daemon that was cut off believes
+    /// the former place until the robot's next heartbeat.
     fn until_known(&self) -> Result<(), String> {
         let maintainer = AgentId::new("domain-maintainer").ok();
         let deadline = Instant::now() + PATIENCE;
@@ -250,8 +251,8 @@ impl Testbed {
         format!("{ended}\n{}goals:\n{goals}", views.concat())
     }
 
-    /// Waits until the machines that were cut off and the rest no longer see each other, each from its
-    /// own view: lost links are detected at different times.
+    /// Waits until the machines that were cut off and the rest no longer see each other, each from
+    /// its own view: lost links are detected at different times.
     pub(crate) fn cut_off(&self, hosts: &[&str]) -> Result<(), String> {
         self.present.gone(hosts)?;
         let deadline = Instant::now() + PATIENCE;
@@ -282,12 +283,13 @@ impl Testbed {
         since.filter(|each| matches!(each.event, BuildingEvent::Departed { .. })).count()
     }
 
-    /// Waits until the robot has set off since a position of the log; fails if the goal ends before.
+    /// Waits until the robot has set off since a position of the log; fails if the goal ends
+    /// before.
     fn until_departed(&self, since: u64, asked: &mut Asked) -> Result<(), String> {
         let deadline = Instant::now() + PATIENCE;
         while self.departures(since) == 0 {
-            // Reports may come before or after the robot sets off, so the truth is checked after each
-            // wait.
+            // Reports may come before or after the robot sets off, so the truth is checked after
+            // each wait.
             let line = asked.lines.recv_timeout(Duration::from_millis(20));
             asked.said.extend(line);
             if asked.has_ended() || Instant::now() > deadline {
@@ -309,8 +311,8 @@ impl Testbed {
         ledger.lines().filter_map(begun).collect::<BTreeSet<_>>().len()
     }
 
-    /// Checks in the robot's ledger that no command was begun twice, and none of an older plan for a
-    /// goal after one of a newer plan.
+    /// Checks in the robot's ledger that no command was begun twice, and none of an older plan for
+    /// a goal after one of a newer plan.
     pub(crate) fn check_ledger(&self) -> Result<(), String> {
         let ledger = self.kept("robot", &format!("{ROBOT}.tokens"));
         let ledger = std::fs::read_to_string(ledger).unwrap_or_default();
@@ -318,7 +320,8 @@ impl Testbed {
         let (mut seen, mut newest) = (BTreeSet::new(), BTreeMap::new());
         for line in ledger.lines() {
             let Ok(line) = serde_json::from_str::<Value>(line) else { continue };
-            // Of a command that an earlier incarnation began and ended, only the end is kept.
+            // The ledger keeps only the end of a command that an earlier incarnation began and
+            // ended.
             if let Some(ended) = line.get("ended").and_then(|end| token(&end["token"])) {
                 let plan = (ended.term, ended.round);
                 let newest = newest.entry(ended.conversation.clone()).or_insert(plan);
@@ -347,8 +350,8 @@ impl Testbed {
 
     // === the journals ===
 
-    /// Kills and restarts all machines, and checks that every Journal has every accepted goal and its
-    /// end. Returns the number of goals.
+    /// Kills and restarts all machines, and checks that every Journal has every accepted goal and
+    /// its end. Returns the number of goals.
     pub(crate) fn check_journals(&mut self) -> Result<usize, String> {
         let hosts = &MACHINES[..5];
         hosts.iter().for_each(|host| self.site.office.kill(host));
@@ -430,7 +433,8 @@ impl Drop for Asked {
 
 // === the ecosystem ===
 
-/// Starts a daemon that connects to all machines before it, so that a restarted one is linked at once.
+/// Starts a daemon that connects to all machines before it, so that a restarted one is linked at
+/// once.
 fn up(site: &mut Site, machine: &str) {
     let before = (1..).zip(MACHINES).take_while(|(_, each)| *each != machine);
     let endpoints: Vec<_> = before.map(|(n, _)| format!("tls/10.0.0.{n}:7447")).collect();
@@ -442,7 +446,7 @@ async fn ear(site: &Site, present: &Arc<Present>) -> Arc<ZenohSubstrate> {
     let socket = site.office.runtime_folder().join("lab/desk.sock");
     let socket = site.path("desk", &socket);
     let ecosystem = EcosystemId::new("lab").expect("a name");
-    // The ear connects through the desk, as a command does, and uses the desk's key.
+    // The client connects through the desk, as a command does, and uses the desk's key.
     let keys = CredentialFolder::new(site.office.folder().join("keys"));
     let desk = DaemonId::new("desk").expect("a name");
     let guest = desk.guest("ear").expect("short");

@@ -1,6 +1,6 @@
 //! A second ecosystem, the annex, joined by two interfacing nodes such that exports could loop: one
-//! exports a robot to the annex and forwards goals to it, the other would export the same robot back
-//! and forward the same goals back.
+//! exports a robot to the annex and forwards goals to it, the other would export the same robot
+//! back and forward the same goals back.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -32,8 +32,8 @@ const LENT_ROBOT: &str = "robot-1";
 const PROXY: &str = "lent";
 const LOOPED_PROXY: &str = "ghost";
 
-/// Agents that take goals for the other ecosystem. In the annex it has the name of the Plan Requester,
-/// because goals are sent to that name.
+/// Agents that take goals for the other ecosystem. The one in the annex has the name of the Plan
+/// Requester, because goals are sent to that name.
 const DESK: &str = "annex-desk";
 const DESK_OF_ANNEX: &str = "plan-requester";
 
@@ -120,11 +120,11 @@ impl InterfaceNode {
     pub fn kill(&mut self, world: &TrialContext, daemon: &DaemonId) {
         let (Some(open), Some(wire)) = (self.open.take(), &world.annex) else { return };
         wire.kill(daemon);
-        // Its messages no longer reach any agent.
+        // Messages of the node no longer reach any agent.
         open.stopping.cancel();
     }
 
-    /// Returns what is wrong at the end of the trial.
+    /// Returns a message for each promise that this node has broken, at the end of the trial.
     pub fn node_violations(&self) -> Vec<String> {
         let count = |what: fn(&InterfaceCounters) -> u64| -> u64 {
             self.interfaces.iter().map(|it| what(&it.imported) + what(&it.exported)).sum()

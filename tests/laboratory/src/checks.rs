@@ -1,5 +1,6 @@
-//! Checks after a trial: which promises were broken. The evidence is the building's truth, the disks of
-//! the Journals and actuators, and the reports that people received; never the beliefs of a planner.
+//! Checks after a trial which promises were broken. The evidence is the building's truth, the disks
+//! of the Journals and actuators, and the reports that people received; never the beliefs of a
+//! planner.
 
 use std::collections::BTreeMap;
 use std::sync::PoisonError;
@@ -75,8 +76,8 @@ pub fn surplus_exchanges(city: &Cluster) -> Vec<String> {
     waiting
 }
 
-/// A blink must not end a plan. A declined action is allowed: two replicas may have taken one goal in
-/// that instant, and then the actuator decides.
+/// Returns a message if a blink has ended a plan. A declined action is allowed: two replicas may
+/// have taken one goal in that instant, and then the actuator decides.
 fn ended_by_blink(story: &GoalTrace) -> Option<String> {
     let torn = story.received.iter().find(|(at, line)| {
         let is_torn = line.contains("planning anew") || line.contains("failed");
@@ -87,27 +88,29 @@ fn ended_by_blink(story: &GoalTrace) -> Option<String> {
     torn.map(|(at, line)| format!("{}: broken by a blink at {at:.3?}: {line}", story.wish.goal))
 }
 
-/// A person with a terminal that still runs must receive the outcome of each goal.
+/// Returns a message if a person with a terminal that still runs has not received a goal's outcome.
 fn missing_outcome(story: &GoalTrace) -> Option<String> {
     let is_unheard = story.is_listening && !story.is_settled();
     let last = story.received.last().map_or("nothing", |(_, line)| line.as_str());
     is_unheard.then(|| format!("{}: its end was never received; last: {last}", story.wish.goal))
 }
 
-/// Every failure must have a reason.
+/// Returns a message if a failure was reported without a reason.
 fn unexplained(story: &GoalTrace) -> Option<String> {
     let goal = &story.wish.goal;
     story.has_no_reason.then(|| format!("{goal}: it failed, and no reason was given"))
 }
 
-/// Exactly-once: people see no duplicate confirmations, even if messages are delivered twice.
+/// Returns a message if a person saw a confirmation twice. Messages may be delivered twice, but
+/// people must see each confirmation once.
 fn repeated(city: &Cluster, story: &GoalTrace) -> Option<String> {
     let said = city.confirmations.count(story.conversation.as_ref()?);
     let (heard, goal) = (story.reports, &story.wish.goal);
     (heard > said).then(|| format!("{goal}: {said} confirmations were sent, {heard} received"))
 }
 
-/// An accepted goal must end or still be pursued, also if its terminal is gone.
+/// Returns a message if an accepted goal has neither ended nor is pursued, even if its terminal is
+/// gone.
 fn lost_goal(
     story: &GoalTrace,
     kept: &BTreeMap<String, Record>,
@@ -125,7 +128,7 @@ fn lost_goal(
     })
 }
 
-/// No mailbox fills up: at rest, all messages have been read.
+/// Returns a message for each mailbox with unread messages: at rest, all messages have been read.
 fn unread(mailboxes: &[Mailboxes]) -> Vec<String> {
     let all = mailboxes.iter().flat_map(|of_daemon| &of_daemon.mailboxes);
     let full = all.filter(|mailbox| mailbox.waiting > UNREAD_MAX);
@@ -133,7 +136,8 @@ fn unread(mailboxes: &[Mailboxes]) -> Vec<String> {
         .collect()
 }
 
-/// No Journal keeps the plan of a goal that has ended: plans are the large records.
+/// Returns a message for each goal that has ended and of which a Journal still keeps the plan.
+/// Plans are the large records.
 fn outlived(kept: &BTreeMap<String, Record>) -> Vec<String> {
     let has_ended = |goal: &str| {
         let record = kept.get(&format!("goal/{goal}"));

@@ -54,7 +54,8 @@ pub struct Cluster {
     /// Pending ends of faults, by time and order of insertion.
     recoveries: BTreeMap<(Duration, u64), Recovery>,
     undone: u64,
-    /// Commands that an earlier incarnation left open; the next one writes them to its ledger again.
+    /// Commands that an earlier incarnation left open; the next one writes them to its ledger
+    /// again.
     carried: BTreeSet<(String, ActionToken)>,
     effects: FaultEffects,
 }
@@ -85,8 +86,8 @@ impl ConfirmationLog {
     }
 }
 
-/// The end of a fault. If only the end shows whether the fault had an effect, it carries the counters
-/// from before.
+/// The end of a fault. It contains the counters from before the fault if only their difference
+/// shows whether the fault had an effect.
 enum Recovery {
     RestartDaemon(usize),
     MendLinks(CutId),
@@ -182,7 +183,8 @@ impl Cluster {
         if self.machines[number].is_up() {
             return;
         }
-        // Read now and not at its death: in that very instant a write may still reach its disk.
+        // The ledger is read now and not when the daemon dies, because a write may still reach the
+        // disk at that instant.
         self.read_begun(number);
         self.carry_over(number);
         self.machines[number].start();
@@ -296,7 +298,7 @@ impl Cluster {
             Recovery::RestartDaemon(number) => {
                 self.effects.restarted += u64::from(!self.machines[number].is_up());
                 self.start(number);
-                // Its crash was counted already.
+                // The crash was counted when it happened.
                 false
             }
             Recovery::MendLinks(cut) => network.heal(cut) > 0,
@@ -335,7 +337,8 @@ impl Cluster {
         self.machines.iter().flat_map(|post| post.agent_exchanges().overdue(now)).collect()
     }
 
-    /// Returns a message if an agent has come back from the second ecosystem, which must not happen.
+    /// Returns a message if an agent has come back from the second ecosystem, which must not
+    /// happen.
     pub fn find_looped_proxy(&mut self) -> Option<String> {
         let clerk = self.annex_terminal.as_mut()?;
         while clerk.events.try_recv().is_ok() {}
@@ -371,8 +374,8 @@ impl Cluster {
         }
     }
 
-    /// Records the commands that the last incarnation left open: the next one writes them to its ledger
-    /// again, unless that guard is taken out.
+    /// Records the commands that the last incarnation left open. The next incarnation writes them
+    /// to its ledger again, unless the trial runs without that guard.
     fn carry_over(&mut self, number: usize) {
         if self.world.without == Some(Safeguard::Fencing) {
             return;
@@ -400,7 +403,7 @@ fn ontology_and_map(script: &TrialScript) -> Result<(pddl::Domain, pddl::Problem
     Ok((ontology, map))
 }
 
-/// Default settings, with one guard taken out.
+/// Returns the default settings, without one guard if `without` names it.
 fn settings(without: Option<Safeguard>) -> AgentSettings {
     let mut settings = AgentSettings::default();
     match without {

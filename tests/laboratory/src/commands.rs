@@ -1,5 +1,5 @@
-//! Commands to actuators: which were sent, as seen on the network, and in which order they were begun,
-//! as recorded on the actuators' disks.
+//! Checks the commands to actuators: which were sent, as seen on the network, and in which order
+//! they were begun, as recorded on the actuators' disks.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, PoisonError};
@@ -16,7 +16,7 @@ pub struct CommandLog(Mutex<BTreeMap<(String, ActionToken), String>>);
 /// The commands that each agent has begun, in order, with repetitions.
 pub type Begun = BTreeMap<String, Vec<ActionToken>>;
 
-// === impl MachineServices ===
+// === impl CommandLog ===
 
 impl CommandLog {
     /// Records a message that passes over the network.
@@ -50,7 +50,7 @@ impl CommandLog {
 
 // === checks ===
 
-/// Returns everything that is wrong about the commands begun and the actions done.
+/// Returns a message for each broken promise about the commands begun and the actions done.
 pub fn violations(given: &CommandLog, begun: &Begun, truth: &Truth) -> Vec<String> {
     let mut broken = Vec::new();
     for (agent, tokens) in begun {
@@ -64,7 +64,7 @@ pub fn violations(given: &CommandLog, begun: &Begun, truth: &Truth) -> Vec<Strin
     broken
 }
 
-/// No command is begun twice, according to the actuator's disk.
+/// Returns a message for each command that was begun twice, according to the actuator's disk.
 fn twice(agent: &str, tokens: &[ActionToken]) -> Vec<String> {
     let once: BTreeSet<_> = tokens.iter().collect();
     let times = |token: &ActionToken| tokens.iter().filter(|other| *other == token).count();
@@ -72,7 +72,7 @@ fn twice(agent: &str, tokens: &[ActionToken]) -> Vec<String> {
     often.map(|(token, times)| format!("`{agent}` began {token} {times} times")).collect()
 }
 
-/// No command of an older plan for a goal is begun after one of a newer plan.
+/// Returns a message if a command of an older plan for a goal was begun after one of a newer plan.
 fn overtaken(agent: &str, tokens: &[ActionToken]) -> Option<String> {
     let mut newest: BTreeMap<&ConversationId, (u64, u32)> = BTreeMap::new();
     tokens.iter().find_map(|token| {
@@ -89,8 +89,9 @@ fn overtaken(agent: &str, tokens: &[ActionToken]) -> Option<String> {
     })
 }
 
-/// Every departure of a robot matches a begun command, in order, one departure per command. A begun
-/// command may have no departure: its process may die before the robot moves.
+/// Returns a message for each departure of a robot without a matching command. Departures match
+/// begun commands in order, one departure per command. A begun command may have no departure,
+/// because its process may die before the robot moves.
 fn strayed(given: &CommandLog, begun: &Begun, truth: &Truth) -> Vec<String> {
     let mut ways: BTreeMap<&str, Vec<[String; 2]>> = BTreeMap::new();
     for occurrence in truth.occurrences() {
@@ -112,7 +113,7 @@ fn strayed(given: &CommandLog, begun: &Begun, truth: &Truth) -> Vec<String> {
     strayed
 }
 
-/// No agent acts more often than its disk records.
+/// Returns a message for each agent that acted more often than its disk records.
 fn unrecorded(begun: &Begun, truth: &Truth) -> Vec<String> {
     let mut done: BTreeMap<&str, usize> = BTreeMap::new();
     for occurrence in truth.occurrences() {

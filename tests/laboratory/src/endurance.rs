@@ -1,5 +1,5 @@
-//! A long run: one goal after the other in one trial, so that a caller can measure the memory in use
-//! after each.
+//! A long run: one goal after the other in one trial, so that a caller can measure the memory in
+//! use after each.
 
 use std::time::Duration;
 
@@ -21,7 +21,8 @@ const REST: Duration = Duration::from_millis(1_200);
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Requests `goals` goals and calls `look` after each. `heard_messages_max` is the size of the
-/// duplicate window, kept small so that it soon fills up. Returns the goals that did not end in time.
+/// duplicate window, kept small so that it soon fills up. Returns the goals that did not end in
+/// time.
 ///
 /// # Errors
 ///

@@ -1,20 +1,20 @@
-//! Counters of faults, counted only if they took effect: a dead process does not crash, and a cut that
-//! stops no message has no effect.
+//! Counters of the faults that took effect: a dead process does not crash, and a cut that stops no
+//! message has no effect.
 
 use substrate::faulty::MessageCounts;
 
 /// Number of faults that took effect, by kind.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultEffects {
-    /// Faults of messages.
+    /// Number of faults of messages, by kind.
     pub message_faults: MessageCounts,
-    /// Processes that died.
+    /// Number of processes that died.
     pub crashed: u64,
-    /// Processes that were started again after a crash.
+    /// Number of processes that were started again after a crash.
     pub restarted: u64,
-    /// Clocks that jumped.
+    /// Number of clocks that jumped.
     pub jumped: u64,
-    /// Faults of the script that took effect, of all kinds.
+    /// Number of faults of the script that took effect, of all kinds.
     pub struck: u64,
 }
 

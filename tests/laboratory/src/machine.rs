@@ -1,4 +1,4 @@
-//! One simulated machine with one daemon: its processes die, its disk and its clock go on.
+//! One simulated machine with one daemon. Its processes die; its disk and its clock outlive them.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicI64, Ordering};
@@ -26,7 +26,7 @@ use crate::open_exchanges::OpenExchanges;
 use crate::script::{AgentPlacement, Safeguard};
 use crate::trial_context::TrialContext;
 
-/// The plugins that run here.
+/// The plugins that run on simulated machines.
 const PLUGINS: [&PluginEntry; 9] = [
     &domain_maintainer::PLUGIN,
     &plan_requester::PLUGIN,
@@ -66,8 +66,8 @@ struct DaemonProcess {
     agents: Vec<JoinHandle<()>>,
 }
 
-/// Clock of the machine and open exchanges of one process. A killed process may be woken once more; its
-/// late entries then go to a value that is no longer used.
+/// Clock of the machine and open exchanges of one process. A killed process may be woken once more;
+/// its late entries then go to a value that is no longer used.
 struct MachineServices {
     clock: Arc<MachineClock>,
     waits: Arc<OpenExchanges>,
@@ -142,12 +142,12 @@ impl SimulatedMachine {
         })
     }
 
-    /// Whether its daemon runs.
+    /// Whether the machine's daemon runs.
     pub fn is_up(&self) -> bool {
         self.process.is_some()
     }
 
-    /// Starts its daemon, with all agents that are configured for it.
+    /// Starts the machine's daemon, with all agents that are configured for it.
     pub fn start(&mut self) {
         if self.is_up() {
             return;
@@ -180,7 +180,7 @@ impl SimulatedMachine {
         self.process = Some(process);
     }
 
-    /// Stops its daemon as a SIGKILL would.
+    /// Stops the machine's daemon as a SIGKILL would.
     pub fn kill(&mut self) {
         let Some(process) = self.process.take() else { return };
         self.world.network.kill(&self.daemon);
@@ -194,12 +194,12 @@ impl SimulatedMachine {
         }
     }
 
-    /// Makes its clock jump.
+    /// Makes the machine's clock jump by `seconds`, which may be negative.
     pub fn jump(&self, seconds: i64) {
         self.clock.jumped.fetch_add(seconds, Ordering::Relaxed);
     }
 
-    /// Starts a keyboard for a person; `None` if the daemon does not run.
+    /// Starts a keyboard for a person. Returns `None` if the daemon does not run.
     pub fn start_keyboard(&mut self, name: &str) -> Option<Terminal> {
         let process = self.process.as_mut()?;
         let (keyboard, terminal) = Keyboard::with_terminal();
@@ -210,23 +210,23 @@ impl SimulatedMachine {
         Some(terminal)
     }
 
-    /// Returns the switchboard, through which a person at this machine queries the daemons; `None` if
-    /// the daemon does not run.
+    /// Returns the message router, through which a person at this machine queries the daemons.
+    /// Returns `None` if the daemon does not run.
     pub fn switchboard(&self) -> Option<&Arc<MessageRouter>> {
         self.process.as_ref().map(|process| &process.switchboard)
     }
 
-    /// Returns its interfacing part; `None` if it is no interfacing node.
+    /// Returns the interfacing part of the machine; `None` if it is no interfacing node.
     pub fn annex_node(&self) -> Option<&InterfaceNode> {
         self.interface_node.as_ref()
     }
 
-    /// Returns the open exchanges of its agents.
+    /// Returns the open exchanges of the machine's agents.
     pub fn agent_exchanges(&self) -> &OpenExchanges {
         &self.open_exchanges
     }
 
-    /// Returns the records that its Journal has on disk.
+    /// Returns the records on the disk of the machine's Journal.
     pub fn journal_records(&self) -> Vec<Record> {
         self.journal_store.records()
     }

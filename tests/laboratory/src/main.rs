@@ -88,8 +88,8 @@ impl FormatTime for OwnTime {
     }
 }
 
-/// Plays the seeds on all cores. Returns how many were played, and which failed. A seed that could not
-/// be played counts as failed: its result is unknown.
+/// Plays the seeds on all cores. Returns how many were played, and which failed. A seed that could
+/// not be played counts as failed: its result is unknown.
 fn play_all(arguments: &Arguments) -> (u64, Vec<u64>) {
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let (next, last) = (AtomicU64::new(arguments.from), arguments.from + arguments.seeds);

@@ -8,8 +8,8 @@ use acl::{AgentId, Incarnation};
 use agent::ExchangeSummary;
 use tokio::time::Instant;
 
-/// How long after its deadline an exchange may stay open: the waiting agent is woken at the deadline in
-/// simulated time, and its reaction takes no time.
+/// How long an exchange may stay open after its deadline. The waiting agent is woken at the
+/// deadline in simulated time, and its reaction takes no time.
 const MARGIN: Duration = Duration::from_millis(100);
 
 /// Open exchanges of each incarnation of each agent, as last reported.
@@ -61,7 +61,7 @@ mod tests {
     use super::*;
 
     #[tokio::test(start_paused = true)]
-    async fn who_waits_too_long_is_told_of_until_it_is_over() {
+    async fn an_overdue_exchange_is_listed_until_it_ends() {
         let (waits, now) = (OpenExchanges::default(), Instant::now());
         let (robot, incarnation) = (AgentId::new("robot").expect("a name"), Incarnation(1));
         let due = now + Duration::from_secs(1);

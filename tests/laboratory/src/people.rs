@@ -22,10 +22,10 @@ pub struct Person {
     since: Instant,
 }
 
-/// History of a goal, as its person knows it.
+/// History of a goal, from the reports that its person has received.
 #[derive(Clone, Debug)]
 pub struct GoalTrace {
-    /// The request.
+    /// The request for the goal.
     pub wish: ScriptedGoal,
     /// Conversation of the goal, once it is known.
     pub conversation: Option<ConversationId>,
@@ -37,7 +37,7 @@ pub struct GoalTrace {
     pub is_accepted: bool,
     /// Whether a report of a failure had no reason.
     pub has_no_reason: bool,
-    /// The outcome, if it has ended. A kept goal has ended when it holds.
+    /// The outcome of the goal; `None` before the end. A kept goal has ended when it holds.
     pub final_outcome: Option<Outcome>,
     /// Whether the terminal that requested the goal still runs.
     pub is_listening: bool,
@@ -66,7 +66,8 @@ impl Person {
         self.traces.values_mut().for_each(|story| story.is_listening = false);
     }
 
-    /// Requests a goal; returns whether there was a keyboard to take it.
+    /// Requests a goal. Returns `false` if the person has no terminal, or if the terminal does not
+    /// take the request.
     pub fn request_goal(&mut self, number: usize, wish: &ScriptedGoal) -> bool {
         let Some(terminal) = &self.terminal else { return false };
         let said = keyboard::GoalRequest {

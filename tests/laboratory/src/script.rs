@@ -1,4 +1,5 @@
-//! The script of a trial, drawn from a seed: agents and their daemons, goals, faults and their times.
+//! The script of a trial, drawn from a seed: agents and their daemons, goals, faults and their
+//! times.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -41,8 +42,8 @@ pub enum ExportDirection {
     FromAnnex,
 }
 
-/// A mechanism that keeps a promise. It can be taken out, to test that the laboratory detects its
-/// absence.
+/// A mechanism that keeps a promise. A trial can run without it, to test that the laboratory
+/// detects its absence.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub enum Safeguard {
     /// Actuators remember which commands they have begun.
@@ -64,7 +65,8 @@ pub struct TrialScript {
     pub seed: u64,
     /// The flow by which plans are made.
     pub mode: Mode,
-    /// Names of the daemons. Of the first, only the links ever fail: people have their terminals there.
+    /// Names of the daemons. Only the links of the first daemon ever fail, because people have
+    /// their terminals there.
     pub daemons: Vec<String>,
     /// The agents.
     pub agents: Vec<AgentPlacement>,
@@ -74,25 +76,25 @@ pub struct TrialScript {
     pub scripted_goals: Vec<ScriptedGoal>,
     /// Faults, in order of time.
     pub faults: Vec<(Duration, InjectedFault)>,
-    /// Times at which goals are requested from a second ecosystem; empty if there is none. If there is
-    /// one, the last two daemons are interfacing nodes.
+    /// Times at which goals are requested from a second ecosystem. Without a second ecosystem the
+    /// list is empty; otherwise the last two daemons are interfacing nodes.
     pub annex_requests_at: Vec<Duration>,
 }
 
-/// One agent.
+/// One agent of a trial.
 #[derive(Clone, Debug)]
 pub struct AgentPlacement {
-    /// Its name.
+    /// Name of the agent.
     pub name: String,
-    /// Its plugin.
+    /// Name of the agent's plugin.
     pub plugin: &'static str,
-    /// Daemons that may host it, by number.
+    /// Daemons that may host the agent, by number.
     pub daemons: Vec<usize>,
-    /// Its `config`.
+    /// The agent's `config`.
     pub config: Value,
 }
 
-/// A goal.
+/// A goal of a trial.
 #[derive(Clone, Debug)]
 pub struct ScriptedGoal {
     /// Time of the request.
@@ -103,23 +105,24 @@ pub struct ScriptedGoal {
     pub goal: String,
     /// The rooms that the goal is about: their temperature is to be known.
     pub rooms: Vec<String>,
-    /// Whether it is to be achieved once or kept.
+    /// Whether the goal is to be achieved once or kept.
     pub keep: Keep,
     /// Behaviour during a partition.
     pub partition: Partition,
 }
 
-/// A fault.
+/// A fault that the trial injects.
 #[derive(Clone, Debug, PartialEq)]
 pub enum InjectedFault {
-    /// A process dies, and is started again after this time.
+    /// A process dies, and is started again after this duration.
     Crash(usize, Duration),
-    /// All processes but that of the people die at once, and are started again after this time.
+    /// All processes except that of the people die at once, and are started again after this
+    /// duration.
     CrashAll(Duration),
-    /// The links between these daemons and all others break. The break is detected after the lease
-    /// (first time) and mended after the second.
+    /// The links between these daemons and all others break. The break is detected after the lease,
+    /// which is the first duration, and mended after the second.
     Cut(BTreeSet<usize>, Duration, Duration),
-    /// All links lose, double and reorder messages for a while; shares in hundredths.
+    /// All links lose, duplicate and reorder messages for a while. The shares are in hundredths.
     Storm {
         /// Share of messages lost.
         lost: u32,
@@ -130,9 +133,9 @@ pub enum InjectedFault {
         /// Duration of the fault.
         lasts: Duration,
     },
-    /// All messages are delayed by up to the first time, for the second.
+    /// All messages are delayed by up to the first duration, for the second duration.
     Delay(Duration, Duration),
-    /// All messages to a daemon are delayed by the first time, for the second.
+    /// All messages to a daemon are delayed by the first duration, for the second duration.
     Slow(usize, Duration, Duration),
     /// A machine's clock jumps by this many seconds.
     Clock(usize, i64),
@@ -190,7 +193,8 @@ impl TrialScript {
         Ok(())
     }
 
-    /// Joins a second ecosystem by two interfacing nodes, which die and are cut off like other daemons.
+    /// Joins a second ecosystem by two interfacing nodes, which die and are cut off like other
+    /// daemons.
     fn join_annex(&mut self, rng: &mut Rng) {
         let (from, until) = (BLINKS_UNTIL.as_millis() as u64, FAULTS_UNTIL.as_millis() as u64);
         let millis = |rng: &mut Rng, range| Duration::from_millis(rng.u64(range));
@@ -319,7 +323,7 @@ fn draw_goal(n: usize, rooms: &[String], rng: &mut Rng) -> ScriptedGoal {
     let known: Vec<_> = about.iter().map(|room| format!("(known-temperature {room})")).collect();
     let goal =
         if known.len() == 1 { known[0].clone() } else { format!("(and {})", known.join(" ")) };
-    // Two goals in the first phase: the effect of a blink on their plans must be seen.
+    // Two goals are in the first phase, because the effect of a blink on their plans must be seen.
     let until = if n < 2 { 8_000 } else { 50_000 };
     ScriptedGoal {
         at: Duration::from_millis(rng.u64(4_000..until)),
@@ -335,7 +339,7 @@ fn faults(daemons: usize, robots: &[usize], rng: &mut Rng) -> Vec<(Duration, Inj
     let mut faults = Vec::new();
     let millis = |rng: &mut Rng, range| Duration::from_millis(rng.u64(range));
     for _ in 0..rng.usize(8..12) {
-        // Mostly on daemons with robots: a blink could end the robots' plans.
+        // Blinks hit mostly daemons with robots, because they could end the robots' plans.
         let anyone = rng.usize(..daemons);
         let robot = robots[rng.usize(..robots.len())];
         let island = [if rng.u8(..3) == 0 { anyone } else { robot }].into();

@@ -16,10 +16,10 @@ use crate::trial_error::TrialError;
 /// Time limit for everything to end after the last fault.
 const SETTLES_WITHIN: Duration = Duration::from_secs(400);
 
-/// Interval at which people look at their terminals.
+/// Interval at which people read their terminals.
 const LOOKS_EVERY: Duration = Duration::from_millis(50);
 
-/// How long nothing may happen at the end.
+/// Time at the end of a trial in which nothing may happen.
 const QUIET: Duration = Duration::from_secs(3);
 
 /// Result of a trial.
@@ -54,12 +54,12 @@ pub struct GoalCounts {
     pub achieved: usize,
 }
 
-/// Plays a seed; `without` takes one guard out.
+/// Plays a seed. If `without` names a guard, the trial runs without it.
 ///
 /// # Errors
 ///
-/// Returns an error if the trial cannot be set up: its files cannot be created, or the drawn plan is no
-/// valid building.
+/// Returns an error if the trial cannot be set up: its files cannot be created, or the drawn plan
+/// is no valid building.
 pub fn play(seed: u64, without: Option<Safeguard>) -> Result<TrialResult, TrialError> {
     let (runtime, folder) = (runtime()?, folder()?);
     runtime.block_on(async {
@@ -69,7 +69,8 @@ pub fn play(seed: u64, without: Option<Safeguard>) -> Result<TrialResult, TrialE
     })
 }
 
-/// Creates the runtime of a trial: one thread, and simulated time that advances when all tasks wait.
+/// Creates the runtime of a trial: one thread, and simulated time that advances when all tasks
+/// wait.
 pub(crate) fn runtime() -> std::io::Result<tokio::runtime::Runtime> {
     tokio::runtime::Builder::new_current_thread().enable_time().start_paused(true).build()
 }
@@ -180,8 +181,8 @@ impl Trial {
         false
     }
 
-    /// Waits for plans that were given up while their executor was cut off: they may run to their end
-    /// unobserved.
+    /// Waits for plans that were given up while their executor was cut off: they may run to their
+    /// end unobserved.
     async fn await_leftover_plans(&mut self, until: Duration) {
         while self.city.now() < until && !checks::surplus_exchanges(&self.city).is_empty() {
             self.wait_until(self.city.now() + QUIET).await;

@@ -15,7 +15,7 @@ pub struct TrialContext {
     pub ontology: Arc<Domain>,
     /// The map.
     pub map: Arc<Problem>,
-    /// The trial.
+    /// The script of the trial.
     pub script: TrialScript,
     /// Times and bounds.
     pub settings: AgentSettings,
@@ -25,7 +25,7 @@ pub struct TrialContext {
     pub annex: Option<Network>,
     /// The building.
     pub building: BuildingHandle,
-    /// The guard that is taken out, if any.
+    /// The guard that is missing in this trial; `None` if all are there.
     pub without: Option<Safeguard>,
     /// Agents that panicked or failed; there must be none.
     pub broken: Mutex<Vec<String>>,

@@ -1,11 +1,11 @@
 //! The reason why a trial cannot be played.
 
-/// Why a trial cannot be played. Completes “failed to …”.
+/// The reason why a trial cannot be played. The message completes the sentence “failed to …”.
 #[derive(Debug)]
 pub struct TrialError(String);
 
 impl TrialError {
-    /// Error for an ontology or a map that cannot be parsed.
+    /// Returns the error for an ontology or a map that cannot be parsed.
     pub(crate) fn parse_error(mistakes: Vec<pddl::Diagnostic>) -> TrialError {
         let mistakes: Vec<_> = mistakes.iter().map(ToString::to_string).collect();
         TrialError(format!("read the domain or map of the trial: {}", mistakes.join("; ")))

@@ -133,7 +133,7 @@ impl Machine {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_was_changed_on_either_side_of_a_partition_is_known_after_it() {
+async fn changes_on_both_sides_of_a_partition_are_known_after_the_heal() {
     let network = Network::new(7);
     let mut one = Machine::new(&network, "one", 1);
     let mut two = Machine::new(&network, "two", 1_000);
@@ -146,8 +146,8 @@ async fn what_was_changed_on_either_side_of_a_partition_is_known_after_it() {
     let cut = network.cut([DaemonId::new("two").expect("a name")].into(), LEASE);
     let before = ["(lit porch)", "(lit hall)", "(= (price hall) 1)", "(= (price attic) 1)"];
     two.comes_to_believe(&[&before[..], &["(lit cellar)"]].concat()).await;
-    // On one side a price rises and the hall goes dark; on the other side another price changes and a
-    // room is lit. The attic's price changes on both sides.
+    // On one side a price rises and the hall goes dark; on the other side another price changes and
+    // a room is lit. The attic's price changes on both sides.
     one.change("ann", "(= (price attic) 2)", "(lit hall)").await;
     two.change("ann", "(= (price hall) 5) (= (price attic) 9)", "").await;
     two.change("bob", "(lit attic)", "(lit porch)").await;

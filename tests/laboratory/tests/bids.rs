@@ -1,5 +1,5 @@
-//! Handling of a bid by an action model that the Domain Maintainer does not have yet: the bidder has
-//! announced it, and the announcement is still on its way.
+//! Tests of a bid by an action model that the Domain Maintainer does not have yet, because the
+//! bidder's announcement is still on its way.
 
 mod house;
 #[path = "house/sayer.rs"]
@@ -98,8 +98,8 @@ impl Agent for Executor {
     }
 }
 
-/// Returns the first plan to be executed, and the number of queries, if the Domain Maintainer lacks the
-/// new model for `behind` queries.
+/// Returns the first plan to be executed, and the number of queries, if the Domain Maintainer lacks
+/// the new model for `behind` queries.
 async fn first_plan(behind: u32) -> (String, u32) {
     let house = House::new(Mode::Decentralized, DOMAIN, PROBLEM, Vec::new());
     let machine = house.machine("here");
@@ -128,9 +128,9 @@ async fn a_bid_by_a_newer_action_model_is_called_for_again() {
     }
 }
 
-/// If the new model never arrives, another agent does it.
+/// If the new model never arrives, another agent does the job.
 #[tokio::test(start_paused = true)]
-async fn a_bid_by_a_model_that_never_comes_holds_nobody_up() {
+async fn a_bid_by_a_model_that_never_arrives_is_replaced() {
     let (plan, asked) = first_plan(u32::MAX).await;
     assert!(plan.starts_with("(light robot)"), "{plan}");
     assert!((2..200).contains(&asked), "{asked} rounds");

@@ -1,5 +1,5 @@
-//! Merging of goal records from another replica of the Plan Requester that led in another partition: an
-//! end on either side is final.
+//! Merging of goal records from another replica of the Plan Requester that led in another
+//! partition: an end on either side is final.
 
 mod house;
 #[path = "house/sayer.rs"]
@@ -63,8 +63,8 @@ fn is_goal(record: &Record) -> bool {
     record.key == "goal/g"
 }
 
-/// A machine with a Plan Requester that was asked for a goal that already holds, with the goal's
-/// records: when it was accepted, and when it had ended.
+/// A machine with a Plan Requester that was asked for a goal that already holds, and the records of
+/// that goal: from its acceptance, and from its end.
 struct Asked {
     house: House,
     here: Arc<MessageRouter>,
@@ -123,7 +123,7 @@ async fn next(heard: &mut mpsc::UnboundedReceiver<Report>) -> Report {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_has_ended_is_not_begun_again_from_a_later_copy_that_did_not_know() {
+async fn an_ended_goal_is_not_restarted_from_a_later_record() {
     let mut asked = Asked::open().await;
     // The other leader read the record from before the end.
     let version = Version { term: u64::MAX / 2, count: 7 };
@@ -135,7 +135,7 @@ async fn what_has_ended_is_not_begun_again_from_a_later_copy_that_did_not_know()
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_was_given_up_is_not_gone_on_with_by_who_takes_over() {
+async fn a_cancelled_goal_is_not_continued_after_failover() {
     let mut asked = Asked::open().await;
     let version = Version { term: u64::MAX / 2, count: 7 };
     let mut other = Record { key: "goal/h".to_owned(), version, ..asked.open.clone() };

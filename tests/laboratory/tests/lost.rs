@@ -1,5 +1,5 @@
-//! The agent that brought an object of a goal leaves while the goal is pursued: the reason names the
-//! object, and a kept goal waits for the agent to come back.
+//! The agent that brought an object of a goal leaves while the goal is pursued: the reason names
+//! the object, and a kept goal waits for the agent to come back.
 
 mod house;
 #[path = "house/sayer.rs"]
@@ -123,13 +123,13 @@ impl Trial {
 }
 
 #[tokio::test(start_paused = true)]
-async fn the_reason_names_what_a_goal_has_lost() {
+async fn the_reason_names_the_lost_object_of_a_goal() {
     let reason = Trial::new(Keep::Achieve).told(Outcome::Failed, "").await;
     assert_eq!(reason, "unknown object `lamp`: its agent is not here");
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_goal_that_is_kept_waits_for_what_it_has_lost_and_goes_on() {
+async fn a_kept_goal_waits_for_a_lost_object_and_continues() {
     let mut trial = Trial::new(Keep::Maintain);
     trial.a_plan_is_to_be_carried_out().await;
     let news = trial.told(Outcome::Progress, "no plan now").await;

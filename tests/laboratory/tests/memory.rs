@@ -1,5 +1,5 @@
-//! Memory stays bounded: the allocator counts what all agents of a trial hold, while one goal after the
-//! other is requested.
+//! Memory stays bounded: the allocator counts what all agents of a trial hold, while one goal after
+//! the other is requested.
 
 use laboratory::endurance::endure;
 use peak_alloc::PeakAlloc;
@@ -13,9 +13,9 @@ const FULL_AFTER: usize = 160;
 /// Number of goals requested after that; `ALTHING_GOALS` requests more.
 const GOALS: usize = 160;
 
-/// Maximum number of bytes that a goal may leave behind in all agents together, while caches with room
-/// for thousands of entries are not full yet: the ledgers of actuators, the records of Journals, and
-/// the building's own history.
+/// Maximum number of bytes that a goal may leave behind in all agents together, while caches with
+/// room for thousands of entries are not full yet: the ledgers of actuators, the records of
+/// Journals, and the building's own history.
 const LEFT_BEHIND_MAX: f64 = 6_144.0;
 
 /// Returns how many bytes each goal leaves behind.
@@ -43,7 +43,7 @@ fn left_behind(goals: usize, heard_messages_max: usize) -> f64 {
 
 /// One test only, because the allocator counts the whole process.
 #[test]
-fn memory_stays_bounded_and_what_has_no_bound_is_noticed() {
+fn memory_stays_bounded_and_a_leak_is_detected() {
     let goals = std::env::var("ALTHING_GOALS").ok().and_then(|goals| goals.parse().ok());
     let bounded = left_behind(goals.unwrap_or(GOALS), 64);
     println!("a goal leaves {bounded:.0} bytes behind");

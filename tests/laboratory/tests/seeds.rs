@@ -16,10 +16,10 @@ use laboratory::{Safeguard, TrialResult, play};
 /// more.
 const SEEDS: u64 = 60;
 
-/// Further seeds that once revealed a defect: plans that yielded to those of another Plan Requester, a
-/// plan that outlived its goal, a check that was made twice in the middle of a blink, two blinks that
-/// were taken for one long absence, plans that Journals kept for ever, a thermometer that took back what
-/// another one in its room had measured.
+/// Further seeds that once revealed a defect: plans that yielded to those of another Plan
+/// Requester, a plan that outlived its goal, a check that was made twice in the middle of a blink,
+/// two blinks that were taken for one long absence, plans that Journals kept for ever, a
+/// thermometer that took back what another one in its room had measured.
 const MENDED: [u64; 29] = [
     696, 793, 1_128, 1_135, 1_141, 1_314, 1_582, 1_678, 1_943, 2_271, 2_371, 3_137, 4_159, 4_576,
     4_699, 4_920, 5_196, 5_600, 5_945, 6_183, 6_349, 7_322, 7_427, 7_755, 7_816, 7_984, 8_146,
@@ -34,7 +34,7 @@ fn played(seed: u64, without: Option<Safeguard>) -> TrialResult {
 }
 
 #[test]
-fn a_seed_is_as_big_as_promised() {
+fn a_seed_has_the_promised_size() {
     for seed in 0..1_000 {
         let script = TrialScript::draw(seed).unwrap_or_else(|error| panic!("{seed}: {error}"));
         let agents: BTreeSet<_> = script.agents.iter().map(|agent| &agent.name).collect();
@@ -137,29 +137,29 @@ fn missed_for(guard: Safeguard, why: &str) {
 }
 
 #[test]
-fn fencing_is_missed() {
-    // Without fencing a command is begun twice, and a command of a replaced plan is begun. The ledger
-    // prevents both, and each has its own check.
+fn without_fencing_a_seed_fails() {
+    // Without fencing a command is begun twice, and a command of a replaced plan is begun. The
+    // ledger prevents both, and each has its own check.
     missed_for(Safeguard::Fencing, " times");
     missed_for(Safeguard::Fencing, "of an older plan");
 }
 
 #[test]
-fn remembering_what_was_heard_is_missed() {
+fn without_the_duplicate_window_a_seed_fails() {
     missed_for(Safeguard::Duplicates, "confirmations were sent");
 }
 
 #[test]
-fn the_journal_is_missed() {
+fn without_the_journal_a_seed_fails() {
     missed_for(Safeguard::Journal, "was accepted and is gone");
 }
 
 #[test]
-fn the_grace_is_missed() {
+fn without_the_grace_a_seed_fails() {
     missed_for(Safeguard::Grace, "broken by a blink");
 }
 
 #[test]
-fn the_loop_guard_is_missed() {
+fn without_the_loop_guard_a_seed_fails() {
     missed_for(Safeguard::Loops, "came back as");
 }

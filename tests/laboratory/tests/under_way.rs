@@ -1,6 +1,6 @@
-//! A second plan for a goal at the Plan Executor: one of the same Plan Requester replaces the first;
-//! one of another replica, which did not know of the first, does not. A plan that is called off stops,
-//! or never begins. And all requesters get the reports.
+//! Tests of a second plan for a goal at the Plan Executor. A plan of the same Plan Requester
+//! replaces the first. A plan of another replica, which had no record of the first, does not. A
+//! plan that is called off stops, or never begins. All requesters get the reports.
 
 mod house;
 
@@ -124,19 +124,19 @@ async fn first_answers(asks: Vec<Request>, many: usize, within: Duration) -> Vec
     answers
 }
 
-/// A repeated request may arrive late, and the requester still listens in only one of the two
+/// A repeated request may arrive late, and the requester then waits in only one of the two
 /// exchanges.
 #[tokio::test(start_paused = true)]
-async fn who_asks_twice_for_a_plan_hears_twice_how_it_ends() {
+async fn a_plan_requested_twice_is_reported_twice() {
     let answers = first_answers(vec![asked(5, 1), asked(5, 1)], 2, Duration::from_secs(120)).await;
     let exchanges: BTreeSet<_> = answers.iter().filter_map(Message::exchange).collect();
     assert_eq!(exchanges.len(), 2, "{answers:?}");
 }
 
-/// One of two Plan Requesters has stood down. Its request may arrive after that of the other, or
-/// before.
+/// One of two Plan Requesters has stood down. Its request may arrive before or after that of the
+/// other.
 #[tokio::test(start_paused = true)]
-async fn whoever_asked_for_a_plan_hears_how_it_ends() {
+async fn all_requesters_of_a_plan_get_its_end() {
     for (first, second) in [(1, 2), (2, 1)] {
         let house = House::new(Mode::Centralized, DOMAIN, PROBLEM, Vec::new());
         let [here, there] = ["here", "there"].map(|name| house.machine(name));
@@ -162,7 +162,7 @@ async fn whoever_asked_for_a_plan_hears_how_it_ends() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_another_has_begun_goes_on_and_is_shown() {
+async fn a_running_plan_of_another_replica_continues_and_is_reported() {
     for (first, second) in [(5, 9), (9, 5)] {
         let answer = first_answer(vec![asked(first, 1), asked(second, 1)]).await;
         assert_eq!(answer.performative, Performative::Refuse, "{answer:?}");
@@ -173,7 +173,7 @@ async fn what_another_has_begun_goes_on_and_is_shown() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_later_plan_of_the_same_takes_the_place_of_the_first() {
+async fn a_later_plan_of_the_same_requester_replaces_the_first() {
     let answer = first_answer(vec![asked(5, 1), asked(5, 2)]).await;
     assert_eq!(answer.performative, Performative::Confirm, "{answer:?}");
     let report: Report = answer.content_as().expect("a report");
@@ -186,7 +186,7 @@ async fn a_later_plan_of_the_same_takes_the_place_of_the_first() {
 /// The Plan Requester that made the plan no longer leads. Its request may arrive before the plan is
 /// called off, or after. No report says that the plan was carried out.
 #[tokio::test(start_paused = true)]
-async fn a_plan_that_is_called_off_neither_goes_on_nor_begins() {
+async fn a_plan_that_is_called_off_neither_continues_nor_begins() {
     let off = || Request::CancelPlan(CancelPlan { term: 5, round: 1 });
     for asks in [vec![asked(5, 1), off()], vec![off(), asked(5, 1)]] {
         for answer in first_answers(asks, 2, Duration::from_secs(30)).await {
@@ -197,7 +197,7 @@ async fn a_plan_that_is_called_off_neither_goes_on_nor_begins() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn calling_one_plan_off_leaves_another_under_way() {
+async fn calling_off_one_plan_keeps_another_running() {
     let asks = vec![asked(5, 1), Request::CancelPlan(CancelPlan { term: 9, round: 1 })];
     let refusal: Refusal = first_answer(asks).await.content_as().expect("a refusal");
     assert_eq!(refusal.under_way.as_deref(), Some(&execute(5, 1)));

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 use acl::DaemonId;
-use acl::content::{Discovered, DiscoveredAgents};
+use acl::content::{Discovered, DiscoveryReport};
 use bytes::Bytes;
 
 /// Sources of a daemon's reports.
@@ -58,7 +58,7 @@ impl DaemonReports {
         if discovered.is_empty() {
             return None;
         }
-        let appeared = DiscoveredAgents { daemon: of.clone(), discovered };
+        let appeared = DiscoveryReport { daemon: of.clone(), discovered };
         serde_json::to_vec(&appeared).ok().map(Bytes::from)
     }
 
@@ -96,7 +96,7 @@ mod tests {
         };
         let names = || {
             let report = reports.discovered(&daemon)?;
-            let DiscoveredAgents { discovered, .. } =
+            let DiscoveryReport { discovered, .. } =
                 serde_json::from_slice(&report).expect("a report");
             Some(discovered.iter().map(|one| one.agent.to_string()).collect::<Vec<_>>())
         };

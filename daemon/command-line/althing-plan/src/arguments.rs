@@ -22,8 +22,8 @@ after `pip install up-fast-downward`, in a Python on PATH; Metric-FF on PATH.
 The variables ALTHING_FAST_DOWNWARD and ALTHING_METRIC_FF name another program.
 The memory limit applies to each of their processes.";
 
-/// Returns the help text that is printed below the options. `name` is the command that the examples in
-/// this text use.
+/// Returns the help text that is printed below the options. `name` is the command that the examples
+/// in this text use.
 pub fn help(name: &str) -> String {
     format!(
         "{HELP}\n\n\
@@ -32,7 +32,7 @@ pub fn help(name: &str) -> String {
     )
 }
 
-/// A domain, a problem, and how to plan for them.
+/// Arguments of planning: a domain, a problem, and options.
 #[derive(Clone, Debug, Args)]
 pub struct PlanArgs {
     /// The PDDL domain
@@ -74,7 +74,7 @@ pub struct PlanArgs {
     /// Search until a plan is proven to be the cheapest, or until a limit
     #[arg(long)]
     pub optimal: bool,
-    /// How the outcome is printed.
+    /// The form in which the outcome is printed.
     #[command(flatten)]
     pub print: PrintArgs,
 }
@@ -90,7 +90,7 @@ fn search() -> clap::builder::PossibleValuesParser {
     planner::CONFIGURATIONS.iter().map(|one| one.name).collect::<Vec<_>>().into()
 }
 
-/// Which planner.
+/// The planner that `--engine` selects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum EngineChoice {
     /// Althing's own
@@ -104,7 +104,7 @@ pub enum EngineChoice {
 // === impl EngineChoice ===
 
 impl EngineChoice {
-    /// Returns the name of the planner that is used on the command line.
+    /// Returns the name of the planner, as the user writes it after `--engine`.
     pub fn name(self) -> &'static str {
         match self {
             EngineChoice::Embedded => "embedded",

@@ -1,7 +1,7 @@
 //! `althing plan --engine …`: plans with a planner outside of this process.
 //!
-//! - Ctrl-C cancels: the external engine ends without leaving processes or files behind, and the exit
-//!   code reports the signal.
+//! - Ctrl-C cancels: the external engine ends without leaving processes or files behind, and the
+//!   exit code is that of the signal.
 //! - On a terminal, a line is printed from time to time while the engine runs.
 //! - The cost of a plan is computed by Althing's own validator; the cost that the engine prints is
 //!   never used.
@@ -26,10 +26,10 @@ use terminal::{exit, output};
 use crate::arguments::PlanArgs;
 use crate::progress::ProgressPrinter;
 
-/// Exit code if the engine failed or returned an invalid plan: “critical error” in the field.
+/// Exit code if the engine failed or returned an invalid plan; Fast Downward's “critical error”.
 const BROKE_DOWN: u8 = 32;
 
-/// Plans with an external engine, and shows the plan or the reason why there is none.
+/// Plans with an external engine. Shows the plan, or the reason why there is none.
 pub(crate) fn run(
     args: &PlanArgs,
     engine: ExternalEngine,
@@ -67,8 +67,7 @@ pub(crate) fn run(
     }
 }
 
-/// Sets `cancel` at SIGINT or SIGTERM. Returns a cell that contains the number of the signal once one
-/// was received.
+/// Sets `cancel` at SIGINT or SIGTERM. Returns a cell that receives the number of the first signal.
 fn on_interrupt(cancel: Cancel) -> Arc<OnceLock<i32>> {
     let interrupted = Arc::new(OnceLock::new());
     let tell = Arc::clone(&interrupted);
@@ -142,7 +141,7 @@ fn ending_text(ending: Ending, args: &PlanArgs) -> String {
     }
 }
 
-/// Returns the status of a run for the JSON output: one word with a meaning that never changes.
+/// Returns the status of a run for the JSON output. Programs may rely on these words.
 fn status(ending: Ending) -> &'static str {
     match ending {
         Ending::GoalReached => "plan-found",

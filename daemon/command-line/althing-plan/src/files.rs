@@ -1,9 +1,9 @@
-//! Writes a file completely or not at all: after a full disk, a crash or a read in between, the file
-//! has either the old text or the new one.
+//! Writes a file completely or not at all. After a full disk, after a crash, and for a reader at
+//! any time, the file contains either the whole old text or the whole new one.
 //!
 //! The new text is written to a file in the same folder, synchronised to the disk, and renamed. A
-//! target that cannot be replaced in this way (a pipe, a terminal, or a file in a read-only folder) is
-//! written in place.
+//! target that cannot be replaced in this way is written in place: a pipe, a terminal, or a file in
+//! a read-only folder.
 
 use std::fs::{self, File, Permissions};
 use std::io::{self, ErrorKind, Write as _};
@@ -12,13 +12,14 @@ use std::path::{Path, PathBuf};
 /// Writes `text` to `file`, in place of the old text.
 pub(crate) fn write(file: &Path, text: &str) -> io::Result<()> {
     let known = fs::metadata(file);
-    // A target that is not a regular file cannot be replaced, nor can a missing target of a link.
+    // A target that is not a regular file cannot be replaced. Neither can the missing target of a
+    // link.
     let is_special = known.as_ref().is_ok_and(|known| !known.is_file());
     let is_dangling = known.is_err() && file.is_symlink();
     if is_special || is_dangling {
         return in_place(file, text);
     }
-    // A link is kept, and its target is replaced.
+    // If the path is a link, the link stays, and the file that it points to is replaced.
     let target = fs::canonicalize(file).unwrap_or_else(|_| file.to_owned());
     match replace(&target, text, known.ok()) {
         Err(err) if is_of_folder(&err) && target.is_file() => in_place(&target, text),
@@ -30,7 +31,7 @@ fn replace(file: &Path, text: &str, known: Option<fs::Metadata>) -> io::Result<(
     let folder = folder(file);
     let mut builder = tempfile::Builder::new();
     builder.prefix(".plan-");
-    // The permissions of any new file: the umask is applied to them.
+    // The umask is applied to these permissions, as for any new file.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     let mut new = builder.tempfile_in(&folder)?;
@@ -40,14 +41,14 @@ fn replace(file: &Path, text: &str, known: Option<fs::Metadata>) -> io::Result<(
     new.write_all(text.as_bytes())?;
     new.as_file().sync_all()?;
     new.persist(file).map_err(|err| err.error)?;
-    // The rename is on the disk only after the folder has been synchronised; not all systems support
-    // this.
+    // The rename is on the disk only after the folder has been synchronised; not all systems
+    // support this.
     let _ = File::open(&folder).and_then(|folder| folder.sync_all());
     Ok(())
 }
 
-/// Gives a new file the permissions and the owner of the old file, as far as this process is allowed to
-/// change them.
+/// Gives a new file the permissions and the owner of the old file, as far as this process is
+/// allowed to change them.
 fn keep_as_it_was(new: &File, known: &fs::Metadata) -> io::Result<()> {
     #[cfg(unix)]
     {
@@ -58,8 +59,8 @@ fn keep_as_it_was(new: &File, known: &fs::Metadata) -> io::Result<()> {
     new.set_permissions(permissions)
 }
 
-/// Writes the new text over the old one in the same file, and truncates the file only after the whole
-/// new text is written.
+/// Writes the new text over the old one in the same file, and truncates the file only after the
+/// whole new text is written.
 fn in_place(file: &Path, text: &str) -> io::Result<()> {
     let mut open = File::options().write(true).create(true).truncate(false).open(file)?;
     open.write_all(text.as_bytes())?;
@@ -69,7 +70,7 @@ fn in_place(file: &Path, text: &str) -> io::Result<()> {
     }
 }
 
-/// Whether an error means that no file can be created in the folder.
+/// Whether an error means that no file can be created in the folder of the target.
 fn is_of_folder(err: &io::Error) -> bool {
     matches!(err.kind(), ErrorKind::PermissionDenied | ErrorKind::ReadOnlyFilesystem)
 }
@@ -130,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn what_fails_leaves_the_old_text() {
+    fn a_failed_write_leaves_the_old_text() {
         let (folder, file) = folder_with("plan", "old");
         let taken = folder.path().join("taken");
         fs::create_dir(&taken).expect("a folder");

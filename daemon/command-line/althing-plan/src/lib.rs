@@ -1,10 +1,11 @@
-//! The planner without a daemon, with the conventions of the planning competitions. It is the command
-//! `althing plan`, and also the program `althing-plan`, which starts in a quarter of the time.
+//! The planner without a daemon, with the conventions of the planning competitions. It is the
+//! command `althing plan`, and also the program `althing-plan`, which starts four times as fast.
 //!
-//! - Leaves planning with other engines to `external`, and listing heuristics and search configurations
-//!   to `list`.
-//! - Watches the wall clock: the planner reads no clock, so that a timer sets its `Cancel` flag.
-//! - Refuses unsupported options by name; no requested option is ignored silently.
+//! - The module `external` plans with other engines, and `list` lists heuristics and search
+//!   configurations.
+//! - A timer reads the wall clock and sets the planner's `Cancel` flag, because the planner reads
+//!   no clock.
+//! - An unsupported option is rejected with its name, and never ignored silently.
 
 pub mod arguments;
 mod external;
@@ -33,7 +34,7 @@ use terminal::{exit, output};
 use crate::arguments::{EngineChoice, PlanArgs};
 use crate::progress::{PlanningStage, Progress, ProgressPrinter};
 
-/// Plans as the arguments require, and shows the plan or the reason why there is none.
+/// Plans as the arguments require. Shows the plan, or the reason why there is none.
 pub fn run(args: &PlanArgs) -> ExitCode {
     let started = Instant::now();
     let (Some(domain), Some(problem), false) = (&args.domain, &args.problem, args.list) else {
@@ -56,7 +57,7 @@ pub fn run(args: &PlanArgs) -> ExitCode {
             return deadline.answer(|| output::show(&report, args.print.json, status, code));
         }
     };
-    // An engine has limits of its own, which end its processes.
+    // An engine has limits of its own, by which it ends its processes.
     let engine = match args.engine {
         EngineChoice::Embedded => {
             return embedded(args, &Arc::new(task), &cancel, &deadline, started);
@@ -67,7 +68,7 @@ pub fn run(args: &PlanArgs) -> ExitCode {
     deadline.answer(|| external::run(args, engine, &task, started))
 }
 
-/// Plans with the embedded planner, and shows the plan or the reason why there is none.
+/// Plans with the embedded planner. Shows the plan, or the reason why there is none.
 fn embedded(
     args: &PlanArgs,
     task: &Arc<PddlTask>,
@@ -121,8 +122,8 @@ fn embedded(
     }
 }
 
-/// Returns the answer that a problem is proven unsolvable, for the case that a limit ends the process
-/// while the explanation is computed.
+/// Returns the answer that a problem is proven unsolvable. It is given if a limit ends the process
+/// while the reason is still being computed.
 fn unexplained(
     args: &PlanArgs,
     task: &Arc<PddlTask>,
@@ -140,8 +141,8 @@ fn unexplained(
     })
 }
 
-/// Returns the function that prints the best plan so far, or that there is none, when a limit ends the
-/// process.
+/// Returns the function that is called when a limit ends the process. It prints the best plan so
+/// far, or that there is none.
 fn limit_reporter(args: &PlanArgs, started: Instant) -> LimitReporter {
     let (json, is_optimal, file) = (args.print.json, args.optimal, args.plan.clone());
     Box::new(move |reason, best| {
@@ -190,8 +191,8 @@ fn limit_reporter(args: &PlanArgs, started: Instant) -> LimitReporter {
     })
 }
 
-/// Returns the limit on the size of the planner's tables, in bytes: the limit given on the command
-/// line; without one, 2 GiB, or half of the available memory if that is less.
+/// Returns the limit on the size of the planner's tables, in bytes. Without a limit on the command
+/// line, it is the smaller of 2 GiB and half of the available memory.
 fn memory_max_bytes(args: &PlanArgs) -> usize {
     let bytes = match args.memory_limit {
         Some(mib) => u64::from(mib) << 20,
@@ -203,7 +204,7 @@ fn memory_max_bytes(args: &PlanArgs) -> usize {
     usize::try_from(bytes).unwrap_or(usize::MAX)
 }
 
-/// The time that planning took: until the search began, and in all.
+/// The time that planning took: up to the start of the search, and in all.
 #[derive(Clone, Copy)]
 struct PlanningTimes {
     /// Time from the start until the search was set up; `None` if no search was needed.
@@ -211,7 +212,8 @@ struct PlanningTimes {
     whole: Duration,
 }
 
-/// Returns an error for a combination of arguments that is not supported; `None` if there is none.
+/// Returns an error for a combination of arguments that is not supported; `None` if all are
+/// supported.
 fn refusal(args: &PlanArgs) -> Option<Diagnostic> {
     let refuse = |what: &str, help: &str| {
         let message = format!("{what} is not supported yet");
@@ -252,13 +254,13 @@ fn options(args: &PlanArgs, memory_max_bytes: usize) -> Options {
     Options { budget, configuration, effort, threads, ..Options::default() }
 }
 
-/// Reports that a better plan was found, and writes this plan to the plan file in place of the last
-/// one.
+/// Reports a better plan, and writes it to the plan file in place of the previous plan.
 fn report_better_plan(args: &PlanArgs, task: &PddlTask, plan: &Plan, elapsed: Duration) {
     let unit_cost = task.problem.metric.is_none();
     let seconds = elapsed.as_secs_f64();
     output::print_note(&format!("{}, after {seconds:.3} s", plan_summary(plan, unit_cost, false)));
-    // A failure to write is ignored here: the last plan is written again, and its failure is reported.
+    // A failure to write is ignored here: the last plan is written again, and its failure is
+    // reported.
     let _ = args.plan.as_ref().map(|file| files::write(file, &ipc(plan, unit_cost)));
 }
 
@@ -301,8 +303,8 @@ fn show(
     }
 }
 
-/// Writes a plan to the file given on the command line, if there is one. If writing fails, shows the
-/// error and returns the exit code of the process.
+/// Writes a plan to the file given on the command line, if there is one. If writing fails, shows
+/// the error and returns the exit code of the process; otherwise returns `None`.
 fn write_plan(
     args: &PlanArgs,
     text: Option<&str>,
@@ -314,7 +316,8 @@ fn write_plan(
     Some(output::show(report, args.print.json, "not-written", exit::OUTPUT))
 }
 
-/// Formats a plan as in the planning competitions, with the cost as Fast Downward writes it.
+/// Formats a plan as in the planning competitions. The last line gives the cost as Fast Downward
+/// does.
 fn ipc(plan: &Plan, unit_cost: bool) -> String {
     let mut text = String::new();
     for step in &plan.steps {
@@ -324,7 +327,7 @@ fn ipc(plan: &Plan, unit_cost: bool) -> String {
     text
 }
 
-/// Returns the cost of a plan; if the plan has no cost, the number of its steps.
+/// Returns the cost of a plan, or the number of its steps if it has no cost.
 fn cost(plan: &Plan) -> f64 {
     plan.cost.map_or(plan.steps.len() as f64, |cost| cost.0)
 }
@@ -364,8 +367,8 @@ fn plan_summary(plan: &Plan, unit_cost: bool, proven_optimal: bool) -> String {
     format!("plan found: {steps}, cost {} ({}){proof}", cost(plan), cost_kind(unit_cost))
 }
 
-/// Returns why planning ended, as text for a person. The planner's own text is replaced where it does
-/// not fit the options of this command line.
+/// Returns the reason why planning ended, as text for a person. Names the option of the command
+/// line where the planner's own text would not.
 fn stop_reason_text(reason: StopReason) -> String {
     match reason {
         StopReason::Cancelled => "out of time (--time-limit)".to_owned(),
@@ -376,7 +379,7 @@ fn stop_reason_text(reason: StopReason) -> String {
     }
 }
 
-/// Returns the reason why a plan is not proved to be the cheapest although a proof was requested.
+/// Returns the reason why a plan is not proven to be the cheapest although a proof was requested.
 fn unproven(reason: StopReason, unprovable: Option<Unprovable>) -> String {
     let why = match (reason, unprovable) {
         (StopReason::Exhausted, Some(costs)) => costs.to_string(),
@@ -385,7 +388,7 @@ fn unproven(reason: StopReason, unprovable: Option<Unprovable>) -> String {
     format!("not proven to be the cheapest: {why}")
 }
 
-/// Returns the status of a search for the JSON output: one word with a meaning that never changes.
+/// Returns the status of a search for the JSON output. Programs may rely on these words.
 fn status(reason: StopReason) -> &'static str {
     match reason.exit_code() {
         exit::DONE => "plan-found",

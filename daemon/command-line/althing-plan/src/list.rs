@@ -1,5 +1,5 @@
-//! `althing plan --list`: the heuristics and the search configurations, from the tables that define
-//! them.
+//! `althing plan --list`: prints the heuristics and the search configurations from the tables that
+//! define them.
 
 use std::fmt::Write as _;
 use std::process::ExitCode;

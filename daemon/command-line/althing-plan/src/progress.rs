@@ -1,4 +1,4 @@
-//! Progress lines for a person that waits for a plan at a terminal.
+//! Progress lines for a person waiting for a plan at a terminal.
 
 use std::fmt;
 use std::io::IsTerminal as _;
@@ -15,7 +15,7 @@ use crate::arguments::PlanArgs;
 /// Interval between two progress lines.
 const PROGRESS_INTERVAL: Duration = Duration::from_secs(5);
 
-/// Thread that prints progress lines from time to time, until this value is dropped.
+/// Thread that prints progress lines from time to time. It ends when this value is dropped.
 pub(crate) struct ProgressPrinter {
     stop: Option<mpsc::Sender<()>>,
     thread: Option<thread::JoinHandle<()>>,
@@ -35,7 +35,7 @@ pub(crate) enum PlanningStage {
     },
 }
 
-/// The stage that planning has reached. Clones share the same stage.
+/// The current stage of planning, shared by all clones of this value.
 #[derive(Clone, Default)]
 pub(crate) struct Progress(Arc<Mutex<PlanningStage>>);
 
@@ -46,8 +46,8 @@ impl Progress {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = stage;
     }
 
-    /// Returns a function that makes the progress line for the current stage from the number of seconds
-    /// since the start.
+    /// Returns a function that formats the progress line of the current stage. The argument of the
+    /// function is the number of seconds since the start.
     pub(crate) fn line(&self) -> impl Fn(u64) -> String + Send + 'static {
         let Progress(stage) = self.clone();
         move |seconds| {
@@ -76,8 +76,8 @@ impl fmt::Display for PlanningStage {
 // === impl ProgressPrinter ===
 
 impl ProgressPrinter {
-    /// Starts to print, if stderr is a terminal and no JSON is requested; otherwise returns `None`.
-    /// `line` makes a progress line from the number of seconds since the start.
+    /// Starts to print progress lines. `line` formats a line from the number of seconds since the
+    /// start. Returns `None` if stderr is not a terminal or the output is JSON.
     pub(crate) fn start(
         args: &PlanArgs,
         started: Instant,

@@ -33,7 +33,7 @@ fn it_plans() {
 }
 
 #[test]
-fn it_says_what_is_wrong_with_a_file() {
+fn a_mistake_in_a_file_is_reported() {
     let output = run(&["domain.pddl", "morning.pddl"]);
     assert_eq!(output.status.code(), Some(33));
     expect![[r#"
@@ -45,7 +45,7 @@ fn it_says_what_is_wrong_with_a_file() {
 }
 
 #[test]
-fn it_calls_itself_by_its_name() {
+fn help_names_the_program() {
     let help = run(&["--help"]);
     assert_eq!(help.status.code(), Some(0));
     let text = String::from_utf8_lossy(&help.stdout);
@@ -90,7 +90,7 @@ const LOADED_TASK: &str = "(define (problem trip) (:domain loaded)
   (:init (= (load) 0) (= (spent) 0)) (:goal (there)) (:metric minimize (spent)))";
 
 #[test]
-fn a_plan_that_is_not_proven_to_be_the_cheapest_is_given_and_said_to_be_so() {
+fn a_plan_without_a_proof_of_optimality_is_marked() {
     for options in [&["--optimal"][..], &["--optimal", "--time-limit", "60"]] {
         let output = plan(LOADED, LOADED_TASK, options);
         assert_eq!(output.status.code(), Some(4), "{options:?} {}", stderr(&output));
@@ -105,10 +105,10 @@ fn a_plan_that_is_not_proven_to_be_the_cheapest_is_given_and_said_to_be_so() {
     assert!(value["unproven"].is_string(), "{value}");
 }
 
-/// Tests that exit code and output agree with every option: “no plan” never comes with success, nor a
-/// plan with a failure.
+/// Tests that exit code and output agree with every option: “no plan” never comes with success, nor
+/// a plan with a failure.
 #[test]
-fn no_plan_and_success_never_meet() {
+fn exit_code_and_output_agree() {
     let costs = [
         ("", "(:metric minimize (spent))"),
         ("", "(:metric maximize (spent))"),
@@ -147,7 +147,7 @@ fn no_plan_and_success_never_meet() {
 }
 
 #[test]
-fn what_is_legal_and_not_done_is_unsupported_and_not_wrong() {
+fn valid_unsupported_features_are_not_errors() {
     const PLAIN: &str =
         "(define (domain d) (:predicates (a) (b)) (:action g :parameters () :effect (a)))";
     let problem =
@@ -181,7 +181,7 @@ fn what_is_legal_and_not_done_is_unsupported_and_not_wrong() {
 }
 
 #[test]
-fn what_cannot_be_reached_is_explained() {
+fn an_unreachable_goal_is_explained() {
     let domain = "(define (domain house) (:types robot room)
         (:predicates (at ?r - robot ?x - room) (door ?x ?y - room) (lit ?x - room) (key ?r - robot))
         (:action move :parameters (?r - robot ?from ?to - room)
@@ -247,8 +247,8 @@ fn a_goal_of_many_conditions_is_proven_unsolvable_and_explained_in_time() {
     }
 }
 
-/// Returns a domain with a text of about `bytes` bytes, which has deep conditions of many quantifiers
-/// and alternatives.
+/// Returns a domain with a text of about `bytes` bytes, which has deep conditions of many
+/// quantifiers and alternatives.
 fn nested(bytes: usize) -> String {
     let (mut open, mut close) = (String::new(), String::new());
     for at in 0..40 {
@@ -271,7 +271,7 @@ fn nested(bytes: usize) -> String {
 }
 
 #[test]
-fn limits_of_time_hold_whatever_the_text() {
+fn time_limits_hold_for_any_text() {
     let problem = "(define (problem p) (:domain d) (:objects a b c) (:init (q a)) (:goal (p)))";
     let began = std::time::Instant::now();
     let output = plan(&nested(10_000_000), problem, &["--time-limit", "1"]);
@@ -283,7 +283,7 @@ fn limits_of_time_hold_whatever_the_text() {
 
 #[test]
 #[cfg(target_os = "linux")]
-fn limits_of_memory_hold_whatever_the_text() {
+fn memory_limits_hold_for_any_text() {
     let problem = "(define (problem p) (:domain d) (:objects a b c) (:init (q a)) (:goal (p)))";
     let output = plan(&nested(10_000_000), problem, &["--memory-limit", "1", "--time-limit", "60"]);
     assert_eq!(output.status.code(), Some(22), "{}", stderr(&output));
@@ -349,7 +349,7 @@ fn a_plan_can_be_written_to_a_stream() {
 }
 
 #[test]
-fn a_problem_without_a_goal_is_refused_and_one_that_asks_for_nothing_is_not() {
+fn a_missing_goal_is_refused_and_an_empty_one_is_accepted() {
     let domain = "(define (domain d) (:predicates (p)) (:action a :effect (p)))";
     let without = plan(domain, "(define (problem aimless) (:domain d) (:init))", &[]);
     assert_eq!(without.status.code(), Some(33), "{}", stderr(&without));
@@ -363,7 +363,7 @@ fn a_problem_without_a_goal_is_refused_and_one_that_asks_for_nothing_is_not() {
 }
 
 #[test]
-fn the_reason_why_nothing_is_proven_is_the_true_one() {
+fn the_reason_for_a_missing_proof_is_correct() {
     let task = |metric: &str| {
         format!(
             "(define (problem trip) (:domain loaded) (:init (= (load) 2) (= (spent) 0))
@@ -388,7 +388,7 @@ fn the_reason_why_nothing_is_proven_is_the_true_one() {
 }
 
 #[test]
-fn what_is_said_is_in_order() {
+fn output_lines_are_in_order() {
     let durative = "(define (domain d) (:predicates (p)) (:durative-action a :parameters ()
         :duration (= ?duration 1) :condition (and) :effect (at end (p))))";
     let problem = "(define (problem p) (:domain d) (:init) (:goal (p)))";

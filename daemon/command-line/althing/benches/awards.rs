@@ -10,9 +10,9 @@
 //! from the first request until the last job is done, which is later than its award. First comes a
 //! burst of seven goals (the burst of rmf_demos#302), then all the others at once.
 //!
-//! Only complete awards count: those before which all twenty bidders had answered the call and had
-//! proposed. A few awards are made without an answer of all: a bidder that carries out another
-//! goal's job when the call is sent is not waited for.
+//! Only complete awards count: all twenty bidders must have answered the call and proposed before
+//! the award. The Plan Requester does not wait for a bidder that carries out the job of another
+//! goal when the call is sent, so a few awards are not complete.
 
 mod support;
 
@@ -112,8 +112,7 @@ async fn main() -> Outcome<()> {
     support::reached()
 }
 
-/// Counts the awards that were made after all bidders had answered and proposed; others do not
-/// count.
+/// Counts the complete awards: those that were made after all bidders had answered and proposed.
 fn whole(awards: &[Award]) -> usize {
     let bidders = PROCESSES * BIDDERS_EACH;
     let is_whole = |it: &&Award| it.answers == bidders && it.proposals == bidders;

@@ -46,7 +46,7 @@ const ROUNDS: usize = 200;
 /// varies by chance, up to five KiB per device. The median is printed.
 const STARTS: usize = 5;
 
-/// The numbers of houses.
+/// Numbers of houses in the two measured ecosystems.
 const SIZES: [usize; 2] = [1, HOUSES];
 
 /// Ten heartbeats: all agents know each other, and the domain is composed.

@@ -250,7 +250,7 @@ fn client(machine: &Machine, name: &str) -> Outcome<Config> {
     Ok(config)
 }
 
-/// Returns an ecosystem in which `alpha` and `beta` host the agents in `who`, and `gamma` the
+/// Returns an ecosystem in which `alpha` and `beta` host the given agents, and `gamma` hosts the
 /// others and a robot that carries a thermometer.
 fn ecosystem(who: &[&str]) -> String {
     let mut text = "[ecosystem]\nname = \"takeover\"\ndomain = \"domain.pddl\"\n\

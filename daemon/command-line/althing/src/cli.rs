@@ -69,7 +69,7 @@ pub(crate) struct Cli {
     #[arg(short = 'V', long, action = ArgAction::Version, display_order = 902)]
     version: Option<bool>,
 
-    /// What to do.
+    /// The command to run.
     #[command(subcommand)]
     pub(crate) command: CliCommand,
 }
@@ -224,7 +224,7 @@ Examples: source <(althing completions bash)          in ~/.bashrc
           source <(althing completions zsh)           in ~/.zshrc
           althing completions fish | source           in config.fish";
 
-/// `althing up`
+/// Arguments of `althing up`.
 #[derive(Debug, Args)]
 pub(crate) struct UpArgs {
     /// The ecosystem file [default: ./althing.toml, then the configuration folders]
@@ -250,7 +250,7 @@ pub(crate) struct UpArgs {
     pub(crate) until_stdin_ends: bool,
 }
 
-/// `althing keyboard`
+/// Arguments of `althing keyboard`.
 #[derive(Debug, Args)]
 pub(crate) struct KeyboardArgs {
     /// The name of this keyboard, for the agents that ask its user [default: a new name]
@@ -262,7 +262,7 @@ pub(crate) struct KeyboardArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// `althing scenario`
+/// Arguments of `althing scenario`.
 #[derive(Debug, Args)]
 pub(crate) struct ScenarioArgs {
     /// The scenario of the paper; 4 is its Figure 1
@@ -284,7 +284,7 @@ pub(crate) struct ScenarioArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// `althing goal`
+/// Arguments of `althing goal`.
 #[derive(Debug, Args)]
 pub(crate) struct GoalArgs {
     #[command(flatten)]
@@ -295,7 +295,7 @@ pub(crate) struct GoalArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// A goal, here and at the prompt.
+/// Arguments that describe a goal, on the command line and at the prompt.
 #[derive(Debug, Args)]
 #[command(group = ArgGroup::new("what").required(true).args(["goal", "cancel"]))]
 pub(crate) struct WishArgs {
@@ -316,7 +316,7 @@ pub(crate) struct WishArgs {
     pub(crate) cancel: Option<String>,
 }
 
-/// `althing act`
+/// Arguments of `althing act`.
 #[derive(Debug, Args)]
 pub(crate) struct ActArgs {
     #[command(flatten)]
@@ -327,14 +327,14 @@ pub(crate) struct ActArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// One action, here and at the prompt.
+/// Argument that gives one action, on the command line and at the prompt.
 #[derive(Debug, Args)]
 pub(crate) struct ActionArgs {
     /// A ground action, such as "(move turtlebot-1 corridor office1)"
     pub(crate) action: String,
 }
 
-/// `althing set`
+/// Arguments of `althing set`.
 #[derive(Debug, Args)]
 pub(crate) struct SetArgs {
     #[command(flatten)]
@@ -345,7 +345,7 @@ pub(crate) struct SetArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// Facts, here and at the prompt.
+/// Arguments that give facts, on the command line and at the prompt.
 #[derive(Debug, Args)]
 pub(crate) struct FactArgs {
     /// Facts, such as "(door-open d1)" or "(= (distance corridor office1) 9)"
@@ -356,7 +356,7 @@ pub(crate) struct FactArgs {
     pub(crate) retract: bool,
 }
 
-/// `althing mode`
+/// Arguments of `althing mode`.
 #[derive(Debug, Args)]
 pub(crate) struct ModeArgs {
     /// The planning mode from now on
@@ -367,7 +367,7 @@ pub(crate) struct ModeArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// `althing answer`
+/// Arguments of `althing answer`.
 #[derive(Debug, Args)]
 pub(crate) struct AnswerArgs {
     #[command(flatten)]
@@ -378,7 +378,7 @@ pub(crate) struct AnswerArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// An answer, here and at the prompt.
+/// Arguments that answer a question, on the command line and at the prompt.
 #[derive(Debug, Args)]
 pub(crate) struct ReplyArgs {
     /// The question: its number, or KEYBOARD/NUMBER
@@ -387,7 +387,7 @@ pub(crate) struct ReplyArgs {
     pub(crate) text: Vec<String>,
 }
 
-/// `althing mailbox`
+/// Arguments of `althing mailbox`.
 #[derive(Debug, Args)]
 pub(crate) struct MailboxArgs {
     #[command(flatten)]
@@ -398,7 +398,7 @@ pub(crate) struct MailboxArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// The agent of a mailbox, here and at the prompt.
+/// Argument that names the agent of a mailbox, on the command line and at the prompt.
 #[derive(Debug, Args)]
 pub(crate) struct WhoseArgs {
     /// The agent [default: all agents]
@@ -406,7 +406,7 @@ pub(crate) struct WhoseArgs {
     pub(crate) agent: Option<String>,
 }
 
-/// `althing send`
+/// Arguments of `althing send`.
 #[derive(Debug, Args)]
 pub(crate) struct SendArgs {
     /// A file with the message, or - for standard input
@@ -418,14 +418,14 @@ pub(crate) struct SendArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// `althing completions`
+/// Arguments of `althing completions`.
 #[derive(Debug, Args)]
 pub(crate) struct CompletionsArgs {
     /// The shell
     pub(crate) shell: ShellArg,
 }
 
-/// `althing sensors`
+/// Arguments of `althing sensors`.
 #[derive(Debug, Args)]
 pub(crate) struct SensorsArgs {
     /// Print lines for an ecosystem file instead: an agent for each sensor
@@ -438,7 +438,7 @@ pub(crate) struct SensorsArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// `althing agents`, `domain`, `state`
+/// Arguments of the commands that only show something: `althing domain`, `state` and `goals`.
 #[derive(Debug, Args)]
 pub(crate) struct AskArgs {
     #[command(flatten)]
@@ -447,7 +447,7 @@ pub(crate) struct AskArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// `althing agents`
+/// Arguments of `althing agents`.
 #[derive(Debug, Args)]
 pub(crate) struct AgentsArgs {
     /// Show instead the discovered agents, which no file names, and the lines that name them
@@ -457,7 +457,7 @@ pub(crate) struct AgentsArgs {
     pub(crate) ask: AskArgs,
 }
 
-/// `althing watch`
+/// Arguments of `althing watch`.
 #[derive(Debug, Args)]
 pub(crate) struct WatchArgs {
     /// Only the messages of this conversation, as a sequence diagram
@@ -475,7 +475,7 @@ pub(crate) struct WatchArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// `althing replay`
+/// Arguments of `althing replay`.
 #[derive(Debug, Args)]
 pub(crate) struct ReplayArgs {
     /// The recording that `althing watch --record` has written
@@ -513,7 +513,7 @@ fn speed(text: &str) -> Result<f64, String> {
     speed.ok_or_else(|| "a speed is a number from 0.01 to 1000, such as 10".to_owned())
 }
 
-/// `watch` at the prompt.
+/// Arguments of `watch` at the prompt.
 #[derive(Debug, Args)]
 pub(crate) struct WatchWords {
     /// Only the messages of one goal: its number, or its conversation
@@ -527,7 +527,7 @@ pub(crate) struct WatchWords {
     pub(crate) off: bool,
 }
 
-/// `althing validate`
+/// Arguments of `althing validate`.
 #[derive(Debug, Args)]
 pub(crate) struct ValidateArgs {
     /// The PDDL domain
@@ -546,7 +546,7 @@ pub(crate) struct ValidateArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// `althing check`
+/// Arguments of `althing check`.
 #[derive(Debug, Args)]
 pub(crate) struct CheckArgs {
     /// Ecosystem files (.toml), PDDL domains, problems and action models
@@ -566,7 +566,7 @@ pub(crate) struct CheckArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// How a running ecosystem is found.
+/// Arguments by which a command finds a running ecosystem.
 #[derive(Clone, Debug, Args)]
 pub(crate) struct ReachArgs {
     /// The ecosystem: its file, or its name in the configuration folders
@@ -580,7 +580,7 @@ pub(crate) struct ReachArgs {
     pub(crate) key: Option<String>,
 }
 
-/// A shell that completes.
+/// Shell for which `althing completions` prints a script.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum ShellArg {
     /// The Bourne Again Shell
@@ -591,7 +591,7 @@ pub(crate) enum ShellArg {
     Fish,
 }
 
-/// The transport of messages.
+/// Transport of the messages of a scenario.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum SubstrateArg {
     /// Zenoh
@@ -609,7 +609,7 @@ pub(crate) enum ModeArg {
     Decentralized,
 }
 
-/// What happens to a goal during a network partition.
+/// Behaviour of a goal during a network partition.
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(crate) enum PartitionArg {
     /// Every part of the ecosystem pursues the goal with the agents that it reaches
@@ -638,8 +638,8 @@ impl From<ModeArg> for agent::Mode {
     }
 }
 
-/// Parses the command line. If there is only something to print, such as help, prints that and
-/// returns the exit code as the error.
+/// Parses the command line. After printing help, the version or a mistake in the arguments, returns
+/// the exit code as the error.
 pub(crate) fn parse() -> Result<Cli, ExitCode> {
     if std::env::args_os().len() == 1 {
         return Err(terminal::output::print(FIRST_SCREEN, exit::DONE));
@@ -673,7 +673,7 @@ mod tests {
     /// Checks that the texts below the options in the help fit into 80 columns. The lines of these
     /// texts are broken by hand, and a longer line would be broken a second time.
     #[test]
-    fn what_is_written_below_the_options_fits_a_terminal() {
+    fn help_below_the_options_fits_a_terminal() {
         fn all(command: &clap::Command, seen: &mut Vec<String>) {
             seen.extend(command.get_after_help().map(ToString::to_string));
             command.get_subcommands().for_each(|below| all(below, seen));

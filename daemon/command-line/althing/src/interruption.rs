@@ -37,11 +37,12 @@ pub(crate) fn interrupted() -> impl Future<Output = i32> {
 pub(crate) fn reader_gone() -> impl Future<Output = ()> {
     let (tell, gone) = oneshot::channel();
     if is_pipe() {
-        // A thread of its own, which ends with the process, because the poll cannot be cancelled.
+        // A separate thread is used, because the poll cannot be cancelled. The thread ends with the
+        // process.
         std::thread::spawn(move || {
             let stdout = std::io::stdout();
             let mut watched = [PollFd::from_borrowed_fd(stdout.as_fd(), PollFlags::empty())];
-            // A signal interrupts the poll, which is then repeated.
+            // The poll is repeated after a signal has interrupted it.
             while matches!(poll(&mut watched, None), Ok(_) | Err(Errno::INTR)) {
                 if watched[0].revents().intersects(PollFlags::ERR | PollFlags::HUP) {
                     let _ = tell.send(());
@@ -70,7 +71,7 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn a_signal_that_comes_before_anybody_waits_is_heard() {
+    async fn a_signal_before_the_first_poll_is_received() {
         let interrupted = interrupted();
         // Without installed handlers, this would end the tests.
         kill_process(getpid(), Signal::TERM).expect("our own process");

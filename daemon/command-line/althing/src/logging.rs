@@ -14,7 +14,7 @@ use tracing_subscriber::{EnvFilter, Layer as _, fmt, registry};
 /// Name of the environment variable that contains the filter of the log.
 const VARIABLE: &str = "ALTHING_LOG";
 
-/// Starts logging. A filter that cannot be parsed is ignored, and the user is told so.
+/// Starts logging. Ignores a filter that cannot be parsed, and tells the user that.
 pub(crate) fn start(verbose: u8) {
     let asked = std::env::var(VARIABLE).ok().filter(|filter| !filter.trim().is_empty());
     // With an explicit filter or `-vv`, Zenoh's errors are logged unchanged.
@@ -29,7 +29,7 @@ pub(crate) fn start(verbose: u8) {
         let value = format!("{value:?}");
         match field.name() {
             "message" => write!(writer, "{}", visible::line(&value)),
-            // The origin of a record of the crate `log` is printed in front of it already.
+            // The origin of a record of the crate `log` is printed before the message already.
             name if name.starts_with("log.") => Ok(()),
             name => write!(writer, "{name}={}", visible::line(&value)),
         }
@@ -49,9 +49,9 @@ pub(crate) fn start(verbose: u8) {
 
 /// Returns the filter of the log for the number of `-v` on the command line. Zenoh logs much that
 /// only its developers need: its sessions, messages that arrive before the declaration of their
-/// key, and exchanges between routers. These are logged only if there are more `-v`. The operator
-/// needs none of them, because agents resend what was not received. Zenoh's errors are reported by
-/// `substrate_zenoh::plain_words`.
+/// key, and exchanges between routers. The operator needs none of these records, because agents
+/// resend lost messages; they are logged only with more `-v`. Zenoh's errors are logged in plainer
+/// words by [`substrate_zenoh::zenoh_error_layer`].
 fn level(verbose: u8) -> &'static str {
     match verbose {
         0 => "warn,zenoh=error,zenoh::api::session=off",

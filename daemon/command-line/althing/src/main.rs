@@ -44,7 +44,7 @@ fn main() -> ExitCode {
 }
 
 /// Installs a panic hook that escapes control characters. A panic message may contain text from
-/// outside, and a terminal would obey the control characters in it.
+/// outside, and a terminal would execute the control characters in it.
 fn install_panic_hook() {
     std::panic::set_hook(Box::new(|panic| {
         let thread = std::thread::current();

@@ -37,9 +37,9 @@ pub(crate) fn find(name: &str) -> Option<&'static PluginEntry> {
 }
 
 /// Returns the entry of the agent that asks the people at a daemon whether new agents are admitted.
-/// It is needed if the ecosystem file requires their consent.
+/// The agent is needed if the ecosystem file requires their consent.
 pub(crate) fn doorkeeper(daemon: &DaemonId) -> AgentEntry {
-    // The daemon's name is cut to the length that a name may have.
+    // The daemon's name is cut, because a name has a maximum length.
     let daemon_name: String = daemon.as_str().chars().take(48).collect();
     let name = AgentId::new(&format!("doorkeeper-{daemon_name}"));
     AgentEntry {

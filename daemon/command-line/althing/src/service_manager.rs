@@ -1,4 +1,4 @@
-//! Tells the service manager (systemd or a compatible one) that the daemon is ready, alive, or
+//! Notifies the service manager (systemd or a compatible one) that the daemon is ready, alive, or
 //! stopping.
 //!
 //! If the variable `NOTIFY_SOCKET` is not set, the daemon sends nothing. If the service manager
@@ -10,17 +10,16 @@ use std::time::Duration;
 use sd_notify::NotifyState;
 use tokio::time::{self, Interval, MissedTickBehavior};
 
-/// Number of keep-alives that are sent in a watchdog period. It is more than one, so that one
-/// keep-alive may be late.
+/// Number of keep-alives that are sent in a watchdog period. One of them may then be late.
 const SIGNS_PER_DEADLINE: u32 = 3;
 
-/// Tells the service manager that the agents are present. `systemctl status` shows the text
+/// Notifies the service manager that the agents are present. `systemctl status` shows the text
 /// `status`.
 pub(crate) fn ready(status: &str) {
     notify_manager(&[NotifyState::Ready, NotifyState::Status(status)]);
 }
 
-/// Tells the service manager that the agents are cancelling their commitments.
+/// Notifies the service manager that the agents are cancelling their commitments.
 pub(crate) fn stopping() {
     notify_manager(&[NotifyState::Stopping]);
 }

@@ -9,7 +9,7 @@ use clap::{Args, Parser};
 
 use crate::{exit, visible};
 
-/// How results are printed.
+/// Arguments that select the form in which results are printed.
 #[derive(Clone, Debug, Args)]
 pub struct PrintArgs {
     /// Print JSON, for programs
@@ -21,7 +21,8 @@ pub struct PrintArgs {
 ///
 /// # Errors
 ///
-/// Returns the exit code if the command line is wrong or asks for help. The message is then printed.
+/// Returns the exit code if the command line is wrong or asks for help; the message is printed
+/// before.
 pub fn parse<P: Parser>(words: impl IntoIterator<Item = OsString>) -> Result<P, ExitCode> {
     let words: Vec<OsString> = words.into_iter().collect();
     P::try_parse_from(&words).map_err(|err| {
@@ -39,7 +40,8 @@ pub fn parse<P: Parser>(words: impl IntoIterator<Item = OsString>) -> Result<P, 
 ///
 /// # Errors
 ///
-/// Returns a hint as text if it is no number, not above 0, or longer than a duration can be.
+/// Returns a hint for the user if `text` is not a number, is not above 0, or is too large for a
+/// [`Duration`].
 pub fn seconds(text: &str) -> Result<Duration, String> {
     let seconds: f64 =
         text.parse().map_err(|_| "a number of seconds, such as 30 or 0.5".to_owned())?;

@@ -1,5 +1,5 @@
-//! Finds the domain of a problem by the domain name in the problem. If several domains have that name,
-//! the choice depends on the file names, which follow the habits of collections of problems.
+//! Finds the domain of a problem by the domain name in the problem. If several domains have that
+//! name, the file names decide, because collections of problems name the files of a pair alike.
 
 use std::path::{Path, PathBuf};
 
@@ -7,12 +7,12 @@ use crate::pddl_files::{self, DomainText};
 use crate::report::{DiagnosticReport, SourceText};
 use pddl::Name;
 
-/// Maximum number of files of one folder that are searched for a domain; a folder of problems may hold
-/// thousands.
+/// Maximum number of files of one folder that are searched for a domain; a folder of problems may
+/// hold thousands.
 const CANDIDATES_MAX: usize = 100;
 
-/// Returns, of the domains given by the user that have the wanted name, the one with the most similar
-/// file name.
+/// Returns the domain named `name` from the domains that the user gave. If several have that name,
+/// returns the one with the most similar file name. Returns `None` if none has that name.
 pub fn domain_given<'d>(
     path: &Path,
     name: &Name,
@@ -22,8 +22,9 @@ pub fn domain_given<'d>(
     named.min_by_key(|text| distance(Path::new(&text.source.name), path))
 }
 
-/// Returns the domain `name` from the `.pddl` files in the folder of the problem's file `path`, or in
-/// the folder above, where collections of problems keep it.
+/// Returns the domain `name` from the `.pddl` files in the folder of the problem's file `path`, or
+/// in the folder above, where collections of problems keep it. Returns `None` if no file has that
+/// domain.
 pub fn nearby_domain(path: &Path, name: &Name) -> Option<DomainText> {
     let folder = path.parent()?;
     let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
@@ -41,8 +42,8 @@ fn is_named(text: &DomainText, name: &Name) -> bool {
     text.domain.as_ref().is_some_and(|domain| domain.name == *name)
 }
 
-/// Returns the files of a folder that may contain the domain of the problem in `path`, the likely ones
-/// first. The files are sorted, because the system lists a folder in any order.
+/// Returns the files of a folder that may contain the domain of the problem in `path`, the likely
+/// ones first. The files are sorted, because the system lists a folder in any order.
 fn domain_files(folder: &Path, path: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     let mut files: Vec<PathBuf> = entries
@@ -54,9 +55,13 @@ fn domain_files(folder: &Path, path: &Path) -> Vec<PathBuf> {
     files
 }
 
-/// Returns how unlikely it is, by the file names alone, that one file contains the domain of the
-/// problem in another (0 is the most likely): `p07-domain` and `domain_p07` belong to `p07`; `domain`
-/// belongs to all problems without a domain of their own.
+/// Returns how badly the file name of a domain fits that of a problem:
+///
+/// - 0: it names this problem, as `p07-domain` and `domain_p07` name `p07`;
+/// - 1: it has no word besides `domain`, so that it fits all problems without a domain of their
+///   own;
+/// - 2: it names another problem;
+/// - 3: it lacks the word `domain`.
 pub(crate) fn distance(domain: &Path, problem: &Path) -> usize {
     let own = words(domain);
     let Some(at) = own.iter().position(|word| word == "domain") else { return 3 };
@@ -84,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn names_tell_which_domain_belongs_to_a_problem() {
+    fn a_domain_is_matched_to_a_problem_by_file_names() {
         check("p07-domain.pddl", "p07.pddl", 0);
         check("domain_p270_2.pddl", "p270_2.pddl", 0);
         check("p42-domain.pddl", "p42-s82-n3-l4-f50.pddl", 0);

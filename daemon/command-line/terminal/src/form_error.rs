@@ -1,6 +1,6 @@
-//! Parses the error messages of serde about the form of a text, so that a caller can express the errors
-//! in words for the author of the text. Serde uses terms of Rust: “invalid type: map, expected a
-//! sequence”.
+//! Parses the messages of serde about a text that has the wrong form. A caller then expresses the
+//! error in words for the author of the text, because serde uses terms of Rust: “invalid type: map,
+//! expected a sequence”.
 
 use std::borrow::Cow;
 
@@ -35,8 +35,8 @@ pub enum FormError<'a> {
 }
 
 impl<'a> FormError<'a> {
-    /// Parses a message of serde, or of a format that uses serde. Returns `None` if the message is
-    /// about none of these errors.
+    /// Parses a message of serde, or of a format that uses serde. Returns `None` if the message
+    /// describes none of these errors.
     pub fn of(said: &'a str) -> Option<FormError<'a>> {
         let said = without_place(said.trim());
         if let Some(rest) = said.strip_prefix("unknown field ") {
@@ -68,7 +68,8 @@ fn without_place(said: &str) -> &str {
     }
 }
 
-/// Returns the first word in backquotes in a text, and all other words in backquotes.
+/// Returns the first word in backquotes in a text, and all other words in backquotes. Returns
+/// `None` if there is none.
 fn first_and_rest(text: &str) -> Option<(&str, Vec<&str>)> {
     let mut quoted = text.split('`').skip(1).step_by(2);
     Some((quoted.next()?, quoted.collect()))
@@ -115,7 +116,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_serde_says_is_taken_apart() {
+    fn messages_of_serde_are_parsed() {
         let key = FormError::UnknownKey { key: "rooom", known: vec!["room", "name"] };
         let word = FormError::UnknownWord { word: "requst", known: vec!["request", "cancel"] };
         let list = FormError::Kind { got: "map", wanted: "a sequence" };

@@ -2,23 +2,23 @@
 
 use std::io::{self, IsTerminal};
 
-/// Color of a word, which expresses the meaning of the word.
+/// Color of a word. The color expresses the meaning of the word.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Color {
     /// No color: the word has no special meaning.
     Plain,
     /// Dim text: the word is unimportant.
     Dim,
-    /// Green: the word stands for something good.
+    /// Green: the word reports success.
     Green,
     /// Yellow: the user should do something.
     Yellow,
-    /// Red: the word stands for something bad.
+    /// Red: the word reports a failure.
     Red,
 }
 
-/// Returns a word with color if stdout is colored. The word must not come from outside the program:
-/// words from outside need [`Styled`](crate::styled::Styled).
+/// Returns a word with color if stdout is colored, otherwise without. The word must come from this
+/// program: a word from outside needs [`Styled`](crate::styled::Styled).
 pub fn paint(color: Color, word: &str) -> String {
     let code = match color {
         Color::Plain => return word.to_owned(),
@@ -30,8 +30,8 @@ pub fn paint(color: Color, word: &str) -> String {
     if stdout_is_colored() { format!("\x1b[{code}m{word}\x1b[0m") } else { word.to_owned() }
 }
 
-/// Returns a line broken between words where it is too long, if stdout is a terminal. All lines but the
-/// first are indented by `indent` columns.
+/// Returns a line broken between words where it is too long, if stdout is a terminal. All lines but
+/// the first are indented by `indent` columns.
 pub fn folded(line: &str, indent: usize) -> String {
     let Some((columns, _)) = terminal_size::terminal_size_of(io::stdout()) else {
         return line.to_owned();

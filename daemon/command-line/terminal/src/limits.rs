@@ -1,11 +1,11 @@
-//! Limits of time and memory that hold from the first byte read, whatever the process is doing.
+//! Limits of time and memory that hold from the first byte read, during every part of the work.
 //!
-//! - The planner counts its own work and memory, and ends by itself where it can. Reading, checking and
-//!   normalising a text are not counted by the planner; therefore a thread of this module checks the
-//!   clock and the memory of the whole process.
-//! - When the time is over, the thread asks the planner to stop. If the planner gives no answer within
-//!   a grace period, the thread prints the answer itself (what has been found out so far: a final
-//!   answer, the best plan, or that there is none) and ends the process.
+//! - The planner counts its own work and memory, and ends by itself where it can. Reading, checking
+//!   and normalising a text are not counted by the planner; therefore a thread of this module
+//!   checks the clock and the memory of the whole process.
+//! - When the time is over, the thread asks the planner to stop. If the planner gives no answer
+//!   within a grace period, the thread prints the answer itself (what has been found out so far: a
+//!   final answer, the best plan, or that there is none) and ends the process.
 
 use std::process::ExitCode;
 use std::sync::mpsc::{self, RecvTimeoutError};
@@ -21,7 +21,7 @@ const MEMORY_CHECK_INTERVAL: Duration = Duration::from_millis(20);
 /// Minimum time after the end of the time limit in which the planner may still give its answer.
 const GRACE_MIN: Duration = Duration::from_millis(300);
 
-/// Memory that the process uses in addition to what the planner counts: for its code and its texts.
+/// Minimum allowance, in bytes, for memory that the planner does not count: code and texts.
 const BESIDE_BYTES: u64 = 64 << 20;
 
 /// Handle of the thread that watches the limits of the process until the process gives its answer.
@@ -31,13 +31,13 @@ pub struct LimitWatch {
     _stop: mpsc::Sender<()>,
 }
 
-/// Makes sure that the process gives only one answer: its own, or that of the watching thread.
+/// Lock that lets the process give only one answer: its own, or that of the watching thread.
 #[derive(Default)]
 struct AnswerLock(Mutex<AnswerState>);
 
 #[derive(Default)]
 struct AnswerState {
-    /// Whether the process itself, and not the watching thread, has begun to give the answer.
+    /// Whether the main thread, and not the watching thread, has begun to give the answer.
     is_given: bool,
     /// The best plan reported so far.
     best: Option<String>,
@@ -49,7 +49,8 @@ struct AnswerState {
 /// Returns the exit code.
 pub type LimitReporter = Box<dyn FnOnce(StopReason, Option<String>) -> u8 + Send>;
 
-/// Prints an answer that is certain, however long the rest of the work takes. Returns the exit code.
+/// Prints an answer that is certain already, even if the rest of the work is not complete. Returns
+/// the exit code.
 pub type CertainAnswer = Box<dyn FnOnce() -> u8 + Send>;
 
 /// Limits on the time and the memory of a process.
@@ -68,7 +69,7 @@ impl RunLimits {
     }
 }
 
-/// Returns a function that prints why a limit has ended a command: as one line, or as a JSON object
+/// Returns a function that prints which limit has ended a command: as one line, or as a JSON object
 /// with a status.
 pub fn refusal(json: bool) -> LimitReporter {
     Box::new(move |reason, _| {
@@ -90,8 +91,8 @@ pub fn refusal(json: bool) -> LimitReporter {
 // === impl LimitWatch ===
 
 impl LimitWatch {
-    /// Starts the watching thread. The thread sets `cancel` when the time is over, and calls `give` if
-    /// it has to print the answer itself.
+    /// Starts the watching thread. The thread sets `cancel` when the time is over, and calls `give`
+    /// if it has to print the answer itself.
     pub fn start(
         limits: RunLimits,
         started: Instant,
@@ -114,22 +115,22 @@ impl LimitWatch {
         self.answer.lock_state().best = Some(plan);
     }
 
-    /// Stores an answer that is certain before the work is complete. If a limit ends the process from
-    /// now on, this answer is given, and not that the limit was reached.
+    /// Stores an answer that is certain before the work is complete. If a limit ends the process
+    /// after this call, the process prints this answer instead of the reason.
     pub fn record_certain(&self, answer: CertainAnswer) {
         self.answer.lock_state().certain = Some(answer);
     }
 
-    /// Gives the answer of the process by calling `answer`. If the watching thread is already giving an
-    /// answer, blocks until that thread ends the process.
+    /// Gives the answer of the process by calling `answer`. If the watching thread is already
+    /// giving an answer, this call blocks until that thread ends the process.
     pub fn answer(&self, answer: impl FnOnce() -> ExitCode) -> ExitCode {
         self.answer.lock_state().is_given = true;
         answer()
     }
 }
 
-/// Waits until a limit is exceeded, and returns the limit as the reason. Returns `None` if the process
-/// has given its answer before.
+/// Waits until a limit is exceeded, and returns that limit as the reason. Returns `None` if the
+/// process gives its answer first.
 fn watch(
     limits: &RunLimits,
     started: Instant,

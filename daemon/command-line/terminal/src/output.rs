@@ -1,8 +1,8 @@
 //! The two output streams: results go to stdout, notes about the results go to stderr.
 //!
 //! A reader of stdout that goes away (`althing plan … | head -1`) is not an error; a program that
-//! prints continuously checks [`is_reader_gone`]. Colors are used only on a terminal, and never with
-//! `NO_COLOR`. While there is a prompt on the terminal, everything is printed above the prompt
+//! prints continuously checks [`is_reader_gone`]. Colors are used only on a terminal, and never
+//! with `NO_COLOR`. If a prompt is active on the terminal, everything is printed above it
 //! ([`set_prompt`]), so that the line being edited stays intact.
 //!
 //! Everything that is printed goes through this module, which makes control characters [`visible`]:
@@ -31,7 +31,7 @@ static READER_GONE: AtomicBool = AtomicBool::new(false);
 /// Channel that prints lines above the interactive prompt; `None` when no prompt is active.
 static PROMPT_PRINTER: Mutex<Option<Sender<String>>> = Mutex::new(None);
 
-/// Sets the channel to the active prompt. From now on everything is printed above the prompt; with
+/// Sets the channel to the active prompt. Everything is printed above that prompt from now on. With
 /// `None`, everything is printed to the two streams again.
 pub fn set_prompt(prompt: Option<Sender<String>>) {
     *lock() = prompt;
@@ -49,8 +49,8 @@ fn lock() -> MutexGuard<'static, Option<Sender<String>>> {
     PROMPT_PRINTER.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// The stream for the log: standard error, or the place above the prompt if one is active. The text of
-/// the log is safe already, because the formatter of log lines makes control characters visible.
+/// Stream for the log: stderr, or the lines above the prompt if one is active. Control characters
+/// are not replaced here, because the formatter of log lines has made them visible already.
 pub struct NoteStream;
 
 impl Write for NoteStream {
@@ -66,18 +66,19 @@ impl Write for NoteStream {
     }
 }
 
-/// Writes a result to stdout. Returns the exit code: `code` if writing worked.
+/// Writes a result to stdout. Returns `code`, or [`exit::OUTPUT`] if writing failed.
 pub fn print(text: impl Display, code: u8) -> ExitCode {
     write(visible::text(&text.to_string()), code)
 }
 
-/// Writes a result that contains colors to stdout. Returns the exit code: `code` if writing worked.
+/// Writes a result that contains colors to stdout. Returns `code`, or [`exit::OUTPUT`] if writing
+/// failed.
 pub fn print_styled(text: &Styled, code: u8) -> ExitCode {
     write(text.as_str().into(), code)
 }
 
-/// Writes text to stdout without changing it, such as a script for a shell. The text must not contain
-/// parts from outside the program. Returns the exit code: `code` if writing worked.
+/// Writes text to stdout without changing it, such as a script for a shell. The text must not
+/// contain parts from outside the program. Returns `code`, or [`exit::OUTPUT`] if writing failed.
 pub fn print_raw(text: &str, code: u8) -> ExitCode {
     write(text.into(), code)
 }
@@ -106,7 +107,8 @@ pub fn is_reader_gone() -> bool {
     READER_GONE.load(Ordering::Relaxed)
 }
 
-/// Writes one JSON value and a newline to stdout. Returns the exit code: `code` if writing worked.
+/// Writes one JSON value and a newline to stdout. Returns `code`, or [`exit::OUTPUT`] if writing
+/// failed.
 pub fn print_json(value: &serde_json::Value, code: u8) -> ExitCode {
     let mut text = visible::json(&value.to_string()).into_owned();
     text.push('\n');

@@ -1,7 +1,7 @@
 //! Reads a domain and a problem, and collects all diagnostics about them.
 //!
-//! The commands `plan`, `validate` and `check` and the reader of the ecosystem file share this module,
-//! so that all of them treat a PDDL file in the same way.
+//! The commands `plan`, `validate` and `check` and the reader of the ecosystem file share this
+//! module, so that all of them treat a PDDL file in the same way.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -39,8 +39,8 @@ pub struct DomainText {
 ///
 /// # Errors
 ///
-/// Returns the diagnostics of both files if one of them cannot be read, has errors, or if the two are
-/// swapped.
+/// Returns the diagnostics of both files if one of them cannot be read, has errors, or if the two
+/// are swapped.
 pub fn read_task(domain: &Path, problem: &Path) -> Result<PddlTask, DiagnosticReport> {
     let mut report = DiagnosticReport::default();
     let domain = read(domain, &mut report).map(|source| domain_of(source, &mut report));
@@ -83,8 +83,8 @@ pub fn read(path: &Path, report: &mut DiagnosticReport) -> Option<Arc<SourceText
     SourceText::read(path).map_err(|failure| report.add_failure(failure)).ok()
 }
 
-/// Returns the text that most likely contains an error that the planner reports without a place: the
-/// domain if it has an error even with an empty problem, otherwise the problem.
+/// Returns the text that most likely contains an error that the planner reports without a place.
+/// This is the domain if it has an error even with an empty problem, otherwise the problem.
 pub fn likely_faulty_text(task: &PddlTask) -> &Arc<SourceText> {
     let nothing = Problem::named("nothing", task.domain.name.clone());
     match planner::validate::World::initial(&task.domain, &nothing) {
@@ -102,8 +102,8 @@ pub fn domain_of(source: Arc<SourceText>, report: &mut DiagnosticReport) -> Doma
     DomainText { source, domain, damaged }
 }
 
-/// Parses a problem, which must have a goal, and checks the problem against its domain if the domain is
-/// known.
+/// Parses a problem, and checks it against its domain if the domain is known. Reports an error if
+/// the problem has no goal. Returns `None` if the problem cannot be parsed.
 pub fn problem_of(
     source: &Arc<SourceText>,
     domain: Option<&DomainText>,
@@ -124,7 +124,8 @@ pub fn problem_of(
     problem
 }
 
-/// Parses the map of a building: a problem in which every fact must be declared by the domain.
+/// Parses the map of a building, and checks it against the domain: the domain must declare the
+/// predicate of each fact.
 pub fn map_of(
     source: &Arc<SourceText>,
     domain: Option<&DomainText>,
@@ -174,8 +175,8 @@ fn checked_against(
     merged(&source.text, &damaged, parsed, check(domain))
 }
 
-/// Merges the diagnostics of the parser and the check, without those that only follow from another
-/// error: if a declaration cannot be parsed, every use of its name would be “unknown”.
+/// Merges the diagnostics of the parser and the check. Leaves out those that only follow from
+/// another error: if a declaration cannot be parsed, every use of its name would be “unknown”.
 fn merged(
     text: &str,
     damaged: &[String],
@@ -192,7 +193,7 @@ fn merged(
     all
 }
 
-/// Returns the lines of a text that have errors in them, according to `diagnostics`.
+/// Returns the lines of a text that contain errors, according to `diagnostics`.
 pub fn damaged_lines(text: &str, diagnostics: &[Diagnostic]) -> Vec<String> {
     let errors = diagnostics.iter().filter(|found| found.is_error());
     errors.map(|found| marked_lines(text, found).to_owned()).collect()
@@ -206,7 +207,7 @@ fn marked_lines<'t>(text: &'t str, found: &Diagnostic) -> &'t str {
     &text[start..end]
 }
 
-/// Whether a text contains this word, in upper, lower or mixed case.
+/// Whether a text contains the word `word`, in upper, lower or mixed case.
 pub fn has_word(text: &str, word: &str) -> bool {
     let is_break = |c: char| c.is_whitespace() || "(),;".contains(c);
     !word.is_empty() && text.split(is_break).any(|other| other.eq_ignore_ascii_case(word))

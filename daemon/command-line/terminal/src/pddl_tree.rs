@@ -1,10 +1,10 @@
-//! Folders of PDDL files: every file is read as `check` reads it, and the outcomes are counted.
+//! Reads all PDDL files of a folder and its subfolders as `check` does, and counts the outcomes.
 //!
-//! - Folders are walked by name, so that the same tree gives the same result everywhere. Links to files
-//!   are followed. Links to folders are not followed, so that there can be no cycle.
-//! - A problem is checked against the domain with the most similar file name. This domain is beside the
-//!   problem, in the folder above, or in a folder `domains`: the places where collections of problems
-//!   keep domains.
+//! - Folders are walked by name, so that the same tree gives the same result everywhere. Links to
+//!   files are followed. Links to folders are not followed, so that there can be no cycle.
+//! - A problem is checked against the domain with the most similar file name. This domain is beside
+//!   the problem, in the folder above, or in a folder `domains`: the places where collections of
+//!   problems keep domains.
 //! - Texts are dropped once they are read; only the outcome of a file is kept.
 
 use std::collections::BTreeMap;
@@ -31,7 +31,8 @@ pub struct ReadFile {
     pub path: PathBuf,
     /// Kind of the file: “domain”, “problem”, “action model”, or “unknown”.
     pub kind: &'static str,
-    /// File of the domain that a problem or action model was checked against; `None` if there is none.
+    /// File of the domain that a problem or action model was checked against; `None` if there is
+    /// none.
     pub domain: Option<PathBuf>,
     /// Whether the file can be used, and why not.
     pub outcome: FileOutcome,
@@ -39,14 +40,15 @@ pub struct ReadFile {
     pub warnings: Vec<String>,
 }
 
-/// Whether a PDDL file can be used.
+/// The verdict on a PDDL file: whether it can be used, or why not.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum FileOutcome {
-    /// The file is valid and can be planned with.
+    /// The file is valid, and plans can be made with it.
     Read,
-    /// The file is valid, but uses this feature, which this version does not plan with.
+    /// The file is valid, but uses this feature, which this version does not support.
     Unsupported(String),
-    /// The file is a problem without errors, but its domain was not found. The text gives the reason.
+    /// The file is a problem without errors, but its domain was not found. The text gives the
+    /// reason.
     Alone(String),
     /// The file has errors: the place and text of the first one.
     Refused(String),
@@ -90,8 +92,9 @@ const HEAD_BYTES: usize = 4_096;
 ///
 /// # Errors
 ///
-/// Returns an error if `folder` is not a folder, or if it or a folder below cannot be read. The text
-/// completes “failed to …”. A file that cannot be read is an outcome of that file.
+/// Returns an error if `folder` is not a folder, or if it or a subfolder cannot be read. The
+/// message completes the sentence “failed to …”. A file that cannot be read is not an error, but
+/// the outcome of that file.
 pub fn read(folder: &Path, tell: &mut dyn FnMut(&ReadFile)) -> Result<PddlTree, String> {
     if !folder.is_dir() {
         return Err(format!("read `{}`: it is not a folder", folder.display()));
@@ -110,7 +113,8 @@ pub fn read(folder: &Path, tell: &mut dyn FnMut(&ReadFile)) -> Result<PddlTree, 
     Ok(tree)
 }
 
-/// Collects all PDDL files below a folder, without recursion, because a tree may be deep.
+/// Collects the paths of all PDDL files below a folder. Uses no recursion, because a tree may be
+/// deep.
 fn walk(folder: &Path, paths: &mut Vec<PathBuf>) -> std::io::Result<()> {
     let mut open = vec![folder.to_owned()];
     while let Some(folder) = open.pop() {
@@ -177,7 +181,8 @@ fn read_file(path: PathBuf, domains: &mut DomainCache) -> ReadFile {
     ReadFile { path, kind, domain: beside.map(|(path, _)| path), outcome, warnings }
 }
 
-/// Returns the feature of a domain that involves time (which is not supported), if the domain has one.
+/// Returns the feature of a domain that involves time, which is not supported. Returns `None` if
+/// the domain has none.
 fn time_in_domain(domain: &Domain) -> Option<&'static str> {
     (!domain.durative_actions.is_empty()).then_some("durative actions")
 }
@@ -203,8 +208,8 @@ fn outcome(report: &DiagnosticReport, feature: Option<&str>) -> FileOutcome {
 // === impl PddlTree ===
 
 impl PddlTree {
-    /// Returns the number of files with each outcome. Counts only files of the given kind; with `None`,
-    /// files of all kinds.
+    /// Returns the number of files with each outcome. Counts the files of the kind `kind`, or all
+    /// files if it is `None`.
     pub fn counts(&self, kind: Option<&str>) -> OutcomeCounts {
         let mut counts = OutcomeCounts::default();
         for file in self.files.iter().filter(|file| kind.is_none_or(|kind| file.kind == kind)) {
@@ -224,9 +229,9 @@ impl PddlTree {
 // === impl DomainCache ===
 
 impl DomainCache {
-    /// Returns the domain that most likely belongs to a problem: the first one with the same words in its
-    /// file name, or with the domain name `name` that the problem gives. If there is none, returns the one
-    /// with the most similar file name.
+    /// Returns the domain that most likely belongs to a problem. This is the first one with the
+    /// same words in its file name, or with the domain name `name`, which the problem gives.
+    /// Otherwise it is the one with the most similar file name. Returns `None` if no file fits.
     fn of(&mut self, problem: &Path, name: &str) -> Option<(PathBuf, Arc<DomainText>)> {
         let folder = problem.parent()?;
         let above = folder.parent().map(Path::to_owned);
@@ -243,7 +248,7 @@ impl DomainCache {
             files.sort_by_cached_key(|path| (fitness(path, problem), path.clone()));
             for file in files {
                 let fitness = fitness(&file, problem);
-                // Its file name belongs to another problem.
+                // The name of this file belongs to another problem.
                 if fitness == OF_ANOTHER {
                     continue;
                 }
@@ -252,7 +257,8 @@ impl DomainCache {
                 match fitness {
                     0 => return Some((file, text)),
                     _ if is_named => return Some((file, text)),
-                    // The name differs, but this is the only candidate: collections have such cases.
+                    // The domain has another name, but is the best candidate so far: some
+                    // collections have such pairs.
                     _ => drop(found.get_or_insert((file, text))),
                 }
             }
@@ -292,9 +298,9 @@ impl DomainCache {
     }
 }
 
-/// Returns how unlikely it is, by the file names alone, that `domain` is the domain of `problem` (0 is
-/// the most likely). The result is 0 if both names have the same words except for the kind of the file
-/// (`domain-7` and `instance-7`); otherwise it is one more than the distance that `check` uses.
+/// Returns how badly the file name of `domain` fits that of `problem`. The result is 0 if both have
+/// the same words apart from the kind of the file, as `domain-7` and `instance-7` have. Otherwise
+/// it is one more than [`distance`].
 fn fitness(domain: &Path, problem: &Path) -> usize {
     let words = |path: &Path| {
         let stem = path.file_stem().unwrap_or_default().to_string_lossy().to_lowercase();
@@ -305,7 +311,7 @@ fn fitness(domain: &Path, problem: &Path) -> usize {
     if !own.is_empty() && own == others { 0 } else { 1 + distance(domain, problem) }
 }
 
-/// Result of `fitness` for a domain with a file name that belongs to another problem.
+/// Result of [`fitness`] for a domain with a file name that belongs to another problem.
 const OF_ANOTHER: usize = 3;
 
 /// Whether a file begins with a domain definition, apart from comments.
@@ -322,7 +328,8 @@ fn begins_with_domain(path: &Path) -> bool {
     let words: Vec<&str> = code.split(|c: char| c.is_whitespace() || "()".contains(c)).collect();
     let words: Vec<&str> = words.into_iter().filter(|word| !word.is_empty()).collect();
     words.windows(2).any(|pair| pair == ["define", "domain"])
-        // The comment at the top may be longer than the part that was read; the file name decides then.
+        // The comment at the top may be longer than the part that was read. In that case the file
+        // name decides.
         || !words.contains(&"define")
             && path.file_stem().is_some_and(|stem| {
                 stem.to_string_lossy().to_lowercase().contains("domain")

@@ -1,7 +1,7 @@
 //! Draws diagnostics: for people with the line and a caret, for programs as JSON.
 //!
-//! - Only this module knows how a diagnostic looks. The text fits into 80 columns, and uses more
-//!   columns on a wider terminal.
+//! - Only this module defines the form of a diagnostic. The text fits into 80 columns, and uses
+//!   more columns on a wider terminal.
 //! - The module draws [`DiagnosticReport`]s as text, and writes nothing to a stream itself.
 
 use std::borrow::Cow;
@@ -23,11 +23,11 @@ const WIDTH_MAX: usize = 120;
 /// Maximum number of lines between a diagnostic and its note that one excerpt of the text can show
 /// together.
 const EXCERPT_LINES_MAX: usize = 30;
-/// Maximum number of bytes that are drawn after the last place in an excerpt: far more than a terminal
-/// is wide.
+/// Maximum number of bytes that are drawn after the last marked place in an excerpt. No terminal is
+/// as wide.
 const AFTER_BYTES_MAX: usize = 2_000;
-/// Maximum number of bytes of an excerpt. Drawing takes time for each of them, and a line of a text
-/// from outside may have millions; of a longer excerpt only the place is told.
+/// Maximum number of bytes of an excerpt. Drawing takes time for each byte, and a line of a text
+/// from outside may have millions. A longer excerpt is replaced by its place.
 const EXCERPT_BYTES_MAX: usize = 8_000;
 /// Maximum number of diagnostics shown to a person; `--json` lists all.
 const FINDINGS_MAX: usize = 200;
@@ -39,8 +39,8 @@ pub struct RenderStyle {
     colored: bool,
 }
 
-/// Part of a text that is drawn with a diagnostic, with its offset in the text and the number of its
-/// first line.
+/// Part of a text that is drawn with a diagnostic, with its offset in the text and the number of
+/// its first line.
 struct Excerpt<'a> {
     text: &'a str,
     start: usize,
@@ -50,7 +50,7 @@ struct Excerpt<'a> {
 // === impl RenderStyle ===
 
 impl RenderStyle {
-    /// Returns the style for stderr: the width of its terminal, and whether it may have colors.
+    /// Returns the style for stderr: the width of its terminal, and whether colors are allowed.
     pub fn of_stderr() -> RenderStyle {
         let width = terminal_size::terminal_size_of(std::io::stderr())
             .map_or(WIDTH, |(width, _)| usize::from(width.0));
@@ -98,7 +98,7 @@ pub fn plural(count: usize, noun: &str) -> String {
     format!("{count} {noun}{}", if count == 1 { "" } else { "s" })
 }
 
-/// Converts a number to JSON; a whole number has no decimal point.
+/// Converts a number to JSON. A whole number has no decimal point.
 pub fn number(value: f64) -> Value {
     // 2^53: up to there every whole number has an exact float.
     const WHOLE_MAX: f64 = 9_007_199_254_740_992.0;
@@ -109,8 +109,8 @@ pub fn number(value: f64) -> Value {
     }
 }
 
-/// Returns all diagnostics of a report as a JSON array. `line` and `column` count from 1; a column is
-/// one character.
+/// Returns all diagnostics of a report as a JSON array. `line` and `column` count from 1; a column
+/// is one character.
 pub fn json(report: &DiagnosticReport) -> Value {
     report.findings().iter().map(json_finding).collect()
 }
@@ -174,7 +174,7 @@ fn draw(finding: &SourcedDiagnostic, renderer: &Renderer, width: usize) -> Strin
 }
 
 /// Returns a diagnostic with the control characters in its texts made visible, so that a terminal
-/// executes nothing in them.
+/// does not execute them.
 fn safe(diagnostic: &Diagnostic) -> Diagnostic {
     let text = |text: &String| visible::text(text).into_owned();
     let mut safe = diagnostic.clone();
@@ -189,8 +189,8 @@ fn safe(diagnostic: &Diagnostic) -> Diagnostic {
     safe
 }
 
-/// Returns the excerpts that are drawn for a diagnostic: one with the place of the diagnostic and of
-/// the notes near it, and one for each other note.
+/// Returns the excerpts that are drawn for a diagnostic: one with the place of the diagnostic and
+/// of the notes near it, and one for each other note.
 fn snippets<'a>(source: &'a SourceText, diagnostic: &'a Diagnostic) -> Vec<Element<'a>> {
     let line = |span: Span| source.line_column(span).0;
     let home = line(diagnostic.span);
@@ -235,8 +235,8 @@ fn place(source: &SourceText, span: Span) -> Element<'_> {
 // === impl Excerpt ===
 
 impl<'a> Excerpt<'a> {
-    /// Returns the lines of `text` from the first line in which one of `spans` begins to the last such
-    /// line.
+    /// Returns the lines of `text` from the first line in which one of `spans` begins to the last
+    /// such line.
     fn of(text: &'a str, spans: impl IntoIterator<Item = Span>) -> Excerpt<'a> {
         let mut starts: Vec<usize> =
             spans.into_iter().map(|span| boundary(text, span.start as usize)).collect();
@@ -259,15 +259,15 @@ impl<'a> Excerpt<'a> {
     fn snippet(&self, source: &'a SourceText) -> Snippet<'a, Annotation<'a>> {
         let text = match visible::same_length(self.text) {
             Cow::Borrowed(text) => without_passwords(text),
-            // Its length must not change, because places are byte offsets.
+            // The length of the text must not change, because places are byte offsets.
             Cow::Owned(text) => Cow::Owned(without_passwords(&text).into_owned()),
         };
         let name = visible::line(&source.name);
         Snippet::source(text).line_start(self.line).path(name).fold(true)
     }
 
-    /// Returns the mark for a span in this excerpt; if the span has several lines, only the first is
-    /// marked.
+    /// Returns the mark for a span in this excerpt; if the span has several lines, only the first
+    /// is marked.
     fn annotation(
         &self,
         kind: AnnotationKind,
@@ -308,8 +308,8 @@ fn wrap(text: &str, width: usize) -> String {
     wrapped
 }
 
-/// Masks the passwords in a text, so that it can be shown and logged: in `SCHEME://USER:PASSWORD@HOST`
-/// each byte of the password becomes a star, so that byte offsets stay the same.
+/// Masks the passwords in a text, so that the text can be shown and logged. Each byte of the
+/// password in `SCHEME://USER:PASSWORD@HOST` becomes a star, so that byte offsets stay the same.
 fn without_passwords(text: &str) -> Cow<'_, str> {
     let mut masked = Cow::Borrowed(text);
     for (scheme, _) in text.match_indices("://") {
@@ -374,7 +374,7 @@ mod tests {
     }
 
     #[test]
-    fn of_many_lines_the_first_is_marked() {
+    fn only_the_first_of_many_lines_is_marked() {
         check(
             "(a\n b\n c)\n",
             error(0, 9),
@@ -390,7 +390,7 @@ mod tests {
     }
 
     #[test]
-    fn the_end_of_a_text_is_a_place_and_what_is_past_it_too() {
+    fn a_span_at_or_past_the_end_marks_the_end() {
         check(
             "(a",
             error(2, 2),
@@ -474,7 +474,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_terminal_would_obey_is_shown() {
+    fn control_characters_are_made_visible() {
         check(
             "a\u{1b}[31mb ü\t日本 c",
             error(13, 19),
@@ -490,7 +490,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_are_whole_where_they_are_whole() {
+    fn whole_numbers_have_no_decimal_point() {
         assert_eq!(number(2.0).to_string(), "2");
         assert_eq!(number(2.5).to_string(), "2.5");
         assert_eq!(number(1e300).to_string(), "1e+300");

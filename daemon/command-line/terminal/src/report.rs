@@ -1,7 +1,7 @@
 //! Reports: diagnostics about several texts, each diagnostic with its text.
 //!
-//! [`pddl::Diagnostic`] describes a problem in a text, in all crates; here it is combined with the file
-//! of the text. [`crate::render`] draws it.
+//! [`pddl::Diagnostic`] describes a problem in a text, in all crates; here it is combined with the
+//! file of the text. [`crate::render`] draws it.
 
 use std::collections::BTreeSet;
 use std::fs::File;
@@ -13,8 +13,8 @@ use pddl::{Diagnostic, Severity, Span};
 
 use crate::visible;
 
-/// Maximum length of a text, in bytes: a gigabyte. Spans are 32 bits wide, and an endless device must not
-/// fill the memory.
+/// Maximum length of a text, in bytes: a gigabyte. Spans have 32 bits, and an endless device must
+/// not fill the memory.
 const TEXT_BYTES_MAX: u64 = 1 << 30;
 
 /// A text that is read as input, and its name.
@@ -54,8 +54,8 @@ impl SourceText {
     ///
     /// # Errors
     ///
-    /// Returns an error if the file cannot be read, is too long, or is not text. The message completes
-    /// “failed to …” and names the file.
+    /// Returns an error if the file cannot be read, is too long, or is not text. The message
+    /// completes “failed to …” and names the file.
     pub fn read(path: &Path) -> Result<Arc<SourceText>, String> {
         let name = visible::line(&path.display().to_string()).into_owned();
         SourceText::read_as(path, &name).map_err(|reason| match nearby(path) {
@@ -70,8 +70,8 @@ impl SourceText {
     ///
     /// # Errors
     ///
-    /// Returns an error if the file cannot be read, is too long, or is not text. The message is the reason
-    /// alone.
+    /// Returns an error if the file cannot be read, is too long, or is not text. The message is the
+    /// reason alone.
     pub fn read_as(path: &Path, name: &str) -> Result<Arc<SourceText>, String> {
         let bytes = read_bytes(path)?;
         if let Some(text) = utf16(&bytes) {
@@ -100,8 +100,8 @@ fn nearby(path: &Path) -> Option<String> {
     Some(folder.join(similar_name(folder, &wanted)?).display().to_string())
 }
 
-/// Returns the file name in a folder that the user probably meant with `wanted`: a similar name with
-/// the same extension, or the same name with a similar extension.
+/// Returns the file name in a folder that the user probably meant with `wanted`: a similar name
+/// with the same extension, or the same name with a similar extension.
 pub fn similar_name(folder: &Path, wanted: &str) -> Option<String> {
     let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let entries = std::fs::read_dir(here).ok()?.flatten();
@@ -138,9 +138,9 @@ fn utf16(bytes: &[u8]) -> Option<String> {
     Some(char::decode_utf16(units).map(|c| c.unwrap_or(char::REPLACEMENT_CHARACTER)).collect())
 }
 
-/// Whether a file is binary, by its first bytes: a program, a picture, an archive. Of random bytes
-/// every ninth is a control character that texts do not contain. A text that contains only a single
-/// such character is read, and the error is shown at its place.
+/// Whether a file is binary, judged by its first 8 KiB: a program, a picture, an archive. About one
+/// in nine random bytes is a control character that texts do not contain. A text with only one such
+/// character is read, and the error is reported at its place.
 fn is_binary(bytes: &[u8]) -> bool {
     let head = &bytes[..bytes.len().min(8 << 10)];
     let controls = head.iter().filter(|byte| matches!(byte, 0..=8 | 14..=31 | 127)).count();
@@ -162,8 +162,8 @@ fn read_bytes(path: &Path) -> Result<Vec<u8>, String> {
     Ok(bytes)
 }
 
-/// Describes an error of the system on reading a file. The number of the error is left out if the words
-/// are sufficient.
+/// Describes an error of the system on reading a file. The system's own message is used only where
+/// there is no plainer one.
 pub fn reason(err: &std::io::Error) -> String {
     match err.kind() {
         std::io::ErrorKind::NotFound => "there is no such file".to_owned(),
@@ -200,7 +200,8 @@ impl DiagnosticReport {
         );
     }
 
-    /// Adds an error that is about no text to the report. `failure` completes “failed to …”.
+    /// Adds an error that is about no text to the report. `failure` completes the sentence “failed
+    /// to …”.
     pub fn add_failure(&mut self, failure: impl std::fmt::Display) {
         let diagnostic = Diagnostic::error(Span::default(), format!("failed to {failure}"));
         self.findings.push(SourcedDiagnostic { source: None, diagnostic });
@@ -236,8 +237,8 @@ impl DiagnosticReport {
         self.findings.iter().any(|finding| finding.diagnostic.is_unsupported)
     }
 
-    /// Returns the status word and the exit code of a program that refuses its input because of this
-    /// report.
+    /// Returns the status word and the exit code with which a program rejects its input because of
+    /// this report.
     pub fn refusal(&self) -> (&'static str, u8) {
         match self.is_unsupported() {
             true => ("unsupported", crate::exit::UNSUPPORTED),
@@ -245,8 +246,9 @@ impl DiagnosticReport {
         }
     }
 
-    /// Returns the report; if a feature is not supported, without the errors that may only follow from that
-    /// feature, which leaves gaps in the parsed text.
+    /// Returns the report without the errors that may only follow from an unsupported feature,
+    /// because that feature leaves gaps in the parsed text. If no feature is unsupported, returns
+    /// the whole report.
     pub fn refused(mut self) -> DiagnosticReport {
         if self.is_unsupported() {
             self.findings.retain(|finding| {
@@ -261,8 +263,8 @@ impl DiagnosticReport {
         self.findings.iter().filter(|finding| finding.diagnostic.severity == severity).count()
     }
 
-    /// Sorts the diagnostics by text, and within each text by place. Texts are in the order of their
-    /// first diagnostics.
+    /// Sorts the diagnostics by text, and within each text by place. Texts are in the order of
+    /// their first diagnostics.
     pub fn sort(&mut self) {
         let mut texts: Vec<String> = Vec::new();
         let rank = |finding: &SourcedDiagnostic| {
@@ -282,7 +284,8 @@ impl DiagnosticReport {
         self.findings = ranked.into_iter().map(|(_, finding)| finding).collect();
     }
 
-    /// Removes repeated diagnostics about one place. They occur if a file was read twice.
+    /// Removes repeated diagnostics about one place. Such repetitions occur if a file is read
+    /// twice.
     pub fn dedup(&mut self) {
         let mut seen = BTreeSet::new();
         self.findings.retain(|SourcedDiagnostic { source, diagnostic }| {

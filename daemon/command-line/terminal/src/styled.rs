@@ -1,12 +1,12 @@
-//! Text with colors for people. Its only escape sequences are those that this module adds.
+//! Text with colors for people. All escape sequences in the text come from this module.
 
 use std::fmt;
 
 use crate::formatting::{self, Color};
 use crate::visible;
 
-/// A text that can be sent to a terminal safely. It consists of escape sequences of this program, and
-/// of other texts in which control characters were made visible.
+/// A text that can be sent to a terminal safely. It consists of escape sequences of this program,
+/// and of other texts in which control characters were made visible.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Styled(String);
 
@@ -16,8 +16,8 @@ impl Styled {
         Styled(visible::line(text).into_owned())
     }
 
-    /// Creates a styled text from a part of a line, in which control characters are made visible. The
-    /// text is colored if stdout is colored.
+    /// Creates a styled text from a part of a line, in which control characters are made visible.
+    /// The text is colored if stdout is colored.
     pub fn painted(color: Color, text: &str) -> Styled {
         Styled(formatting::paint(color, &visible::line(text)))
     }
@@ -43,8 +43,8 @@ impl Styled {
         self
     }
 
-    /// Breaks the text between words if stdout is a terminal; all lines but the first are indented by
-    /// `indent` columns.
+    /// Breaks the text between words if stdout is a terminal; all lines but the first are indented
+    /// by `indent` columns.
     #[must_use]
     pub fn folded(self, indent: usize) -> Styled {
         Styled(formatting::folded(&self.0, indent))
@@ -73,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_our_own_escapes_are_any() {
+    fn escapes_from_outside_are_made_visible() {
         let line = Styled::line("a\u{1b}[31m").and("b\n").end();
         assert_eq!(line.as_str(), "a␛[31mb␊\n");
     }

@@ -1,8 +1,9 @@
-//! Makes control characters and misleading characters visible: a terminal executes control characters,
-//! and characters that change the direction of the text or have no width mislead a reader.
+//! Makes control characters and misleading characters visible: a terminal executes control
+//! characters, and characters that change the direction of the text or have no width mislead a
+//! reader.
 //!
-//! - Control characters of ASCII are shown by their pictures (`␛`), all other such characters by their
-//!   numbers (`\u{9b}`).
+//! - Control characters of ASCII are shown by their pictures (`␛`), all other such characters by
+//!   their numbers (`\u{9b}`).
 //! - [`crate::output`] applies this to everything that is printed for people.
 //! - Line breaks are kept in a text of several lines ([`text`]), and shown in a part of a line
 //!   ([`line()`]): otherwise a text from outside could pretend to be a line of this program.
@@ -15,14 +16,14 @@ pub fn text(text: &str) -> Cow<'_, str> {
     shown(text, |c| c == '\n')
 }
 
-/// Makes the control characters and misleading characters in a part of a line visible, and line breaks
-/// as well.
+/// Makes the control characters and misleading characters in a part of a line visible, and line
+/// breaks as well.
 pub fn line(text: &str) -> Cow<'_, str> {
     shown(text, |_| false)
 }
 
-/// Makes control characters and misleading characters in the strings of a JSON text visible, by JSON
-/// escapes. A JSON writer alone escapes fewer characters.
+/// Makes control characters and misleading characters in the strings of a JSON text visible, by
+/// JSON escapes. A JSON writer alone would escape fewer characters.
 pub fn json(text: &str) -> Cow<'_, str> {
     if !has_hidden(text, |_| false) {
         return Cow::Borrowed(text);
@@ -41,9 +42,9 @@ pub fn json(text: &str) -> Cow<'_, str> {
     Cow::Owned(shown)
 }
 
-/// Makes characters in a text visible without changing the length of the text in bytes: misleading
-/// characters, and control characters beyond ASCII. Used for excerpts, which are marked by byte offsets.
-/// Control characters of ASCII stay, because the excerpt renderer shows them.
+/// Makes misleading characters, and control characters beyond ASCII, visible without changing the
+/// length of the text in bytes. Excerpts need this, because they are marked by byte offsets.
+/// Control characters of ASCII stay, because the excerpt renderer makes them visible.
 pub fn same_length(text: &str) -> Cow<'_, str> {
     let is_ours = |c: char| is_hidden(c) && !c.is_ascii();
     if !text.chars().any(is_ours) {
@@ -87,7 +88,7 @@ fn has_hidden(text: &str, is_fine: impl Fn(char) -> bool) -> bool {
     text.chars().any(|c| is_hidden(c) && !is_fine(c))
 }
 
-/// Returns the picture of a control character of ASCII.
+/// Returns the picture of a control character of ASCII; `None` for other characters.
 fn picture(c: char) -> Option<char> {
     match c {
         '\0'..='\u{1f}' => char::from_u32(0x2400 + c as u32),
@@ -96,9 +97,9 @@ fn picture(c: char) -> Option<char> {
     }
 }
 
-/// Whether a character has to be made visible between the characters `before` and `after`. Joiners are
-/// allowed between two characters beyond ASCII: words of some scripts and emoji of several parts need
-/// them.
+/// Whether a character has to be made visible between the characters `before` and `after`. Joiners
+/// are allowed between two characters beyond ASCII: words of some scripts and emoji of several
+/// parts need them.
 fn is_deceptive(c: char, before: Option<char>, after: Option<char>) -> bool {
     let is_joined = |c: Option<char>| c.is_some_and(|c| !c.is_ascii() && !is_hidden(c));
     match c {
@@ -117,7 +118,7 @@ fn is_hidden(c: char) -> bool {
             | '\u{200b}'..='\u{200f}'
             // Ends of lines and paragraphs, embeddings and overrides of direction.
             | '\u{2028}'..='\u{202e}'
-            // Word joiner, invisible operators, isolates of direction, what is deprecated.
+            // Word joiner, invisible operators, isolates of direction, deprecated characters.
             | '\u{2060}'..='\u{206f}'
             // Byte order mark, annotations within a line.
             | '\u{feff}' | '\u{fff9}'..='\u{fffb}'
@@ -130,7 +131,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_a_terminal_would_obey_is_shown() {
+    fn control_characters_are_made_visible() {
         assert_eq!(line("PIN \u{1b}]0;x\u{7}\u{9b}31m"), "PIN ␛]0;x␇\\u{9b}31m");
         assert_eq!(line("a\r\nb\tc\u{7f}"), "a␍␊b␉c␡");
         assert_eq!(text("a\r\nb"), "a␍\nb");
@@ -141,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn what_misleads_a_reader_is_shown() {
+    fn misleading_characters_are_made_visible() {
         for c in "\u{202a}\u{202e}\u{2066}\u{2069}\u{200e}\u{200f}\u{61c}\u{200b}\u{2028}\u{2029}\u{feff}\u{ad}\u{e0041}"
             .chars()
         {
@@ -152,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn words_of_all_scripts_stay() {
+    fn words_of_all_scripts_are_unchanged() {
         for word in [
             "Küche",
             "厨房",
@@ -168,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn json_says_the_same_in_its_own_way() {
+    fn json_shows_hidden_characters_as_escapes() {
         let said = "a\u{9b}b\u{202e}c\u{7f}\u{e0041}é";
         let json = json(&serde_json::to_string(said).expect("a text")).into_owned();
         assert!(json.chars().all(|c| !is_hidden(c)), "{json}");

@@ -713,7 +713,7 @@ impl fmt::Display for PlanStatus {
 
 /// Answer of a daemon to a query for discovered agents.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct DiscoveredAgents {
+pub struct DiscoveryReport {
     /// The daemon that answers.
     pub daemon: DaemonId,
     /// The discovered agents, sorted by discoverer and then by name.

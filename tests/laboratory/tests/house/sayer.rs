@@ -24,8 +24,8 @@ pub(crate) struct Sayer {
 // === impl Sayer ===
 
 impl Sayer {
-    /// Creates an agent that requests a goal of the Plan Requester in the conversation `g`; returns it
-    /// with the channel of its reports.
+    /// Creates an agent that requests a goal of the Plan Requester in the conversation `g`; returns
+    /// it with the channel of its reports.
     pub(crate) fn of_goal(goal: &str, keep: Keep) -> (Sayer, mpsc::UnboundedReceiver<Report>) {
         let (goal, partition) = (goal.to_owned(), Partition::Pursue);
         let (told, heard) = mpsc::unbounded_channel();

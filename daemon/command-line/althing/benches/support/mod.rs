@@ -122,7 +122,7 @@ pub(crate) struct Entry {
     pub(crate) config: serde_json::Value,
 }
 
-/// Reads the agents of an ecosystem file without checking it: it is a benchmark's own.
+/// Reads the agents of an ecosystem file without checks, because the file belongs to a benchmark.
 pub(crate) fn entries(text: &str) -> Outcome<Vec<Entry>> {
     let file: toml::Table = toml::from_str(text)?;
     let agents = file.get("agent").and_then(toml::Value::as_array).ok_or("no agents")?;
@@ -236,7 +236,8 @@ fn prepared(
     Ok((MessageRouter::new(ecosystem, daemon, AgentSettings::default()), config))
 }
 
-/// The same, with a record of the bids that it receives and the awards that it sends.
+/// Opens a daemon as [`daemon`] does. Records the bids that it receives and the awards that it
+/// sends.
 pub(crate) async fn daemon_overheard(
     folder: &Path,
     ecosystem: &str,

@@ -1,6 +1,7 @@
 //! Records the answers to calls for proposals that a daemon of this process receives, and the
-//! awards that it sends, between its switchboard and its substrate. No separate listener is needed,
-//! which would cost time. The messages are decoded after the clock has stopped.
+//! awards that it sends. The recorder is between the daemon's message router and its substrate,
+//! because a separate listener would cost time. The messages are decoded after the clock has
+//! stopped.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, PoisonError};

@@ -16,10 +16,10 @@ use tokio::task::JoinHandle;
 
 use super::{Entry, Outcome, PATIENCE};
 
-/// The name of their ecosystem.
+/// Name of the ecosystem of the workers.
 pub(crate) const ECOSYSTEM: &str = "crowd";
 
-/// Number of places, and so the most actuators: one per place.
+/// Number of places, and so the maximum number of actuators: one per place.
 const PLACES: usize = 1_000;
 
 const DOMAIN: &str = "(define (domain crowd)

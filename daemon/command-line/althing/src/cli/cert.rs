@@ -19,15 +19,15 @@ Examples: althing cert authority althing.toml
           althing cert show
           althing cert revoke office-pi";
 
-/// `althing cert`
+/// Arguments of `althing cert`.
 #[derive(Debug, Args)]
 pub(crate) struct CertArgs {
-    /// What to do.
+    /// The command to run.
     #[command(subcommand)]
     pub(crate) command: CertCommand,
 }
 
-/// What can be done with certificates.
+/// Subcommands of `althing cert`.
 #[derive(Debug, Subcommand)]
 pub(crate) enum CertCommand {
     /// Make the authority of an ecosystem, which signs the certificates of its daemons
@@ -40,7 +40,7 @@ pub(crate) enum CertCommand {
     Revoke(CertRevokeArgs),
 }
 
-/// `althing cert authority`
+/// Arguments of `althing cert authority`.
 #[derive(Debug, Args)]
 pub(crate) struct CertAuthorityArgs {
     /// The ecosystem: its file, or its name [default: ./althing.toml]
@@ -56,7 +56,7 @@ pub(crate) struct CertAuthorityArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// `althing cert daemon`
+/// Arguments of `althing cert daemon`.
 #[derive(Debug, Args)]
 pub(crate) struct CertDaemonArgs {
     /// Daemons, by their names in the ecosystem's file
@@ -75,7 +75,7 @@ pub(crate) struct CertDaemonArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// `althing cert show`
+/// Arguments of `althing cert show`.
 #[derive(Debug, Args)]
 pub(crate) struct CertShowArgs {
     #[command(flatten)]
@@ -84,7 +84,7 @@ pub(crate) struct CertShowArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// `althing cert revoke`
+/// Arguments of `althing cert revoke`.
 #[derive(Debug, Args)]
 pub(crate) struct CertRevokeArgs {
     /// The daemon to revoke
@@ -96,7 +96,7 @@ pub(crate) struct CertRevokeArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// Where certificates are.
+/// Arguments that name the folder of certificates.
 #[derive(Debug, Args)]
 pub(crate) struct CertPlaceArgs {
     /// The ecosystem: its file, or its name [default: ./althing.toml]

@@ -25,15 +25,15 @@ Examples: althing plugin check ./thermometer      starts it once
           althing plugin logs thermometer
           althing plugin enable thermometer       after it was given up";
 
-/// `althing plugin`
+/// Arguments of `althing plugin`.
 #[derive(Debug, Args)]
 pub(crate) struct PluginArgs {
-    /// What to do.
+    /// The command to run.
     #[command(subcommand)]
     pub(crate) command: PluginCommand,
 }
 
-/// What can be done with plugins.
+/// Subcommands of `althing plugin`.
 #[derive(Debug, Subcommand)]
 pub(crate) enum PluginCommand {
     /// Show the plugins of a running ecosystem, the state of each, and its reason
@@ -54,7 +54,7 @@ pub(crate) enum PluginCommand {
     Logs(PluginLogsArgs),
 }
 
-/// `althing plugin check`
+/// Arguments of `althing plugin check`.
 #[derive(Debug, Args)]
 pub(crate) struct PluginCheckArgs {
     /// Folders with a plugin.toml
@@ -73,7 +73,7 @@ pub(crate) struct PluginCheckArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// `althing plugin add`
+/// Arguments of `althing plugin add`.
 #[derive(Debug, Args)]
 pub(crate) struct PluginAddArgs {
     /// A folder with a plugin.toml
@@ -87,7 +87,7 @@ pub(crate) struct PluginAddArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// `althing plugin allow`
+/// Arguments of `althing plugin allow`.
 #[derive(Debug, Args)]
 pub(crate) struct PluginAllowArgs {
     /// The plugin
@@ -101,7 +101,7 @@ pub(crate) struct PluginAllowArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// What a plugin is allowed beyond the least.
+/// Argument that grants a plugin rights beyond the default ones.
 #[derive(Debug, Args)]
 pub(crate) struct PluginRightsArgs {
     /// Allow this right without asking: network, devices=PATH, read=PATH, memory=SIZE, cpu=SHARE,
@@ -110,7 +110,7 @@ pub(crate) struct PluginRightsArgs {
     pub(crate) allow: Vec<Right>,
 }
 
-/// `althing plugin remove`, `enable` and `disable`
+/// Arguments of `althing plugin remove`, `enable` and `disable`.
 #[derive(Debug, Args)]
 pub(crate) struct PluginNameArgs {
     /// The plugin
@@ -122,7 +122,7 @@ pub(crate) struct PluginNameArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// `althing plugin logs`
+/// Arguments of `althing plugin logs`.
 #[derive(Debug, Args)]
 pub(crate) struct PluginLogsArgs {
     /// The plugin
@@ -137,7 +137,7 @@ pub(crate) struct PluginLogsArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// Where a machine's plugins are.
+/// Arguments that name the folder of this machine's plugins.
 #[derive(Debug, Args)]
 pub(crate) struct PluginPlaceArgs {
     /// The ecosystem; its file names the folder of plugins [default: ./althing.toml, or this user's

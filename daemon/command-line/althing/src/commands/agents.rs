@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::process::ExitCode;
 
 use acl::AgentId;
-use acl::content::{DiscoveredAgents, Inform, Snapshot};
+use acl::content::{DiscoveryReport, Inform, Snapshot};
 use agent::{Resident, Resource};
 use serde_json::json;
 use terminal::{exit, output, visible};
@@ -26,14 +26,14 @@ async fn discovered(view: &EcosystemView, json: bool) -> ExitCode {
     view.directory(None).await;
     let answers = view.ask(Resource::Discovered, None).await;
     let read = |answer: &bytes::Bytes| serde_json::from_slice(answer).ok();
-    let mut found: Vec<DiscoveredAgents> = answers.iter().filter_map(read).collect();
+    let mut found: Vec<DiscoveryReport> = answers.iter().filter_map(read).collect();
     found.sort_by(|one, other| one.daemon.cmp(&other.daemon));
     if json {
         let value = json!({ "ecosystem": view.name, "daemons": found });
         return output::print_json(&value, exit::DONE);
     }
     let mut text = String::new();
-    for DiscoveredAgents { daemon, discovered } in &found {
+    for DiscoveryReport { daemon, discovered } in &found {
         for one in discovered {
             let joined = if one.joined { "takes part" } else { "does not take part" };
             let why = one.problem.as_ref().map(|why| format!(": {why}")).unwrap_or_default();
@@ -116,12 +116,12 @@ async fn conflicts(view: &EcosystemView) -> BTreeMap<AgentId, Vec<String>> {
     snapshot.map(|snapshot| snapshot.conflicts).unwrap_or_default()
 }
 
-/// What the agents announce of themselves.
+/// Action models that the agents have announced.
 #[derive(Default)]
 struct AnnouncedModels {
     /// For each agent, the names of the actions in its action model.
     models: BTreeMap<AgentId, Vec<String>>,
-    /// For each agent that uses another version of the protocol, a line that says so.
+    /// A line for the user about each agent that uses another version of the protocol.
     unreadable: BTreeMap<AgentId, Vec<String>>,
 }
 

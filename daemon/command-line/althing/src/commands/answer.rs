@@ -100,8 +100,9 @@ fn text(question: &OpenQuestion, words: &[String]) -> Result<String, String> {
     }
 }
 
-/// Returns the request that answers the question `id`: the question's number, or the name of its
-/// keyboard and the number.
+/// Returns the request that answers a question with `text`. `id` is the number of the question or,
+/// with its keyboard, `KEYBOARD/NUMBER`. Returns an error message if `id` names no open question,
+/// or several.
 pub(crate) async fn said(
     view: &EcosystemView,
     id: &str,

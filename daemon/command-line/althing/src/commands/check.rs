@@ -1,4 +1,4 @@
-//! `althing check`: reports the mistakes in files, each with the line in which it is.
+//! `althing check`: reports the mistakes in files, each with its line.
 //!
 //! - The kind of a file is recognised by its extension (`.toml` is an ecosystem file) and its
 //!   contents.
@@ -76,11 +76,11 @@ fn is_ecosystem(path: &Path) -> bool {
     has_ending || has_table()
 }
 
-// === impl PackageCheck ===
+// === impl FileCheck ===
 
 impl FileCheck {
-    /// Checks the domains first, so that the problems and action models find their domains in
-    /// whatever order the files are given.
+    /// Checks the domains first. Problems and action models then find their domains, in whatever
+    /// order the files are given.
     fn check_texts(&mut self, paths: &[&PathBuf]) {
         let mut others = Vec::new();
         for path in paths {

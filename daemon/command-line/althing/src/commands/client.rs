@@ -35,7 +35,7 @@ pub(crate) struct ClientLink {
     pub(crate) view: EcosystemView,
 }
 
-/// Access to a running ecosystem: through a command's link, or from within one of its daemons.
+/// Access to a running ecosystem, through a command's link or inside one of its daemons.
 #[derive(Clone)]
 pub(crate) struct EcosystemView {
     pub(crate) switchboard: Arc<MessageRouter>,
@@ -65,7 +65,7 @@ impl ClientTarget {
         let file = match &reach.ecosystem {
             Some(asked) => match config::resolve_ecosystem(asked) {
                 Ok(file) => Some(file),
-                // A name without a file is enough: its daemons may run here.
+                // A name without a file is enough, because the ecosystem's daemons may run here.
                 Err(problem) => match EcosystemId::new(asked) {
                     Ok(name) => return ClientTarget::named(name, None, reach),
                     Err(_) => return Err(problem),
@@ -191,8 +191,8 @@ pub(crate) fn guest_config(
     Ok(config)
 }
 
-/// Returns the command-line arguments by which the user reached the ecosystem, for showing the user
-/// a further command with the same arguments.
+/// Returns the options with which the user named the ecosystem, as text to append to a suggested
+/// command.
 pub(crate) fn reach_words(reach: &ReachArgs) -> String {
     let ReachArgs { ecosystem, connect, key } = reach;
     let ecosystem = ecosystem.iter().map(|each| ("--ecosystem", each));
@@ -208,11 +208,11 @@ pub(crate) fn reach_words(reach: &ReachArgs) -> String {
         .collect()
 }
 
-/// Returns a name for a guest that no other process of any machine has.
+/// Returns a unique name for a guest, from its role, the host name and the process id.
 pub(crate) fn guest_name(role: &str) -> String {
     let host = hosting::host_name();
     let host = host.as_ref().map_or("here", DaemonId::as_str);
-    // Two machines with the same beginning of their names rarely have the same process ids.
+    // The host name is cut. Processes on hosts with equal first letters rarely have equal ids.
     let host: String = host.chars().take(HOST_CHARS_MAX).collect();
     format!("{role}-{host}-{}", std::process::id())
 }
@@ -236,7 +236,7 @@ impl EcosystemView {
         self.switchboard.ask(ask, ANSWERED_WITHIN).await
     }
 
-    /// Returns the daemon that hosts an agent, according to the daemons that answer.
+    /// Returns the daemon that hosts an agent. Returns `None` if no daemon that answers hosts it.
     pub(crate) async fn holder(&self, agent: &AgentId) -> Option<DaemonId> {
         self.directory(None).await;
         let answers = self.ask(Resource::Directory, None).await;
@@ -265,7 +265,8 @@ impl EcosystemView {
     }
 }
 
-/// Returns the only ecosystem that runs on this machine; an error if there are none or several.
+/// Returns the only ecosystem that runs on this machine. Returns an error if there is none, or if
+/// there are several.
 fn only_running() -> Result<EcosystemId, String> {
     let mut running: Vec<_> = hosting::running_ecosystems()
         .into_iter()
@@ -290,7 +291,7 @@ fn only_running() -> Result<EcosystemId, String> {
     }
 }
 
-/// Opens a link, runs `act` with it, and closes the link in good order.
+/// Opens a link, runs `act` with it, and closes the link.
 pub(super) fn with_link<F: Future<Output = (ClientLink, ExitCode)>>(
     reach: &ReachArgs,
     json: bool,

@@ -1,7 +1,6 @@
 //! Watches the leader and the command's link while a command waits for the end of a goal. Reports
 //! that no leader is present, or that the daemon through which the command receives messages is
-//! stopped. When the command has been linked to another daemon, it requests the reports of the goal
-//! that it missed.
+//! stopped. After a change to another daemon, the command requests the reports that it missed.
 
 use std::time::Duration;
 
@@ -16,16 +15,16 @@ use crate::commands::daemon_sockets;
 /// check, because a standby usually takes over sooner.
 const PERIOD: Duration = Duration::from_millis(500);
 
-/// Number of checks in a row without a daemon after which that is reported: some lost links are
-/// back within a second.
+/// Number of checks in a row without any daemon after which the loss of the link is reported. Some
+/// lost links are restored within a second.
 const UNREACHED_LOOKS: u32 = 6;
 
 /// Checks the leader and the command's link periodically.
 pub(super) struct ConnectionWatch {
     view: EcosystemView,
     leader: AgentId,
-    /// The daemon of this machine through which the command receives messages: the daemon's
-    /// endpoint and process.
+    /// The daemon of this machine through which the command receives messages: its endpoint and
+    /// process. `None` if no such daemon was found.
     door: Option<(String, Pid)>,
     ticks: Interval,
     /// Number of checks in a row at which no leader was seen.
@@ -33,18 +32,19 @@ pub(super) struct ConnectionWatch {
     is_door_told: bool,
     /// Number of checks in a row at which no daemon was reached.
     unreached: u32,
-    /// Whether the link has been lost and the leader has not been seen since.
+    /// Whether the link was lost, and the leader has not been seen since then.
     is_cut_off: bool,
 }
 
-/// An event of leader or link that the command handles.
+/// Change of the leader or of the command's link.
 pub(super) enum ConnectionEvent {
     /// A line to show to the user.
     Line(String),
-    /// The daemon through which the command receives messages is stopped: a line to show to the user.
-    /// The link is closed, so that the command is connected to another daemon soon.
+    /// The daemon through which the command receives messages is stopped. The text is a line to
+    /// show to the user. The link has been closed, so that Zenoh soon connects the command to
+    /// another daemon.
     Stopped(String),
-    /// The command was disconnected and receives messages again; it may have missed some meanwhile.
+    /// Messages arrive again after a lost link; the command may have missed some in between.
     Reconnected,
 }
 
@@ -67,7 +67,7 @@ impl ConnectionWatch {
         }
     }
 
-    /// Waits for the next event of leader or link.
+    /// Waits for the next change of the leader or of the link.
     pub(super) async fn news(&mut self) -> ConnectionEvent {
         loop {
             self.ticks.tick().await;
@@ -114,7 +114,7 @@ impl ConnectionWatch {
     }
 
     /// Returns a line if no daemon is reached any more, or if one is reached again. For a stopped
-    /// daemon there is no second line, because `of_door` has reported it.
+    /// daemon, `of_door` has reported it already, so that there is no second line.
     fn of_link(&mut self) -> Option<String> {
         if self.view.switchboard.directory().iter().next().is_some() {
             let was_told = self.unreached >= UNREACHED_LOOKS && !self.is_door_told;
@@ -153,8 +153,8 @@ impl ConnectionWatch {
     }
 }
 
-/// Returns the daemon of this machine that the command is connected to: its endpoint and process. A
-/// daemon in another PID namespace is not found.
+/// Returns the endpoint and the process of the daemon on this machine to which the command is
+/// connected. Returns `None` if there is none, or if it is in another PID namespace.
 fn door_of(view: &EcosystemView) -> Option<(String, Pid)> {
     view.endpoints.iter().find_map(|endpoint| {
         let process = daemon_sockets::process_at(endpoint)?;

@@ -1,9 +1,9 @@
 //! Chooses the daemon of this machine through which a command joins. Running daemons are tried
 //! before stopped ones.
 //!
-//! A stopped process (SIGSTOP, a debugger, a frozen control group) still accepts connections, because
-//! the kernel accepts them for it, but it never answers. Zenoh waits ten seconds for each stopped
-//! process.
+//! A stopped process (SIGSTOP, a debugger, a frozen control group) still accepts connections,
+//! because the kernel accepts them for it, but it never answers. Zenoh waits ten seconds for each
+//! stopped process.
 
 use std::os::fd::OwnedFd;
 use std::path::Path;
@@ -18,7 +18,7 @@ use terminal::output;
 /// The prefix of a Zenoh endpoint that is a socket of this machine.
 const SOCKET: &str = "unixsock-stream/";
 
-/// The process that listens at a socket, as far as it can be known.
+/// Result of a connection to the socket of a daemon.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum SocketPeer {
     /// A process that accepts connections, with its process id; `None` if it is in another PID
@@ -28,8 +28,8 @@ enum SocketPeer {
     Full,
 }
 
-/// Returns the endpoints in another order: those of running processes first. Tells the user which
-/// processes are stopped.
+/// Sorts endpoints so that those of running processes come first. Prints which processes are
+/// stopped.
 pub(super) fn running_first(endpoints: &[String]) -> Vec<String> {
     let (mut awake, mut stopped) = (Vec::new(), Vec::new());
     for endpoint in endpoints {
@@ -51,13 +51,13 @@ pub(super) fn running_first(endpoints: &[String]) -> Vec<String> {
     awake
 }
 
-/// Returns those of the endpoints at which no stopped process listens.
+/// Returns the endpoints, without those at which a stopped process listens.
 pub(super) fn running(endpoints: &[String]) -> Vec<String> {
     endpoints.iter().filter(|endpoint| why_mute(endpoint).is_none()).cloned().collect()
 }
 
-/// Returns why no answer of the daemon at an endpoint is to be expected, as text for a person; `None` if
-/// there is no such reason.
+/// Returns the reason why the daemon at an endpoint cannot answer, as text for a person. Returns
+/// `None` if there is no such reason.
 fn why_mute(endpoint: &str) -> Option<String> {
     match listener(endpoint)? {
         SocketPeer::Full => Some("it accepts no connection".to_owned()),
@@ -71,21 +71,23 @@ fn why_mute(endpoint: &str) -> Option<String> {
     }
 }
 
-/// Whether this process has a connection to `process`; `true` where the kernel does not tell.
+/// Whether this process has a connection to `process`; `true` if the kernel does not allow the
+/// check.
 pub(super) fn is_connected_to(process: Pid) -> bool {
     connections_to(process).is_none_or(|connections| !connections.is_empty())
 }
 
-/// Shuts down all connections of this process to `process`, so that Zenoh connects to another daemon at
-/// once and not when the link's lease has expired. Does nothing where the kernel does not allow it.
+/// Shuts down all connections of this process to `process`. Zenoh then connects to another daemon
+/// at once, and not only when the link's lease has expired. Does nothing if the kernel does not
+/// allow it.
 pub(super) fn disconnect_from(process: Pid) {
     for connection in connections_to(process).unwrap_or_default() {
         let _ = net::shutdown(&connection, Shutdown::Both);
     }
 }
 
-/// Returns second descriptors of the sockets of this process that are connected to `process`; the first
-/// ones belong to Zenoh. Returns `None` if the kernel does not give them.
+/// Returns duplicates of those file descriptors of this process that are connected to `process`.
+/// The originals belong to Zenoh. Returns `None` if the kernel does not allow duplicating them.
 fn connections_to(process: Pid) -> Option<Vec<OwnedFd>> {
     let own = pidfd_open(getpid(), PidfdFlags::empty()).ok()?;
     let open = std::fs::read_dir("/proc/self/fd").ok()?;
@@ -99,7 +101,7 @@ fn connections_to(process: Pid) -> Option<Vec<OwnedFd>> {
                     connections.push(copy);
                 }
             }
-            // It was closed in the meantime.
+            // The descriptor has been closed in the meantime.
             Err(Errno::BADF) => (),
             Err(_) => return None,
         }
@@ -116,7 +118,7 @@ pub(super) fn process_at(endpoint: &str) -> Option<Pid> {
     }
 }
 
-/// Whether a process is stopped, by SIGSTOP, by a debugger, or with its control group.
+/// Whether a process is stopped: by SIGSTOP, by a debugger, or together with its control group.
 pub(super) fn is_stopped(process: Pid) -> bool {
     let about = std::fs::read_to_string(format!("/proc/{process}/stat")).unwrap_or_default();
     // The process name before it is in parentheses, and may contain any character.
@@ -128,7 +130,7 @@ pub(super) fn is_stopped(process: Pid) -> bool {
 fn is_frozen(process: Pid) -> bool {
     let groups = std::fs::read_to_string(format!("/proc/{process}/cgroup")).unwrap_or_default();
     let path = groups.lines().find_map(|line| line.strip_prefix("0::/"));
-    // A group below that of another namespace is shown with `..`.
+    // The path of a group outside this cgroup namespace begins with `..`.
     let path = path.filter(|path| !path.starts_with(".."));
     let events = path.map(|path| Path::new("/sys/fs/cgroup").join(path).join("cgroup.events"));
     let events = events.and_then(|path| std::fs::read_to_string(path).ok());
@@ -145,7 +147,8 @@ fn listener(endpoint: &str) -> Option<SocketPeer> {
     try_connect(Path::new(path.split(['#', '?']).next()?))
 }
 
-/// Connects to a socket without blocking: a stopped process would block the command for ever.
+/// Connects to a socket without blocking, because a stopped process would block the command for
+/// ever. Returns `None` if no process listens at the socket.
 fn try_connect(path: &Path) -> Option<SocketPeer> {
     let flags = SocketFlags::NONBLOCK | SocketFlags::CLOEXEC;
     let socket = net::socket_with(AddressFamily::UNIX, SocketType::STREAM, flags, None).ok()?;
@@ -167,7 +170,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_process_that_takes_no_more_connections_keeps_nobody_waiting() {
+    fn a_full_socket_blocks_no_command() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("a.sock");
         assert_eq!(try_connect(&path), None);

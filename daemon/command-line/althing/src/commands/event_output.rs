@@ -72,7 +72,8 @@ fn of_report(report: &Report) -> Vec<Styled> {
     lines
 }
 
-/// Formats for people an agent's answer to a message that the user wrote (`althing send`).
+/// Formats an agent's answer to a message that the user wrote (`althing send`), as a line for
+/// people.
 fn of_message(message: &Message) -> Styled {
     let (from, act) = (&message.sender, message.performative);
     let said = match act {

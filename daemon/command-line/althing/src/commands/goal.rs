@@ -55,8 +55,8 @@ pub(crate) fn said(ecosystem: Option<&Ecosystem>, args: &WishArgs) -> Result<Use
     Ok(UserRequest::RequestGoal(GoalRequest { keep, priority, partition, ..wish }))
 }
 
-/// Returns `wish` if its goal can be parsed. Otherwise the error contains the mistakes and, if
-/// possible, the goal that was probably meant.
+/// Returns `wish` if its goal can be parsed. Otherwise returns an error message with the mistakes
+/// and, if possible, the goal that was probably meant.
 pub(super) fn readable(wish: GoalRequest) -> Result<GoalRequest, String> {
     let goal = wish.goal.trim();
     let Err(found) = pddl::parse_condition(goal).into_result() else { return Ok(wish) };
@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn goals_that_cannot_be_read_say_what_was_meant() {
+    fn an_unreadable_goal_yields_a_suggestion() {
         check(
             "known hall",
             expect!["the goal `known hall` has no parentheses; did you mean `(known hall)`?"],

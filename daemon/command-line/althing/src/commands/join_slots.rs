@@ -1,9 +1,9 @@
-//! Limits how many commands join a running ecosystem at once. Each command is a process with a
-//! Zenoh session of its own, and hundreds that join at once would keep the machine so busy that
-//! none of the commands sees an agent.
+//! Limits how many commands join a running ecosystem at once. Each command is a process with its
+//! own Zenoh session. If hundreds joined at once, the machine would be so busy that no command sees
+//! an agent.
 //!
-//! A slot, which is a command's turn to join, is a locked file beside the daemons' sockets. The
-//! slot becomes free when the command has joined, or when the command's process has ended.
+//! A slot is a command's turn to join. It is a locked file beside the daemons' sockets, and becomes
+//! free when the command has joined or its process has ended.
 
 use std::fs::{File, OpenOptions, TryLockError};
 use std::os::unix::fs::OpenOptionsExt as _;
@@ -22,8 +22,8 @@ const TOLD_AFTER: Duration = Duration::from_secs(3);
 /// Interval between two attempts of a waiting command to get its turn.
 const TRIED_EVERY: Duration = Duration::from_millis(25);
 
-/// How long a command waits at most for its turn to join. Joining takes a tenth of a second, so
-/// that hundreds of other commands can join before.
+/// Maximum time for which a command waits for its turn to join. Joining takes a tenth of a second,
+/// so that hundreds of other commands can join in this time.
 const WITHIN: Duration = Duration::from_secs(120);
 
 /// A command's turn to join; the turn ends when this value is dropped.
@@ -51,8 +51,8 @@ fn wait_within(folder: &Path, within: Duration) -> Result<JoinSlot, String> {
     let began = Instant::now();
     let mut is_told = false;
     while began.elapsed() < within {
-        // Any free lock will do, so a stopped command that holds one delays no other. A process can
-        // sleep on one lock only, so all of them are tried periodically.
+        // The command takes any free lock, so a stopped command that holds one delays no other. A
+        // process can sleep on one lock only, so all locks are tried periodically.
         thread::sleep(TRIED_EVERY);
         if let Some(free) = files.iter().position(|file| file.try_lock().is_ok()) {
             return Ok(JoinSlot(Some(files.swap_remove(free))));
@@ -71,8 +71,8 @@ fn wait_within(folder: &Path, within: Duration) -> Result<JoinSlot, String> {
 
 impl Drop for JoinSlot {
     fn drop(&mut self) {
-        // Explicitly unlocked, because a child process that inherited the file would still hold the
-        // lock.
+        // The file is unlocked explicitly, because a child process that inherited it would still
+        // hold the lock.
         if let Some(file) = &self.0 {
             let _ = file.unlock();
         }
@@ -84,7 +84,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn so_many_join_at_a_time_and_the_next_when_one_has() {
+    fn join_slots_are_limited_and_reused() {
         let folder = tempfile::tempdir().expect("a folder");
         let wait = || wait_within(folder.path(), Duration::ZERO);
         let mut turns: Vec<_> = (0..AT_ONCE).map(|_| wait().expect("its turn")).collect();

@@ -1,7 +1,7 @@
-//! The commands of the command line. Each is a function that takes the arguments and returns an
-//! exit code.
+//! The commands of the command line. Each command is a function that takes the parsed arguments and
+//! returns an exit code.
 //!
-//! Commands print their results; none reads the command line or the environment itself.
+//! Commands print their results. No command reads the command line or the environment by itself.
 
 // One module per command.
 pub(crate) mod act;
@@ -101,11 +101,12 @@ pub(crate) fn brief(duration: Duration) -> String {
     }
 }
 
-/// How long background work may take to stop. A cancelled search takes a moment until it checks its flag.
+/// How long background work may take to stop. A cancelled search takes a moment until it checks its
+/// flag.
 const SHUTDOWN_GRACE: Duration = Duration::from_millis(200);
 
-/// Runs a future to its end, on a Tokio runtime with two threads. That suits a small board: one
-/// thread for the agents, one for a planner.
+/// Runs a future to its end, on a Tokio runtime with two threads. Two threads suit a small board:
+/// one for the agents, one for a planner.
 ///
 /// Zenoh does not work on Tokio's single-threaded scheduler.
 fn in_runtime(work: impl Future<Output = ExitCode>) -> ExitCode {

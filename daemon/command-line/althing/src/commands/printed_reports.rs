@@ -1,5 +1,5 @@
-//! Remembers which reports of a goal a command has printed. After a disconnection the command takes
-//! from the goal's history the lines that it missed, so that it prints each line once.
+//! Remembers which reports of a goal a command has printed. After a disconnection the command
+//! prints the lines of the goal's history that it missed, each line once.
 
 use std::collections::VecDeque;
 
@@ -7,7 +7,7 @@ use acl::content::{HISTORY_ENTRIES_MAX, HistoryEntry, Outcome, Report};
 
 type ReportLine = (Outcome, String);
 
-/// The last lines that a command printed of one goal: as many as the goal's history has.
+/// Lines that a command has printed about one goal, up to the maximum length of a goal's history.
 #[derive(Debug, Default)]
 pub(super) struct PrintedReports {
     lines: VecDeque<ReportLine>,
@@ -24,7 +24,7 @@ impl PrintedReports {
             self.from_history.remove(index);
             return false;
         }
-        // Messages keep their order, so no line from the history can still arrive after this one.
+        // Messages arrive in order, so no line from the history can still arrive after this one.
         self.from_history.clear();
         self.push(line);
         true
@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn only_what_was_not_heard_was_missed() {
+    fn only_unprinted_reports_are_missed() {
         let mut told = PrintedReports::default();
         assert!(told.note(&progress("a plan")) && told.note(&progress("arrived")));
         let all = history(&["a plan", "arrived", "measured", "arrived"]);
@@ -89,7 +89,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_history_told_is_not_told_again_by_a_late_message() {
+    fn a_late_message_does_not_repeat_a_line_of_the_history() {
         let mut told = PrintedReports::default();
         told.missed(history(&["arrived", "measured"]));
         assert!(!told.note(&progress("measured")));
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn the_end_of_a_goal_is_told_by_its_message_alone() {
+    fn the_final_report_comes_only_as_a_message() {
         let mut told = PrintedReports::default();
         let end = Report::new(Outcome::Done, "the goal holds");
         let (outcome, text) = (Some(end.outcome), end.detail.clone());
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_never_told_to_an_asker_is_not_missed() {
+    fn lines_without_an_outcome_are_not_missed() {
         let mut told = PrintedReports::default();
         let text = "asked for".to_owned();
         assert!(told.missed(vec![HistoryEntry { at_ms: 0, outcome: None, text }]).is_empty());

@@ -1,8 +1,8 @@
-//! `althing replay`: makes the requests of a recording again, to agents that are started afresh.
+//! `althing replay`: sends the requests of a recording again, to newly started agents.
 //!
 //! - Messages of the recorded ecosystem's own agents are not replayed: those agents run here, and
-//!   send messages of their own. Only the exchanges that others opened are replayed: goals, actions
-//!   and changes that people requested (`replay_plan`).
+//!   send messages of their own. Only exchanges that other agents opened are replayed: the goals,
+//!   actions and changes that people requested (`replay_plan`).
 //! - The agents run in this process, on a network in memory, with a simulated building of their
 //!   own; `--lose` and `--duplicate` make that network unreliable.
 //! - A request that was made after another request had ended is replayed after the other one has
@@ -95,7 +95,7 @@ fn ecosystem(args: &ReplayArgs) -> Result<Ecosystem, ExitCode> {
     Ok(ecosystem)
 }
 
-/// A recording that is about to be replayed.
+/// A recording and the options with which it is replayed.
 struct ReplaySession {
     plays: ReplayPlan,
     mishaps: Arc<FaultInjector>,
@@ -135,7 +135,7 @@ impl ReplaySession {
                 let is_its_turn =
                     |ended: &BTreeSet<usize>| play.after.iter().all(|it| ended.contains(it));
                 tokio::time::sleep(wait).await;
-                // A request is replayed at the end of the time even if earlier ones have not ended.
+                // If earlier requests have not ended by `until`, this one is replayed all the same.
                 let _ = tokio::time::timeout_at(until, others.wait_for(is_its_turn)).await;
                 let has_ended = || {
                     ended.send_modify(|ended| {
@@ -250,8 +250,8 @@ impl ReplaySession {
 }
 
 /// Returns the name of the keyboard agent that sends the message of a replayed exchange. A
-/// cancellation is sent from a keyboard of its own: the answers to it arrive in the same
-/// conversation as those to the initiator of the goal.
+/// cancellation has its own keyboard, because the answers to it arrive in the conversation of the
+/// goal, as the answers to the goal's initiator do.
 fn keyboard_name(index: usize, play: &ReplayedExchange) -> AgentId {
     match &play.words {
         OpeningMessage::Said(_) => play.who.clone(),
@@ -260,9 +260,8 @@ fn keyboard_name(index: usize, play: &ReplayedExchange) -> AgentId {
     }
 }
 
-/// Replays one exchange, and returns how it ended. For a kept goal `has_ended` is called as soon as
-/// the goal holds for the first time: in the recording, a later cancellation did not wait for more
-/// either.
+/// Replays one exchange, and returns how it ended. Calls `has_ended` as soon as a kept goal holds
+/// for the first time, because in the recording a later cancellation did not wait longer either.
 async fn replay_exchange(
     play: ReplayedExchange,
     voice: RemoteClient,
@@ -292,20 +291,20 @@ async fn replay_exchange(
                 end = heard;
                 has_ended();
             }
-            // A kept goal that held in the recording is followed until it holds.
+            // A kept goal that held in the recording is followed only until it holds.
             if is_final || (end == ExchangeEnd::Done && play.end == ExchangeEnd::Done) {
                 return;
             }
         }
     };
-    // An exchange that has no end by then counts as open.
+    // An exchange without an end at `until` counts as open.
     let _ = tokio::time::timeout_at(until, hearing).await;
     end
 }
 
-/// Returns the conversation of the replay that stands for the recorded conversation `then`, and
-/// waits for it up to the time `until`. If there is none by then, returns `then` itself, which no
-/// agent knows here.
+/// Returns the conversation of the replay that stands for the recorded conversation `then`. Waits
+/// for it up to the time `until`. If there is none by then, returns `then` itself, which no agent
+/// here uses.
 async fn conversation_now(
     now: &ConversationMap,
     then: ConversationId,

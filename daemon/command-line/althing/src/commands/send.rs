@@ -21,11 +21,11 @@ use crate::cli::SendArgs;
 use crate::commands::client::{self, ClientLink};
 use crate::commands::user_request::{self, ExchangeOptions, InterruptAction};
 
-/// How long to wait for answers if the message names no deadline: longer than an agent may take to
-/// answer, and longer than the search for a plan takes.
+/// How long to wait for answers if the message names no deadline. An agent's answer and the search
+/// for a plan both take less time.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// Greatest length of the user's message in bytes; a program that writes megabytes is mistaken.
+/// Greatest length of the user's message, in bytes; no real message is longer.
 const BYTES_MAX: u64 = 1 << 20;
 
 /// The message as the user wrote it in the file.
@@ -99,13 +99,13 @@ async fn send(link: &ClientLink, draft: MessageDraft, json: bool) -> ExitCode {
     let manner = ExchangeOptions { to: draft.to.clone(), json, interrupt };
     let is_to_all = draft.to.is_none();
     let code = user_request::send_and_follow(link, UserRequest::Send(draft), manner).await;
-    // The number of answers to a message to all agents is unknown: the end of the wait is a
+    // The number of answers to a message to all agents is unknown, so the end of the wait is a
     // success.
     if is_to_all && code == exit::with(exit::UNAVAILABLE) { exit::with(exit::DONE) } else { code }
 }
 
-/// Checks that the receiver of the message is present: a message to a misspelled name would be
-/// waited for until its deadline.
+/// Checks that the receiver of the message is present. Otherwise the command would wait for a
+/// misspelled name until the deadline.
 fn is_here(draft: &MessageDraft, directory: &Directory) -> Result<(), String> {
     let Some(to) = draft.to.as_ref().filter(|to| directory.find(to).is_none()) else {
         return Ok(());
@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn the_protocol_is_the_contents() {
+    fn the_protocol_follows_from_the_content() {
         let text = r#"{"performative": "request", "receiver": "plan-requester",
                        "content": {"act": "achieve", "goal": "(on lamp)"}}"#;
         let draft = draft(text).expect("a message");
@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mistake_is_told_before_anything_is_sent() {
+    fn a_mistake_is_reported_before_sending() {
         check_mistake("{", "not a message");
         check_mistake("", "it ends too early");
         check_mistake("[]", "there must be a table in { } where a list is");

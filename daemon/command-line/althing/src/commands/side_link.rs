@@ -1,6 +1,6 @@
 //! A second link to the ecosystem, through which a command reads the reports on its goal while the
-//! daemon of its first link is stopped. It reads only: the goal's keyboard agent stays at the first
-//! link, and receives the final report there.
+//! daemon of its first link is stopped. The second link only reads: the goal's keyboard agent stays
+//! at the first link, and receives the final report there.
 
 use std::time::Duration;
 
@@ -23,8 +23,8 @@ pub(super) struct SideLink {
 }
 
 impl SideLink {
-    /// Opens a link through a daemon of this machine that is not stopped. Returns `None` if there is no
-    /// such daemon, or if it does not answer in time.
+    /// Opens a link through a daemon of this machine that is not stopped. Returns `None` if there
+    /// is no such daemon, or if it does not answer in time.
     pub(super) async fn open(view: &EcosystemView) -> Option<SideLink> {
         let endpoints = daemon_sockets::running(&view.endpoints);
         if endpoints.is_empty() {
@@ -43,7 +43,8 @@ impl SideLink {
         Some(SideLink { link, ticks })
     }
 
-    /// Returns the goals of the ecosystem once per period. Never returns while there is no second link.
+    /// Returns the goals of the ecosystem once per period. Never completes if there is no second
+    /// link.
     pub(super) async fn goals(side: &mut Option<SideLink>) -> Vec<GoalStatus> {
         match side {
             Some(SideLink { link, ticks }) => {

@@ -322,13 +322,13 @@ async fn prompt(
 async fn wish(terminal: &Terminal, goals: Vec<GoalRequest>) {
     for goal in goals {
         let wish = GoalRequest { keep: acl::content::Keep::Maintain, ..goal };
-        // The keyboard ends with the daemon; the goal is not needed then.
+        // The keyboard ends with the daemon, and the goal is not needed any more in that case.
         let _ = terminal.requests.send(UserRequest::RequestGoal(wish)).await;
     }
 }
 
-/// Reads standard input to its end, on a separate thread: reading from a terminal cannot be
-/// interrupted, and the process must be able to end before.
+/// Reads standard input to its end, on a separate thread. Reading from a terminal cannot be
+/// interrupted, and must not keep the process from ending.
 fn watch_stdin() -> oneshot::Receiver<()> {
     let (tell, ended) = oneshot::channel();
     std::thread::spawn(move || {
@@ -388,8 +388,8 @@ async fn ask(
         return None;
     }
     let (keyboard, terminal) = Keyboard::with_terminal();
-    // The same name in every incarnation of the daemon, so that a goal is resumed and not requested
-    // twice.
+    // The keyboard has the same name in every incarnation of the daemon, so that its goal is
+    // resumed and not requested twice.
     let id = AgentId::new(&format!("starter-{}", node.switchboard().daemon())).ok()?;
     node.launch(id, keyboard, ecosystem.domain.name.as_str());
     wish(&terminal, goals).await;

@@ -30,16 +30,15 @@ pub(super) const FAILED: u8 = 1;
 pub(super) enum InterruptAction {
     /// The request continues without the command, and the user is shown this text.
     Leave(String),
-    /// The goal continues without the command, and the user is shown the commands that follow it
-    /// and cancel it. The text holds the arguments for these commands by which the ecosystem was
-    /// found.
+    /// The goal continues without the command. The user is shown the commands that follow the goal
+    /// and cancel it. The text contains the options of these commands that name the ecosystem.
     LeaveGoal(String),
     /// The request is cancelled, and the command waits for the final report; a second Ctrl-C ends
     /// the command at once.
     GiveUp,
 }
 
-/// How a request is sent and followed.
+/// Options for sending a request and following it.
 pub(super) struct ExchangeOptions {
     /// The agent that the command waits for before it sends; `None` if it need not wait for one.
     pub(super) to: Option<AgentId>,
@@ -120,7 +119,7 @@ pub(super) async fn send_and_follow(
 }
 
 impl InterruptAction {
-    /// Returns the text for a user that leaves by Ctrl-C before the request has ended.
+    /// Returns the text that is shown if the user presses Ctrl-C before the request has ended.
     fn advice(&self, about: Option<&ConversationId>) -> String {
         match (self, about) {
             (InterruptAction::Leave(advice), _) => advice.clone(),
@@ -149,7 +148,7 @@ async fn begin(
     await_receiver(link, manner.to.as_ref()).await?;
     link.node.launch(id, keyboard, link.view.ontology());
     if is_to_all {
-        // A message to all agents is not resent, so all of them must be reachable first.
+        // A message to all agents is not resent, so all agents must be reachable before it is sent.
         link.node.switchboard().broadcast_ready().await;
     }
     let sent = terminal.requests.send(said).await;
@@ -173,8 +172,8 @@ async fn news(vigil: &mut Option<ConnectionWatch>) -> ConnectionEvent {
     }
 }
 
-/// Handles an event of leader or link. Returns the goals of the ecosystem if the command may have missed
-/// reports on its own.
+/// Handles a change of the leader or of the link. Returns all goals of the ecosystem if the command
+/// may have missed reports about its goal, otherwise an empty list.
 async fn goals_after(
     link: &ClientLink,
     event: ConnectionEvent,

@@ -174,8 +174,8 @@ fn show_fault(
     output::print_json(&value, exit::INVALID_PLAN)
 }
 
-/// Returns a fault of the plan as a mistake at its place: in the text of the plan or, if the goal
-/// is not reached, in that of the problem.
+/// Converts a fault of the plan to a diagnostic and the text that it is about. This is the text of
+/// the plan or, if the goal is not reached, the text of the problem.
 fn told(
     task: &PddlTask,
     source: &Arc<SourceText>,

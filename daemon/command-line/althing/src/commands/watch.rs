@@ -24,7 +24,7 @@ use crate::interruption;
 
 use watched_messages::WatchEvent;
 
-/// Most messages that wait to be printed or recorded; further messages are dropped and counted.
+/// Maximum number of messages that wait to be printed or recorded; more are dropped and counted.
 const WAITING_MAX: usize = 10_000;
 
 /// The text that is shown instead of a person's answer; it has the same length whatever the answer
@@ -64,7 +64,7 @@ pub(super) fn run(args: &WatchArgs) -> ExitCode {
     })
 }
 
-/// The ecosystem of which messages are shown, and the identity with which this process joins it.
+/// The ecosystem to watch, and the identity with which this process joins it.
 pub(crate) struct WatchOptions {
     pub(crate) ecosystem: EcosystemId,
     pub(crate) endpoints: Vec<String>,
@@ -118,7 +118,7 @@ pub(crate) async fn listen(
     Ok(exit::with(exit::DONE))
 }
 
-/// Tells the user that every message from now on is shown, or every message of one conversation.
+/// Prints which messages are shown from now on: all, or those of one conversation.
 fn announce(ecosystem: &EcosystemId, conversation: Option<&str>, json: bool) {
     let line = match conversation {
         Some(conversation) => format!("listening to {conversation}"),
@@ -240,7 +240,7 @@ fn summarize(message: &Message) -> String {
             Err(_) => String::new(),
         },
         _ => match message.content_as::<Request>() {
-            // The same, on its way to the keyboard that holds the question.
+            // A person's answer as well, sent to the keyboard that holds the question.
             Ok(Request::AnswerQuestion(answer)) => {
                 format!("an answer to question {}", answer.question)
             }
@@ -253,7 +253,7 @@ fn summarize(message: &Message) -> String {
     visible::line(&line).into_owned()
 }
 
-/// Returns the first field of a message's content that tells people something.
+/// Returns the value of the most informative field of a message's content; empty if it has none.
 fn of_content(message: &Message) -> String {
     const TELLING: [&str; 13] = [
         "goal",
@@ -304,7 +304,7 @@ mod tests {
     /// Checks that a person's answer is not shown: it may be a secret, even if another keyboard
     /// passes it on.
     #[test]
-    fn what_a_person_answers_is_not_shown() {
+    fn the_answer_of_a_person_is_not_shown() {
         let answer = json!({ "of": "answer", "text": "2718" });
         assert_eq!(said("inform", answer), "an answer");
         let request = json!({ "act": "answer-question", "question": 3, "text": "2718" });
@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn nor_is_it_printed_for_programs() {
+    fn the_answer_of_a_person_is_not_printed_as_json() {
         let answer = json!({ "of": "answer", "text": "2718" });
         assert_eq!(shown("inform", answer), json!({ "of": "answer", "text": "•••" }));
         assert_eq!(shown("inform", json!({ "pin": 2718 })), json!("•••"));

@@ -4,14 +4,14 @@ use std::time::Duration;
 
 use serde::{Deserialize, Deserializer};
 
-/// The longest duration that a file may set: one day. Nothing in a building waits longer for an
-/// answer, and sums of a few such durations never overflow.
+/// The longest duration that a file may set: one day. No agent waits longer for an answer, and sums
+/// of a few such durations never overflow.
 const MAX: Duration = Duration::from_secs(24 * 60 * 60);
 
 const UNITS: &[(&str, f64)] = &[("ms", 0.001), ("s", 1.0), ("min", 60.0), ("h", 3_600.0)];
 
-/// Parses a duration greater than zero and not greater than [`MAX`]. The error says which durations
-/// are allowed.
+/// Parses a duration greater than zero and not greater than [`MAX`]. The error text describes the
+/// allowed durations.
 pub(super) fn parse(text: &str) -> Result<Duration, String> {
     let digits = text.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(text.len());
     let (number, unit) = text.split_at(digits);
@@ -49,7 +49,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_possible_duration_is_refused() {
+    fn an_impossible_duration_is_refused() {
         for text in ["", "5", "s", "0s", "-1s", "1.2.3s", "25h", "1e9s", "5 fortnights", "1S"] {
             check(text, None);
         }

@@ -135,7 +135,7 @@ pub(crate) fn plain_goal(goal: &str) -> GoalRequest {
     GoalRequest { goal: goal.to_owned(), keep, priority: 0, partition }
 }
 
-/// Whether a text is a goal in PDDL, right or wrong, and not the name of a goal.
+/// Whether a text is a goal in PDDL, correct or not, as opposed to the name of a goal.
 pub(crate) fn is_pddl(goal: &str) -> bool {
     goal.trim().is_empty() || goal.contains([' ', '(', ')', ','])
 }
@@ -165,7 +165,7 @@ impl Ecosystem {
         Err(format!("there is no goal called `{goal}`; {help}"))
     }
 
-    /// Returns the agents of which the entries name the daemon `daemon`.
+    /// Returns the agents with the daemon `daemon` in their entries.
     pub(crate) fn agents_of(&self, daemon: &DaemonId) -> impl Iterator<Item = &AgentEntry> {
         self.agents.iter().filter(move |agent| agent.daemons.contains(daemon))
     }
@@ -179,7 +179,7 @@ impl Ecosystem {
         journals.map(|agent| &agent.name)
     }
 
-    /// Returns the agents of which the entries name no daemon: a machine that runs alone hosts
+    /// Returns the agents without any daemon in their entries. A machine that runs alone hosts
     /// them.
     pub(crate) fn unassigned_agents(&self) -> impl Iterator<Item = &AgentEntry> {
         self.agents.iter().filter(|agent| agent.daemons.is_empty())

@@ -88,7 +88,7 @@ fn variable(
     reader.base = start + name.len() + 1;
     let tree = tree(shape, value);
     let value = match shape {
-        // A free table is passed on as it is, with any contents.
+        // A table of the shape `Free` is passed on with any contents.
         Shape::Free => Some(to_config_value(tree.get_ref())),
         _ => reader.value(&dotted, shape, about, &tree),
     };

@@ -2,8 +2,8 @@
 //! durations and goals.
 //!
 //! The checks continue after a mistake, so that all mistakes are found. A mistake is reported at
-//! the place of the value that counts: in the environment if a variable overrides the file,
-//! otherwise in the file.
+//! the place of the value in effect: in the environment if a variable overrides the file, otherwise
+//! in the file.
 
 mod agents;
 
@@ -178,7 +178,7 @@ impl Interpreter<'_> {
         let spoken = super::reader::display_path(table);
         let message = format!("`{key}` is missing in `{spoken}`");
         let help = format!("write {key} = \"{example}\"");
-        // The defaults have the table too; the report points to a table that the user has written.
+        // The built-in defaults have the table too, so only the texts of the user are searched.
         let written = self.layers.iter().skip(1).rev().find_map(|layer| {
             layer.places.get(table).map(|place| (Arc::clone(&layer.source), place.key))
         });

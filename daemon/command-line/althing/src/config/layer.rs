@@ -49,8 +49,8 @@ impl SourceMap {
         found.filter_map(|(_, (source, place))| source.text.get(place.value.range())).collect()
     }
 
-    /// Returns the place of the key at `path` or, if it is nowhere set, of the nearest table or
-    /// entry around it. The flag is `true` if the place is that of `path` itself.
+    /// Returns the place of the key at `path`. If no text sets that key, returns the place of the
+    /// nearest table or entry around it. The flag is `true` if the place is that of `path` itself.
     pub(crate) fn find(&self, path: &str) -> Option<(Arc<SourceText>, KeyValueSpan, bool)> {
         let mut around = path;
         loop {

@@ -156,7 +156,7 @@ impl Ecosystem {
         }
     }
 
-    /// Reads as much of an ecosystem file as can be understood, and collects its mistakes.
+    /// Reads an ecosystem file. Returns all parts that can be understood, and all mistakes.
     pub(crate) fn read(
         file: &Path,
         overrides: &Overrides,

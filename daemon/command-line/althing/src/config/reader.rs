@@ -124,8 +124,8 @@ impl TomlReader {
         None
     }
 
-    /// Records the places of all values in a table that is passed on unread, because parts of the
-    /// table are checked later.
+    /// Records the places of all values in a table that is passed on unread, because some of them
+    /// are checked later.
     fn record_places(&mut self, path: &str, table: &DeTable<'_>) {
         for (written, value) in table {
             let path = join(path, written.get_ref());
@@ -166,7 +166,7 @@ impl TomlReader {
     fn list(&mut self, path: &str, shape: &Shape, about: &str, list: &DeArray<'_>) -> Value {
         let mut values = Vec::new();
         for element in list {
-            // Numbered without the elements that are wrong, because `config` will number them so.
+            // Wrong elements are left out of the list, so they are not counted in the index either.
             let path = join(path, &values.len().to_string());
             let place = self.place(element.span(), element.span());
             self.layer.places.insert(path.clone(), place);
@@ -183,8 +183,8 @@ impl TomlReader {
     }
 }
 
-/// Returns a value that is neither a table nor a list, if it has the shape `shape`. Otherwise the
-/// error is a help text, or `None` if there is nothing to say but that the type is wrong.
+/// Returns a value that is neither a table nor a list, if it has the shape `shape`. Otherwise
+/// returns a help text as the error, or `None` if it is enough to report the wrong type.
 fn scalar(shape: &Shape, value: &DeValue<'_>) -> Result<Value, Option<String>> {
     let ok = Ok(to_config_value(value));
     match (shape, value) {
@@ -216,7 +216,7 @@ fn scalar(shape: &Shape, value: &DeValue<'_>) -> Result<Value, Option<String>> {
     }
 }
 
-/// Returns a help text that says what to write instead of a value of another type.
+/// Returns a help text with the correct form, for a value of a wrong type.
 fn type_correction(path: &str, shape: &Shape, value: &DeValue<'_>) -> Option<String> {
     let spoken = display_path(path);
     let key = spoken.rsplit('.').next().unwrap_or(&spoken);

@@ -27,13 +27,13 @@ pub(super) enum Shape {
     Count,
     /// A number from `min` to `max`.
     Number { min: f64, max: f64 },
-    /// A list in brackets, of which each element has this shape.
+    /// A list in brackets, with elements of this shape.
     List(&'static Shape),
     /// A table that may have these keys and no others.
     Table(&'static [SchemaKey]),
-    /// A table with arbitrary keys, of which each value has this shape.
+    /// A table with arbitrary keys, and values of this shape.
     Each(&'static Shape),
-    /// A table with these keys, or a single text, which is then the value of the named key.
+    /// A table with these keys, or a single text. A single text is the value of the named key.
     Brief(&'static str, &'static [SchemaKey]),
     /// A table with arbitrary contents, which is passed on as it is.
     Free,
@@ -91,8 +91,8 @@ const AGENT: &[SchemaKey] = &[
     key("actions", Shape::Texts, "the actions it may offer, where that is limited"),
 ];
 
-/// The keys of an interface. Words that are not in the tables of the interface do not pass it, in
-/// either direction.
+/// The keys of an interface. A word passes the interface only if one of these tables contains it;
+/// that holds in both directions.
 const INTERFACE: &[SchemaKey] = &[
     key("ecosystem", Shape::Text, "the other ecosystem's file, such as \"house.toml\""),
     key("daemon", Shape::Text, "our daemon that joins both ecosystems"),

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-/// The name of an ecosystem file that is found without being named.
+/// File name of an ecosystem file that is used if the user names no file.
 const FILE: &str = "althing.toml";
 
 /// Returns the ecosystem file to use if the user names none: `./althing.toml`, otherwise
@@ -38,9 +38,9 @@ pub(crate) fn resolve_ecosystem(file_or_name: &str) -> Result<PathBuf, String> {
     })
 }
 
-/// Returns the folder of an ecosystem's keys and certificates, to use if the ecosystem file names
-/// none: `keys/NAME` in the first configuration folder that contains it; if none contains it yet,
-/// `keys/NAME` in the user's.
+/// Returns the folder of an ecosystem's keys and certificates if the ecosystem file names none.
+/// This is `keys/NAME` in the first configuration folder that contains it. If none contains it yet,
+/// it is `keys/NAME` in the user's configuration folder.
 pub(crate) fn credentials_folder(ecosystem: &acl::EcosystemId) -> PathBuf {
     let folders = configuration_folders();
     let folders: Vec<_> =

@@ -1,5 +1,5 @@
-//! Explains syntax errors in TOML to users that do not know TOML, with one message per mistake:
-//! errors that only follow from an earlier error are not reported.
+//! Explains syntax errors in TOML for users without knowledge of TOML. Each mistake has one
+//! message: errors that only follow from an earlier error are not reported.
 
 use std::ops::Range;
 
@@ -23,7 +23,7 @@ pub(crate) fn is_syntax_error(found: &Diagnostic) -> bool {
     found.message.starts_with(NOT_TOML)
 }
 
-/// Returns the syntax errors of a text, each mistake once.
+/// Returns the syntax errors of a text, with one diagnostic per mistake.
 pub(super) fn mistakes(text: &str, failures: &[TomlError]) -> Vec<Diagnostic> {
     let mut told: Vec<Diagnostic> = Vec::new();
     let mut lines = Vec::new();
@@ -69,10 +69,11 @@ fn line_of(text: &str, at: usize) -> Range<usize> {
     start..end
 }
 
-/// Reports a `{` or `[` that is not closed in the last line before `line_start`; `None` if there is
-/// none.
+/// Returns an error for a `{` or `[` that is not closed in the last line before `line_start`.
+/// Returns `None` if there is none.
 fn unclosed_before(text: &str, line_start: usize) -> Option<Diagnostic> {
-    // The parser fails at the line after it, so only the last line before that one is examined.
+    // The parser fails at the line after an open bracket, so only the line before the failure is
+    // examined.
     let before = text[..line_start].trim_end();
     let line = line_of(text, before.len().saturating_sub(1));
     let last = text.get(line.clone())?;
@@ -144,15 +145,16 @@ fn is_key(word: &str) -> bool {
     !word.is_empty() && word.chars().all(is_plain)
 }
 
-/// Returns the message about a key or table that exists twice, and the offset of the entry that it
-/// is about: only one message per entry is reported.
+/// Returns the message about a key or table that exists twice, and the offset of the entry. The
+/// caller reports only one message per entry.
 fn duplicate(text: &str, failure: &TomlError, line: &Range<usize>) -> (usize, Diagnostic) {
     let range = failure.range.clone();
     let word = text.get(range.clone()).unwrap_or_default();
     let written = text.get(line.clone()).unwrap_or_default().trim();
     let lists = |name: &str| text.lines().any(|line| line.trim() == format!("[[{name}]]"));
     if written.starts_with('[') {
-        // `[agent]` among `[[agent]]`: the parser reports every later one as a duplicate too.
+        // For `[agent]` among several `[[agent]]`, the parser also reports each later one as a
+        // duplicate.
         let single = format!("[{word}]");
         if lists(word) && text.lines().any(|line| line.trim() == single) {
             let at = start_of_line(text, &single).unwrap_or(line.start);
@@ -407,7 +409,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_closed_is_told_once() {
+    fn an_unclosed_bracket_is_reported_once() {
         check(
             "[[agent]]\nconfig = { location = \"a\"\n\n[[agent]]\nname = \"b\"\nplugin = \"c\"\n",
             &[(2, "this `{` is not closed", "write `}` at the end of the line")],
@@ -423,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_there_twice_is_told_once() {
+    fn a_duplicate_is_reported_once() {
         let help = "if this is another entry, write [[agent]] above it; if not, take one out";
         check(
             "[[agent]]\nname = \"a\"\nplugin = \"p\"\n\nname = \"b\"\nplugin = \"p\"\n",

@@ -82,7 +82,7 @@ impl House {
 }
 
 #[test]
-fn a_file_means_what_it_says() {
+fn a_file_defines_the_ecosystem() {
     let house = House::new(FILE);
     let ecosystem = house.load();
     assert_eq!(ecosystem.name.as_str(), "house");
@@ -120,7 +120,7 @@ fn the_defaults_are_those_of_the_agents() {
 }
 
 #[test]
-fn the_command_line_wins_over_the_environment_and_that_over_the_file() {
+fn the_command_line_overrides_the_environment_and_both_the_file() {
     let mut house = House::new(FILE);
     assert_eq!(house.load().mode, Mode::Centralized);
 
@@ -165,7 +165,7 @@ fn goals_have_names_or_are_pddl() {
 }
 
 #[test]
-fn of_a_goal_more_may_be_said() {
+fn a_goal_may_have_options() {
     let file = FILE.replace(
         "[timing]",
         "[goals.warm]\ngoal = \"(known hall)\"\nkeep = \"maintain\"\npriority = 3\n\
@@ -178,7 +178,7 @@ fn of_a_goal_more_may_be_said() {
 }
 
 #[test]
-fn without_daemons_all_agents_are_the_machine_s_that_runs_alone() {
+fn without_daemons_all_agents_are_unassigned() {
     let file = FILE.replace("daemon = \"cellar\"", "").replace("daemons = [\"attic\"]", "");
     let ecosystem = House::new(&file).load();
     assert!(ecosystem.daemons.is_empty());
@@ -186,7 +186,7 @@ fn without_daemons_all_agents_are_the_machine_s_that_runs_alone() {
 }
 
 #[test]
-fn nothing_that_is_written_panics() {
+fn no_prefix_of_a_file_panics() {
     // Every prefix of a file is a file that a user is about to finish.
     let house = House::new(FILE);
     for end in (0..FILE.len()).step_by(3) {
@@ -200,7 +200,7 @@ fn nothing_that_is_written_panics() {
 }
 
 #[test]
-fn of_what_is_no_toml_nothing_else_is_said() {
+fn invalid_toml_yields_only_syntax_errors() {
     let house = House::new("this is = = no table\n");
     let loaded = Ecosystem::load_with(&house.file(), &house.variables, &house.overrides, PLUGINS);
     let report = loaded.expect_err("it is none").into_report();

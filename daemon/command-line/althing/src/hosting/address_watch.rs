@@ -3,7 +3,7 @@
 //!
 //! All links of the process use the old address, and are dead. Zenoh scouts from the addresses that
 //! existed when Zenoh was started, so that it would find no daemon from the new address. Other
-//! daemons count this daemon as gone anyway; so nothing is lost if it restarts itself.
+//! daemons count this daemon as gone already, so that a restart loses nothing.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::net::Ipv4Addr;
@@ -15,8 +15,8 @@ use nix::net::if_::InterfaceFlags;
 
 use super::reexec::restart_process;
 
-/// How often the machine's addresses are checked. Other daemons notice only after a lease that this
-/// one is gone.
+/// How often the machine's addresses are checked. Other daemons count this one as gone only after a
+/// lease, which is longer.
 const PERIOD: Duration = Duration::from_secs(1);
 
 /// The addresses that scouting can use, by network interface. Scouting uses IPv4.
@@ -53,9 +53,9 @@ fn addresses() -> Option<Addresses> {
 }
 
 /// Returns the new interface and address if the machine has moved; otherwise `None`. The machine
-/// has moved if an interface has other addresses and has kept none of its old ones, or if there
-/// were no addresses at all before. An added interface alone is not a move: bridges and tunnels
-/// come and go.
+/// has moved if an interface has kept none of its old addresses, or if there were no addresses at
+/// all before. An added interface alone is not a move, because bridges and tunnels are added and
+/// removed all the time.
 fn moved<'now>(first: &Addresses, now: &'now Addresses) -> Option<(&'now str, Ipv4Addr)> {
     let has_moved = |interface: &str, here: &BTreeSet<Ipv4Addr>| match first.get(interface) {
         Some(before) => before.is_disjoint(here),
@@ -82,7 +82,7 @@ mod tests {
     }
 
     #[test]
-    fn who_keeps_an_address_has_not_moved() {
+    fn a_kept_address_is_no_move() {
         let first = at([("eth0", &[3]), ("wlan0", &[4, 5])]);
         check(&first, first.clone(), None);
         check(&first, at([("eth0", &[3]), ("wlan0", &[5, 6])]), None);
@@ -93,13 +93,13 @@ mod tests {
     }
 
     #[test]
-    fn who_was_nowhere_moves_with_its_first_address() {
+    fn a_first_address_is_a_move() {
         check(&at([]), at([]), None);
         check(&at([]), at([("eth0", &[3])]), Some(("eth0", 3)));
     }
 
     #[test]
-    fn loopback_is_no_place() {
+    fn loopback_addresses_do_not_count() {
         let here = addresses().expect("the kernel tells");
         assert!(here.values().flatten().all(|address| !address.is_loopback()), "{here:?}");
     }

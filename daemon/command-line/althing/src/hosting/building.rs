@@ -1,4 +1,4 @@
-//! The simulated building of an ecosystem, made from the map and from the entries of the agents.
+//! The simulated building of an ecosystem: built from the map and from the entries of the agents.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -17,8 +17,8 @@ const CELSIUS: f64 = 20.0;
 /// Distance between two connected places for which the map gives none, in meters.
 const METERS: f64 = 5.0;
 
-/// Defaults for the entries of robots: seconds to recharge a battery (`RECHARGE_TIME`), and meters
-/// to a pose (`POSE_METERS`).
+/// Defaults for the entries of robots: the time to recharge a battery in seconds (`RECHARGE_TIME`),
+/// and the distance to a pose in meters (`POSE_METERS`).
 const RECHARGE_TIME: f64 = 600.0;
 const POSE_METERS: f64 = 1.0;
 
@@ -45,7 +45,7 @@ pub(crate) enum SimulationProblem {
     /// An agent's entry lacks a key that the building needs.
     #[error("read the config of `{agent}`: it needs `{key}`")]
     Config {
-        /// Name of the agent of which the entry lacks the key.
+        /// Name of the agent with the incomplete entry.
         agent: String,
         /// The missing key.
         key: &'static str,
@@ -106,7 +106,7 @@ pub(crate) fn update_devices(
         Err(error) => return vec![format!("failed to {error}")],
     };
     for agent in leaving {
-        // The agent may have no simulated device; then there is nothing to remove.
+        // An agent without a simulated device is ignored.
         let _ = building.remove_device(agent.as_str());
     }
     let is_missing = |device: &&BuildingDevice| building.place_of(device.name()).is_err();
@@ -158,7 +158,7 @@ fn layout_of(ecosystem: &Ecosystem) -> Result<Layout, SimulationError> {
     }
     for entry in of("ptz-camera") {
         let (location, views) = (text(entry, "location")?, views(entry)?);
-        // The location exists, so the mistake is in the directions.
+        // If the location exists, the mistake is in the directions.
         let is_there = layout.location(location).is_some();
         let key = if is_there { "presets" } else { "location" };
         layout.add_camera(entry.name.as_str(), location, views).at(|| config(entry, key))?;

@@ -1,8 +1,8 @@
-//! Take-over of the simulated building: when the daemon that serves the building is gone, another
-//! daemon that uses it serves it instead. Robots stand where they were last seen.
+//! Take-over of the simulated building. When the daemon that serves the building is gone, another
+//! daemon that uses the building serves it instead. Robots are placed where they were last seen.
 //!
 //! Temperatures, locked doors and the places of people are reset to those of the ecosystem file,
-//! because only the process that is gone knew the current ones.
+//! because only the process that is gone had the current ones.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -20,7 +20,7 @@ use crate::config::Ecosystem;
 /// How often a daemon checks whether the building is still served.
 const PERIOD: Duration = Duration::from_secs(1);
 
-/// The plugins of robots. The place and the charge of a robot are kept at a take-over, because a
+/// The plugins of robots. A take-over preserves the place and the charge of a robot, because a
 /// robot's entry can set both.
 const ROBOTS: [&str; 3] = ["turtlebot", "cleaning-robot", "video-robot"];
 
@@ -36,16 +36,16 @@ impl Drop for BuildingTakeover {
     }
 }
 
-/// The place where a robot was last seen, and the distance in meters for which its charge sufficed
-/// then.
+/// The place where a robot was last seen, and its charge at that time: the distance in meters that
+/// it could still drive.
 #[derive(Debug)]
 pub(super) struct RobotState {
     place: String,
     charge: Option<f64>,
 }
 
-/// Watches a building that another process serves at the socket `socket`, and serves it from this
-/// process when no other process does.
+/// Watches a building that another process serves at the socket `socket`. When no process serves it
+/// any more, serves it from this process.
 pub(crate) fn watch_building(
     ecosystem: Ecosystem,
     socket: PathBuf,
@@ -68,7 +68,7 @@ pub(crate) fn watch_building(
                     );
                     std::future::pending().await
                 }
-                // Another daemon was faster, or the process that serves it is suspended.
+                // Another daemon was faster, or the process that serves the building is suspended.
                 Ok(None) => (),
                 Err(problem) if told.as_ref() != Some(&problem) => {
                     tracing::warn!(problem, "failed to take over the simulated building");

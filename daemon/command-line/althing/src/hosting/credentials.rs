@@ -1,9 +1,9 @@
-//! The credentials of this process in a secured ecosystem. A daemon uses its own key; a guest uses
-//! the key of a daemon of which it can read the files.
+//! The credentials of this process in a secured ecosystem. A daemon uses its own key. A guest uses
+//! the key of a daemon on its machine, if it can read the key's file.
 //!
-//! A daemon tells the guests on its machine where its keys are, by a file beside its socket. The
-//! file and the socket are in a folder that belongs to the daemon's user alone, so that a process
-//! that can open the socket can also read the key.
+//! A file beside the socket of a daemon tells the guests on the machine where the daemon's keys
+//! are. The file and the socket are in a folder that belongs to the daemon's user alone, so that a
+//! process that can open the socket can also read the key.
 
 use std::fs;
 use std::io;
@@ -31,7 +31,7 @@ const ANNOUNCED_EVERY: Duration = Duration::from_secs(24 * 3_600);
 /// this bound limits the harm that a faulty daemon can do to them.
 const GUEST_MESSAGES_PER_SECOND: u32 = 5_000;
 
-/// The daemon of which a guest uses the key, and the folder with that key.
+/// The daemon that lends its key to a guest, and the folder with that key.
 #[derive(Clone, Debug)]
 pub(crate) struct GuestKeys {
     folder: CredentialFolder,
@@ -53,7 +53,8 @@ pub(crate) fn secure(
     let folder = CredentialFolder::new(&settings.folder);
     let read = || -> Result<Security, CredentialError> {
         let trust = Trust::read(&folder)?.storing_at(kept.join("revoked.pem"))?;
-        // Greater than the number of each earlier incarnation, even if the clock was set back.
+        // This number is greater than that of each earlier incarnation, even if the clock was set
+        // back.
         let incarnation = HostServices::new(Some(kept.clone())).next_incarnation();
         let identity =
             DaemonIdentity::read(&folder, daemon, &trust)?.with_incarnation(incarnation.0);
@@ -86,7 +87,7 @@ pub(crate) async fn warn_of_expiry(security: Security, folder: PathBuf, before: 
     }
 }
 
-/// Writes the file that tells the guests on this machine in which folder a daemon's keys are.
+/// Writes the file by which the guests on this machine find the folder of a daemon's keys.
 ///
 /// # Errors
 ///
@@ -98,7 +99,7 @@ pub(crate) fn publish_keys(socket: &Path, folder: &Path) -> io::Result<()> {
 
 /// Removes the file that [`publish_keys`] writes, because the daemon has no keys.
 pub(crate) fn unpublish_keys(socket: &Path) {
-    // The file may never have existed.
+    // The file may be missing.
     let _ = fs::remove_file(socket.with_extension(KEYS));
 }
 
@@ -122,8 +123,8 @@ impl GuestKeys {
         let told = || sockets.iter().find_map(|socket| read_told(socket));
         let default = || {
             let folder = CredentialFolder::new(credentials_folder(ecosystem));
-            // Only if no daemon runs here and the file names no folder: the daemons may run on
-            // other machines.
+            // This folder is used only if no daemon runs here and the file names no folder: the
+            // daemons may run on other machines.
             (sockets.is_empty() && folder.authority().is_file()).then_some(folder)
         };
         let folder = match settings {

@@ -3,19 +3,18 @@
 //!
 //! Two daemons must never connect to each other at the same time, because Zenoh may then close both
 //! links. Therefore daemons enter one at a time, under a lock, and no daemon connects to those that
-//! enter after it. A daemon is linked as soon as it listens, whatever its name is, also to daemons
-//! in the ecosystem files of which it is not named.
+//! enter after it. Names play no role: a daemon is linked even to daemons with an ecosystem file
+//! that does not contain its name.
 //!
-//! Zenoh tries for ever to reconnect to a lost peer. When a daemon restarts, it connects to the
-//! others by itself, so that their attempts to reconnect to its previous incarnation must not reach
-//! it. Therefore other daemons connect to each incarnation by a path of its own, which is a
-//! symbolic link to the daemon's socket. The next incarnation removes that symbolic link before it
-//! listens.
+//! Zenoh tries for ever to reconnect to a lost peer. A daemon that restarts connects to the others
+//! by itself, so their attempts to reconnect to its previous incarnation must fail. Therefore each
+//! incarnation has its own path by which other daemons connect to it: a symbolic link to the
+//! daemon's socket. The next incarnation removes that link before it listens.
 //!
 //! For each daemon, the runtime folder holds beside the socket
 //!
-//! - `NAME.here`, the *ticket*: the daemon locks it as long as it runs; it contains the
-//!   incarnation, and is empty once the daemon has left in good order;
+//! - `NAME.here`, the *ticket*: the daemon locks this file as long as it runs. The file contains
+//!   the incarnation, and is empty after the daemon has left in good order.
 //! - `NAME.INCARNATION`, the symbolic link by which other daemons connect to the daemon.
 
 use std::fs::{self, File, OpenOptions, TryLockError};
@@ -32,30 +31,30 @@ use super::folders::{FolderError, socket_in};
 /// The name of the lock file by which daemons enter one at a time.
 const LOCK_FILE: &str = "entrance.lock";
 
-/// How long a daemon waits for the lock. The daemon that holds the lock only reads a few small
-/// files, so that it can hold the lock for longer only if it is suspended meanwhile.
+/// How long a daemon waits for the lock. The holder of the lock only reads a few small files, so it
+/// keeps the lock for longer only if it is suspended meanwhile.
 const LOCK_TIMEOUT: Duration = Duration::from_secs(2);
 const LOCK_POLL_PERIOD: Duration = Duration::from_millis(2);
 const _: () = assert!(LOCK_POLL_PERIOD.as_millis() < LOCK_TIMEOUT.as_millis());
 
-/// How often a daemon that enters waits once more because another daemon has left meanwhile.
-/// Without this bound, a service that exits as soon as it has started, and is restarted again and
-/// again, would keep all other daemons out.
+/// Maximum number of times that a daemon waits because another daemon has left. Without this bound,
+/// a service that exits at every start, and is always restarted, would keep all other daemons from
+/// entering.
 const RESTS_MAX: usize = 8;
 
 /// The extension of the ticket file, which shows that a daemon is present.
 const PRESENCE_EXTENSION: &str = "here";
 
-/// Number of digits of an incarnation: its start time in microseconds, of which the last ten
-/// hexadecimal digits are used; they repeat after twelve days. With more digits, the path of the
-/// symbolic link could be longer than that of the socket.
+/// Number of hexadecimal digits that name an incarnation. They are the last digits of its start
+/// time in microseconds, and repeat after twelve days. With more digits, the path of the symbolic
+/// link could be longer than that of the socket.
 const LIFE_DIGITS: usize = 10;
 
 /// The reason why a daemon cannot enter. The message completes the sentence “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub(crate) enum RegisterError {
-    /// The daemon's socket cannot have a path in the folder.
+    /// The folder cannot hold the daemon's socket, for example because the path would be too long.
     #[error("{0}")]
     Folder(#[from] FolderError),
     /// A file or folder cannot be used.
@@ -99,9 +98,8 @@ struct PresenceFile {
 }
 
 /// Registers a daemon, but not before [`REOPEN_DELAY`] has passed since another daemon left. If the
-/// previous incarnation of this daemon did not record that it left, it crashed. Then it counts as
-/// having left now, because a restart may follow a crash at once. For crashes of other daemons
-/// there is no wait, because their times are not known.
+/// previous incarnation of this daemon crashed, it counts as having left now, because a restart may
+/// follow a crash at once. Crashes of other daemons cause no wait, because their times are unknown.
 ///
 /// # Errors
 ///
@@ -142,15 +140,16 @@ async fn acquire_lock(folder: &Path) -> Result<File, RegisterError> {
     };
     match tokio::time::timeout(LOCK_TIMEOUT, passing).await {
         Ok(passed) => passed.map_err(|source| RegisterError::Io { path, source })?,
-        // Two daemons that enter at once may connect to each other, and retry if that fails.
-        // Staying away for ever because another process is suspended would be worse.
+        // Without the lock, two daemons that enter at once may connect to each other, and retry if
+        // that fails. Waiting for ever for a suspended process would be worse.
         Err(_) => tracing::warn!(door = %path.display(), "another process keeps the lock"),
     }
     Ok(door)
 }
 
-/// If the previous incarnation of this daemon crashed, records that it has left now, and removes
-/// the symbolic link by which other daemons still try to connect to it. The caller holds the lock.
+/// If the previous incarnation of this daemon crashed, records now as the time at which it left,
+/// and removes the symbolic link by which other daemons still try to connect to it. The caller
+/// holds the lock.
 fn clean_up_crashed(folder: &Path, daemon: &DaemonId) -> Result<(), RegisterError> {
     let path = socket_in(folder, daemon.as_str())?.with_extension(PRESENCE_EXTENSION);
     let failed = |source| RegisterError::Io { path: path.clone(), source };
@@ -160,21 +159,21 @@ fn clean_up_crashed(folder: &Path, daemon: &DaemonId) -> Result<(), RegisterErro
         Err(error) => return Err(failed(error)),
     };
     let Some(PresenceFile { incarnation, .. }) = ticket else { return Ok(()) };
-    // The link may have been removed already.
+    // The symbolic link may be missing.
     let _ = fs::remove_file(path.with_extension(incarnation));
     open(&path)?.set_len(0).map_err(failed)
 }
 
-/// Returns how much longer a daemon that enters has to wait, given the tickets of all daemons.
+/// Returns how much longer a daemon must wait before it enters, given the tickets of all daemons.
 fn remaining_delay(tickets: &[PresenceFile], now: SystemTime) -> Duration {
     let said = tickets.iter().filter(|ticket| !ticket.is_here && ticket.incarnation.is_empty());
-    // A clock that was set back must not keep a daemon away for longer.
+    // A clock that was set back must not make the wait longer.
     let past = said.map(|ticket| now.duration_since(ticket.since).unwrap_or_default());
     past.min().map_or(Duration::ZERO, |past| REOPEN_DELAY.saturating_sub(past))
 }
 
 /// Returns the tickets of all daemons that are or were present. The caller holds the lock, because
-/// to find out whether a ticket is locked, this locks it for a moment.
+/// this function locks each ticket for a moment to find out whether it is locked.
 fn presence_files(folder: &Path) -> Result<Vec<PresenceFile>, RegisterError> {
     let failed = |source| RegisterError::Io { path: folder.to_owned(), source };
     let mut tickets = Vec::new();
@@ -206,8 +205,8 @@ fn read(path: &Path) -> io::Result<Option<PresenceFile>> {
     Ok(Some(PresenceFile { daemon: daemon.to_owned(), is_here, incarnation, since }))
 }
 
-/// Opens a file that only this user can open. If other users could open it, they could lock it and
-/// so keep daemons out.
+/// Opens a file that only this user can open. Another user could otherwise lock it, and so keep
+/// daemons from entering.
 fn open(path: &Path) -> Result<File, RegisterError> {
     let mut options = OpenOptions::new();
     let opened = options.read(true).write(true).create(true).mode(0o600).open(path);
@@ -247,8 +246,8 @@ impl PresenceGuard {
         }
         let name = incarnation_name(SystemTime::now());
         let incarnation = socket.with_extension(&name);
-        // The ticket is written first: if the process dies here, the next incarnation finds in it
-        // the path of the link to remove.
+        // The ticket is written before the link. If the process crashes in between, the next
+        // incarnation finds the path of the link to remove in the ticket.
         ticket.set_len(0).map_err(failed)?;
         ticket.write_all_at(name.as_bytes(), 0).map_err(failed)?;
         let target = socket.file_name().unwrap_or_default();
@@ -261,7 +260,7 @@ impl PresenceGuard {
 
 impl Drop for PresenceGuard {
     fn drop(&mut self) {
-        // If this fails, the next incarnation waits as if this one had crashed.
+        // If this fails, the next incarnation waits as after a crash.
         let _ = fs::remove_file(&self.incarnation);
         let _ = self.ticket.set_len(0);
     }

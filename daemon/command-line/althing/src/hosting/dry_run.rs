@@ -1,8 +1,8 @@
 //! Builds the agents of an ecosystem without launching them, to get their action models and to find
 //! the mistakes in their entries.
 //!
-//! Building them opens and writes nothing, and reads no files that exist only on an agent's own
-//! machine.
+//! Building an agent this way opens no device or connection, writes no file, and reads no file that
+//! exists only on the agent's own machine.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -25,7 +25,7 @@ impl DryRun {
     pub(crate) fn of(ecosystem: &Ecosystem) -> DryRun {
         let mut resources = Resources::default();
         resources.insert(BuildCheck);
-        // Drivers take a handle of it, but no agent acts: its contents do not matter.
+        // Drivers need a handle of a building. No agent acts, so the building is empty.
         let building = Building::new(Layout::new(), 1.0);
         building.into_iter().for_each(|building| resources.insert(building.handle()));
         let host = Host {

@@ -1,9 +1,8 @@
-//! A network that loses some messages and duplicates others. With the same seed, it loses and
-//! duplicates the same messages.
+//! A network that loses some messages and duplicates others. The seed decides which.
 //!
-//! Whether a message is lost or duplicated depends on its sender, its receiver, its kind, and how
-//! many such messages came before it, not on the order in which threads send. Queries and presence
-//! are never lost: a network that loses those is down, which is a different fault.
+//! The fault of a message depends on its sender, its receiver, its kind, and the number of such
+//! messages before it, but not on the order in which threads send. Queries and presence are never
+//! lost: a network that loses those is down, which is a different fault.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -52,14 +51,13 @@ struct UnreliableSubstrate {
 // === impl FaultInjector ===
 
 impl FaultInjector {
-    /// Creates an injector that loses and duplicates these shares of the messages, chosen by
-    /// `seed`.
+    /// Creates an injector that loses the share `lose` of all messages, and duplicates the share
+    /// `duplicate` of the others. `seed` decides which.
     pub(crate) fn new(lose: f64, duplicate: f64, seed: u64) -> FaultInjector {
         FaultInjector { lose, duplicate, seed, ..FaultInjector::default() }
     }
 
-    /// Draws the fault of the next message on the route `route`, and counts the message and its
-    /// fault.
+    /// Draws the fault of the next message on the route `route`. Counts the message and its fault.
     fn next(&self, route: String) -> MessageFault {
         self.all.fetch_add(1, Ordering::Relaxed);
         let number = {

@@ -1,7 +1,7 @@
 //! Reports daemons that have read a domain or a map that differs from this daemon's.
 //!
 //! All machines of an ecosystem must have the same domain file and the same map. A robot on a
-//! machine with an older map declines what other agents plan, and no message would say why.
+//! machine with an older map declines plans of other agents without a message about the map.
 //! Therefore each daemon publishes digests of the files that it has read, and queries the digests
 //! of each daemon that joins.
 
@@ -19,14 +19,15 @@ use tokio::sync::broadcast::error::RecvError;
 use super::DaemonNode;
 use crate::config::Ecosystem;
 
-/// How long to wait after a daemon has joined, so that others that join at the same time are
+/// How long to wait after a daemon has joined. Other daemons that join at the same time are then
 /// queried together with it.
 const SETTLING: Duration = Duration::from_secs(1);
 
 /// How long to wait for the answers to a query.
 const ANSWERED_WITHIN: Duration = Duration::from_secs(5);
 
-/// How often a daemon is queried if it does not answer: a new daemon is seen before it can answer.
+/// Maximum number of queries to a daemon that does not answer. A new daemon is seen before it can
+/// answer.
 const ASKED_MAX: u32 = 5;
 
 /// Number of characters of a digest that are published and shown, few enough for a person to
@@ -43,8 +44,8 @@ struct FileDigests {
     map: String,
 }
 
-/// From now on, publishes the digests of this daemon, and logs which other daemons have read other
-/// files.
+/// Publishes the digests of this daemon, and logs each other daemon that has read other files.
+/// Returns at once; a task watches for daemons that join later.
 pub(crate) fn watch_files(node: &DaemonNode, ecosystem: &Ecosystem) {
     let switchboard = Arc::clone(node.switchboard());
     let own = FileDigests {
@@ -62,11 +63,11 @@ async fn watch(switchboard: Arc<MessageRouter>, own: FileDigests) {
     let mut asked: BTreeMap<DaemonId, u32> = BTreeMap::new();
     let mut told: BTreeSet<FileDigests> = BTreeSet::new();
     loop {
-        // Guests are skipped: a command has read no file by which agents plan.
+        // Guests are skipped, because the files of a command affect no plan.
         let here =
             directory.daemons().filter(|daemon| !daemon.is_guest() && **daemon != own.daemon);
         let here: BTreeSet<DaemonId> = here.cloned().collect();
-        // A daemon that comes back may have read another file.
+        // A daemon that joins again may have read another file.
         asked.retain(|daemon, _| here.contains(daemon));
         told.retain(|known| here.contains(&known.daemon));
         let is_known = |daemon: &&DaemonId| asked.get(*daemon).is_some_and(|it| *it >= ASKED_MAX);
@@ -143,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn what_differs_is_told_once_with_both_digests() {
+    fn a_difference_is_logged_once_with_both_digests() {
         let (own, same) = (files("a", "rooms"), files("b", "rooms"));
         let older = files("c", "fewer rooms");
         assert!(differences(&own, &same).is_empty());

@@ -17,8 +17,8 @@ pub(crate) fn warn_of_few_file_handles() {
     }
 }
 
-/// Returns the warning for the limit `limit`, which this user may raise up to `most`; `None` if the
-/// limit is high enough.
+/// Returns the warning about the limit `limit`, which this user may raise up to `most`. Returns
+/// `None` if the limit is high enough.
 fn warning(limit: rlim_t, most: rlim_t) -> Option<String> {
     if limit >= NEEDED {
         return None;
@@ -45,7 +45,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_low_limit_is_told_with_its_cure() {
+    fn a_low_limit_yields_a_warning_with_its_remedy() {
         assert_eq!(warning(1_024, 1_048_576), None);
         let low = warning(64, 1_048_576).expect("it is low");
         assert!(low.contains("only 64 files") && low.contains("ulimit -n 512"), "{low}");

@@ -48,8 +48,9 @@ pub(crate) enum FolderError {
 }
 
 /// Returns the folder with the sockets of an ecosystem's daemons on this machine, and creates the
-/// folder if it is missing. It is in `$ALTHING_RUNTIME_DIR`; if that is not set, in `althing` in
-/// `$XDG_RUNTIME_DIR`; if neither is set, in a folder of this user in the temporary folder.
+/// folder if it is missing. The folder is in `$ALTHING_RUNTIME_DIR`; if that is not set, in
+/// `althing` in `$XDG_RUNTIME_DIR`; if neither is set, in a folder of this user in the temporary
+/// folder.
 ///
 /// # Errors
 ///
@@ -94,9 +95,9 @@ fn runtime_base() -> PathBuf {
 }
 
 /// Returns the folder in which a daemon's agents store what must survive a restart, and creates the
-/// folder if it is missing. It is in the first of these that is set: `$ALTHING_STATE_DIR`,
-/// systemd's `$STATE_DIRECTORY`, `althing` in `$XDG_STATE_HOME`; otherwise in `althing` in
-/// `~/.local/state`.
+/// folder if it is missing. The folder is in the first of these that is set: `$ALTHING_STATE_DIR`,
+/// systemd's `$STATE_DIRECTORY`, `althing` in `$XDG_STATE_HOME`, `.local/state/althing` in `$HOME`;
+/// otherwise in `/var/lib/althing`.
 ///
 /// # Errors
 ///
@@ -154,10 +155,10 @@ pub(crate) fn socket_in(folder: &Path, daemon: &str) -> Result<PathBuf, FolderEr
     Ok(path)
 }
 
-/// Returns the folder of this machine's packages: the first of these that is set:
-/// `$ALTHING_PLUGINS_DIR`, the folder that the ecosystem file names (`said`), `plugins` in
-/// systemd's `$STATE_DIRECTORY`, `althing/plugins` in `$XDG_DATA_HOME`; otherwise `althing/plugins`
-/// in `~/.local/share`.
+/// Returns the folder of this machine's packages. This is the first of these that is set:
+/// `$ALTHING_PLUGINS_DIR`, the folder `said` from the ecosystem file, `plugins` in systemd's
+/// `$STATE_DIRECTORY`, `althing/plugins` in `$XDG_DATA_HOME`, `.local/share/althing/plugins` in
+/// `$HOME`; otherwise `/var/lib/althing/plugins`.
 pub(crate) fn plugins_folder(said: Option<&Path>) -> PathBuf {
     let home = || variable("HOME").map(|home| home.join(".local/share"));
     variable("ALTHING_PLUGINS_DIR")

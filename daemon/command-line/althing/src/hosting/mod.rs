@@ -5,8 +5,8 @@
 //! [`DaemonNode::drain`].
 //!
 //! The submodules launch and supervise agents, simulate the building, choose folders and sockets on
-//! this machine, read keys, and restart the process when that is necessary. What agents do is left
-//! to their plugins.
+//! this machine, read keys, and restart the process when that is necessary. The behaviour of agents
+//! is in their plugins.
 
 mod address_watch;
 mod building;
@@ -72,7 +72,7 @@ const DRAIN_GRACE: Duration = Duration::from_secs(3);
 pub(crate) const READY: &str = "is ready";
 
 /// How long a daemon may take until it sees all its own agents: `READY_WITHIN`, and
-/// `READY_PER_AGENT` for each agent, because each agent is notified of all others.
+/// `READY_PER_AGENT` more for each agent, because each agent is notified of all others.
 const READY_WITHIN: Duration = Duration::from_secs(10);
 const READY_PER_AGENT: Duration = Duration::from_millis(300);
 
@@ -104,8 +104,8 @@ pub(crate) struct DaemonNode {
     host: Option<Arc<Host>>,
     tasks: TaskTracker,
     stopping: CancellationToken,
-    /// The transport of this node. It is kept because a network in memory exists only as long as a
-    /// handle to it.
+    /// The transport of this node. It is stored here because a network in memory exists only as
+    /// long as a handle to it.
     _wire: MessageTransport,
     /// The endpoints on which the daemon actually listens.
     pub(crate) locators: Vec<String>,
@@ -215,7 +215,7 @@ impl DaemonNode {
         Ok(node)
     }
 
-    /// Joins an ecosystem as a guest, without agents of an ecosystem file; commands use this. If
+    /// Joins an ecosystem as a guest, without agents of an ecosystem file, as commands do. If
     /// `rights` is given, messages of other daemons are checked against these rights.
     ///
     /// # Errors
@@ -312,7 +312,7 @@ impl DaemonNode {
         left.iter().for_each(|agent| agent.stopping.cancel());
         let deadline = tokio::time::Instant::now() + DRAIN_GRACE;
         for SupervisedAgent { id, aborted: unplugged, mut supervision, .. } in left {
-            // A supervision that panicked has ended, too.
+            // A supervision that panicked has ended as well.
             if tokio::time::timeout_at(deadline, &mut supervision).await.is_err() {
                 tracing::warn!(%id, "did not finish in time; it is ended");
                 unplugged.cancel();
@@ -340,7 +340,7 @@ impl DaemonNode {
         Ok(())
     }
 
-    /// Asks every agent to cancel its commitments, waits for all of them, and closes the substrate.
+    /// Asks each agent to cancel its commitments, waits for all agents, and closes the substrate.
     ///
     /// Returns `false` if [`DRAIN_GRACE`] ended before all agents had finished; the caller reports
     /// that and exits.

@@ -1,5 +1,5 @@
 //! The plugins of this daemon that run as processes: the folders that they need, and how a process
-//! of this program turns into such a plugin.
+//! of this program becomes such a plugin.
 
 use std::collections::BTreeMap;
 use std::ffi::OsString;
@@ -34,7 +34,7 @@ pub(crate) struct PluginProcesses<'p> {
 }
 
 impl DaemonNode {
-    /// From now on, hosts the plugins of this machine that run as processes.
+    /// Starts to host the plugins of this machine that run as processes, and continues in tasks.
     ///
     /// # Errors
     ///
@@ -81,10 +81,10 @@ impl DaemonNode {
 }
 
 /// Turns this process into a plugin if it was started as `become-plugin CONFINEMENT PROGRAM
-/// ARGUMENTS`. If it was started as `become-plugin probe FOLDER`, tests instead which confinement
-/// works on this machine. Only daemons start this program with these arguments, never users.
-/// Returns `None` if the process was started with other arguments. Returns an exit code after the
-/// test, or if the plugin's program cannot be run.
+/// ARGUMENTS`. If it was started as `become-plugin probe FOLDER`, tests instead which parts of the
+/// confinement work on this machine. Only daemons use these arguments, never users. Returns `None`
+/// if the process has other arguments. Returns an exit code after the test, or if the plugin's
+/// program cannot be run.
 pub(crate) fn become_plugin() -> Option<ExitCode> {
     let mut arguments = std::env::args_os().skip(1);
     if arguments.next().as_deref() != Some(LAUNCH.as_ref()) {

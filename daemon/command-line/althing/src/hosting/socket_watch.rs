@@ -1,6 +1,6 @@
 //! Restarts a daemon if its socket has been deleted, alone or with its folder. Without the socket,
 //! commands and daemons that start later could not reach the daemon. Zenoh does not listen again
-//! while a session exists, so the daemon restarts itself, under the same process id, and creates
+//! during a session. Therefore the daemon restarts itself, under the same process id, and creates
 //! the folder and the socket again.
 
 use std::fs::DirBuilder;
@@ -52,8 +52,8 @@ pub(crate) fn watch_socket(socket: PathBuf) -> SocketWatch {
     SocketWatch(watch.abort_handle())
 }
 
-/// Whether the folder of a socket exists or can be created. If not, the restarted daemon would exit
-/// at once.
+/// Whether the folder of a socket exists or can be created. Otherwise the restarted daemon would
+/// exit at once.
 fn can_be_made(socket: &Path) -> bool {
     let folder = socket.parent().unwrap_or(socket);
     let made = DirBuilder::new().recursive(true).mode(0o700).create(folder);

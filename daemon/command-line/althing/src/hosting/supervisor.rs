@@ -17,14 +17,14 @@ use crate::config::AgentEntry;
 use crate::plugins;
 
 /// Wait before the first restart of an agent. The wait doubles at each further restart, up to
-/// `RESTART_LAST`: an agent that panics at every start must not keep the machine busy.
+/// `RESTART_LAST`, because an agent that panics at every start must not keep the machine busy.
 const RESTART_FIRST: Duration = Duration::from_millis(500);
 const RESTART_LAST: Duration = Duration::from_secs(30);
 
 /// An agent under supervision.
 pub(super) struct SupervisedAgent {
     pub(super) id: AgentId,
-    /// Token that aborts the agent at once and ends its supervision when it is cancelled.
+    /// Token that, when it is cancelled, aborts the agent at once and ends its supervision.
     pub(super) aborted: CancellationToken,
     /// Token that, when it is cancelled, asks the agent to cancel its commitments and to end, and
     /// ends its supervision.
@@ -130,7 +130,8 @@ impl AgentSupervisor {
         launch_context(id, switchboard, ontology, &self.stopping, self.stands_by)
     }
 
-    /// Runs one incarnation of the agent to its end. Returns `true` if it was the last.
+    /// Runs one incarnation of the agent to its end. Returns `true` if no further one must be
+    /// started.
     async fn run_incarnation(&self, agent: Box<dyn LaunchableAgent>) -> bool {
         let id = &self.blueprint.id;
         let mut task = agent.launch(self.berth());

@@ -3,12 +3,12 @@
 //!
 //! When a daemon has been suspended for longer than a lease, the other daemons count it as gone,
 //! continue without it, and try to connect again. When the daemon resumes, its state is outdated,
-//! and its own agents and the first agents that query it would get that state. All its links close
-//! and open at once, and the presence changes that Zenoh misses meanwhile arrive only seconds
-//! later. A process that has just started does better: all others see it, and it queries them
-//! before it announces anything; it reads its state from disk and from the Journals, as after any
-//! crash. Therefore the daemon restarts itself, under the same process id. (Without this, two of
-//! eighteen stops in `tests/faults.rs` ended in goals that no agent pursued.)
+//! and it would answer queries with that state. All its links close and open at once, and Zenoh
+//! delivers the presence changes of that moment only seconds later. A process that has just started
+//! does not have these problems: all others see it, it queries them before it announces anything,
+//! and it reads its state from disk and from the Journals. Therefore the daemon restarts itself,
+//! under the same process id. (Without the restart, two of eighteen stops in `tests/faults.rs`
+//! ended in goals that no agent pursued.)
 
 use std::thread;
 use std::time::Duration;
@@ -19,12 +19,13 @@ use super::reexec::restart_process;
 const PERIOD: Duration = Duration::from_millis(250);
 
 /// Restarts this process whenever it was suspended for so long that other daemons may count it as
-/// gone. They do so when a lease has passed since its last keep-alive. A process sends four
-/// keep-alives per lease, so that the last one may be a quarter of a lease before the suspension.
+/// gone. They do that when a lease has passed since its last keep-alive. A process sends four
+/// keep-alives per lease, so the last one may be a quarter of a lease older than the suspension.
 /// Therefore the process restarts after three quarters of a lease.
 pub(crate) fn watch_suspension(lease: Duration) {
     let missed = lease * 3 / 4;
-    // A thread of its own, because a task in a busy runtime would mistake a delay for a suspension.
+    // A separate thread is used, because a task in a busy runtime would mistake a delay for a
+    // suspension.
     thread::spawn(move || {
         let Some(mut last) = uptime() else { return };
         loop {

@@ -20,7 +20,7 @@ pub(crate) struct PeerEcosystem {
     pub(crate) ecosystem: Ecosystem,
 }
 
-/// Reads the file of the other ecosystem, and checks the interface against that ecosystem.
+/// Reads the file of the other ecosystem, and checks the interface with index `index` against it.
 ///
 /// # Errors
 ///
@@ -81,7 +81,8 @@ fn read(
     }
 }
 
-/// Reports the mistake `found` at the value that stands at `path`.
+/// Reports the mistake `found` at the value with the path `path`, or at the nearest entry around
+/// it.
 fn say(ecosystem: &Ecosystem, path: &str, mut found: Diagnostic, report: &mut DiagnosticReport) {
     match ecosystem.places.find(path) {
         Some((source, place, is_it)) => {
@@ -147,7 +148,8 @@ impl InterfaceCheck<'_> {
         self.say(&format!("{path}.agent"), found);
     }
 
-    /// Warns about words of the vocabulary that do not exist in the ecosystem of the lent agents.
+    /// Warns about each word of the vocabulary that is not declared in the ecosystem of the lent
+    /// agents.
     fn words(&mut self, other: &Ecosystem, our_models: &Models, their_models: &Models) {
         let entry = self.entry().clone();
         let ours = DeclaredNames::of(&self.ecosystem.domain, &self.ecosystem.problem, our_models);
@@ -162,8 +164,8 @@ impl InterfaceCheck<'_> {
         for (table, sort, words, ours, theirs) in sorts {
             for (our, their) in words {
                 let (is_ours, is_theirs) = (ours.contains(our), theirs.contains(their));
-                // A borrowed agent brings its words along, so they need to exist only in the
-                // ecosystem that it comes from.
+                // An agent brings its words into the ecosystem that borrows it, so the words need
+                // to exist only in the ecosystem that lends it.
                 let (lends, is_there, word, known) = match (imports, exports) {
                     (true, true) => ("either ecosystem", is_ours || is_theirs, their, theirs),
                     (true, false) => ("the other ecosystem", is_theirs, their, theirs),

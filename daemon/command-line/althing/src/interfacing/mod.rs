@@ -1,5 +1,5 @@
-//! Interfaces between ecosystems, as ecosystem files define them. An interface is checked here
-//! before anything is opened; what an interface does is in the crate `interfacing`.
+//! Interfaces between ecosystems, as ecosystem files define them. They are checked here before
+//! anything is opened. The crate `interfacing` implements them.
 
 mod check;
 #[cfg(test)]

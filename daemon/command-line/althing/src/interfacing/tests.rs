@@ -286,7 +286,7 @@ async fn hear_end(terminal: &mut Terminal) -> (bool, Vec<String>) {
 }
 
 #[tokio::test(start_paused = true)]
-async fn the_house_sweeps_and_never_learns_why() {
+async fn a_borrowed_robot_acts_and_no_secret_crosses() {
     for mode in [Mode::Decentralized, Mode::Centralized] {
         let street = Street::open(mode, as_shipped).await;
         let mut clerk = street.clerk();
@@ -311,7 +311,7 @@ async fn the_house_sweeps_and_never_learns_why() {
 /// An action that passes the interface is carried out exactly once in the other ecosystem. The two
 /// ecosystems share no identifiers of messages or conversations.
 #[tokio::test(start_paused = true)]
-async fn ids_and_conversations_stay_where_they_are() {
+async fn ids_and_conversations_do_not_cross_an_interface() {
     let street = Street::open(Mode::Decentralized, as_shipped).await;
     let mut clerk = street.clerk();
     wish(&clerk, &street.firm_ecosystem, "merger").await;
@@ -337,7 +337,7 @@ async fn ids_and_conversations_stay_where_they_are() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn the_death_of_the_real_one_is_noticed_here() {
+async fn a_proxy_leaves_when_the_real_agent_dies() {
     for mode in [Mode::Decentralized, Mode::Centralized] {
         let street = Street::open(mode, as_shipped).await;
         assert!(street.is_in_firm("cleaner"));
@@ -361,7 +361,7 @@ async fn the_death_of_the_real_one_is_noticed_here() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_is_given_up_here_is_given_up_there() {
+async fn a_cancellation_crosses_the_interface() {
     let street = Street::open(Mode::Decentralized, as_shipped).await;
     let mut clerk = street.clerk();
     wish(&clerk, &street.firm_ecosystem, "merger").await;
@@ -380,7 +380,7 @@ async fn what_is_given_up_here_is_given_up_there() {
 /// The house imports its own robot, which it lends to the firm. Without a check, messages about the
 /// robot would pass back and forth for ever.
 #[tokio::test(start_paused = true)]
-async fn what_would_come_back_is_stopped() {
+async fn a_loop_of_interfaces_is_stopped() {
     let street = Street::open(Mode::Decentralized, |name, text| match name {
         "house" => {
             text + "[[interface]]\necosystem = \"firm.toml\"\ndaemon = \"caretaker\"\nas = \"landlord\"\n\
@@ -464,7 +464,7 @@ async fn goals_pass_that_a_rule_names_and_no_others() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_flood_is_stopped_and_told_why() {
+async fn a_flood_is_refused_with_the_reason() {
     let street = Street::open(Mode::Decentralized, |name, text| match name {
         "firm" => text.replace("rate = 20 ", "rate = 2 "),
         _ => text,
@@ -496,7 +496,7 @@ async fn a_flood_is_stopped_and_told_why() {
 /// The lender's file can define the same loan as the borrower's file: as an export instead of an
 /// import.
 #[tokio::test(start_paused = true)]
-async fn the_house_may_lend_as_the_firm_may_borrow() {
+async fn a_robot_may_be_exported_instead_of_imported() {
     let street = Street::open(Mode::Centralized, |name, text| match name {
         "firm" => {
             let (before, rest) = text.split_once("[[interface]]").expect("it has one");

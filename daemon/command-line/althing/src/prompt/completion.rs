@@ -41,7 +41,8 @@ impl CompletionWords {
         let Some(snapshot) = snapshot else { return };
         if let Some(domain) = pddl::parse_domain(&snapshot.domain).value {
             let named = domain.predicates.iter().map(|predicate| predicate.name.to_string());
-            // Names with two hyphens are made by the Domain Maintainer, for planners.
+            // Names with two hyphens are not words for users: the Domain Maintainer generates them
+            // for planners.
             self.predicates = named.filter(|name| !name.contains("--")).collect();
             self.functions =
                 domain.functions.iter().map(|function| function.name.to_string()).collect();
@@ -120,8 +121,8 @@ impl CompletionWords {
         }
     }
 
-    /// Returns the words that may follow within parentheses; `inside` is the text in the innermost
-    /// open pair so far.
+    /// Returns the words that may follow within parentheses. `inside` is the text between the
+    /// innermost open parenthesis and the cursor.
     fn within(&self, verb: &str, inside: &str) -> Vec<String> {
         let mut words = inside.split_whitespace();
         match (verb, words.next()) {
@@ -197,14 +198,14 @@ mod tests {
     }
 
     #[test]
-    fn an_action_is_followed_by_who_can_do_it_and_then_by_things() {
+    fn an_action_is_completed_by_agents_and_then_objects() {
         check("act (m", &["move"]);
         check("act (move ", &["turtlebot-1"]);
         check("act (move turtlebot-1 off", &["office1", "office2"]);
     }
 
     #[test]
-    fn a_goal_is_made_of_predicates_and_things() {
+    fn a_goal_is_completed_by_predicates_and_objects() {
         check("(kn", &["known-temperature"]);
         check("(and (known-temperature office1) (a", &["and", "at"]);
         check("goal (known-temperature office2", &["office2"]);

@@ -1,5 +1,5 @@
-//! Reads the lines of the prompt: at a terminal with editing, completion and history; otherwise as
-//! they come. Reading runs on a separate thread, because it cannot be interrupted.
+//! Reads the lines of the prompt: at a terminal with editing, completion and history; otherwise
+//! unchanged. Reading runs on a separate thread, because it cannot be interrupted.
 
 use std::borrow::Cow;
 use std::io::{BufRead as _, IsTerminal as _};
@@ -29,7 +29,7 @@ const PROMPT: &str = "althing> ";
 /// Number of lines of the history that are kept for later sessions.
 const HISTORY_LINES_MAX: usize = 1_000;
 
-/// How long the output that is not printed yet may take when the prompt closes.
+/// Time in which the remaining output must be printed when the prompt closes.
 const PRINTED_WITHIN: Duration = Duration::from_millis(500);
 
 /// The result of reading a line.
@@ -80,13 +80,13 @@ impl LineSource {
         LineSource { is_terminal, typed, next, printing, before }
     }
 
-    /// Lets the reading thread read the next line.
+    /// Requests the next line from the reading thread.
     pub(super) fn next(&self) {
-        // A reader that has ended has reported that already.
+        // A reading thread that has ended has already sent `InputEvent::End`.
         let _ = self.next.send(());
     }
 
-    /// Waits for the next line, which is read once [`LineSource::next`] has been called.
+    /// Waits for the next line. The line is read only after a call of [`LineSource::next`].
     pub(super) async fn next_event(&mut self) -> InputEvent {
         self.typed.recv().await.unwrap_or(InputEvent::End)
     }
@@ -109,8 +109,8 @@ fn read_lines(wanted: &mpsc::Receiver<()>, tell: &channel::Sender<InputEvent>) {
     let mut lines = std::io::stdin().lock().split(b'\n');
     while wanted.recv().is_ok() {
         let typed = match lines.next() {
-            // A line that is not UTF-8 is not a verb either, and is rejected as such; the next line
-            // is read.
+            // A line that is not UTF-8 is rejected later as an unknown verb, and the next line is
+            // read.
             Some(Ok(line)) => {
                 let line = String::from_utf8_lossy(&line);
                 InputEvent::Line(line.trim_end_matches('\r').to_owned())
@@ -188,7 +188,7 @@ fn history(ecosystem: &EcosystemId) -> Option<PathBuf> {
     Some(folder.join("history"))
 }
 
-/// From now on, prints all output above the line that the user edits. A separate thread passes the
+/// Prints all output above the line that the user edits, from now on. A separate thread passes the
 /// output to the editor, because the editor accepts one text at a time, and only while it reads.
 fn print_above(editor: &mut LineEditor) -> Option<JoinHandle<()>> {
     let mut printer = editor.create_external_printer().ok()?;

@@ -37,12 +37,12 @@ use terminal::styled::Styled;
 use terminal::{exit, output};
 use verbs::Verb;
 
-/// How long the prompt waits for the words of the domain before the user can type the first line
-/// without them.
+/// Maximum time that the prompt waits for the words of the domain before the first line. After
+/// that, the user types without completion of these words.
 const WORDS_WITHIN: Duration = Duration::from_secs(2);
 
-/// Delay between a presence change and reading the words for completion again: an agent's action
-/// model arrives after the agent has been seen.
+/// Delay between a presence change and reading the words for completion again. An agent is seen
+/// before its action model arrives.
 const SETTLING: Duration = Duration::from_millis(300);
 
 /// The user at a prompt, and the ecosystem that the prompt is in.
@@ -102,7 +102,8 @@ pub(crate) async fn run(guest: PromptSession, end: impl Future) -> bool {
                 InputEvent::End => has_ended = true,
             },
         }
-        // At a terminal the next line is read at once; in a script when the request has ended.
+        // At a terminal the next line is read at once. In a script it is read after the request has
+        // ended.
         let may_go_on = input.is_terminal || prompt.requests.are_settled();
         if may_go_on && has_ended {
             break;
@@ -113,7 +114,7 @@ pub(crate) async fn run(guest: PromptSession, end: impl Future) -> bool {
     }
     let is_terminal = input.is_terminal;
     input.close().await;
-    // A user at the terminal has seen the failures.
+    // At a terminal the user has seen the failures, so they do not count.
     is_terminal || prompt.requests.went_well()
 }
 
@@ -151,7 +152,7 @@ impl Prompt {
         );
     }
 
-    // === hearing ===
+    // === received messages ===
 
     fn hear(&mut self, heard: &UserEvent) {
         let number = self.requests.hear(heard);
@@ -180,7 +181,7 @@ impl Prompt {
         }
     }
 
-    // === speaking ===
+    // === lines of the user ===
 
     async fn execute_line(&mut self, line: &str) -> PromptStep {
         match verbs::read(line) {
@@ -233,7 +234,7 @@ impl Prompt {
         PromptStep::Proceed
     }
 
-    /// Returns the request that the user meant: in a cancellation, replaces the number of a request
+    /// Returns the request that the user meant. In a cancellation, replaces the number of a request
     /// by its conversation.
     fn meant(&self, said: UserRequest) -> UserRequest {
         match said {

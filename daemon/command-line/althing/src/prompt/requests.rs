@@ -1,5 +1,5 @@
-//! The requests of a prompt. They are numbered for the user, and followed until their final
-//! reports.
+//! The requests of a prompt. Each has a number for the user, and is followed until its final
+//! report.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,7 @@ use acl::ConversationId;
 use acl::content::{Outcome, Report};
 use keyboard::{RequestId, UserEvent, UserRequest};
 
-/// The kind of a request; goals end in another way than the other requests.
+/// The kind of a request. Goals end in another way than the other requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum RequestKind {
     Goal,
@@ -37,7 +37,7 @@ pub(super) struct PromptRequests {
 }
 
 impl PromptRequests {
-    /// Records a request that the prompt is about to send under the number `id`.
+    /// Records the request `said`, which the prompt is about to send with the identifier `id`.
     pub(super) fn say(&mut self, id: RequestId, said: &UserRequest) {
         let kind = match said {
             UserRequest::Cancel(conversation) => return self.give_up(conversation),
@@ -55,7 +55,7 @@ impl PromptRequests {
         if let Some(request) = self.known.get_mut(conversation) {
             request.is_given_up = true;
             request.is_settled = false;
-            // For an action that has not ended, its own final report also answers the cancellation.
+            // The final report of an action that has not ended also answers the cancellation.
             request.final_reports_due +=
                 usize::from(request.kind == RequestKind::Goal || request.final_reports_due == 0);
             return;
@@ -70,12 +70,12 @@ impl PromptRequests {
         PromptRequest { number, kind, final_reports_due: 1, is_settled: false, is_given_up: false }
     }
 
-    /// Records a message that has been received. Returns the number of the request that the message
-    /// belongs to.
+    /// Records a received message. Returns the number of the request to which the message belongs;
+    /// `None` if it belongs to no request of this prompt.
     pub(super) fn hear(&mut self, heard: &UserEvent) -> Option<usize> {
         let conversation = heard.conversation()?;
         let kind = heard.request().and_then(|id| self.without_conversation.remove(&id));
-        // A goal that was requested before the prompt opened is not among its requests.
+        // A goal that was requested before the prompt opened gets its number from this notice.
         let earlier = matches!(heard, UserEvent::Sent(_)).then_some(RequestKind::Goal);
         if let Some(kind) = kind.or(earlier)
             && !self.known.contains_key(conversation)
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn a_script_goes_on_after_the_last_word_or_when_a_goal_holds() {
+    fn a_script_continues_after_the_final_report_or_when_a_goal_holds() {
         for (outcome, went_well) in
             [(Outcome::Done, true), (Outcome::Holds, true), (Outcome::Failed, false)]
         {
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn a_goal_that_is_given_up_has_two_last_words_and_did_not_fail() {
+    fn a_cancelled_goal_has_two_final_reports_and_does_not_fail() {
         let mut requests = one_goal();
         let [_, cancellation] = numbers();
         let goal = requests.find("1").expect("the goal");
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn an_action_that_is_given_up_has_one() {
+    fn a_cancelled_action_has_one_final_report() {
         let mut requests = PromptRequests::default();
         let [action, cancellation] = numbers();
         requests.say(action, &UserRequest::Act("(go)".into()));
@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn what_another_keyboard_asked_for_can_be_given_up() {
+    fn a_goal_of_another_keyboard_can_be_cancelled() {
         let mut requests = PromptRequests::default();
         let [cancellation] = numbers();
         requests.say(cancellation, &UserRequest::Cancel(id("theirs")));

@@ -1,5 +1,5 @@
-//! Warns about names of daemons that are probably misspelled. An entry that names a daemon creates
-//! it, so that a misspelled name creates a machine that does not exist.
+//! Warns about names of daemons that are probably misspelled. A daemon exists as soon as an entry
+//! names it, so a misspelled name adds a machine that does not exist.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -29,12 +29,12 @@ impl Reviewer<'_> {
             }
             let known = named.keys().map(String::as_str).chain(listed.iter().copied());
             let mut others = known.filter(|other| other != name);
-            // A name with siblings is intended.
+            // A name that belongs to a series of similar names is intended.
             if others.clone().any(|other| are_siblings(name, other)) {
                 continue;
             }
-            // Of two names that occur once, the one with the name of a place in it is taken as
-            // right.
+            // If two similar names occur once each, the one that contains the name of a place
+            // counts as correct.
             let is_right = |other: &str| {
                 is_sure(other) || self.names_a_place(other) && !self.names_a_place(name)
             };
@@ -113,7 +113,7 @@ mod tests {
     use super::{are_siblings, is_slip};
 
     #[test]
-    fn a_slip_is_of_one_letter() {
+    fn a_typing_error_is_one_letter() {
         for (one, other, expected) in [
             ("hal-pi", "hall-pi", true),
             ("ofifce-pc", "office-pc", true),
@@ -125,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_and_letters_tell_siblings_apart() {
+    fn names_of_a_series_differ_in_numbers_or_letters() {
         for (one, other, expected) in [
             ("room-101-pi", "room-102-pi", true),
             ("office-pi", "office1-pi", true),

@@ -11,7 +11,8 @@ use super::{ReviewScope, Reviewer};
 use crate::config::{AgentEntry, Ecosystem};
 use crate::hosting::{DryRun, HostError};
 
-/// Most mistakes that are reported of one entry. An entry with more of them should be written anew.
+/// Maximum number of mistakes that are reported per entry. An entry with more should be written
+/// anew.
 const MISTAKES_MAX: usize = 8;
 
 impl Reviewer<'_> {
@@ -33,11 +34,11 @@ impl Reviewer<'_> {
         }
     }
 
-    /// Builds the agent of an entry. After each mistake that is found, it is built again from the
-    /// entry without that mistake.
+    /// Builds the agent of an entry, and reports the mistake that prevents it. Then corrects or
+    /// removes the mistake and builds the agent again, so that all mistakes are found.
     fn entry(&mut self, entry: &AgentEntry, stage: &DryRun, severity: Severity) {
         let mut tried = entry.clone();
-        // Keys that were removed because of wrong values: they do not count as missing.
+        // Keys that were removed because of wrong values. They do not count as missing.
         let mut taken = BTreeSet::new();
         for _ in 0..MISTAKES_MAX {
             let Err(error) = stage.build(&tried) else { return };
@@ -55,7 +56,8 @@ impl Reviewer<'_> {
                 continue;
             }
             let is_consequence = match &kind {
-                // The key stands beside `config` and not in it, which is reported.
+                // A missing key has been reported already if it was removed above, or if it stands
+                // beside `config`.
                 ConfigMistake::MissingKey(key) => taken.contains(key) || self.is_beside(entry, key),
                 ConfigMistake::Other => !taken.is_empty(),
                 ConfigMistake::UnknownKey(..) | ConfigMistake::Kind => false,
@@ -73,8 +75,8 @@ impl Reviewer<'_> {
         }
     }
 
-    /// Returns the key that was written instead of the missing key `missing`. It is a key that the
-    /// plugin does not know, and that resembles the missing key or is a synonym of it.
+    /// Returns the key that was written instead of the missing key `missing`: a key that the plugin
+    /// does not have, and that resembles the missing key or is a synonym of it.
     fn misspelt(
         &self,
         entry: &AgentEntry,
@@ -155,8 +157,8 @@ impl Reviewer<'_> {
     }
 }
 
-/// Corrects a mistake in an entry as was probably meant, or removes it, so that the other mistakes
-/// of the entry are found. Returns `false` if that is impossible.
+/// Corrects a mistake in an entry if the intention is clear, otherwise removes it, so that the
+/// other mistakes are found. Returns `false` if neither is possible.
 fn goes_on(
     entry: &mut AgentEntry,
     path: &[String],

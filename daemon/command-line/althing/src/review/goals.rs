@@ -22,7 +22,7 @@ impl Reviewer<'_> {
             widened(&self.ecosystem.domain, &self.ecosystem.problem, models.values());
         let agents = self.agents(&models);
         for (name, wish) in &self.ecosystem.goals {
-            // A text that is not a condition is reported already.
+            // A goal that cannot be parsed is reported already.
             let Some(condition) = pddl::parse_condition(&wish.goal).value else { continue };
             let is_agent = |found: &Diagnostic| {
                 let word = wish.goal.get(found.span.range()).unwrap_or("");
@@ -49,7 +49,7 @@ impl Reviewer<'_> {
         }
     }
 
-    /// Returns the names of the agents of which no action model is known: agents of interfaces and
+    /// Returns the names of the agents without a known action model: agents of interfaces and
     /// packages, and agents that cannot be built.
     fn agents(&self, models: &BTreeMap<AgentId, ActionModel>) -> BTreeSet<String> {
         let own = self.ecosystem.agents.iter().map(|entry| entry.name.to_string());
@@ -58,9 +58,9 @@ impl Reviewer<'_> {
         own.chain(borrowed).filter(|name| !models.keys().any(|id| id.as_str() == name)).collect()
     }
 
-    /// Turns the error that a word is unknown into a warning if the word resembles no known word:
-    /// an agent that joins later may bring it. Returns `None` if some entries of the file could not
-    /// be understood, because one of them may bring the word.
+    /// Turns the error that a word is unknown into a warning if the word resembles no known word,
+    /// because an agent that joins later may declare it. Returns `None` if some entries of the file
+    /// could not be understood, because one of these may declare the word.
     fn softened(&self, mut found: Diagnostic) -> Option<Diagnostic> {
         if found.message.starts_with("unknown ") && found.help.is_none() {
             found.severity = Severity::Warning;

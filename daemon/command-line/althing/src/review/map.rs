@@ -14,7 +14,7 @@ use super::Reviewer;
 
 /// The predicate of a connection between two places.
 const WAY: &str = "connected";
-/// The function of which the value is the length of a connection.
+/// The function with the lengths of connections as its values.
 const LENGTH: &str = "distance";
 
 /// The comments that mark an intended one-way connection (`ONE_WAY`), and a place that need not be
@@ -66,9 +66,8 @@ impl Reviewer<'_> {
         }
     }
 
-    /// Warns about connections without a way back. There is no warning if the way back leads over
-    /// other one-way connections, because then the round is intended, such as the way through an
-    /// airlock.
+    /// Warns about connections without a way back. There is no warning if other one-way connections
+    /// lead back, because such a round trip is intended, for example through an airlock.
     fn one_way(&mut self, ways: &MapConnections<'_>) {
         let given: BTreeSet<_> = ways.pairs().collect();
         let has_back = |(from, to): &(&str, &str)| given.contains(&(*to, *from));
@@ -151,7 +150,8 @@ impl Reviewer<'_> {
         };
         for (from, to, span) in &ways.ways {
             lead(from.as_str(), to.as_str());
-            // A missing way back is reported already, so it counts as there.
+            // A missing way back is reported already, so here the connection counts in both
+            // directions.
             if !self.is_commented(*span, ONE_WAY) {
                 lead(to.as_str(), from.as_str());
             }

@@ -44,8 +44,7 @@ pub(crate) enum ReviewScope<'s> {
     /// The whole ecosystem, for `althing check`.
     Everything,
     /// The part that this daemon needs to start, for `althing up`. A mistake in the entry of
-    /// another daemon's agent is only a warning, because one machine must not keep the others from
-    /// working.
+    /// another daemon's agent is only a warning, because one machine must not stop the others.
     Daemon(&'s DaemonId),
 }
 
@@ -54,7 +53,7 @@ pub(crate) fn review(reading: &ParsedEcosystem, scope: ReviewScope<'_>) -> Diagn
     let mut report = reading.report.clone();
     if let Some(ecosystem) = &reading.ecosystem {
         if !reading.is_whole {
-            // Things that seem to be missing may be in the part that could not be parsed.
+            // An item that seems to be missing may be in the part that could not be parsed.
             return only_certain(&report, ecosystem);
         }
         let is_complete = !reading.report.has_errors();
@@ -66,8 +65,8 @@ pub(crate) fn review(reading: &ParsedEcosystem, scope: ReviewScope<'_>) -> Diagn
     report
 }
 
-/// Checks an ecosystem. If `is_complete` is false, some entries could not be understood, and what
-/// seems to be missing may stand in those entries.
+/// Checks an ecosystem. If `is_complete` is false, some entries could not be understood, and may
+/// contain an item that seems to be missing.
 fn of_ecosystem(
     ecosystem: &Ecosystem,
     scope: ReviewScope<'_>,
@@ -94,7 +93,8 @@ fn of_ecosystem(
     desk.report
 }
 
-/// Returns the places of the errors in a report: for each, the name of the text and the offset.
+/// Returns the places of the errors in a report. A place is the name of the text and the offset in
+/// it.
 fn places(report: &DiagnosticReport) -> BTreeSet<(String, u32)> {
     let errors = report.findings().iter().filter(|finding| finding.diagnostic.is_error());
     let place = |SourcedDiagnostic { source, diagnostic }: &SourcedDiagnostic| {
@@ -103,8 +103,8 @@ fn places(report: &DiagnosticReport) -> BTreeSet<(String, u32)> {
     errors.filter_map(place).collect()
 }
 
-/// Returns those mistakes of `report` that do not follow from the part of the file that could not
-/// be parsed. For a file that is not entirely TOML.
+/// Returns those mistakes of `report` that are certain although a part of the file could not be
+/// parsed. Used for a file that is not valid TOML as a whole.
 fn only_certain(report: &DiagnosticReport, ecosystem: &Ecosystem) -> DiagnosticReport {
     let file = &ecosystem.sources.file;
     let syntax = |finding: &&SourcedDiagnostic| config::is_syntax_error(&finding.diagnostic);
@@ -146,7 +146,7 @@ struct Reviewer<'e> {
     report: DiagnosticReport,
 }
 
-// === impl PackageCheck ===
+// === impl Reviewer ===
 
 impl Reviewer<'_> {
     /// Reports the mistake `found` at the place `at`.

@@ -6,8 +6,9 @@ use pddl::{Diagnostic, Span};
 use super::Reviewer;
 use crate::config::AgentEntry;
 
-/// For each role: its plugin, the consequence if no agent has the role, and whether the agent must
-/// have the plugin's name because a Plan Executor without another `config` addresses it by that name.
+/// For each role: its plugin; the consequence if no agent has the role; and whether the agent must
+/// have the name of the plugin. The name matters if other agents address the agent by that name
+/// unless their `config` gives another.
 const ROLES: &[(&str, &str, bool)] = &[
     ("domain-maintainer", "no agent keeps the domain and the known facts", true),
     ("plan-requester", "no agent takes goals", false),
@@ -19,10 +20,10 @@ const CENTRAL: (&str, &str, bool) =
     ("planning-agent", "no agent plans in the mode \"centralized\"", false);
 
 impl Reviewer<'_> {
-    /// Warns about roles that no agent has, and about an agent that has a role under a name by
-    /// which other agents do not find it.
+    /// Warns about roles that no agent has, and about an agent with a name by which other agents do
+    /// not find it in its role.
     pub(super) fn roles(&mut self) {
-        // A file without agents is still being written.
+        // A file without agents is probably unfinished.
         if self.ecosystem.agents.is_empty() || !self.is_complete {
             return;
         }

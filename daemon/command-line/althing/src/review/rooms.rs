@@ -8,9 +8,9 @@ use crate::hosting;
 impl Reviewer<'_> {
     /// Warns about an agent's location if no predicate can state that the agent is there.
     ///
-    /// Only the agent knows by which predicate it states its place. Therefore all predicates of the
-    /// ontology between an object of the agent's type and a place are examined, and at least one of
-    /// them must admit the location.
+    /// The predicate by which an agent states its place is not known here. Therefore all predicates
+    /// of the ontology between an object of the agent's type and a place are examined. At least one
+    /// of them must admit the location.
     pub(super) fn rooms(&mut self) {
         let (ontology, map) = (&self.ecosystem.domain, &self.ecosystem.problem);
         let types = Types::of(ontology);

@@ -27,7 +27,7 @@ const SYNONYMS: &[(&str, &[&str])] = &[
     ("device", &["path", "file"]),
 ];
 
-/// The keys of which the values are durations.
+/// Keys in a `config` that hold durations.
 const DURATIONS: &[&str] =
     &["valid-for", "every", "debounce", "time-out", "patience", "motion-for", "offline-after"];
 
@@ -274,7 +274,7 @@ fn is_of(got: &str, value: &Value) -> bool {
     }
 }
 
-/// Returns a help text that says what to write instead of a value of another type.
+/// Returns a help text with the correct form, for a value of a wrong type.
 fn cure(key: &str, wanted: &str, value: &Value) -> Option<String> {
     let is_whole = wanted.len() <= 5 && wanted.starts_with(['u', 'i']);
     match (wanted, value) {
@@ -305,7 +305,7 @@ fn cure(key: &str, wanted: &str, value: &Value) -> Option<String> {
         },
         ("a sequence", Value::String(text)) => {
             let words: Vec<_> = match key {
-                // These are commands, which are run without a shell.
+                // These keys hold commands, which are run without a shell.
                 "command" | "run" | "on" | "off" | "state" => text.split_whitespace().collect(),
                 _ => vec![text.as_str()],
             };

@@ -3,7 +3,8 @@
 //! person can log in through the on-board screen.”
 //!
 //! Four people come, one after another. Only the camera requests a goal. The robot's question is
-//! sent to two keyboards: both answer at once, or wrongly at first, or not at all, or only wrongly.
+//! sent to two keyboards. Per person, the answers are: right from both at once, at first wrong,
+//! none, or only wrong ones.
 
 use ::building::{AccessScenario, AnswerPattern, BuildingDevice, Visit, VisitOutcome};
 use acl::content::{Inform, OpenQuestion, Outcome, Report};
@@ -15,13 +16,13 @@ use super::scenario_run::{ScenarioRun, with_time_limit};
 use super::setting::Setting;
 use super::{ScenarioEvent, ScenarioOptions, ScenarioResult};
 
-/// The answer of a person that is allowed to enter.
+/// The answer of a person with the right to enter.
 const PIN: &str = "2718";
 /// A wrong answer, which is not the PIN.
 const WRONG: &str = "0000";
 
-/// How long a person counts as validated. It is short, so that the robot validates the next visitor
-/// anew.
+/// How long a person counts as validated. The time is short, so that the robot validates the next
+/// visitor again.
 const VALID_FOR: &str = "2s";
 /// How long the robot waits for an answer to its question.
 const PATIENCE: &str = "3s";
@@ -72,8 +73,8 @@ struct AccessRun<'t> {
     ear: MessageListener,
     access: &'t AccessScenario,
     admissions: Vec<VisitOutcome>,
-    /// The values of the robot's fact that a person is validated, since the current visitor came:
-    /// one value per change.
+    /// The values of the robot's fact that a person is validated, since the current visitor came.
+    /// There is one value per change.
     validity: Vec<bool>,
 }
 
@@ -89,7 +90,7 @@ enum EntryEvent {
 impl AccessRun<'_> {
     async fn acts(&mut self, setting: &Setting) -> Result<(), String> {
         self.performance.await_agents(setting).await?;
-        // Until the camera has looked once, it cannot detect movement.
+        // The camera detects movement only after it has looked once.
         let camera = self.access.camera();
         self.until_informs(camera, |inform| facts(inform).contains("(looks-at ")).await?;
         let robot = self.access.robot();
@@ -104,7 +105,8 @@ impl AccessRun<'_> {
                         self.hear().await?;
                     }
                 }
-                // After an unanswered question the robot asks no further one for a while.
+                // After an unanswered question, the robot does not offer `validate-person` for a
+                // while.
                 AnswerPattern::NobodyAnswers => {
                     let offers = |inform: &Inform| matches!(inform, Inform::Model(of) if of.model.contains("validate-person"));
                     self.until_informs(robot, offers).await?;

@@ -34,7 +34,7 @@ pub(crate) enum ScenarioSubstrate {
     Processes,
 }
 
-/// A scenario of which the agents have been launched. Dropping this value ends all of them.
+/// A scenario with its launched agents. Dropping this value ends all of them.
 pub(crate) struct LaunchedScenario {
     pub(crate) building: Building,
     pub(crate) ecosystem: Ecosystem,
@@ -55,8 +55,8 @@ pub(crate) struct MessageListener {
     _tap: Option<substrate_zenoh::Tap>,
 }
 
-/// Most messages that wait to be read from a [`MessageListener`]: more than a small building sends
-/// in a minute.
+/// Maximum number of messages that wait to be read from a [`MessageListener`]. A small building
+/// sends fewer in a minute.
 const HEARD_MAX: usize = 16_384;
 
 /// Launches the building and the agents of a scenario. The error is a message for the user.
@@ -206,8 +206,8 @@ impl DaemonLauncher {
             .args(["--daemon", daemon.as_str(), "--mode", mode, "--until-stdin-ends"])
             .env("ALTHING_RUNTIME_DIR", &self.folder)
             .env("ALTHING_STATE_DIR", self.folder.join("state"))
-            // The pipe stays open as long as this process runs: however it ends, the daemons end
-            // too.
+            // The pipe stays open as long as this process runs. When this process ends in any way,
+            // the pipe closes and the daemons end too.
             .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .kill_on_drop(true)
@@ -216,8 +216,8 @@ impl DaemonLauncher {
     }
 }
 
-/// Reads the output of a daemon until it reports that it is ready. Later output is read and
-/// discarded, so that the daemon never blocks on writing it.
+/// Reads the output of a daemon until it reports that it is ready. A task then reads and discards
+/// the later output, so that the daemon never blocks on writing it.
 async fn until_ready(child: &mut Child) -> Result<(), String> {
     let stdout = child.stdout.take().ok_or("has no output")?;
     let mut lines = BufReader::new(stdout).lines();

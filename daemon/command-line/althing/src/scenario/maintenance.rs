@@ -13,7 +13,7 @@ use super::scenario_run::{ScenarioRun, with_time_limit};
 use super::setting::{GOAL, Setting};
 use super::{ScenarioEvent, ScenarioOptions, ScenarioResult};
 
-/// How long a temperature counts as known. To visit all rooms, robots need a fifth of this time.
+/// How long a temperature counts as known. Robots need a fifth of this time to visit all rooms.
 const KNOWN_FOR: &str = "3s";
 
 fn setting(scenario: &MaintenanceScenario) -> Setting {

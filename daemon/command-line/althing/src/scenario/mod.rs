@@ -35,7 +35,7 @@ pub(crate) enum Scenario {
     /// Scenario 2: all temperatures are kept known, while another sensor dies and a new one is
     /// plugged in.
     Maintenance,
-    /// Scenario 3: a person that enters is validated.
+    /// Scenario 3: a person entering the office is validated.
     Access,
     /// Figure 1: a screen fails in a meeting, and a robot takes over.
     Meeting,
@@ -74,7 +74,7 @@ pub(crate) struct ScenarioResult {
     pub(crate) problems: Vec<String>,
     /// The text to print on success.
     pub(crate) verdict: String,
-    /// The temperature of each room in °C, as the user was last told it.
+    /// The last temperature of each room that was reported to the user, in °C.
     pub(crate) told: BTreeMap<String, f64>,
     /// The result of each visit in scenario 3: which questions were asked, and whether the visitor
     /// was let in.

@@ -57,7 +57,7 @@ impl ReadinessProbe {
                 answers.first().and_then(|bytes| serde_json::from_slice::<Snapshot>(bytes).ok());
             let Some(snapshot) = snapshot else { return };
             let is_here = |name: &String| snapshot.offers.contains_key(name.as_str());
-            // The domain contains a sensor on a robot only when its robot is there too.
+            // The domain contains a sensor on a robot only if the robot is present, too.
             if usher.expected.iter().all(is_here)
                 && let Some(seen) = usher.seen.take()
             {

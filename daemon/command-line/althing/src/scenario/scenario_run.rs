@@ -28,7 +28,7 @@ pub(super) struct ScenarioRun<'t> {
     pub(super) building: Building,
     /// The terminal of the user's keyboard.
     pub(super) user: Terminal,
-    /// The temperature of each room in °C, as the user was last told it.
+    /// The last temperature of each room that was reported to the user, in °C.
     pub(super) told: BTreeMap<String, f64>,
     began: Instant,
     tell: &'t mut dyn FnMut(ScenarioEvent),
@@ -124,7 +124,7 @@ impl<'t> ScenarioRun<'t> {
         Ok(())
     }
 
-    /// Receives the user's messages until the temperatures that the user was told meet a condition.
+    /// Receives the user's messages until the temperatures reported to the user meet a condition.
     pub(super) async fn until_told(
         &mut self,
         is_so: impl Fn(&BTreeMap<String, f64>) -> bool,

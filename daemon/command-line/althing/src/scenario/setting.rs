@@ -1,5 +1,5 @@
-//! The setting of a scenario: the building, the agents on their machines, and the goals. They are
-//! written as the files that a user would write.
+//! The setting of a scenario: the building, the agents on their machines, and the goals. The
+//! setting is written to files of the same form as those of a user.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;

@@ -11,7 +11,7 @@ use super::scenario_run::{ScenarioRun, with_time_limit};
 use super::setting::{GOAL, Setting};
 use super::{ScenarioEvent, ScenarioOptions, ScenarioResult};
 
-/// Returns the setting with the building of a seed.
+/// Returns the setting of scenario 1, with the building that a seed generated.
 pub(crate) fn setting(scenario: &SeededScenario) -> Setting {
     Setting::new("scenario-1", &scenario.layout)
 }

@@ -63,7 +63,7 @@ async fn ten_buildings_on_zenoh_decentralized() {
 /// A plan that needs a dead agent is repaired as soon as the grace has passed; no agent waits for
 /// an answer of the dead one.
 #[tokio::test(start_paused = true)]
-async fn nobody_waits_for_the_dead() {
+async fn a_dead_agent_delays_no_plan() {
     let seed = (0..).find(|seed| Layout::seeded(*seed).dies == DeathTime::BeforeReport);
     for mode in MODES {
         let mut events = Vec::new();
@@ -112,7 +112,7 @@ async fn temperatures_are_kept_known_in_thirty_buildings() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn who_comes_is_validated_in_ten_buildings() {
+async fn visitors_are_validated_in_ten_buildings() {
     check_all(Scenario::Access, 0..10, ScenarioSubstrate::Memory).await;
 }
 
@@ -177,6 +177,6 @@ async fn an_actuator_that_agrees_and_falls_silent_is_done_without() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn an_actuator_whose_model_is_garbage_disturbs_nobody() {
+async fn an_actuator_with_an_invalid_model_is_ignored() {
     check_guest(guests::one_with_a_broken_model).await;
 }

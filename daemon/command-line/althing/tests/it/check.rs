@@ -16,7 +16,7 @@ const MODEL: &str = "\
 ";
 
 #[test]
-fn files_without_mistakes_are_told_in_a_line_each() {
+fn each_file_without_mistakes_has_one_line() {
     let sandbox = Sandbox::lamp();
     sandbox.write("butler.pddl", MODEL.as_bytes());
     sandbox.check("check butler.pddl evening.pddl domain.pddl", 0).shows(
@@ -40,7 +40,7 @@ fn a_domain_is_found_beside_or_above_its_problem() {
 }
 
 #[test]
-fn of_several_domains_of_one_name_the_file_s_own_is_taken() {
+fn the_domain_with_the_closest_file_name_is_used() {
     let other = LAMP.replace("switch", "toggle").replace("(on ?l - lamp)", "(lit ?l - lamp)");
     let files = [
         ("p1.pddl", EVENING),
@@ -53,7 +53,7 @@ fn of_several_domains_of_one_name_the_file_s_own_is_taken() {
 }
 
 #[test]
-fn a_problem_whose_domain_is_nowhere_is_not_called_right() {
+fn a_problem_without_its_domain_is_an_error() {
     let sandbox = Sandbox::new(&[("evening.pddl", EVENING)]);
     sandbox.check("check evening.pddl", 33).shows(
         expect![[r#"
@@ -143,7 +143,7 @@ fn mistakes_of_every_file_are_shown_in_one_pass() {
 }
 
 #[test]
-fn json_tells_files_and_mistakes() {
+fn json_lists_files_and_mistakes() {
     let sandbox = Sandbox::lamp();
     let run = sandbox.check("check domain.pddl --json", 0);
     assert_eq!(

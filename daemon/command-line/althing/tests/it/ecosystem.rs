@@ -58,7 +58,7 @@ fn check(from: &str, to: &str, expected: Expect) {
 }
 
 #[test]
-fn a_file_without_mistakes_is_told_in_a_line() {
+fn a_file_without_mistakes_has_one_line() {
     house(ECOSYSTEM).check("check house.toml", 0).shows(
         expect![[r#"
             house.toml: ecosystem house (4 agents on one machine, decentralized): ok
@@ -70,7 +70,7 @@ fn a_file_without_mistakes_is_told_in_a_line() {
 /// A table that is missing is reported in the file, where it can be written, although the defaults
 /// have it.
 #[test]
-fn a_table_that_is_missing_is_missed_in_the_file() {
+fn a_missing_table_is_reported_in_the_file() {
     house("[goals]\n").check("check house.toml", 33).shows(
         expect![[r#"
             house.toml: ecosystem: has errors
@@ -106,7 +106,7 @@ fn a_table_that_is_missing_is_missed_in_the_file() {
 }
 
 #[test]
-fn the_environment_wins_over_the_file() {
+fn the_environment_overrides_the_file() {
     let file = ECOSYSTEM.replacen("[[agent]]", "mode = \"decentralized\"\n\n[[agent]]", 1);
     let sandbox = house(&file).with_variable("ALTHING_ECOSYSTEM__MODE", "centralized");
     let run = sandbox.check("check house.toml", 0);
@@ -472,7 +472,7 @@ fn the_house_s_own_ecosystem_is_right() {
     assert_eq!(run.code, 0, "{}", run.stderr);
 }
 
-//  mistakes that only plugins can find ===
+// === mistakes that only plugins can find ===
 
 #[test]
 fn a_key_that_the_plugin_does_not_know() {

@@ -16,7 +16,7 @@ use crate::sandbox::{EVENING, LAMP, Sandbox};
 const TASK: &str = "plan domain.pddl evening.pddl --engine";
 
 #[test]
-fn a_missing_engine_is_told_how_to_get_it() {
+fn a_missing_engine_yields_installation_advice() {
     Sandbox::lamp().check(&format!("{TASK} fast-downward"), 69).shows(
         expect![""],
         expect![[r#"
@@ -69,7 +69,7 @@ fn fast_downward_plans_as_the_embedded_planner_does() {
 }
 
 #[test]
-fn what_an_engine_cannot_do_is_shown_in_its_line() {
+fn an_unsupported_feature_of_an_engine_is_shown_in_its_line() {
     let axiom =
         "(:predicates (lit))\n  (:derived (lit) (exists (?l - lamp) (on ?l)))\n  (:action go";
     let domain = LAMP.replace("(:predicates", "(:predicates (lit)");

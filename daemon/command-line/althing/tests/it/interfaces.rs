@@ -36,7 +36,7 @@ fn the_firm_as_shipped_is_right() {
 }
 
 #[test]
-fn a_private_symbol_is_refused_where_it_is_written() {
+fn a_private_symbol_is_refused_at_its_place() {
     firm("clean = \"swept\" }", "clean = \"swept\", has-room = \"bin-free\" }")
         .check("check ecosystems/firm.toml", 33)
         .shows(expect![[r#"
@@ -55,7 +55,7 @@ fn a_private_symbol_is_refused_where_it_is_written() {
 }
 
 #[test]
-fn what_a_map_keeps_to_itself_is_refused_where_it_is_written() {
+fn a_private_object_of_the_map_is_refused_at_its_place() {
     let firm = firm("", "");
     let map = include_str!("../../../../../domains/house/map.pddl");
     let with_secret =
@@ -69,7 +69,7 @@ fn what_a_map_keeps_to_itself_is_refused_where_it_is_written() {
 }
 
 #[test]
-fn an_action_that_would_lose_what_it_needs_is_refused() {
+fn an_action_that_would_lose_a_precondition_is_refused() {
     firm("next-to = \"connected\", ", "")
         .check("check ecosystems/firm.toml", 33)
         .shows(expect![[r#"
@@ -90,7 +90,7 @@ fn an_action_that_would_lose_what_it_needs_is_refused() {
 }
 
 #[test]
-fn a_cost_that_would_be_lost_is_said_by_the_rule() {
+fn a_cost_that_would_be_lost_is_set_by_the_rule() {
     let without = "functions = { paces = \"distance\" }";
     firm(without, "")
         .check("check ecosystems/firm.toml", 33)
@@ -118,7 +118,7 @@ fn a_cost_that_would_be_lost_is_said_by_the_rule() {
 }
 
 #[test]
-fn names_that_would_meet_or_could_be_mistaken_are_refused() {
+fn colliding_and_ambiguous_names_are_refused() {
     firm("as = \"cleaner\"  ", "as = \"plan-requester\"")
         .check("check ecosystems/firm.toml", 33)
         .shows(

@@ -161,7 +161,7 @@ const ERROR: &str = "error";
 const WARNING: &str = "warning";
 
 #[test]
-fn a_right_school_is_called_right() {
+fn a_correct_file_has_no_reports() {
     assert_eq!(told(SCHOOL, MAP), []);
     // The same with indentation, tabs, and encodings of other systems.
     let indented = SCHOOL.replace("\nname", "\n\t  name").replace(" = ", "\t=  ");
@@ -198,7 +198,7 @@ fn the_map() {
 }
 
 #[test]
-fn what_an_author_says_he_means_is_not_doubted() {
+fn comments_of_the_author_suppress_warnings() {
     let back = "    (connected class-b passage) (= (distance class-b passage) 6)\n";
     let meant = MAP.replace(back, "").replace(
         "(connected passage class-b) (= (distance passage class-b) 6)",
@@ -300,7 +300,7 @@ fn keys_and_values_of_entries() {
 }
 
 #[test]
-fn all_mistakes_of_an_entry_are_told() {
+fn all_mistakes_of_an_entry_are_reported() {
     let rover = "config = { start = \"passage\", speed = 0.3 }";
     let wrong = "config = { stat = \"passage\", speed = \"fast\" }";
     let told = told(&SCHOOL.replace(rover, wrong), MAP);
@@ -338,7 +338,7 @@ fn names() {
 }
 
 #[test]
-fn goals_know_what_agents_of_the_file_bring() {
+fn goals_may_use_declarations_of_the_agents() {
     let lunch = "(presented menu entrance)";
     file(lunch, "(presented menue entrance)", ERROR, 65, &["did you mean `menu`?"]);
     file(lunch, "(presentd menu entrance)", ERROR, 65, &["did you mean `presented`?"]);
@@ -352,7 +352,7 @@ fn goals_know_what_agents_of_the_file_bring() {
 }
 
 #[test]
-fn what_is_no_toml() {
+fn text_that_is_no_toml() {
     let name = "name = \"thermometer-a\"";
     file(name, "name = \"thermometer-a", ERROR, 28, &["a text is not closed"]);
     file(name, "name = thermometer-a", ERROR, 28, &["in quotes", "write \"thermometer-a\""]);

@@ -60,19 +60,19 @@ fn check_problem(domain: &str, problem: &str, code: i32, status: &str) {
 }
 
 #[test]
-fn what_cannot_be_reached_is_proven_before_search() {
+fn an_unreachable_goal_is_proven_before_search() {
     check_problem(LAMP, &EVENING.replace("(door hall study)", ""), 10, "unsolvable");
 }
 
 #[test]
-fn what_excludes_itself_is_proven_before_search() {
+fn a_contradictory_goal_is_proven_before_search() {
     let both = EVENING.replace("(on desk-lamp)", "(and (at hall) (at study))");
     check_problem(LAMP, &both, 10, "unsolvable");
 }
 
 /// The problem: any two of three lamps can be lit, but not all three.
 #[test]
-fn what_no_two_exclude_is_proven_by_search() {
+fn a_goal_without_pairwise_conflict_is_proven_by_search() {
     let domain = "(define (domain lamps) (:requirements :strips :typing) (:types lamp bulb)
         (:predicates (on ?l - lamp) (spare ?b - bulb))
         (:action light :parameters (?l - lamp ?b - bulb)
@@ -85,13 +85,13 @@ fn what_no_two_exclude_is_proven_by_search() {
 }
 
 #[test]
-fn time_that_is_up_is_said() {
+fn an_exceeded_time_limit_is_reported() {
     let run = Sandbox::lamp().check("plan domain.pddl evening.pddl --time-limit 0.000000001", 23);
     assert!(run.stderr.contains("no plan: out of time (--time-limit)"), "{}", run.stderr);
 }
 
 #[test]
-fn memory_that_is_used_up_is_said() {
+fn an_exceeded_memory_limit_is_reported() {
     // Sixty lamps in sixty rooms: their tables do not fit in a megabyte.
     let rooms: Vec<String> = (0..60).map(|i| format!("r{i}")).collect();
     let doors: String =
@@ -166,7 +166,7 @@ fn a_missing_file_is_bad_input() {
 }
 
 #[test]
-fn files_in_the_wrong_order_are_told_as_that() {
+fn swapped_files_are_recognised() {
     Sandbox::lamp().check("plan evening.pddl domain.pddl", 33).shows(
         expect![""],
         expect![[r#"
@@ -179,7 +179,7 @@ fn files_in_the_wrong_order_are_told_as_that() {
 }
 
 #[test]
-fn what_is_no_text_is_refused_as_a_whole() {
+fn a_binary_file_is_refused_as_a_whole() {
     let sandbox = Sandbox::lamp();
     let program: Vec<u8> =
         (0..20_000_u32).map(|n| (n.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
@@ -238,7 +238,7 @@ fn every_way_to_search_finds_the_plan() {
 }
 
 #[test]
-fn the_cheapest_plan_is_said_to_be_it() {
+fn the_cheapest_plan_is_marked_as_proven() {
     let run = Sandbox::lamp().check(&format!("{TASK} --optimal --json"), 0);
     assert_eq!(run.json()["statistics"]["proven_optimal"], true);
 }
@@ -293,7 +293,7 @@ fn json_is_one_object() {
 }
 
 #[test]
-fn mistakes_are_told_to_programs_too() {
+fn mistakes_are_reported_as_json_too() {
     let problem = EVENING.replace("(on desk-lamp)", "(onn desk-lamp)");
     let sandbox = Sandbox::new(&[("domain.pddl", LAMP), ("evening.pddl", &problem)]);
     let run = sandbox.check("plan domain.pddl evening.pddl --json", 33);

@@ -65,7 +65,7 @@ fn a_goal_that_does_not_hold_is_shown_in_the_problem() {
 }
 
 #[test]
-fn a_step_that_is_no_step_is_shown_with_what_was_meant() {
+fn an_unknown_step_is_shown_with_a_suggestion() {
     check(
         "(go hall study)\n(swich desk-lamp study)\n",
         1,
@@ -105,7 +105,7 @@ fn a_plan_that_cannot_be_read_is_bad_input() {
 }
 
 #[test]
-fn all_three_files_are_read_before_anything_is_said() {
+fn all_three_files_are_read_before_the_report() {
     let sandbox = Sandbox::new(&[("evening.pddl", "(define (problem p)")]);
     let run = sandbox.check(TASK, 33);
     for file in ["domain.pddl", "evening.pddl", "plan.txt"] {
@@ -114,7 +114,7 @@ fn all_three_files_are_read_before_anything_is_said() {
 }
 
 #[test]
-fn json_tells_step_and_condition() {
+fn json_has_step_and_condition() {
     let sandbox = Sandbox::lamp();
     let run = sandbox.check("validate domain.pddl evening.pddl plan.txt --json", 0);
     assert_eq!(

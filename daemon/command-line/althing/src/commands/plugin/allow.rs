@@ -47,9 +47,9 @@ pub(super) fn run(args: &PluginAllowArgs) -> ExitCode {
     }
 }
 
-/// Returns the rights that the user grants, which are all of `beyond`; otherwise an exit code,
-/// because the user does not consent. `command` is the command that a script can use instead, with
-/// `--allow` appended.
+/// Asks the user to grant the rights in `beyond`, except those that `allowed` covers. Returns all
+/// of `beyond` if the user consents, otherwise an exit code. If there is no terminal, prints
+/// `command` with the `--allow` options that a script needs.
 pub(super) fn consent(
     name: &str,
     beyond: &[Right],

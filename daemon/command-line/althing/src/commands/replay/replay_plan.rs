@@ -1,5 +1,5 @@
-//! Extracts from a recording what is to be replayed: the exchanges that agents outside the
-//! ecosystem opened, and how each of them ended.
+//! Extracts from a recording the exchanges to replay: those that agents outside the ecosystem
+//! opened, each with its end.
 
 use std::collections::BTreeSet;
 use std::fmt;
@@ -42,7 +42,7 @@ pub(super) struct ReplayedExchange {
 #[derive(Clone, Debug)]
 pub(super) enum OpeningMessage {
     Said(UserRequest),
-    /// Cancels, by sending this draft, the exchange that has this conversation in the recording.
+    /// A cancellation: the conversation to cancel, as in the recording, and the draft to send.
     CancelEarlier(ConversationId, MessageDraft),
 }
 
@@ -75,8 +75,8 @@ impl ReplayPlan {
             if let Some(OpeningMessage::CancelEarlier(conversation, draft)) = &words
                 && !plays.plays.iter().any(|play| play.conversation == *conversation)
             {
-                // The goal was requested before the recording began, so it is not replayed, and the
-                // message is sent as it is.
+                // The goal was requested before the recording began, so it is not replayed. The
+                // message to cancel it is sent unchanged.
                 words = Some(OpeningMessage::Said(UserRequest::Send(draft.clone())));
             }
             let Some(words) = words else {
@@ -173,8 +173,8 @@ fn end_of(opening: &Message, messages: &[Recorded]) -> (ExchangeEnd, Option<u64>
 }
 
 impl ExchangeEnd {
-    /// Whether the replayed end `now` is no worse than this recorded end. An exchange that has no
-    /// end in the recording may end in any way.
+    /// Whether the replay ended as the recording did. An exchange without an end in the recording
+    /// may end in any way.
     pub(super) fn is_as_good_as(self, now: ExchangeEnd) -> bool {
         self == ExchangeEnd::Open || self == now
     }

@@ -1,9 +1,10 @@
 //! SIGHUP: the daemon reads the ecosystem file again and applies what has changed.
 //!
-//! Agents of built-in plugins are added, removed and restarted. Changed goals need nothing, because
-//! each command reads the named goals itself. Everything else, such as the map, is fixed when a
-//! daemon starts: if it has changed, the daemon reports that, cancels its commitments and restarts
-//! itself under the same process id. If the file has a mistake, the daemon changes nothing.
+//! Agents of built-in plugins are added, removed and restarted. Changed goals need no action,
+//! because each command reads the named goals itself. Everything else, such as the map, is fixed
+//! when a daemon starts. If that has changed, the daemon reports it, cancels its commitments and
+//! restarts itself under the same process id. If the file has a mistake, the daemon changes
+//! nothing.
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -69,8 +70,8 @@ pub(super) async fn asked_for(hangups: &mut Option<Signal>) {
 }
 
 impl Reload {
-    /// Reads the ecosystem file again and applies the changes that are possible in a running
-    /// daemon. Returns what was changed, or why the daemon has to restart itself.
+    /// Reads the ecosystem file again, and applies the changes that are possible in a running
+    /// daemon. Prints the changes. Returns whether the daemon continues or has to restart itself.
     pub(super) async fn again(&mut self, node: &mut DaemonNode) -> ReloadOutcome {
         let file = self.file.display().to_string();
         // Mistakes are shown by `read`, with their places.

@@ -2,8 +2,8 @@
 //! `althing replay` and for later inspection.
 //!
 //! A recording is a text of lines. The first line is a [`Header`], each other line is a message
-//! ([`Recorded`]), without the answers of people. The recording is written while messages arrive:
-//! if writing ends at any point, all whole lines up to there can be read.
+//! ([`Recorded`]), without the answers of people. Messages are written as they arrive. If writing
+//! stops at any point, all lines that are complete by then can be read.
 
 use std::fs::{File, OpenOptions, Permissions};
 use std::io::{self, BufRead as _, BufReader, BufWriter, Write as _};
@@ -29,7 +29,7 @@ use crate::interruption;
 /// The version of the format of recordings.
 const VERSION: u32 = 1;
 
-/// Length of the longest line that is read, in bytes: a message has at most 4 MiB, and becomes a
+/// Maximum length of a line that is read, in bytes. A message has at most 4 MiB, and becomes a
 /// little longer as JSON within JSON.
 const LINE_BYTES_MAX: usize = 16 << 20;
 
@@ -300,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_recorded_can_be_read_up_to_where_it_was_cut() {
+    fn a_truncated_recording_is_read_up_to_its_last_whole_line() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("r.jsonl");
         let office = EcosystemId::new("office").expect("a name");
@@ -330,7 +330,7 @@ mod tests {
     }
 
     #[test]
-    fn what_comes_too_fast_is_counted() {
+    fn messages_beyond_the_queue_are_counted() {
         let folder = tempfile::tempdir().expect("a folder");
         let office = EcosystemId::new("office").expect("a name");
         let recorder = Recorder::create(&folder.path().join("r.jsonl"), &office, 1 << 20);
@@ -345,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_none_is_said_to_be_none() {
+    fn a_file_that_is_no_recording_is_refused() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("r.jsonl");
         for (text, word) in [

@@ -1,5 +1,5 @@
-//! The messages that `althing watch` shows, in a queue that never blocks Zenoh. The user is told of
-//! messages that are lost because the output is slow, and of a conversation that is quiet.
+//! The messages that `althing watch` shows, in a queue that never blocks Zenoh. The user is
+//! notified if messages are lost because the output is slow, and if a conversation is quiet.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -10,7 +10,7 @@ use bytes::Bytes;
 use tokio::sync::mpsc;
 use tokio::time::Instant;
 
-/// Time without any message of a conversation after which the user is told that there was none: its
+/// Time without any message of a conversation after which the user is notified, because the
 /// identifier may be mistyped. Agents that work on a conversation send messages within seconds.
 pub(super) const QUIET_AFTER: Duration = Duration::from_secs(10);
 
@@ -20,8 +20,8 @@ pub(super) struct WatchedMessages {
     lost: Arc<AtomicU64>,
     /// The conversation that is shown; `None` if all messages are shown.
     conversation: Option<String>,
-    /// Time at which the user is told that the conversation is quiet; `None` once a message was
-    /// received or the user was told.
+    /// Time at which the user is notified that the conversation is quiet; `None` after a message
+    /// has arrived or the user has been notified.
     quiet_at: Option<Instant>,
 }
 
@@ -32,7 +32,7 @@ pub(super) struct MessageTap {
     lost: Arc<AtomicU64>,
 }
 
-/// What a watcher shows next.
+/// Next item that `althing watch` shows.
 #[derive(Debug)]
 pub(super) enum WatchEvent {
     Message(Box<Message>),
@@ -42,8 +42,8 @@ pub(super) enum WatchEvent {
     Quiet,
 }
 
-/// Creates a queue for `capacity` messages, of which those of `conversation` are shown; of all
-/// conversations if it is `None`.
+/// Creates a queue for `capacity` messages. The receiving end shows only messages of
+/// `conversation`, or all messages if that is `None`.
 pub(super) fn queue(
     capacity: usize,
     conversation: Option<String>,
@@ -65,7 +65,7 @@ impl MessageTap {
 }
 
 impl WatchedMessages {
-    /// Waits for what is to be shown next. Returns `None` when no more messages can arrive.
+    /// Waits for the next item to show. Returns `None` when no more messages can arrive.
     pub(super) async fn next(&mut self) -> Option<WatchEvent> {
         loop {
             let lost = self.lost.swap(0, Ordering::Relaxed);
@@ -125,9 +125,9 @@ mod tests {
         assert_eq!(shown(&mut messages).await, "f", "each loss is told once");
     }
 
-    /// Messages of other conversations do not hide that there is none of the asked one.
+    /// Messages of other conversations do not delay the notice that the watched one is quiet.
     #[tokio::test(start_paused = true)]
-    async fn a_quiet_conversation_is_told_once() {
+    async fn a_quiet_conversation_is_reported_once() {
         let (tap, mut messages) = queue(100, Some("mistyped".to_owned()));
         let began = Instant::now();
         let others = tap.clone();
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_conversation_with_messages_is_never_called_quiet() {
+    async fn a_conversation_with_messages_is_never_reported_as_quiet() {
         let (tap, mut messages) = queue(100, Some("goal".to_owned()));
         tap.push(payload("goal"));
         assert_eq!(shown(&mut messages).await, "goal");

@@ -13,8 +13,8 @@ use crate::config::ecosystem::AgentEntry;
 use crate::config::raw::RawAgentEntry;
 use crate::config::reader;
 
-/// Paths of keys in an agent's `config` of which the values name places of the map, for every
-/// plugin. In a path, `*` stands for every key of a table or every element of a list.
+/// Paths of keys in an agent's `config` that hold names of places on the map, for every plugin. In
+/// a path, `*` stands for every key of a table or every element of a list.
 const PLACES: &[&str] = &[
     "location",
     "start",
@@ -25,14 +25,13 @@ const PLACES: &[&str] = &[
     "patrol.places.*",
     "rooms.*",
 ];
-/// Keys in an agent's `config` of which the values name another agent, for every plugin.
+/// Keys in an agent's `config` that hold the name of another agent, for every plugin.
 const CARRIERS: &[&str] = &["mounted-on"];
 
 // === impl Interpreter ===
 
 impl Interpreter<'_> {
-    /// Returns all agents of which the entries are correct; mistakes in the other entries are
-    /// reported.
+    /// Returns the agents with correct entries. Reports the mistakes in the other entries.
     pub(super) fn agents(
         &mut self,
         raw: Vec<RawAgentEntry>,
@@ -60,7 +59,7 @@ impl Interpreter<'_> {
         raw: RawAgentEntry,
         files: Option<&PddlFiles>,
     ) -> Option<AgentEntry> {
-        // The actions that it may offer are left to `rights`.
+        // The key `actions` is read by `rights`.
         let RawAgentEntry { name, plugin, package, daemon, driver, config, actions: _ } = raw;
         let name = self.agent_name(path, name, files);
         if let Some(package) = package {
@@ -211,7 +210,7 @@ impl Interpreter<'_> {
         None
     }
 
-    /// Whether `driver` is one of the plugin's drivers. If it is not, that is reported.
+    /// Whether `driver` is one of the plugin's drivers. Reports a mistake if it is not.
     fn driver(&mut self, path: &str, plugin: &str, drivers: &[&str], driver: &str) -> bool {
         if drivers.contains(&driver) {
             return true;
@@ -228,7 +227,7 @@ impl Interpreter<'_> {
         false
     }
 
-    /// Checks those values in the `config` of an entry that name a place or another agent.
+    /// Checks the values in the `config` of an entry that name a place or another agent.
     fn references(
         &mut self,
         path: &str,
@@ -259,7 +258,7 @@ impl Interpreter<'_> {
         }
     }
 
-    /// Warns about an agent that is assigned to no daemon although other agents are: its daemon was
+    /// Warns about an agent without a daemon although other agents have one: the daemon was
     /// probably forgotten.
     fn warn_unassigned(&mut self, path: &str, name: Option<&str>) {
         let agent = name.map_or("an agent".to_owned(), |name| format!("agent `{name}`"));

@@ -12,8 +12,8 @@ use super::Interpreter;
 /// Most objects of the map that an error message lists.
 const OBJECTS_LISTED_MAX: usize = 12;
 
-/// How many levels above the ecosystem file's folder are searched for a file that is not where the
-/// ecosystem file says.
+/// Number of levels above the ecosystem file's folder that are searched for a file that is missing
+/// at the path in the ecosystem file.
 const FOLDERS_ABOVE_MAX: usize = 3;
 
 /// The shared ontology and the map, as far as they can be read.
@@ -95,8 +95,8 @@ impl Interpreter<'_> {
 }
 
 impl Interpreter<'_> {
-    /// Returns `source` unless its text is clearly of the other kind, which is reported: the paths
-    /// of domain and map are easily exchanged.
+    /// Returns `source`, unless its text is clearly of the other kind. In that case reports a
+    /// mistake and returns `None`: the paths of domain and map are easily swapped.
     fn of_kind(
         &mut self,
         key: &str,
@@ -123,7 +123,7 @@ impl Interpreter<'_> {
     }
 }
 
-// === impl FileDigests ===
+// === impl PddlFiles ===
 
 impl PddlFiles {
     /// Returns an error message and a help text if `name` is not on the map, where it should be.

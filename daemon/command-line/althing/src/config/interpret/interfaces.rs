@@ -20,8 +20,7 @@ const RATE: f64 = 20.0;
 // === impl Interpreter ===
 
 impl Interpreter<'_> {
-    /// Returns all interfaces of which the entries are correct; mistakes in the other entries are
-    /// reported.
+    /// Returns the interfaces with correct entries. Reports the mistakes in the other entries.
     pub(super) fn interfaces(
         &mut self,
         raw: Vec<RawInterface>,
@@ -94,8 +93,8 @@ impl Interpreter<'_> {
         })
     }
 
-    /// Reports each word of the other ecosystem that stands for two words of this one: it could not
-    /// be translated back.
+    /// Reports each word of the other ecosystem that stands for two words of this ecosystem,
+    /// because it could not be translated back.
     fn both_ways(&mut self, path: &str, words: &BTreeMap<String, String>) {
         let mut first: BTreeMap<String, &str> = BTreeMap::new();
         for (ours, theirs) in words {

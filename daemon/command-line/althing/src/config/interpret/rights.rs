@@ -25,8 +25,8 @@ const REASONING: &[&str] =
 /// The unit of `warn-days`.
 const DAY: Duration = Duration::from_secs(24 * 3_600);
 
-/// Returns the actions that each agent may offer, by the agent's name, for those agents of which
-/// the entries limit them.
+/// Returns the actions that each agent may offer, by the name of the agent. Contains only agents
+/// that have the key `actions` in their entries.
 pub(super) fn limited_actions(agents: &[RawAgentEntry]) -> BTreeMap<String, BTreeSet<String>> {
     let lower = |actions: &Vec<String>| actions.iter().map(|each| each.to_lowercase()).collect();
     let limited = agents.iter().filter_map(|RawAgentEntry { name, actions, .. }| {

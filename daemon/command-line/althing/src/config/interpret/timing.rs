@@ -1,5 +1,5 @@
-//! The settings of all agents of an ecosystem: its times and bounds, with checks that they are consistent
-//! with each other, and the names of its reasoning agents.
+//! The settings of all agents of an ecosystem: its times and bounds, with checks that they are
+//! consistent with each other, and the names of its reasoning agents.
 
 use acl::AgentId;
 use agent::{AgentSettings, RoleNames, TimingRule};
@@ -31,7 +31,8 @@ impl Interpreter<'_> {
         if rule.holds() {
             return;
         }
-        // Reports the value that the user has written, not a default that the user may not know.
+        // Reports the value that the user has written. The other one may be a default that the user
+        // has never seen.
         let path = |key: &str| format!("timing.{key}");
         let is_default = |key: &str| {
             self.place(&path(key)).is_none_or(|(source, _)| source.name == DEFAULTS_NAME)
@@ -74,8 +75,8 @@ fn settings(timing: &RawTiming, limits: &RawLimits) -> AgentSettings {
     }
 }
 
-/// Returns the names of the reasoning agents: those that the entry of the Plan Requester gives the
-/// agents it works with, otherwise those of the first agents with the plugins.
+/// Returns the names of the reasoning agents. The `config` of the Plan Requester may name the
+/// agents that it works with. Otherwise the first agent with the respective plugin has the role.
 fn role_names(agents: &[AgentEntry]) -> RoleNames {
     let entry =
         |plugin: &str| agents.iter().find(|entry| entry.is_built_in() && entry.plugin == plugin);

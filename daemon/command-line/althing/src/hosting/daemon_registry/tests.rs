@@ -39,7 +39,7 @@ fn called(stay: &PresenceGuard) -> Vec<&str> {
 }
 
 #[tokio::test(start_paused = true)]
-async fn who_comes_later_calls_those_who_are_here() {
+async fn a_daemon_connects_to_those_that_entered_before() {
     let folder = folder();
     let m = come(&folder, "m").await;
     let z = come(&folder, "z").await;
@@ -53,7 +53,7 @@ async fn who_comes_later_calls_those_who_are_here() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn of_two_that_come_at_once_one_calls() {
+async fn only_one_of_two_simultaneous_daemons_connects() {
     let names: Vec<_> = (0..12).map(|number| format!("daemon-{number:02}")).collect();
     for _ in 0..5 {
         let folder = folder();
@@ -81,7 +81,7 @@ async fn of_two_that_come_at_once_one_calls() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn nobody_comes_just_after_another_has_left() {
+async fn a_daemon_enters_only_some_time_after_another_has_left() {
     let folder = folder();
     let began = Instant::now();
     let first = come(&folder, "first").await;
@@ -104,7 +104,7 @@ async fn nobody_comes_just_after_another_has_left() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn who_leaves_while_one_waits_is_waited_for_too() {
+async fn a_departure_during_the_wait_prolongs_it() {
     let folder = folder();
     let (first, second) = (come(&folder, "first").await, come(&folder, "second").await);
     drop(first);
@@ -123,7 +123,7 @@ async fn who_leaves_while_one_waits_is_waited_for_too() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn who_leaves_again_and_again_keeps_nobody_out() {
+async fn repeated_departures_do_not_block_entry() {
     let folder = folder();
     drop(come(&folder, "first").await);
     // The ticket shows at every check that the daemon has just left.
@@ -141,7 +141,7 @@ fn leaves_at(folder: &TempDir, name: &str, at: SystemTime) {
 }
 
 #[test]
-fn a_clock_that_was_put_back_keeps_nobody_away() {
+fn a_clock_that_was_set_back_does_not_block_entry() {
     let now = SystemTime::now();
     let ticket = |incarnation: &str, since| PresenceFile {
         daemon: "b".to_owned(),
@@ -166,7 +166,7 @@ fn a_clock_that_was_put_back_keeps_nobody_away() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_life_is_called_by_a_path_of_its_own() {
+async fn each_incarnation_has_its_own_path() {
     let folder = folder();
     let socket = folder.path().join("a.sock");
     let first = come(&folder, "a").await;
@@ -200,7 +200,7 @@ async fn a_name_is_taken_once() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn who_stands_in_the_door_keeps_nobody_out_for_ever() {
+async fn a_held_lock_does_not_block_entry_for_ever() {
     let folder = folder();
     let _door = acquire_lock(folder.path()).await.expect("the folder is ours");
     let _a = come(&folder, "a").await;
@@ -208,7 +208,7 @@ async fn who_stands_in_the_door_keeps_nobody_out_for_ever() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_is_no_ticket_is_passed_over() {
+async fn files_that_are_no_tickets_are_ignored() {
     let folder = folder();
     for (name, text) in [("Not A Name.here", "0123456789"), ("b.here", "../elsewhere"), ("c", "")] {
         fs::write(folder.path().join(name), text).expect("the folder is ours");
@@ -219,7 +219,7 @@ async fn what_is_no_ticket_is_passed_over() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn no_other_user_can_lock_what_locks() {
+async fn lock_files_are_closed_to_other_users() {
     let folder = folder();
     let _a = come(&folder, "a").await;
     for name in ["a.here", LOCK_FILE] {
@@ -229,7 +229,7 @@ async fn no_other_user_can_lock_what_locks() {
 }
 
 #[test]
-fn lives_fit_where_sockets_do() {
+fn paths_of_incarnations_are_no_longer_than_sockets() {
     let longest = "a".repeat(100 - ".sock".len());
     let incarnation = Path::new(&longest).with_extension(incarnation_name(SystemTime::now()));
     assert!(incarnation.as_os_str().len() < 108, "room for the final zero");

@@ -70,7 +70,7 @@ async fn a_much_cheaper_plan_is_adopted_and_the_robot_is_free() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_little_cheaper_is_not_worth_what_is_under_way() {
+async fn a_slightly_cheaper_plan_is_not_adopted() {
     for mode in MODES {
         let office = Office::open(&robot(), mode).await;
         let mut person = office.person("user");

@@ -56,10 +56,10 @@ async fn read<T: serde::de::DeserializeOwned>(office: &Office, of: &str, what: R
     serde_json::from_slice(answers.first().expect("an answer")).expect("it is one")
 }
 
-//  agents that advertise actions that they do not perform ===
+// === agents that advertise actions that they do not perform ===
 
 #[tokio::test(start_paused = true)]
-async fn who_refuses_what_it_advertises_is_named_and_asked_no_more() {
+async fn an_agent_that_refuses_its_own_action_is_named_and_avoided() {
     for mode in MODES {
         let office = Office::open(&[], mode).await;
         let refuses = Conduct::Refuses(Reason::Incapable);
@@ -81,7 +81,7 @@ async fn who_refuses_what_it_advertises_is_named_and_asked_no_more() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn who_agrees_and_falls_silent_is_tried_three_times_and_named() {
+async fn an_agent_that_agrees_and_falls_silent_is_tried_three_times() {
     for mode in MODES {
         let office = Office::open(&[], mode).await;
         let silent = blesser("silent", 1.0, Conduct::FallsSilent);
@@ -97,7 +97,7 @@ async fn who_agrees_and_falls_silent_is_tried_three_times_and_named() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_full_mailbox_is_told_and_tried_again() {
+async fn a_full_mailbox_is_reported_and_retried() {
     for mode in MODES {
         let office = Office::open(&[], mode).await;
         let conduct = Conduct::RefusesAtFirst(2, Reason::MailboxFull);
@@ -150,7 +150,7 @@ impl Agent for Flood {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_overflows_a_mailbox_is_refused_at_once_and_the_rest_is_served() {
+async fn messages_beyond_a_full_mailbox_are_refused_at_once() {
     let robot = entry("turtlebot-1", "turtlebot", "{ start = \"office2\" }");
     let office = Office::open(&[robot], Mode::Decentralized).await;
     let room = office.ecosystem.settings.mailbox_messages_max;
@@ -254,7 +254,7 @@ async fn a_plan_goes_on_when_a_change_does_not_matter_to_it() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn who_withdraws_an_action_under_a_running_plan_is_named() {
+async fn an_agent_that_withdraws_an_action_of_a_running_plan_is_named() {
     for mode in MODES {
         let office = Office::open(&[], mode).await;
         let guest = Stranger::enter(&office, "guest", careful(BLESS, "")).await;
@@ -300,7 +300,7 @@ fn stuck(name: &str, cost: f64) -> Script {
 }
 
 #[tokio::test(start_paused = true)]
-async fn who_confirms_what_its_own_word_denies_is_not_believed_for_long() {
+async fn a_confirmation_that_heartbeats_contradict_is_rejected() {
     for mode in MODES {
         let office = Office::open(&[], mode).await;
         let stuck = Stranger::enter(&office, "stuck", stuck("stuck", 1.0)).await;
@@ -365,7 +365,7 @@ async fn a_plan_that_rests_on_a_false_confirmation_ends_there() {
 // === observations that contradict each other ===
 
 #[tokio::test(start_paused = true)]
-async fn two_who_report_different_numbers_do_not_take_turns() {
+async fn contradicting_measurements_do_not_alternate() {
     let office = Office::open(&[], Mode::Decentralized).await;
     for (name, celsius) in [("first", 18), ("second", 21)] {
         let facts = format!("(= (temperature office1) {celsius})");
@@ -391,10 +391,10 @@ async fn two_who_report_different_numbers_do_not_take_turns() {
     office.close().await;
 }
 
-//  a question without an answer ===
+// === a question without an answer ===
 
 #[tokio::test(start_paused = true)]
-async fn a_question_that_nobody_answers_ends_with_that_reason() {
+async fn an_unanswered_question_ends_with_that_reason() {
     for mode in MODES {
         let login = "{ start = \"office2\", login = { pin = \"2718\", patience = \"20s\" } }";
         let office = Office::open(&[entry("turtlebot-1", "turtlebot", login)], mode).await;
@@ -406,10 +406,10 @@ async fn a_question_that_nobody_answers_ends_with_that_reason() {
     }
 }
 
-//  goals that are true already, and goals that never will be ===
+// === goals that are true already, and goals that never will be ===
 
 #[tokio::test(start_paused = true)]
-async fn a_goal_that_is_true_already_costs_nobody_anything() {
+async fn a_goal_that_holds_already_causes_no_action() {
     for mode in MODES {
         let robot = entry("turtlebot-1", "turtlebot", "{ start = \"office2\" }");
         let office = Office::open(&[robot], mode).await;
@@ -449,7 +449,7 @@ async fn a_goal_that_can_never_be_true_names_the_conjunct() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_goal_that_stands_for_too_many_conditions_is_told_so_and_delays_no_other() {
+async fn a_goal_of_too_many_conditions_is_refused_and_delays_no_other() {
     let variables: Vec<String> = (1..=30).map(|number| format!("?v{number}")).collect();
     let variables = format!("({} - location)", variables.join(" "));
     for mode in MODES {
@@ -481,10 +481,10 @@ async fn a_goal_that_stands_for_too_many_conditions_is_told_so_and_delays_no_oth
     }
 }
 
-//  a user agent that is restarted and requests its goal again ===
+// === a user agent that is restarted and requests its goal again ===
 
 #[tokio::test(start_paused = true)]
-async fn a_later_life_of_an_asker_keeps_its_goal_once() {
+async fn a_restarted_requester_keeps_its_goal_once() {
     for mode in MODES {
         let config = "{ start = \"office2\" }";
         let robots = ["turtlebot-1", "turtlebot-2"].map(|name| entry(name, "turtlebot", config));

@@ -28,7 +28,8 @@ async fn reasoning_agents_are_found_under_the_names_of_the_file() {
     }
 }
 
-/// The entry of the Plan Requester names one of two Plan Executors; a person's action goes to the same.
+/// The entry of the Plan Requester names one of two Plan Executors; a person's action goes to the
+/// same.
 #[tokio::test(start_paused = true)]
 async fn the_names_in_the_entry_of_the_plan_requester_count() {
     let entries = [

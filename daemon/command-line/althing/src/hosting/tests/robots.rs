@@ -36,7 +36,7 @@ async fn a_plan_drives_past_the_dock_where_the_battery_does_not_last() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn with_an_empty_battery_it_offers_no_move_until_it_is_charged() {
+async fn a_robot_with_an_empty_battery_offers_no_move_until_charged() {
     let office = Office::open(&robot(""), Mode::Decentralized).await;
     let mut person = office.person("user");
     assert!(person.reaches("(at turtlebot-1 office1)").await, "{:#?}", person.lines);
@@ -51,7 +51,7 @@ async fn with_an_empty_battery_it_offers_no_move_until_it_is_charged() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn it_goes_home_and_charges_when_asked_to() {
+async fn a_robot_charges_on_request() {
     for mode in MODES {
         let office = Office::open(&robot(""), mode).await;
         let mut person = office.person("user");
@@ -65,7 +65,7 @@ async fn it_goes_home_and_charges_when_asked_to() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn poses_are_places_that_only_it_knows() {
+async fn a_robot_reaches_its_own_poses() {
     for mode in MODES {
         let office = Office::open(&robot(""), mode).await;
         let mut person = office.person("user");
@@ -79,7 +79,7 @@ async fn poses_are_places_that_only_it_knows() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn it_goes_home_by_itself_before_its_battery_is_empty() {
+async fn a_robot_docks_before_its_battery_is_empty() {
     for mode in MODES {
         let config = "{ start = \"corridor\", dock = \"corridor\", \
                       battery = { range = 20.0, charge = 8.5 } }";
@@ -112,7 +112,7 @@ fn came(truth: &::building::Truth) -> usize {
 }
 
 #[tokio::test(start_paused = true)]
-async fn it_patrols_of_its_own_accord_and_comes_back_to_it() {
+async fn a_robot_resumes_its_patrol_after_a_goal() {
     for mode in MODES {
         let office = Office::open(&patrol(), mode).await;
         office.until("it sets out by itself", |truth| came(truth) == 1).await;
@@ -126,7 +126,7 @@ async fn it_patrols_of_its_own_accord_and_comes_back_to_it() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_patrol_under_way_gives_way() {
+async fn a_patrol_is_interrupted_for_a_goal() {
     for mode in MODES {
         let office = Office::open(&patrol(), mode).await;
         office.until("it sets out by itself", |truth| came(truth) == 1).await;

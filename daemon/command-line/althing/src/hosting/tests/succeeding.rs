@@ -12,7 +12,7 @@ const ROBOT: &str = r#"{ start = "corridor", dock = "corridor", battery = { rang
 /// After a take-over the robot stands where it was last seen, with the charge that it had left, and
 /// all processes see the same new building.
 #[tokio::test]
-async fn a_building_is_served_on_with_its_robots_where_they_were() {
+async fn a_building_takeover_keeps_the_robots_in_place() {
     let folder = tempfile::tempdir().expect("a folder");
     let entries = entry("turtlebot-1", "turtlebot", ROBOT) + "[building]\ntime-scale = 0.001\n";
     let ecosystem = ecosystem(&folder, &entries, Mode::Decentralized);

@@ -139,7 +139,7 @@ impl City {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_goal_is_accepted_when_two_machines_have_it() {
+async fn a_goal_is_accepted_when_two_journals_have_it() {
     for mode in MODES {
         let city = City::open(mode).await;
         let mut person = city.person("user");
@@ -154,7 +154,7 @@ async fn a_goal_is_accepted_when_two_machines_have_it() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn the_death_of_all_who_reason_leaves_the_plan_going_on() {
+async fn a_plan_continues_when_all_leaders_are_killed() {
     for mode in MODES {
         let mut city = City::open(mode).await;
         let mut person = city.person("user");
@@ -185,7 +185,7 @@ async fn the_death_of_all_who_reason_leaves_the_plan_going_on() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn who_ends_in_good_order_tears_no_plan_that_another_goes_on_with() {
+async fn an_orderly_stop_of_a_leader_keeps_the_plan() {
     for mode in MODES {
         let mut city = City::open(mode).await;
         let mut person = city.person("user");
@@ -204,7 +204,7 @@ async fn who_ends_in_good_order_tears_no_plan_that_another_goes_on_with() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn each_who_reasons_may_die_alone() {
+async fn each_reasoning_agent_may_be_killed_alone() {
     for mode in MODES {
         for who in REASONING {
             let mut city = City::with(&[who], mode).await;
@@ -226,7 +226,7 @@ async fn each_who_reasons_may_die_alone() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn all_may_be_killed_at_once_and_started_again() {
+async fn all_daemons_may_be_killed_at_once_and_restarted() {
     for mode in MODES {
         let mut city = City::open(mode).await;
         let mut person = city.person("user");
@@ -247,7 +247,7 @@ async fn all_may_be_killed_at_once_and_started_again() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn who_stands_by_has_heard_what_requests_changed() {
+async fn a_standby_has_the_requested_changes() {
     let mut city = City::without_journals(Mode::Decentralized).await;
     let mut person = city.person("user");
     let fact = "(connected office1 office2)";

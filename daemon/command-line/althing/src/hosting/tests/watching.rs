@@ -58,7 +58,7 @@ async fn pictures_and_videos_are_files_of_what_is_there() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_moves_is_known_by_itself_and_only_while_it_moves() {
+async fn motion_is_reported_unrequested_while_it_lasts() {
     let more = ", motion-for = \"20s\"";
     let office = Office::open(&[camera(more)], Mode::Decentralized).await;
     let mut person = office.person("user");
@@ -110,7 +110,7 @@ fn arrived(truth: &Truth) -> bool {
 const ON_MOTION: &str = ", on-motion = { goal = \"(validated ?l)\", priority = 5 }";
 
 #[tokio::test(start_paused = true)]
-async fn who_enters_is_seen_and_validated_at_the_robot() {
+async fn a_visitor_is_seen_and_validated_at_the_robot() {
     for mode in MODES {
         let entries = [camera(ON_MOTION), robot("pin = \"2718\"")];
         let office = Office::open(&entries, mode).await;
@@ -140,7 +140,7 @@ async fn validates(login: &str, first: &[&'static str], second: &[&'static str])
 }
 
 #[tokio::test(start_paused = true)]
-async fn the_right_pin_counts_whoever_gives_it_and_no_other() {
+async fn the_right_pin_counts_from_any_person() {
     let login = "pin = \"2718\", attempts = 2, patience = \"30s\"";
     assert!(validates(login, &["2718"], &["2718"]).await, "two right answers at once");
     assert!(validates(login, &["1111", "2718"], &[]).await, "wrong, then right");
@@ -151,7 +151,7 @@ async fn the_right_pin_counts_whoever_gives_it_and_no_other() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_question_that_somebody_has_answered_is_closed_elsewhere() {
+async fn an_answered_question_is_closed_at_other_keyboards() {
     let office = Office::open(&[robot("pin = \"2718\"")], Mode::Decentralized).await;
     let (mut asker, mut here, mut there) =
         (office.person("user"), office.person("here"), office.person("there"));
@@ -180,7 +180,7 @@ async fn a_question_that_somebody_has_answered_is_closed_elsewhere() {
 /// In an ecosystem without keys, a foreign tool on the network receives every message, also the
 /// message by which a person answers a question that another keyboard has received.
 #[tokio::test(start_paused = true)]
-async fn a_pin_is_nowhere_in_what_is_overheard() {
+async fn a_pin_never_appears_on_the_network() {
     const PIN: &str = "31415";
     let (network, said) = (Network::new(), Arc::new(Mutex::new(Vec::new())));
     let heard = Arc::clone(&said);

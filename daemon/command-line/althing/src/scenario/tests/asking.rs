@@ -51,13 +51,12 @@ fn words(message: &Message) -> (bool, String) {
     (true, format!("{}: {}", message.performative, refusal.detail))
 }
 
-/// Sends a request to the Domain Maintainer, from a new agent named `who`. Returns the answer.
+/// Sends a request to the Domain Maintainer, from a new agent. Returns the answer.
 pub(super) async fn change(set: &LaunchedScenario, who: &str, request: Request) -> String {
     ask(set, who, "domain-maintainer", Protocol::StateChange, request).await.remove(0)
 }
 
-/// Sends a request to the agent `to`, from a new agent named `who`. Returns all answers up to the
-/// final one.
+/// Sends a request to the agent `to`, from a new agent. Returns all answers up to the final one.
 pub(super) async fn ask(
     set: &LaunchedScenario,
     who: &str,

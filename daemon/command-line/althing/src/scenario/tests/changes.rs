@@ -19,7 +19,7 @@ fn believe(believe: &str, retract: &str) -> Request {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_is_changed_by_request_reaches_those_who_plan_alone() {
+async fn requested_changes_reach_the_actuators() {
     let (set, sensor) = office(Mode::Decentralized).await;
     let before: Snapshot = read(&set, &sensor, Resource::Domain).await;
     assert!(before.problem.contains("(connected corridor office1)"));
@@ -76,7 +76,7 @@ impl Listener {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_is_new_is_told_alone_and_all_of_it_a_moment_later() {
+async fn a_change_is_announced_alone_and_all_changes_later() {
     let (set, _) = office(Mode::Decentralized).await;
     let (tell, mut announced) = mpsc::unbounded_channel();
     let listener = AgentId::new("listener").expect("a name");
@@ -105,7 +105,7 @@ async fn what_is_new_is_told_alone_and_all_of_it_a_moment_later() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_way_has_a_length_and_the_map_does_not_say_it_again() {
+async fn a_requested_length_must_be_positive_and_replaces_that_of_the_map() {
     let (set, _) = office(Mode::Decentralized).await;
     let nothing = change(&set, "ann", believe("(= (distance corridor office1) 0)", "")).await;
     let expected = "the way from `corridor` to `office1` cannot be 0 m long; write more than 0";
@@ -117,7 +117,7 @@ async fn a_way_has_a_length_and_the_map_does_not_say_it_again() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn who_contradicts_whom_is_answered_and_seen() {
+async fn contradicting_owners_are_reported() {
     let (set, _) = office(Mode::Decentralized).await;
     let observe = |facts: &str| {
         Request::Observe(Observation { facts: facts.to_owned(), known_for: [].into() })
@@ -146,7 +146,7 @@ async fn who_contradicts_whom_is_answered_and_seen() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_makes_no_sense_is_refused_with_the_reason() {
+async fn a_senseless_change_is_refused_with_the_reason() {
     let (set, _) = office(Mode::Decentralized).await;
     let of = |action: &str| vec![ActionOf { action: action.to_owned(), agent: None }];
     let metric = |text: &str| Request::ChangeMetric(ChangeMetric { metric: Some(text.to_owned()) });

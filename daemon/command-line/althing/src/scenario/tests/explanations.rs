@@ -13,7 +13,7 @@ use crate::scenario::launched::LaunchedScenario;
 const REASONING: &[&str] =
     &["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"];
 
-/// Requests a goal from a new keyboard named `who`. Returns the text of the final report.
+/// Requests a goal from a new keyboard. Returns the text of the final report.
 async fn wish(set: &LaunchedScenario, who: &str, goal: &str) -> String {
     let achieve = Achieve::new(goal, Keep::Achieve, 0);
     let request = Request::Achieve(achieve);
@@ -29,7 +29,7 @@ fn unplug(set: &LaunchedScenario, which: impl Fn(&str) -> bool) {
 }
 
 #[tokio::test(start_paused = true)]
-async fn who_is_here_and_cannot_then_who_would_have_to_come() {
+async fn an_explanation_names_silent_agents_and_missing_types() {
     for mode in MODES {
         let (set, sensor) = office(mode).await;
         let goal = "(forall (?r - room) (known-temperature ?r))";
@@ -52,7 +52,7 @@ async fn who_is_here_and_cannot_then_who_would_have_to_come() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_goal_that_undoes_itself_is_told_from_a_missing_capability() {
+async fn a_contradictory_goal_is_distinguished_from_a_missing_capability() {
     let (set, _) = office(Mode::Centralized).await;
     let robot = set.node.agents().find(|agent| agent.as_str().contains("turtlebot"));
     let robot = robot.expect("the paper has one").clone();
@@ -63,7 +63,7 @@ async fn a_goal_that_undoes_itself_is_told_from_a_missing_capability() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn why_an_agent_was_chosen_is_told_where_others_could_answer() {
+async fn the_choice_among_several_agents_is_explained() {
     let (set, _) = office(Mode::Decentralized).await;
     let goal = "(known-temperature office2)".to_owned();
     let achieve = Achieve::new(goal, Keep::Achieve, 0);

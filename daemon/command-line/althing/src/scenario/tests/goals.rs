@@ -126,7 +126,7 @@ impl Office {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_needs_others_agents_waits_and_the_rest_does_not() {
+async fn a_goal_waits_for_a_robot_that_is_in_use() {
     for mode in MODES {
         let mut office = Office::open(mode).await;
         let first = office.ask("(at turtlebot-1 office2)", Keep::Achieve, 0).await;

@@ -114,7 +114,7 @@ impl Lab {
 }
 
 #[tokio::test(start_paused = true)]
-async fn every_quantity_that_is_asked_for_is_told_as_it_is() {
+async fn every_requested_quantity_is_reported_truly() {
     for mode in MODES {
         let mut lab = open(mode).await;
         for quantity in Quantity::all() {
@@ -146,7 +146,7 @@ async fn every_quantity_that_is_asked_for_is_told_as_it_is() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn who_moves_is_seen_within_a_heartbeat_and_nobody_asked() {
+async fn motion_is_reported_at_once_without_a_request() {
     for mode in MODES {
         let mut lab = open(mode).await;
         lab.wish("(motion lab)", Keep::Maintain).await;
