@@ -94,12 +94,12 @@ impl InterfaceNode {
             resources,
         });
         let (stopping, tasks) = (CancellationToken::new(), TaskTracker::new());
-        let shore = |name, switchboard: &Arc<MessageRouter>, host: &Arc<Host>| EcosystemEndpoint {
+        let shore = |name, router: &Arc<MessageRouter>, host: &Arc<Host>| EcosystemEndpoint {
             name: ecosystem(name),
             domain: Arc::clone(&world.ontology),
             problem: Arc::clone(&world.map),
             spawner: Spawner {
-                router: Arc::clone(switchboard),
+                router: Arc::clone(router),
                 host: Arc::clone(host),
                 stopping: stopping.clone(),
                 tasks: tasks.clone(),

@@ -342,7 +342,7 @@ impl Cluster {
     pub fn find_looped_proxy(&mut self) -> Option<String> {
         let clerk = self.annex_terminal.as_mut()?;
         while clerk.events.try_recv().is_ok() {}
-        annex_nodes::looped_proxy(self.machines[0].switchboard()?)
+        annex_nodes::looped_proxy(self.machines[0].router()?)
     }
 
     /// Returns the goals of the leading Plan Requester, as a person would query them.
@@ -356,9 +356,9 @@ impl Cluster {
     }
 
     async fn ask<T: DeserializeOwned>(&self, resource: Resource) -> Vec<T> {
-        let Some(switchboard) = self.machines[0].switchboard() else { return Vec::new() };
+        let Some(router) = self.machines[0].router() else { return Vec::new() };
         let ask = ResourceQuery { daemon: None, resource, agent: None };
-        let answers = switchboard.ask(ask, Duration::from_secs(2)).await;
+        let answers = router.ask(ask, Duration::from_secs(2)).await;
         answers.iter().filter_map(|answer| serde_json::from_slice(answer).ok()).collect()
     }
 

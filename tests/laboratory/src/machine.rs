@@ -61,7 +61,7 @@ pub struct SimulatedMachine {
 
 /// A running daemon.
 struct DaemonProcess {
-    switchboard: Arc<MessageRouter>,
+    router: Arc<MessageRouter>,
     host: Arc<Host>,
     agents: Vec<JoinHandle<()>>,
 }
@@ -160,22 +160,22 @@ impl SimulatedMachine {
             waits: self.open_exchanges.clone(),
         });
         let machine = move |state| HostServices::simulated(given.clone(), Some(state));
-        let switchboard = MessageRouter::on(
+        let router = MessageRouter::on(
             machine(self.state.clone()),
             ecosystem,
             self.daemon.clone(),
             world.settings.clone(),
         );
-        let inbound = Arc::<MessageRouter>::clone(&switchboard);
-        switchboard.connect(world.network.open(self.daemon.clone(), inbound));
+        let inbound = Arc::<MessageRouter>::clone(&router);
+        router.connect(world.network.open(self.daemon.clone(), inbound));
         let host = self.host();
-        let mut process = DaemonProcess { switchboard, host, agents: Vec::new() };
+        let mut process = DaemonProcess { router, host, agents: Vec::new() };
         for entry in world.script.agents.iter().filter(|entry| entry.daemons.contains(&self.number))
         {
             process.begin(entry, &world);
         }
         if let Some(gate) = &mut self.interface_node {
-            gate.open(&world, machine, (&process.switchboard, &process.host));
+            gate.open(&world, machine, (&process.router, &process.host));
         }
         self.process = Some(process);
     }
@@ -204,16 +204,16 @@ impl SimulatedMachine {
         let process = self.process.as_mut()?;
         let (keyboard, terminal) = Keyboard::with_terminal();
         let id = AgentId::new(name).expect("invariant: a name");
-        let berth = process.launch_context(&id, false);
-        let task = AbortOnDrop(LaunchableAgent::launch(Box::new(keyboard), berth));
+        let launch_context = process.launch_context(&id, false);
+        let task = AbortOnDrop(LaunchableAgent::launch(Box::new(keyboard), launch_context));
         process.agents.push(tokio::spawn(async move { drop(task.ended().await) }));
         Some(terminal)
     }
 
     /// Returns the message router, through which a person at this machine queries the daemons.
     /// Returns `None` if the daemon does not run.
-    pub fn switchboard(&self) -> Option<&Arc<MessageRouter>> {
-        self.process.as_ref().map(|process| &process.switchboard)
+    pub fn router(&self) -> Option<&Arc<MessageRouter>> {
+        self.process.as_ref().map(|process| &process.router)
     }
 
     /// Returns the interfacing part of the machine; `None` if it is no interfacing node.
@@ -280,14 +280,14 @@ impl DaemonProcess {
             host: Arc::clone(&self.host),
         };
         let stands_by = entry.daemons.len() > 1;
-        let (berth, world) = (self.launch_context(&id, stands_by), Arc::clone(world));
-        let span = tracing::info_span!("on", daemon = %self.switchboard.daemon());
+        let (launch_context, world) = (self.launch_context(&id, stands_by), Arc::clone(world));
+        let span = tracing::info_span!("on", daemon = %self.router.daemon());
         let lives = async move {
             loop {
-                let incarnation = berth.router.host_services().next_incarnation();
-                let berth = LaunchContext { incarnation, ..berth.clone() };
+                let incarnation = launch_context.router.host_services().next_incarnation();
+                let launch_context = LaunchContext { incarnation, ..launch_context.clone() };
                 let ended = match (plugin.build)(blueprint.clone()) {
-                    Ok(agent) => AbortOnDrop(agent.launch(berth)).ended().await,
+                    Ok(agent) => AbortOnDrop(agent.launch(launch_context)).ended().await,
                     Err(error) => Err(error.to_string()),
                 };
                 match ended {
@@ -304,8 +304,8 @@ impl DaemonProcess {
     fn launch_context(&self, id: &AgentId, stands_by: bool) -> LaunchContext {
         LaunchContext {
             id: id.clone(),
-            incarnation: self.switchboard.host_services().next_incarnation(),
-            router: Arc::clone(&self.switchboard),
+            incarnation: self.router.host_services().next_incarnation(),
+            router: Arc::clone(&self.router),
             ontology: Arc::from(self.host.ontology.name.as_str()),
             stopping: CancellationToken::new(),
             has_replicas: stands_by,

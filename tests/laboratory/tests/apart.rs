@@ -54,7 +54,7 @@ fn name(text: &str) -> AgentId {
 }
 
 struct Machine {
-    switchboard: Arc<MessageRouter>,
+    router: Arc<MessageRouter>,
     lives: u64,
 }
 
@@ -64,8 +64,8 @@ impl Machine {
         let daemon = DaemonId::new(daemon).expect("a name");
         let ecosystem = EcosystemId::new("home").expect("a name");
         let settings = AgentSettings::default();
-        let switchboard = MessageRouter::new(ecosystem, daemon.clone(), settings.clone());
-        switchboard.connect(network.open(daemon, Arc::<MessageRouter>::clone(&switchboard) as _));
+        let router = MessageRouter::new(ecosystem, daemon.clone(), settings.clone());
+        router.connect(network.open(daemon, Arc::<MessageRouter>::clone(&router) as _));
         let ontology = pddl::parse_domain(DOMAIN).into_result().expect("a domain");
         let map = pddl::parse_problem(PROBLEM).into_result().expect("a problem");
         let host = Arc::new(Host { settings, ..Host::new(ontology, map) });
@@ -73,18 +73,18 @@ impl Machine {
         let (id, driver) = (name("domain-maintainer"), String::new());
         let blueprint = Blueprint { id: id.clone(), driver, config, host };
         let maintainer = (domain_maintainer::PLUGIN.build)(blueprint).expect("built");
-        let mut machine = Machine { switchboard, lives: incarnation };
-        let berth = machine.berth(id, true);
-        drop(maintainer.launch(berth));
+        let mut machine = Machine { router, lives: incarnation };
+        let launch_context = machine.launch_context(id, true);
+        drop(maintainer.launch(launch_context));
         machine
     }
 
-    fn berth(&mut self, id: AgentId, stands_by: bool) -> LaunchContext {
+    fn launch_context(&mut self, id: AgentId, stands_by: bool) -> LaunchContext {
         self.lives += 10;
         LaunchContext {
             id,
             incarnation: Incarnation(self.lives),
-            router: Arc::clone(&self.switchboard),
+            router: Arc::clone(&self.router),
             ontology: Arc::from("d"),
             stopping: CancellationToken::new(),
             has_replicas: stands_by,
@@ -98,8 +98,8 @@ impl Machine {
         let (believe, retract) = (believe.to_owned(), retract.to_owned());
         let asker = Asker(ChangeState { believe, retract, owner: Some(name(owner)) }, told);
         let id = name(&format!("asker-{}", self.lives));
-        let berth = self.berth(id, false);
-        drop(agent::LaunchableAgent::launch(Box::new(asker), berth));
+        let launch_context = self.launch_context(id, false);
+        drop(agent::LaunchableAgent::launch(Box::new(asker), launch_context));
         let answer = timeout(PATIENCE, heard.recv()).await.expect("in time");
         assert_eq!(answer, Some(Performative::Confirm));
     }
@@ -107,11 +107,11 @@ impl Machine {
     /// Returns the facts that the Domain Maintainer of this machine believes.
     async fn believes(&self) -> BTreeSet<String> {
         let ask = ResourceQuery {
-            daemon: Some(self.switchboard.daemon().clone()),
+            daemon: Some(self.router.daemon().clone()),
             resource: Resource::State,
             agent: Some(name("domain-maintainer")),
         };
-        let answers = self.switchboard.ask(ask, PATIENCE).await;
+        let answers = self.router.ask(ask, PATIENCE).await;
         let states = answers.iter().filter_map(|text| serde_json::from_slice(text).ok());
         let facts = states.flat_map(|state: BelievedState| state.facts);
         facts.map(|fact| fact.fact).collect()
@@ -128,7 +128,7 @@ impl Machine {
             }
         };
         let in_time = timeout(PATIENCE, waiting).await;
-        assert!(in_time.is_ok(), "{}: {believed:?}", self.switchboard.daemon());
+        assert!(in_time.is_ok(), "{}: {believed:?}", self.router.daemon());
     }
 }
 

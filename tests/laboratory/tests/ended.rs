@@ -140,7 +140,7 @@ async fn a_cancelled_goal_is_not_continued_after_failover() {
     let version = Version { term: u64::MAX / 2, count: 7 };
     let mut other = Record { key: "goal/h".to_owned(), version, ..asked.open.clone() };
     // The cancellation was confirmed before the goal had ended.
-    other.body["engagement"]["conversation"] = "h".into();
+    other.body["participation"]["conversation"] = "h".into();
     other.body["cancelled"] = true.into();
     asked.is_handed(other).await;
     let is_it = |record: &Record| record.key == "goal/h" && record.version > version;

@@ -259,16 +259,16 @@ impl<D: Device> Actuator<D> {
     // === acting ===
 
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Participation::of(&message);
+        let participation = Participation::of(&message);
         match message.content_as::<Request>() {
             Ok(Request::Act(act)) => {
-                if let Err(refusal) = self.begin(&engagement, *act, ctx) {
-                    ctx.answer(&engagement, Performative::Refuse, &refusal);
+                if let Err(refusal) = self.begin(&participation, *act, ctx) {
+                    ctx.answer(&participation, Performative::Refuse, &refusal);
                 }
             }
             Ok(_) => {
                 let detail = "an actuator takes `act`; ask the Plan Requester for goals";
-                ctx.refuse(&engagement, Reason::Incapable, detail);
+                ctx.refuse(&participation, Reason::Incapable, detail);
             }
             Err(error) => ctx.not_understood(&message, error.to_string()),
         }
@@ -276,11 +276,11 @@ impl<D: Device> Actuator<D> {
 
     fn begin(
         &mut self,
-        engagement: &Participation,
+        participation: &Participation,
         act: Act,
         ctx: &mut Context<Self>,
     ) -> Result<(), Refusal> {
-        if self.answer_if_known(engagement, &act, ctx)? {
+        if self.answer_if_known(participation, &act, ctx)? {
             return Ok(());
         }
         let Act { action, method, arguments, token } = act;
@@ -293,7 +293,7 @@ impl<D: Device> Actuator<D> {
         if let Some(refusal) = self.device.check_call(&call) {
             return Err(refusal);
         }
-        ctx.answer(engagement, Performative::Agree, &Agreement { token: token.clone() });
+        ctx.answer(participation, Performative::Agree, &Agreement { token: token.clone() });
         let record = self.ledger.begin_token(token.clone());
         let performance = self.device.perform(&call);
         let (recording, counters) = (ctx.run_blocking(record), ctx.failure_counters());
@@ -314,7 +314,7 @@ impl<D: Device> Actuator<D> {
             ctx.run(work, |actuator: &mut Self, outcome, ctx| actuator.command_ended(outcome, ctx));
         self.running_command = Some(RunningCommand {
             token,
-            subscribers: vec![engagement.clone()],
+            subscribers: vec![participation.clone()],
             call,
             _work: work,
         });
@@ -325,7 +325,7 @@ impl<D: Device> Actuator<D> {
     /// is not executed again; the new requester gets its result, at once or when the action ends.
     fn answer_if_known(
         &mut self,
-        engagement: &Participation,
+        participation: &Participation,
         act: &Act,
         ctx: &mut Context<Self>,
     ) -> Result<bool, Refusal> {
@@ -340,10 +340,10 @@ impl<D: Device> Actuator<D> {
             if acting.call.action != *action {
                 return differs(&acting.call.action);
             }
-            acting.subscribers.push(engagement.clone());
+            acting.subscribers.push(participation.clone());
             let is_over = acting.subscribers.len() > SUBSCRIBERS_MAX;
             acting.subscribers.drain(..usize::from(is_over));
-            ctx.answer(engagement, Performative::Agree, &agreement);
+            ctx.answer(participation, Performative::Agree, &agreement);
             return Ok(true);
         }
         let report = match self.ledger.state_of(token) {
@@ -362,9 +362,9 @@ impl<D: Device> Actuator<D> {
         if let Some(known) = report.action.as_deref().filter(|known| *known != action.as_str()) {
             return differs(known);
         }
-        ctx.answer(engagement, Performative::Agree, &agreement);
+        ctx.answer(participation, Performative::Agree, &agreement);
         let report = Report { action: Some(action.clone()), ..report };
-        ctx.answer(engagement, Performative::Confirm, &report);
+        ctx.answer(participation, Performative::Confirm, &report);
         Ok(true)
     }
 
@@ -516,23 +516,23 @@ impl<D: Device> Actuator<D> {
     // === bidding ===
 
     fn called(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Participation::of(&message);
+        let participation = Participation::of(&message);
         let call = match message.content_as::<CallForProposals>() {
             Ok(call) => call,
             Err(error) => return ctx.not_understood(&message, error.to_string()),
         };
         if !self.device.makes_bids() {
-            return ctx.refuse(&engagement, Reason::Incapable, "this agent proposes no plans");
+            return ctx.refuse(&participation, Reason::Incapable, "this agent proposes no plans");
         }
         if self.running_bids.len() >= BIDS_MAX {
-            return ctx.refuse(&engagement, Reason::Busy, "it is planning for other calls");
+            return ctx.refuse(&participation, Reason::Busy, "it is planning for other calls");
         }
         let patience = message.reply_within.map_or(ctx.settings().proposals_deadline, |by| by.0);
         let cancel = Cancel::new();
         let (flag, deadline) = (cancel.clone(), cancel.clone());
         ctx.after(patience.mul_f32(0.8), move |_: &mut Self, _| deadline.set());
         let local = self.local_domain(ctx);
-        let exchange = engagement.exchange.clone();
+        let exchange = participation.exchange.clone();
         let finished = exchange.clone();
         let planner = Arc::clone(&self.bid_cache);
         if let Some(timer) = self.cache_expiry.take() {
@@ -552,8 +552,8 @@ impl<D: Device> Actuator<D> {
             move |actuator: &mut Self, bid, ctx| {
                 actuator.running_bids.remove(&finished);
                 match bid {
-                    Ok(bid) => ctx.answer(&engagement, Performative::Agree, &bid),
-                    Err(detail) => ctx.refuse(&engagement, Reason::Incapable, detail),
+                    Ok(bid) => ctx.answer(&participation, Performative::Agree, &bid),
+                    Err(detail) => ctx.refuse(&participation, Reason::Incapable, detail),
                 }
             },
         );

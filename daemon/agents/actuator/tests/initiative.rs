@@ -131,19 +131,19 @@ impl Other {
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
         let Ok(Request::Achieve(goal)) = message.content_as() else { panic!("{message:?}") };
         let _ = self.told.send(format!("{} is asked for {}", ctx.id(), goal.goal));
-        let engagement = Participation::of(&message);
+        let participation = Participation::of(&message);
         if self.refuses > 0 {
             self.refuses -= 1;
-            return ctx.refuse(&engagement, self.reason, "not now");
+            return ctx.refuse(&participation, self.reason, "not now");
         }
-        ctx.answer(&engagement, Performative::Confirm, &Report::new(Outcome::Holds, "it holds"));
-        self.asked = Some(engagement);
+        ctx.answer(&participation, Performative::Confirm, &Report::new(Outcome::Holds, "it holds"));
+        self.asked = Some(participation);
     }
 
     fn cancelled(&mut self, _message: Message, ctx: &mut Context<Self>) {
         let _ = self.told.send(format!("{} is to give it up", ctx.id()));
-        let Some(engagement) = self.asked.take() else { return };
-        ctx.answer(&engagement, Performative::Confirm, &Report::new(Outcome::Cancelled, "done"));
+        let Some(participation) = self.asked.take() else { return };
+        ctx.answer(&participation, Performative::Confirm, &Report::new(Outcome::Cancelled, "done"));
     }
 
     fn informed(&mut self, message: Message, _ctx: &mut Context<Self>) {
@@ -170,7 +170,7 @@ impl Other {
 // === the test environment ===
 
 struct Room {
-    switchboard: Arc<MessageRouter>,
+    router: Arc<MessageRouter>,
     told: Told,
     heard: mpsc::UnboundedReceiver<String>,
     ring: mpsc::Sender<()>,
@@ -189,11 +189,11 @@ fn room() -> Room {
     let network = Network::new();
     let daemon = DaemonId::new("here").expect("a name");
     let ecosystem = EcosystemId::new("home").expect("a name");
-    let switchboard = MessageRouter::new(ecosystem, daemon.clone(), settings);
-    switchboard.connect(network.open(daemon, Arc::<MessageRouter>::clone(&switchboard) as _));
+    let router = MessageRouter::new(ecosystem, daemon.clone(), settings);
+    router.connect(network.open(daemon, Arc::<MessageRouter>::clone(&router) as _));
     let (told, heard) = mpsc::unbounded_channel();
     let (ring, rings) = mpsc::channel(8);
-    Room { switchboard, told, heard, ring, rings: Some(rings), _network: network }
+    Room { router, told, heard, ring, rings: Some(rings), _network: network }
 }
 
 impl Room {
@@ -207,7 +207,7 @@ impl Room {
         let task = Box::new(agent).launch(LaunchContext {
             id: name(id),
             incarnation: Incarnation(incarnation),
-            router: Arc::clone(&self.switchboard),
+            router: Arc::clone(&self.router),
             ontology: Arc::from("home"),
             stopping: stopping.clone(),
             has_replicas: false,
@@ -233,7 +233,7 @@ impl Room {
         let map =
             pddl::parse_problem("(define (problem map) (:domain home) (:init) (:goal (and)))");
         let host = Host {
-            settings: self.switchboard.settings().clone(),
+            settings: self.router.settings().clone(),
             ..Host::new(ontology.value.expect("a domain"), map.value.expect("a map"))
         };
         let blueprint = Blueprint {

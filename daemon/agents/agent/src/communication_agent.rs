@@ -65,7 +65,7 @@ pub(crate) struct CommunicationAgent {
     outbox: Outbox,
     /// Duplicate window of the agent.
     door: Arc<DuplicateFilter>,
-    engagements: BTreeMap<(ReplyToken, AgentId), Exchange>,
+    participations: BTreeMap<(ReplyToken, AgentId), Exchange>,
     engagements_order: VecDeque<(ReplyToken, AgentId)>,
     early: VecDeque<Message>,
     receipts: Receipts,
@@ -91,7 +91,7 @@ impl CommunicationAgent {
             via,
             outbox,
             door,
-            engagements: BTreeMap::new(),
+            participations: BTreeMap::new(),
             engagements_order: VecDeque::new(),
             early: VecDeque::new(),
             receipts,
@@ -166,12 +166,12 @@ impl CommunicationAgent {
     /// Sends an answer as the participant of an exchange. If the answer cannot be sent, logs that.
     pub(crate) fn answer(
         &mut self,
-        engagement: &Participation,
+        participation: &Participation,
         performative: Performative,
         content: Value,
     ) {
-        if let Err(why) = self.try_answer(engagement, performative, content) {
-            tracing::warn!(agent = %self.id, conversation = %engagement.conversation, %why,
+        if let Err(why) = self.try_answer(participation, performative, content) {
+            tracing::warn!(agent = %self.id, conversation = %participation.conversation, %why,
                 "an answer could not be sent");
         }
     }
@@ -180,12 +180,12 @@ impl CommunicationAgent {
     /// could be sent.
     pub(crate) fn try_answer(
         &mut self,
-        engagement: &Participation,
+        participation: &Participation,
         performative: Performative,
         content: Value,
     ) -> Result<(), DeliveryError> {
         let Participation { initiator, incarnation, exchange, conversation, protocol } =
-            engagement.clone();
+            participation.clone();
         let mut message = self.message(performative, conversation, content);
         message.protocol = protocol;
         message.in_reply_to = Some(exchange.clone());
@@ -415,14 +415,14 @@ impl CommunicationAgent {
         if self.engagements_order.len() >= ENGAGEMENTS_MAX
             && let Some(oldest) = self.engagements_order.pop_front()
         {
-            self.engagements.remove(&oldest);
+            self.participations.remove(&oldest);
         }
-        if self.engagements_order.len() > self.engagements.len() * 2 + OVER_MAX {
-            let followed = &self.engagements;
+        if self.engagements_order.len() > self.participations.len() * 2 + OVER_MAX {
+            let followed = &self.participations;
             self.engagements_order.retain(|key| followed.contains_key(key));
         }
         self.engagements_order.push_back(key.clone());
-        self.engagements.insert(key, exchange);
+        self.participations.insert(key, exchange);
         true
     }
 
@@ -430,11 +430,11 @@ impl CommunicationAgent {
     pub(crate) fn continues_engagement(&mut self, message: &Message) -> bool {
         let Some(token) = &message.in_reply_to else { return false };
         let key = (token.clone(), message.sender.clone());
-        let Some(exchange) = self.engagements.get_mut(&key) else { return false };
+        let Some(exchange) = self.participations.get_mut(&key) else { return false };
         match exchange.advance(message) {
             Ok(phase) => {
                 if phase == ExchangePhase::Closed {
-                    self.engagements.remove(&key);
+                    self.participations.remove(&key);
                 }
                 true
             }
@@ -468,13 +468,13 @@ impl CommunicationAgent {
     }
 
     fn advance_engagement(&mut self, key: &(ReplyToken, AgentId), message: &Message) {
-        let Some(exchange) = self.engagements.get_mut(key) else { return };
+        let Some(exchange) = self.participations.get_mut(key) else { return };
         if let Err(violation) = exchange.advance(message) {
             // A bug of this agent; the other side will report it too.
             tracing::error!(agent = %self.id, %violation, "this agent breaks its protocol");
         }
         if exchange.is_closed() {
-            self.engagements.remove(key);
+            self.participations.remove(key);
         }
     }
 

@@ -175,11 +175,11 @@ impl<A: 'static> Context<A> {
     /// Sends an answer as the participant of an exchange; logs it if the answer cannot be sent.
     pub fn answer(
         &mut self,
-        engagement: &Participation,
+        participation: &Participation,
         performative: Performative,
         content: &impl serde::Serialize,
     ) {
-        self.communication.answer(engagement, performative, value(content));
+        self.communication.answer(participation, performative, value(content));
     }
 
     /// Sends an answer as the participant of an exchange; if that fails, the caller can try it later.
@@ -189,21 +189,21 @@ impl<A: 'static> Context<A> {
     /// Returns the reason if the answer cannot be sent now, such as a full outbox.
     pub fn try_answer(
         &mut self,
-        engagement: &Participation,
+        participation: &Participation,
         performative: Performative,
         content: &impl serde::Serialize,
     ) -> Result<(), DeliveryError> {
-        self.communication.try_answer(engagement, performative, value(content))
+        self.communication.try_answer(participation, performative, value(content))
     }
 
     /// Refuses, as the participant of an exchange, what the initiator asked for.
     pub fn refuse(
         &mut self,
-        engagement: &Participation,
+        participation: &Participation,
         reason: Reason,
         detail: impl Into<String>,
     ) {
-        self.answer(engagement, Performative::Refuse, &Refusal::new(reason, detail));
+        self.answer(participation, Performative::Refuse, &Refusal::new(reason, detail));
     }
 
     /// Answers that a message's content could not be understood.
@@ -316,7 +316,7 @@ impl<A: 'static> Context<A> {
         then: impl FnOnce(&mut A, Option<LaunchError>, &mut Context<A>) + Send + 'static,
     ) -> ChildHandle {
         let stopping = CancellationToken::new();
-        let berth = LaunchContext {
+        let launch_context = LaunchContext {
             id,
             incarnation: self.router().host_services().next_incarnation(),
             router: Arc::clone(self.router()),
@@ -325,7 +325,7 @@ impl<A: 'static> Context<A> {
             has_replicas: false,
             via: [].into(),
         };
-        let task = agent.launch(berth);
+        let task = agent.launch(launch_context);
         let work = self.run(task, |agent: &mut A, ended, ctx| {
             // A panic is on stderr already, with its place.
             then(agent, ended.ok().and_then(Result::err), ctx);

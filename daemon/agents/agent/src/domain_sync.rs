@@ -116,11 +116,11 @@ pub fn receive_inform<A: MaintainsDomain>(agent: &mut A, message: &Message, ctx:
 /// Composes the models that have arrived, either at once or a little later together with models that
 /// arrive soon.
 fn compose_soon<A: MaintainsDomain>(agent: &mut A, ctx: &mut Context<A>) {
-    let upkeep = agent.domain_sync();
-    if !upkeep.maintainer.is_stale() || upkeep.composing.is_some() {
+    let domain_sync = agent.domain_sync();
+    if !domain_sync.maintainer.is_stale() || domain_sync.composing.is_some() {
         return;
     }
-    let over = upkeep.composed.map_or(COMPOSING_APART, |composed| composed.elapsed());
+    let over = domain_sync.composed.map_or(COMPOSING_APART, |composed| composed.elapsed());
     let wait = COMPOSING_APART.saturating_sub(over);
     if wait.is_zero() {
         return compose(agent, ctx);
@@ -131,12 +131,12 @@ fn compose_soon<A: MaintainsDomain>(agent: &mut A, ctx: &mut Context<A>) {
 /// Composes the models that have arrived, if there are any. Call this function before the domain is
 /// shown to others.
 pub fn compose<A: MaintainsDomain>(agent: &mut A, ctx: &mut Context<A>) {
-    let upkeep = agent.domain_sync();
-    let timer = upkeep.composing.take();
-    let (is_stale, now) = (upkeep.maintainer.is_stale(), upkeep.timestamp());
+    let domain_sync = agent.domain_sync();
+    let timer = domain_sync.composing.take();
+    let (is_stale, now) = (domain_sync.maintainer.is_stale(), domain_sync.timestamp());
     if is_stale {
-        let AdmitResult { change, conflicts } = upkeep.maintainer.compose_added(now);
-        upkeep.composed = Some(Instant::now());
+        let AdmitResult { change, conflicts } = domain_sync.maintainer.compose_added(now);
+        domain_sync.composed = Some(Instant::now());
         if !conflicts.is_empty() {
             agent.conflicts_found(&conflicts, ctx);
         }

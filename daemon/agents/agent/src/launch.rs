@@ -61,5 +61,8 @@ pub trait LaunchableAgent: Send {
     fn model(&self) -> Option<String>;
 
     /// Starts the agent. The returned task ends when the daemon drains, or with an error.
-    fn launch(self: Box<Self>, berth: LaunchContext) -> JoinHandle<Result<(), LaunchError>>;
+    fn launch(
+        self: Box<Self>,
+        launch_context: LaunchContext,
+    ) -> JoinHandle<Result<(), LaunchError>>;
 }

@@ -44,15 +44,15 @@ struct LoggedLine {
 impl Rejections {
     /// Counts a rejection, and logs it unless a similar one was logged lately.
     pub(crate) fn note(&self, rejected: &Rejected<'_>) {
-        let Rejected { violation: breach, detail, claimed, key } = *rejected;
-        *lock(&self.counts).entry(breach).or_default() += 1;
+        let Rejected { violation, detail, claimed, key } = *rejected;
+        *lock(&self.counts).entry(violation).or_default() += 1;
         let from = claimed.unwrap_or("unknown");
-        if let Some(unsaid) = self.is_to_say(breach.as_str(), from, Instant::now()) {
+        if let Some(unsaid) = self.is_to_say(violation.as_str(), from, Instant::now()) {
             tracing::warn!(
                 from,
                 key,
                 unsaid,
-                kind = breach.as_str(),
+                kind = violation.as_str(),
                 "rejected: the message {detail}"
             );
         }
@@ -61,15 +61,15 @@ impl Rejections {
     /// Counts and logs that an announcement or heartbeat was not accepted, for the reason `why`.
     pub(crate) fn not_taken(&self, message: &Message, why: &str) {
         let detail = format!("describes its sender in a way that is not accepted: {why}");
-        let (breach, claimed) = (ViolationKind::NotUnderstood, Some(message.sender.as_str()));
+        let (violation, claimed) = (ViolationKind::NotUnderstood, Some(message.sender.as_str()));
         let key = message.id.as_str();
-        self.note(&Rejected { violation: breach, detail: &detail, claimed, key });
+        self.note(&Rejected { violation, detail: &detail, claimed, key });
     }
 
     /// Returns the number of rejected messages for each kind of violation.
     pub(crate) fn counts(&self) -> BTreeMap<String, u64> {
         let counts = lock(&self.counts);
-        counts.iter().map(|(breach, count)| (breach.as_str().to_owned(), *count)).collect()
+        counts.iter().map(|(violation, count)| (violation.as_str().to_owned(), *count)).collect()
     }
 
     /// Returns `None` if this rejection is not to be logged now. Otherwise returns the number of

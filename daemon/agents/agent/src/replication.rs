@@ -172,12 +172,13 @@ pub fn handle_leadership<A: ReplicatesRecords>(
     ctx: &mut Context<A>,
 ) {
     let incarnation = ctx.incarnation();
-    let keeper = agent.journal_client();
-    keeper.is_leading = is_leading;
-    (keeper.unread, keeper.reading, keeper.reads) = (BTreeSet::new(), None, 0);
-    keeper.has_read = false;
+    let journal_client = agent.journal_client();
+    journal_client.is_leading = is_leading;
+    (journal_client.unread, journal_client.reading, journal_client.reads) =
+        (BTreeSet::new(), None, 0);
+    journal_client.has_read = false;
     if is_leading {
-        keeper.begin_term(incarnation, &[]);
+        journal_client.begin_term(incarnation, &[]);
         read_all(agent, ctx);
     }
 }
@@ -189,8 +190,8 @@ pub fn handle_presence<A: ReplicatesRecords>(
     ctx: &mut Context<A>,
 ) {
     let who = &presence.resident().agent;
-    let keeper = agent.journal_client();
-    if !keeper.is_leading || !keeper.journals.contains(who) {
+    let journal_client = agent.journal_client();
+    if !journal_client.is_leading || !journal_client.journals.contains(who) {
         return;
     }
     match presence {
@@ -199,31 +200,31 @@ pub fn handle_presence<A: ReplicatesRecords>(
             read_all(agent, ctx);
         }
         Presence::Left(_) => {
-            keeper.unread.remove(who);
+            journal_client.unread.remove(who);
         }
     }
 }
 
 /// Reads the records of all Journals that are present.
 fn read_all<A: ReplicatesRecords>(agent: &mut A, ctx: &mut Context<A>) {
-    let keeper = agent.journal_client();
-    let here = keeper.journals.iter().filter(|journal| ctx.find(journal).is_some());
-    (keeper.unread, keeper.reads) = (here.cloned().collect(), 0);
+    let journal_client = agent.journal_client();
+    let here = journal_client.journals.iter().filter(|journal| ctx.find(journal).is_some());
+    (journal_client.unread, journal_client.reads) = (here.cloned().collect(), 0);
     read(agent, ctx);
 }
 
 /// Reads the records of those Journals that have not been read, unless a read is under way.
 fn read<A: ReplicatesRecords>(agent: &mut A, ctx: &mut Context<A>) {
-    let keeper = agent.journal_client();
-    if keeper.reading.is_some() || keeper.unread.is_empty() {
+    let journal_client = agent.journal_client();
+    if journal_client.reading.is_some() || journal_client.unread.is_empty() {
         return;
     }
-    keeper.reads = keeper.reads.saturating_add(1);
-    let (reads, deadline) = (keeper.reads, ctx.settings().answer_deadline);
+    journal_client.reads = journal_client.reads.saturating_add(1);
+    let (reads, deadline) = (journal_client.reads, ctx.settings().answer_deadline);
     // A new leader needs the records to go on; later reads are not urgent.
-    let patience = if keeper.has_read { deadline } else { OTHERS_AWAITED };
+    let patience = if journal_client.has_read { deadline } else { OTHERS_AWAITED };
     let mut asked = JoinSet::new();
-    for journal in keeper.unread.clone() {
+    for journal in journal_client.unread.clone() {
         if ctx.find(&journal).is_none() {
             continue;
         }
@@ -287,12 +288,12 @@ fn take_in<A: ReplicatesRecords>(
     if answers.is_empty() {
         return None;
     }
-    let keeper = agent.journal_client();
-    keeper.has_read = true;
+    let journal_client = agent.journal_client();
+    journal_client.has_read = true;
     let mut newest: BTreeMap<String, Record> = BTreeMap::new();
     for (journal, records) in answers {
-        keeper.unread.remove(&journal);
-        keeper.begin_term(incarnation, &records);
+        journal_client.unread.remove(&journal);
+        journal_client.begin_term(incarnation, &records);
         for record in records {
             let is_newer =
                 newest.get(&record.key).is_none_or(|known| known.version < record.version);
@@ -316,7 +317,7 @@ mod tests {
         }
     }
 
-    fn keeper() -> JournalClient<Writer> {
+    fn journal_client() -> JournalClient<Writer> {
         JournalClient {
             journals: Vec::new(),
             version: Version::default(),
@@ -332,16 +333,16 @@ mod tests {
 
     #[test]
     fn a_term_is_greater_than_any_read_whatever_the_clock_says() {
-        let mut keeper = keeper();
-        keeper.begin_term(Incarnation(7), &[]);
-        assert_eq!(keeper.term(), 7);
-        let mine = keeper.write("goal/a".to_owned(), Value::Null);
-        keeper.begin_term(Incarnation(7), std::slice::from_ref(&mine));
-        assert_eq!(keeper.term(), 7, "its own records begin no term");
+        let mut journal_client = journal_client();
+        journal_client.begin_term(Incarnation(7), &[]);
+        assert_eq!(journal_client.term(), 7);
+        let mine = journal_client.write("goal/a".to_owned(), Value::Null);
+        journal_client.begin_term(Incarnation(7), std::slice::from_ref(&mine));
+        assert_eq!(journal_client.term(), 7, "its own records begin no term");
         let theirs = Record { version: Version { term: 99, count: 3 }, ..mine };
-        keeper.begin_term(Incarnation(7), std::slice::from_ref(&theirs));
-        assert!(keeper.term() > 99);
-        assert!(keeper.write("goal/a".to_owned(), Value::Null).version > theirs.version);
+        journal_client.begin_term(Incarnation(7), std::slice::from_ref(&theirs));
+        assert!(journal_client.term() > 99);
+        assert!(journal_client.write("goal/a".to_owned(), Value::Null).version > theirs.version);
     }
 
     /// If two leaders had equal terms, a plan or a command of one could be mistaken for that of the
@@ -352,9 +353,9 @@ mod tests {
         let read = Record { key: "goal/a".to_owned(), version, body: Value::Null };
         let terms = [1_700_000_034_042_988, 1_700_000_034_042_989, 1_700_000_034_039_001];
         let terms = terms.map(|incarnation| {
-            let mut keeper = keeper();
-            keeper.begin_term(Incarnation(incarnation), std::slice::from_ref(&read));
-            keeper.term()
+            let mut journal_client = journal_client();
+            journal_client.begin_term(Incarnation(incarnation), std::slice::from_ref(&read));
+            journal_client.term()
         });
         assert!(terms.iter().all(|term| *term > version.term));
         assert_eq!(BTreeSet::from(terms).len(), 3, "{terms:?}");

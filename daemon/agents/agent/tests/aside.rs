@@ -42,14 +42,14 @@ impl Agent for Fickle {
 async fn what_is_dropped_is_not_heard_of_though_it_was_done() {
     let daemon = DaemonId::new("here").expect("a name");
     let ecosystem = EcosystemId::new("home").expect("a name");
-    let switchboard = MessageRouter::new(ecosystem, daemon.clone(), AgentSettings::default());
+    let router = MessageRouter::new(ecosystem, daemon.clone(), AgentSettings::default());
     let network = Network::new();
-    switchboard.connect(network.open(daemon, Arc::<MessageRouter>::clone(&switchboard) as _));
+    router.connect(network.open(daemon, Arc::<MessageRouter>::clone(&router) as _));
     let (told, mut heard) = mpsc::unbounded_channel();
     let task = Box::new(Fickle { works: Vec::new(), told }).launch(LaunchContext {
         id: AgentId::new("fickle").expect("a name"),
         incarnation: Incarnation(1),
-        router: switchboard,
+        router,
         ontology: Arc::from("d"),
         stopping: CancellationToken::new(),
         has_replicas: false,

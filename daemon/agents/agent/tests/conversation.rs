@@ -26,7 +26,7 @@ fn name(text: &str) -> AgentId {
 
 /// A daemon on the in-memory network.
 struct Daemon {
-    switchboard: Arc<MessageRouter>,
+    router: Arc<MessageRouter>,
     port: Arc<dyn Substrate>,
     stopping: CancellationToken,
 }
@@ -35,17 +35,17 @@ impl Daemon {
     fn open(network: &Network, daemon: &str, settings: AgentSettings) -> Daemon {
         let ecosystem = EcosystemId::new("test").expect("a name");
         let daemon = DaemonId::new(daemon).expect("a name");
-        let switchboard = MessageRouter::new(ecosystem, daemon.clone(), settings);
-        let port = network.open(daemon, Arc::<MessageRouter>::clone(&switchboard) as _);
-        switchboard.connect(Arc::clone(&port));
-        Daemon { switchboard, port, stopping: CancellationToken::new() }
+        let router = MessageRouter::new(ecosystem, daemon.clone(), settings);
+        let port = network.open(daemon, Arc::<MessageRouter>::clone(&router) as _);
+        router.connect(Arc::clone(&port));
+        Daemon { router, port, stopping: CancellationToken::new() }
     }
 
     /// Makes the daemon lose the next `count` messages that it receives.
     fn loses(&mut self, network: &Network, count: u32) {
-        let inner = Arc::clone(&self.switchboard);
+        let inner = Arc::clone(&self.router);
         let deaf = Lossy { inner, lose: std::sync::atomic::AtomicU32::new(count) };
-        self.port = network.open(self.switchboard.daemon().clone(), Arc::new(deaf));
+        self.port = network.open(self.router.daemon().clone(), Arc::new(deaf));
     }
 
     fn launch(
@@ -54,11 +54,11 @@ impl Daemon {
         id: &str,
         incarnation: u64,
     ) -> JoinHandle<Result<(), LaunchError>> {
-        self.berth(agent, id, incarnation, false)
+        self.launch_context(agent, id, incarnation, false)
     }
 
     /// Returns a context for launching an agent that may have replicas.
-    fn berth(
+    fn launch_context(
         &self,
         agent: impl Agent,
         id: &str,
@@ -68,7 +68,7 @@ impl Daemon {
         Box::new(agent).launch(LaunchContext {
             id: name(id),
             incarnation: Incarnation(incarnation),
-            router: Arc::clone(&self.switchboard),
+            router: Arc::clone(&self.router),
             ontology: Arc::from("test"),
             stopping: self.stopping.clone(),
             has_replicas: stands_by,
@@ -93,12 +93,12 @@ impl Agent for Worker {
 
 impl Worker {
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Participation::of(&message);
-        ctx.answer(&engagement, Performative::Agree, &());
+        let participation = Participation::of(&message);
+        ctx.answer(&participation, Performative::Agree, &());
         let _ = self.done.send("began");
         ctx.after(self.takes, move |worker, ctx| {
             let _ = worker.done.send("done");
-            ctx.answer(&engagement, Performative::Confirm, &Report::new(Outcome::Done, "done"));
+            ctx.answer(&participation, Performative::Confirm, &Report::new(Outcome::Done, "done"));
         });
     }
 
@@ -229,7 +229,7 @@ async fn a_death_in_the_middle_is_silence_not_for_ever() {
     room.work();
     room.ask();
     assert_eq!(room.hears().await, "agree 1");
-    room.network.kill(room.there.switchboard.daemon());
+    room.network.kill(room.there.router.daemon());
     assert_eq!(room.hears().await, "silence 1");
 }
 
@@ -391,8 +391,7 @@ async fn garbage_is_answered_and_hurts_nobody() {
     });
     // The stranger must be present, or it cannot be answered.
     let _token = room.here.port.announce(&name("stranger"), Incarnation(1)).expect("open");
-    let to =
-        AgentAddress { daemon: room.there.switchboard.daemon().clone(), agent: name("worker") };
+    let to = AgentAddress { daemon: room.there.router.daemon().clone(), agent: name("worker") };
     let subject = Subject::Message(Performative::Request);
     let version_9 = r#"{"version": 9, "sender": "stranger", "conversation_id": "c9"}"#;
     tokio::task::yield_now().await;
@@ -431,7 +430,7 @@ async fn a_request_to_another_version_is_answered_at_once() {
     room.ask();
     let asked = acl::decode(&told.recv().await.expect("it asks")).expect("a message");
     let answer = of_version_1(Performative::NotUnderstood, "worker", asked.reply_with.as_ref());
-    let to = AgentAddress { daemon: room.here.switchboard.daemon().clone(), agent: name("asker") };
+    let to = AgentAddress { daemon: room.here.router.daemon().clone(), agent: name("asker") };
     let subject = Subject::Message(Performative::NotUnderstood);
     room.there.port.send(&to, subject, answer).expect("open");
     assert_eq!(room.hears().await, "not-understood 1", "and not silence");
@@ -447,10 +446,10 @@ async fn broadcasts_of_another_version_are_counted_under_their_own_name() {
     let heartbeat = of_version_1(Performative::Inform, "lamp", None);
     room.there.port.broadcast(&name("lamp"), Performative::Inform, heartbeat).expect("open");
     tokio::task::yield_now().await;
-    let daemon = Some(room.here.switchboard.daemon().clone());
+    let daemon = Some(room.here.router.daemon().clone());
     let ask =
         substrate::ResourceQuery { daemon, resource: substrate::Resource::Mailbox, agent: None };
-    let answers = room.here.switchboard.ask(ask, SECOND).await;
+    let answers = room.here.router.ask(ask, SECOND).await;
     let load: serde_json::Value = serde_json::from_slice(&answers[0]).expect("JSON");
     assert_eq!(load["rejected"]["other-version"], 1, "{load}");
     assert_eq!(load["unreadable"], 0, "{load}");
@@ -479,16 +478,16 @@ async fn what_another_says_of_a_deed_is_nothing() {
         content: value(&done),
         ..agreed
     };
-    let to = AgentAddress { daemon: room.here.switchboard.daemon().clone(), agent: name("asker") };
+    let to = AgentAddress { daemon: room.here.router.daemon().clone(), agent: name("asker") };
     let subject = Subject::Message(Performative::Confirm);
     room.there.port.send(&to, subject, acl::encode(&said)).expect("open");
     assert_eq!((room.did().await, room.did().await), ("began", "done"));
     assert_eq!(room.hears().await, "confirm 1");
     assert!(room.heard.try_recv().is_err(), "the worker's own, and no other");
-    let daemon = Some(room.here.switchboard.daemon().clone());
+    let daemon = Some(room.here.router.daemon().clone());
     let ask =
         substrate::ResourceQuery { daemon, resource: substrate::Resource::Mailbox, agent: None };
-    let answers = room.here.switchboard.ask(ask, SECOND).await;
+    let answers = room.here.router.ask(ask, SECOND).await;
     let load: serde_json::Value = serde_json::from_slice(&answers[0]).expect("JSON");
     assert_eq!(load["rejected"]["unauthorized"], 1, "{load}");
 }
@@ -542,7 +541,7 @@ async fn of_several_the_oldest_acts_and_the_next_takes_over() {
     let mut deeds = Vec::new();
     for (daemon, incarnation) in [(&c, 2), (&b, 1)] {
         let (done, did) = mpsc::unbounded_channel();
-        daemon.berth(Worker { takes: Duration::ZERO, done }, "worker", incarnation, true);
+        daemon.launch_context(Worker { takes: Duration::ZERO, done }, "worker", incarnation, true);
         deeds.push(did);
     }
     let ask = async |asker: &str, incarnation: u64| {
@@ -592,10 +591,10 @@ impl Agent for Idler {
 
 impl Idler {
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Participation::of(&message);
-        ctx.answer(&engagement, Performative::Agree, &serde_json::json!({}));
+        let participation = Participation::of(&message);
+        ctx.answer(&participation, Performative::Agree, &serde_json::json!({}));
         let report = Report::new(Outcome::Done, "idle");
-        ctx.answer(&engagement, Performative::Confirm, &report);
+        ctx.answer(&participation, Performative::Confirm, &report);
     }
 }
 

@@ -98,11 +98,11 @@ async fn all_who_are_rejected_hear_it_in_one_message_and_nobody_sends_receipts_f
         taps.lock().expect("unbroken").push(what);
     });
     let (tell, mut heard) = mpsc::unbounded_channel();
-    let launch = |agent: Box<dyn LaunchableAgent>, id: &str, switchboard: &Arc<MessageRouter>| {
+    let launch = |agent: Box<dyn LaunchableAgent>, id: &str, router: &Arc<MessageRouter>| {
         agent.launch(LaunchContext {
             id: name(id),
             incarnation: Incarnation(1),
-            router: Arc::clone(switchboard),
+            router: Arc::clone(router),
             ontology: Arc::from("test"),
             stopping: CancellationToken::new(),
             has_replicas: false,
@@ -112,9 +112,9 @@ async fn all_who_are_rejected_hear_it_in_one_message_and_nobody_sends_receipts_f
     let open = |daemon: &str| {
         let daemon = DaemonId::new(daemon).expect("a name");
         let ecosystem = EcosystemId::new("test").expect("a name");
-        let switchboard = MessageRouter::new(ecosystem, daemon.clone(), AgentSettings::default());
-        switchboard.connect(network.open(daemon, Arc::<MessageRouter>::clone(&switchboard) as _));
-        switchboard
+        let router = MessageRouter::new(ecosystem, daemon.clone(), AgentSettings::default());
+        router.connect(network.open(daemon, Arc::<MessageRouter>::clone(&router) as _));
+        router
     };
     let (here, there) = (open("here"), open("there"));
     for (id, daemon) in [("a", &here), ("b", &here), ("c", &there), ("d", &there)] {

@@ -70,7 +70,7 @@ impl Meter {
 
 /// Agent that keeps a Domain Maintainer, and reports the changes of the domain.
 struct Keeper {
-    upkeep: DomainSync,
+    domain_sync: DomainSync,
     changes: mpsc::UnboundedSender<DomainChange>,
 }
 
@@ -86,7 +86,7 @@ impl Agent for Keeper {
 
 impl MaintainsDomain for Keeper {
     fn domain_sync(&mut self) -> &mut DomainSync {
-        &mut self.upkeep
+        &mut self.domain_sync
     }
 
     fn domain_changed(&mut self, change: &DomainChange, _ctx: &mut Context<Self>) {
@@ -106,7 +106,7 @@ fn name(text: &str) -> AgentId {
 
 /// A daemon on an in-memory network, and launch contexts on it.
 struct House {
-    switchboard: Arc<MessageRouter>,
+    router: Arc<MessageRouter>,
     _network: Network,
 }
 
@@ -118,17 +118,17 @@ impl House {
     fn with(settings: AgentSettings) -> House {
         let daemon = DaemonId::new("d").expect("a name");
         let ecosystem = EcosystemId::new("test").expect("a name");
-        let switchboard = MessageRouter::new(ecosystem, daemon.clone(), settings);
+        let router = MessageRouter::new(ecosystem, daemon.clone(), settings);
         let network = Network::new();
-        switchboard.connect(network.open(daemon, Arc::<MessageRouter>::clone(&switchboard) as _));
-        House { switchboard, _network: network }
+        router.connect(network.open(daemon, Arc::<MessageRouter>::clone(&router) as _));
+        House { router, _network: network }
     }
 
-    fn berth(&self, id: &str, incarnation: u64) -> LaunchContext {
+    fn launch_context(&self, id: &str, incarnation: u64) -> LaunchContext {
         LaunchContext {
             id: name(id),
             incarnation: Incarnation(incarnation),
-            router: Arc::clone(&self.switchboard),
+            router: Arc::clone(&self.router),
             ontology: Arc::from("test"),
             stopping: CancellationToken::new(),
             has_replicas: false,
@@ -140,8 +140,7 @@ impl House {
     fn commons(&self) -> Arc<SharedDomain> {
         let (ontology, map) = (pddl::parse_domain(ONTOLOGY).value, pddl::parse_problem(MAP).value);
         let host = Host::new(ontology.expect("a domain"), map.expect("a problem"));
-        self.switchboard
-            .shared_domain(&Host { settings: self.switchboard.settings().clone(), ..host })
+        self.router.shared_domain(&Host { settings: self.router.settings().clone(), ..host })
     }
 
     /// Launches a keeper on this daemon; returns the receiver of the changes that the keeper reports.
@@ -149,10 +148,10 @@ impl House {
         let (ontology, map) = (pddl::parse_domain(ONTOLOGY).value, pddl::parse_problem(MAP).value);
         let maintainer =
             Maintainer::new(ontology.expect("a domain"), map.expect("a problem"), scope)
-                .with_silence_limit(self.switchboard.settings().silence_limit());
+                .with_silence_limit(self.router.settings().silence_limit());
         let (tell, changes) = mpsc::unbounded_channel();
-        let keeper = Keeper { upkeep: DomainSync::new(maintainer), changes: tell };
-        drop(Box::new(keeper).launch(self.berth("keeper", 1)));
+        let keeper = Keeper { domain_sync: DomainSync::new(maintainer), changes: tell };
+        drop(Box::new(keeper).launch(self.launch_context("keeper", 1)));
         changes
     }
 }
@@ -166,7 +165,8 @@ async fn silence_of(beats: u64, settings: AgentSettings) -> (Duration, Duration)
     let house = House::with(settings);
     let mut changes = house.keep(MaintainerScope::Everything);
     let began = Instant::now();
-    let _meter = Box::new(Meter { beats_left: beats, sequence: 0 }).launch(house.berth("meter", 2));
+    let _meter =
+        Box::new(Meter { beats_left: beats, sequence: 0 }).launch(house.launch_context("meter", 2));
     let mut masked = None;
     loop {
         let change = timeout(FAR, changes.recv()).await.expect("the keeper tells of it");
@@ -213,7 +213,8 @@ async fn known_at(commons: &SharedDomain, began: Instant, time: Duration) -> (bo
 async fn the_commons_know_what_was_said_before_and_forget_in_time_though_nobody_looks() {
     let AgentSettings { heartbeat_lease, removal, .. } = AgentSettings::default();
     let (house, began, blink) = (House::new(), Instant::now(), Duration::from_millis(50));
-    let _meter = Box::new(Meter { beats_left: 1, sequence: 0 }).launch(house.berth("meter", 1));
+    let _meter =
+        Box::new(Meter { beats_left: 1, sequence: 0 }).launch(house.launch_context("meter", 1));
     tokio::time::sleep(blink).await;
     let commons = house.commons();
     let (then, _) = commons.current();
@@ -227,7 +228,8 @@ async fn the_commons_know_what_was_said_before_and_forget_in_time_though_nobody_
 
     let (house, began) = (House::new(), Instant::now());
     let commons = house.commons();
-    let _meter = Box::new(Meter { beats_left: 1, sequence: 0 }).launch(house.berth("meter", 1));
+    let _meter =
+        Box::new(Meter { beats_left: 1, sequence: 0 }).launch(house.launch_context("meter", 1));
     assert_eq!(known_at(&commons, began, heartbeat_lease * 9).await, (false, false));
 }
 
@@ -236,7 +238,8 @@ async fn a_maintainer_that_comes_late_knows_who_is_here() {
     for has_commons in [false, true] {
         let house = House::new();
         let commons = has_commons.then(|| house.commons());
-        let _meter = Box::new(Meter { beats_left: 1, sequence: 0 }).launch(house.berth("meter", 1));
+        let _meter =
+            Box::new(Meter { beats_left: 1, sequence: 0 }).launch(house.launch_context("meter", 1));
         tokio::time::sleep(Duration::from_millis(50)).await;
         if let Some(commons) = commons {
             let digest = model_digest(MODEL, &[].into());
@@ -252,12 +255,13 @@ async fn a_maintainer_that_comes_late_knows_who_is_here() {
 #[tokio::test(start_paused = true)]
 async fn a_daemon_has_its_own_models_at_hand() {
     let house = House::new();
-    let _meter = Box::new(Meter { beats_left: 1, sequence: 0 }).launch(house.berth("meter", 1));
+    let _meter =
+        Box::new(Meter { beats_left: 1, sequence: 0 }).launch(house.launch_context("meter", 1));
     tokio::time::sleep(Duration::from_millis(50)).await;
     for (agent, count) in [(None, 1), (Some(name("meter")), 1), (Some(name("nobody")), 0)] {
-        let daemon = Some(house.switchboard.daemon().clone());
+        let daemon = Some(house.router.daemon().clone());
         let ask = ResourceQuery { daemon, resource: Resource::Model, agent };
-        let answers = house.switchboard.ask(ask, Duration::ZERO).await;
+        let answers = house.router.ask(ask, Duration::ZERO).await;
         assert_eq!(answers.len(), count);
         assert!(answers.iter().all(|answer| acl::decode(answer).is_ok()));
     }
@@ -324,7 +328,7 @@ fn told_anew(these: &[(&str, Option<u64>)]) -> EpochChange {
 async fn known_when_told(change: EpochChange, has_model: bool) -> [bool; 3] {
     let (house, began) = (House::new(), Instant::now());
     let commons = house.commons();
-    drop(Box::new(Teller { change, has_model }).launch(house.berth("teller", 2)));
+    drop(Box::new(Teller { change, has_model }).launch(house.launch_context("teller", 2)));
     let mut known = [false; 3];
     for (known, time) in known.iter_mut().zip([900, 1_100, 2_100]) {
         (_, *known) = known_at(&commons, began, Duration::from_millis(time)).await;
@@ -336,7 +340,7 @@ async fn known_when_told(change: EpochChange, has_model: bool) -> [bool; 3] {
 async fn believed(change: EpochChange) -> Vec<String> {
     let house = House::new();
     let mut changes = house.keep(MaintainerScope::Everything);
-    drop(Box::new(Teller { change, has_model: false }).launch(house.berth("teller", 2)));
+    drop(Box::new(Teller { change, has_model: false }).launch(house.launch_context("teller", 2)));
     let mut heard = Vec::new();
     while let Ok(change) = timeout(Duration::from_secs(2), changes.recv()).await {
         let DomainChange { believed, .. } = change.expect("the keeper lives");
@@ -395,10 +399,10 @@ impl Mumbler {
 }
 
 /// Returns how many messages this daemon has counted as not understood.
-async fn not_understood(switchboard: &MessageRouter) -> Option<u64> {
-    let daemon = Some(switchboard.daemon().clone());
+async fn not_understood(router: &MessageRouter) -> Option<u64> {
+    let daemon = Some(router.daemon().clone());
     let ask = ResourceQuery { daemon, resource: Resource::Mailbox, agent: None };
-    let answers = switchboard.ask(ask, Duration::ZERO).await;
+    let answers = router.ask(ask, Duration::ZERO).await;
     let told: Mailboxes = serde_json::from_slice(answers.first()?).expect("mailboxes");
     told.rejected.get("not-understood").copied()
 }
@@ -409,10 +413,10 @@ async fn a_model_that_is_not_taken_is_counted_and_read_again_only_after_a_while(
         let (house, began) = (House::new(), Instant::now());
         let _commons = has_commons.then(|| house.commons());
         let _changes = has_keeper.then(|| house.keep(MaintainerScope::Everything));
-        let _mumbler = Box::new(Mumbler { sequence: 0 }).launch(house.berth("mumbler", 1));
+        let _mumbler = Box::new(Mumbler { sequence: 0 }).launch(house.launch_context("mumbler", 1));
         for (seconds, expected) in [(1, 1), (9, 1), (12, 2)] {
             tokio::time::sleep_until(began + Duration::from_millis(seconds * 1_000 + 500)).await;
-            let counted = not_understood(&house.switchboard).await;
+            let counted = not_understood(&house.router).await;
             assert_eq!(counted, Some(expected), "{has_commons} {has_keeper} {seconds}");
         }
     }

@@ -66,7 +66,7 @@ async fn main() -> Outcome<()> {
     }
     let goals = if support::is_whole() { GOALS } else { BURST };
     let folder = tempfile::Builder::new().prefix("alt-").tempdir()?;
-    let (switchboard, overheard) =
+    let (router, overheard) =
         support::daemon_overheard(folder.path(), ECOSYSTEM, "reasoning").await?;
     let host = Arc::new(support::host(DOMAIN, &map(BURST + goals), Mode::Decentralized)?);
     for plugin in REASONING {
@@ -77,7 +77,7 @@ async fn main() -> Outcome<()> {
             config: serde_json::Value::Null,
         };
         let agent = support::build(plugin, &entry, &host)?;
-        support::launch(&entry.name, agent, &switchboard, ECOSYSTEM);
+        support::launch(&entry.name, agent, &router, ECOSYSTEM);
     }
     let mut children = Vec::new();
     for process in 0..PROCESSES {
@@ -85,9 +85,9 @@ async fn main() -> Outcome<()> {
         children.push(support::again(&["--bidders", &path, &process.to_string()])?);
     }
     let (keyboard, mut terminal) = Keyboard::with_terminal();
-    support::launch(&AgentId::new("user")?, Box::new(keyboard), &switchboard, ECOSYSTEM);
+    support::launch(&AgentId::new("user")?, Box::new(keyboard), &router, ECOSYSTEM);
     let bidders = (0..PROCESSES * BIDDERS_EACH).map(|number| format!("bidder-{number}"));
-    support::await_offers(&switchboard, &bidders.collect::<BTreeSet<_>>()).await?;
+    support::await_offers(&router, &bidders.collect::<BTreeSet<_>>()).await?;
 
     let took = ask(&mut terminal, 0..BURST).await?;
     let served = support::verdict(overheard.awards().len() >= BURST);
@@ -165,7 +165,7 @@ async fn ask(terminal: &mut Terminal, jobs: std::ops::Range<usize>) -> Outcome<D
 
 /// Runs a process of bidders until it is killed.
 async fn bid(folder: &Path, process: usize) -> Outcome<()> {
-    let switchboard = support::daemon(
+    let router = support::daemon(
         folder,
         ECOSYSTEM,
         &format!("bidders-{process}"),
@@ -182,7 +182,7 @@ async fn bid(folder: &Path, process: usize) -> Outcome<()> {
             host: Arc::clone(&host),
         };
         let bidder = Actuator::new(&blueprint, Bidder { id: id.clone() })?;
-        support::launch(&id, Box::new(bidder), &switchboard, ECOSYSTEM);
+        support::launch(&id, Box::new(bidder), &router, ECOSYSTEM);
     }
     std::future::pending().await
 }

@@ -69,7 +69,7 @@ async fn main() -> Outcome<()> {
 
 /// A client that receives messages on Zenoh, and publishes messages of devices on MQTT.
 struct Client {
-    switchboard: Arc<MessageRouter>,
+    router: Arc<MessageRouter>,
     device: Arc<BrokerConnection>,
 }
 
@@ -79,13 +79,13 @@ impl Client {
         config.mode = substrate_zenoh::SessionMode::Client;
         config.connect = vec![machine.endpoint("gateway", "d")];
         let (ecosystem, daemon) = (config.ecosystem.clone(), config.daemon.clone());
-        let switchboard = MessageRouter::new(ecosystem, daemon, AgentSettings::default());
-        switchboard.connect(config.open(Arc::<MessageRouter>::clone(&switchboard)).await?);
+        let router = MessageRouter::new(ecosystem, daemon, AgentSettings::default());
+        router.connect(config.open(Arc::<MessageRouter>::clone(&router)).await?);
         let broker = mqtt_link::Broker::new(Some(broker), None, None, None)?;
         let device = BrokerConnection::shared(&broker, "bench");
         let mut trouble = device.problem();
         tokio::time::timeout(PATIENCE, trouble.wait_for(Option::is_none)).await??;
-        Ok(Client { switchboard, device })
+        Ok(Client { router, device })
     }
 
     /// Measures the time from a device's message to a fact.
@@ -157,7 +157,7 @@ impl Client {
         while Instant::now() < deadline {
             let ask =
                 ResourceQuery { daemon: None, resource: Resource::State, agent: agent.clone() };
-            let answers = self.switchboard.ask(ask, PATIENCE).await;
+            let answers = self.router.ask(ask, PATIENCE).await;
             let state: Option<BelievedState> =
                 answers.first().and_then(|answer| serde_json::from_slice(answer).ok());
             if state.is_some_and(|state| state.facts.iter().any(|one| one.fact == fact)) {
@@ -169,12 +169,12 @@ impl Client {
 
     async fn await_present(&self, devices: usize) -> Outcome<()> {
         let deadline = Instant::now() + PATIENCE;
-        let (mut directory, mut changes) = self.switchboard.presence_changes();
+        let (mut directory, mut changes) = self.router.presence_changes();
         let is_device = |agent: &AgentId| agent.as_str().starts_with("office1-t");
         while directory.iter().filter(|resident| is_device(&resident.agent)).count() < devices {
             let left = deadline.saturating_duration_since(Instant::now());
             tokio::time::timeout(left, changes.recv()).await??;
-            directory = self.switchboard.directory();
+            directory = self.router.directory();
         }
         Ok(())
     }
@@ -183,7 +183,7 @@ impl Client {
         let deadline = Instant::now() + PATIENCE;
         let maintainer = AgentId::new("domain-maintainer").ok();
         while Instant::now() < deadline {
-            let domain = support::domains(&self.switchboard, maintainer.clone()).await.pop();
+            let domain = support::domains(&self.router, maintainer.clone()).await.pop();
             if domain.is_some_and(|domain| domain.offers.len() == devices) {
                 return Ok(());
             }
@@ -194,7 +194,7 @@ impl Client {
 
     async fn epoch(&self) -> Outcome<u64> {
         let maintainer = AgentId::new("domain-maintainer").ok();
-        let domain = support::domains(&self.switchboard, maintainer).await.pop();
+        let domain = support::domains(&self.router, maintainer).await.pop();
         Ok(domain.ok_or("no Domain Maintainer answers")?.epoch)
     }
 }

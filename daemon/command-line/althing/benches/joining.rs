@@ -76,7 +76,7 @@ async fn main() -> Outcome<()> {
 /// The office in its process, and an observing daemon in this one.
 struct Bench {
     machine: Machine,
-    switchboard: Arc<MessageRouter>,
+    router: Arc<MessageRouter>,
     host: Arc<Host>,
     changes: mpsc::Receiver<(Instant, EpochChange)>,
     /// The agents with a domain of their own, without newcomers and the Domain Maintainer.
@@ -98,13 +98,13 @@ impl Bench {
         let mut host = support::host(DOMAIN, MAP, agent::Mode::Decentralized)?;
         host.resources.insert(BuildingHandle::connect(machine.building()).await?);
         let settings = host.settings.clone();
-        let switchboard = MessageRouter::new(ecosystem.clone(), here.clone(), settings);
+        let router = MessageRouter::new(ecosystem.clone(), here.clone(), settings);
         let mut config = substrate_zenoh::Config::new(ecosystem, here);
         config.connect = vec![machine.endpoint(ECOSYSTEM, HOUSE)];
-        switchboard.connect(config.open(Arc::<MessageRouter>::clone(&switchboard)).await?);
+        router.connect(config.open(Arc::<MessageRouter>::clone(&router)).await?);
         let (tell, changes) = mpsc::channel(HEARD_MAX);
         let ear = Box::new(Ear { tell });
-        support::launch(&AgentId::new("ear")?, ear, &switchboard, ECOSYSTEM);
+        support::launch(&AgentId::new("ear")?, ear, &router, ECOSYSTEM);
 
         let is_device = |entry: &Entry| DEVICES.contains(&&*entry.plugin) && entry.daemon == HOUSE;
         let devices: BTreeSet<_> = support::entries(&text)?
@@ -112,9 +112,9 @@ impl Bench {
             .filter(is_device)
             .map(|entry| entry.name.to_string())
             .collect();
-        support::await_offers(&switchboard, &devices).await?;
+        support::await_offers(&router, &devices).await?;
         let host = Arc::new(host);
-        Ok(Bench { machine, switchboard, host, changes, devices, _office: office })
+        Ok(Bench { machine, router, host, changes, devices, _office: office })
     }
 
     /// Measures new agents in this process's daemon, one after the other.
@@ -124,7 +124,7 @@ impl Bench {
             let entry = newcomer("newcomer", number)?;
             let begun = Instant::now();
             let agent = support::build(&sensor::TEMPERATURE_SENSOR, &entry, &self.host)?;
-            let task = support::launch(&entry.name, agent, &self.switchboard, ECOSYSTEM);
+            let task = support::launch(&entry.name, agent, &self.router, ECOSYSTEM);
             announced.push(self.joined(&entry.name).await? - begun);
             known.push(self.known_to_all(&entry.name).await? - begun);
             task.abort();
@@ -210,7 +210,7 @@ impl Bench {
     async fn known_to_all(&self, name: &AgentId) -> Outcome<Instant> {
         let deadline = Instant::now() + PATIENCE;
         loop {
-            let domains = support::domains(&self.switchboard, None).await;
+            let domains = support::domains(&self.router, None).await;
             let know = domains.iter().filter(|domain| domain.problem.contains(name.as_str()));
             let plan = domains.iter().filter(|domain| domain.offers.contains_key(name));
             // Its own maintainer and the Domain Maintainer plan with it.
@@ -227,7 +227,7 @@ impl Bench {
     async fn knows_all(&self, name: &AgentId) -> Outcome<Instant> {
         let deadline = Instant::now() + PATIENCE;
         loop {
-            let domains = support::domains(&self.switchboard, Some(name.clone())).await;
+            let domains = support::domains(&self.router, Some(name.clone())).await;
             let knows = |device: &String| domains[0].problem.contains(&**device);
             if domains.len() == 1 && self.devices.iter().all(knows) {
                 return Ok(Instant::now());

@@ -49,16 +49,16 @@ async fn main() -> Outcome<()> {
     std::fs::write(&machine.file, FILE)?;
     let mut process = machine.start("d", "decentralized")?;
     process.ready().await?;
-    let switchboard = enter(&machine).await?;
+    let router = enter(&machine).await?;
     let agent = AgentId::new("t-1")?;
     let (mut put_in, mut again) = (Figures::default(), Figures::default());
     let mut weights = Vec::new();
     for round in 0..rounds {
         let began = Instant::now();
         put(&machine, &program)?;
-        await_offer(&switchboard, &agent, true).await?;
+        await_offer(&router, &agent, true).await?;
         put_in.push(began.elapsed());
-        let before = status(&switchboard).await?;
+        let before = status(&router).await?;
         if round == 0 {
             tokio::time::sleep(if support::is_whole() { IDLE } else { Duration::ZERO }).await;
             weights = weigh(before.pid.ok_or("it runs")?)?;
@@ -67,12 +67,12 @@ async fn main() -> Outcome<()> {
         kill(before.pid.ok_or("it runs")?)?;
         // Its proxy announces at once that it offers nothing, and later that it offers its action
         // again.
-        await_other(&switchboard, before.pid).await?;
-        await_offer(&switchboard, &agent, true).await?;
+        await_other(&router, before.pid).await?;
+        await_offer(&router, &agent, true).await?;
         again.push(began.elapsed());
         std::fs::remove_dir_all(machine.path().join("plugins").join(NAME))?;
-        await_offer(&switchboard, &agent, false).await?;
-        while status(&switchboard).await.is_ok() {}
+        await_offer(&router, &agent, false).await?;
+        while status(&router).await.is_ok() {}
     }
     put_in.tell(&format!("put in → planned with, {rounds} times"));
     support::judge("p99", put_in.within(0.99), PUT_IN_MS);
@@ -122,17 +122,17 @@ async fn enter(machine: &Machine) -> Outcome<Arc<MessageRouter>> {
     config.mode = substrate_zenoh::SessionMode::Client;
     config.connect = vec![machine.endpoint("plugins", "d")];
     let (ecosystem, daemon) = (config.ecosystem.clone(), config.daemon.clone());
-    let switchboard = MessageRouter::new(ecosystem, daemon, AgentSettings::default());
-    switchboard.connect(config.open(Arc::<MessageRouter>::clone(&switchboard)).await?);
-    Ok(switchboard)
+    let router = MessageRouter::new(ecosystem, daemon, AgentSettings::default());
+    router.connect(config.open(Arc::<MessageRouter>::clone(&router)).await?);
+    Ok(router)
 }
 
 /// Waits until the Domain Maintainer can plan with an agent, or no longer can.
-async fn await_offer(switchboard: &MessageRouter, agent: &AgentId, wanted: bool) -> Outcome<()> {
+async fn await_offer(router: &MessageRouter, agent: &AgentId, wanted: bool) -> Outcome<()> {
     let deadline = Instant::now() + PATIENCE;
     let maintainer = AgentId::new("domain-maintainer").ok();
     while Instant::now() < deadline {
-        let domain = support::domains(switchboard, maintainer.clone()).await.pop();
+        let domain = support::domains(router, maintainer.clone()).await.pop();
         if domain.is_some_and(|domain| domain.offers.contains_key(agent) == wanted) {
             return Ok(());
         }
@@ -140,20 +140,20 @@ async fn await_offer(switchboard: &MessageRouter, agent: &AgentId, wanted: bool)
     Err("it was waited for in vain".into())
 }
 
-async fn status(switchboard: &MessageRouter) -> Outcome<PluginStatus> {
+async fn status(router: &MessageRouter) -> Outcome<PluginStatus> {
     let ask =
         ResourceQuery { daemon: DaemonId::new("d").ok(), resource: Resource::Plugins, agent: None };
-    let answers = switchboard.ask(ask, PATIENCE).await;
+    let answers = router.ask(ask, PATIENCE).await;
     let plugins: PluginList = serde_json::from_slice(answers.first().ok_or("no answer")?)?;
     let found = plugins.plugins.into_iter().find(|status| status.name == NAME);
     Ok(found.ok_or("it is not there")?)
 }
 
 /// Waits until another process of the plugin runs.
-async fn await_other(switchboard: &MessageRouter, before: Option<i32>) -> Outcome<()> {
+async fn await_other(router: &MessageRouter, before: Option<i32>) -> Outcome<()> {
     let deadline = Instant::now() + PATIENCE;
     while Instant::now() < deadline {
-        let status = status(switchboard).await?;
+        let status = status(router).await?;
         if status.state == PluginState::Running && status.pid != before {
             return Ok(());
         }

@@ -324,12 +324,12 @@ fn dying(scenario: &SeededScenario) -> Outcome<String> {
 /// Launches a keyboard for the user, once all devices can be planned with.
 async fn enter(config: Config, scenario: &SeededScenario) -> Outcome<Terminal> {
     let (ecosystem, daemon) = (config.ecosystem.clone(), config.daemon.clone());
-    let switchboard = MessageRouter::new(ecosystem, daemon, AgentSettings::default());
-    switchboard.connect(config.open(Arc::<MessageRouter>::clone(&switchboard)).await?);
+    let router = MessageRouter::new(ecosystem, daemon, AgentSettings::default());
+    router.connect(config.open(Arc::<MessageRouter>::clone(&router)).await?);
     let devices = scenario.layout.devices().iter().map(|device| device.name().to_owned());
-    support::await_offers(&switchboard, &devices.collect()).await?;
+    support::await_offers(&router, &devices.collect()).await?;
     let (keyboard, terminal) = Keyboard::with_terminal();
-    support::launch(&AgentId::new("user")?, Box::new(keyboard), &switchboard, "smart-office");
+    support::launch(&AgentId::new("user")?, Box::new(keyboard), &router, "smart-office");
     Ok(terminal)
 }
 

@@ -175,7 +175,7 @@ async fn until_kept(person: &Person) -> Outcome<()> {
     };
     loop {
         let ask = ResourceQuery { daemon: None, resource: Resource::Journal, agent: None };
-        let answers = person.switchboard.ask(ask, Duration::from_secs(2)).await;
+        let answers = person.router.ask(ask, Duration::from_secs(2)).await;
         if answers.iter().filter(|answer| has_plan(answer)).count() >= KEPT_BY {
             return Ok(());
         }
@@ -226,20 +226,20 @@ fn asked(payload: &Bytes) -> Option<Asked> {
 /// A user that requests goals, and can query the Journals.
 struct Person {
     terminal: Terminal,
-    switchboard: Arc<MessageRouter>,
+    router: Arc<MessageRouter>,
 }
 
 /// Launches a keyboard for the user, once the robot can be planned with.
 async fn enter(machine: &Machine) -> Outcome<Person> {
     let config = client(machine, "person")?;
     let (ecosystem, daemon) = (config.ecosystem.clone(), config.daemon.clone());
-    let switchboard = MessageRouter::new(ecosystem, daemon, AgentSettings::default());
-    switchboard.connect(config.open(Arc::<MessageRouter>::clone(&switchboard)).await?);
+    let router = MessageRouter::new(ecosystem, daemon, AgentSettings::default());
+    router.connect(config.open(Arc::<MessageRouter>::clone(&router)).await?);
     let devices = ["turtlebot-1", "ir-1"].map(ToOwned::to_owned);
-    support::await_offers(&switchboard, &devices.into()).await?;
+    support::await_offers(&router, &devices.into()).await?;
     let (keyboard, terminal) = Keyboard::with_terminal();
-    support::launch(&AgentId::new("user")?, Box::new(keyboard), &switchboard, "smart-office");
-    Ok(Person { terminal, switchboard })
+    support::launch(&AgentId::new("user")?, Box::new(keyboard), &router, "smart-office");
+    Ok(Person { terminal, router })
 }
 
 /// Returns the configuration of a client of the daemon that is not killed.

@@ -197,11 +197,10 @@ fn open(
     counts: &Arc<Counts>,
 ) -> Outcome<Arc<MessageRouter>> {
     let daemon = DaemonId::new(name)?;
-    let switchboard =
-        MessageRouter::new(EcosystemId::new("campus")?, daemon.clone(), settings.clone());
-    let port = network.open(daemon, Arc::<MessageRouter>::clone(&switchboard));
-    switchboard.connect(Arc::new(Counted { port, counts: Arc::clone(counts) }));
-    Ok(switchboard)
+    let router = MessageRouter::new(EcosystemId::new("campus")?, daemon.clone(), settings.clone());
+    let port = network.open(daemon, Arc::<MessageRouter>::clone(&router));
+    router.connect(Arc::new(Counted { port, counts: Arc::clone(counts) }));
+    Ok(router)
 }
 
 /// Requests a goal, and waits until it is reached.

@@ -55,18 +55,18 @@ impl Agent for GoalGateway {
 
 impl GoalGateway {
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Participation::of(&message);
+        let participation = Participation::of(&message);
         let achieve = match message.content_as::<Request>() {
             Ok(Request::Achieve(achieve)) => achieve,
             Ok(_) => {
                 let detail = "this agent takes goals: `achieve`";
-                return ctx.refuse(&engagement, Reason::Incapable, detail);
+                return ctx.refuse(&participation, Reason::Incapable, detail);
             }
             Err(error) => return ctx.not_understood(&message, error.to_string()),
         };
         match self.admit(&message, achieve) {
-            Ok(wish) => self.forward(engagement, wish, ctx),
-            Err(refusal) => ctx.answer(&engagement, Performative::Refuse, &refusal),
+            Ok(wish) => self.forward(participation, wish, ctx),
+            Err(refusal) => ctx.answer(&participation, Performative::Refuse, &refusal),
         }
     }
 
@@ -97,13 +97,18 @@ impl GoalGateway {
         Ok(GoalRequest { goal, keep, priority, partition })
     }
 
-    fn forward(&mut self, engagement: Participation, wish: GoalRequest, ctx: &mut Context<Self>) {
+    fn forward(
+        &mut self,
+        participation: Participation,
+        wish: GoalRequest,
+        ctx: &mut Context<Self>,
+    ) {
         self.counters.passed.fetch_add(1, Ordering::Relaxed);
         let (voice, revocable) = (self.voice.clone(), self.revocable);
         let asked = async move { voice.request_goal(wish, revocable).await };
-        let asking = request_key(&engagement);
+        let asking = request_key(&participation);
         let work = ctx.run(asked, move |desk: &mut Self, asked, ctx| {
-            desk.await_update(engagement, asked, ctx);
+            desk.await_update(participation, asked, ctx);
         });
         self.open.insert(asking, work);
     }
@@ -111,28 +116,33 @@ impl GoalGateway {
     /// Waits for the next report from the other ecosystem about a goal.
     fn await_update(
         &mut self,
-        engagement: Participation,
+        participation: Participation,
         mut asked: RemoteRequest,
         ctx: &mut Context<Self>,
     ) {
-        let asking = request_key(&engagement);
+        let asking = request_key(&participation);
         let next = async move {
             let news = asked.next().await;
             (news, asked)
         };
         let work = ctx.run(next, move |desk: &mut Self, (news, asked), ctx| {
-            desk.answer(&engagement, &news, ctx);
+            desk.answer(&participation, &news, ctx);
             if news.is_final() {
-                desk.open.remove(&self::request_key(&engagement));
+                desk.open.remove(&self::request_key(&participation));
             } else {
-                desk.await_update(engagement, asked, ctx);
+                desk.await_update(participation, asked, ctx);
             }
         });
         self.open.insert(asking, work);
     }
 
     /// Reports the state of a goal to the initiator. The texts of the other ecosystem are not passed on.
-    fn answer(&mut self, engagement: &Participation, news: &RemoteUpdate, ctx: &mut Context<Self>) {
+    fn answer(
+        &mut self,
+        participation: &Participation,
+        news: &RemoteUpdate,
+        ctx: &mut Context<Self>,
+    ) {
         let far = &self.far;
         match news {
             RemoteUpdate::Report(report) => {
@@ -142,18 +152,22 @@ impl GoalGateway {
                     Outcome::Failed => format!("`{far}` cannot reach it"),
                     Outcome::Cancelled => format!("`{far}` has given it up"),
                 };
-                ctx.answer(engagement, Performative::Confirm, &Report::new(report.outcome, detail));
+                ctx.answer(
+                    participation,
+                    Performative::Confirm,
+                    &Report::new(report.outcome, detail),
+                );
             }
             RemoteUpdate::Refused(refusal) => {
-                ctx.refuse(engagement, refusal.reason, format!("`{far}` declines"));
+                ctx.refuse(participation, refusal.reason, format!("`{far}` declines"));
             }
             RemoteUpdate::Unanswered => {
                 let detail = format!("no agent of `{far}` answers");
-                ctx.refuse(engagement, Reason::Unanswered, detail);
+                ctx.refuse(participation, Reason::Unanswered, detail);
             }
             RemoteUpdate::DeadlinePassed(within) => {
                 let detail = format!("nothing was heard of it from `{far}` within {within:?}");
-                ctx.refuse(engagement, Reason::TimedOut, detail);
+                ctx.refuse(participation, Reason::TimedOut, detail);
             }
         }
     }
@@ -168,8 +182,8 @@ impl GoalGateway {
     }
 }
 
-fn request_key(engagement: &Participation) -> RequestKey {
-    (engagement.initiator.clone(), engagement.exchange.clone())
+fn request_key(participation: &Participation) -> RequestKey {
+    (participation.initiator.clone(), participation.exchange.clone())
 }
 
 #[cfg(test)]

@@ -220,14 +220,14 @@ impl InterfaceDirection<'_> {
 
     fn launch_agent(
         &self,
-        landing: &Spawner,
+        spawner: &Spawner,
         id: &AgentId,
         agent: impl agent::Agent,
         via: Vec<EcosystemId>,
     ) {
-        let task = Box::new(agent).launch(landing.launch_context(id, via, &landing.stopping));
+        let task = Box::new(agent).launch(spawner.launch_context(id, via, &spawner.stopping));
         let id = id.clone();
-        landing.tasks.spawn(async move {
+        spawner.tasks.spawn(async move {
             match task.await {
                 Ok(Ok(())) => (),
                 Ok(Err(error)) => tracing::error!(%id, "failed to {error}"),

@@ -81,28 +81,28 @@ pub(crate) struct EndpointParameters<'p> {
     /// Agents that the plugin has to bring, each with the action model that the package has for the agent,
     /// if any.
     pub(crate) agents: BTreeMap<AgentId, Option<Arc<ActionModel>>>,
-    pub(crate) landing: &'p Spawner,
+    pub(crate) spawner: &'p Spawner,
 }
 
 impl Endpoint {
     pub(crate) async fn open(purpose: EndpointParameters<'_>) -> Result<Endpoint, OpenError> {
-        let EndpointParameters { ecosystem, daemon, settings, socket, package, agents, landing } =
+        let EndpointParameters { ecosystem, daemon, settings, socket, package, agents, spawner } =
             purpose;
-        let machine = landing.router.host_services();
-        let switchboard =
+        let machine = spawner.router.host_services();
+        let router =
             MessageRouter::on(machine, ecosystem.clone(), daemon.clone(), settings.clone());
-        let meter = Arc::new(RateLimit::new(Arc::clone(&switchboard)));
+        let meter = Arc::new(RateLimit::new(Arc::clone(&router)));
         let locator = format!("unixsock-stream/{}", socket.display());
         let mut config = substrate_zenoh::Config::new(ecosystem.clone(), daemon.clone());
         config.listen = vec![locator.clone()];
         config.zenoh = wire(package.manifest.permissions.processes);
         let inbound: Arc<dyn Inbound> = Arc::<RateLimit>::clone(&meter);
         let substrate: Arc<dyn Substrate> = config.open(inbound).await?;
-        switchboard.connect(Arc::clone(&substrate));
-        let (stopping, tasks) = (landing.stopping.child_token(), TaskTracker::new());
+        router.connect(Arc::clone(&substrate));
+        let (stopping, tasks) = (spawner.stopping.child_token(), TaskTracker::new());
         let own = Spawner {
-            router: switchboard,
-            host: Arc::clone(&landing.host),
+            router,
+            host: Arc::clone(&spawner.host),
             stopping: CancellationToken::new(),
             tasks: tasks.clone(),
             records_via: false,
@@ -118,7 +118,7 @@ impl Endpoint {
             package: Arc::clone(package),
             agents,
             client: bell,
-            landing: landing.clone(),
+            spawner: spawner.clone(),
             accepted: Arc::clone(&accepted),
             stopping: stopping.clone(),
             tasks: tasks.clone(),
@@ -159,7 +159,7 @@ struct AgentReception {
     package: Arc<Package>,
     agents: BTreeMap<AgentId, Option<Arc<ActionModel>>>,
     client: PluginClientHandle,
-    landing: Spawner,
+    spawner: Spawner,
     accepted: Arc<AdmittedAgents>,
     stopping: CancellationToken,
     tasks: TaskTracker,
@@ -198,7 +198,7 @@ impl AgentReception {
                 client: self.client.clone(),
                 package: Arc::clone(&self.package),
                 own,
-                landing: self.landing.clone(),
+                spawner: self.spawner.clone(),
                 accepted: Arc::clone(&self.accepted),
                 stopping: self.stopping.clone(),
             };

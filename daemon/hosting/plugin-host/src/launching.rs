@@ -247,17 +247,17 @@ fn path(program: &ResolvedProgram, read: &BTreeSet<PathBuf>) -> OsString {
 /// connect to.
 pub(crate) fn hello(
     package: &Package,
-    landing: &Spawner,
+    spawner: &Spawner,
     endpoint: &Endpoint,
     agents: &[HelloAgent],
     building: Option<&Path>,
 ) -> String {
-    let Spawner { host, router: switchboard, .. } = landing;
+    let Spawner { host, router, .. } = spawner;
     let daemon = DaemonId::new(&format!("plugin-{}", package.manifest.name));
     let hello = Hello {
         protocol: SCHEMA_VERSION,
-        ecosystem: switchboard.ecosystem().clone(),
-        daemon: daemon.unwrap_or_else(|_| switchboard.daemon().clone()),
+        ecosystem: router.ecosystem().clone(),
+        daemon: daemon.unwrap_or_else(|_| router.daemon().clone()),
         endpoint: endpoint.locator.clone(),
         host: endpoint.host.clone(),
         agents: agents.to_vec(),

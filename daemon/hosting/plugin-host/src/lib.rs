@@ -106,7 +106,7 @@ pub struct HostSettings {
     /// The plugin folder, with the packages.
     pub packages: PackageStore,
     /// The ecosystem that the proxy agents join.
-    pub landing: Spawner,
+    pub spawner: Spawner,
     /// Agents that the ecosystem file assigns to this daemon, by the name of the package that has to bring
     /// them.
     pub agents: BTreeMap<String, Vec<WantedAgent>>,
@@ -132,7 +132,7 @@ pub struct HostSettings {
 /// State that the supervisions of all plugins share.
 pub(crate) struct HostContext {
     pub(crate) packages: PackageStore,
-    pub(crate) landing: Spawner,
+    pub(crate) spawner: Spawner,
     pub(crate) launcher: Launcher,
     pub(crate) sockets: PathBuf,
     pub(crate) data: PathBuf,
@@ -185,8 +185,8 @@ impl HostContext {
 /// Returns an error if the folder for sockets or the folder for data cannot be created.
 pub fn host(setting: HostSettings) -> std::io::Result<()> {
     let HostSettings {
-        packages: shelf,
-        landing,
+        packages: package_store,
+        spawner,
         agents,
         named,
         admissions,
@@ -206,8 +206,8 @@ pub fn host(setting: HostSettings) -> std::io::Result<()> {
     let real = |folder: PathBuf| folder.canonicalize().unwrap_or(folder);
     let private = private.into_iter().map(real).collect();
     let ground = Arc::new(HostContext {
-        packages: shelf,
-        landing,
+        packages: package_store,
+        spawner,
         launcher,
         sockets,
         data: state,
@@ -221,7 +221,7 @@ pub fn host(setting: HostSettings) -> std::io::Result<()> {
     let statuses = Statuses::default();
     // A weak reference: the ground owns the switchboard, which keeps this closure.
     let (told_of, told_ground) = (Arc::clone(&statuses), Arc::downgrade(&ground));
-    ground.landing.router.tell_plugins(move || {
+    ground.spawner.router.tell_plugins(move || {
         told_ground.upgrade().map(|ground| status_json(&ground, &told_of)).unwrap_or_default()
     });
     let keeper = PluginReconciler {
@@ -232,13 +232,13 @@ pub fn host(setting: HostSettings) -> std::io::Result<()> {
         statuses,
         managed: BTreeMap::new(),
     };
-    ground.landing.tasks.spawn(keeper.run());
+    ground.spawner.tasks.spawn(keeper.run());
     Ok(())
 }
 
 fn status_json(ground: &HostContext, statuses: &Statuses) -> String {
     let plugins = PluginList {
-        daemon: ground.landing.router.daemon().clone(),
+        daemon: ground.spawner.router.daemon().clone(),
         folder: ground.packages.folder.display().to_string(),
         confinement: ground.confined(),
         plugins: statuses
@@ -284,7 +284,7 @@ impl PluginReconciler {
         self.find_means().await;
         let touched = Arc::new(FolderChanges::default());
         let _watcher = self.watch(&touched);
-        let stopping = self.context.landing.stopping.clone();
+        let stopping = self.context.spawner.stopping.clone();
         let mut admitted = self.admissions.changes();
         let mut stirred = Instant::now();
         loop {
@@ -304,9 +304,14 @@ impl PluginReconciler {
     /// Finds out how plugins can be confined on this machine, and logs the result.
     async fn find_means(&self) {
         let HostContext {
-            launcher, data, machine_confinement: ward, packages: shelf, private, ..
+            launcher,
+            data,
+            machine_confinement: ward,
+            packages: package_store,
+            private,
+            ..
         } = &*self.context;
-        let kept = shelf.allow_rights_in_use(|name| data.join(name).is_dir());
+        let kept = package_store.allow_rights_in_use(|name| data.join(name).is_dir());
         if let Err(error) = kept {
             tracing::warn!("failed to {error}");
         }
@@ -392,16 +397,17 @@ impl PluginReconciler {
             }
         }
         self.admissions.present(PLUGINS, applicants);
-        self.context.landing.router.discovered(PLUGINS, discovered);
+        self.context.spawner.router.discovered(PLUGINS, discovered);
     }
 
     fn snapshot_of(&self, name: &str) -> PackageSnapshot {
-        let shelf = &self.context.packages;
-        let writers = shelf.check_writers().and_then(|()| shelf.check_writers_of(name));
+        let package_store = &self.context.packages;
+        let writers =
+            package_store.check_writers().and_then(|()| package_store.check_writers_of(name));
         PackageSnapshot {
-            stamp: stamp(&shelf.package_folder(name)),
-            is_disabled: shelf.is_disabled(name),
-            allowed: shelf.allowed(name),
+            stamp: stamp(&package_store.package_folder(name)),
+            is_disabled: package_store.is_disabled(name),
+            allowed: package_store.allowed(name),
             admission: self.admissions.of(PLUGINS, name),
             writable: writers.err().map(|error| error.to_string()),
         }
@@ -522,7 +528,7 @@ impl PluginReconciler {
             statuses: Arc::clone(&self.statuses),
             log: PluginLog::new(name, path),
         };
-        self.context.landing.tasks.spawn(supervision.run());
+        self.context.spawner.tasks.spawn(supervision.run());
         wish
     }
 }

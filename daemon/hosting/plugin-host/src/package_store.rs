@@ -400,31 +400,37 @@ mod tests {
         path
     }
 
-    fn version(shelf: &PackageStore) -> String {
-        Package::open(&shelf.package_folder("lamp")).expect("it is whole").manifest.version
+    fn version(package_store: &PackageStore) -> String {
+        Package::open(&package_store.package_folder("lamp")).expect("it is whole").manifest.version
     }
 
     #[test]
     fn packages_are_added_upgraded_taken_back_and_removed() {
         let (source, place) =
             (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
-        let shelf = PackageStore { folder: place.path().join("plugins") };
-        assert!(shelf.names().is_empty(), "the folder is not there yet");
-        shelf.add(&package(source.path(), "1.0"), &[]).expect("added");
-        assert_eq!((shelf.names(), version(&shelf)), (vec!["lamp".to_owned()], "1.0".to_owned()));
-        shelf.add(&package(source.path(), "2.0"), &[]).expect("upgraded");
-        assert_eq!(version(&shelf), "2.0");
-        assert!(shelf.roll_back("lamp").expect("renamed"));
-        assert_eq!(version(&shelf), "1.0");
-        assert!(!shelf.roll_back("lamp").expect("nothing"), "there is no way back from here");
-        shelf.set_disabled("lamp", true).expect("written");
-        assert!(shelf.is_disabled("lamp"));
-        shelf.set_disabled("lamp", false).expect("removed");
-        assert!(!shelf.is_disabled("lamp"));
-        shelf.remove("lamp").expect("removed");
-        let left = fs::read_dir(&shelf.folder).expect("a folder").count();
-        assert_eq!((shelf.names().len(), left), (0, 0));
-        let error = shelf.remove("lamp").expect_err("it is gone");
+        let package_store = PackageStore { folder: place.path().join("plugins") };
+        assert!(package_store.names().is_empty(), "the folder is not there yet");
+        package_store.add(&package(source.path(), "1.0"), &[]).expect("added");
+        assert_eq!(
+            (package_store.names(), version(&package_store)),
+            (vec!["lamp".to_owned()], "1.0".to_owned())
+        );
+        package_store.add(&package(source.path(), "2.0"), &[]).expect("upgraded");
+        assert_eq!(version(&package_store), "2.0");
+        assert!(package_store.roll_back("lamp").expect("renamed"));
+        assert_eq!(version(&package_store), "1.0");
+        assert!(
+            !package_store.roll_back("lamp").expect("nothing"),
+            "there is no way back from here"
+        );
+        package_store.set_disabled("lamp", true).expect("written");
+        assert!(package_store.is_disabled("lamp"));
+        package_store.set_disabled("lamp", false).expect("removed");
+        assert!(!package_store.is_disabled("lamp"));
+        package_store.remove("lamp").expect("removed");
+        let left = fs::read_dir(&package_store.folder).expect("a folder").count();
+        assert_eq!((package_store.names().len(), left), (0, 0));
+        let error = package_store.remove("lamp").expect_err("it is gone");
         assert!(error.to_string().starts_with("find a plugin `lamp` in "), "{error}");
     }
 
@@ -439,36 +445,36 @@ mod tests {
     #[test]
     fn more_than_the_least_is_allowed_by_a_person_and_kept_until_it_grows() {
         let source = tempfile::tempdir().expect("a folder");
-        let shelf = PackageStore { folder: source.path().join("plugins") };
+        let package_store = PackageStore { folder: source.path().join("plugins") };
         let path = asking(source.path(), "network = true\ndevices = [\"/dev/i2c-1\"]");
-        let error = shelf.add(&path, &[Right::Network]).expect_err("half of it");
+        let error = package_store.add(&path, &[Right::Network]).expect_err("half of it");
         assert!(error.to_string().contains("devices=/dev/i2c-1: that is not allowed"), "{error}");
-        assert!(shelf.names().is_empty());
+        assert!(package_store.names().is_empty());
         let device = Right::Device("/dev/i2c-1".into());
-        shelf.add(&path, &[Right::Network, device.clone()]).expect("all of it");
-        shelf.add(&path, &[]).expect("it asks for no more than before");
+        package_store.add(&path, &[Right::Network, device.clone()]).expect("all of it");
+        package_store.add(&path, &[]).expect("it asks for no more than before");
         let path = asking(source.path(), "network = true\nmemory = \"1GiB\"");
-        let error = shelf.add(&path, &[]).expect_err("it has grown");
+        let error = package_store.add(&path, &[]).expect_err("it has grown");
         assert!(error.to_string().contains("use memory=1GiB"), "{error}");
-        shelf.allow("lamp", &[Right::Memory(1 << 30)]).expect("written");
-        shelf.add(&path, &[]).expect("it was allowed before");
-        shelf.remove("lamp").expect("removed");
-        assert_eq!(shelf.allowed("lamp"), []);
+        package_store.allow("lamp", &[Right::Memory(1 << 30)]).expect("written");
+        package_store.add(&path, &[]).expect("it was allowed before");
+        package_store.remove("lamp").expect("removed");
+        assert_eq!(package_store.allowed("lamp"), []);
     }
 
     #[test]
     fn what_has_run_before_anybody_was_asked_keeps_its_rights_and_nothing_else_does() {
         let place = tempfile::tempdir().expect("a folder");
-        let shelf = PackageStore { folder: place.path().to_owned() };
+        let package_store = PackageStore { folder: place.path().to_owned() };
         asking(place.path(), "network = true");
-        shelf.allow_rights_in_use(|_| false).expect("written");
-        assert_eq!(shelf.allowed("lamp"), [], "it was copied by hand");
-        shelf.allow_rights_in_use(|_| true).expect("not again");
-        assert_eq!(shelf.allowed("lamp"), []);
+        package_store.allow_rights_in_use(|_| false).expect("written");
+        assert_eq!(package_store.allowed("lamp"), [], "it was copied by hand");
+        package_store.allow_rights_in_use(|_| true).expect("not again");
+        assert_eq!(package_store.allowed("lamp"), []);
         fs::remove_file(place.path().join(ASKED)).expect("ours");
-        assert_eq!(shelf.kept_rights("lamp"), [Right::Network]);
-        shelf.allow_rights_in_use(|name| name == "lamp").expect("written");
-        assert_eq!(shelf.allowed("lamp"), [Right::Network]);
+        assert_eq!(package_store.kept_rights("lamp"), [Right::Network]);
+        package_store.allow_rights_in_use(|name| name == "lamp").expect("written");
+        assert_eq!(package_store.allowed("lamp"), [Right::Network]);
     }
 
     /// The test sets the modes of files explicitly, because setting the umask would change that of the
@@ -476,7 +482,7 @@ mod tests {
     #[test]
     fn nobody_else_can_write_what_is_made_here_and_where_somebody_can_it_is_refused() {
         let source = tempfile::tempdir().expect("a folder");
-        let shelf = PackageStore { folder: source.path().join("plugins") };
+        let package_store = PackageStore { folder: source.path().join("plugins") };
         let path = package(source.path(), "1.0");
         fs::write(path.join("agent"), "").expect("a file");
         let open = |path: &Path| {
@@ -484,32 +490,32 @@ mod tests {
         };
         open(&path);
         open(&path.join("agent"));
-        shelf.add(&path, &[]).expect("added");
+        package_store.add(&path, &[]).expect("added");
         let mode = |path: PathBuf| fs::symlink_metadata(path).expect("there").mode() & 0o777;
         let modes = [
-            shelf.folder.clone(),
-            shelf.package_folder("lamp"),
-            shelf.package_folder("lamp").join("agent"),
+            package_store.folder.clone(),
+            package_store.package_folder("lamp"),
+            package_store.package_folder("lamp").join("agent"),
         ]
         .map(mode);
         assert_eq!(modes, [0o700, 0o700, 0o755]);
-        assert_eq!(mode(shelf.aside("lamp", "rights")), 0o600);
-        shelf.check_writers_of("lamp").expect("nobody");
-        open(&shelf.package_folder("lamp").join("agent"));
-        let error = shelf.check_writers_of("lamp").expect_err("anybody").to_string();
+        assert_eq!(mode(package_store.aside("lamp", "rights")), 0o600);
+        package_store.check_writers_of("lamp").expect("nobody");
+        open(&package_store.package_folder("lamp").join("agent"));
+        let error = package_store.check_writers_of("lamp").expect_err("anybody").to_string();
         assert!(error.contains("chmod -R go-w ") && error.contains("agent"), "{error}");
-        open(&shelf.folder);
-        let error = shelf.add(&path, &[]).expect_err("anybody").to_string();
+        open(&package_store.folder);
+        let error = package_store.add(&path, &[]).expect_err("anybody").to_string();
         assert!(error.contains("plugins: other users can write to it"), "{error}");
     }
 
     #[test]
     fn what_is_not_whole_is_not_added() {
         let source = tempfile::tempdir().expect("a folder");
-        let shelf = PackageStore { folder: source.path().join("plugins") };
+        let package_store = PackageStore { folder: source.path().join("plugins") };
         let path = package(source.path(), "");
-        let error = shelf.add(&path, &[]).expect_err("no version");
+        let error = package_store.add(&path, &[]).expect_err("no version");
         assert!(error.to_string().contains("plugin.toml:2:11: the version is empty"), "{error}");
-        assert!(shelf.names().is_empty());
+        assert!(package_store.names().is_empty());
     }
 }

@@ -48,7 +48,7 @@ pub(crate) struct ProxyRunner {
     pub(crate) package: Arc<Package>,
     /// Action model that the package has for the agent, if any.
     pub(crate) own: Option<Arc<ActionModel>>,
-    pub(crate) landing: Spawner,
+    pub(crate) spawner: Spawner,
     pub(crate) accepted: Arc<AdmittedAgents>,
     pub(crate) stopping: CancellationToken,
 }
@@ -119,11 +119,11 @@ impl ProxyRunner {
             id: self.agent.clone(),
             driver: String::new(),
             config: Arc::new(Value::Null),
-            host: Arc::clone(&self.landing.host),
+            host: Arc::clone(&self.spawner.host),
         };
         let actuator = Actuator::new(&blueprint, device).map_err(|error| error.to_string())?;
         let stopping = self.stopping.child_token();
-        let mut task = Box::new(actuator).launch(self.landing.launch_context(
+        let mut task = Box::new(actuator).launch(self.spawner.launch_context(
             &self.agent,
             Vec::new(),
             &stopping,

@@ -66,7 +66,7 @@ impl PluginSupervisor {
                 }
                 DesiredState::Run(wanted) => {
                     self.keep_running(&wanted).await;
-                    if self.context.landing.stopping.is_cancelled() {
+                    if self.context.spawner.stopping.is_cancelled() {
                         return;
                     }
                 }
@@ -89,7 +89,7 @@ impl PluginSupervisor {
     /// Waits until the desired state of the plugin changes. Returns `true` if the supervision has to end
     /// instead.
     async fn wait_until_unwanted(&mut self) -> bool {
-        let stopping = self.context.landing.stopping.clone();
+        let stopping = self.context.spawner.stopping.clone();
         tokio::select! {
             biased;
             () = stopping.cancelled() => true,
@@ -145,13 +145,13 @@ impl PluginSupervisor {
         }
         let socket = self.context.sockets.join(format!("{}.sock", self.name));
         let purpose = EndpointParameters {
-            ecosystem: self.context.landing.router.ecosystem(),
-            daemon: self.context.landing.router.daemon(),
-            settings: &self.context.landing.host.settings,
+            ecosystem: self.context.spawner.router.ecosystem(),
+            daemon: self.context.spawner.router.daemon(),
+            settings: &self.context.spawner.host.settings,
             socket: &socket,
             package: &wanted.package,
             agents: models,
-            landing: &self.context.landing,
+            spawner: &self.context.spawner,
         };
         let opened = Endpoint::open(purpose).await;
         opened
@@ -192,7 +192,7 @@ impl PluginSupervisor {
                 self.wait_until_unwanted().await;
                 return;
             };
-            let stopping = self.context.landing.stopping.clone();
+            let stopping = self.context.spawner.stopping.clone();
             tokio::select! {
                 biased;
                 () = stopping.cancelled() => return,
@@ -238,7 +238,7 @@ impl PluginSupervisor {
         });
         let ended = |why: String| IncarnationEnd::Ended { why, ready: None };
         let ground = Arc::clone(&self.context);
-        let HostContext { launcher, landing, building, .. } = &*ground;
+        let HostContext { launcher, spawner, building, .. } = &*ground;
         let (package, log) = (&wanted.package, &self.log);
         let data = ground.data.join(&self.name);
         let sockets = building.iter().cloned().chain([endpoint.socket.clone()]).collect();
@@ -248,7 +248,7 @@ impl PluginSupervisor {
             ProcessStart { launcher, machine_confinement, package, program, sockets, data, log };
         let begun = tokio::select! {
             biased;
-            () = landing.stopping.cancelled() => return IncarnationEnd::Unwanted,
+            () = spawner.stopping.cancelled() => return IncarnationEnd::Unwanted,
             begun = start.begin() => begun,
         };
         let StartedProcess { mut process, counted } = match begun {
@@ -256,7 +256,7 @@ impl PluginSupervisor {
             Err(problem) => return ended(problem),
         };
         self.status(|status| status.pid = Some(process.id()));
-        let hello = hello(package, landing, endpoint, agents, building.as_deref());
+        let hello = hello(package, spawner, endpoint, agents, building.as_deref());
         let within = wanted.package.manifest.ready_within;
         let said = tokio::time::timeout(within, process.say(&hello)).await;
         if !matches!(said, Ok(Ok(()))) {
@@ -306,7 +306,7 @@ impl PluginSupervisor {
         let mut accepted = endpoint.accepted.subscribe();
         let mut looks = tokio::time::interval(SAMPLE_INTERVAL);
         looks.set_missed_tick_behavior(tokio::time::MissedTickBehavior::Delay);
-        let stopping = self.context.landing.stopping.clone();
+        let stopping = self.context.spawner.stopping.clone();
         loop {
             self.update_agents(wanted, &accepted.borrow_and_update(), living);
             tokio::select! {

@@ -73,7 +73,7 @@ struct TrialEnvironment {
     package: Arc<Package>,
     program: ResolvedProgram,
     wanted: Vec<WantedAgent>,
-    landing: Spawner,
+    spawner: Spawner,
     /// Network of an ecosystem without other daemons, used only for the trial; closed on drop.
     _network: Network,
     folder: TemporaryFolder,
@@ -103,19 +103,19 @@ impl Trial {
         });
         let wanted = wanted.collect();
         let network = Network::new();
-        let (package, landing) = (Arc::new(package), landing(host, &network));
+        let (package, spawner) = (Arc::new(package), spawner(host, &network));
         let stage = TrialEnvironment {
             package,
             program,
             wanted,
-            landing,
+            spawner,
             _network: network,
             folder,
             log,
             requires_confinement,
         };
         let outcome = stage.play(&launcher).await;
-        stage.landing.stopping.cancel();
+        stage.spawner.stopping.cancel();
         outcome.map_err(|why| {
             let advice = advice(&why, &stage.program.file, &stage.package.folder);
             TrialFailure { why, advice }
@@ -125,7 +125,7 @@ impl Trial {
 
 impl TrialEnvironment {
     async fn play(&self, launcher: &Launcher) -> Result<TrialSuccess, String> {
-        let TrialEnvironment { package, program, landing, log, .. } = self;
+        let TrialEnvironment { package, program, spawner, log, .. } = self;
         let (mut told, mut models) = (Vec::new(), BTreeMap::new());
         for agent in &self.wanted {
             let (hello, model) = described(package, agent)?;
@@ -133,13 +133,13 @@ impl TrialEnvironment {
             models.insert(agent.name.clone(), model.map(Arc::new));
         }
         let purpose = EndpointParameters {
-            ecosystem: landing.router.ecosystem(),
-            daemon: landing.router.daemon(),
-            settings: &landing.host.settings,
+            ecosystem: spawner.router.ecosystem(),
+            daemon: spawner.router.daemon(),
+            settings: &spawner.host.settings,
             socket: &self.folder.0.join("socket"),
             package,
             agents: models,
-            landing,
+            spawner,
         };
         let opened = Endpoint::open(purpose).await;
         let endpoint = opened.map_err(|error| format!("failed to {error}"))?;
@@ -161,7 +161,7 @@ impl TrialEnvironment {
         };
         let StartedProcess { mut process, counted: _counted } = start.begin().await?;
         let began = Instant::now();
-        let hello = hello(package, landing, &endpoint, &told, None);
+        let hello = hello(package, spawner, &endpoint, &told, None);
         let outcome = match process.say(&hello).await {
             Ok(()) => self.ready(&mut process, &endpoint).await,
             // The way in which it ended says more than the error of writing.
@@ -232,15 +232,15 @@ pub(crate) fn not_confined(is_required: bool, lacks: &[String]) -> Option<String
 }
 
 /// Returns the daemon of an ecosystem without other daemons, which the agents of the trial join.
-fn landing(host: Host, network: &Network) -> Spawner {
+fn spawner(host: Host, network: &Network) -> Spawner {
     let ecosystem = EcosystemId::new("trial").expect("invariant: it is a name");
     let daemon = DaemonId::new("trial").expect("invariant: it is a name");
     let machine = HostServices::new(None);
-    let switchboard = MessageRouter::on(machine, ecosystem, daemon.clone(), host.settings.clone());
-    let inbound = Arc::<MessageRouter>::clone(&switchboard);
-    switchboard.connect(network.open(daemon, inbound));
+    let router = MessageRouter::on(machine, ecosystem, daemon.clone(), host.settings.clone());
+    let inbound = Arc::<MessageRouter>::clone(&router);
+    router.connect(network.open(daemon, inbound));
     Spawner {
-        router: switchboard,
+        router,
         host: Arc::new(host),
         stopping: CancellationToken::new(),
         tasks: TaskTracker::new(),

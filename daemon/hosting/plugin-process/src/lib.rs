@@ -100,29 +100,29 @@ async fn run_agents(plugins: &[PluginEntry], hello: Hello) -> Result<(), String>
     let host = Host::new(ontology, pddl::parse_problem(&hello.map).into_result().map_err(first)?);
     let host = Arc::new(Host { mode: hello.mode, settings: settings.clone(), resources, ..host });
     let machine = HostServices::new(None);
-    let switchboard =
+    let router =
         MessageRouter::on(machine, hello.ecosystem.clone(), hello.daemon.clone(), settings);
     let mut config = Config::new(hello.ecosystem, hello.daemon);
     config.mode = SessionMode::Client;
     config.connect = vec![hello.endpoint];
-    let inbound = Arc::<MessageRouter>::clone(&switchboard);
+    let inbound = Arc::<MessageRouter>::clone(&router);
     let substrate = config.open(inbound).await.map_err(|error| error.to_string())?;
     let opened = Arc::clone(&substrate);
-    switchboard.connect(opened);
+    router.connect(opened);
     let stopping = CancellationToken::new();
     let mut lives = tokio::task::JoinSet::new();
     for agent in hello.agents {
         let built = build(plugins, agent, &host)?;
-        let berth = LaunchContext {
+        let launch_context = LaunchContext {
             id: built.0,
-            incarnation: switchboard.host_services().next_incarnation(),
-            router: Arc::clone(&switchboard),
+            incarnation: router.host_services().next_incarnation(),
+            router: Arc::clone(&router),
             ontology: Arc::from(host.ontology.name.as_str()),
             stopping: stopping.clone(),
             has_replicas: false,
             via: [].into(),
         };
-        lives.spawn(built.1.launch(berth));
+        lives.spawn(built.1.launch(launch_context));
     }
     tokio::select! {
         () = wait_for_stop() => (),

@@ -130,7 +130,7 @@ impl fmt::Display for ClaimSource {
             ClaimSource::Request => "request",
             ClaimSource::Observation => "observation",
             ClaimSource::Departure => "departure",
-            ClaimSource::Announced => "told",
+            ClaimSource::Announced => "announced",
         })
     }
 }

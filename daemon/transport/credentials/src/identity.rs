@@ -190,10 +190,10 @@ impl DaemonIdentity {
         nonce: &[u8],
     ) -> Vec<u8> {
         let is_itself = self.sender.as_str() == self.certificate.subject;
-        let speaker = if is_itself { "" } else { self.sender.as_str() };
+        let signer = if is_itself { "" } else { self.sender.as_str() };
         let (incarnation, at) = (self.incarnation, self.age());
         let statement =
-            SignedFields { channel, incarnation, number, at, to, sender: speaker, key_expr, nonce };
+            SignedFields { channel, incarnation, number, at, to, sender: signer, key_expr, nonce };
         let signature = self.key.sign(&statement.bytes(payload));
         let certificate = self.certificate.der.as_ref();
         Seal {
@@ -201,7 +201,7 @@ impl DaemonIdentity {
             number,
             at,
             to,
-            sender: speaker,
+            sender: signer,
             signature: signature.as_ref(),
             certificate,
         }

@@ -91,7 +91,7 @@ impl ReplayGuard {
     /// Returns the reason if it may be a replay.
     pub(crate) fn record(
         &mut self,
-        speaker: &str,
+        signer: &str,
         place: MessagePosition,
         now: Instant,
     ) -> Result<(), DistrustReason> {
@@ -99,8 +99,8 @@ impl ReplayGuard {
         // Only a sender that has answered, or sends to this incarnation, is remembered: recordings of many
         // senders must not displace the real ones.
         let known = match is_for_this_incarnation {
-            true => self.current_sender(speaker, incarnation).ok_or(DistrustReason::Replayed)?,
-            false => self.synced_sender(speaker, incarnation)?,
+            true => self.current_sender(signer, incarnation).ok_or(DistrustReason::Replayed)?,
+            false => self.synced_sender(signer, incarnation)?,
         };
         if !is_for_this_incarnation {
             let (from, answered) = known.from.as_ref().ok_or(DistrustReason::NotSynced)?;
@@ -123,11 +123,11 @@ impl ReplayGuard {
     /// reason why a message of the sender is not believed.
     fn synced_sender(
         &mut self,
-        speaker: &str,
+        signer: &str,
         incarnation: u64,
     ) -> Result<&mut SenderWindows, DistrustReason> {
         self.clock += 1;
-        let known = self.senders.get_mut(speaker).ok_or(DistrustReason::NotSynced)?;
+        let known = self.senders.get_mut(signer).ok_or(DistrustReason::NotSynced)?;
         match incarnation.cmp(&known.incarnation) {
             Ordering::Less => Err(DistrustReason::Replayed),
             Ordering::Equal => {
@@ -140,11 +140,11 @@ impl ReplayGuard {
 
     /// Records the answer of a sender to a call. The answer is fresh, so it counts even if the sender
     /// had been dropped.
-    pub(crate) fn record_reply(&mut self, speaker: &str, said: SequenceState, now: Instant) {
-        if !self.senders.contains_key(speaker) {
-            self.insert(speaker, said.incarnation);
+    pub(crate) fn record_reply(&mut self, signer: &str, said: SequenceState, now: Instant) {
+        if !self.senders.contains_key(signer) {
+            self.insert(signer, said.incarnation);
         }
-        if let Some(known) = self.current_sender(speaker, said.incarnation) {
+        if let Some(known) = self.current_sender(signer, said.incarnation) {
             known.from.get_or_insert((said.numbers, now));
             known.age = Some((said.age, now));
         }
@@ -152,20 +152,20 @@ impl ReplayGuard {
 
     /// Returns the incarnation in which a sender has answered a call; `None` if the sender has not
     /// answered.
-    pub(crate) fn incarnation(&self, speaker: &str) -> Option<u64> {
-        let known = self.senders.get(speaker)?;
+    pub(crate) fn incarnation(&self, signer: &str) -> Option<u64> {
+        let known = self.senders.get(signer)?;
         known.from.map(|_| known.incarnation)
     }
 
     /// Returns the state of a sender. The state is reset if the `incarnation` is newer than the
     /// known one; `None` if it is older.
-    fn current_sender(&mut self, speaker: &str, incarnation: u64) -> Option<&mut SenderWindows> {
+    fn current_sender(&mut self, signer: &str, incarnation: u64) -> Option<&mut SenderWindows> {
         self.clock += 1;
-        if !self.senders.contains_key(speaker) && !self.admit(speaker, incarnation) {
+        if !self.senders.contains_key(signer) && !self.admit(signer, incarnation) {
             return None;
         }
         let known =
-            self.senders.get_mut(speaker).filter(|known| incarnation >= known.incarnation)?;
+            self.senders.get_mut(signer).filter(|known| incarnation >= known.incarnation)?;
         if incarnation > known.incarnation {
             *known = SenderWindows::new(incarnation);
         }
@@ -175,15 +175,15 @@ impl ReplayGuard {
 
     /// Adds an unknown sender to the remembered ones. Returns `false`, and adds nothing, if the sender
     /// may be one that was dropped.
-    fn admit(&mut self, speaker: &str, incarnation: u64) -> bool {
+    fn admit(&mut self, signer: &str, incarnation: u64) -> bool {
         if incarnation <= self.dropped_incarnation {
             return false;
         }
-        self.insert(speaker, incarnation);
+        self.insert(signer, incarnation);
         true
     }
 
-    fn insert(&mut self, speaker: &str, incarnation: u64) {
+    fn insert(&mut self, signer: &str, incarnation: u64) {
         if self.senders.len() >= SENDERS_MAX {
             let silent = self.senders.iter().min_by_key(|(_, known)| known.last_used);
             if let Some((name, incarnation)) =
@@ -194,7 +194,7 @@ impl ReplayGuard {
             }
         }
         self.senders.insert(
-            speaker.to_owned(),
+            signer.to_owned(),
             SenderWindows { last_used: self.clock, ..SenderWindows::new(incarnation) },
         );
     }
@@ -275,14 +275,14 @@ mod tests {
     /// Whether the guard accepts a broadcast with this number.
     fn is_heard(
         replays: &mut ReplayGuard,
-        speaker: &str,
+        signer: &str,
         incarnation: u64,
         channel: usize,
         number: u64,
     ) -> bool {
         let place =
             MessagePosition { incarnation, channel, number, at: 0, is_for_this_incarnation: false };
-        replays.record(speaker, place, Instant::now()).is_ok()
+        replays.record(signer, place, Instant::now()).is_ok()
     }
 
     fn begun(incarnation: u64) -> SequenceState {

@@ -90,8 +90,8 @@ pub(crate) struct SignedFields<'s> {
 
 impl<'s> Seal<'s> {
     pub(crate) fn write(&self) -> Vec<u8> {
-        let Seal { incarnation, number, at, to, sender: speaker, signature, certificate } = *self;
-        let length = 2 + 4 * NUMBERS_BYTES + speaker.len() + signature.len() + certificate.len();
+        let Seal { incarnation, number, at, to, sender: signer, signature, certificate } = *self;
+        let length = 2 + 4 * NUMBERS_BYTES + signer.len() + signature.len() + certificate.len();
         let mut bytes = Vec::with_capacity(length);
         bytes.push(VERSION);
         bytes.extend(incarnation.to_be_bytes());
@@ -99,8 +99,8 @@ impl<'s> Seal<'s> {
         bytes.extend(at.to_be_bytes());
         bytes.extend(to.to_be_bytes());
         // A name has at most 64 bytes.
-        bytes.push(u8::try_from(speaker.len()).unwrap_or(u8::MAX));
-        bytes.extend(speaker.as_bytes());
+        bytes.push(u8::try_from(signer.len()).unwrap_or(u8::MAX));
+        bytes.extend(signer.as_bytes());
         bytes.extend(signature);
         bytes.extend(certificate);
         bytes
@@ -115,7 +115,7 @@ impl<'s> Seal<'s> {
         let (at, rest) = rest.split_first_chunk::<NUMBERS_BYTES>()?;
         let (to, rest) = rest.split_first_chunk::<NUMBERS_BYTES>()?;
         let (length, rest) = rest.split_first()?;
-        let (speaker, rest) = rest.split_at_checked(usize::from(*length))?;
+        let (signer, rest) = rest.split_at_checked(usize::from(*length))?;
         let (signature, certificate) = rest.split_at_checked(SIGNATURE_BYTES)?;
         if *version != VERSION || certificate.len() > CERTIFICATE_BYTES_MAX {
             return None;
@@ -125,7 +125,7 @@ impl<'s> Seal<'s> {
             number: u64::from_be_bytes(*number),
             at: u64::from_be_bytes(*at),
             to: u64::from_be_bytes(*to),
-            sender: std::str::from_utf8(speaker).ok()?,
+            sender: std::str::from_utf8(signer).ok()?,
             signature,
             certificate,
         })
@@ -137,16 +137,16 @@ impl<'s> Seal<'s> {
 impl SignedFields<'_> {
     /// Returns the bytes to sign for these fields and `payload`.
     pub(crate) fn bytes(&self, payload: &[u8]) -> Vec<u8> {
-        let SignedFields { channel, incarnation, number, at, to, sender: speaker, key_expr, nonce } =
+        let SignedFields { channel, incarnation, number, at, to, sender: signer, key_expr, nonce } =
             *self;
-        let mut bytes = Vec::with_capacity(CONTEXT.len() + key_expr.len() + speaker.len() + 104);
+        let mut bytes = Vec::with_capacity(CONTEXT.len() + key_expr.len() + signer.len() + 104);
         bytes.extend(CONTEXT);
         bytes.push(channel as u8);
         bytes.extend(incarnation.to_be_bytes());
         bytes.extend(number.to_be_bytes());
         bytes.extend(at.to_be_bytes());
         bytes.extend(to.to_be_bytes());
-        for part in [speaker.as_bytes(), key_expr.as_bytes(), nonce] {
+        for part in [signer.as_bytes(), key_expr.as_bytes(), nonce] {
             bytes.extend(u64::try_from(part.len()).unwrap_or(u64::MAX).to_be_bytes());
             bytes.extend(part);
         }

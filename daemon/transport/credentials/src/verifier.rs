@@ -110,10 +110,10 @@ impl Verifier {
         let Some(seal) = Seal::read(seal) else { return Err((DistrustReason::Malformed, None)) };
         let certificate = self.certificate(seal.certificate)?;
         let name = certificate.subject.clone();
-        let speaker = if seal.sender.is_empty() { name.as_str() } else { seal.sender };
-        let verified = self.verify(&sealed, &seal, &certificate, speaker);
+        let signer = if seal.sender.is_empty() { name.as_str() } else { seal.sender };
+        let verified = self.verify(&sealed, &seal, &certificate, signer);
         verified.map_err(|why| {
-            let claimed = if why == DistrustReason::Impostor { speaker } else { &name };
+            let claimed = if why == DistrustReason::Impostor { signer } else { &name };
             (why, Some(claimed.to_owned()))
         })
     }
@@ -123,7 +123,7 @@ impl Verifier {
         sealed: &SealedMessage<'_>,
         seal: &Seal<'_>,
         certificate: &Certificate,
-        speaker: &str,
+        signer: &str,
     ) -> Result<VerifiedOrigin, DistrustReason> {
         let statement = SignedFields {
             channel: sealed.channel,
@@ -139,12 +139,12 @@ impl Verifier {
         let key = UnparsedPublicKey::new(&ED25519, key);
         let signed = statement.bytes(sealed.payload);
         key.verify(&signed, seal.signature).map_err(|_| DistrustReason::Forged)?;
-        let verified = speaking(speaker, certificate).ok_or(DistrustReason::Impostor)?;
-        if sealed.only_sender.is_some_and(|only| only != speaker) {
+        let verified = speaking(signer, certificate).ok_or(DistrustReason::Impostor)?;
+        if sealed.only_sender.is_some_and(|only| only != signer) {
             return Err(DistrustReason::Impostor);
         }
         if sealed.channel != SealChannel::Answer {
-            self.record(certificate, seal, sealed, speaker)?;
+            self.record(certificate, seal, sealed, signer)?;
         }
         Ok(verified)
     }
@@ -187,7 +187,7 @@ impl Verifier {
         certificate: &Certificate,
         seal: &Seal<'_>,
         sealed: &SealedMessage<'_>,
-        speaker: &str,
+        signer: &str,
     ) -> Result<(), DistrustReason> {
         let now = Instant::now();
         let mut heard = lock(&self.senders);
@@ -204,7 +204,7 @@ impl Verifier {
         let (channel, is_for_this_incarnation) = (sealed.channel as usize, seal.to != 0);
         let Seal { incarnation, number, at, .. } = *seal;
         let place = MessagePosition { incarnation, channel, number, at, is_for_this_incarnation };
-        heard.replays.record(speaker, place, now)?;
+        heard.replays.record(signer, place, now)?;
         // The rate is checked last: a replay of another daemon's messages must not use up that daemon's
         // permits. A message that is dropped because of the rate is sent again under another number.
         match heard.rate.take(self.messages_per_second, now) {
@@ -232,8 +232,8 @@ impl Verifier {
 
     /// Returns the incarnation in which a daemon, or a guest of a daemon, last answered a call; `None`
     /// if there was no answer.
-    pub fn incarnation(&self, speaker: &DaemonId) -> Option<u64> {
-        lock(&self.senders).get(speaker.host())?.replays.incarnation(speaker.as_str())
+    pub fn incarnation(&self, signer: &DaemonId) -> Option<u64> {
+        lock(&self.senders).get(signer.host())?.replays.incarnation(signer.as_str())
     }
 
     /// Returns the state of the senders under one certificate name. Only the authority gives these
@@ -325,13 +325,13 @@ impl Verifier {
     }
 }
 
-/// Returns the origin of a message that was sent under the name `speaker` with this certificate; `None`
+/// Returns the origin of a message that was sent under the name `signer` with this certificate; `None`
 /// if the certificate does not cover that name.
-fn speaking(speaker: &str, certificate: &Certificate) -> Option<VerifiedOrigin> {
-    let speaker = DaemonId::new(speaker).ok()?;
+fn speaking(signer: &str, certificate: &Certificate) -> Option<VerifiedOrigin> {
+    let signer = DaemonId::new(signer).ok()?;
     let voucher = certificate.daemon()?;
-    let is_its_own = speaker.host() == voucher.as_str();
-    is_its_own.then_some(VerifiedOrigin { sender: speaker, signing_daemon: voucher })
+    let is_its_own = signer.host() == voucher.as_str();
+    is_its_own.then_some(VerifiedOrigin { sender: signer, signing_daemon: voucher })
 }
 
 fn hash(bytes: &[u8]) -> [u8; 32] {

@@ -8,9 +8,9 @@
 //! reused; declarations of a router that is not in the graph are kept, and those of a router that was cut
 //! off for a moment are not.) So declarations that were missed have to be made again:
 //!
-//! - Each session has a liveliness token of its own, with its Zenoh id. `told` is the set of sessions
+//! - Each session has a liveliness token of its own, with its Zenoh id. `known_sessions` is the set of sessions
 //!   from which a session has received such a token.
-//! - Each session answers a call with three things: the agents that it hosts, its `told` sessions, and
+//! - Each session answers a call with three things: the agents that it hosts, its `known_sessions` sessions, and
 //!   the daemons that do not answer its own calls. The agents are usually left out: the call carries, for
 //!   each daemon, a digest of the agents that the caller knows, and a daemon lists its agents only if its
 //!   own digest is different.
@@ -94,7 +94,7 @@ enum SyncDecision {
 impl AntiEntropy {
     /// Sends calls until the session is closed.
     pub(crate) async fn run(self) {
-        let mut judgement = RedeclarePolicy::new(Instant::now());
+        let mut policy = RedeclarePolicy::new(Instant::now());
         let mut unrest_until = Instant::now() + UNREST;
         loop {
             let is_restless = Instant::now() < unrest_until;
@@ -115,13 +115,17 @@ impl AntiEntropy {
             let silent = self.liveliness.finish_round(&answers.answered, mark);
             let is_beyond_doubt = silent.is_empty();
             self.known_sessions.set_silent(silent);
-            let verdict = judgement.judge(&answers, Instant::now());
+            let verdict = policy.judge(&answers, Instant::now());
             if !is_beyond_doubt || verdict != SyncDecision::InSync {
                 unrest_until = Instant::now() + UNREST;
             }
             if verdict == SyncDecision::Redeclare {
-                let SyncRound { unaware: untold, unknown_sessions: unknown, .. } = &answers;
-                tracing::info!(?untold, ?unknown, "announces agents again: some daemons miss them");
+                let SyncRound { unaware, unknown_sessions: unknown, .. } = &answers;
+                tracing::info!(
+                    ?unaware,
+                    ?unknown,
+                    "announces agents again: some daemons miss them"
+                );
                 self.declarations.redeclare_all();
             }
         }
@@ -135,14 +139,15 @@ impl AntiEntropy {
         {
             let session = self.session.upgrade().filter(|session| !session.is_closed())?;
             let own = session.zid().to_string();
-            let (told, watch) = (self.known_sessions.clone(), Arc::clone(&self.liveliness));
+            let (known_sessions, watch) =
+                (self.known_sessions.clone(), Arc::clone(&self.liveliness));
             let (me, heard) = (self.queries.keys.daemon().clone(), Arc::clone(&answers));
-            let hear = move |daemon, roll: Option<SyncReply>| {
+            let hear = move |daemon, reply: Option<SyncReply>| {
                 // Dropped with this callback, when no more answers come.
                 let _ends = &ends;
                 if daemon != me {
-                    watch.receive_reply(&daemon, roll.as_ref(), mark);
-                    lock(&heard).record(daemon, roll.as_ref(), (&own, &me), &told);
+                    watch.receive_reply(&daemon, reply.as_ref(), mark);
+                    lock(&heard).record(daemon, reply.as_ref(), (&own, &me), &known_sessions);
                 }
             };
             let everyone = self.queries.keys.everyone_reached();
@@ -168,16 +173,17 @@ impl SyncRound {
     fn record(
         &mut self,
         daemon: DaemonId,
-        roll: Option<&SyncReply>,
+        reply: Option<&SyncReply>,
         (own, me): (&str, &DaemonId),
-        told: &KnownSessions,
+        known_sessions: &KnownSessions,
     ) {
-        if let Some(roll) = roll {
-            if !roll.known_sessions.contains(own) || roll.silent.contains(me) {
+        if let Some(reply) = reply {
+            if !reply.known_sessions.contains(own) || reply.silent.contains(me) {
                 self.unaware.insert(daemon.clone());
             }
-            self.unknown_sessions
-                .extend(roll.known_sessions.iter().filter(|zid| !told.has(zid)).cloned());
+            self.unknown_sessions.extend(
+                reply.known_sessions.iter().filter(|zid| !known_sessions.has(zid)).cloned(),
+            );
         }
         self.answered.insert(daemon);
     }
@@ -227,42 +233,41 @@ mod tests {
 
     use super::*;
 
-    fn amiss(untold: &[&str], unknown: &[&str]) -> SyncRound {
-        let untold = untold.iter().map(|name| DaemonId::new(name).expect("a name")).collect();
+    fn amiss(unaware: &[&str], unknown: &[&str]) -> SyncRound {
+        let unaware = unaware.iter().map(|name| DaemonId::new(name).expect("a name")).collect();
         let unknown = unknown.iter().map(|&zid| zid.to_owned()).collect();
-        SyncRound { answered: BTreeSet::new(), unaware: untold, unknown_sessions: unknown }
+        SyncRound { answered: BTreeSet::new(), unaware, unknown_sessions: unknown }
     }
 
     #[test]
     fn who_was_not_told_is_told_again_ever_more_rarely() {
         let start = Instant::now();
-        let mut judgement = RedeclarePolicy::new(start);
-        let untold = amiss(&["pi"], &[]);
+        let mut policy = RedeclarePolicy::new(start);
+        let unaware = amiss(&["pi"], &[]);
         let at = |seconds| start + Duration::from_secs(seconds);
-        let told: Vec<_> = (0..40)
-            .filter(|&second| judgement.judge(&untold, at(second)) == SyncDecision::Redeclare)
+        let known_sessions: Vec<_> = (0..40)
+            .filter(|&second| policy.judge(&unaware, at(second)) == SyncDecision::Redeclare)
             .collect();
-        assert_eq!(told, [1, 3, 5, 9, 17, 33], "one call may have come too early");
-        assert_eq!(judgement.judge(&amiss(&[], &[]), at(40)), SyncDecision::InSync);
-        assert_eq!(judgement.judge(&untold, at(65)), SyncDecision::CheckAgain);
-        assert_eq!(judgement.judge(&untold, at(66)), SyncDecision::Redeclare);
+        assert_eq!(known_sessions, [1, 3, 5, 9, 17, 33], "one call may have come too early");
+        assert_eq!(policy.judge(&amiss(&[], &[]), at(40)), SyncDecision::InSync);
+        assert_eq!(policy.judge(&unaware, at(65)), SyncDecision::CheckAgain);
+        assert_eq!(policy.judge(&unaware, at(66)), SyncDecision::Redeclare);
     }
 
     #[test]
     fn who_is_not_heard_of_is_given_up_until_it_was_gone() {
         let start = Instant::now();
-        let mut judgement = RedeclarePolicy::new(start);
+        let mut policy = RedeclarePolicy::new(start);
         let at = |seconds| start + Duration::from_secs(seconds);
-        let mut told = |link: &SyncRound, from: u64| {
-            let tells =
-                |&second: &u64| judgement.judge(link, at(second)) == SyncDecision::Redeclare;
+        let mut known_sessions = |link: &SyncRound, from: u64| {
+            let tells = |&second: &u64| policy.judge(link, at(second)) == SyncDecision::Redeclare;
             (from..from + 100).filter(tells).count()
         };
         let router = amiss(&[], &["a1"]);
-        assert_eq!(told(&router, 0), 3);
-        assert_eq!(told(&router, 100), 0);
-        assert_eq!(told(&amiss(&[], &[]), 200), 0);
-        assert_eq!(told(&router, 300), 3);
+        assert_eq!(known_sessions(&router, 0), 3);
+        assert_eq!(known_sessions(&router, 100), 0);
+        assert_eq!(known_sessions(&amiss(&[], &[]), 200), 0);
+        assert_eq!(known_sessions(&router, 300), 3);
     }
 
     #[test]

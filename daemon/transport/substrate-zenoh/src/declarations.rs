@@ -61,14 +61,14 @@ impl Declarations {
         keys: &KeySpace,
         inbound: &Arc<dyn Inbound>,
         security: Option<&Security>,
-        told: &KnownSessions,
+        known_sessions: &KnownSessions,
     ) -> Result<Arc<Declarations>, OpenError> {
         let declarations = Arc::new(Declarations {
             keys: keys.clone(),
             session: Arc::downgrade(session),
             inbound: Arc::clone(inbound),
             security: security.cloned(),
-            known_sessions: told.clone(),
+            known_sessions: known_sessions.clone(),
             round: AtomicU64::new(0),
             held: Mutex::default(),
         });

@@ -99,8 +99,8 @@ impl InboundReceiver {
     /// Delivers the heartbeats of a batch, each as if it had arrived in a message of its own.
     fn deliver_together(&self, key: &str, bundle: &Bytes, origin: Option<&Origin>, is_own: bool) {
         let claimed = origin.map(|origin| origin.daemon.as_str());
-        let reject = |breach, detail: &str| {
-            self.inbound.rejected(&Rejected { violation: breach, detail, claimed, key });
+        let reject = |violation, detail: &str| {
+            self.inbound.rejected(&Rejected { violation, detail, claimed, key });
         };
         let Some(words) = batch::unpack(bundle) else {
             let detail = format!("is a batch of {} bytes that cannot be read", bundle.len());

@@ -97,8 +97,8 @@ impl SyncReply {
         let (known_sessions, silent) =
             (known.sessions.keys().cloned().collect(), known.silent.clone());
         drop(known);
-        let roll = SyncReply { hosts, known_sessions, silent, signed };
-        serde_json::to_vec(&roll).map_or_else(|_| Bytes::new(), Bytes::from)
+        let reply = SyncReply { hosts, known_sessions, silent, signed };
+        serde_json::to_vec(&reply).map_or_else(|_| Bytes::new(), Bytes::from)
     }
 
     /// Parses an answer. Returns `None` if it is too long or malformed. The daemon then still counts as
@@ -155,8 +155,8 @@ impl KnownSessions {
             };
             if !hearing.receive_token(zid, telling, sample.kind()) {
                 let detail = "is a token of one more session than there is room for";
-                let (breach, claimed) = (ViolationKind::Flooded, None);
-                inbound.rejected(&Rejected { violation: breach, detail, claimed, key });
+                let (violation, claimed) = (ViolationKind::Flooded, None);
+                inbound.rejected(&Rejected { violation, detail, claimed, key });
             }
         };
         let liveliness = session.liveliness();
@@ -264,7 +264,7 @@ mod tests {
         let nothing = SyncRequest::read(b"");
         let answer = SyncReply::answer(vec![robot.clone()], &sessions, None, (&pi, &nothing));
         let read = SyncReply::read(&answer);
-        let named = |roll: &Option<SyncReply>| roll.as_ref().expect("a roll").hosts.clone();
+        let named = |reply: &Option<SyncReply>| reply.as_ref().expect("a roll").hosts.clone();
         assert_eq!(named(&read), Some(vec![robot.clone()]));
         let later = (robot.0.clone(), Incarnation(8));
         for (known, is_named) in [(vec![robot.clone()], false), (vec![later], true), (vec![], true)]

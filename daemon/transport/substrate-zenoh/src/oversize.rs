@@ -71,8 +71,9 @@ pub(crate) fn listen(
         while let Some(claimed) = heard.recv().await {
             let Some(inbound) = inbound.upgrade() else { return };
             let detail = "is longer than any message may be, and was dropped";
-            let (breach, claimed, key) = (ViolationKind::Oversized, claimed.as_deref(), "a link");
-            inbound.rejected(&Rejected { violation: breach, detail, claimed, key });
+            let (violation, claimed, key) =
+                (ViolationKind::Oversized, claimed.as_deref(), "a link");
+            inbound.rejected(&Rejected { violation, detail, claimed, key });
         }
     });
     listening

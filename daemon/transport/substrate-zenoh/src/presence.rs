@@ -147,14 +147,9 @@ impl LivelinessSubscriber {
     fn reject(&self, surplus: &[Resident]) {
         for Resident { agent, daemon, .. } in surplus {
             let detail = format!("is a token of `{agent}`, for which there is no room");
-            let (breach, claimed, key) =
+            let (violation, claimed, key) =
                 (ViolationKind::Flooded, Some(daemon.as_str()), agent.as_str());
-            self.queries.inbound.rejected(&Rejected {
-                violation: breach,
-                detail: &detail,
-                claimed,
-                key,
-            });
+            self.queries.inbound.rejected(&Rejected { violation, detail: &detail, claimed, key });
         }
     }
 
@@ -182,8 +177,8 @@ impl LivelinessSubscriber {
     }
 
     /// Handles the answer of `daemon` to the call that was sent when the number of tokens was `mark`.
-    pub(crate) fn receive_reply(&self, daemon: &DaemonId, roll: Option<&SyncReply>, mark: u64) {
-        let hosts = roll.map_or(HostedAgents::Unstated, |roll| match &roll.hosts {
+    pub(crate) fn receive_reply(&self, daemon: &DaemonId, reply: Option<&SyncReply>, mark: u64) {
+        let hosts = reply.map_or(HostedAgents::Unstated, |reply| match &reply.hosts {
             Some(hosts) => HostedAgents::Listed(hosts),
             None => HostedAgents::AsKnown,
         });
@@ -228,9 +223,9 @@ impl LivelinessSubscriber {
         let QuerySender { keys, .. } = &watch.queries;
         let call = SyncRequest::new(known, keys.daemon());
         let hearing = Arc::downgrade(watch);
-        let hear = move |daemon, roll: Option<SyncReply>| {
+        let hear = move |daemon, reply: Option<SyncReply>| {
             if let Some(watch) = hearing.upgrade() {
-                watch.receive_reply(&daemon, roll.as_ref(), mark);
+                watch.receive_reply(&daemon, reply.as_ref(), mark);
             }
             // Dropping the sender ends the returned future.
             ends.take();

@@ -123,8 +123,8 @@ impl QuerySender {
             get.consolidation(ConsolidationMode::None).priority(MESSAGE_PRIORITY).express(true);
         let get = get.congestion_control(CongestionControl::Drop);
         let get = get.callback_mut(move |reply| {
-            if let Some((daemon, roll)) = asking.roll(&reply, nonce.as_ref()) {
-                hear(daemon, roll);
+            if let Some((daemon, reply)) = asking.reply(&reply, nonce.as_ref()) {
+                hear(daemon, reply);
             }
         });
         get.wait().ok()
@@ -133,7 +133,7 @@ impl QuerySender {
     /// Returns the daemon that has answered a call, and its answer if that can be parsed. Returns `None`
     /// if the reply is an error, is not under the key of a probe, or has no valid signature in a secured
     /// ecosystem.
-    fn roll(&self, reply: &Reply, nonce: Option<&Nonce>) -> Option<(DaemonId, Option<SyncReply>)> {
+    fn reply(&self, reply: &Reply, nonce: Option<&Nonce>) -> Option<(DaemonId, Option<SyncReply>)> {
         let sample = reply.result().ok()?;
         let daemon = self.keys.reached(sample.key_expr().as_str())?;
         let payload = into_bytes(sample.payload());
@@ -142,11 +142,11 @@ impl QuerySender {
             return Some((daemon, SyncReply::read(&payload)));
         };
         let answerer = security.answerer(&answered)?;
-        let roll = SyncReply::read(&payload);
-        if let Some(said) = roll.as_ref().and_then(|roll| roll.signed) {
+        let reply = SyncReply::read(&payload);
+        if let Some(said) = reply.as_ref().and_then(|reply| reply.signed) {
             security.record_reply(answerer, said);
         }
-        Some((daemon, roll))
+        Some((daemon, reply))
     }
 
     fn unverified<'a>(
@@ -193,10 +193,11 @@ impl QueryResponder {
         if *query.key_expr() == probed || *query.key_expr() == self.keys.everyone_reached() {
             let call = query.payload().map(ZBytes::to_bytes).unwrap_or_default();
             let me = self.keys.daemon();
-            let said = self.security.as_ref().map(Security::said);
+            let signed = self.security.as_ref().map(Security::said);
             let call = SyncRequest::read(&call);
-            let roll = SyncReply::answer(self.residents(), &self.known_sessions, said, (me, &call));
-            reply(query, &probed, roll, self.security.as_ref());
+            let answer =
+                SyncReply::answer(self.residents(), &self.known_sessions, signed, (me, &call));
+            reply(query, &probed, answer, self.security.as_ref());
             // A broadcast that waits for this call must not go out before the answer.
             return self.known_sessions.record_caller(&call);
         }

@@ -77,14 +77,14 @@ pub(crate) fn admission(security: &Security, inbound: &Arc<dyn Inbound>) -> Arc<
 
 fn refused(
     inbound: &Weak<dyn Inbound>,
-    breach: ViolationKind,
+    violation: ViolationKind,
     claimed: Option<&str>,
     from: SocketAddr,
     detail: &str,
 ) {
     if let Some(inbound) = inbound.upgrade() {
         let key = format!("a link with {from}");
-        inbound.rejected(&Rejected { violation: breach, detail, claimed, key: &key });
+        inbound.rejected(&Rejected { violation, detail, claimed, key: &key });
     }
 }
 
@@ -122,8 +122,8 @@ fn receive_list(verifier: &Verifier, inbound: &dyn Inbound, sample: &Sample) {
             let peer = reading::peer();
             let claimed = peer.as_ref().and_then(|peer| peer.name.as_deref());
             let detail = "is a list of revocations that the authority has not signed";
-            let (breach, key) = (ViolationKind::Forged, sample.key_expr().as_str());
-            inbound.rejected(&Rejected { violation: breach, detail, claimed, key });
+            let (violation, key) = (ViolationKind::Forged, sample.key_expr().as_str());
+            inbound.rejected(&Rejected { violation, detail, claimed, key });
         }
     }
 }

@@ -62,9 +62,9 @@ impl Security {
     /// Handles the answer of a daemon to a call. From now on, broadcasts of that daemon are rejected if
     /// their sequence numbers are not greater than those in `said`.
     pub(crate) fn record_reply(&self, answerer: Origin, said: SequenceState) {
-        let Origin { daemon: speaker, signing_daemon: voucher } = answerer;
+        let Origin { daemon: signer, signing_daemon: voucher } = answerer;
         self.verifier
-            .record_reply(&VerifiedOrigin { sender: speaker, signing_daemon: voucher }, said);
+            .record_reply(&VerifiedOrigin { sender: signer, signing_daemon: voucher }, said);
     }
 
     /// Returns the verified origin of a message. If the origin cannot be verified, the message is
@@ -135,8 +135,8 @@ impl Security {
         };
         let opened = self.verifier.open(sealed);
         opened
-            .map(|VerifiedOrigin { sender: speaker, signing_daemon: voucher }| Origin {
-                daemon: speaker,
+            .map(|VerifiedOrigin { sender: signer, signing_daemon: voucher }| Origin {
+                daemon: signer,
                 signing_daemon: voucher,
             })
             .map_err(|(why, claimed)| {
@@ -145,9 +145,9 @@ impl Security {
                     // yet.
                     return tracing::debug!(from = claimed, key = key_expr, "ignored: it {why}");
                 }
-                let (breach, detail) = (breach(why), why.to_string());
+                let (violation, detail) = (violation(why), why.to_string());
                 let (detail, claimed) = (detail.as_str(), claimed.as_deref());
-                inbound.rejected(&Rejected { violation: breach, detail, claimed, key: key_expr });
+                inbound.rejected(&Rejected { violation, detail, claimed, key: key_expr });
             })
             .ok()
     }
@@ -170,7 +170,7 @@ pub(crate) fn seal_answer(
     Some(ZBytes::from(identity.seal_answer(key_expr, payload, &nonce)))
 }
 
-fn breach(why: DistrustReason) -> ViolationKind {
+fn violation(why: DistrustReason) -> ViolationKind {
     match why {
         DistrustReason::Unsigned => ViolationKind::Unsigned,
         DistrustReason::Stranger | DistrustReason::Expired => ViolationKind::Unknown,

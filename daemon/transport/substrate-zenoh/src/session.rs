@@ -98,9 +98,9 @@ impl ZenohSubstrate {
         let session = Arc::new(session);
         let keys = KeySpace::new(ecosystem, daemon);
         let keys = if mode == SessionMode::Client { keys.of_guest() } else { keys };
-        let told = KnownSessions::declare(&session, &keys, &inbound)?;
+        let known_sessions = KnownSessions::declare(&session, &keys, &inbound)?;
         let declarations =
-            Declarations::declare(&session, &keys, &inbound, security.as_ref(), &told)?;
+            Declarations::declare(&session, &keys, &inbound, security.as_ref(), &known_sessions)?;
         let asking = QuerySender { keys: keys.clone(), inbound, security: security.clone() };
         let watch = presence::declare(&session, &asking, lease)?;
         if let (Some(security), Some(admission)) = (&security, admission) {
@@ -109,7 +109,7 @@ impl ZenohSubstrate {
         let roll_call = AntiEntropy {
             session: Arc::downgrade(&session),
             queries: asking.clone(),
-            known_sessions: told.clone(),
+            known_sessions: known_sessions.clone(),
             liveliness: Arc::clone(&watch),
             declarations: Arc::clone(&declarations),
             lease,
@@ -120,7 +120,7 @@ impl ZenohSubstrate {
             keys,
             declarations,
             queries: asking,
-            known_sessions: told,
+            known_sessions,
             liveliness: watch,
             security,
             publishers,
@@ -243,8 +243,8 @@ impl Substrate for ZenohSubstrate {
         if self.security.is_none() {
             return Box::pin(std::future::ready(()));
         }
-        let (told, others) = (self.known_sessions.clone(), self.liveliness.others());
-        Box::pin(async move { told.called_by(&others).await })
+        let (known_sessions, others) = (self.known_sessions.clone(), self.liveliness.others());
+        Box::pin(async move { known_sessions.called_by(&others).await })
     }
 
     fn close(&self) -> BoxFuture<()> {

@@ -173,7 +173,7 @@ impl Agent for Keyboard {
     fn drain(&mut self, ctx: &mut Context<Self>) -> bool {
         while let Some((_, question)) = self.questions.take_first() {
             let detail = format!("`{}` was closed before an answer came", ctx.id());
-            ctx.refuse(&question.engagement, Reason::Stopping, detail);
+            ctx.refuse(&question.participation, Reason::Stopping, detail);
         }
         true
     }
@@ -513,16 +513,16 @@ impl Keyboard {
             Ok(question) => question,
             Err(error) => return ctx.not_understood(&message, error.to_string()),
         };
-        let engagement = Participation::of(&message);
+        let participation = Participation::of(&message);
         let Some(number) = self.questions.next_number() else {
             let detail = "too many questions are open at this keyboard";
-            return ctx.refuse(&engagement, Reason::Busy, detail);
+            return ctx.refuse(&participation, Reason::Busy, detail);
         };
         let asked = message.reply_within.map_or(QUESTION_PATIENCE, |by| by.0);
         let patience = asked - QUESTION_MARGIN.min(asked / 10);
         let timer =
             ctx.after(patience, move |keyboard: &mut Self, ctx| keyboard.expire(number, ctx));
-        self.questions.store(engagement, question, patience, timer, ctx.now());
+        self.questions.store(participation, question, patience, timer, ctx.now());
         if let Some(open) = self.questions.find(ctx.id(), number, ctx.now()) {
             self.emit(UserEvent::Question(open));
         }
@@ -538,7 +538,7 @@ impl Keyboard {
                 ctx.id()
             ),
         };
-        ctx.refuse(&question.engagement, Reason::Unanswered, detail.clone());
+        ctx.refuse(&question.participation, Reason::Unanswered, detail.clone());
         self.emit(UserEvent::QuestionClosed(number, detail));
     }
 
@@ -581,23 +581,23 @@ impl Keyboard {
     /// Handles a request of another keyboard, which contains an answer to a question that this keyboard
     /// keeps.
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Participation::of(&message);
+        let participation = Participation::of(&message);
         let answer = match message.content_as::<Request>() {
             Ok(Request::AnswerQuestion(answer)) => answer,
             Ok(_) => {
                 let detail = "a keyboard takes answers to its questions: `answer-question`";
-                return ctx.refuse(&engagement, Reason::Incapable, detail);
+                return ctx.refuse(&participation, Reason::Incapable, detail);
             }
             Err(error) => return ctx.not_understood(&message, error.to_string()),
         };
         let number = answer.question;
         match self.deliver_answer(answer, ctx) {
             Ok(report) => {
-                ctx.answer(&engagement, Performative::Confirm, &report);
+                ctx.answer(&participation, Performative::Confirm, &report);
                 let who = format!("answered by `{}`", message.sender);
                 self.emit(UserEvent::QuestionClosed(number, who));
             }
-            Err(refusal) => ctx.answer(&engagement, Performative::Refuse, &refusal),
+            Err(refusal) => ctx.answer(&participation, Performative::Refuse, &refusal),
         }
     }
 
@@ -619,8 +619,8 @@ impl Keyboard {
         };
         ctx.cancel_timer(question.timer);
         let inform = Inform::Answer(said);
-        ctx.answer(&question.engagement, Performative::Inform, &inform);
-        let asker = &question.engagement.initiator;
+        ctx.answer(&question.participation, Performative::Inform, &inform);
+        let asker = &question.participation.initiator;
         Ok(Report::new(Outcome::Done, format!("`{asker}` was told")))
     }
 }

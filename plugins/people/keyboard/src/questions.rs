@@ -22,7 +22,7 @@ pub(crate) struct Questions {
 #[derive(Debug)]
 pub(crate) struct PendingQuestion {
     /// Exchange in which the asking agent put the question, and to which the answer is sent.
-    pub(crate) engagement: Participation,
+    pub(crate) participation: Participation,
     /// Text of the question.
     pub(crate) text: String,
     /// Key that the answer is encrypted to; `None` if the answer travels in plain text.
@@ -44,7 +44,7 @@ impl Questions {
     /// Stores a question under the number from [`Questions::next_number`], and returns that number.
     pub(crate) fn store(
         &mut self,
-        engagement: Participation,
+        participation: Participation,
         asked: acl::content::Question,
         patience: Duration,
         timer: TimerId,
@@ -53,7 +53,7 @@ impl Questions {
         self.last_number += 1;
         let until = now + patience;
         let acl::content::Question { text, seal_to } = asked;
-        let question = PendingQuestion { engagement, text, seal_to, patience, timer, until };
+        let question = PendingQuestion { participation, text, seal_to, patience, timer, until };
         self.open.insert(self.last_number, question);
         self.last_number
     }
@@ -75,7 +75,8 @@ impl Questions {
         exchange: &ReplyToken,
     ) -> Option<(u64, PendingQuestion)> {
         let is_it = |question: &PendingQuestion| {
-            question.engagement.initiator == *asker && question.engagement.exchange == *exchange
+            question.participation.initiator == *asker
+                && question.participation.exchange == *exchange
         };
         let (number, _) = self.open.iter().find(|(_, question)| is_it(question))?;
         let number = *number;
@@ -115,7 +116,7 @@ impl PendingQuestion {
         OpenQuestion {
             keyboard: keyboard.clone(),
             question: number,
-            from: self.engagement.initiator.clone(),
+            from: self.participation.initiator.clone(),
             text: self.text.clone(),
             seal_to: self.seal_to.clone(),
             remaining: Millis(self.until.saturating_duration_since(now)),

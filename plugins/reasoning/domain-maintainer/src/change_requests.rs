@@ -29,7 +29,7 @@ impl DomainMaintainer {
     pub(crate) fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
         domain_sync::compose(self, ctx);
         self.check_replicas(ctx);
-        let engagement = Participation::of(&message);
+        let participation = Participation::of(&message);
         let asker = &message.sender;
         let request = message.content_as::<Request>();
         let taken = match request {
@@ -57,9 +57,9 @@ impl DomainMaintainer {
                     self.announce_requests(ctx);
                 }
                 let report = Report::new(Outcome::Done, detail);
-                ctx.answer(&engagement, Performative::Confirm, &report);
+                ctx.answer(&participation, Performative::Confirm, &report);
             }
-            Err(refusal) => ctx.answer(&engagement, Performative::Refuse, &refusal),
+            Err(refusal) => ctx.answer(&participation, Performative::Refuse, &refusal),
         }
     }
 
@@ -79,8 +79,8 @@ impl DomainMaintainer {
         let living = change.owner.as_ref().and_then(|owner| ctx.find(owner));
         let owner = Owner::Agent(change.owner.as_ref().unwrap_or(asker).clone());
         let notes = self.remarks(&effects.believe, &owner);
-        let now = self.upkeep.timestamp();
-        let maintainer = &mut self.upkeep.maintainer;
+        let now = self.domain_sync.timestamp();
+        let maintainer = &mut self.domain_sync.maintainer;
         let changed = match living {
             Some(owner) => {
                 maintainer.apply_effects(&owner.agent, Some(owner.incarnation), &effects, now)
@@ -96,7 +96,7 @@ impl DomainMaintainer {
     /// has an error. A fact with an undeclared predicate would be stored, but would never become
     /// visible. The facts of an agent are not checked: they may arrive before the agent's declarations.
     fn check_against_domain(&self, change: &ChangeState, effects: &Effects) -> Result<(), Refusal> {
-        let snapshot = self.upkeep.maintainer.snapshot(self.upkeep.timestamp());
+        let snapshot = self.domain_sync.maintainer.snapshot(self.domain_sync.timestamp());
         let texts = [(&change.believe, &effects.believe), (&change.retract, &effects.retract)];
         for (text, facts) in texts {
             let diagnostics = check_init_elements(&snapshot.domain, &snapshot.problem, facts);
@@ -116,8 +116,8 @@ impl DomainMaintainer {
             Some(metric) => format!("plans are measured by `{metric}` from now on"),
             None => "plans are measured as the map says again".to_owned(),
         };
-        let now = self.upkeep.timestamp();
-        let changed = self.upkeep.maintainer.set_metric(metric, now);
+        let now = self.domain_sync.timestamp();
+        let changed = self.domain_sync.maintainer.set_metric(metric, now);
         Ok((changed.map_err(|declined| declined.refusal())?, detail))
     }
 
@@ -129,8 +129,8 @@ impl DomainMaintainer {
         let of = |of: ActionOf| (Name::new(&of.action), of.agent);
         let withhold: Vec<_> = withhold.into_iter().map(of).collect();
         let give_back: Vec<_> = give_back.into_iter().map(of).collect();
-        let now = self.upkeep.timestamp();
-        let changed = self.upkeep.maintainer.change_actions(&withhold, &give_back, now);
+        let now = self.domain_sync.timestamp();
+        let changed = self.domain_sync.maintainer.change_actions(&withhold, &give_back, now);
         let changed = changed.map_err(|declined| declined.refusal())?;
         let parts = [("withheld", withhold), ("given back", give_back)];
         let parts = parts.into_iter().filter(|(_, of)| !of.is_empty()).map(|(what, of)| {
@@ -145,21 +145,21 @@ impl DomainMaintainer {
         asker: &AgentId,
         observed: &Observation,
     ) -> Result<AcceptedChange, Refusal> {
-        let now = self.upkeep.timestamp();
+        let now = self.domain_sync.timestamp();
         let known = KnownFact::read(observed, now).map_err(|mistakes| bad_content(&mistakes))?;
         if known.is_empty() {
             return Err(Refusal::new(Reason::BadContent, "it states no fact"));
         }
         let facts: Vec<InitElement> = known.iter().map(|known| known.fact.clone()).collect();
         let notes = self.remarks(&facts, &Owner::Agent(asker.clone()));
-        let changed = self.upkeep.maintainer.apply_observation(asker, &known, now);
+        let changed = self.domain_sync.maintainer.apply_observation(asker, &known, now);
         Ok((changed.map_err(|declined| declined.refusal())?, with_remarks("believed", notes)))
     }
 
     /// Returns remarks about those of `facts` that do not count now, and about agents that contradict
     /// them.
     fn remarks(&self, facts: &[InitElement], speaker: &Owner) -> Vec<String> {
-        let maintainer = &self.upkeep.maintainer;
+        let maintainer = &self.domain_sync.maintainer;
         let mut notes = Vec::new();
         for fact in facts {
             if let Some(misfit) = maintainer.misfit(fact) {

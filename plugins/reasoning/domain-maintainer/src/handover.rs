@@ -44,23 +44,23 @@ impl DomainMaintainer {
         let (directory, own) = (ctx.directory(), ctx.daemon());
         let daemons = directory.all(ctx.id()).iter().map(|resident| &resident.daemon);
         let here: BTreeSet<_> = daemons.filter(|daemon| *daemon != own).cloned().collect();
-        let now = self.upkeep.timestamp();
+        let now = self.domain_sync.timestamp();
         let KnownReplicas { seen_on: met, complete_since: together } = &mut self.known_replicas;
         if !met.is_subset(&here) {
             *together = None;
-            self.upkeep.maintainer.begin_partition_log();
+            self.domain_sync.maintainer.begin_partition_log();
         } else if !here.is_empty() {
             *met = here;
             let since = *together.get_or_insert(now);
             if self.is_leading && now.since(since) >= REUNITED_AFTER {
-                self.upkeep.maintainer.drop_partition_log();
+                self.domain_sync.maintainer.drop_partition_log();
             }
         }
     }
 
     /// Stands down from leading: sends the changes noted for a hand-over to the new leader.
     pub(crate) fn stand_down(&mut self, ctx: &mut Context<Self>) {
-        let changed = self.upkeep.maintainer.stand_down(self.upkeep.timestamp());
+        let changed = self.domain_sync.maintainer.stand_down(self.domain_sync.timestamp());
         if changed != RequestedSince::default() {
             self.hand_over(changed, 0, ctx);
         }
@@ -77,7 +77,7 @@ impl DomainMaintainer {
             // The new leader is not known here yet.
             return retry_handover(changed, times, ctx);
         }
-        let record = self.keeper.write(REQUESTED.to_owned(), value(&changed));
+        let record = self.journal_client.write(REQUESTED.to_owned(), value(&changed));
         let opening = ExchangeOpening {
             to: Some(ctx.id().clone()),
             performative: Performative::Request,
@@ -110,7 +110,7 @@ impl DomainMaintainer {
             let refusal = Refusal::new(Reason::Incapable, detail);
             return ctx.answer(&Participation::of(message), Performative::Refuse, &refusal);
         }
-        let engagement = Participation::of(message);
+        let participation = Participation::of(message);
         for Record { body, .. } in handed.records.iter().filter(|record| record.key == REQUESTED) {
             match serde_json::from_value(body.clone()) {
                 Ok(changed) => self.reconcile(&changed, ctx),
@@ -118,16 +118,16 @@ impl DomainMaintainer {
             }
         }
         let report = Report::new(Outcome::Done, "taken over");
-        ctx.answer(&engagement, Performative::Confirm, &report);
+        ctx.answer(&participation, Performative::Confirm, &report);
     }
 
     fn reconcile(&mut self, changed: &RequestedSince, ctx: &mut Context<Self>) {
-        let now = self.upkeep.timestamp();
+        let now = self.domain_sync.timestamp();
         let read = RequestedChangesSince::read(changed, now).map_err(|mistakes| {
             mistakes.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
         });
         let taken = read.and_then(|read| {
-            let taken = self.upkeep.maintainer.merge_partition_log(&read, now);
+            let taken = self.domain_sync.maintainer.merge_partition_log(&read, now);
             taken.map_err(|declined| declined.to_string())
         });
         match taken {

@@ -65,13 +65,13 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let mut maintainer = maintainer.with_silence_limit(silence);
     // Standby until the agent is told that it leads.
     maintainer.set_standby(true);
-    let mut upkeep = DomainSync::new(maintainer);
+    let mut domain_sync = DomainSync::new(maintainer);
     if let Some(configured) = blueprint.host.resources.get::<ConfiguredModels>() {
-        let now = upkeep.timestamp();
-        upkeep.maintainer.expect_agents(configured.0.iter().cloned(), now);
+        let now = domain_sync.timestamp();
+        domain_sync.maintainer.expect_agents(configured.0.iter().cloned(), now);
     }
     Ok(Box::new(DomainMaintainer {
-        upkeep,
+        domain_sync,
         unannounced: None,
         announcement_timer: None,
         last_announced: None,
@@ -79,7 +79,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
         full_announcement_timer: None,
         has_announced: false,
         has_requests: false,
-        keeper: JournalClient::new(&blueprint.host),
+        journal_client: JournalClient::new(&blueprint.host),
         is_leading: false,
         record_version: None,
         known_replicas: KnownReplicas::default(),
@@ -87,7 +87,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
 }
 
 struct DomainMaintainer {
-    upkeep: DomainSync,
+    domain_sync: DomainSync,
     /// Changes of the domain and the state since the last announcement.
     unannounced: Option<EpochChange>,
     announcement_timer: Option<TimerId>,
@@ -102,7 +102,7 @@ struct DomainMaintainer {
     /// Whether requested changes were in force then. Marks of agents that are expected do not count:
     /// they follow from the ecosystem file, and the Journals keep none of them alone.
     has_requests: bool,
-    keeper: JournalClient<DomainMaintainer>,
+    journal_client: JournalClient<DomainMaintainer>,
     /// Whether this replica of the Domain Maintainer leads. A standby receives the same messages and
     /// sends none.
     is_leading: bool,
@@ -133,16 +133,16 @@ impl Agent for DomainMaintainer {
 
     fn leadership_changed(&mut self, is_leading: bool, ctx: &mut Context<Self>) {
         let was_leading = std::mem::replace(&mut self.is_leading, is_leading);
-        self.upkeep.maintainer.set_standby(!is_leading);
+        self.domain_sync.maintainer.set_standby(!is_leading);
         replication::handle_leadership(self, is_leading, ctx);
         if is_leading {
             // Another leader may be active in another partition.
-            self.upkeep.maintainer.begin_partition_log();
+            self.domain_sync.maintainer.begin_partition_log();
             self.check_replicas(ctx);
         } else if was_leading {
             self.stand_down(ctx);
         }
-        if is_leading && self.upkeep.maintainer.revision() > 0 {
+        if is_leading && self.domain_sync.maintainer.revision() > 0 {
             // All agents learn that there is a leader again, and everything that requests changed.
             self.announcement_scope = AnnouncementScope::Full;
             self.announce_requests(ctx);
@@ -163,9 +163,9 @@ impl Agent for DomainMaintainer {
         }
         let answer = match resource {
             Resource::Domain => {
-                let snapshot = self.upkeep.maintainer.snapshot(self.upkeep.timestamp());
+                let snapshot = self.domain_sync.maintainer.snapshot(self.domain_sync.timestamp());
                 let mut content = snapshot.to_content();
-                for conflict in self.upkeep.maintainer.conflicts() {
+                for conflict in self.domain_sync.maintainer.conflicts() {
                     // The last agent lost the conflict; an agent before it has precedence.
                     let Some(agent) = conflict.agents.last() else { continue };
                     let of_it = content.conflicts.entry(agent.clone()).or_default();
@@ -190,7 +190,7 @@ impl Agent for DomainMaintainer {
 
 impl MaintainsDomain for DomainMaintainer {
     fn domain_sync(&mut self) -> &mut DomainSync {
-        &mut self.upkeep
+        &mut self.domain_sync
     }
 
     fn domain_changed(&mut self, change: &DomainChange, ctx: &mut Context<Self>) {
@@ -221,7 +221,7 @@ impl MaintainsDomain for DomainMaintainer {
 
 impl ReplicatesRecords for DomainMaintainer {
     fn journal_client(&mut self) -> &mut JournalClient<Self> {
-        &mut self.keeper
+        &mut self.journal_client
     }
 
     /// Restores, from records of the Journals, the requested changes that were in force before all
@@ -232,12 +232,12 @@ impl ReplicatesRecords for DomainMaintainer {
         };
         // Changes that this replica received or wrote itself are newer than its record.
         let is_known = self.record_version.is_some_and(|known| known >= record.version);
-        let is_own = record.version.term == self.keeper.term();
+        let is_own = record.version.term == self.journal_client.term();
         if is_known || is_own || self.has_requests {
             return;
         }
         self.record_version = Some(record.version);
-        let now = self.upkeep.timestamp();
+        let now = self.domain_sync.timestamp();
         let wall_clock = ctx.wall_clock();
         let kept = StoredRequests::deserialize(record.body).map_err(|error| error.to_string());
         let requests = kept.and_then(|kept| {
@@ -247,7 +247,7 @@ impl ReplicatesRecords for DomainMaintainer {
             RequestedChanges::read(&kept.in_force_at(wall_clock), now).map_err(mistakes)
         });
         let recalled = requests.and_then(|requests| {
-            let maintainer = &mut self.upkeep.maintainer;
+            let maintainer = &mut self.domain_sync.maintainer;
             maintainer.restore_requests(&requests, now).map_err(|declined| declined.to_string())
         });
         match recalled {
@@ -268,18 +268,18 @@ impl DomainMaintainer {
 
     /// Announces the requested changes in force, even if nothing else has changed.
     fn announce_requests(&mut self, ctx: &mut Context<Self>) {
-        let maintainer = &self.upkeep.maintainer;
+        let maintainer = &self.domain_sync.maintainer;
         let (epoch, revision) = (maintainer.epoch(), maintainer.revision());
         self.announce_soon(EpochChange { epoch, revision, ..EpochChange::default() }, ctx);
     }
 
     /// Sends the requested changes to the Journals, because no agent repeats such changes by itself.
     fn replicate_requests(&mut self, requested: Requested, ctx: &mut Context<Self>) {
-        if self.keeper.journals().is_empty() {
+        if self.journal_client.journals().is_empty() {
             return;
         }
         let kept = StoredRequests::new(requested, ctx.wall_clock());
-        let record = self.keeper.write(REQUESTED.to_owned(), value(&kept));
+        let record = self.journal_client.write(REQUESTED.to_owned(), value(&kept));
         self.record_version = Some(record.version);
         replication::replicate_detached(self, &[record], ctx);
     }
@@ -296,7 +296,7 @@ impl DomainMaintainer {
         if self.announcement_timer.is_some() {
             return;
         }
-        let now = self.upkeep.timestamp();
+        let now = self.domain_sync.timestamp();
         let over = self.last_announced.map_or(ANNOUNCE_INTERVAL_MIN, |last| now.since(last));
         match ANNOUNCE_INTERVAL_MIN.saturating_sub(over) {
             // Without a timer: even the shortest one fires a millisecond later.
@@ -312,7 +312,7 @@ impl DomainMaintainer {
     fn announce(&mut self, ctx: &mut Context<Self>) {
         self.announcement_timer = None;
         let Some(mut change) = self.unannounced.take() else { return };
-        self.last_announced = Some(self.upkeep.timestamp());
+        self.last_announced = Some(self.domain_sync.timestamp());
         let tells = std::mem::replace(&mut self.announcement_scope, AnnouncementScope::Nothing);
         match tells {
             AnnouncementScope::Nothing => (),
@@ -333,8 +333,8 @@ impl DomainMaintainer {
     /// all requested changes. So the message contains only what is new, and an agent that missed it
     /// gets all requested changes soon.
     fn add_changes(&mut self, change: &mut EpochChange, ctx: &mut Context<Self>) {
-        let now = self.upkeep.timestamp();
-        let Some(since) = self.upkeep.maintainer.requested_since(now) else {
+        let now = self.domain_sync.timestamp();
+        let Some(since) = self.domain_sync.maintainer.requested_since(now) else {
             return self.add_all_requests(AnnouncementScope::Full, change, ctx);
         };
         if since == RequestedSince::default() {
@@ -342,10 +342,10 @@ impl DomainMaintainer {
         }
         self.has_announced |= !since.facts.is_empty() || !since.retracted.is_empty();
         let had_requests = self.has_requests;
-        self.has_requests |= self.upkeep.maintainer.has_requests(now);
+        self.has_requests |= self.domain_sync.maintainer.has_requests(now);
         change.requested_since = Some(since);
-        if (had_requests || self.has_requests) && !self.keeper.journals().is_empty() {
-            let requested = self.upkeep.maintainer.requested(now);
+        if (had_requests || self.has_requests) && !self.journal_client.journals().is_empty() {
+            let requested = self.domain_sync.maintainer.requested(now);
             self.replicate_requests(requested, ctx);
         }
         if self.full_announcement_timer.is_none() {
@@ -367,14 +367,14 @@ impl DomainMaintainer {
         if let Some(timer) = self.full_announcement_timer.take() {
             ctx.cancel_timer(timer);
         }
-        let now = self.upkeep.timestamp();
+        let now = self.domain_sync.timestamp();
         // News are counted from here on.
-        let since = self.upkeep.maintainer.requested_since(now);
-        let requested = self.upkeep.maintainer.requested(now);
+        let since = self.domain_sync.maintainer.requested_since(now);
+        let requested = self.domain_sync.maintainer.requested(now);
         let is_nothing = requested == Requested::default();
         // That no requested change is in force any more is announced once.
         let was_something = std::mem::replace(&mut self.has_announced, !is_nothing);
-        let has_requests = self.upkeep.maintainer.has_requests(now);
+        let has_requests = self.domain_sync.maintainer.has_requests(now);
         let had_requests = std::mem::replace(&mut self.has_requests, has_requests);
         if is_nothing && !was_something {
             return;
@@ -388,8 +388,8 @@ impl DomainMaintainer {
     }
 
     fn state(&self) -> BelievedState {
-        let maintainer = &self.upkeep.maintainer;
-        let provenance = maintainer.provenance(self.upkeep.timestamp());
+        let maintainer = &self.domain_sync.maintainer;
+        let provenance = maintainer.provenance(self.domain_sync.timestamp());
         let known = provenance.into_iter().filter(|fact| fact.left_out.is_none()).map(|fact| {
             BelievedFact {
                 fact: fact.fact.to_string(),
@@ -405,7 +405,8 @@ impl DomainMaintainer {
             }
         });
         let mut facts: Vec<BelievedFact> = known.collect();
-        let mut derived = derived::derived_facts(&maintainer.snapshot(self.upkeep.timestamp()));
+        let mut derived =
+            derived::derived_facts(&maintainer.snapshot(self.domain_sync.timestamp()));
         // The facts of an agent that has left are already known to be unknown.
         derived.retain(|derived| facts.iter().all(|known| known.fact != derived.fact));
         facts.extend(derived);

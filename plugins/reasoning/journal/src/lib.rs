@@ -169,12 +169,12 @@ impl Journal {
     }
 
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Participation::of(&message);
+        let participation = Participation::of(&message);
         match message.content_as::<Request>() {
             Ok(Request::StoreRecords(StoreRecords { records })) => {
-                self.queue_records(Some(engagement), records, ctx)
+                self.queue_records(Some(participation), records, ctx)
             }
-            Ok(_) => ctx.refuse(&engagement, Reason::Incapable, "a Journal takes `keep`"),
+            Ok(_) => ctx.refuse(&participation, Reason::Incapable, "a Journal takes `keep`"),
             Err(error) => ctx.not_understood(&message, error.to_string()),
         }
     }

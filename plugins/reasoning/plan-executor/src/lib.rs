@@ -159,40 +159,40 @@ impl PlanExecutor {
     // === requests ===
 
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Participation::of(&message);
+        let participation = Participation::of(&message);
         let execute = match message.content_as::<Request>() {
             Ok(Request::Execute(execute)) => execute,
-            Ok(Request::CancelPlan(plan)) => return self.called_off(&engagement, plan, ctx),
+            Ok(Request::CancelPlan(plan)) => return self.called_off(&participation, plan, ctx),
             Ok(_) => {
                 let detail = "a Plan Executor executes plans; ask the Plan Requester for goals";
-                return ctx.refuse(&engagement, Reason::Incapable, detail);
+                return ctx.refuse(&participation, Reason::Incapable, detail);
             }
             Err(error) => return ctx.not_understood(&message, error.to_string()),
         };
-        let plan = PlanId::of(&engagement.conversation, &execute);
-        if self.answer_if_known(&engagement, &plan, ctx) {
+        let plan = PlanId::of(&participation.conversation, &execute);
+        if self.answer_if_known(&participation, &plan, ctx) {
             return;
         }
         if self.running_plans.len() >= EXECUTIONS_MAX {
             let detail = format!("{EXECUTIONS_MAX} plans are being executed");
-            return ctx.refuse(&engagement, Reason::Busy, detail);
+            return ctx.refuse(&participation, Reason::Busy, detail);
         }
         match PlanState::new(&execute, agent::knowledge(&execute.knowledge)) {
-            Ok(state) => self.begin(engagement, state, (plan, execute), ctx),
-            Err(detail) => ctx.refuse(&engagement, Reason::BadContent, detail),
+            Ok(state) => self.begin(participation, state, (plan, execute), ctx),
+            Err(detail) => ctx.refuse(&participation, Reason::BadContent, detail),
         }
     }
 
     fn begin(
         &mut self,
-        engagement: Participation,
+        participation: Participation,
         state: PlanState,
         (plan, asked): (PlanId, Box<Execute>),
         ctx: &mut Context<Self>,
     ) {
-        let token = engagement.exchange.clone();
+        let token = participation.exchange.clone();
         let running = RunningPlan {
-            subscribers: Subscribers::new(engagement),
+            subscribers: Subscribers::new(participation),
             plan,
             original_request: asked,
             state,

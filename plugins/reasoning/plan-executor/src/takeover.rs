@@ -119,12 +119,12 @@ impl PlanExecutor {
     /// up.
     pub(crate) fn answer_if_known(
         &mut self,
-        engagement: &Participation,
+        participation: &Participation,
         plan: &PlanId,
         ctx: &mut Context<Self>,
     ) -> bool {
         if let Some(report) = self.finished_plans.outcome_of(plan) {
-            ctx.answer(engagement, Performative::Confirm, report);
+            ctx.answer(participation, Performative::Confirm, report);
             return true;
         }
         let is_of_goal = |other: &&PlanId| other.conversation == plan.conversation;
@@ -136,16 +136,16 @@ impl PlanExecutor {
         for (token, other) in runs {
             match other.cmp(plan) {
                 std::cmp::Ordering::Equal => {
-                    self.add_subscriber(&token, engagement, ctx);
+                    self.add_subscriber(&token, participation, ctx);
                     return true;
                 }
                 _ if other.term != plan.term && self.is_active(&token) => {
-                    self.refuse_with_running(&token, engagement, ctx);
+                    self.refuse_with_running(&token, participation, ctx);
                     return true;
                 }
                 std::cmp::Ordering::Greater => {
                     let detail = "a newer plan for this goal is being executed";
-                    ctx.refuse(engagement, Reason::StaleToken, detail);
+                    ctx.refuse(participation, Reason::StaleToken, detail);
                     return true;
                 }
                 std::cmp::Ordering::Less => {
@@ -161,14 +161,14 @@ impl PlanExecutor {
     /// because a request for the plan may still be on its way.
     pub(crate) fn called_off(
         &mut self,
-        engagement: &Participation,
+        participation: &Participation,
         plan: CancelPlan,
         ctx: &mut Context<Self>,
     ) {
-        let plan = PlanId::to_cancel(&engagement.conversation, plan);
+        let plan = PlanId::to_cancel(&participation.conversation, plan);
         let report = Report::new(Outcome::Cancelled, "called off");
-        if !self.answer_if_known(engagement, &plan, ctx) {
-            ctx.answer(engagement, Performative::Confirm, &report);
+        if !self.answer_if_known(participation, &plan, ctx) {
+            ctx.answer(participation, Performative::Confirm, &report);
             return self.finished_plans.store_outcome(plan, report);
         }
         let it = self.running_plans.iter().find(|(_, running)| running.plan == plan);
@@ -188,7 +188,7 @@ impl PlanExecutor {
     fn refuse_with_running(
         &mut self,
         token: &ReplyToken,
-        engagement: &Participation,
+        participation: &Participation,
         ctx: &mut Context<Self>,
     ) {
         let Some(running) = self.running_plans.get(token) else { return };
@@ -197,23 +197,23 @@ impl PlanExecutor {
         plan.done = done.filter_map(|(step, _)| u32::try_from(step).ok()).collect();
         let detail = "another plan for this goal is under way";
         let refusal = Refusal { under_way: Some(plan), ..Refusal::new(Reason::StaleToken, detail) };
-        ctx.answer(engagement, Performative::Refuse, &refusal);
+        ctx.answer(participation, Performative::Refuse, &refusal);
     }
 
     /// Adds a requester to a running plan and reports to this requester all steps that are done.
     fn add_subscriber(
         &mut self,
         token: &ReplyToken,
-        engagement: &Participation,
+        participation: &Participation,
         ctx: &mut Context<Self>,
     ) {
         let Some(running) = self.running_plans.get_mut(token) else { return };
-        running.subscribers.add(engagement, ctx);
+        running.subscribers.add(participation, ctx);
         for (step, action) in running.state.done() {
             let report = Report::new(Outcome::Progress, format!("`{action}` is done"));
             let step = u32::try_from(step).ok();
             let report = Report { action: Some(action), step, ..report };
-            ctx.answer(engagement, Performative::Confirm, &report);
+            ctx.answer(participation, Performative::Confirm, &report);
         }
     }
 

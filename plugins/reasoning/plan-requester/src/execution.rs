@@ -28,7 +28,7 @@ impl PlanRequester {
             problem: known.problem_of(&goal.condition).to_string(),
             plan: plan.to_string(),
             epoch: known.epoch,
-            term: self.keeper.term(),
+            term: self.journal_client.term(),
             round: goal.state.rounds(),
             done: Vec::new(),
             offers: known.offers_of(&plan),

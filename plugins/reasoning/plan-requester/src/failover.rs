@@ -31,7 +31,8 @@ const PLAN: &str = "plan/";
 /// Record of a goal, as it is replicated to the Journals.
 #[derive(Debug, Serialize, Deserialize)]
 struct GoalRecord {
-    engagement: Participation,
+    #[serde(alias = "engagement")]
+    participation: Participation,
     /// Incarnation of the initiator that asked for the goal.
     #[serde(alias = "life")]
     incarnation: Incarnation,
@@ -64,7 +65,7 @@ struct RunningPlanId {
 
 impl ReplicatesRecords for PlanRequester {
     fn journal_client(&mut self) -> &mut JournalClient<Self> {
-        &mut self.keeper
+        &mut self.journal_client
     }
 
     fn records_restored(&mut self, records: Vec<Record>, ctx: &mut Context<Self>) {
@@ -103,7 +104,7 @@ impl PlanRequester {
     /// Sends the record of a new goal to the Journals, and reports to the initiator which Journals have
     /// it.
     pub(crate) fn replicate_new_goal(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
-        if self.keeper.journals().is_empty() {
+        if self.journal_client.journals().is_empty() {
             if self.goals.get(id).is_some_and(|goal| goal.partition == Partition::Wait) {
                 let detail = "no Journal is here to decide which partition has the quorum: the \
                               goal is pursued in each";
@@ -114,7 +115,7 @@ impl PlanRequester {
         let Some(record) = self.record(id) else { return };
         let accepted = id.clone();
         replication::replicate(self, &[record], ctx, move |requester: &mut Self, kept, ctx| {
-            let listed = requester.keeper.journals().len();
+            let listed = requester.journal_client.journals().len();
             let detail = acceptance(&kept, listed);
             if kept.stored_by.is_empty() {
                 tracing::warn!(conversation = %accepted, refusals = ?kept.failed_by, detail, "goal");
@@ -132,11 +133,11 @@ impl PlanRequester {
 
     /// Sends the present record of a goal and its plan to the Journals.
     pub(crate) fn replicate_plan(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
-        if self.keeper.journals().is_empty() {
+        if self.journal_client.journals().is_empty() {
             return;
         }
         let plan = self.goals.get(id).and_then(|goal| goal.plan.as_deref()).map(value);
-        let plan = plan.map(|plan| self.keeper.write(format!("{PLAN}{id}"), plan));
+        let plan = plan.map(|plan| self.journal_client.write(format!("{PLAN}{id}"), plan));
         let goal = self.record(id);
         let records: Vec<_> = plan.into_iter().chain(goal).collect();
         self.send(&records, ctx);
@@ -170,14 +171,14 @@ impl PlanRequester {
     /// Sends the outcomes of ended goals, and which kept goals hold, to their initiator when it has
     /// joined: it may have missed these reports.
     pub(crate) fn send_missed_outcomes(&mut self, asker: &Resident, ctx: &mut Context<Self>) {
-        for (engagement, report) in self.ended.of_asker(asker) {
-            self.send_or_queue(&engagement, report, ctx);
+        for (participation, report) in self.ended.of_asker(asker) {
+            self.send_or_queue(&participation, report, ctx);
         }
         let holds = self.goals.values().filter(|goal| {
-            goal.engagement.initiator == asker.agent && goal.state.phase() == GoalPhase::Holding
+            goal.participation.initiator == asker.agent && goal.state.phase() == GoalPhase::Holding
         });
         for goal in holds {
-            ctx.answer(&goal.engagement, Performative::Confirm, &holding());
+            ctx.answer(&goal.participation, Performative::Confirm, &holding());
         }
     }
 
@@ -188,7 +189,7 @@ impl PlanRequester {
         report: Report,
         ctx: &mut Context<Self>,
     ) {
-        if self.keeper.journals().is_empty() {
+        if self.journal_client.journals().is_empty() {
             return;
         }
         let id = goal.conversation().clone();
@@ -203,12 +204,13 @@ impl PlanRequester {
         ctx: &mut Context<Self>,
     ) {
         let record = GoalRecord { running: None, ended: Some(report.clone()), ..record };
-        let record = self.keeper.write(format!("{GOAL}{id}"), value(&record));
+        let record = self.journal_client.write(format!("{GOAL}{id}"), value(&record));
         self.ended.store_record(record.clone());
         let forgotten = self.ended.add_outcome(id.clone(), record.version, report);
-        let mut records = vec![record, self.keeper.write(format!("{PLAN}{id}"), Value::Null)];
+        let mut records =
+            vec![record, self.journal_client.write(format!("{PLAN}{id}"), Value::Null)];
         for oldest in forgotten {
-            records.push(self.keeper.write(format!("{GOAL}{oldest}"), Value::Null));
+            records.push(self.journal_client.write(format!("{GOAL}{oldest}"), Value::Null));
         }
         self.send(&records, ctx);
     }
@@ -216,16 +218,16 @@ impl PlanRequester {
     /// Removes the plan of a goal from the Journals when the goal has ended or holds. The replica that
     /// ended the goal may not know of this plan, if the plan was made on the other side of a partition.
     pub(crate) fn forget_plan(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
-        let forgotten = self.keeper.write(format!("{PLAN}{id}"), Value::Null);
+        let forgotten = self.journal_client.write(format!("{PLAN}{id}"), Value::Null);
         self.send(&[forgotten], ctx);
     }
 
     fn record(&mut self, id: &ConversationId) -> Option<Record> {
-        if self.keeper.journals().is_empty() {
+        if self.journal_client.journals().is_empty() {
             return None;
         }
         let goal = self.goals.get_mut(id)?;
-        let record = self.keeper.write(format!("{GOAL}{id}"), value(&record_of(goal)));
+        let record = self.journal_client.write(format!("{GOAL}{id}"), value(&record_of(goal)));
         goal.version = record.version;
         Some(record)
     }
@@ -235,8 +237,10 @@ impl PlanRequester {
         let Some(goal) = self.goals.get(id) else { return Vec::new() };
         let body = value(&record_of(goal));
         let plan = goal.plan.as_deref().filter(|_| goal.state.phase().is_under_way()).map(value);
-        let plan = plan.map(|plan| self.keeper.write(format!("{PLAN}{id}"), plan));
-        std::iter::once(self.keeper.write(format!("{GOAL}{id}"), body)).chain(plan).collect()
+        let plan = plan.map(|plan| self.journal_client.write(format!("{PLAN}{id}"), plan));
+        std::iter::once(self.journal_client.write(format!("{GOAL}{id}"), body))
+            .chain(plan)
+            .collect()
     }
 
     fn send(&mut self, records: &[Record], ctx: &mut Context<Self>) {
@@ -254,7 +258,7 @@ impl PlanRequester {
         plan: Option<Execute>,
         ctx: &mut Context<Self>,
     ) {
-        let id = record.engagement.conversation.clone();
+        let id = record.participation.conversation.clone();
         let ended_here = self.ended.outcome_of(&id).cloned();
         if record.cancelled || record.ended.is_some() || ended_here.is_some() {
             self.drop_plan(&id, plan.as_ref(), ctx);
@@ -290,8 +294,8 @@ impl PlanRequester {
         let was_running = self.goals.get(&id).is_some_and(|goal| goal.state.phase().is_running());
         // If the initiator has asked this replica in the same incarnation, it may no longer wait in the
         // exchange that the record names.
-        if let Some(engagement) = self.local_exchange(&record.engagement) {
-            record.engagement = engagement;
+        if let Some(participation) = self.local_exchange(&record.participation) {
+            record.participation = participation;
         }
         let event =
             if record.ended.is_some() { GoalEvent::EndedElsewhere } else { GoalEvent::TakenOver };
@@ -318,12 +322,12 @@ impl PlanRequester {
     /// record of the earlier request arrived.
     fn is_asked_anew(
         &self,
-        GoalRecord { engagement, incarnation, asked, .. }: &GoalRecord,
+        GoalRecord { participation, incarnation, asked, .. }: &GoalRecord,
     ) -> bool {
         self.goals.values().any(|goal| {
             let is_same = goal.text == asked.goal && goal.keep == asked.keep;
             is_same
-                && goal.engagement.initiator == engagement.initiator
+                && goal.participation.initiator == participation.initiator
                 && *incarnation < goal.initiator_incarnation
         })
     }
@@ -331,8 +335,8 @@ impl PlanRequester {
     /// Returns the exchange in which this replica was asked for the goal by the same incarnation of the
     /// initiator that asked `elsewhere`; `None` if that incarnation has not asked this replica.
     fn local_exchange(&self, elsewhere: &Participation) -> Option<Participation> {
-        let engagement = &self.goals.get(&elsewhere.conversation)?.engagement;
-        (engagement.incarnation == elsewhere.incarnation).then(|| engagement.clone())
+        let participation = &self.goals.get(&elsewhere.conversation)?.participation;
+        (participation.incarnation == elsewhere.incarnation).then(|| participation.clone())
     }
 
     /// Handles a record that is older than this replica's own state of the goal. If no plan runs here,
@@ -378,10 +382,11 @@ impl PlanRequester {
     /// Sends the outcome of a goal to its initiator, if the incarnation that requested the goal is
     /// still present. The initiator may have missed the outcome; if not, the repetition has no effect.
     fn send_outcome(&mut self, record: &GoalRecord, report: &Report, ctx: &mut Context<Self>) {
-        let GoalRecord { engagement, incarnation, .. } = record;
-        self.ended.store_sent(engagement.clone(), report.clone());
-        if ctx.find(&engagement.initiator).is_some_and(|asker| asker.incarnation == *incarnation) {
-            self.send_or_queue(engagement, report.clone(), ctx);
+        let GoalRecord { participation, incarnation, .. } = record;
+        self.ended.store_sent(participation.clone(), report.clone());
+        if ctx.find(&participation.initiator).is_some_and(|asker| asker.incarnation == *incarnation)
+        {
+            self.send_or_queue(participation, report.clone(), ctx);
         }
     }
 
@@ -394,9 +399,16 @@ impl PlanRequester {
         ctx: &mut Context<Self>,
     ) {
         let GoalRecord {
-            engagement, incarnation, asked, rounds, failures, running, happened, ..
+            participation,
+            incarnation,
+            asked,
+            rounds,
+            failures,
+            running,
+            happened,
+            ..
         } = record;
-        let id = engagement.conversation.clone();
+        let id = participation.conversation.clone();
         let condition = match pddl::parse_condition(&asked.goal).into_result() {
             Ok(condition) => condition,
             Err(_) => return tracing::warn!(conversation = %id, "a recorded goal cannot be read"),
@@ -412,7 +424,7 @@ impl PlanRequester {
             running.is_some(),
             self.elapsed(ctx),
         );
-        let mut goal = Goal::new(engagement, incarnation, asked, condition);
+        let mut goal = Goal::new(participation, incarnation, asked, condition);
         (goal.state, goal.version) = (state, version);
         goal.recall_history(happened);
         if let (Some(running), Some(plan)) = (running, plan) {
@@ -479,7 +491,7 @@ impl PlanRequester {
         if goal.partition == Partition::Pursue {
             return None;
         }
-        let journals = self.keeper.journals();
+        let journals = self.journal_client.journals();
         let is_here = |journal: &&acl::AgentId| ctx.find(journal).is_some();
         let here = journals.iter().filter(is_here).count();
         let has_first = journals.first().is_some_and(|first| is_here(&first));
@@ -525,7 +537,7 @@ fn record_of(goal: &Goal) -> GoalRecord {
         done: plan.done.clone(),
     });
     GoalRecord {
-        engagement: goal.engagement.clone(),
+        participation: goal.participation.clone(),
         incarnation: goal.initiator_incarnation,
         asked,
         rounds: goal.state.rounds(),
@@ -556,16 +568,16 @@ mod tests {
 
     #[test]
     fn records_of_version_1_are_read() {
-        let engagement = json!({
+        let participation = json!({
             "initiator": "user", "life": 7, "exchange": "t", "conversation": "c", "protocol": "goal"
         });
         let goal = json!({
-            "engagement": engagement, "life": 7, "asked": {"goal": "(lit hall)"}, "rounds": 1,
+            "participation": participation, "life": 7, "asked": {"goal": "(lit hall)"}, "rounds": 1,
             "failures": 0
         });
         let record = GoalRecord::deserialize(goal).expect("a record of version 1");
         assert_eq!(record.incarnation, Incarnation(7));
-        assert_eq!(record.engagement.incarnation, Some(Incarnation(7)));
+        assert_eq!(record.participation.incarnation, Some(Incarnation(7)));
         let plan = json!({
             "domain": "", "problem": "", "plan": "", "epoch": 1, "round": 1,
             "offers": {"lamp": {"light": {"inside": "light--2", "guard": "(offers-light lamp)"}}}

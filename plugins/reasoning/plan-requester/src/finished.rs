@@ -77,18 +77,18 @@ impl FinishedGoals {
 
     /// Stores an outcome that was sent to the initiator of a goal. Whether the message arrived is not
     /// known.
-    pub(crate) fn store_sent(&mut self, engagement: Participation, report: Report) {
-        self.sent.retain(|(other, _)| other.exchange != engagement.exchange);
+    pub(crate) fn store_sent(&mut self, participation: Participation, report: Report) {
+        self.sent.retain(|(other, _)| other.exchange != participation.exchange);
         if self.sent.len() >= TOLD_MAX {
             self.sent.pop_front();
         }
-        self.sent.push_back((engagement, report));
+        self.sent.push_back((participation, report));
     }
 
     /// Queues an outcome that could not be sent to its initiator. The queue is bounded, because each
     /// outcome in it counts towards the maximum number of goals that are accepted at a time.
-    pub(crate) fn queue_unsent(&mut self, engagement: Participation, report: Report) {
-        self.unsent.push_back((engagement, report));
+    pub(crate) fn queue_unsent(&mut self, participation: Participation, report: Report) {
+        self.unsent.push_back((participation, report));
     }
 
     /// Clears the cache except for the outcomes that could not be sent: no other replica knows of
@@ -108,22 +108,25 @@ impl FinishedGoals {
         self.unsent.len()
     }
 
-    /// Returns the outcome of the goal that is requested once more with `engagement`; `None` if no
+    /// Returns the outcome of the goal that is requested once more with `participation`; `None` if no
     /// outcome is known.
-    pub(crate) fn of(&self, engagement: &Participation) -> Option<&Report> {
+    pub(crate) fn of(&self, participation: &Participation) -> Option<&Report> {
         let is_it = |other: &Participation| {
-            other.conversation == engagement.conversation && other.initiator == engagement.initiator
+            other.conversation == participation.conversation
+                && other.initiator == participation.initiator
         };
         self.sent.iter().find(|(other, _)| is_it(other)).map(|(_, report)| report)
     }
 
     /// Returns the outcomes that `asker`, an agent that has just joined, may not have received.
     pub(crate) fn of_asker(&self, asker: &Resident) -> Vec<(Participation, Report)> {
-        let is_its = |engagement: &Participation| {
-            engagement.initiator == asker.agent
-                && engagement.incarnation.is_none_or(|incarnation| incarnation == asker.incarnation)
+        let is_its = |participation: &Participation| {
+            participation.initiator == asker.agent
+                && participation
+                    .incarnation
+                    .is_none_or(|incarnation| incarnation == asker.incarnation)
         };
-        self.sent.iter().filter(|(engagement, _)| is_its(engagement)).cloned().collect()
+        self.sent.iter().filter(|(participation, _)| is_its(participation)).cloned().collect()
     }
 }
 

@@ -19,7 +19,7 @@ use crate::proposals::ContractNetState;
 
 /// A goal that the Plan Requester pursues.
 pub(crate) struct Goal {
-    pub(crate) engagement: Participation,
+    pub(crate) participation: Participation,
     /// Incarnation of the initiator that asked for this goal.
     pub(crate) initiator_incarnation: Incarnation,
     pub(crate) text: String,
@@ -95,14 +95,14 @@ impl Drop for ExplanationTask {
 
 impl Goal {
     pub(crate) fn new(
-        engagement: Participation,
+        participation: Participation,
         incarnation: Incarnation,
         asked: Achieve,
         condition: Condition,
     ) -> Goal {
         let Achieve { goal, keep, priority, partition } = asked;
         Goal {
-            engagement,
+            participation,
             initiator_incarnation: incarnation,
             text: goal,
             condition,
@@ -124,7 +124,7 @@ impl Goal {
     }
 
     pub(crate) fn conversation(&self) -> &ConversationId {
-        &self.engagement.conversation
+        &self.participation.conversation
     }
 
     /// Whether `attempt` is the work that was begun last for this goal.
@@ -203,7 +203,7 @@ impl Goal {
     /// it did not learn that the goal was received.
     pub(crate) fn is_asked_again(&self, by: &Participation, asked: &Achieve) -> bool {
         let is_same = self.text == asked.goal && self.keep == asked.keep;
-        is_same && self.engagement.initiator == by.initiator
+        is_same && self.participation.initiator == by.initiator
     }
 
     /// Whether `asked` requests the same as this goal, but comes from a later incarnation of the
@@ -215,7 +215,7 @@ impl Goal {
         asked: &Achieve,
     ) -> bool {
         let is_same = self.text == asked.goal && self.keep == asked.keep;
-        is_same && self.engagement.initiator == *by && self.initiator_incarnation < incarnation
+        is_same && self.participation.initiator == *by && self.initiator_incarnation < incarnation
     }
 
     pub(crate) fn status(&self) -> GoalStatus {

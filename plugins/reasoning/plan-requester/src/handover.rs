@@ -27,7 +27,7 @@ impl PlanRequester {
         if records.is_empty() {
             return;
         }
-        if self.keeper.is_leading() {
+        if self.journal_client.is_leading() {
             // This replica is the leader again.
             return self.adopt_records(records, ctx);
         }
@@ -67,15 +67,15 @@ impl PlanRequester {
             // sender tries again.
             return;
         }
-        let engagement = Participation::of(message);
+        let participation = Participation::of(message);
         self.adopt_records(records, ctx);
         let report = Report::new(Outcome::Done, "taken over");
-        ctx.answer(&engagement, Performative::Confirm, &report);
+        ctx.answer(&participation, Performative::Confirm, &report);
     }
 
     fn adopt_records(&mut self, records: Vec<Record>, ctx: &mut Context<Self>) {
         let incarnation = ctx.incarnation();
-        self.keeper.advance_term_past(incarnation, &records);
+        self.journal_client.advance_term_past(incarnation, &records);
         let handed: Vec<_> = records
             .iter()
             .filter_map(|record| Some((conversation_of(&record.key)?, record.version)))

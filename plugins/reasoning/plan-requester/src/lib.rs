@@ -118,14 +118,14 @@ impl Config {
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let config = Config::of(&blueprint)?;
     let mode = blueprint.host.mode;
-    let (keeper, goals, ended) =
+    let (journal_client, goals, ended) =
         (JournalClient::new(&blueprint.host), BTreeMap::new(), FinishedGoals::default());
     Ok(Box::new(PlanRequester {
         config,
         mode,
         goals,
         ended,
-        keeper,
+        journal_client,
         cheaper_plan_check: None,
         resend_timer: None,
         began_at: None,
@@ -137,7 +137,7 @@ struct PlanRequester {
     mode: Mode,
     goals: BTreeMap<ConversationId, Goal>,
     ended: FinishedGoals,
-    keeper: JournalClient<PlanRequester>,
+    journal_client: JournalClient<PlanRequester>,
     /// Background work that checks whether running plans could be replaced by much cheaper ones.
     cheaper_plan_check: Option<WorkHandle>,
     /// Timer until the next try to send outcomes for which there was no room in the outbox.
@@ -168,8 +168,10 @@ impl Agent for PlanRequester {
             Presence::Joined(resident) if resident.agent == self.config.plan_executor => {
                 self.executor_came(ctx);
             }
-            Presence::Joined(resident) if self.keeper.journals().contains(&resident.agent) => {
-                if self.keeper.is_leading() {
+            Presence::Joined(resident)
+                if self.journal_client.journals().contains(&resident.agent) =>
+            {
+                if self.journal_client.is_leading() {
                     self.replicate_all(ctx);
                 }
                 self.reconsider_waiting(ctx);
@@ -179,7 +181,7 @@ impl Agent for PlanRequester {
     }
 
     fn drain(&mut self, _ctx: &mut Context<Self>) -> bool {
-        self.keeper.has_delivered()
+        self.journal_client.has_delivered()
     }
 
     fn answer_query(&mut self, resource: Resource, _ctx: &mut Context<Self>) -> Option<String> {
@@ -195,40 +197,40 @@ impl PlanRequester {
     // === requests ===
 
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Participation::of(&message);
+        let participation = Participation::of(&message);
         let asked = match message.content_as::<Request>() {
             Ok(Request::Achieve(asked)) => asked,
             Ok(Request::SetMode(SetMode { mode })) => {
                 self.mode = mode;
                 let report = Report::new(Outcome::Done, format!("plans are {mode} from now on"));
-                return ctx.answer(&engagement, Performative::Confirm, &report);
+                return ctx.answer(&participation, Performative::Confirm, &report);
             }
             Ok(Request::StoreRecords(StoreRecords { records })) if message.sender == *ctx.id() => {
                 return self.receive_handover(&message, records, ctx);
             }
             Ok(_) => {
                 let detail = "a Plan Requester takes goals: `achieve`, and the flow: `set-mode`";
-                return ctx.refuse(&engagement, Reason::Incapable, detail);
+                return ctx.refuse(&participation, Reason::Incapable, detail);
             }
             Err(error) => return ctx.not_understood(&message, error.to_string()),
         };
-        if let Some(goal) = self.goals.get_mut(&engagement.conversation)
-            && goal.is_asked_again(&engagement, &asked)
+        if let Some(goal) = self.goals.get_mut(&participation.conversation)
+            && goal.is_asked_again(&participation, &asked)
         {
-            goal.engagement = engagement;
+            goal.participation = participation;
             let report = match goal.state.phase() {
                 GoalPhase::Holding => holding(),
                 _ => Report::new(Outcome::Progress, "accepted before; it goes on"),
             };
-            return ctx.answer(&goal.engagement, Performative::Confirm, &report);
+            return ctx.answer(&goal.participation, Performative::Confirm, &report);
         }
-        if let Some(report) = self.ended.of(&engagement) {
-            return ctx.answer(&engagement, Performative::Confirm, report);
+        if let Some(report) = self.ended.of(&participation) {
+            return ctx.answer(&participation, Performative::Confirm, report);
         }
-        match self.admissible(&asked, &engagement) {
+        match self.admissible(&asked, &participation) {
             Ok(condition) => {
                 self.take_place(&message, &asked, ctx);
-                let mut goal = Goal::new(engagement, message.incarnation, asked, condition);
+                let mut goal = Goal::new(participation, message.incarnation, asked, condition);
                 goal.add_history(ctx.wall_clock(), None, "asked for");
                 let id = goal.conversation().clone();
                 tracing::info!(conversation = %id, goal = goal.text, "a goal");
@@ -236,7 +238,7 @@ impl PlanRequester {
                 self.replicate_new_goal(&id, ctx);
                 self.consider(&id, ctx);
             }
-            Err((reason, detail)) => ctx.refuse(&engagement, reason, detail),
+            Err((reason, detail)) => ctx.refuse(&participation, reason, detail),
         }
     }
 
@@ -257,7 +259,7 @@ impl PlanRequester {
     fn admissible(
         &self,
         asked: &Achieve,
-        engagement: &Participation,
+        participation: &Participation,
     ) -> Result<Condition, (Reason, String)> {
         let untold = self.ended.unsent_count();
         if self.goals.len() + untold >= GOALS_MAX {
@@ -273,7 +275,7 @@ impl PlanRequester {
             };
             return Err((Reason::Busy, detail));
         }
-        if self.goals.contains_key(&engagement.conversation) {
+        if self.goals.contains_key(&participation.conversation) {
             return Err((Reason::OutOfTurn, "this conversation is about another goal".to_owned()));
         }
         pddl::parse_condition(&asked.goal).into_result().map_err(|diagnostics| {
@@ -407,7 +409,7 @@ impl PlanRequester {
         tracing::info!(conversation = %id, outcome = %report.outcome, detail = report.detail, "goal");
         let now = ctx.wall_clock();
         goal.add_history(now, Some(report.outcome), report.detail.as_str());
-        let told = ctx.try_answer(&goal.engagement, Performative::Confirm, &report);
+        let told = ctx.try_answer(&goal.participation, Performative::Confirm, &report);
         if !report.outcome.is_final() {
             if let Err(why) = told {
                 tracing::debug!(conversation = %id, %why, "a progress report could not be sent");
@@ -416,7 +418,7 @@ impl PlanRequester {
         }
         if let Err(why) = told {
             tracing::info!(conversation = %id, %why, "the final report is sent later");
-            self.ended.queue_unsent(goal.engagement.clone(), report);
+            self.ended.queue_unsent(goal.participation.clone(), report);
             self.schedule_resend(ctx);
         }
     }
@@ -441,9 +443,9 @@ impl PlanRequester {
     }
 
     fn resend_unsent(&mut self, ctx: &mut Context<Self>) {
-        while let Some((engagement, report)) = self.ended.pop_unsent() {
-            if ctx.try_answer(&engagement, Performative::Confirm, &report).is_err() {
-                self.ended.queue_unsent(engagement, report);
+        while let Some((participation, report)) = self.ended.pop_unsent() {
+            if ctx.try_answer(&participation, Performative::Confirm, &report).is_err() {
+                self.ended.queue_unsent(participation, report);
                 return self.schedule_resend(ctx);
             }
         }

@@ -136,7 +136,7 @@ impl PlanRequester {
         self.stop_timer(id, ctx);
         let Some(goal) = self.goals.remove(id) else { return };
         let history = goal.history().to_vec();
-        self.ended.store_sent(goal.engagement.clone(), Report { history, ..report.clone() });
+        self.ended.store_sent(goal.participation.clone(), Report { history, ..report.clone() });
         self.replicate_outcome(&goal, report, ctx);
     }
 

@@ -73,25 +73,25 @@ impl Agent for PlanningAgent {
 
 impl PlanningAgent {
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Participation::of(&message);
+        let participation = Participation::of(&message);
         let request = match message.content_as::<Request>() {
             Ok(Request::Plan(request)) => request,
             Ok(_) => {
                 let detail = "a Planning Agent computes plans; ask the Plan Requester for goals";
-                return ctx.refuse(&engagement, Reason::Incapable, detail);
+                return ctx.refuse(&participation, Reason::Incapable, detail);
             }
             Err(error) => return ctx.not_understood(&message, error.to_string()),
         };
         if self.searches.len() >= SEARCHES_MAX {
             let detail = format!("{SEARCHES_MAX} searches are running");
-            return ctx.refuse(&engagement, Reason::Busy, detail);
+            return ctx.refuse(&participation, Reason::Busy, detail);
         }
-        self.search(engagement, message, request, ctx);
+        self.search(participation, message, request, ctx);
     }
 
     fn search(
         &mut self,
-        engagement: Participation,
+        participation: Participation,
         message: Message,
         request: PlanRequest,
         ctx: &mut Context<Self>,
@@ -101,7 +101,7 @@ impl PlanningAgent {
         let (flag, deadline) = (cancel.clone(), cancel.clone());
         // The planner reads no clock, so a timer sets the cancel flag.
         ctx.after(patience.mul_f32(0.9), move |_, _| deadline.set());
-        let token = engagement.exchange.clone();
+        let token = participation.exchange.clone();
         let finished = token.clone();
         let memory = Arc::clone(&self.cache);
         let work = ctx.compute(
@@ -111,7 +111,7 @@ impl PlanningAgent {
             },
             move |agent, proposal, ctx| {
                 agent.searches.remove(&finished);
-                ctx.answer(&engagement, Performative::Propose, &proposal);
+                ctx.answer(&participation, Performative::Propose, &proposal);
             },
         );
         self.searches.insert(token, RunningSearch { cancel, _work: work });

@@ -57,13 +57,13 @@ pub(crate) async fn play(
     let network = Network::new();
     let daemon = DaemonId::new("example")?;
     let ecosystem = EcosystemId::new("smart-office")?;
-    let switchboard = MessageRouter::new(ecosystem, daemon.clone(), AgentSettings::default());
-    switchboard.connect(network.open(daemon, Arc::<MessageRouter>::clone(&switchboard) as _));
+    let router = MessageRouter::new(ecosystem, daemon.clone(), AgentSettings::default());
+    router.connect(network.open(daemon, Arc::<MessageRouter>::clone(&router) as _));
     let stopping = CancellationToken::new();
-    let berth = |id: AgentId| LaunchContext {
+    let launch_context = |id: AgentId| LaunchContext {
         id,
-        incarnation: switchboard.host_services().next_incarnation(),
-        router: Arc::clone(&switchboard),
+        incarnation: router.host_services().next_incarnation(),
+        router: Arc::clone(&router),
         ontology: Arc::from("smart-office"),
         stopping: stopping.clone(),
         has_replicas: false,
@@ -72,8 +72,8 @@ pub(crate) async fn play(
 
     let ended = Arc::new(Notify::new());
     let visitor = Visitor { wish, has_called: false, ended: Arc::clone(&ended) };
-    let visitor = Box::new(visitor).launch(berth(AgentId::new("visitor")?));
-    let device = device.launch(berth(AgentId::new(name)?));
+    let visitor = Box::new(visitor).launch(launch_context(AgentId::new("visitor")?));
+    let device = device.launch(launch_context(AgentId::new(name)?));
     if tokio::time::timeout(2 * PATIENCE, ended.notified()).await.is_err() {
         println!("the wish was not answered in time");
     }

@@ -220,14 +220,14 @@ fn answered<A: ReplicatesRecords>(
     outcome: WriteOutcome,
     ctx: &mut Context<A>,
 ) {
-    let keeper = agent.journal_client();
+    let journal_client = agent.journal_client();
     // An agent that is no longer the leader does not retry: the new leader's records may have
     // smaller versions.
     let outcome = match outcome {
-        WriteOutcome::Later(why, _) if !keeper.is_leading => WriteOutcome::Gone(why),
+        WriteOutcome::Later(why, _) if !journal_client.is_leading => WriteOutcome::Gone(why),
         outcome => outcome,
     };
-    let Some(delivery) = keeper.deliveries.to.get_mut(from) else { return };
+    let Some(delivery) = journal_client.deliveries.to.get_mut(from) else { return };
     let Some(batch) = delivery.under_way.take() else { return };
     match outcome {
         WriteOutcome::Kept => {

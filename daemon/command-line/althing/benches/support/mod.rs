@@ -160,13 +160,13 @@ pub(crate) fn build(
 pub(crate) fn launch(
     id: &AgentId,
     agent: Box<dyn LaunchableAgent>,
-    switchboard: &Arc<MessageRouter>,
+    router: &Arc<MessageRouter>,
     ontology: &str,
 ) -> JoinHandle<Result<(), LaunchError>> {
     agent.launch(LaunchContext {
         id: id.clone(),
         incarnation: next_incarnation(),
-        router: Arc::clone(switchboard),
+        router: Arc::clone(router),
         ontology: Arc::from(ontology),
         stopping: CancellationToken::new(),
         has_replicas: false,
@@ -182,20 +182,20 @@ fn next_incarnation() -> Incarnation {
 }
 
 /// Queries the domains of all agents that have one, or of one of them.
-pub(crate) async fn domains(switchboard: &MessageRouter, of: Option<AgentId>) -> Vec<Snapshot> {
+pub(crate) async fn domains(router: &MessageRouter, of: Option<AgentId>) -> Vec<Snapshot> {
     let ask = ResourceQuery { daemon: None, resource: Resource::Domain, agent: of };
-    let answers = switchboard.ask(ask, Duration::from_secs(2)).await;
+    let answers = router.ask(ask, Duration::from_secs(2)).await;
     answers.iter().filter_map(|answer| serde_json::from_slice(answer).ok()).collect()
 }
 
 /// Waits until the Domain Maintainer can plan with all of these devices.
 pub(crate) async fn await_offers(
-    switchboard: &MessageRouter,
+    router: &MessageRouter,
     devices: &BTreeSet<String>,
 ) -> Outcome<()> {
     let deadline = Instant::now() + PATIENCE;
     loop {
-        let domain = domains(switchboard, AgentId::new("domain-maintainer").ok()).await.pop();
+        let domain = domains(router, AgentId::new("domain-maintainer").ok()).await.pop();
         let offers =
             |name: &String| domain.as_ref().is_some_and(|d| d.offers.contains_key(&**name));
         let missing: Vec<_> = devices.iter().filter(|name| !offers(name)).collect();
@@ -216,9 +216,9 @@ pub(crate) async fn daemon(
     name: &str,
     others: &[String],
 ) -> Outcome<Arc<MessageRouter>> {
-    let (switchboard, config) = prepared(folder, ecosystem, name, others)?;
-    switchboard.connect(config.open(Arc::<MessageRouter>::clone(&switchboard)).await?);
-    Ok(switchboard)
+    let (router, config) = prepared(folder, ecosystem, name, others)?;
+    router.connect(config.open(Arc::<MessageRouter>::clone(&router)).await?);
+    Ok(router)
 }
 
 fn prepared(
@@ -243,12 +243,12 @@ pub(crate) async fn daemon_overheard(
     ecosystem: &str,
     name: &str,
 ) -> Outcome<(Arc<MessageRouter>, Arc<overhearing::Overheard>)> {
-    let (switchboard, config) = prepared(folder, ecosystem, name, &[])?;
+    let (router, config) = prepared(folder, ecosystem, name, &[])?;
     let overheard = Arc::new(overhearing::Overheard::default());
-    let inbound = overhearing::Inward::new(&switchboard, &overheard);
+    let inbound = overhearing::Inward::new(&router, &overheard);
     let wire = config.open(inbound).await?;
-    switchboard.connect(overhearing::outward(wire, &overheard));
-    Ok((switchboard, overheard))
+    router.connect(overhearing::outward(wire, &overheard));
+    Ok((router, overheard))
 }
 
 /// Starts this benchmark once more, with these arguments; the process is killed when this is

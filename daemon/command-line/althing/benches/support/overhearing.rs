@@ -61,14 +61,14 @@ impl Overheard {
 
 /// The inbound side: records messages from the substrate.
 pub(crate) struct Inward {
-    switchboard: Arc<MessageRouter>,
+    router: Arc<MessageRouter>,
     overheard: Arc<Overheard>,
 }
 
 impl Inward {
-    pub(crate) fn new(switchboard: &Arc<MessageRouter>, overheard: &Arc<Overheard>) -> Arc<Inward> {
-        let (switchboard, overheard) = (Arc::clone(switchboard), Arc::clone(overheard));
-        Arc::new(Inward { switchboard, overheard })
+    pub(crate) fn new(router: &Arc<MessageRouter>, overheard: &Arc<Overheard>) -> Arc<Inward> {
+        let (router, overheard) = (Arc::clone(router), Arc::clone(overheard));
+        Arc::new(Inward { router, overheard })
     }
 }
 
@@ -77,23 +77,23 @@ impl Inbound for Inward {
         if let Destination::To(_, subject) = &delivery.destination {
             self.overheard.note(subject, &delivery.payload);
         }
-        self.switchboard.deliver(delivery);
+        self.router.deliver(delivery);
     }
 
     fn presence(&self, presence: Presence) {
-        self.switchboard.presence(presence);
+        self.router.presence(presence);
     }
 
     fn receive_query(&self, question: ReceivedQuery) {
-        self.switchboard.receive_query(question);
+        self.router.receive_query(question);
     }
 
     fn rejected(&self, rejected: &Rejected<'_>) {
-        self.switchboard.rejected(rejected);
+        self.router.rejected(rejected);
     }
 
     fn accepts_answer(&self, answer: &Answer<'_>) -> bool {
-        self.switchboard.accepts_answer(answer)
+        self.router.accepts_answer(answer)
     }
 }
 

@@ -82,7 +82,7 @@ pub(crate) fn host() -> Outcome<Host> {
 /// Runs a daemon with its agents until it is killed.
 async fn live(folder: &Path, number: usize, agents: usize) -> Outcome<()> {
     let others: Vec<_> = (0..number).map(name).collect();
-    let switchboard = super::daemon(folder, ECOSYSTEM, &name(number), &others).await?;
+    let router = super::daemon(folder, ECOSYSTEM, &name(number), &others).await?;
     let host = Arc::new(host()?);
     if number == 0 {
         let entry = Entry {
@@ -92,11 +92,11 @@ async fn live(folder: &Path, number: usize, agents: usize) -> Outcome<()> {
             config: serde_json::Value::Null,
         };
         let maintainer = super::build(&domain_maintainer::PLUGIN, &entry, &host)?;
-        super::launch(&entry.name, maintainer, &switchboard, ECOSYSTEM);
+        super::launch(&entry.name, maintainer, &router, ECOSYSTEM);
     }
     for agent in number * agents..(number + 1) * agents {
         let id = AgentId::new(&agent_name(agent))?;
-        launch(&id, agent, &host, &switchboard)?;
+        launch(&id, agent, &host, &router)?;
     }
     std::future::pending().await
 }
@@ -106,7 +106,7 @@ pub(crate) fn launch(
     id: &AgentId,
     place: usize,
     host: &Arc<Host>,
-    switchboard: &Arc<MessageRouter>,
+    router: &Arc<MessageRouter>,
 ) -> Outcome<JoinHandle<Result<(), LaunchError>>> {
     let blueprint = Blueprint {
         id: id.clone(),
@@ -115,7 +115,7 @@ pub(crate) fn launch(
         host: Arc::clone(host),
     };
     let worker = Actuator::new(&blueprint, Worker { id: id.clone(), place })?;
-    Ok(super::launch(id, Box::new(worker), switchboard, ECOSYSTEM))
+    Ok(super::launch(id, Box::new(worker), router, ECOSYSTEM))
 }
 
 /// A sensor at a place.

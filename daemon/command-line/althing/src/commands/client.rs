@@ -38,7 +38,7 @@ pub(crate) struct ClientLink {
 /// Access to a running ecosystem, through a command's link or inside one of its daemons.
 #[derive(Clone)]
 pub(crate) struct EcosystemView {
-    pub(crate) switchboard: Arc<MessageRouter>,
+    pub(crate) router: Arc<MessageRouter>,
     pub(crate) name: EcosystemId,
     /// The ecosystem as its file defines it; `None` if this process has not read the file.
     pub(crate) ecosystem: Option<Arc<Ecosystem>>,
@@ -161,11 +161,8 @@ impl ClientTarget {
             DaemonNode::join(HostServices::default(), name.clone(), daemon, settings, rights, wire)
                 .await
                 .map_err(|error| error.to_string())?;
-        let switchboard = Arc::clone(node.switchboard());
-        Ok(ClientLink {
-            node,
-            view: EcosystemView { switchboard, name, ecosystem, endpoints, keys },
-        })
+        let router = Arc::clone(node.router());
+        Ok(ClientLink { node, view: EcosystemView { router, name, ecosystem, endpoints, keys } })
     }
 }
 
@@ -221,7 +218,7 @@ impl EcosystemView {
     /// Returns the names of the reasoning agents: those of the ecosystem file, or the default names
     /// if this process has not read the file.
     pub(crate) fn roles(&self) -> &RoleNames {
-        &self.switchboard.settings().roles
+        &self.router.settings().roles
     }
 
     /// Returns the name of the shared ontology, or `unknown` if this process has not read the
@@ -233,7 +230,7 @@ impl EcosystemView {
     /// Queries a resource from all daemons, and returns their answers.
     pub(crate) async fn ask(&self, resource: Resource, agent: Option<AgentId>) -> Vec<Bytes> {
         let ask = ResourceQuery { daemon: None, resource, agent };
-        self.switchboard.ask(ask, ANSWERED_WITHIN).await
+        self.router.ask(ask, ANSWERED_WITHIN).await
     }
 
     /// Returns the daemon that hosts an agent. Returns `None` if no daemon that answers hosts it.
@@ -249,7 +246,7 @@ impl EcosystemView {
     /// Waits up to [`SEEN_WITHIN`] until the agent `wanted` is seen or, if `wanted` is `None`,
     /// until any agent is seen. Returns the agents that are seen at the end of the wait.
     pub(crate) async fn directory(&self, wanted: Option<&AgentId>) -> Arc<Directory> {
-        let (mut directory, mut changes) = self.switchboard.presence_changes();
+        let (mut directory, mut changes) = self.router.presence_changes();
         let deadline = tokio::time::Instant::now() + SEEN_WITHIN;
         let is_seen = |directory: &Directory| match wanted {
             Some(agent) => directory.find(agent).is_some(),
@@ -259,7 +256,7 @@ impl EcosystemView {
             if tokio::time::timeout_at(deadline, changes.recv()).await.is_err() {
                 break;
             }
-            directory = self.switchboard.directory();
+            directory = self.router.directory();
         }
         directory
     }

@@ -86,7 +86,7 @@ impl ConnectionWatch {
 
     /// Whether the leader is seen again for the first time after the link was lost.
     fn hears_again(&mut self) -> bool {
-        let directory = self.view.switchboard.directory();
+        let directory = self.view.router.directory();
         self.is_cut_off |= directory.iter().next().is_none();
         let hears_again = self.is_cut_off && directory.find(&self.leader).is_some();
         self.is_cut_off &= !hears_again;
@@ -116,7 +116,7 @@ impl ConnectionWatch {
     /// Returns a line if no daemon is reached any more, or if one is reached again. For a stopped
     /// daemon, `of_door` has reported it already, so that there is no second line.
     fn of_link(&mut self) -> Option<String> {
-        if self.view.switchboard.directory().iter().next().is_some() {
+        if self.view.router.directory().iter().next().is_some() {
             let was_told = self.unreached >= UNREACHED_LOOKS && !self.is_door_told;
             self.unreached = 0;
             return was_told.then(|| "a daemon of the ecosystem is reached again".to_owned());
@@ -130,7 +130,7 @@ impl ConnectionWatch {
     }
 
     fn of_leader(&mut self) -> Option<String> {
-        let directory = self.view.switchboard.directory();
+        let directory = self.view.router.directory();
         // Without a link no agent is seen, and the leader is unknown.
         directory.iter().next()?;
         let leader = &self.leader;

@@ -30,12 +30,14 @@ pub(super) fn run(args: &PluginArgs) -> ExitCode {
         PluginCommand::Check(args) => check::run(args),
         PluginCommand::Add(args) => add(args),
         PluginCommand::Allow(args) => allow::run(args),
-        PluginCommand::Remove(args) => change(args, "removed", |shelf, name| shelf.remove(name)),
+        PluginCommand::Remove(args) => {
+            change(args, "removed", |package_store, name| package_store.remove(name))
+        }
         PluginCommand::Enable(args) => {
-            change(args, "enabled", |shelf, name| shelf.set_disabled(name, false))
+            change(args, "enabled", |package_store, name| package_store.set_disabled(name, false))
         }
         PluginCommand::Disable(args) => {
-            change(args, "disabled", |shelf, name| shelf.set_disabled(name, true))
+            change(args, "disabled", |package_store, name| package_store.set_disabled(name, true))
         }
         PluginCommand::Logs(args) => logs(args),
     }
@@ -129,8 +131,8 @@ fn not_enforced_here(lacks: &[String]) -> Option<String> {
 
 fn add(args: &PluginAddArgs) -> ExitCode {
     let json = args.print.json;
-    let shelf = match shelf(&args.place) {
-        Ok(shelf) => shelf,
+    let package_store = match package_store(&args.place) {
+        Ok(package_store) => package_store,
         Err(problem) => return super::wrong(&format!("failed to {problem}"), json),
     };
     // The path is resolved, because messages name a package by its folder.
@@ -138,18 +140,19 @@ fn add(args: &PluginAddArgs) -> ExitCode {
     let added = Package::open(&from).map_err(|faults| PackageStoreError::Faulty(Box::new(faults)));
     let added = added.and_then(|package| {
         let name = &package.manifest.name;
-        let was = Package::open(&shelf.package_folder(name)).ok().map(|was| was.manifest.version);
-        let beyond = package.manifest.permissions.beyond(&shelf.kept_rights(name));
+        let was =
+            Package::open(&package_store.package_folder(name)).ok().map(|was| was.manifest.version);
+        let beyond = package.manifest.permissions.beyond(&package_store.kept_rights(name));
         let command = format!("althing plugin add {}", args.package.display());
         match allow::consent(name, &beyond, &args.rights.allow, &command, json) {
-            Ok(consent) => shelf.add(&from, &consent).map(|manifest| Ok((manifest, was))),
+            Ok(consent) => package_store.add(&from, &consent).map(|manifest| Ok((manifest, was))),
             Err(code) => Ok(Err(code)),
         }
     });
     match added {
         Ok(Ok((manifest, was))) => {
             let (name, version) = (&manifest.name, &manifest.version);
-            let folder = shelf.package_folder(name).display().to_string();
+            let folder = package_store.package_folder(name).display().to_string();
             if json {
                 let value = json!({ "plugin": name, "version": version, "folder": folder });
                 return output::print_json(&value, exit::DONE);
@@ -178,8 +181,9 @@ fn change(
 ) -> ExitCode {
     let json = args.print.json;
     let name = &args.name;
-    let changed = shelf(&args.place)
-        .and_then(|shelf| change(&shelf, name).map_err(|error| known_or_near(&shelf, name, error)));
+    let changed = package_store(&args.place).and_then(|package_store| {
+        change(&package_store, name).map_err(|error| known_or_near(&package_store, name, error))
+    });
     match changed {
         Ok(()) if json => {
             output::print_json(&json!({ "plugin": name, "status": done }), exit::DONE)
@@ -191,10 +195,10 @@ fn change(
 
 /// Returns the text of `error`. If the error is that no plugin has the name `name`, the text
 /// contains the name that was probably meant.
-fn known_or_near(shelf: &PackageStore, name: &str, error: PackageStoreError) -> String {
+fn known_or_near(package_store: &PackageStore, name: &str, error: PackageStoreError) -> String {
     match error {
         PackageStoreError::Unknown { .. } => {
-            match pddl::nearest(name, shelf.names().iter().map(String::as_str)) {
+            match pddl::nearest(name, package_store.names().iter().map(String::as_str)) {
                 Some(near) => format!("{error}; did you mean `{near}`?"),
                 None => error.to_string(),
             }
@@ -203,7 +207,7 @@ fn known_or_near(shelf: &PackageStore, name: &str, error: PackageStoreError) -> 
     }
 }
 
-fn shelf(place: &PluginPlaceArgs) -> Result<PackageStore, String> {
+fn package_store(place: &PluginPlaceArgs) -> Result<PackageStore, String> {
     if let Some(folder) = &place.folder {
         return Ok(PackageStore { folder: folder.clone() });
     }

@@ -157,7 +157,7 @@ async fn abroad(
             .join(other.name.as_str());
         std::fs::create_dir_all(&state)
             .map_err(|error| format!("use the folder {}: {error}", state.display()))?;
-        let (wire, stay) = hosting::daemon_transport(&other, &daemon).await?;
+        let (transport, presence) = hosting::daemon_transport(&other, &daemon).await?;
         let part = NodeOptions {
             ecosystem: &other,
             daemon,
@@ -166,14 +166,14 @@ async fn abroad(
             building: None,
             state: Some(state),
         };
-        let node = DaemonNode::open(part, wire).await.map_err(|error| error.to_string())?;
+        let node = DaemonNode::open(part, transport).await.map_err(|error| error.to_string())?;
         if let (Some(ours), Some(theirs)) = (home.spawner(), node.spawner()) {
             let (ours, theirs) =
                 (ecosystem.ecosystem_endpoint(ours), other.ecosystem_endpoint(theirs));
             interfacing::connect(&entry, &ours, &theirs).map_err(|error| error.to_string())?;
         }
         tracing::info!(ecosystem = %other.name, called = %entry.remote_name, "joined another ecosystem");
-        abroad.push((node, stay));
+        abroad.push((node, presence));
     }
     Ok(abroad)
 }
@@ -307,11 +307,11 @@ async fn prompt(
     wish(&terminal, goals).await;
     let folder = hosting::runtime_folder(&ecosystem.name).map_err(|error| error.to_string())?;
     let endpoint = |path: &PathBuf| format!("unixsock-stream/{}", path.display());
-    let daemon = node.switchboard().daemon();
+    let daemon = node.router().daemon();
     let keys = ecosystem.security.as_ref().map(|settings| GuestKeys::of(settings, daemon));
     let view = EcosystemView {
         keys,
-        switchboard: Arc::clone(node.switchboard()),
+        router: Arc::clone(node.router()),
         name: ecosystem.name.clone(),
         ecosystem: Some(ecosystem),
         endpoints: hosting::daemon_sockets(&folder).iter().map(endpoint).collect(),
@@ -371,7 +371,7 @@ fn announce(ecosystem: &Ecosystem, place: &HostedPart, node: &DaemonNode) {
     tracing::info!(locators = ?node.locators, "listening");
     if ecosystem.security.is_none() {
         tracing::warn!(
-            "`{}` is not secured: messages are neither encrypted nor signed, and so stay \
+            "`{}` is not secured: messages are neither encrypted nor signed, and so presence \
             on this machine; `althing help cert` says how to secure it",
             ecosystem.name
         );
@@ -390,7 +390,7 @@ async fn ask(
     let (keyboard, terminal) = Keyboard::with_terminal();
     // The keyboard has the same name in every incarnation of the daemon, so that its goal is
     // resumed and not requested twice.
-    let id = AgentId::new(&format!("starter-{}", node.switchboard().daemon())).ok()?;
+    let id = AgentId::new(&format!("starter-{}", node.router().daemon())).ok()?;
     node.launch(id, keyboard, ecosystem.domain.name.as_str());
     wish(&terminal, goals).await;
     Some(terminal)

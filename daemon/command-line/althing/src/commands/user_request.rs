@@ -149,7 +149,7 @@ async fn begin(
     link.node.launch(id, keyboard, link.view.ontology());
     if is_to_all {
         // A message to all agents is not resent, so all agents must be reachable before it is sent.
-        link.node.switchboard().broadcast_ready().await;
+        link.node.router().broadcast_ready().await;
     }
     let sent = terminal.requests.send(said).await;
     sent.map_err(|_| "send the request: the keyboard agent has ended")?;

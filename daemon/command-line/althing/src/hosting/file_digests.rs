@@ -47,18 +47,18 @@ struct FileDigests {
 /// Publishes the digests of this daemon, and logs each other daemon that has read other files.
 /// Returns at once; a task watches for daemons that join later.
 pub(crate) fn watch_files(node: &DaemonNode, ecosystem: &Ecosystem) {
-    let switchboard = Arc::clone(node.switchboard());
+    let router = Arc::clone(node.router());
     let own = FileDigests {
-        daemon: switchboard.daemon().clone(),
+        daemon: router.daemon().clone(),
         domain: short_digest(&ecosystem.domain),
         map: short_digest(&ecosystem.problem),
     };
-    switchboard.tell_files(serde_json::json!(own).to_string());
-    tokio::spawn(watch(switchboard, own));
+    router.tell_files(serde_json::json!(own).to_string());
+    tokio::spawn(watch(router, own));
 }
 
-async fn watch(switchboard: Arc<MessageRouter>, own: FileDigests) {
-    let (mut directory, mut changes) = switchboard.presence_changes();
+async fn watch(router: Arc<MessageRouter>, own: FileDigests) {
+    let (mut directory, mut changes) = router.presence_changes();
     // Number of queries sent to each daemon that is present.
     let mut asked: BTreeMap<DaemonId, u32> = BTreeMap::new();
     let mut told: BTreeSet<FileDigests> = BTreeSet::new();
@@ -77,15 +77,15 @@ async fn watch(switchboard: Arc<MessageRouter>, own: FileDigests) {
             for daemon in &newcomers {
                 *asked.entry(daemon.clone()).or_default() += 1;
             }
-            for other in ask(&switchboard, &newcomers).await {
+            for other in ask(&router, &newcomers).await {
                 asked.insert(other.daemon.clone(), ASKED_MAX);
                 log_differences(&own, &other, &mut told);
             }
-            directory = switchboard.directory();
+            directory = router.directory();
             continue;
         }
         match changes.recv().await {
-            Ok(_) | Err(RecvError::Lagged(_)) => directory = switchboard.directory(),
+            Ok(_) | Err(RecvError::Lagged(_)) => directory = router.directory(),
             Err(RecvError::Closed) => return,
         }
     }
@@ -93,10 +93,10 @@ async fn watch(switchboard: Arc<MessageRouter>, own: FileDigests) {
 
 /// Queries the digests of the daemons in `newcomers`: a single daemon by its name, several by one
 /// query to all daemons. Returns the answers that arrived in time.
-async fn ask(switchboard: &MessageRouter, newcomers: &BTreeSet<DaemonId>) -> Vec<FileDigests> {
+async fn ask(router: &MessageRouter, newcomers: &BTreeSet<DaemonId>) -> Vec<FileDigests> {
     let daemon = newcomers.first().filter(|_| newcomers.len() == 1).cloned();
     let ask = ResourceQuery { daemon, resource: Resource::Files, agent: None };
-    let answers = switchboard.ask(ask, ANSWERED_WITHIN).await;
+    let answers = router.ask(ask, ANSWERED_WITHIN).await;
     let read = |answer: &bytes::Bytes| serde_json::from_slice::<FileDigests>(answer).ok();
     // Answers of daemons that were not queried are dropped.
     answers.iter().filter_map(read).filter(|files| newcomers.contains(&files.daemon)).collect()

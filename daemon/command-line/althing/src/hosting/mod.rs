@@ -96,7 +96,7 @@ impl MessageTransport {
 
 /// The node of a running daemon or guest in an ecosystem.
 pub(crate) struct DaemonNode {
-    switchboard: Arc<MessageRouter>,
+    router: Arc<MessageRouter>,
     substrate: Arc<dyn Substrate>,
     agents: Vec<SupervisedAgent>,
     /// The context that all agents of the ecosystem file share when they are built; `None` for a
@@ -173,13 +173,13 @@ impl DaemonNode {
     /// not seen in time. An agent that fails later is restarted.
     pub(crate) async fn open(
         part: NodeOptions<'_>,
-        wire: MessageTransport,
+        transport: MessageTransport,
     ) -> Result<DaemonNode, HostError> {
         let NodeOptions { ecosystem, daemon, agents, mode, building, state } = part;
         let (name, settings) = (ecosystem.name.clone(), ecosystem.settings.clone());
         let rights = ecosystem.security.as_ref().map(|_| ecosystem.rights.clone());
         let machine = HostServices::new(state.clone());
-        let mut node = DaemonNode::join(machine, name, daemon, settings, rights, wire).await?;
+        let mut node = DaemonNode::join(machine, name, daemon, settings, rights, transport).await?;
         let mut resources = Resources::default();
         building.into_iter().for_each(|building| resources.insert(building));
         let admit = ecosystem.plugins.admit;
@@ -209,7 +209,7 @@ impl DaemonNode {
             node.add_agent(entry)?;
         }
         if admit == AdmissionPolicy::Ask {
-            node.add_agent(plugins::doorkeeper(node.switchboard.daemon()))?;
+            node.add_agent(plugins::doorkeeper(node.router.daemon()))?;
         }
         node.await_agents().await?;
         Ok(node)
@@ -227,33 +227,33 @@ impl DaemonNode {
         daemon: DaemonId,
         settings: AgentSettings,
         rights: Option<Rights>,
-        wire: MessageTransport,
+        transport: MessageTransport,
     ) -> Result<DaemonNode, HostError> {
-        let switchboard = MessageRouter::on(machine, ecosystem, daemon.clone(), settings);
-        rights.into_iter().for_each(|rights| switchboard.set_rights(rights));
-        let (substrate, locators) = connect(&switchboard, daemon, wire.clone()).await?;
-        switchboard.connect(Arc::clone(&substrate));
+        let router = MessageRouter::on(machine, ecosystem, daemon.clone(), settings);
+        rights.into_iter().for_each(|rights| router.set_rights(rights));
+        let (substrate, locators) = connect(&router, daemon, transport.clone()).await?;
+        router.connect(Arc::clone(&substrate));
         Ok(DaemonNode {
-            switchboard,
+            router,
             substrate,
             agents: Vec::new(),
             host: None,
             tasks: TaskTracker::new(),
             stopping: CancellationToken::new(),
-            _wire: wire,
+            _wire: transport,
             locators,
         })
     }
 
     /// Returns the message router of this daemon.
-    pub(crate) fn switchboard(&self) -> &Arc<MessageRouter> {
-        &self.switchboard
+    pub(crate) fn router(&self) -> &Arc<MessageRouter> {
+        &self.router
     }
 
     /// Returns the context for launching agents that no ecosystem file names; `None` for a guest.
     pub(crate) fn spawner(&self) -> Option<Spawner> {
         Some(Spawner {
-            router: Arc::clone(&self.switchboard),
+            router: Arc::clone(&self.router),
             host: Arc::clone(self.host.as_ref()?),
             stopping: self.stopping.clone(),
             tasks: self.tasks.clone(),
@@ -277,7 +277,7 @@ impl DaemonNode {
             return Err(HostError::Guest { agent: entry.name });
         };
         let supervised =
-            supervisor::supervise(entry, host, &self.switchboard, &self.stopping, &self.tasks)?;
+            supervisor::supervise(entry, host, &self.router, &self.stopping, &self.tasks)?;
         self.agents.push(supervised);
         Ok(())
     }
@@ -285,9 +285,9 @@ impl DaemonNode {
     /// Launches one agent that no ecosystem file names, such as the keyboard of a person. If the
     /// agent fails, it is not restarted.
     pub(crate) fn launch(&self, id: AgentId, agent: impl agent::Agent, ontology: &str) {
-        let berth =
-            supervisor::launch_context(&id, &self.switchboard, ontology, &self.stopping, false);
-        let task = agent::LaunchableAgent::launch(Box::new(agent), berth);
+        let launch_context =
+            supervisor::launch_context(&id, &self.router, ontology, &self.stopping, false);
+        let task = agent::LaunchableAgent::launch(Box::new(agent), launch_context);
         self.tasks.spawn(async move {
             if let Ok(Err(error)) = task.await {
                 tracing::error!(%id, "failed to {error}");
@@ -306,9 +306,9 @@ impl DaemonNode {
     /// An agent that does not finish within [`DRAIN_GRACE`] is aborted.
     pub(crate) async fn stop_agents(&mut self, leaving: &BTreeSet<AgentId>) {
         let is_leaving = |agent: &SupervisedAgent| leaving.contains(&agent.id);
-        let (left, stay): (Vec<_>, _) =
+        let (left, presence): (Vec<_>, _) =
             std::mem::take(&mut self.agents).into_iter().partition(is_leaving);
-        self.agents = stay;
+        self.agents = presence;
         left.iter().for_each(|agent| agent.stopping.cancel());
         let deadline = tokio::time::Instant::now() + DRAIN_GRACE;
         for SupervisedAgent { id, aborted: unplugged, mut supervision, .. } in left {
@@ -323,7 +323,7 @@ impl DaemonNode {
 
     /// Waits until the daemon sees all its own agents.
     async fn await_agents(&self) -> Result<(), HostError> {
-        let (mut directory, mut changes) = self.switchboard.presence_changes();
+        let (mut directory, mut changes) = self.router.presence_changes();
         let count = u32::try_from(self.agents.len()).unwrap_or(u32::MAX);
         let patience = READY_WITHIN + READY_PER_AGENT.saturating_mul(count);
         let deadline = tokio::time::Instant::now() + patience;
@@ -335,7 +335,7 @@ impl DaemonNode {
             if tokio::time::timeout_at(deadline, changes.recv()).await.is_err() {
                 return Err(HostError::NotReady { patience, missing: missing(&directory) });
             }
-            directory = self.switchboard.directory();
+            directory = self.router.directory();
         }
         Ok(())
     }
@@ -354,12 +354,12 @@ impl DaemonNode {
 }
 
 async fn connect(
-    switchboard: &Arc<MessageRouter>,
+    router: &Arc<MessageRouter>,
     daemon: DaemonId,
-    wire: MessageTransport,
+    transport: MessageTransport,
 ) -> Result<(Arc<dyn Substrate>, Vec<String>), HostError> {
-    let inbound = Arc::<MessageRouter>::clone(switchboard);
-    match wire {
+    let inbound = Arc::<MessageRouter>::clone(router);
+    match transport {
         MessageTransport::Memory(network) => Ok((network.open(daemon, inbound), Vec::new())),
         MessageTransport::Unreliable(network, mishaps) => {
             let reliable = network.open(daemon, inbound);

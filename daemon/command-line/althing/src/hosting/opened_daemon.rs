@@ -48,8 +48,8 @@ pub(crate) async fn open_daemon(
     let building = simulated.handle.clone();
     let socket = socket.filter(|_| building.is_some());
     let state = state_folder(&ecosystem.name, &place.daemon).map_err(|error| error.to_string())?;
-    let (wire, presence) = daemon_transport(ecosystem, &place.daemon).await?;
-    let scouts = wire.scouts();
+    let (transport, presence) = daemon_transport(ecosystem, &place.daemon).await?;
+    let scouts = transport.scouts();
     let part = NodeOptions {
         ecosystem,
         daemon: place.daemon.clone(),
@@ -58,7 +58,7 @@ pub(crate) async fn open_daemon(
         building,
         state: Some(state.clone()),
     };
-    let node = DaemonNode::open(part, wire).await.map_err(|error| error.to_string())?;
+    let node = DaemonNode::open(part, transport).await.map_err(|error| error.to_string())?;
     let processes = PluginProcesses {
         ecosystem,
         agents: &place.agents,
@@ -87,7 +87,7 @@ pub(crate) async fn daemon_transport(
     let security = ecosystem.security.as_ref();
     let secured = security.map(|settings| secure(&ecosystem.name, daemon, settings));
     let secured = secured.transpose()?;
-    let stay = register_daemon(&folder, daemon).await.map_err(|error| error.to_string())?;
+    let presence = register_daemon(&folder, daemon).await.map_err(|error| error.to_string())?;
     match security {
         Some(settings) => publish_keys(&socket, &settings.folder)
             .map_err(|error| format!("tell guests where the keys are: {error}"))?,
@@ -97,14 +97,14 @@ pub(crate) async fn daemon_transport(
     let mut config = substrate_zenoh::Config::new(ecosystem.name.clone(), daemon.clone());
     config.listen = vec![endpoint(&socket)];
     let called = |path: &PathBuf| format!("{}#{RETRY}", endpoint(path));
-    config.connect = stay.others.iter().map(called).collect();
+    config.connect = presence.others.iter().map(called).collect();
     config.zenoh = zenoh_settings(&ecosystem.zenoh);
     if let (Some(secured), Some(settings)) = (&secured, security) {
         let (folder, before) = (settings.folder.clone(), settings.warn_before);
         tokio::spawn(warn_of_expiry(secured.clone(), folder, before));
     }
     config.security = secured;
-    Ok((MessageTransport::Zenoh(Box::new(config)), stay))
+    Ok((MessageTransport::Zenoh(Box::new(config)), presence))
 }
 
 fn zenoh_settings(said: &Value) -> Value {

@@ -41,8 +41,8 @@ impl DaemonNode {
     /// Returns an error message for the user if one of the daemon's folders cannot be created.
     pub(crate) fn host_processes(&self, processes: PluginProcesses<'_>) -> Result<(), String> {
         let PluginProcesses { ecosystem, agents, runtime, state, building } = processes;
-        let Some(landing) = self.spawner() else { return Ok(()) };
-        let Some(admissions) = landing.host.resources.get() else { return Ok(()) };
+        let Some(spawner) = self.spawner() else { return Ok(()) };
+        let Some(admissions) = spawner.host.resources.get() else { return Ok(()) };
         let folder = plugins_folder(ecosystem.plugins.folder.as_deref());
         let shelf = PackageStore { folder };
         // The folder is created at start, so that packages can be installed into it.
@@ -62,10 +62,10 @@ impl DaemonNode {
             let (driver, config) = (entry.driver.clone(), (*entry.config).clone());
             wanted.entry(package).or_default().push(WantedAgent { name, plugin, driver, config });
         }
-        let daemon = self.switchboard().daemon();
+        let daemon = self.router().daemon();
         let setting = HostSettings {
             packages: shelf,
-            landing,
+            spawner,
             agents: wanted,
             named: ecosystem.agents.iter().map(|entry| entry.name.clone()).collect(),
             admissions,

@@ -38,7 +38,7 @@ pub(super) struct SupervisedAgent {
 pub(super) fn supervise(
     entry: AgentEntry,
     host: &Arc<Host>,
-    switchboard: &Arc<MessageRouter>,
+    router: &Arc<MessageRouter>,
     stopping: &CancellationToken,
     tasks: &TaskTracker,
 ) -> Result<SupervisedAgent, HostError> {
@@ -51,7 +51,7 @@ pub(super) fn supervise(
     let supervision = AgentSupervisor {
         plugin,
         blueprint,
-        switchboard: Arc::clone(switchboard),
+        router: Arc::clone(router),
         stopping: stopping.clone(),
         unplugged: unplugged.clone(),
         stands_by: entry.daemons.len() > 1,
@@ -93,7 +93,7 @@ fn blueprint(
 struct AgentSupervisor {
     plugin: &'static PluginEntry,
     blueprint: Blueprint,
-    switchboard: Arc<MessageRouter>,
+    router: Arc<MessageRouter>,
     stopping: CancellationToken,
     unplugged: CancellationToken,
     stands_by: bool,
@@ -124,17 +124,17 @@ impl AgentSupervisor {
         }
     }
 
-    fn berth(&self) -> LaunchContext {
+    fn launch_context(&self) -> LaunchContext {
         let ontology = self.blueprint.host.ontology.name.as_str();
-        let (id, switchboard) = (&self.blueprint.id, &self.switchboard);
-        launch_context(id, switchboard, ontology, &self.stopping, self.stands_by)
+        let (id, router) = (&self.blueprint.id, &self.router);
+        launch_context(id, router, ontology, &self.stopping, self.stands_by)
     }
 
     /// Runs one incarnation of the agent to its end. Returns `true` if no further one must be
     /// started.
     async fn run_incarnation(&self, agent: Box<dyn LaunchableAgent>) -> bool {
         let id = &self.blueprint.id;
-        let mut task = agent.launch(self.berth());
+        let mut task = agent.launch(self.launch_context());
         let ended = tokio::select! {
             ended = &mut task => ended,
             () = self.unplugged.cancelled() => {
@@ -155,15 +155,15 @@ impl AgentSupervisor {
 /// Creates the context with which a new incarnation of an agent is launched.
 pub(super) fn launch_context(
     id: &AgentId,
-    switchboard: &Arc<MessageRouter>,
+    router: &Arc<MessageRouter>,
     ontology: &str,
     stopping: &CancellationToken,
     stands_by: bool,
 ) -> LaunchContext {
     LaunchContext {
         id: id.clone(),
-        incarnation: switchboard.host_services().next_incarnation(),
-        router: Arc::clone(switchboard),
+        incarnation: router.host_services().next_incarnation(),
+        router: Arc::clone(router),
         ontology: Arc::from(ontology),
         stopping: stopping.clone(),
         has_replicas: stands_by,

@@ -16,8 +16,8 @@ use crate::config::Ecosystem;
 
 impl Ecosystem {
     /// Returns the endpoint in this ecosystem at which the proxy agents of an interface run.
-    pub(crate) fn ecosystem_endpoint(&self, landing: Spawner) -> EcosystemEndpoint {
+    pub(crate) fn ecosystem_endpoint(&self, spawner: Spawner) -> EcosystemEndpoint {
         let (domain, problem) = (Arc::clone(&self.domain), Arc::clone(&self.problem));
-        EcosystemEndpoint { name: self.name.clone(), domain, problem, spawner: landing }
+        EcosystemEndpoint { name: self.name.clone(), domain, problem, spawner }
     }
 }

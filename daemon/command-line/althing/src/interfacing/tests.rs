@@ -149,7 +149,7 @@ struct Street {
 async fn open(
     ecosystem: &Ecosystem,
     name: &str,
-    wire: &Tapped,
+    transport: &Tapped,
     building: Option<&Building>,
 ) -> DaemonNode {
     let part = NodeOptions {
@@ -164,7 +164,7 @@ async fn open(
         building: building.map(Building::handle),
         state: None,
     };
-    let node = DaemonNode::open(part, MessageTransport::Memory(wire.network.clone())).await;
+    let node = DaemonNode::open(part, MessageTransport::Memory(transport.network.clone())).await;
     node.unwrap_or_else(|error| panic!("failed to {error}"))
 }
 
@@ -182,12 +182,12 @@ impl Street {
             (&firm_ecosystem, &firm, &house_ecosystem, &house_wire),
             (&house_ecosystem, &house, &firm_ecosystem, &firm_wire),
         ];
-        for (ours, home, theirs, wire) in sides {
+        for (ours, home, theirs, transport) in sides {
             for (index, entry) in ours.interfaces.iter().enumerate() {
                 if let Err(report) = load(ours, index, &plugins::known()) {
                     panic!("{report:?}");
                 }
-                let away = open(theirs, entry.remote_name.as_str(), wire, None).await;
+                let away = open(theirs, entry.remote_name.as_str(), transport, None).await;
                 let (here, there) =
                     (home.spawner().expect("a place"), away.spawner().expect("one"));
                 let connected = connect(
@@ -222,11 +222,11 @@ impl Street {
     }
 
     fn is_in_firm(&self, agent: &str) -> bool {
-        self.firm.switchboard().find(&AgentId::new(agent).expect("a name")).is_some()
+        self.firm.router().find(&AgentId::new(agent).expect("a name")).is_some()
     }
 
     async fn until_in_firm(&self, agent: &str, is_there: bool) {
-        let (_, mut changes) = self.firm.switchboard().presence_changes();
+        let (_, mut changes) = self.firm.router().presence_changes();
         let changed = async {
             while self.is_in_firm(agent) != is_there {
                 changes.recv().await.expect("few changes");
@@ -402,7 +402,7 @@ async fn a_loop_of_interfaces_is_stopped() {
     };
     assert_eq!(street.interfaces.iter().map(looped).collect::<Vec<_>>(), [[0, 0], [1, 0]]);
     let ghost = AgentId::new("ghost").expect("a name");
-    assert!(street.house.switchboard().find(&ghost).is_none());
+    assert!(street.house.router().find(&ghost).is_none());
     assert!(street.is_in_firm("cleaner"));
     let mut clerk = street.clerk();
     wish(&clerk, &street.firm_ecosystem, "merger").await;

@@ -312,7 +312,7 @@ impl Refresher {
         let (wake, mut woken) = mpsc::channel::<()>(1);
         let (read, is_read) = watch_channel::channel(false);
         let (view, words) = (view.clone(), Arc::clone(words));
-        let (_, mut changes) = view.switchboard.presence_changes();
+        let (_, mut changes) = view.router.presence_changes();
         tokio::spawn(async move {
             read_words(&view, &words).await;
             // The receiver is gone if the prompt has ended.
@@ -347,7 +347,7 @@ async fn read_words(view: &EcosystemView, words: &RwLock<CompletionWords>) {
     let snapshot = answers.first().and_then(|bytes| serde_json::from_slice::<Snapshot>(bytes).ok());
     let goals = view.ecosystem.iter().flat_map(|ecosystem| ecosystem.goals.keys());
     let goals = goals.cloned().collect();
-    let directory = view.switchboard.directory();
+    let directory = view.router.directory();
     let agents = directory.iter().map(|resident| resident.agent.to_string()).collect();
     let mut words = words.write().unwrap_or_else(PoisonError::into_inner);
     words.renew(snapshot.as_ref(), goals, agents);

@@ -44,7 +44,7 @@ pub(crate) struct LaunchedScenario {
     pub(crate) processes: Vec<(String, Child)>,
     /// Starts the processes of the scenario's daemons.
     program: DaemonLauncher,
-    wire: MessageTransport,
+    transport: MessageTransport,
     _server: Option<Server>,
     _folder: TempDir,
 }
@@ -92,15 +92,15 @@ pub(crate) async fn launch_scenario(
         server = Some(served.map_err(|error| format!("failed to {error}"))?);
         processes = program.spawn_all(&daemons(&ecosystem, &at_first)).await?;
     }
-    let wire = wire(&ecosystem, stage, folder.path())?;
-    let node = open_node(&ecosystem, &building, stage, mode, (at_first, wire.clone())).await?;
+    let transport = transport(&ecosystem, stage, folder.path())?;
+    let node = open_node(&ecosystem, &building, stage, mode, (at_first, transport.clone())).await?;
     Ok(LaunchedScenario {
         building,
         ecosystem,
         node,
         processes,
         program,
-        wire,
+        transport,
         _server: server,
         _folder: folder,
     })
@@ -118,7 +118,7 @@ fn daemons(ecosystem: &Ecosystem, at_first: &[AgentEntry]) -> Vec<DaemonId> {
 }
 
 /// Returns the transport that the node in this process uses.
-fn wire(
+fn transport(
     ecosystem: &Ecosystem,
     stage: ScenarioSubstrate,
     folder: &Path,
@@ -147,12 +147,12 @@ async fn open_node(
     building: &Building,
     stage: ScenarioSubstrate,
     mode: Mode,
-    (agents, wire): (Vec<AgentEntry>, MessageTransport),
+    (agents, transport): (Vec<AgentEntry>, MessageTransport),
 ) -> Result<DaemonNode, String> {
     let agents = if stage == ScenarioSubstrate::Processes { Vec::new() } else { agents };
     let (daemon, building) = (node_name(stage)?, Some(building.handle()));
     let part = NodeOptions { ecosystem, daemon, agents, mode, building, state: None };
-    DaemonNode::open(part, wire).await.map_err(|error| format!("failed to {error}"))
+    DaemonNode::open(part, transport).await.map_err(|error| format!("failed to {error}"))
 }
 
 /// Returns the Zenoh endpoint that is the socket of a daemon.
@@ -275,7 +275,7 @@ impl LaunchedScenario {
                 let _ = tell.try_send(message);
             }
         };
-        let endpoint = match &self.wire {
+        let endpoint = match &self.transport {
             MessageTransport::Memory(network) | MessageTransport::Unreliable(network, _) => {
                 network.tap(move |_, payload| hear(payload));
                 return Ok(MessageListener { heard, _tap: None });

@@ -125,7 +125,7 @@ pub struct Claim {
     /// The PDDL fact as this owner claims it; if it is about a function, with the claimed value.
     pub fact: String,
     /// Origin of the claim: `model`, `heartbeat`, `effect`, `request`, `observation`, `departure`,
-    /// `told`.
+    /// `announced`.
     pub source: String,
     /// Time since the claim was last made, in milliseconds.
     pub age_ms: u64,

@@ -65,34 +65,34 @@ async fn open(
 ) -> Result<(Arc<MessageRouter>, Arc<ZenohSubstrate>), Error> {
     let ecosystem = if house.is_some() { "secured" } else { "agents" };
     let (id, name) = (DaemonId::new(daemon)?, EcosystemId::new(ecosystem)?);
-    let switchboard = MessageRouter::new(name, id, AgentSettings::default());
+    let router = MessageRouter::new(name, id, AgentSettings::default());
     let mut config = crate::substrate::config(ecosystem, daemon, connect)?;
     if let Some(house) = house {
         config.listen = vec!["tls/127.0.0.1:0".to_owned()];
         config.security = Some(house.security(daemon)?);
-        switchboard.set_rights(House::rights());
+        router.set_rights(House::rights());
     }
-    let substrate = config.open(Arc::<MessageRouter>::clone(&switchboard)).await?;
-    switchboard.connect(Arc::<ZenohSubstrate>::clone(&substrate) as Arc<dyn Substrate>);
-    Ok((switchboard, substrate))
+    let substrate = config.open(Arc::<MessageRouter>::clone(&router)).await?;
+    router.connect(Arc::<ZenohSubstrate>::clone(&substrate) as Arc<dyn Substrate>);
+    Ok((router, substrate))
 }
 
 fn launch(
     agent: impl Agent,
     id: &str,
-    switchboard: &Arc<MessageRouter>,
+    router: &Arc<MessageRouter>,
     stopping: &CancellationToken,
 ) -> Result<(), Error> {
-    let berth = LaunchContext {
+    let launch_context = LaunchContext {
         id: AgentId::new(id)?,
         incarnation: Incarnation(1),
-        router: Arc::clone(switchboard),
+        router: Arc::clone(router),
         ontology: Arc::from("smart-office"),
         stopping: stopping.clone(),
         has_replicas: false,
         via: [].into(),
     };
-    Box::new(agent).launch(berth);
+    Box::new(agent).launch(launch_context);
     Ok(())
 }
 

@@ -69,8 +69,8 @@ impl Inbound for Ear {
     }
 
     fn rejected(&self, rejected: &Rejected<'_>) {
-        let Rejected { violation: breach, claimed, .. } = rejected;
-        self.note(format!("rejected {} {}", breach.as_str(), claimed.unwrap_or("-")));
+        let Rejected { violation, claimed, .. } = rejected;
+        self.note(format!("rejected {} {}", violation.as_str(), claimed.unwrap_or("-")));
     }
 
     fn receive_query(&self, question: ReceivedQuery) {

@@ -505,13 +505,13 @@ async fn nobody_is_here_by_anothers_word() {
 async fn links_carry_nothing_but_the_ecosystem() {
     let house = House::new();
     let a = house.open("a", &[]).await;
-    let (listener, speaker) = (house.rogue("one", &a).await, house.rogue("two", &a).await);
+    let (listener, signer) = (house.rogue("one", &a).await, house.rogue("two", &a).await);
     let elsewhere = listener.declare_subscriber("elsewhere/**").await.expect("open");
     let here = listener.declare_subscriber("althing/office/in/one/**").await.expect("open");
     // Declared last, so that the other subscription would be known by then.
-    reach(&speaker, "althing/office/in/one/x/inform").await;
-    speaker.put("elsewhere/x", "smuggled").await.expect("open");
-    speaker.put("althing/office/in/one/x/inform", "said").await.expect("open");
+    reach(&signer, "althing/office/in/one/x/inform").await;
+    signer.put("elsewhere/x", "smuggled").await.expect("open");
+    signer.put("althing/office/in/one/x/inform", "said").await.expect("open");
     let said = tokio::time::timeout(DEADLINE, here.recv_async()).await.expect("in time");
     assert_eq!(&*said.expect("open").payload().to_bytes(), b"said");
     assert!(elsewhere.try_recv().expect("open").is_none());

@@ -15,30 +15,30 @@ use crate::commands::wrong;
 pub(super) fn run(args: &PluginAllowArgs) -> ExitCode {
     let (json, name) = (args.print.json, &args.name);
     let failed = |problem: String| wrong(&format!("failed to {problem}"), json);
-    let shelf = match super::shelf(&args.place) {
-        Ok(shelf) => shelf,
+    let package_store = match super::package_store(&args.place) {
+        Ok(package_store) => package_store,
         Err(problem) => return failed(problem),
     };
-    if !shelf.package_folder(name).is_dir() {
+    if !package_store.package_folder(name).is_dir() {
         let unknown =
-            PackageStoreError::Unknown { name: name.clone(), folder: shelf.folder.clone() };
-        return failed(super::known_or_near(&shelf, name, unknown));
+            PackageStoreError::Unknown { name: name.clone(), folder: package_store.folder.clone() };
+        return failed(super::known_or_near(&package_store, name, unknown));
     }
-    let package = match Package::open(&shelf.package_folder(name)) {
+    let package = match Package::open(&package_store.package_folder(name)) {
         Ok(package) => package,
         Err(faults) => return failed(format!("read its package: {}", faults.first())),
     };
-    let beyond = package.manifest.permissions.beyond(&shelf.allowed(name));
+    let beyond = package.manifest.permissions.beyond(&package_store.allowed(name));
     let command = format!("althing plugin allow {name}");
     let consent = match consent(name, &beyond, &args.rights.allow, &command, json) {
         Ok(consent) => consent,
         Err(code) => return code,
     };
-    if let Err(error) = shelf.allow(name, &consent) {
+    if let Err(error) = package_store.allow(name, &consent) {
         return failed(error.to_string());
     }
     if json {
-        let allowed: Vec<_> = shelf.allowed(name).iter().map(Right::to_string).collect();
+        let allowed: Vec<_> = package_store.allowed(name).iter().map(Right::to_string).collect();
         return output::print_json(&json!({ "plugin": name, "allowed": allowed }), exit::DONE);
     }
     match consent.is_empty() {

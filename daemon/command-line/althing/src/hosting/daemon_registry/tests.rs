@@ -23,18 +23,18 @@ async fn come(folder: &TempDir, name: &str) -> PresenceGuard {
 
 /// Ends a daemon as a crash does: its ticket and its symbolic link stay, and its lock is released.
 /// Returns the path of the symbolic link.
-fn kill(folder: &TempDir, name: &str, stay: PresenceGuard) -> PathBuf {
+fn kill(folder: &TempDir, name: &str, presence: PresenceGuard) -> PathBuf {
     let ticket = folder.path().join(name).with_extension(PRESENCE_EXTENSION);
-    let (said, target) = (fs::read(&ticket).expect("it lived"), stay.incarnation.clone());
-    drop(stay);
+    let (said, target) = (fs::read(&ticket).expect("it lived"), presence.incarnation.clone());
+    drop(presence);
     fs::write(&ticket, said).expect("the folder is ours");
     std::os::unix::fs::symlink(format!("{name}.sock"), &target).expect("its path was taken away");
     target
 }
 
-/// Returns the names of the daemons to which the daemon of `stay` connects.
-fn called(stay: &PresenceGuard) -> Vec<&str> {
-    let names = stay.others.iter().filter_map(|path| path.file_stem()?.to_str());
+/// Returns the names of the daemons to which the daemon of `presence` connects.
+fn called(presence: &PresenceGuard) -> Vec<&str> {
+    let names = presence.others.iter().filter_map(|path| path.file_stem()?.to_str());
     names.collect()
 }
 
@@ -70,8 +70,8 @@ async fn only_one_of_two_simultaneous_daemons_connects() {
             stays.push(one.await.expect("no panic"));
         }
         let mut pairs = BTreeSet::new();
-        for (caller, stay) in names.iter().zip(&stays) {
-            for called in called(stay) {
+        for (caller, presence) in names.iter().zip(&stays) {
+            for called in called(presence) {
                 let pair = BTreeSet::from([caller.clone(), called.to_owned()]);
                 assert!(pairs.insert(pair), "{caller} and {called} call each other");
             }

@@ -52,7 +52,7 @@ async fn last_word(person: &mut Person, goal: &str) -> (String, Duration) {
 
 async fn read<T: serde::de::DeserializeOwned>(office: &Office, of: &str, what: Resource) -> T {
     let ask = ResourceQuery { daemon: None, resource: what, agent: AgentId::new(of).ok() };
-    let answers = office.node.switchboard().ask(ask, Duration::from_secs(5)).await;
+    let answers = office.node.router().ask(ask, Duration::from_secs(5)).await;
     serde_json::from_slice(answers.first().expect("an answer")).expect("it is one")
 }
 
@@ -495,10 +495,10 @@ async fn a_restarted_requester_keeps_its_goal_once() {
             let stopping = CancellationToken::new();
             let (keyboard, terminal) = Keyboard::with_terminal();
             let id = AgentId::new("camera").expect("a name");
-            let switchboard = office.node.switchboard();
-            let berth =
-                supervisor::launch_context(&id, switchboard, "smart-office", &stopping, false);
-            let task = Box::new(keyboard).launch(berth);
+            let router = office.node.router();
+            let launch_context =
+                supervisor::launch_context(&id, router, "smart-office", &stopping, false);
+            let task = Box::new(keyboard).launch(launch_context);
             let mut asker = Person { terminal, lines: Vec::new() };
             let goal = format!("(at turtlebot-{robot} office1)");
             asker.wish(&goal, Keep::Maintain).await;

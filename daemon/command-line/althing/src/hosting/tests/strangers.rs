@@ -125,50 +125,50 @@ impl Body {
 
     fn called(&mut self, message: Message, ctx: &mut Context<Self>) {
         let call: CallForProposals = message.content_as().expect("a call");
-        let engagement = Participation::of(&message);
+        let participation = Participation::of(&message);
         let offers = self.script.script(|script| script.offers.clone());
         let mine = offers.into_iter().filter(|(conjunct, ..)| call.conjuncts.contains(conjunct));
         let proposal = |(conjunct, plan, cost)| Proposal { covers: vec![conjunct], plan, cost };
         let proposals: Vec<_> = mine.map(proposal).collect();
         if proposals.is_empty() {
-            return ctx.refuse(&engagement, Reason::Incapable, "not mine");
+            return ctx.refuse(&participation, Reason::Incapable, "not mine");
         }
         let bid = Bid { proposals, domain_digest: "strange".to_owned() };
-        ctx.answer(&engagement, Performative::Agree, &bid);
+        ctx.answer(&participation, Performative::Agree, &bid);
     }
 
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Participation::of(&message);
+        let participation = Participation::of(&message);
         let Ok(Request::Act(act)) = message.content_as() else { return };
         let (conduct, before) = self.script.script(|script| {
             script.asked.push(act.action.clone());
             (script.conduct, script.asked.len() - 1)
         });
         match conduct {
-            Conduct::Refuses(reason) => ctx.refuse(&engagement, reason, "I only say so"),
+            Conduct::Refuses(reason) => ctx.refuse(&participation, reason, "I only say so"),
             Conduct::RefusesAtFirst(times, reason) if before < times => {
-                ctx.refuse(&engagement, reason, "my mailbox is full");
+                ctx.refuse(&participation, reason, "my mailbox is full");
             }
-            Conduct::RefusesAtFirst(..) => self.confirm(engagement, *act, Duration::ZERO, ctx),
+            Conduct::RefusesAtFirst(..) => self.confirm(participation, *act, Duration::ZERO, ctx),
             Conduct::FallsSilent => {
-                ctx.answer(&engagement, Performative::Agree, &Agreement { token: act.token });
+                ctx.answer(&participation, Performative::Agree, &Agreement { token: act.token });
             }
-            Conduct::Confirms(after) => self.confirm(engagement, *act, after, ctx),
+            Conduct::Confirms(after) => self.confirm(participation, *act, after, ctx),
         }
     }
 
     fn confirm(
         &mut self,
-        engagement: Participation,
+        participation: Participation,
         act: Act,
         after: Duration,
         ctx: &mut Context<Self>,
     ) {
-        ctx.answer(&engagement, Performative::Agree, &Agreement { token: act.token });
+        ctx.answer(&participation, Performative::Agree, &Agreement { token: act.token });
         ctx.after(after, move |_: &mut Self, ctx| {
             let report = Report::new(Outcome::Done, "so it is");
             let report = Report { action: Some(act.action), ..report };
-            ctx.answer(&engagement, Performative::Confirm, &report);
+            ctx.answer(&participation, Performative::Confirm, &report);
         });
     }
 

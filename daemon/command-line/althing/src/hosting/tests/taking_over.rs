@@ -123,7 +123,7 @@ impl City {
     /// Returns the daemon that hosts the leader of the replicas named `agent`.
     fn acting(&self, agent: &str) -> String {
         let id = AgentId::new(agent).expect("a name");
-        let found = self.nodes["gamma"].switchboard().find(&id);
+        let found = self.nodes["gamma"].router().find(&id);
         found.map_or_else(String::new, |resident| resident.daemon.to_string())
     }
 
@@ -263,7 +263,7 @@ async fn a_standby_has_the_requested_changes() {
     tokio::time::sleep(Duration::from_secs(1)).await;
     let agent = AgentId::new("domain-maintainer").ok();
     let ask = ResourceQuery { daemon: None, resource: Resource::State, agent };
-    let answers = city.nodes["gamma"].switchboard().ask(ask, Duration::from_secs(5)).await;
+    let answers = city.nodes["gamma"].router().ask(ask, Duration::from_secs(5)).await;
     let answer = answers.first().expect("it answers");
     let state: BelievedState = serde_json::from_slice(answer).expect("a state");
     assert!(state.facts.iter().any(|known| known.fact == fact), "{state:#?}");

@@ -163,7 +163,7 @@ async fn an_answered_question_is_closed_at_other_keyboards() {
     assert!(asker.hears().await, "{:#?}", asker.lines);
     // A query for open questions returns none, and an answer to a closed question is refused.
     let ask = ResourceQuery { daemon: None, resource: Resource::Questions, agent: None };
-    let answers = office.node.switchboard().ask(ask, PATIENCE).await;
+    let answers = office.node.router().ask(ask, PATIENCE).await;
     let open = answers
         .iter()
         .flat_map(|answer| serde_json::from_slice::<Vec<OpenQuestion>>(answer).expect("questions"));
@@ -195,7 +195,7 @@ async fn a_pin_never_appears_on_the_network() {
     asker.wish("(validated office2)", Keep::Achieve).await;
     let question = there.is_asked().await;
     let ask = ResourceQuery { daemon: None, resource: Resource::Questions, agent: None };
-    let answers = office.node.switchboard().ask(ask, PATIENCE).await;
+    let answers = office.node.router().ask(ask, PATIENCE).await;
     let mut open = answers
         .iter()
         .flat_map(|answer| serde_json::from_slice::<Vec<OpenQuestion>>(answer).expect("questions"));

@@ -87,7 +87,7 @@ pub(super) async fn read<T: serde::de::DeserializeOwned>(
     resource: Resource,
 ) -> T {
     let ask = ResourceQuery { daemon: None, resource, agent: AgentId::new(of).ok() };
-    let answers = set.node.switchboard().ask(ask, Duration::from_secs(5)).await;
+    let answers = set.node.router().ask(ask, Duration::from_secs(5)).await;
     serde_json::from_slice(answers.first().expect("an answer")).expect("it is one")
 }
 

@@ -101,10 +101,10 @@ impl Guest {
 
     fn called(&mut self, message: Message, ctx: &mut Context<Self>) {
         let call: CallForProposals = message.content_as().expect("a call");
-        let engagement = Participation::of(&message);
+        let participation = Participation::of(&message);
         let wanted = "(known-temperature office1)".to_owned();
         if !call.conjuncts.contains(&wanted) {
-            return ctx.refuse(&engagement, Reason::Incapable, "not mine");
+            return ctx.refuse(&participation, Reason::Incapable, "not mine");
         }
         let proposal = Proposal {
             covers: vec![wanted],
@@ -112,17 +112,17 @@ impl Guest {
             cost: 1.0,
         };
         let bid = Bid { proposals: vec![proposal], domain_digest: "guest".to_owned() };
-        ctx.answer(&engagement, Performative::Agree, &bid);
+        ctx.answer(&participation, Performative::Agree, &bid);
     }
 
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
-        let engagement = Participation::of(&message);
+        let participation = Participation::of(&message);
         match self.conduct {
-            Conduct::Refuses => ctx.refuse(&engagement, Reason::Incapable, "I only say so"),
+            Conduct::Refuses => ctx.refuse(&participation, Reason::Incapable, "I only say so"),
             Conduct::AgreesAndIsSilent => {
                 let Ok(Request::Act(act)) = message.content_as() else { return };
                 let agreement = Agreement { token: act.token };
-                ctx.answer(&engagement, Performative::Agree, &agreement);
+                ctx.answer(&participation, Performative::Agree, &agreement);
             }
             Conduct::IsSilent | Conduct::HasABrokenModel => (),
         }
