@@ -10,7 +10,7 @@
 //!
 //! - Each session has a liveliness token of its own, with its Zenoh id. `known_sessions` is the set of sessions
 //!   from which a session has received such a token.
-//! - Each session answers a call with three things: the agents that it hosts, its `known_sessions` sessions, and
+//! - Each session answers a call with three things: the agents that it hosts, its `known_sessions`, and
 //!   the daemons that do not answer its own calls. The agents are usually left out: the call carries, for
 //!   each daemon, a digest of the agents that the caller knows, and a daemon lists its agents only if its
 //!   own digest is different.

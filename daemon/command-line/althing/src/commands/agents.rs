@@ -54,9 +54,16 @@ const OFFERS_COLUMN: usize = 44;
 
 pub(crate) async fn print(view: &EcosystemView, json: bool) -> ExitCode {
     view.directory(None).await;
-    let residents = residents(view).await;
+    let mut residents = residents(view).await;
     let AnnouncedModels { models, unreadable } = models(view).await;
     let offers = |agent: &AgentId| models.get(agent).cloned().unwrap_or_default();
+    // A process that is no daemon of Althing may answer for its models only.
+    for agent in models.keys().chain(unreadable.keys()) {
+        if residents.iter().all(|resident| resident.agent != *agent) {
+            residents.extend(view.directory(Some(agent)).await.find(agent).cloned());
+        }
+    }
+    residents.sort();
     let mut conflicts = conflicts(view).await;
     conflicts.extend(unreadable);
     let left_out = |agent: &AgentId| conflicts.get(agent).cloned().unwrap_or_default();

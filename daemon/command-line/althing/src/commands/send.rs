@@ -145,7 +145,12 @@ fn draft(text: &str) -> Result<MessageDraft, String> {
     } = written;
     if let Some(key) = rest.keys().find(|key| !SAID_BY_KEYBOARD.contains(&key.as_str())) {
         let known = WRITTEN.iter().chain(SAID_BY_KEYBOARD).copied();
-        let near = pddl::nearest(key, known).map(|near| format!("; did you mean `{near}`?"));
+        let near = match key.as_str() {
+            // Its name in FIPA, and in version 1 of the protocol.
+            "reply_by" => Some("reply_within"),
+            _ => pddl::nearest(key, known),
+        };
+        let near = near.map(|near| format!("; did you mean `{near}`?"));
         return Err(format!("a message has no key `{key}`{}", near.unwrap_or_default()));
     }
     let left_out: Vec<_> = rest.keys().map(String::as_str).collect();

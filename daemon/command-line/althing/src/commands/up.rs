@@ -371,7 +371,7 @@ fn announce(ecosystem: &Ecosystem, place: &HostedPart, node: &DaemonNode) {
     tracing::info!(locators = ?node.locators, "listening");
     if ecosystem.security.is_none() {
         tracing::warn!(
-            "`{}` is not secured: messages are neither encrypted nor signed, and so presence \
+            "`{}` is not secured: messages are neither encrypted nor signed, and so stay \
             on this machine; `althing help cert` says how to secure it",
             ecosystem.name
         );
