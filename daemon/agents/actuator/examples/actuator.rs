@@ -2,11 +2,11 @@
 //!
 //! `cargo run -p actuator --example actuator`
 //!
-//! The action model brings a type, two predicates and an action of its own. No other agent has to know
-//! them in advance: they become a part of the composite domain when the machine joins. The method has
-//! an argument. When the beans are used up, the machine announces a model without the action, so that
-//! no plan uses it any more. The example sensor.rs describes how such a device is added to a real
-//! ecosystem.
+//! The action model brings a type, two predicates and an action of its own. No other agent has to
+//! know them in advance: they become a part of the composite domain when the machine joins. The
+//! method has an argument. When the beans are used up, the machine announces a model without the
+//! action, so that no plan uses it any more. The example sensor.rs describes how such a device is
+//! added to a real ecosystem.
 
 mod office;
 
@@ -103,15 +103,16 @@ impl Device for CoffeeMachine {
         Description { model, methods: [("make-coffee".to_owned(), method)].into() }
     }
 
-    /// Returns all facts that the machine answers for: a fact that is missing from the list is false.
+    /// Returns all facts that the machine answers for: a fact that is missing from the list is
+    /// false.
     fn facts(&self) -> Vec<OwnFact> {
         let CoffeeMachine { id, room, is_ready, .. } = self;
         let ready = if *is_ready { format!("(coffee-ready {room})") } else { String::new() };
         facts_of(&format!("(stands-in {id} {room}) {ready}"))
     }
 
-    /// Runs the method that a request names. Dropping the returned future cancels the method, so a real
-    /// driver has to stop the machine when the future is dropped.
+    /// Runs the method that a request names. Dropping the returned future cancels the method, so a
+    /// real driver has to stop the machine when the future is dropped.
     fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<(), MethodFailure>> {
         let time = self.brewing_time(call);
         Box::pin(async move {

@@ -2,11 +2,11 @@
 //!
 //! `cargo run -p actuator --example sensor`
 //!
-//! The sensor implements [`Device`]. [`Actuator`] adds the heartbeats, the bids with a planner of the
-//! device's own, and the ledger of commands. The example runs the sensor on an in-memory network
-//! (`office`). In a real ecosystem, the constant `PLUGIN` is given to `plugin_process::run`, which
-//! makes it the program of a package (docs/plugins.md), or the constant is listed in
-//! daemon/command-line/althing/src/plugins.rs.
+//! The sensor implements [`Device`]. [`Actuator`] adds the heartbeats, the bids with a planner of
+//! the device's own, and the ledger of commands. The example runs the sensor on an in-memory
+//! network (`office`). In a real ecosystem, the constant `PLUGIN` is given to
+//! `plugin_process::run`, which makes it the program of a package (docs/plugins.md), or the
+//! constant is listed in daemon/command-line/althing/src/plugins.rs.
 
 mod office;
 
@@ -52,8 +52,8 @@ struct Thermometer {
     measured: Option<(f64, Instant)>,
 }
 
-/// Reads the config of the sensor and checks it. Opens no hardware, because `althing check` also builds
-/// agents.
+/// Reads the config of the sensor and checks it. Opens no hardware, because `althing check` also
+/// builds agents.
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let Config { location } = blueprint.config_as()?;
     let checked = blueprint.host.has_place(location.as_str());
@@ -68,7 +68,8 @@ impl Device for Thermometer {
 
     fn describe(&self) -> Description {
         let Thermometer { id, room, .. } = self;
-        // The effect says what is known after the action; `:observe` names the value that is found.
+        // The effect states which fact is known after the action; `:observe` names the value that
+        // is measured.
         let model = model_of(&format!(
             "(define (agent {id}) (:domain smart-office)
                (:objects {id} - temperature-sensor)
@@ -88,8 +89,8 @@ impl Device for Thermometer {
         Description { model, methods: [("report-temperature".to_owned(), method)].into() }
     }
 
-    /// Returns all facts that the sensor answers for. A fact that is missing from the list is false,
-    /// and a number that is missing has no value.
+    /// Returns all facts that the sensor answers for. A fact that is missing from the list is
+    /// false, and a number that is missing has no value.
     fn facts(&self) -> Vec<OwnFact> {
         let Thermometer { id, room, measured } = self;
         let mut facts = facts_of(&format!("(located {id} {room})"));
@@ -102,8 +103,8 @@ impl Device for Thermometer {
         facts
     }
 
-    /// Runs the method that a request names. The agent's task must not block, so the work is done in
-    /// the returned future.
+    /// Runs the method that a request names. The agent's task must not block, so the work is done
+    /// in the returned future.
     fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<f64, MethodFailure>> {
         if call.method != "measure" {
             let unknown = MethodFailure::UnknownMethod(call.method.clone());
@@ -112,8 +113,8 @@ impl Device for Thermometer {
         Box::pin(async { measure().await.map_err(MethodFailure::Driver) })
     }
 
-    /// Keeps the measurement that a method has returned. [`Device::facts`] is called next, before the
-    /// action is confirmed.
+    /// Stores the measurement that a method has returned. [`Device::facts`] is called next, before
+    /// the action is confirmed.
     fn on_success(&mut self, _call: &MethodCall, celsius: f64) -> MethodResult {
         self.measured = Some((celsius, Instant::now()));
         let observations = self.facts().into_iter().map(|fact| fact.fact).collect();
@@ -121,8 +122,8 @@ impl Device for Thermometer {
     }
 }
 
-/// Reads the hardware; in this example it returns a fixed number after a moment. The text of an error
-/// completes “failed to …”.
+/// Reads the hardware; in this example it returns a fixed number after a moment. The text of an
+/// error completes “failed to …”.
 async fn measure() -> Result<f64, String> {
     tokio::time::sleep(Duration::from_millis(20)).await;
     Ok(21.5)

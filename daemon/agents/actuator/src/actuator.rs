@@ -1,4 +1,4 @@
-//! The agent that drives a device.
+//! The actuator: the agent that drives a device.
 
 mod open_initiatives;
 
@@ -27,9 +27,9 @@ use crate::ledger::{Ledger, TokenState};
 /// Each answer uses a thread for some milliseconds.
 const BIDS_MAX: usize = 16;
 
-/// How long an actuator keeps the ground task of its planner after the last call for proposals. A goal
-/// that fails is called for again within seconds; if a hundred devices kept their ground tasks for
-/// ever, these would take tens of megabytes.
+/// How long an actuator keeps the ground task of its planner after the last call for proposals. If
+/// a goal fails, the next call comes within seconds. The ground tasks of a hundred devices take
+/// tens of megabytes, so they are not kept for ever.
 const CACHE_TTL: Duration = Duration::from_secs(60);
 
 /// An agent that drives a device: a sensor, or a device that acts.
@@ -40,10 +40,11 @@ pub struct Actuator<D: Device> {
     ledger: Ledger,
     announced: AnnouncedModel,
     running_command: Option<RunningCommand>,
-    /// Writes to disk of final reports, by token. Each report is sent when its write has ended.
+    /// Pending writes of final reports to disk, by token. Each report is sent when its write has
+    /// ended.
     pending_reports: BTreeMap<ActionToken, WorkHandle>,
     running_bids: BTreeMap<ReplyToken, (Cancel, WorkHandle)>,
-    /// Data that the device's own planner keeps, used by one bid at a time. A bid that is made at the
+    /// Data that the actuator's own planner keeps, used by one bid at a time. A second bid at the
     /// same time starts with an empty planner instead of waiting.
     bid_cache: Arc<Mutex<BidCache>>,
     /// Timer that drops the composed domain and the ground task kept for the next bid.
@@ -66,12 +67,12 @@ struct AnnouncedModel {
     sequence: u64,
 }
 
-/// How long a running action waits for a new requester after the former requester has stood down. A new
-/// leader asks within milliseconds, or as soon as a lost message is repeated.
+/// How long a running action waits for a new requester after the former one has stood down. A new
+/// leader sends its request within milliseconds, or as soon as a lost message is repeated.
 const ORPHAN_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Maximum number of requesters of one token: the Plan Executor that asked first, and the replicas that
-/// took over from it.
+/// Maximum number of requesters of one token: the Plan Executor that asked first, and the replicas
+/// that took over from it.
 const SUBSCRIBERS_MAX: usize = 8;
 
 /// An action that the actuator is carrying out by a method.
@@ -84,7 +85,8 @@ struct RunningCommand {
 }
 
 impl<D: Device> Actuator<D> {
-    /// Creates an actuator for `device`. It uses the domain that all actuators of its host share.
+    /// Creates an actuator for `device`. The actuator uses the domain that all actuators of its
+    /// host share.
     ///
     /// # Errors
     ///
@@ -128,8 +130,8 @@ impl<D: Device> Agent for Actuator<D> {
     }
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
-        // Subscribes to the shared domain before the first announcement, so that the announcement is
-        // part of it.
+        // Subscribes to the shared domain before the first announcement, so that the announcement
+        // is part of it.
         ctx.shared_domain(&self.host);
         match self.device.read_state() {
             Some(looking) => {
@@ -167,9 +169,9 @@ impl<D: Device> Agent for Actuator<D> {
 }
 
 impl<D: Device> Actuator<D> {
-    /// Returns a function that computes the local domain, which contains everything public, and in full
-    /// the actions of this agent and of the agents that it carries. The domain is computed only when it
-    /// is needed, because the computation takes a millisecond.
+    /// Returns a function that computes the local domain, which contains everything public, and in
+    /// full the actions of this agent and of the agents that it carries. The domain is computed
+    /// only when it is needed, because the computation takes a millisecond.
     fn local_domain(
         &self,
         ctx: &Context<Self>,
@@ -177,8 +179,8 @@ impl<D: Device> Actuator<D> {
         let commons = ctx.shared_domain(&self.host);
         let (known, _) = commons.current();
         let whole = known.with_carried(ctx.id());
-        // The domain is read again when the computation gets its turn. A reference that is held until
-        // then would force a copy at the next message.
+        // The domain is read again when the computation starts. A reference that is held until then
+        // would force a copy at the next message.
         move |sight| {
             let (known, now) = commons.current();
             known.snapshot_again(sight, &whole, now)
@@ -226,8 +228,8 @@ impl<D: Device> Actuator<D> {
     }
 
     fn schedule_heartbeat(&mut self, ctx: &mut Context<Self>) {
-        // All actuators of a daemon send at the same time: their heartbeats travel in one batch, and
-        // each receiver wakes once.
+        // All actuators of a daemon send at the same time: their heartbeats travel in one batch,
+        // and each receiver wakes once.
         let period = ctx.settings().heartbeat_period;
         let wait = ctx.shared_domain(&self.host).until_next_heartbeat(period);
         ctx.after(wait, |actuator: &mut Self, ctx| {
@@ -298,7 +300,8 @@ impl<D: Device> Actuator<D> {
         let performance = self.device.perform(&call);
         let (recording, counters) = (ctx.run_blocking(record), ctx.failure_counters());
         let work = async move {
-            // On disk before it acts: after a crash the next incarnation does not act twice.
+            // The token is on disk before the device acts, so that the next incarnation does not
+            // act again after a crash.
             match recording.await {
                 Ok(Ok(())) => (),
                 Ok(Err(error)) => {
@@ -321,8 +324,9 @@ impl<D: Device> Actuator<D> {
         Ok(())
     }
 
-    /// Whether the action of a token was requested before, by any executor of the plan. Such an action
-    /// is not executed again; the new requester gets its result, at once or when the action ends.
+    /// Whether the token of `act` was requested before, by any executor of the plan. Such an action
+    /// is not executed again: the new requester gets its outcome, at once or when the action ends.
+    /// Returns a refusal if the token belongs to another action or to an earlier plan.
     fn answer_if_known(
         &mut self,
         participation: &Participation,
@@ -368,8 +372,8 @@ impl<D: Device> Actuator<D> {
         Ok(true)
     }
 
-    /// Checks that this agent has announced an action and is the agent that acts in it. Returns the
-    /// time limit of the method that carries out the action.
+    /// Checks that this agent has announced an action, and that the first argument of the action
+    /// names this agent. Returns the time limit of the method that carries out the action.
     fn admissible(&self, action: &str, method: &str, own: &AgentId) -> Result<Duration, Refusal> {
         let incapable = |detail: String| Refusal::new(Reason::Incapable, detail);
         let step = pddl::parse_step(action).into_result().map_err(|diagnostics| {
@@ -405,7 +409,7 @@ impl<D: Device> Actuator<D> {
             Err(failure) => {
                 self.device.on_failure(&call, &failure);
                 let report = Report::new(Outcome::Failed, format!("failed to {failure}"));
-                // The action was ended at an unknown point.
+                // The action was stopped at an unknown point.
                 let is_unknown =
                     matches!(failure, MethodFailure::TimedOut(_) | MethodFailure::Interrupted(_));
                 Report { declined: is_unknown.then_some(Reason::TimedOut), ..report }
@@ -434,7 +438,8 @@ impl<D: Device> Actuator<D> {
                 tracing::warn!(agent = %ctx.id(), %error, "an outcome could not be written down");
                 ctx.failure_counters().count_not_persisted();
             }
-            // Heartbeat first: an agent that receives the confirmation may query the state at once.
+            // The heartbeat comes first: an agent that receives the confirmation may query the
+            // state at once.
             actuator.send_heartbeat(ctx);
             for asker in askers {
                 ctx.answer(&asker, Performative::Confirm, &report);
@@ -474,10 +479,11 @@ impl<D: Device> Actuator<D> {
         self.check_orphaned(token, false, ctx);
     }
 
-    /// Cancels the running action if no requester follows it: either no other requester has asked for
-    /// the action, or all others are absent at two checks in a row.
+    /// Cancels the running action if no requester follows it: either no other requester has asked
+    /// for the action, or all others are absent at two checks in a row.
     fn check_orphaned(&mut self, token: ActionToken, is_second: bool, ctx: &mut Context<Self>) {
-        // A short absence at the first check is over by the second, and another has not begun.
+        // The second check comes after the grace, so that a short absence does not cancel the
+        // action.
         let wait = if is_second { ctx.settings().grace } else { ORPHAN_TIMEOUT };
         ctx.after(wait, move |actuator: &mut Self, ctx| {
             let Some(acting) =

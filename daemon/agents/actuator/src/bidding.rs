@@ -1,5 +1,6 @@
-//! An actuator's bid in answer to a call for proposals: the plans for those conjuncts that the actuator
-//! can reach alone or with the agents that it carries, made in the actuator's own local domain.
+//! An actuator's bid in answer to a call for proposals: the plans for those conjuncts that the
+//! actuator can reach alone or with the agents that it carries, made in the actuator's own local
+//! domain.
 //!
 //! A bid has one alternative per conjunct, and one for all reachable conjuncts together. No two
 //! alternatives can be accepted at once, because each of them starts from the present state.
@@ -11,8 +12,8 @@ use planner::{Budget, Cancel, Options, Replanner};
 
 const NOTHING: &str = "it reaches no part of the goal";
 
-/// Plans for a call for proposals and returns the bid. Reuses the data that `replanner` keeps from the
-/// last call.
+/// Plans for a call for proposals and returns the bid. Reuses the data that `replanner` keeps from
+/// the last call.
 ///
 /// # Errors
 ///
@@ -24,8 +25,8 @@ pub(crate) fn bid(
     cancel: &Cancel,
 ) -> Result<Bid, String> {
     let mut conjuncts = readable(call)?;
-    // A single conjunct is planned for at once: that gives the same answer, and a reachability proof
-    // would examine everything a second time.
+    // A single conjunct is planned for without a reachability proof, which would only repeat work
+    // of the planner.
     if conjuncts.len() > 1 {
         conjuncts = drop_unreachable(&snapshot, conjuncts, replanner, cancel);
     }
@@ -83,8 +84,9 @@ fn readable(call: &CallForProposals) -> Result<Vec<(String, Condition)>, String>
     call.conjuncts.iter().map(read).collect()
 }
 
-/// Removes the conjuncts that are proved unreachable for this actuator, so that it does not plan for
-/// each of them. Of a goal about a large building, a sensor on a wall can reach one conjunct.
+/// Removes the conjuncts that are proved unreachable for this actuator, so that no plan is searched
+/// for each of them. For example, a sensor on a wall can reach one conjunct of a goal about a large
+/// building.
 fn drop_unreachable(
     snapshot: &DomainSnapshot,
     conjuncts: Vec<(String, Condition)>,
@@ -99,8 +101,7 @@ fn drop_unreachable(
     let options = bounded();
     let proven =
         replanner.facts_out_of_reach(&snapshot.domain, &problem, &conditions, &options, cancel);
-    // A conjunct that cannot be analysed spoils the proof, not the bid: each is then planned for by
-    // itself.
+    // If a conjunct cannot be analysed, there is no proof, and each conjunct is planned for.
     let proven = proven.unwrap_or_default();
     let kept = conjuncts.into_iter().enumerate();
     kept.filter(|(position, _)| !proven.contains(position)).map(|(_, kept)| kept).collect()
@@ -112,8 +113,8 @@ fn bounded() -> Options {
     Options { budget: Budget { memory_max_bytes, ..Budget::default() }, ..Options::default() }
 }
 
-/// Returns a proposal that reaches these conjuncts together; `None` if there is no plan for them or the
-/// plan is empty.
+/// Returns a proposal that reaches these conjuncts together; `None` if there is no plan for them or
+/// the plan is empty.
 fn propose(
     snapshot: &DomainSnapshot,
     problem: &mut Problem,
@@ -132,12 +133,13 @@ fn propose(
             return None;
         }
     };
-    // The requester calls only for conjuncts that do not hold. An empty plan means that the local state
-    // of this agent lacks the facts that make them false.
+    // The requester calls only for conjuncts that do not hold. An empty plan means that the local
+    // state of this agent lacks the facts that make them false.
     if plan.steps.is_empty() {
         return None;
     }
-    // With the action names that the agents use: the caller composes a domain with other names.
+    // The steps get the action names that the agents use, because the caller's composite domain has
+    // other names.
     let outside =
         Plan { steps: plan.steps.iter().map(|step| snapshot.outside(step)).collect(), cost: None };
     Some(Proposal {
@@ -147,9 +149,9 @@ fn propose(
     })
 }
 
-/// Removes the conjuncts of a call for proposals from the facts of the problem. The sender of the call
-/// has found that these conjuncts do not hold, so a fact to the contrary is out of date: it may come
-/// from an agent that has just died.
+/// Removes the conjuncts of a call for proposals from the facts of the problem. The sender of the
+/// call has found that these conjuncts do not hold, so a fact to the contrary is out of date: it
+/// may come from an agent that has just left.
 fn remove_called_for<'c>(
     problem: &mut Problem,
     conjuncts: impl IntoIterator<Item = &'c (String, Condition)>,

@@ -11,31 +11,31 @@ use crate::initiative::{DeviceEvent, Initiative, InitiativeUpdate};
 
 /// A device that an actuator drives: one that senses or acts.
 ///
-/// The methods of this trait are called on the task of the device's agent, so none of them may block.
-/// Slow work belongs into the future that [`Device::perform`] returns. Dropping that future cancels the
-/// method.
+/// The methods of this trait are called on the task of the device's agent, so none of them may
+/// block. Slow work belongs into the future that [`Device::perform`] returns. Dropping that future
+/// cancels the method.
 pub trait Device: Sized + Send + 'static {
     /// The result of a method of the device that has succeeded.
     type Yield: Send + 'static;
 
-    /// Returns the action model and the methods that the device offers at present. Called again after
-    /// every method and at every heartbeat, because the offer may change: a robot with an empty battery
-    /// offers no `move`.
+    /// Returns the action model and the methods that the device offers at present. Called again
+    /// after every method and at every heartbeat, because the offer may change: a robot with an
+    /// empty battery offers no `move`.
     fn describe(&self) -> Description;
 
-    /// Returns all facts that the device answers for now. A fact that is missing from the list is
+    /// Returns all facts that the device owns at present. A fact that is missing from the list is
     /// false.
     fn facts(&self) -> Vec<OwnFact>;
 
-    /// Reads the device's real state before the first announcement: an earlier incarnation may have
-    /// left it in another state than the config says. Nothing is announced until the returned future
-    /// ends, so its time must be bounded.
+    /// Returns a future that reads the device's real state, which may differ from the config after
+    /// an earlier incarnation. Nothing is announced until the future ends, so its time must be
+    /// bounded. `None` if there is no state to read.
     fn read_state(&self) -> Option<BoxFuture<()>> {
         None
     }
 
-    /// Returns a refusal if the device declines the call of an offered method, otherwise `None`. Called
-    /// before the agent agrees to the request.
+    /// Returns a refusal if the device declines the call of an offered method, otherwise `None`.
+    /// Called before the agent agrees to the request.
     fn check_call(&mut self, _call: &MethodCall) -> Option<Refusal> {
         None
     }
@@ -43,24 +43,26 @@ pub trait Device: Sized + Send + 'static {
     /// Runs a method of the device. Dropping the returned future cancels the method.
     fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<Self::Yield, MethodFailure>>;
 
-    /// Called when a method has succeeded. [`Device::facts`] returns the new facts from this call on.
+    /// Called when a method has succeeded. From then on [`Device::facts`] returns the new facts.
     fn on_success(&mut self, call: &MethodCall, yielded: Self::Yield) -> MethodResult;
 
     /// Called when a method of the device has failed or was cancelled.
     fn on_failure(&mut self, _call: &MethodCall, _failure: &MethodFailure) {}
 
-    /// Waits for the next event that no request caused: a person moves, a battery runs low. Then the
-    /// [`DeviceEvent`] that the future returns changes the device, the new facts and action model are
-    /// announced at once, and the initiatives of the event are carried out.
+    /// Returns a future that waits for the next event that no request caused: a person moves, a
+    /// battery runs low. The future returns a [`DeviceEvent`], which changes the device. The new
+    /// facts and the new action model are then announced at once, and the initiatives of the event
+    /// are carried out.
     ///
-    /// Called on activation and again after each event. The future may wait until an event happens, and
-    /// is dropped with the agent. Returns `None` if the device has no such events.
+    /// Called on activation and again after each event. The future is dropped with the agent.
+    /// Returns `None` if the device has no such events.
     fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<Self>>> {
         None
     }
 
-    /// Called with the news of the initiative `name`; returns what the device does next. A device that
-    /// requests a refused goal again at once is refused again at once.
+    /// Called with news about the initiative `name`. Returns the initiatives that follow from the
+    /// news. A device should not request a refused goal again at once, because it would be refused
+    /// again.
     fn receive_news(&mut self, _name: &str, _news: &InitiativeUpdate) -> Vec<Initiative> {
         Vec::new()
     }
@@ -71,7 +73,7 @@ pub trait Device: Sized + Send + 'static {
     }
 }
 
-/// What a device offers at present: its action model and its methods.
+/// The offer of a device at present: its action model and its methods.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Description {
     /// The action model of the device.
@@ -80,12 +82,13 @@ pub struct Description {
     pub methods: Methods,
 }
 
-/// A fact about which the device has the decisive word: its reports count more than those of others.
+/// A fact that the device owns: its reports count more than those of other agents.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OwnFact {
     /// The fact, as it is written in the `:init` section of a problem.
     pub fact: InitElement,
-    /// How long the fact is still known; with `None` it is known until the device reports otherwise.
+    /// How long the fact is still known; with `None` it is known until the device reports
+    /// otherwise.
     pub known_for: Option<Duration>,
 }
 
@@ -109,14 +112,14 @@ pub struct MethodResult {
     pub observations: Vec<InitElement>,
 }
 
-/// Why a method did not succeed. The text of each variant completes “failed to …”.
+/// Reason why a method did not succeed. The text of each variant completes “failed to …”.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MethodFailure {
     /// The device has no method of this name.
     #[error("find a method `{0}`")]
     UnknownMethod(String),
-    /// The method needs this argument, which was not given.
+    /// The call lacks this argument, which the method needs.
     #[error("run a method without its argument `{0}`")]
     MissingArgument(&'static str),
     /// The driver of the device returned this error.
@@ -125,7 +128,7 @@ pub enum MethodFailure {
     /// The method was ended from outside at an unknown point, for this reason.
     #[error("{0}")]
     Interrupted(String),
-    /// The method took longer than its time limit, which is given here.
+    /// The method took longer than this time limit.
     #[error("finish within {0:?}")]
     TimedOut(Duration),
     /// The method was cancelled on request.

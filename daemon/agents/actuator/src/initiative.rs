@@ -1,19 +1,19 @@
-//! Initiatives of a device, which no request causes: goals that it requests, questions that it asks
-//! people, and the news of both.
+//! Initiatives of a device: goals that the device requests and questions that it asks people, both
+//! by itself. News about goals and questions is passed back to the device.
 
 use std::time::Duration;
 
 use acl::content::{Achieve, Outcome, Question, Refusal, Report};
 
-/// An event of a device, as a function that changes the device and returns the device's initiatives.
+/// An event of a device: a function that changes the device and returns the device's initiatives.
 pub type DeviceEvent<D> = Box<dyn FnOnce(&mut D) -> Vec<Initiative> + Send>;
 
-/// An action that a device takes without a request. The device chooses the names of its initiatives,
-/// which identify its goals and its questions.
+/// Initiative of a device: a request for a goal, a question to people, or the withdrawal of either.
+/// The device chooses the names, which identify its goals and its questions.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Initiative {
-    /// Requests a goal from the Plan Requester. The same goal under the same name is requested once;
-    /// another goal under this name replaces the former one.
+    /// Requests a goal from the Plan Requester. The same goal under the same name is requested
+    /// once; another goal under this name replaces the former one.
     RequestGoal {
         /// Name of the goal, chosen by the device.
         name: String,
@@ -23,14 +23,15 @@ pub enum Initiative {
         /// withdrawn.
         insists: bool,
     },
-    /// Withdraws the goal and the question of this name, if there are any. No more news about them
-    /// follow.
+    /// Withdraws the goal and the question of this name, if there are any. No more news
+    /// about either follows.
     Withdraw {
         /// Name under which the goal was requested or the question was asked.
         name: String,
     },
-    /// Asks people at all keyboards a question, and takes the first answer. The answer may be a secret,
-    /// and is encrypted on its way to the device. Another question of the same name replaces this one.
+    /// Asks people at all keyboards a question, and takes the first answer. The answer may be a
+    /// secret, and is encrypted on its way to the device. A later question of the same name
+    /// replaces this one.
     AskPeople {
         /// Name of the question, chosen by the device.
         name: String,
@@ -41,7 +42,7 @@ pub enum Initiative {
     },
 }
 
-/// News of an initiative, which the device receives.
+/// News about an initiative, which the device receives.
 #[derive(Clone, Debug, PartialEq)]
 pub enum InitiativeUpdate {
     /// A report about the requested goal: progress or outcome.
@@ -55,7 +56,7 @@ pub enum InitiativeUpdate {
 }
 
 impl InitiativeUpdate {
-    /// Whether no more news of the initiative follow, so that its name is free again.
+    /// Whether no more news about the initiative follows, so that its name is free again.
     pub fn is_final(&self) -> bool {
         match self {
             InitiativeUpdate::Report(report) => report.outcome.is_final(),
@@ -65,7 +66,8 @@ impl InitiativeUpdate {
         }
     }
 
-    /// Whether a report says that a goal failed, other than by a cancellation.
+    /// Whether the goal failed, was refused, or was not taken by any agent. A cancelled goal has
+    /// not failed.
     pub(crate) fn has_failed(&self) -> bool {
         match self {
             InitiativeUpdate::Report(report) => report.outcome == Outcome::Failed,

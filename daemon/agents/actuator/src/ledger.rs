@@ -1,11 +1,11 @@
-//! Command ledger of an actuator: a file that makes sure that each token is executed at most once, also
-//! across incarnations.
+//! Command ledger of an actuator: a file that ensures that each token is executed at most once,
+//! even across incarnations.
 //!
-//! The actuator is the arbiter (docs/design.md, “Execution”). A token identifies the execution of one
-//! step, and is on disk before the method of that step runs. A token is refused if it belongs to an
-//! older plan than the newest one seen for its goal. A Plan Executor that takes over and requests a
-//! token again gets the outcome of that token. If an earlier incarnation of the actuator began a token
-//! and did not end it, the outcome cannot be known.
+//! A token identifies the execution of one step (docs/design.md, “Execution”), and is on disk
+//! before the method of that step runs. A token is refused if it belongs to an older plan than the
+//! newest one seen for its goal. A Plan Executor that takes over and requests a token again gets
+//! the outcome of that token. If an earlier incarnation of the actuator began a token and did not
+//! end it, the outcome is unknown.
 
 use std::collections::{HashMap, VecDeque};
 use std::fs::{File, OpenOptions};
@@ -18,11 +18,11 @@ use acl::{AgentId, ConversationId};
 use agent::StateFolder;
 use serde::{Deserialize, Serialize};
 
-/// Maximum number of reports kept in full: a Plan Executor that takes over asks for the reports of
-/// running plans. Of older tokens only the outcome is kept.
+/// Maximum number of reports kept in full. A Plan Executor that takes over requests the reports of
+/// running plans. For older tokens, only the outcome is kept.
 const REPORTS_MAX: usize = 256;
 
-/// Factor by which the ledger's file may have more lines than needed before the file is rewritten.
+/// Factor: the ledger's file is rewritten when it has this many times as many lines as it needs.
 const LONGER_MAX: usize = 4;
 
 /// Command ledger of an actuator: the tokens begun so far, and how they ended.
@@ -33,7 +33,7 @@ pub(crate) struct Ledger {
     tokens: HashMap<ActionToken, TokenMark>,
     order: VecDeque<ActionToken>,
     reports: VecDeque<(ActionToken, Report)>,
-    /// The newest plan seen for each goal, as the term of its leader and its number (round) in that
+    /// The newest plan seen for each goal: the term of its leader, and its number (round) in that
     /// term.
     newest_plans: HashMap<ConversationId, (u64, u32)>,
 }
@@ -41,11 +41,11 @@ pub(crate) struct Ledger {
 /// State of a token in the ledger.
 #[derive(Debug, PartialEq)]
 pub(crate) enum TokenState {
-    /// The token was not seen before: it may be executed.
+    /// The token was not seen before, so it may be executed.
     New,
     /// The token belongs to an older plan than the newest one seen for its goal.
     Stale,
-    /// The token was begun, and no end of it is recorded.
+    /// The token was begun, and no outcome of it is recorded.
     Begun,
     /// The execution of the token ended with this report.
     Ended(Box<Report>),
@@ -69,8 +69,8 @@ struct LedgerFile {
 struct LedgerContents {
     ledger: Ledger,
     lines: usize,
-    /// Number of lines that could not be parsed: torn lines, of a token that never ran or has an
-    /// unknown outcome, or lines that a newer version wrote.
+    /// Number of lines that could not be parsed: a crash or a full disk tore the line, or a newer
+    /// version wrote it.
     unread: usize,
 }
 
@@ -147,8 +147,8 @@ impl Ledger {
         }
     }
 
-    /// Marks a token as begun. Returns a function that writes this mark to disk and waits for the disk;
-    /// the method of the step may run only after that function has succeeded.
+    /// Marks a token as begun. Returns a function that writes this mark to disk and waits for the
+    /// disk; the method of the step may run only after that function has succeeded.
     pub(crate) fn begin_token(
         &mut self,
         token: ActionToken,
@@ -162,8 +162,9 @@ impl Ledger {
         }
     }
 
-    /// Marks a token as ended. Returns a function that appends its outcome to the file, without waiting
-    /// for the disk. After a power cut the outcome may be missing; the token then counts as begun.
+    /// Marks a token as ended. Returns a function that appends its outcome to the file, without
+    /// waiting for the disk. After a power cut the outcome may be missing; the token then counts as
+    /// begun.
     pub(crate) fn end_token(
         &mut self,
         token: ActionToken,
@@ -214,7 +215,7 @@ impl Ledger {
         self.reports.push_back((token, report));
     }
 
-    /// Returns the lines of a new file with everything that the ledger keeps.
+    /// Returns the lines that a new file needs for everything in the ledger.
     fn lines(&self) -> impl Iterator<Item = LedgerLine> + '_ {
         self.order.iter().map(|token| match self.state_of(token) {
             TokenState::Ended(report) => {
@@ -231,8 +232,8 @@ impl LedgerFile {
     fn append(&mut self, line: &str) -> io::Result<File> {
         let mut file = OpenOptions::new().create(true).append(true).open(&self.path)?;
         self.lines += 1;
-        // Begins with a line break, which ends a line that a full disk or a power cut has torn.
-        // Otherwise both would form one unreadable line, although the new token is executed.
+        // The text begins with a line break, which ends a line that a full disk or a power cut has
+        // torn. Otherwise both would form one unreadable line, although the new token is executed.
         file.write_all(format!("\n{line}\n").as_bytes())?;
         Ok(file)
     }
@@ -243,8 +244,8 @@ impl LedgerFile {
     }
 
     /// Shortens the file to the lines that the ledger keeps. A full disk is tolerated: lines are
-    /// appended as long as there is room, and shortening is tried again when the file has grown by half
-    /// of its maximum length.
+    /// appended as long as there is room, and shortening is tried again when the file has grown by
+    /// half of its maximum length.
     fn compact(&mut self) {
         match self.rewrite() {
             Ok(lines) => self.lines = lines,
@@ -256,9 +257,10 @@ impl LedgerFile {
         }
     }
 
-    /// Writes a new file beside the old one and renames it, so that a crash leaves either the old or
-    /// the new file complete. Returns the number of lines in the new file. If some lines cannot be
-    /// parsed, keeps a copy of the file: a newer version may have written them.
+    /// Writes a new file beside the old one and renames it, so that a crash leaves either the old
+    /// or the new file complete. Returns the number of lines in the new file. If some lines cannot
+    /// be parsed, keeps a copy of the old file, because a newer version may have written these
+    /// lines.
     fn rewrite(&self) -> io::Result<usize> {
         let LedgerContents { ledger, unread, .. } = read(&self.path, self.tokens_max)?;
         if unread > 0 {
@@ -288,7 +290,7 @@ impl LedgerContents {
     }
 }
 
-/// Reads the ledger's file `path`.
+/// Reads the ledger's file `path`. Skips lines that cannot be parsed, and counts them.
 fn read(path: &Path, tokens_max: usize) -> io::Result<LedgerContents> {
     let LedgerContents { mut ledger, mut lines, mut unread } = LedgerContents::nothing(tokens_max);
     for line in BufReader::new(File::open(path)?).split(b'\n') {
@@ -329,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn a_token_is_taken_once_also_by_the_next_life() {
+    fn a_token_is_executed_once_across_incarnations() {
         let folder = tempfile::tempdir().expect("a folder");
         let folder = StateFolder(folder.path().to_owned());
         let mut ledger = open(&folder);
@@ -371,7 +373,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_begun_after_a_torn_line_is_known_to_the_next_life() {
+    fn a_token_begun_after_a_torn_line_is_read_by_the_next_incarnation() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("robot.tokens");
         let folder = StateFolder(folder.path().to_owned());
@@ -388,7 +390,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_written_anew_is_read_all_the_same() {
+    fn a_ledger_that_cannot_be_rewritten_is_still_read() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("robot.tokens");
         let whole = serde_json::to_string(&LedgerLine::Begun(token(1, 1, 0))).expect("JSON");
@@ -405,7 +407,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_has_a_bound_too() {
+    fn the_file_of_the_ledger_is_bounded() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("robot.tokens");
         let folder = StateFolder(folder.path().to_owned());
@@ -423,7 +425,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_remembered_has_a_bound() {
+    fn the_ledger_in_memory_is_bounded() {
         let mut ledger = Ledger::new(TOKENS_MAX);
         let many = u32::try_from(TOKENS_MAX).expect("few") + 10;
         for step in 0..many {

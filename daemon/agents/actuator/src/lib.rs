@@ -3,13 +3,13 @@
 //! - Announces its action model on activation and on every change. Sends its facts with every
 //!   heartbeat.
 //! - Executes an announced action on request, at most once per token.
-//! - Has its own planner and its own local domain, composed of what its daemon receives. Answers a call
-//!   for proposals with plans for the conjuncts that it can reach alone or with the agents it carries
-//!   (the paper, “Decentralized Planning”).
-//! - Takes initiatives: announces events of its device at once, requests goals, asks people.
+//! - Has its own planner and its own local domain, composed of the messages that its daemon
+//!   receives. Answers a call for proposals with plans for the conjuncts that it can reach alone or
+//!   with the agents it carries (the paper, “Decentralized Planning”).
+//! - Acts by itself: announces events of its device at once, requests goals, asks people questions.
 //!
-//! A plugin implements [`Device`], with the model, the facts and the methods of its device. This crate
-//! does everything that is listed above.
+//! A plugin implements [`Device`], with the model, the facts and the methods of its device. This
+//! crate does the rest.
 
 mod actuator;
 mod bidding;

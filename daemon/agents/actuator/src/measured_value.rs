@@ -1,12 +1,12 @@
-//! Units of measured values, and the bounds within which a value is possible in its unit. All drivers and
-//! gateways use these bounds.
+//! Units of measured values, and the bounds within which a value is possible in its unit. All
+//! drivers and gateways use these bounds.
 
-/// Largest absolute value of any quantity. Larger numbers have no exact thousandths any more, and no
-/// quantity of a room is as large.
+/// Largest absolute value of any quantity. Larger numbers have no exact thousandths any more, and
+/// no quantity of a room is as large.
 const LARGEST: f64 = 1e12;
 
-/// Returns the factor and the offset that convert a value from one unit to another; `None` if the units
-/// measure different things.
+/// Returns the factor and the offset that convert a value from one unit to another; `None` if the
+/// units measure different things.
 pub fn unit_conversion(from: &str, to: &str) -> Option<(f64, f64)> {
     match (canonical_unit(from).as_str(), canonical_unit(to).as_str()) {
         (one, other) if one == other => Some((1.0, 0.0)),
@@ -23,8 +23,8 @@ pub fn unit_conversion(from: &str, to: &str) -> Option<(f64, f64)> {
     }
 }
 
-/// Returns a value in another unit, rounded so that 68 °F are exactly 20 °C; `None` if the units measure
-/// different things.
+/// Returns a value in another unit, rounded so that 68 °F are exactly 20 °C; `None` if the units
+/// measure different things.
 pub fn converted_value(value: f64, from: &str, to: &str) -> Option<f64> {
     let (factor, offset) = unit_conversion(from, to)?;
     let converted = value * factor + offset;
@@ -46,23 +46,24 @@ fn canonical_unit(unit: &str) -> String {
     .to_owned()
 }
 
-/// Whether a value is possible in its unit. Chips report special numbers for “no value”.
+/// Whether a value is possible in its unit. Impossible values occur because chips report special
+/// numbers for “no value”.
 pub fn is_possible_value(value: f64, unit: &str) -> bool {
     if !value.is_finite() || value.abs() > LARGEST {
         return false;
     }
     match canonical_unit(unit).as_str() {
-        // Thermometers that cannot be reached report -127 or -128, those without a probe 999 or 327.67; no
-        // room is as hot as 200 °C.
+        // Thermometers that cannot be reached report -127 or -128, those without a probe 999 or
+        // 327.67; no room is as hot as 200 °C.
         "c" => value > -127.0 && value <= 200.0,
         "f" => value > -196.0 && value <= 392.0,
         "k" => (0.0..=474.0).contains(&value),
-        // A million ppm is everything.
+        // A million ppm is the whole.
         "ppm" => (0.0..=1e6).contains(&value),
         "ppb" => (0.0..=1e9).contains(&value),
         // Direct sunlight has a little more than 100,000 lx.
         "lx" => (0.0..=1e6).contains(&value),
-        // A length in a room is a distance.
+        // A luminous flux and a distance are never negative.
         "lm" | "m" => value >= 0.0,
         // Chips may measure a little above 100 %; 255 and 655.35 mean “no value”.
         "%" => (0.0..=110.0).contains(&value),
@@ -75,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn values_that_cannot_be_are_none() {
+    fn impossible_values_are_recognised() {
         for (value, unit, expected) in [
             (21.5, "°C", true),
             (-40.0, "°C", true),
@@ -105,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn units_are_made_ours() {
+    fn units_are_converted() {
         for (from, to, value, expected) in [
             ("°F", "°C", 68.0, Some(20.0)),
             ("K", "°C", 293.15, Some(20.0)),

@@ -1,13 +1,14 @@
-//! The mobile base of every robot: it moves between the places of the map and its own poses, and tracks
-//! the range left in its battery, if it has one.
+//! The mobile base of every robot: it moves between the places of the map and its own poses, and
+//! tracks the range left in its battery, if it has one.
 //!
 //! - [`BaseDriver`] is the interface to the hardware; each robot's plugin has its own.
-//! - After a move, however it ended, the base asks its driver for its real place and the range left.
+//! - After each move, even a failed one, the base reads its real place and the range left from its
+//!   driver.
 //! - The base adapts its offer (the paper: “re-evaluates what it can do”): with an empty battery it
 //!   offers no `move`. Long before the battery is empty, the base requests a charge by itself.
 //!
-//! A robot's plugin takes the base's part of the model, the facts and the methods from this module, and
-//! adds those of the robot.
+//! A robot's plugin takes the base's part of the model, the facts and the methods from this module,
+//! and adds those of the robot.
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -30,8 +31,8 @@ use crate::pddl_text::{PlaceName, facts_of};
 /// damaged, and the next place is too far anyway.
 const EMPTY: f64 = 0.01;
 
-/// Share of the full range at which the base requests a charge. The rest is enough for the way to the
-/// dock in most buildings.
+/// Share of the full range at which the base requests a charge. The rest is enough for the way to
+/// the dock in most buildings.
 const LOW: f64 = 0.25;
 
 /// Priority of charging, above people's goals: a robot that is stranded in a doorway is of no use.
@@ -40,17 +41,19 @@ const CHARGING_PRIORITY: i32 = 10;
 /// Time that the action of charging may take for docking, in addition to the charging itself.
 const DOCKING: Duration = Duration::from_secs(60);
 
-/// How long the driver may take to report the robot's place after a start: longer than a localization
-/// that is already running needs, and short enough that the robot's absence has no effect.
+/// How long the driver may take to report the robot's place after a start: longer than a
+/// localization that is already running needs, and short enough that the robot's absence has no
+/// effect.
 const LOOKED_WITHIN: Duration = Duration::from_secs(1);
 
-/// Cost of charging in a plan, in meters: a detour past the dock alone is not worth this cost.
+/// Cost of charging in a plan, in meters of driving, so that a plan charges the battery only if it
+/// must.
 const RECHARGE_COST: u32 = 10;
 
 /// Interface to the hardware of a mobile base.
 pub trait BaseDriver: Send + Sync + 'static {
-    /// Drives the base to a neighboring place. The text of an error completes “failed to …”. Dropping
-    /// the future stops the base.
+    /// Drives the base to a neighboring place. The text of an error completes “failed to …”.
+    /// Dropping the future stops the base.
     fn navigate_to(&self, place: &str) -> BoxFuture<Result<(), String>>;
 
     /// Charges the battery of the base, which must be at the dock.
@@ -73,8 +76,8 @@ pub struct BaseConfig {
     /// Speed of the base, in meters per second.
     #[serde(default = "default_speed")]
     speed: f64,
-    /// Time limit of one move of the base, in seconds: enough for a corridor of 30 meters at 0.3 m/s,
-    /// with a person in the way.
+    /// Time limit of one move of the base, in seconds: enough for a corridor of 30 meters at 0.3
+    /// m/s, with a person in the way.
     #[serde(default = "default_move_timeout")]
     move_timeout: f64,
     /// The battery of the base; `None` if its range is unlimited.
@@ -83,7 +86,7 @@ pub struct BaseConfig {
     /// Place where the battery is charged; `None` if the base has no battery.
     #[serde(default)]
     dock: Option<PlaceName>,
-    /// Poses, which are spots beside the places of the map, by their names.
+    /// Poses, which are spots beside the places of the map, by name.
     #[serde(default)]
     poses: BTreeMap<String, PoseConfig>,
 }
@@ -93,7 +96,8 @@ pub struct BaseConfig {
 struct BatteryConfig {
     /// Range of a full battery, in meters.
     range: f64,
-    /// Range that is left in the battery at the start, in meters; a full range if the key is missing.
+    /// Range that is left in the battery at the start, in meters; a full range if the key is
+    /// missing.
     #[serde(default)]
     charge: Option<f64>,
     /// Time to charge an empty battery, in seconds.
@@ -101,8 +105,8 @@ struct BatteryConfig {
     recharge_time: f64,
 }
 
-/// A pose, which is a spot beside a place of the map. The config gives the place alone, or the place
-/// with its distance from the pose in meters.
+/// A pose, which is a spot beside a place of the map. The config gives the place alone, or the
+/// place with its distance from the pose in meters.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(untagged)]
 enum PoseConfig {
@@ -143,8 +147,8 @@ struct PowerSupply {
     dock: PlaceName,
 }
 
-/// State of a mobile base. It is shared with the future that moves the base, because that future may be
-/// dropped at any time.
+/// State of a mobile base. The future that moves the base shares this state, because that future
+/// may be dropped at any time.
 #[derive(Clone)]
 struct BaseState {
     place: String,
@@ -207,8 +211,8 @@ impl MobileBase {
         self.state.borrow().clone()
     }
 
-    /// Reads the real place and the range left from the driver after a start. If the driver does not
-    /// answer in time, the base keeps the values of the config.
+    /// Reads the real place and the range left from the driver after a start. If the driver does
+    /// not answer in time, the base keeps the values of the config.
     pub fn locate(&self) -> BoxFuture<()> {
         let (body, id) = (self.handle(), self.id.clone());
         Box::pin(async move {
@@ -230,8 +234,8 @@ impl MobileBase {
         self.current_state().charge.is_some_and(|charge| charge <= power.range * EMPTY)
     }
 
-    /// Waits until the base has an initiative of its own: a request to be charged when its battery runs
-    /// low. [`MobileBase::take_initiatives`] then returns this initiative.
+    /// Waits until the base has an initiative of its own: a request to be charged when its battery
+    /// runs low. [`MobileBase::take_initiatives`] then returns this initiative.
     pub fn next_initiative(&self) -> BoxFuture<()> {
         let Some(PowerSupply { range, .. }) = self.power else { return Box::pin(pending()) };
         let (mut changes, wants_charge) = (self.state.subscribe(), self.wants_charge);
@@ -285,7 +289,7 @@ impl PowerSupply {
 }
 
 impl PoseConfig {
-    /// Distance between pose and place in meters if the config gives none: half a step into a room.
+    /// Distance between pose and place in meters if the config gives none: one step into a room.
     const METERS: f64 = 1.0;
 
     fn of(
@@ -419,8 +423,8 @@ fn push(text: &mut String, piece: std::fmt::Arguments<'_>) {
 // === impl MobileBase: acting ===
 
 impl MobileBase {
-    /// Runs a method of the base; fails with [`MethodFailure::UnknownMethod`] if the base has no such
-    /// method.
+    /// Runs a method of the base; fails with [`MethodFailure::UnknownMethod`] if the base has no
+    /// such method.
     pub fn perform(&self, call: &MethodCall) -> BoxFuture<Result<BaseOutcome, MethodFailure>> {
         let body = self.handle();
         match (call.method.as_str(), call.argument("place")) {
@@ -437,7 +441,7 @@ impl MobileBase {
         }
     }
 
-    /// Returns what is reported about a method of the base that has succeeded.
+    /// Returns the report about a method of the base that has succeeded.
     pub fn performed(&self, moved: &BaseOutcome) -> MethodResult {
         let (detail, observed) = match moved {
             BaseOutcome::Arrived(place) => {
@@ -475,8 +479,8 @@ impl BaseHandle {
         charged.map(|()| BaseOutcome::Recharged).map_err(MethodFailure::Driver)
     }
 
-    /// Reads the real place and the range left from the driver, and stores both. Called however a
-    /// method ended. Returns the place.
+    /// Reads the real place and the range left from the driver, and stores both. Called after each
+    /// method, even a failed one. Returns the place.
     async fn refresh(&self) -> Result<String, MethodFailure> {
         let place = self.driver.place().await.map_err(MethodFailure::Driver)?;
         let charge = self.driver.charge().await.map_err(MethodFailure::Driver)?;

@@ -1,5 +1,5 @@
-//! PDDL for things in a room that are on or off: the state of the thing itself, and the state of the
-//! room that follows from it. A room may have several things of one kind.
+//! PDDL for things in a room that are on or off: the state of the thing itself, and the state of
+//! the room that follows from it. A room may have several things of one kind.
 
 use pddl::Domain;
 
@@ -17,8 +17,8 @@ pub struct OnOffPredicates<'w> {
     pub all: bool,
 }
 
-/// PDDL names for one kind of thing that actions switch on and off. Drivers and gateways share these
-/// names, so that one ecosystem can have both.
+/// PDDL names for one kind of thing that actions switch on and off. Drivers and gateways share
+/// these names, so that one ecosystem can have both.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OnOffNames {
     /// The predicates.
@@ -67,9 +67,9 @@ impl OnOffNames {
 // === impl OnOffPredicates ===
 
 impl OnOffPredicates<'_> {
-    /// Returns the atom that is true if the thing `id` is on. If the ontology declares the predicate of
-    /// the room without an axiom, the atom is about the room instead: things then have no state of
-    /// their own.
+    /// Returns the atom that is true if the thing `id` is on. If the ontology declares the
+    /// predicate of the room without an axiom, the atom is about the room instead: things then have
+    /// no state of their own.
     pub fn term(&self, id: &str, room: &str, ontology: &Domain) -> String {
         let OnOffPredicates { state, own, .. } = self;
         match is_told(ontology, state) {
@@ -93,8 +93,8 @@ impl OnOffPredicates<'_> {
         predicates
     }
 
-    /// Returns the axiom that derives the state of a room; empty if the ontology declares the predicate
-    /// of the room.
+    /// Returns the axiom that derives the state of a room; empty if the ontology declares the
+    /// predicate of the room.
     pub fn axiom(&self, ontology: &Domain) -> String {
         let OnOffPredicates { agent, state, own, all } = self;
         if ontology.predicates.iter().any(|known| known.name == *state) {

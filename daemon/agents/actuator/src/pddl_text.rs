@@ -1,4 +1,5 @@
-//! PDDL text that a device builds from its own literals and from names that were validated on input.
+//! PDDL text that a device builds from its own literals and from names that were validated on
+//! input.
 
 use pddl::ActionModel;
 use serde::Deserialize;
@@ -75,7 +76,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn facts_that_cannot_be_said_are_none_and_no_panic() {
+    fn facts_that_pddl_cannot_express_are_dropped() {
         assert_eq!(facts_of("(known-temperature r) (= (temperature r) 21.5)").len(), 2);
         for number in [f64::INFINITY, f64::NEG_INFINITY, f64::NAN] {
             let text = format!("(known-temperature r) (= (temperature r) {number})");

@@ -1,5 +1,5 @@
-//! Tests of a device's initiatives, over the in-memory substrate: the device announces facts at once,
-//! requests and withdraws a goal, asks a question and takes the answer.
+//! Tests of a device's initiatives, over the in-memory substrate: the device announces facts at
+//! once, requests and withdraws a goal, asks a question and takes the answer.
 
 use std::collections::VecDeque;
 use std::sync::{Arc, Mutex};
@@ -32,7 +32,8 @@ type Told = mpsc::UnboundedSender<String>;
 
 // === the device ===
 
-/// A doorbell: rings by itself and then takes the initiatives that the test has prepared for it.
+/// A doorbell, which rings by itself and then takes the initiatives that the test has prepared for
+/// it.
 struct Doorbell {
     rings: Arc<Mutex<mpsc::Receiver<()>>>,
     scripts: VecDeque<Vec<Initiative>>,
@@ -104,11 +105,11 @@ fn ask() -> Initiative {
 
 // === the other agents ===
 
-/// An agent in the place of all others: receives heartbeats, takes goals as the Plan Requester does,
+/// Agent that plays all other agents: receives heartbeats, takes goals as the Plan Requester does,
 /// and answers questions as a keyboard does.
 struct Other {
-    /// Number of goals that the agent refuses before it accepts one. `reason` is the reason of these
-    /// refusals.
+    /// Number of goals that the agent refuses before it accepts one. `reason` is the reason of
+    /// these refusals.
     refuses: usize,
     reason: Reason,
     answer: Option<&'static str>,
@@ -178,8 +179,8 @@ struct Room {
     _network: Network,
 }
 
-/// Returns the network of the tests. Heartbeats are rare in it, so that a message which arrives at once
-/// was sent because of an event.
+/// Returns the environment of a test. Heartbeats are rare in it, so that a message which arrives at
+/// once was sent because of an event.
 fn room() -> Room {
     let settings = AgentSettings {
         heartbeat_period: Duration::from_secs(3_600),
@@ -263,7 +264,7 @@ impl Room {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_happens_is_announced_at_once_and_not_too_often() {
+async fn an_event_is_announced_at_once_and_not_too_often() {
     let mut room = room();
     room.other("listener", 1, None);
     room.bell([]);
@@ -281,7 +282,7 @@ async fn what_happens_is_announced_at_once_and_not_too_often() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_goal_is_asked_for_once_and_withdrawn() {
+async fn a_goal_is_requested_once_and_withdrawn() {
     let mut room = room();
     room.other("plan-requester", 1, None);
     room.bell([vec![want("(a)")], vec![want("(a)")], vec![want("(b)")], vec![withdraw()]]);
@@ -315,7 +316,7 @@ async fn a_goal_waits_for_a_plan_requester_and_outlives_it() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_goal_that_found_no_room_is_asked_for_again() {
+async fn a_goal_is_requested_again_after_a_full_mailbox() {
     let mut room = room();
     let told = room.told.clone();
     let reason = Reason::MailboxFull;
@@ -332,7 +333,7 @@ async fn a_goal_that_found_no_room_is_asked_for_again() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_goal_that_failed_is_asked_for_again_where_the_device_insists() {
+async fn a_failed_goal_is_requested_again_if_the_device_insists() {
     for (insists, times) in [(true, 3), (false, 1)] {
         let mut room = room();
         let (told, reason) = (room.told.clone(), Reason::Incapable);
@@ -354,7 +355,7 @@ async fn a_goal_that_failed_is_asked_for_again_where_the_device_insists() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_device_that_stops_wants_nothing_any_more() {
+async fn a_device_that_stops_withdraws_its_goals() {
     let mut room = room();
     room.other("plan-requester", 1, None);
     let bell = room.bell([vec![want("(a)")]]);
@@ -378,7 +379,7 @@ async fn the_first_answer_counts() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn nobody_answers_within_the_patience() {
+async fn a_question_without_an_answer_ends_after_its_patience() {
     let mut room = room();
     room.other("silent", 1, None);
     room.bell([vec![ask()]]);

@@ -1,5 +1,5 @@
-//! Admission of agents that the ecosystem file does not name: the policy of the file for all of them,
-//! and the decisions of people about each.
+//! Admission of agents that the ecosystem file does not name: the policy of the file for all of
+//! them, and the decisions of people about each.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -12,8 +12,7 @@ pub enum AdmissionPolicy {
     /// All such agents take part.
     #[default]
     All,
-    /// Such agents are listed and do not take part; a person has to add an agent to the ecosystem file
-    /// before it takes part.
+    /// Such agents are listed, and do not take part until a person adds them to the ecosystem file.
     Listed,
     /// A person is asked about each such agent.
     Ask,
@@ -33,8 +32,8 @@ pub enum AdmissionStatus {
 }
 
 impl AdmissionStatus {
-    /// Returns the reason, for a person, why the agent does not take part. `None` if the agent takes
-    /// part, or if only its entry in the ecosystem file is missing.
+    /// Returns the reason, for a person, why the agent does not take part. `None` if the agent
+    /// takes part, or if only its entry in the ecosystem file is missing.
     pub fn reason(self) -> Option<String> {
         match self {
             AdmissionStatus::Granted | AdmissionStatus::Listed => None,
@@ -90,8 +89,8 @@ impl Admissions {
         }
     }
 
-    /// Replaces the list of present agents that the finder `by` has found; each has a description for a
-    /// person. Does nothing unless the policy is to ask people.
+    /// Replaces the list of present agents that the finder `by` has found; each has a description
+    /// for a person. Does nothing unless the policy is to ask people.
     pub fn present(&self, by: &str, here: BTreeMap<String, String>) {
         if self.admit != AdmissionPolicy::Ask {
             return;
@@ -128,7 +127,8 @@ impl Admissions {
         self.known().answers.iter().map(|(one, is_in)| (one.clone(), *is_in)).collect()
     }
 
-    /// Returns a receiver that is notified of every change of the present agents or of the decisions.
+    /// Returns a receiver that is notified of every change of the present agents or of the
+    /// decisions.
     pub fn changes(&self) -> watch::Receiver<()> {
         self.changed.subscribe()
     }
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn a_person_is_asked_once_of_each_that_is_here() {
+    fn a_person_is_asked_once_about_each_present_agent() {
         let admissions = Admissions::new(AdmissionPolicy::Ask);
         let mut changes = admissions.changes();
         admissions.present("zigbee", here(&["a", "b"]));
@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn where_the_file_speaks_for_all_nobody_is_asked() {
+    fn no_person_is_asked_if_the_file_decides_for_all() {
         for (admit, expected) in [
             (AdmissionPolicy::All, AdmissionStatus::Granted),
             (AdmissionPolicy::Listed, AdmissionStatus::Listed),

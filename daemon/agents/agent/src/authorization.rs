@@ -1,7 +1,7 @@
 //! Authorization of incoming messages, by the [`Rights`] in the ecosystem file and by presence.
 //!
-//! The substrate has verified which daemon sent a message; this module checks which agents that
-//! daemon may speak for. Messages of a daemon to itself are not checked.
+//! The substrate has verified which daemon sent a message; this module checks for which
+//! agents that daemon may send. Messages of a daemon to itself are not checked.
 
 use std::sync::{Arc, OnceLock};
 
@@ -31,7 +31,8 @@ fn is_at(holder: &Resident) -> AuthorizationError {
     AuthorizationError { violation: ViolationKind::Forged, detail }
 }
 
-/// Checks what arrives at one daemon against the rights of the ecosystem and the membership.
+/// Checks the messages, answers and presence tokens that arrive at one daemon against the rights of
+/// the ecosystem and the membership.
 pub(crate) struct Authorizer {
     daemon: DaemonId,
     /// Rights of the ecosystem; unset if the ecosystem limits no rights.
@@ -50,7 +51,8 @@ pub(crate) struct ForbiddenMessage {
 }
 
 impl Authorizer {
-    /// Creates the checks of `daemon`, without rights: every message is allowed.
+    /// Creates the authorizer of `daemon`, without rights. Every message is allowed until the
+    /// rights are set.
     pub(crate) fn new(daemon: DaemonId, rejections: Arc<Rejections>) -> Authorizer {
         Authorizer { daemon, rights: OnceLock::new(), rejections }
     }
@@ -61,15 +63,16 @@ impl Authorizer {
         let _ = self.rights.set(Arc::new(rights));
     }
 
-    /// Returns the rights, and the origin that is to be checked against them. `None` if nothing is to
-    /// be checked: the origin is this daemon, or messages are not signed, or no rights are set.
+    /// Returns the rights, and the origin that must be checked against them. Returns `None` if
+    /// there is nothing to check: the origin is this daemon, or messages are not signed, or no
+    /// rights are set.
     fn limits<'s, 'o>(&'s self, origin: Option<&'o Origin>) -> Option<(&'s Rights, &'o Origin)> {
         let origin = origin.filter(|origin| origin.daemon != self.daemon)?;
         Some((self.rights.get()?, origin))
     }
 
-    /// Checks whether a message to one agent may be passed on to that agent. If not, the rejection has
-    /// been counted and logged.
+    /// Checks whether a message to one agent may be passed on to that agent. If not, counts and
+    /// logs the rejection, and returns the message with the reason.
     pub(crate) fn authorize_direct(
         &self,
         origin: Option<&Origin>,
@@ -77,7 +80,7 @@ impl Authorizer {
         directory: impl FnOnce() -> Arc<Directory>,
     ) -> Result<(), ForbiddenMessage> {
         let Some((rights, origin)) = self.limits(origin) else { return Ok(()) };
-        // An unreadable message is passed on: the agent answers it.
+        // An unreadable message is passed on, because the agent answers it with `not-understood`.
         let Ok(message) = acl::decode(payload) else { return Ok(()) };
         let inform = inform_of(&message);
         let checked = self.check_message((rights, origin), &message, inform.as_ref(), &directory());
@@ -88,7 +91,7 @@ impl Authorizer {
         })
     }
 
-    /// Whether `origin` may send this message. If not, the rejection is counted and logged.
+    /// Whether `origin` may send this message. If not, counts and logs the rejection.
     pub(crate) fn authorize_message(
         &self,
         origin: Option<&Origin>,
@@ -100,8 +103,8 @@ impl Authorizer {
         self.check_message(limits, message, inform, &directory()).is_ok()
     }
 
-    /// Whether `origin` may repeat a heartbeat of this incarnation of `sender`. If not, the rejection
-    /// is counted and logged.
+    /// Whether `origin` may repeat a heartbeat of this incarnation of `sender`. If not, counts and
+    /// logs the rejection.
     pub(crate) fn authorize_repetition(
         &self,
         origin: Option<&Origin>,
@@ -140,8 +143,8 @@ impl Authorizer {
         })
     }
 
-    /// Whether an agent may be present at the daemon that its presence token names. If not, the
-    /// rejection is counted and logged.
+    /// Whether an agent may be present at the daemon that its presence token names. If not, counts
+    /// and logs the rejection.
     pub(crate) fn authorize_presence(&self, presence: &Presence) -> bool {
         let resident = presence.resident();
         let Some(rights) = self.rights.get().filter(|_| resident.daemon != self.daemon) else {
@@ -163,8 +166,8 @@ impl Authorizer {
         }
     }
 
-    /// Whether the origin of an answer to a query may give that answer. If not, the rejection is
-    /// counted and logged.
+    /// Whether the origin of an answer to a query may give that answer. If not, counts and logs the
+    /// rejection.
     pub(crate) fn authorize_answer(
         &self,
         answer: &Answer<'_>,
@@ -207,11 +210,12 @@ impl Authorizer {
 }
 
 /// Checks three conditions: the rights let the daemon `origin` host the agent `sender`; no later
-/// incarnation of `sender` is present at that daemon; and `sender` is not present at other daemons only.
+/// incarnation of `sender` is present at that daemon; and `sender` is not present at other daemons
+/// only.
 ///
-/// An agent that is present at the daemon may send from there even if another replica holds the name, as
-/// standbys do: the daemon has signed the presence of its replica. A message alone proves no presence,
-/// because any daemon could state a later incarnation in a message.
+/// An agent that is present at the daemon may send from there even if another replica holds the
+/// name, as standbys do: the daemon has signed the presence of its replica. A message alone proves
+/// no presence, because any daemon could state a later incarnation in a message.
 fn check_sender(
     rights: &Rights,
     origin: &Origin,
@@ -227,14 +231,15 @@ fn check_sender(
             Err(AuthorizationError { violation: ViolationKind::Replayed, detail })
         }
         Some(_) => Ok(()),
-        // An agent that is not seen yet may be about to join; its token travels apart from messages.
+        // An agent without a presence may be about to join: presence tokens may arrive later than
+        // messages.
         None => present.first().map_or(Ok(()), |elsewhere| Err(is_at(elsewhere))),
     }
 }
 
-/// Checks that no other daemon than `origin` hosts the holder of the sender's name. A standby must not
-/// send models and heartbeats under the name: of two incarnations that send them, the later one would be
-/// believed.
+/// Checks that no other daemon than `origin` hosts the holder of the sender's name. A standby must
+/// not send models and heartbeats under the name, because receivers believe the later of two
+/// incarnations.
 fn check_holds(
     origin: &Origin,
     sender: &AgentId,
@@ -244,8 +249,8 @@ fn check_holds(
     holder.map_or(Ok(()), |holder| Err(is_at(holder)))
 }
 
-/// Checks whether the sender of a message may send the content of the message; returns the reason if
-/// not.
+/// Checks whether the sender of a message may send the content of the message; returns the reason
+/// if not.
 fn check_content(
     rights: &Rights,
     origin: &Origin,
@@ -359,8 +364,8 @@ mod tests {
             House { hub, refused, network }
         }
 
-        /// Delivers a message from the daemon `from` to the requester, or to all agents; returns the
-        /// counts of rejections.
+        /// Delivers a message from the daemon `from` to the requester, or to all agents; returns
+        /// the counts of rejections.
         fn hears(&self, from: &str, to: Option<&str>, message: Message) -> BTreeMap<String, u64> {
             let addressed = match to {
                 Some(to) => Destination::To(agent(to), Subject::Message(message.performative)),
@@ -428,7 +433,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn who_speaks_for_another_daemons_agent_is_refused_and_counted() {
+    async fn a_message_in_the_name_of_another_daemons_agent_is_refused() {
         let house = House::new();
         let query = |sender| message(sender, Performative::QueryRef, serde_json::Value::Null);
         assert_eq!(house.hears("robot-pi", Some("requester"), query("robot")), none());
@@ -438,7 +443,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn who_may_not_ask_is_refused_with_the_reason() {
+    async fn a_forbidden_request_is_refused_with_the_reason() {
         let house = House::new();
         assert_eq!(
             house.hears("robot-pi", Some("requester"), change("robot")),
@@ -455,7 +460,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_model_offers_what_its_agent_may() {
+    async fn a_model_with_forbidden_actions_is_rejected() {
         assert_eq!(House::new().hears("robot-pi", None, model("robot", "move")), none());
         let vault = model("robot", "open-vault");
         assert_eq!(House::new().hears("robot-pi", None, vault), one("unauthorized"));
@@ -464,7 +469,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn only_the_reasoning_speaks_for_the_domain_and_calls_for_proposals() {
+    async fn only_reasoning_agents_announce_the_domain_and_call_for_proposals() {
         let epoch = value(&Inform::Epoch(EpochChange::default()));
         let epoch = message("robot", Performative::Inform, epoch);
         assert_eq!(House::new().hears("robot-pi", None, epoch), one("unauthorized"));
@@ -473,7 +478,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn presence_is_held_against_the_rights_and_messages_against_presence() {
+    async fn presence_is_checked_against_rights_and_messages_against_presence() {
         let house = House::new();
         let joins = |name: &str, place: &str, incarnation| {
             let (agent, daemon) = (agent(name), daemon(place));
@@ -496,10 +501,10 @@ mod tests {
         drop(house.network);
     }
 
-    /// A broadcast that is too long must not be kept: it would be cached, and copied for every agent
-    /// that starts later.
+    /// A broadcast that is too long must not be kept: it would be cached, and copied for every
+    /// agent that starts later.
     #[tokio::test]
-    async fn what_is_longer_than_anybody_has_to_say_is_not_kept() {
+    async fn an_oversized_broadcast_is_not_cached() {
         let house = House::new();
         let (daemon, incarnation) = (daemon("robot-pi"), Incarnation(5));
         let robot = Resident { agent: agent("robot"), daemon, incarnation };
@@ -535,7 +540,7 @@ mod tests {
 
     /// A daemon without the lamp claims an incarnation of it that no real one will ever exceed.
     #[tokio::test]
-    async fn who_is_elsewhere_is_not_spoken_for_in_any_life() {
+    async fn no_daemon_sends_in_the_name_of_an_agent_present_elsewhere() {
         let house = House::new();
         let lamp = |place: &str, incarnation| {
             let (agent, daemon) = (agent("lamp"), daemon(place));

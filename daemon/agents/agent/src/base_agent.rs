@@ -1,4 +1,4 @@
-//! The Base Agent (the paper, “The Base Agent”): what a kind of agent defines.
+//! The Base Agent (the paper, “The Base Agent”): the interface that each kind of agent implements.
 
 use substrate::{Presence, Resource};
 
@@ -14,34 +14,37 @@ pub trait Agent: Sized + Send + 'static {
     fn activated(&mut self, _ctx: &mut Context<Self>) {}
 
     /// Called when the agent becomes the leader or a standby. While the agent is a standby, another
-    /// replica of the same name leads at another daemon. An agent without replicas is the leader from
-    /// its activation to its end.
+    /// replica of the same name leads at another daemon. An agent without replicas is the leader
+    /// from its activation to its end.
     fn leadership_changed(&mut self, _is_leading: bool, _ctx: &mut Context<Self>) {}
 
-    /// Called when another agent joins or leaves.
+    /// Called when another agent joins or leaves. After the activation, called once for each agent
+    /// that is present already.
     fn presence(&mut self, _presence: &Presence, _ctx: &mut Context<Self>) {}
 
-    /// Whether the agent wants presence callbacks now. If `false`, the runtime does not wake the agent
-    /// when other agents join or leave; the agent can still read [`Context::directory`]. This avoids
-    /// waking a thousand idle agents on each join. An agent that has replicas, or has sent messages
-    /// that have no receipt yet, gets the callbacks in any case.
+    /// Whether the agent wants presence callbacks now. If `false`, the runtime does not wake the
+    /// agent when other agents join or leave; the agent can still read [`Context::directory`]. This
+    /// avoids waking a thousand idle agents on each join. An agent that has replicas, or has sent
+    /// messages that have no receipt yet, gets the callbacks in any case.
     fn wants_presence(&self) -> bool {
         true
     }
 
-    /// Returns the action model that the agent would announce now; `None` if the agent has no model.
+    /// Returns the action model that the agent would announce now, as PDDL text; `None` if the
+    /// agent has no model.
     fn model(&self) -> Option<String> {
         None
     }
 
-    /// Answers a query for a resource; `None` if this agent does not serve it.
+    /// Returns the answer to a query for a resource; `None` if this agent does not serve the
+    /// resource.
     fn answer_query(&mut self, _resource: Resource, _ctx: &mut Context<Self>) -> Option<String> {
         None
     }
 
-    /// Called while the daemon drains: the last chance to give up commitments. Returns `false` while
-    /// some commitments are still open; the method is then called again after each event, until the
-    /// grace has passed.
+    /// Called while the daemon drains, so that the agent can end its commitments. Returns `true`
+    /// once no commitment is open. Until then the method is called again after each event. The
+    /// daemon aborts an agent that takes too long.
     fn drain(&mut self, _ctx: &mut Context<Self>) -> bool {
         true
     }

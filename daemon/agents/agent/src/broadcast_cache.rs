@@ -2,9 +2,9 @@
 //! (the paper's “cache broadcast messages”).
 //!
 //! Nearly all heartbeats repeat the previous one, and a thousand agents send a thousand of them per
-//! second to every daemon. So the text of a heartbeat is first compared byte by byte with the previous
-//! heartbeat of its sender. If only the message id and the sequence number differ, the heartbeat need
-//! not be decoded.
+//! second to every daemon. So the text of a heartbeat is first compared with the text of the
+//! previous heartbeat of its sender. If only the message id and the sequence number differ, the
+//! heartbeat is not decoded.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -15,22 +15,24 @@ use acl::content::{Heartbeat, Inform};
 use acl::{AgentId, Incarnation, Message, Performative};
 use bytes::Bytes;
 
-/// Longest announcement of a model that is read, in bytes, including the heartbeat in it. The largest
-/// model that `capability::limits` allows, with a hundred actions and a thousand objects, takes a
-/// quarter of this length. Each daemon caches one announcement per agent.
+/// Maximum length of an announcement of a model, in bytes, including the heartbeat in it; a longer
+/// one is not read. The largest model that `capability::limits` allows, with a hundred actions and
+/// a thousand objects, takes a quarter of this length. Each daemon caches one announcement per
+/// agent.
 pub(crate) const MODEL_BYTES_MAX: usize = 1 << 20;
 
-/// Longest heartbeat that is read, in bytes; an agent sends one heartbeat per second. This length has
-/// room for four thousand facts of sixty bytes, the most that an agent may claim.
+/// Maximum length of a heartbeat, in bytes; a longer one is not read. This length has room for four
+/// thousand facts of sixty bytes, the most that an agent may claim. An agent sends one heartbeat
+/// per second.
 pub(crate) const HEARTBEAT_BYTES_MAX: usize = 256 << 10;
 
-/// Longest announcement of a Domain Maintainer that is read, in bytes. There are few such
-/// announcements. Each contains the changes that the requests of all agents have made: at most sixteen
-/// times as many facts as one agent may claim.
+/// Maximum length of an announcement of a Domain Maintainer, in bytes; a longer one is not read.
+/// Each such announcement contains the changes that the requests of all agents have made: at most
+/// sixteen times as many facts as one agent may claim.
 pub(crate) const EPOCH_BYTES_MAX: usize = 4 << 20;
 
-/// Returns the maximum length, in bytes, of a message with this kind of content. `None` if the content
-/// is not cached; such a message has no bound of its own.
+/// Returns the maximum length, in bytes, of a message with this kind of content. `None` if the
+/// content is not cached; such a message has no bound of its own.
 pub(crate) fn bytes_max(inform: &Inform) -> Option<usize> {
     match inform {
         Inform::Model(_) => Some(MODEL_BYTES_MAX),
@@ -50,7 +52,7 @@ pub(crate) fn inform_of(message: &Message) -> Option<Inform> {
 #[derive(Default)]
 pub(crate) struct BroadcastCaches(BTreeMap<AgentId, BroadcastCache>);
 
-/// The last broadcasts of one agent. They are stored without decoding, because most are never read
+/// The last broadcasts of one agent. The broadcasts are not decoded, because most are never read
 /// again.
 #[derive(Default)]
 pub(crate) struct BroadcastCache {
@@ -67,12 +69,12 @@ struct CachedHeartbeat {
     repeatable: Option<HeartbeatPattern>,
 }
 
-/// Pattern of one heartbeat, which recognises a later repetition of that heartbeat.
+/// Pattern of one heartbeat, with which a later repetition of that heartbeat is recognised.
 pub(crate) struct HeartbeatPattern {
     pub(crate) said: Arc<HeartbeatContent>,
     pub(crate) sequence: u64,
-    /// Byte range of the message id in the heartbeat's text. The next field is the byte range of the
-    /// sequence number, which comes after the id.
+    /// Byte range of the message id in the heartbeat's text. The next field is the byte range of
+    /// the sequence number, which comes after the id.
     id: Range<usize>,
     number: Range<usize>,
 }
@@ -115,13 +117,14 @@ impl BroadcastCaches {
         self.0.entry(message.sender.clone()).or_default().keep(text, message, inform);
     }
 
-    /// Compares a text with the last heartbeat of `sender`; returns `None` if the text is not a
-    /// repetition of that heartbeat.
+    /// Compares a text with the last heartbeat of `sender`. Returns `None` if the text does not
+    /// repeat that heartbeat.
     pub(crate) fn repetition(&self, sender: &AgentId, text: &[u8]) -> Option<HeartbeatRepetition> {
         self.0.get(sender)?.is_again(text)
     }
 
-    /// Stores a repeated heartbeat in place of the last heartbeat of `sender`, if that is stored.
+    /// Stores a repeated heartbeat in place of the last heartbeat of `sender`. Does nothing if no
+    /// broadcast of `sender` is stored.
     pub(crate) fn keep_repetition(
         &mut self,
         sender: &AgentId,
@@ -161,7 +164,7 @@ impl BroadcastCache {
         self.model.iter().chain(heartbeat).chain(&self.epoch)
     }
 
-    /// Compares a text with the last heartbeat; returns `None` if the text is not a repetition of that
+    /// Compares a text with the last heartbeat. Returns `None` if the text does not repeat that
     /// heartbeat.
     pub(crate) fn is_again(&self, text: &[u8]) -> Option<HeartbeatRepetition> {
         let CachedHeartbeat { text: before, repeatable } = self.heartbeat.as_ref()?;
@@ -177,10 +180,11 @@ impl BroadcastCache {
 // === impl HeartbeatPattern ===
 
 impl HeartbeatPattern {
-    /// Finds the message id and the sequence number in the text of a heartbeat. Returns `None` if one
-    /// of the two keys occurs a second time, or if the heartbeat has facts that expire.
+    /// Finds the message id and the sequence number in the text of a heartbeat. Returns `None` if
+    /// one of the two keys occurs a second time, or if the heartbeat has facts that expire.
     fn of(text: &[u8], message: &Message, heartbeat: &Heartbeat) -> Option<HeartbeatPattern> {
-        // The time left of a fact counts from arrival, so the same text means something else each time.
+        // The time left of a fact counts from arrival, so the same text means something else each
+        // time.
         if !heartbeat.known_for.is_empty() {
             return None;
         }
@@ -217,8 +221,8 @@ impl HeartbeatPattern {
     }
 }
 
-/// Returns the byte range of `value` where it follows `key` in `text`. `None` if `key` is missing or
-/// occurs a second time, or if another value follows it.
+/// Returns the byte range of `value` where it follows `key` in `text`. `None` if `key` is missing
+/// or occurs a second time, or if another value follows it.
 fn value_of(text: &str, key: &str, value: &str) -> Option<Range<usize>> {
     let mut places = text.match_indices(key).map(|(place, _)| place + key.len());
     let start = places.next().filter(|_| places.next().is_none())?;
@@ -258,7 +262,7 @@ mod tests {
     }
 
     #[test]
-    fn what_differs_in_id_and_number_alone_is_the_same_again() {
+    fn a_heartbeat_that_differs_in_id_and_sequence_only_is_a_repetition() {
         let mut hearsay = heard(&written(&beat("lamp.7.9", 9)));
         for number in [10, 11, 12, 1_000] {
             let text = written(&beat(&format!("lamp.7.{number}"), number));
@@ -297,7 +301,7 @@ mod tests {
     }
 
     #[test]
-    fn what_differs_in_anything_else_is_not() {
+    fn a_heartbeat_that_differs_elsewhere_is_no_repetition() {
         let hearsay = heard(&written(&beat("lamp.7.9", 9)));
         let next = beat("lamp.7.10", 10);
         let with = |place: &str, value: Value| {
@@ -330,7 +334,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_told_apart_is_read() {
+    fn an_ambiguous_heartbeat_is_no_repetition() {
         let mut passing = beat("lamp.7.9", 9);
         passing["content"]["known_for"] = json!({ "(warm lamp)": 9 });
         let mut twice = beat("lamp.7.9", 9);

@@ -9,12 +9,12 @@ use crate::context::Context;
 /// Handler of a message.
 pub(crate) type Callback<A> = fn(&mut A, Message, &mut Context<A>);
 
-/// Table of an agent's callbacks: one per performative, for messages to this agent and for messages to
-/// all agents.
+/// Table of an agent's callbacks: one per performative for direct messages, and one per
+/// performative for broadcasts.
 ///
 /// A message that continues an exchange opened by this agent goes to the callback of that exchange
-/// instead. A direct message with a performative without a callback is answered with `not-understood`;
-/// a broadcast with such a performative is not even delivered.
+/// instead. A direct message without a callback is answered with `not-understood`. A broadcast
+/// without a callback is not put into the agent's mailbox.
 pub struct Callbacks<A> {
     direct: BTreeMap<Performative, Callback<A>>,
     broadcast: BTreeMap<Performative, Callback<A>>,
@@ -32,14 +32,14 @@ impl<A> Callbacks<A> {
         Callbacks::default()
     }
 
-    /// Sets the callback for messages with this performative to this agent.
+    /// Sets the callback for direct messages with this performative.
     #[must_use]
     pub fn on(mut self, performative: Performative, callback: Callback<A>) -> Callbacks<A> {
         self.direct.insert(performative, callback);
         self
     }
 
-    /// Sets the callback for messages with this performative to all agents.
+    /// Sets the callback for broadcasts with this performative.
     #[must_use]
     pub fn on_broadcast(
         mut self,
@@ -63,7 +63,8 @@ impl<A> Callbacks<A> {
         self.broadcast.keys().copied().collect()
     }
 
-    /// Returns the performatives of the messages that this agent takes, as text for a person.
+    /// Returns the performatives of the direct messages that have a callback, separated by commas,
+    /// for an error message.
     pub(crate) fn understood(&self) -> String {
         let names: Vec<_> = self.direct.keys().map(|performative| performative.as_str()).collect();
         names.join(", ")

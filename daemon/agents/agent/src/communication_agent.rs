@@ -3,10 +3,10 @@
 //!
 //! - Decodes messages, answers those that cannot be read, drops duplicates, sends receipts.
 //! - Retries the agent's messages until a receipt or an answer comes; gives up with a reason.
-//! - Follows, as participant, the exchanges that other agents opened. A turn that the protocol does not
-//!   allow is then answered and not acted on.
+//! - Tracks the exchanges that other agents opened with this agent. Answers a turn that the
+//!   protocol does not allow with `not-understood`, and does not pass the turn to the agent.
 //!
-//! The exchanges that this agent opened, with their callbacks, are in `context`.
+//! The module `context` has the exchanges that this agent opened, with their callbacks.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -30,16 +30,16 @@ use crate::receipts::{ImplicitReceipt, Receipts};
 use crate::refusal::refusal;
 use crate::router::MessageRouter;
 
-/// Most exchanges opened by other agents that are followed at a time. If there are more, the oldest is
-/// dropped, and a later `cancel` of that exchange is not understood.
+/// Maximum number of exchanges opened by other agents that are tracked at a time. If there are
+/// more, the oldest is dropped, and a later `cancel` of that exchange has no effect.
 const ENGAGEMENTS_MAX: usize = 4_096;
 
-/// Most closed exchanges that may remain in the list that orders the followed exchanges, in addition to
-/// as many as are followed. If there are more, the closed ones are removed from the list.
+/// Number of closed exchanges that may remain in `engagements_order`, in addition to as many as are
+/// open. If there are more, the closed ones are removed from the list.
 const OVER_MAX: usize = 64;
 
-/// Most turns that are kept because they arrived before the opening of their exchange, such as a
-/// `cancel` that arrived while the `request` before it was lost and is being sent again.
+/// Maximum number of turns that are kept because they arrived before the opening of their exchange.
+/// For example, a `cancel` arrives first if the `request` before it was lost and is sent again.
 const EARLY_TURNS_MAX: usize = 64;
 
 /// How long an answer is retried; an answer has no deadline of its own.
@@ -135,7 +135,7 @@ impl CommunicationAgent {
         }
     }
 
-    /// Returns the ontology that this agent's messages name.
+    /// Returns the name of the ontology, which all messages of this agent carry.
     pub(crate) fn ontology(&self) -> Arc<str> {
         Arc::clone(&self.ontology)
     }
@@ -146,7 +146,8 @@ impl CommunicationAgent {
         ReplyToken::new(&format!("{}.{}.{}", self.id, self.incarnation, self.messages_sent))
     }
 
-    /// Sends the first message of an exchange. Returns the message, and an error if the outbox is full.
+    /// Sends the first message of an exchange. Returns the message, and an error if the outbox is
+    /// full.
     pub(crate) fn open(
         &mut self,
         opening: ExchangeOpening,
@@ -163,7 +164,8 @@ impl CommunicationAgent {
         (message, sent)
     }
 
-    /// Sends an answer as the participant of an exchange. If the answer cannot be sent, logs that.
+    /// Sends an answer as the participant of an exchange. If the answer cannot be sent, logs a
+    /// warning.
     pub(crate) fn answer(
         &mut self,
         participation: &Participation,
@@ -176,8 +178,8 @@ impl CommunicationAgent {
         }
     }
 
-    /// Sends an answer as the participant of an exchange. The exchange advances only if the answer
-    /// could be sent.
+    /// Sends an answer as the participant of an exchange. If the outbox is full, returns an error,
+    /// and the exchange does not advance.
     pub(crate) fn try_answer(
         &mut self,
         participation: &Participation,
@@ -195,7 +197,7 @@ impl CommunicationAgent {
         Ok(())
     }
 
-    /// Sends a message to the receiver that it names, or to all agents.
+    /// Sends a message to its receiver, or to all agents if it has no receiver.
     pub(crate) fn post(
         &mut self,
         message: &Message,
@@ -204,8 +206,8 @@ impl CommunicationAgent {
         self.post_to(None, message, patience)
     }
 
-    /// Sends a message to the receiver that it names; if `incarnation` is given, only to that one of
-    /// the receiver.
+    /// Sends a message to its receiver, or to all agents if it has no receiver. If `incarnation` is
+    /// given, only that incarnation of the receiver gets the message.
     fn post_to(
         &mut self,
         incarnation: Option<Incarnation>,
@@ -220,7 +222,8 @@ impl CommunicationAgent {
             return Ok(());
         };
         let directory = self.router.directory();
-        // A foreign tool may state no incarnation: then any holder of its name is meant.
+        // A foreign tool may state no incarnation. Then any holder of the tool's name gets the
+        // message.
         let incarnation = incarnation.filter(|incarnation| *incarnation != Incarnation::default());
         let resident = match incarnation {
             Some(incarnation) => directory.find_incarnation(to, incarnation),
@@ -319,15 +322,15 @@ impl CommunicationAgent {
 
     // === receiving ===
 
-    /// Whether a broadcast was not received before. Only broadcasts that open an exchange are checked:
-    /// only these are sent again, to agents that did not answer. Of all other broadcasts the newest
-    /// counts.
+    /// Whether a broadcast is new. A broadcast that opens an exchange may be sent again to agents
+    /// that did not answer, so it is checked for duplicates. Any other broadcast counts as new,
+    /// because each one replaces the one before it.
     pub(crate) fn is_new(&mut self, message: &Message) -> bool {
         message.reply_with.is_none() || self.door.receive(&message.id) == MessageState::New
     }
 
-    /// Whether this agent is among the receivers of a broadcast. If so, the broadcast also counts as a
-    /// receipt for messages of this agent.
+    /// Whether this agent is among the receivers of a broadcast. If so, the broadcast also replaces
+    /// the receipts for messages that this agent has sent in the same exchange.
     pub(crate) fn concerns_me(&mut self, message: &Message) -> bool {
         let is_concerned = message.receiver.is_empty() || message.receiver.contains(&self.id);
         if let Some(exchange) = message.in_reply_to.as_ref().filter(|_| is_concerned) {
@@ -336,8 +339,8 @@ impl CommunicationAgent {
         is_concerned
     }
 
-    /// Decodes a message. Handles the message at once if it is unreadable, was refused, or is a
-    /// duplicate.
+    /// Decodes a message. If the message is unreadable, is refused, or is a duplicate, handles it
+    /// completely and returns [`IncomingMessage::Nothing`].
     pub(crate) fn read(&mut self, payload: &[u8]) -> IncomingMessage {
         let message = match acl::decode(payload) {
             Ok(message) => message,
@@ -380,8 +383,8 @@ impl CommunicationAgent {
     }
 
     /// Refuses a message because no answer could be sent now, or because a copy of the message was
-    /// refused. The refusal is not retried: a sender that misses the refusal sends its message again
-    /// and gets another refusal.
+    /// refused. The refusal is not retried: a sender that misses the refusal sends its message
+    /// again and gets another refusal.
     fn turn_away(&mut self, message: Message) {
         let detail = format!("`{}` is busy: too much is under way; ask again later", self.id);
         tracing::debug!(agent = %self.id, from = %message.sender, id = %message.id, detail, "refuses");
@@ -401,7 +404,7 @@ impl CommunicationAgent {
     }
 
     /// Whether the protocol allows `message` as the opening of an exchange. If so, the exchange is
-    /// followed from now on; if not, the message is answered with `not-understood`.
+    /// tracked from now on; if not, the message is answered with `not-understood`.
     pub(crate) fn engage(&mut self, message: &Message) -> bool {
         let (Some(token), Some(protocol)) = (&message.reply_with, message.protocol) else {
             return true;
@@ -426,7 +429,9 @@ impl CommunicationAgent {
         true
     }
 
-    /// Whether a message continues an exchange that its sender opened with this agent.
+    /// Whether a message continues an exchange that its sender opened with this agent. If so, the
+    /// tracked exchange advances. A turn that the protocol does not allow is answered with
+    /// `not-understood`.
     pub(crate) fn continues_engagement(&mut self, message: &Message) -> bool {
         let Some(token) = &message.in_reply_to else { return false };
         let key = (token.clone(), message.sender.clone());
@@ -445,8 +450,8 @@ impl CommunicationAgent {
         }
     }
 
-    /// Keeps a `cancel` that arrived before the opening of its exchange. If the exchange is over
-    /// already, the `cancel` stays until later ones displace it.
+    /// Keeps a `cancel` that arrived before the opening of its exchange, and drops any other
+    /// message. If the exchange is over already, the `cancel` stays until later ones displace it.
     pub(crate) fn keep_early(&mut self, message: Message) {
         if message.performative == Performative::Cancel {
             if self.early.len() >= EARLY_TURNS_MAX {
@@ -456,8 +461,8 @@ impl CommunicationAgent {
         }
     }
 
-    /// Removes the kept turn that arrived before `opening`, and advances the exchange by that turn.
-    /// Returns the turn, if there is one.
+    /// Removes and returns the kept `cancel` that arrived before `opening`; `None` if there is
+    /// none.
     pub(crate) fn take_early(&mut self, opening: &Message) -> Option<Message> {
         let token = opening.reply_with.as_ref()?;
         let follows = |early: &Message| {
@@ -494,8 +499,8 @@ impl CommunicationAgent {
         self.outbox.next_due().into_iter().chain(self.receipts.due()).min()
     }
 
-    /// Sends the receipts and the retries that are due. Returns each exchange of which a message could
-    /// not be delivered, with the reason.
+    /// Sends the receipts and the retries that are due. Returns each exchange of which a message
+    /// could not be delivered, with the reason.
     pub(crate) fn retry(&mut self) -> Vec<(ReplyToken, DeliveryError)> {
         let now = Instant::now();
         if self.receipts.due().is_some_and(|due| due <= now) {
@@ -510,8 +515,8 @@ impl CommunicationAgent {
         !self.outbox.is_empty()
     }
 
-    /// Updates the outbox when another agent joins or leaves. Returns each exchange of which a message
-    /// could not be delivered, with the reason.
+    /// Updates the outbox when another agent joins or leaves. Returns each exchange of which a
+    /// message could not be delivered, with the reason.
     pub(crate) fn presence(&mut self, presence: &Presence) -> Vec<(ReplyToken, DeliveryError)> {
         let now = Instant::now();
         match presence {

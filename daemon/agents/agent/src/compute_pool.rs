@@ -1,9 +1,9 @@
 //! Bounded pool for computations. The agents of one daemon share the cores of its machine, and a
 //! hundred agents that plan at once would leave no core for receiving messages.
 //!
-//! A thread that holds a permit runs the computations that wait, the oldest first. If many agents
-//! compute for a moment each, as after a call for proposals, as many threads are woken as there are
-//! permits, and not one thread for each agent.
+//! A thread that holds a permit runs the queued computations, the oldest first. If many agents
+//! compute for a moment each, as after a call for proposals, only as many threads wake as there are
+//! permits.
 
 use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -11,20 +11,20 @@ use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use tokio::sync::{OwnedSemaphorePermit, Semaphore, oneshot};
 
-/// Divisor of the memory of the machine, or of the daemon's control group. The quotient, a quarter, is
-/// what all computations of a daemon together may take. The rest is for stored data, for messages, and
-/// for other processes.
+/// Divisor that yields the memory for all computations of a daemon together: a quarter of the
+/// memory of the machine, or of the daemon's control group. The rest is for stored data, for
+/// messages, and for other processes.
 const MEMORY_PART: u64 = 4;
 
-/// Most memory of one computation, in bytes: a hundred times as much as the plans of an office need.
-/// More memory helps no computation of a building.
+/// Maximum memory of one computation, in bytes: a hundred times as much as the plans of an office
+/// need. No computation of a building benefits from more memory.
 const COMPUTATION_BYTES_MAX: u64 = 1 << 30;
 
 /// Assumed memory of the machine, in bytes, if the kernel does not report it.
 const MEMORY_UNKNOWN_BYTES: u64 = 1 << 30;
 
-/// Returns the most bytes of memory that one computation may take. As many computations run at once as
-/// there are permits.
+/// Returns the maximum memory of one computation, in bytes, given that as many computations run at
+/// once as there are permits.
 pub fn computation_bytes_max() -> usize {
     static BYTES_MAX: OnceLock<usize> = OnceLock::new();
     *BYTES_MAX.get_or_init(|| {
@@ -43,7 +43,7 @@ pub(crate) fn turns_at_once() -> usize {
     std::thread::available_parallelism().map_or(2, |cores| cores.get().max(2))
 }
 
-/// A queued computation. It sends its result to the caller itself.
+/// A queued computation. The closure sends its result to the caller.
 type Computation = Box<dyn FnOnce() + Send>;
 
 /// Bounded pool for the computations of one machine.
@@ -62,8 +62,8 @@ impl ComputePool {
         ComputePool { turns, waiting: Mutex::default() }
     }
 
-    /// Runs a computation once a permit is free, on a thread of the runtime that may be busy for long.
-    /// Skips the computation if the caller has stopped waiting by then.
+    /// Runs a computation once a permit is free, on a thread of the runtime that may be busy for
+    /// long. Skips the computation if the caller has dropped the future by then.
     ///
     /// Returns `None` if the computation panicked, or if the daemon is ending.
     pub(crate) async fn compute<T: Send + 'static>(
@@ -73,7 +73,7 @@ impl ComputePool {
         let (tell, outcome) = oneshot::channel();
         let computation = move || {
             if !tell.is_closed() {
-                // Fails if the caller has stopped waiting meanwhile.
+                // Sending fails if the caller has dropped the future meanwhile.
                 let _ = tell.send(compute());
             }
         };
@@ -89,11 +89,11 @@ impl ComputePool {
         let mut turn = Some(turn);
         while turn.is_some() {
             while let Some(computation) = self.next() {
-                // A panic is on stderr, with its place; the caller learns that the computation was lost.
+                // A panic is on stderr, with its place. The caller gets `None`.
                 let _ = catch_unwind(AssertUnwindSafe(computation));
             }
             drop(turn.take());
-            // Computations that arrived in the meantime found no permit free.
+            // Computations that arrived in the meantime found no free permit.
             if !self.waiting().is_empty() {
                 turn = Arc::clone(&self.turns).try_acquire_owned().ok();
             }
@@ -121,7 +121,7 @@ mod tests {
     use super::*;
 
     #[tokio::test(flavor = "multi_thread", worker_threads = 4)]
-    async fn everything_is_computed_and_no_more_at_once_than_there_are_turns() {
+    async fn all_computations_run_within_the_number_of_permits() {
         let turns = Arc::new(ComputePool::new(2));
         let (now, most) = (Arc::new(AtomicUsize::new(0)), Arc::new(AtomicUsize::new(0)));
         let mut computed = JoinSet::new();
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn one_that_panics_stops_no_other() {
+    async fn a_panic_does_not_stop_other_computations() {
         let turns = Arc::new(ComputePool::new(1));
         let lost = Arc::clone(&turns).compute(|| -> u8 { panic!("for the test") });
         let next = Arc::clone(&turns).compute(|| 2);
@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn what_nobody_waits_for_is_left_out() {
+    async fn an_abandoned_computation_is_skipped() {
         let turns = Arc::new(ComputePool::new(1));
         let (begin, begun) = mpsc::channel::<()>();
         let first = tokio::spawn(Arc::clone(&turns).compute(move || begun.recv().is_ok()));
@@ -170,7 +170,7 @@ mod tests {
 
     /// Otherwise simulated days would pass while an agent plans.
     #[tokio::test(start_paused = true)]
-    async fn a_clock_that_is_paused_stands_still_meanwhile() {
+    async fn a_paused_clock_does_not_advance_during_a_computation() {
         let (turns, began) = (Arc::new(ComputePool::new(1)), Instant::now());
         let ticking = tokio::spawn(async move {
             loop {

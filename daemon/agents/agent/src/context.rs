@@ -1,8 +1,8 @@
 //! Operations of a callback: open an exchange, answer, set a timer, run work in the background.
 //!
-//! No operation blocks. A callback changes the state of its agent and returns. The results of
-//! operations that it began (an answer, a timeout, finished work) arrive as other callbacks on the same
-//! task, so no other code can touch the agent's state in between.
+//! No operation blocks. A callback changes the state of its agent and returns. The result of an
+//! operation (an answer, a timeout, finished work) arrives in another callback on the same task, so
+//! no other code can touch the agent's state in between.
 
 mod exchanges;
 
@@ -44,19 +44,20 @@ pub struct Context<A> {
     work: JoinSet<DeferredCallback<A>>,
 }
 
-/// Identifies a timer, by the time when it is due and its number among the timers of that instant.
+/// Identifier of a timer: the time at which the timer is due, and a running number that
+/// distinguishes timers that are due at the same time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct TimerId(Instant, u64);
 
-/// Handle of background work. Dropping the handle aborts the work. The callback of the work does not
-/// run then, even if the work had finished before.
+/// Handle of background work. Dropping the handle aborts the work. The callback of the work then
+/// never runs, even if the work has finished already.
 #[derive(Debug)]
 pub struct WorkHandle {
     task: AbortHandle,
     _awaited: Arc<()>,
 }
 
-/// Handle of an agent that another agent has started; dropping it stops that agent.
+/// Handle of a child, an agent that another agent has started. Dropping the handle stops the child.
 #[derive(Debug)]
 pub struct ChildHandle {
     stopping: CancellationToken,
@@ -108,7 +109,7 @@ impl<A: 'static> Context<A> {
         self.router().daemon()
     }
 
-    /// Returns the router of the daemon. Plugins reach its parts through methods of this type only.
+    /// Returns the router of the daemon. Plugins use its parts through methods of this type only.
     pub(crate) fn router(&self) -> &Arc<MessageRouter> {
         self.communication.router()
     }
@@ -128,12 +129,14 @@ impl<A: 'static> Context<A> {
         self.router().shared_domain(host)
     }
 
-    /// Returns the counters of failures, in which this agent counts records that it could not store.
+    /// Returns the failure counters of the daemon. This agent uses them to count records that it
+    /// could not store.
     pub fn failure_counters(&self) -> Arc<FailureCounters> {
         Arc::clone(self.router().counters())
     }
 
-    /// Replaces the list of agents that this agent has discovered, for operators.
+    /// Replaces the list of agents that this agent has discovered; the daemon reports the list to
+    /// operators.
     pub(crate) fn report_discovered(&self, agents: Vec<Discovered>) {
         self.router().discovered(self.id().as_str(), agents);
     }
@@ -149,8 +152,8 @@ impl<A: 'static> Context<A> {
     }
 
     /// Queries `resource` of the agent that holds the name `of`, at the daemon of that agent only;
-    /// waiting for other daemons would make the answer old. Returns an empty list if no agent holds the
-    /// name, or if no answer comes in time.
+    /// waiting for other daemons would make the answer old. Returns an empty list if no agent holds
+    /// the name, or if no answer comes in time.
     pub fn ask(&self, resource: Resource, of: &AgentId) -> BoxFuture<Vec<Bytes>> {
         let Some(resident) = self.find(of) else {
             return Box::pin(std::future::ready(Vec::new()));
@@ -172,7 +175,8 @@ impl<A: 'static> Context<A> {
         ConversationId::new(self.communication.token().as_str())
     }
 
-    /// Sends an answer as the participant of an exchange; logs it if the answer cannot be sent.
+    /// Sends an answer as the participant of an exchange. If the answer cannot be sent, logs a
+    /// warning.
     pub fn answer(
         &mut self,
         participation: &Participation,
@@ -182,7 +186,8 @@ impl<A: 'static> Context<A> {
         self.communication.answer(participation, performative, value(content));
     }
 
-    /// Sends an answer as the participant of an exchange; if that fails, the caller can try it later.
+    /// Sends an answer as the participant of an exchange. The caller may try again later if sending
+    /// fails.
     ///
     /// # Errors
     ///
@@ -196,7 +201,8 @@ impl<A: 'static> Context<A> {
         self.communication.try_answer(participation, performative, value(content))
     }
 
-    /// Refuses, as the participant of an exchange, what the initiator asked for.
+    /// Sends a refusal as the participant of an exchange, with a reason and an explanation for
+    /// people.
     pub fn refuse(
         &mut self,
         participation: &Participation,
@@ -206,12 +212,14 @@ impl<A: 'static> Context<A> {
         self.answer(participation, Performative::Refuse, &Refusal::new(reason, detail));
     }
 
-    /// Answers that a message's content could not be understood.
+    /// Answers `message` with `not-understood`, because its content is not as expected; `detail`
+    /// states the mistake.
     pub fn not_understood(&mut self, message: &Message, detail: impl Into<String>) {
         self.communication.not_understood(message, Reason::BadContent, detail.into());
     }
 
-    /// Sends a message to one agent outside any exchange, once.
+    /// Sends a message to one agent outside any exchange. An `inform` is sent only once, without
+    /// retries.
     pub fn send_once(
         &mut self,
         to: &AgentId,
@@ -241,8 +249,9 @@ impl<A: 'static> Context<A> {
         self.router().broadcast_state(&message.sender, acl::encode(&message), is_model);
     }
 
-    /// Broadcasts a heartbeat of this agent a few milliseconds later, in one batch with heartbeats of
-    /// other agents of the same daemon. For heartbeats that are not urgent.
+    /// Broadcasts a heartbeat of this agent a few milliseconds later, in one batch with heartbeats
+    /// of other agents of the same daemon. The delay is acceptable for heartbeats that report no
+    /// urgent change.
     pub fn batch_heartbeat(&mut self, heartbeat: Heartbeat) {
         let message = self.beating(&Inform::Heartbeat(heartbeat));
         self.router().batch_heartbeat(&message.sender, acl::encode(&message));
@@ -255,7 +264,7 @@ impl<A: 'static> Context<A> {
 
     // === waiting and working ===
 
-    /// Calls `then` once, after the time `wait`. Returns the timer.
+    /// Calls `then` once, after the time `wait`. Returns the identifier of the timer.
     pub fn after(
         &mut self,
         wait: Duration,
@@ -267,7 +276,7 @@ impl<A: 'static> Context<A> {
         id
     }
 
-    /// Cancels a timer.
+    /// Cancels a timer; does nothing if the timer has fired or was cancelled.
     pub fn cancel_timer(&mut self, timer: TimerId) {
         self.timers.remove(&timer);
     }
@@ -294,7 +303,7 @@ impl<A: 'static> Context<A> {
         WorkHandle { task, _awaited: awaited }
     }
 
-    /// Returns a future that runs work that may wait for a disk, on a thread that may block.
+    /// Returns a future that runs `work` on a thread that may block, for example to access a disk.
     ///
     /// # Errors
     ///
@@ -306,9 +315,9 @@ impl<A: 'static> Context<A> {
         Box::pin(self.router().host_services().run_blocking(work))
     }
 
-    /// Starts another agent, a child, on this daemon. If the child ends by itself, calls `then` with
-    /// the error of the child, if there is one. The child stops when the returned handle is dropped, or
-    /// when this agent stops.
+    /// Starts another agent, a child, on this daemon. If the child ends by itself, calls `then`
+    /// with its error, or with `None` if the child ended without an error or panicked. The child
+    /// stops when the returned handle is dropped, or when this agent stops.
     pub fn spawn_child(
         &mut self,
         id: AgentId,
@@ -327,15 +336,15 @@ impl<A: 'static> Context<A> {
         };
         let task = agent.launch(launch_context);
         let work = self.run(task, |agent: &mut A, ended, ctx| {
-            // A panic is on stderr already, with its place.
+            // The panic itself, with its place, is on stderr already.
             then(agent, ended.ok().and_then(Result::err), ctx);
         });
         ChildHandle { stopping, _work: work }
     }
 
-    /// Runs a computation in the background, on a thread that may be busy for long, once a permit is
-    /// free. Calls `then` with the result. A computation cannot be aborted from outside: to stop it
-    /// early, give it a flag that it checks.
+    /// Runs a computation in the background and calls `then` with the result. The computation may
+    /// keep its thread busy for long; it starts once the daemon's compute pool has a free permit. A
+    /// computation cannot be aborted from outside: to stop it early, give it a flag that it checks.
     pub fn compute<T: Send + 'static>(
         &mut self,
         compute: impl FnOnce() -> T + Send + 'static,
@@ -350,13 +359,13 @@ impl<A: 'static> Context<A> {
 
     // === for the event loop ===
 
-    /// Waits until some background work finishes, and returns the callback of that work; `None` if no
-    /// work is under way.
+    /// Waits until some background work finishes, and returns the callback of that work; `None` if
+    /// no work is under way.
     pub(crate) async fn finished(&mut self) -> Option<DeferredCallback<A>> {
         loop {
             match self.work.join_next().await? {
                 Ok(deferred) => return Some(deferred),
-                // Its handle was dropped.
+                // The handle of the work was dropped.
                 Err(error) if error.is_cancelled() => (),
                 // The panic itself is on stderr already, with its place.
                 Err(error) => tracing::error!(agent = %self.id(), %error, "work was lost"),
@@ -364,7 +373,8 @@ impl<A: 'static> Context<A> {
         }
     }
 
-    /// Reports which exchanges the agent waits in; has an effect on a simulated machine only.
+    /// Reports the open exchanges of the agent to a simulated machine. Does nothing on a real
+    /// machine.
     pub(crate) fn tell_waits(&self) {
         let waits = || self.exchanges();
         self.router().host_services().tell_waits(self.id(), self.incarnation(), waits);

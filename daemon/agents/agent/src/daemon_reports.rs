@@ -1,5 +1,5 @@
-//! Reports of a daemon about itself, which other daemons query: the state of its plugins, the digests of
-//! its files, and the agents that it has discovered.
+//! Reports of a daemon about itself, which other daemons query: the state of its plugins, the
+//! digests of its files, and the agents that it has discovered.
 
 use std::collections::BTreeMap;
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
@@ -16,7 +16,8 @@ pub(crate) struct DaemonReports {
     plugins: OnceLock<Box<dyn Fn() -> String + Send + Sync>>,
     /// Digests of the ecosystem's domain and map, as this daemon has read them.
     files: OnceLock<String>,
-    /// Discovered agents, which the ecosystem file does not name, by the finder that reported them.
+    /// Discovered agents, which the ecosystem file does not name, by their finder: a gateway, or
+    /// the folder of plugins.
     discovered: Mutex<BTreeMap<String, Vec<Discovered>>>,
 }
 
@@ -42,17 +43,19 @@ impl DaemonReports {
         }
     }
 
-    /// Returns the state of the plugins that run as processes; `None` if the daemon hosts none.
+    /// Returns the state of the plugins that run as processes; `None` if the daemon hosts no such
+    /// plugin.
     pub(crate) fn plugins(&self) -> Option<Bytes> {
         self.plugins.get().map(|state| state().into())
     }
 
-    /// Returns the digests of files; `None` if they are not read yet.
+    /// Returns the digests of files; `None` until the files have been read.
     pub(crate) fn files(&self) -> Option<Bytes> {
         self.files.get().cloned().map(Bytes::from)
     }
 
-    /// Returns the report of the daemon `of` about its discovered agents; `None` if there are none.
+    /// Returns the report of the daemon `of` about its discovered agents; `None` if it has
+    /// discovered none.
     pub(crate) fn discovered(&self, of: &DaemonId) -> Option<Bytes> {
         let discovered: Vec<_> = self.all_discovered().values().flatten().cloned().collect();
         if discovered.is_empty() {

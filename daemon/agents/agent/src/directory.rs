@@ -14,8 +14,8 @@ use substrate::{AgentAddress, Presence, Resident};
 /// leaves.
 #[derive(Clone, Debug, Default)]
 pub struct Directory {
-    /// Agents of each name, the holder first. Each list is shared by all clones of the directory,
-    /// because of a thousand names only one changes at a time.
+    /// Agents of each name, the holder first. All clones of the directory share the lists, because
+    /// a change of presence affects the list of one name only.
     residents: BTreeMap<AgentId, Arc<Vec<Resident>>>,
 }
 
@@ -30,7 +30,8 @@ impl Directory {
         self.residents.get(agent).map_or(&[], |all| all.as_slice())
     }
 
-    /// Returns this incarnation of an agent, whether it is the holder of the name or a rival.
+    /// Returns this incarnation of an agent, as the holder of the name or as a rival; `None` if it
+    /// is not present.
     pub fn find_incarnation(&self, agent: &AgentId, incarnation: Incarnation) -> Option<&Resident> {
         self.residents.get(agent)?.iter().find(|resident| resident.incarnation == incarnation)
     }
@@ -60,8 +61,8 @@ impl Directory {
         daemons.into_iter()
     }
 
-    /// Applies a presence change. Returns the changes of holders that result: a rival that becomes the
-    /// holder counts as joined, and a holder that is replaced counts as left.
+    /// Applies a presence change. Returns the changes of holders that result: a rival that becomes
+    /// the holder counts as joined, and a holder that is replaced counts as left.
     pub fn update(&mut self, presence: &Presence) -> Vec<Presence> {
         let agent = &presence.resident().agent;
         let before = self.find(agent).cloned();
@@ -141,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_missed_can_be_caught_up() {
+    fn missed_changes_can_be_applied_later() {
         let (mut then, mut now) = (Directory::default(), Directory::default());
         then.update(&Presence::Joined(resident("gone", "a", 1)));
         then.update(&Presence::Joined(resident("same", "a", 1)));

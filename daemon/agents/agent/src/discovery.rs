@@ -1,11 +1,12 @@
 //! Discovered agents: an agent that finds devices starts an agent for each of them on its own
 //! daemon, and stops it when the device is gone.
 //!
-//! - A moment after a discovery, everything found is compared with the agents that run. Missing agents
-//!   start, agents of devices that are gone or changed stop, and all other agents are left alone.
+//! - A moment after a discovery, everything found is compared with the agents that run. Missing
+//!   agents start, agents of devices that are gone or changed stop, and all other agents are left
+//!   alone.
 //! - An agent that the ecosystem file does not name takes part only if the policy of the file or a
-//!   person admits it ([`Admissions`]). Everything found is listed, with the reason why it does not
-//!   take part and the lines for the ecosystem file that would change that.
+//!   person admits it ([`Admissions`]). Every found agent is listed. The list states why an agent
+//!   does not take part, and which lines in the ecosystem file would change that.
 //! - An agent that could not start is started again after a pause.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -65,7 +66,7 @@ pub struct DiscoveredAgents<P> {
     hearing: Option<WorkHandle>,
 }
 
-/// Agent that starts agents for what it discovers.
+/// Agent that starts an agent for each device that it discovers.
 pub trait DiscoversAgents: Agent {
     /// Data from which an agent is built. If the data of a device change, its agent is replaced.
     type Part: Clone + PartialEq + Send + 'static;
@@ -81,7 +82,7 @@ pub trait DiscoversAgents: Agent {
         None
     }
 
-    /// Builds the agent `name` from `part`. Opens no device.
+    /// Builds the agent `agent` from `part`. Opens no device.
     ///
     /// # Errors
     ///
@@ -94,8 +95,8 @@ pub trait DiscoversAgents: Agent {
 }
 
 impl<P> DiscoveredAgents<P> {
-    /// Creates the state, without any agent; at most `at_most` agents will run. If the host's resources
-    /// contain no [`Admissions`], all discovered agents are admitted.
+    /// Creates the state, without any agent; at most `at_most` agents will run. If the host's
+    /// resources contain no [`Admissions`], all discovered agents are admitted.
     pub fn new(host: &Host, at_most: usize) -> DiscoveredAgents<P> {
         let admissions = host.resources.get::<Admissions>();
         DiscoveredAgents {
@@ -110,8 +111,8 @@ impl<P> DiscoveredAgents<P> {
     }
 }
 
-/// Starts to follow the decisions of people about admissions: each change leads to a comparison of what
-/// is found with the agents that run. Call this function when the agent is activated.
+/// Starts to follow the decisions of people about admissions: after each change, the found devices
+/// are compared with the agents that run. Call this function when the agent is activated.
 pub fn follow_admissions<A: DiscoversAgents>(agent: &mut A, ctx: &mut Context<A>) {
     let changes = agent.discovered_agents().admissions.changes();
     hear(agent, changes, ctx);
@@ -127,8 +128,8 @@ fn hear<A: DiscoversAgents>(agent: &mut A, mut changes: watch::Receiver<()>, ctx
     agent.discovered_agents().hearing = Some(work);
 }
 
-/// Schedules a comparison of what is found with the agents that run; the comparison starts and stops
-/// agents. Call this function whenever the devices that are found have changed. Calls within a short
+/// Schedules a comparison of the found devices with the agents that run; the comparison starts and
+/// stops agents. Call this function whenever the found devices have changed. Calls within a short
 /// time lead to one comparison.
 pub fn schedule_reconcile<A: DiscoversAgents>(agent: &mut A, ctx: &mut Context<A>) {
     if std::mem::replace(&mut agent.discovered_agents().is_due, true) {
@@ -187,7 +188,7 @@ fn fail<A: DiscoversAgents>(agent: &mut A, name: AgentId, problem: String, ctx: 
     schedule_reconcile(agent, ctx);
 }
 
-/// The decision which of the devices found get an agent.
+/// Decision about which of the found devices get an agent.
 #[derive(Debug)]
 struct DiscoveryDecision<P> {
     /// Agents that are to run, each with the data from which it is built.
@@ -288,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn each_that_is_not_here_has_its_reason() {
+    fn each_agent_that_does_not_take_part_has_a_reason() {
         let mut all = bringing(AdmissionPolicy::All, 2);
         all.failed.insert(AgentId::new("b").expect("a name"), "failed to open it".to_owned());
         let useless = FoundDevice { part: Err("no words".to_owned()), ..finding("e", None) };
@@ -322,7 +323,7 @@ mod tests {
     }
 
     #[test]
-    fn people_are_asked_about_those_only_who_could_come() {
+    fn people_are_asked_only_about_agents_that_could_take_part() {
         let ask = bringing(AdmissionPolicy::Ask, 9);
         let named = FoundDevice { is_named: true, ..finding("named", Some(1)) };
         let found = vec![named, finding("a", Some(2)), finding("nowhere", None)];

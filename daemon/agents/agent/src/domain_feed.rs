@@ -34,7 +34,8 @@ impl DomainFeed {
         DomainFeed { target: OnceLock::new(), rejections }
     }
 
-    /// Creates the shared domain, if it does not exist yet. Returns it, and whether it is new.
+    /// Creates the shared domain, if it does not exist yet. Returns the shared domain, and whether
+    /// it is new.
     ///
     /// # Panics
     ///
@@ -72,15 +73,15 @@ impl DomainFeed {
         self.domain().is_none_or(|domain| domain.receive_repetition(sender, repetition))
     }
 
-    /// Passes a change of presence to the shared domain. Returns the time after which the agent's model
-    /// must be requested; `None` if it need not be requested.
+    /// Passes a change of presence to the shared domain. Returns the time after which the agent's
+    /// model must be requested; `None` if the model need not be requested.
     pub(crate) fn presence(&self, presence: &Presence) -> Option<Duration> {
         self.domain()?.presence(presence)
     }
 
-    /// Requests a model by `fetch`, and passes the answers to the shared domain. If the agent announces
-    /// its model within `wait`, `fetch` is not called. At most one request per agent is under way.
-    /// Reasoning agents have no model and do not answer.
+    /// Requests a model by `fetch`, and passes the answers to the shared domain. If the agent
+    /// announces its model within `wait`, `fetch` is not called. At most one request per agent is
+    /// under way. Reasoning agents have no model and do not answer.
     pub(crate) fn request_model(
         &self,
         of: &Resident,

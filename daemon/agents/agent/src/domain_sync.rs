@@ -2,12 +2,15 @@
 //! state machine in `capability`, and reports the changes of the domain to the agent that keeps it.
 //!
 //! - Models and heartbeats arrive as broadcast `inform`s. A model that was missed is requested.
-//! - The module `domain_tracker` decides what follows them, and what follows the absence of an agent.
+//! - The module `domain_tracker` decides how the domain changes after a message, and after the
+//!   absence of an agent.
 //! - Changes of facts that agents requested from the central Domain Maintainer arrive with the
-//!   announcements of that maintainer. They are for maintainers that otherwise receive heartbeats only.
+//!   announcements of that maintainer. Maintainers that otherwise receive heartbeats only need
+//!   these announcements.
 //!
 //! The central Domain Maintainer uses these functions itself. The actuators of a daemon share one
-//! maintainer in the daemon's [`SharedDomain`](crate::SharedDomain), which is updated in the same way.
+//! maintainer in the daemon's [`SharedDomain`](crate::SharedDomain), which is updated in the same
+//! way.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -22,19 +25,19 @@ use crate::base_agent::Agent;
 use crate::context::{Context, TimerId, WorkHandle};
 use crate::domain_tracker::{ANNOUNCED_WITHIN, DomainTracker, PresenceOutcome, answered_models};
 
-/// Shortest time between two compositions of models. The models of a daemon that starts arrive within
-/// this time and are composed together; a single model is composed at once. Composing a thousand models
-/// takes some milliseconds.
+/// Shortest time between two compositions of models. The models of a daemon that starts arrive
+/// within this time and are composed together; a single model is composed at once. Composing a
+/// thousand models takes some milliseconds.
 const COMPOSING_APART: Duration = Duration::from_millis(20);
 
-/// Resolution of a timestamp. A timer for a timestamp waits that much longer, so that it never fires
-/// before it.
+/// Resolution of a timestamp. A timer for a timestamp waits that much longer, so that it never
+/// fires too early.
 const TIMESTAMP_STEP: Duration = Duration::from_millis(1);
 
-/// First wait before an agent that gave no answer is asked for its model again; the wait doubles each
-/// time, and `ASKED_AGAIN` is the number of repetitions. Presence is known a moment before queries
-/// reach the agent; Zenoh's routes are there after a tenth of a second at most. An agent without a
-/// model never answers.
+/// First wait before an agent that gave no answer is asked for its model again; the wait doubles
+/// each time, and `ASKED_AGAIN` is the number of repetitions. Presence is known a moment before
+/// queries reach the agent; Zenoh's routes are there after a tenth of a second at most. An agent
+/// without a model never answers.
 const ASK_AGAIN: Duration = Duration::from_millis(15);
 const ASKED_AGAIN: u32 = 5;
 
@@ -57,7 +60,7 @@ pub trait MaintainsDomain: Agent {
     /// Returns the maintainer and the data for keeping it up to date.
     fn domain_sync(&mut self) -> &mut DomainSync;
 
-    /// Called when the composite domain or the believed facts have changed.
+    /// Called when the composite domain or the known facts have changed.
     fn domain_changed(&mut self, _change: &DomainChange, _ctx: &mut Context<Self>) {}
 
     /// Called when a part of an agent's model cannot be composed as it is written.
@@ -65,7 +68,8 @@ pub trait MaintainsDomain: Agent {
 }
 
 impl DomainSync {
-    /// Creates the data for keeping a maintainer up to date. The maintainer may have content already.
+    /// Creates the data for keeping a maintainer up to date. The maintainer may have content
+    /// already.
     pub fn new(maintainer: Maintainer) -> DomainSync {
         let tracker = DomainTracker::default();
         let (due, composed, composing) = (None, None, None);
@@ -79,8 +83,8 @@ impl DomainSync {
     }
 }
 
-/// Handles a broadcast `inform`: passes its content to the maintainer, and requests the sender's model
-/// if that is missing.
+/// Handles a broadcast `inform`: passes its content to the maintainer, and requests the sender's
+/// model if that is missing.
 pub fn receive_inform<A: MaintainsDomain>(agent: &mut A, message: &Message, ctx: &mut Context<A>) {
     let inform = match message.content_as::<Inform>() {
         Ok(inform) => inform,
@@ -113,8 +117,8 @@ pub fn receive_inform<A: MaintainsDomain>(agent: &mut A, message: &Message, ctx:
     }
 }
 
-/// Composes the models that have arrived, either at once or a little later together with models that
-/// arrive soon.
+/// Composes the models that have arrived, either at once or a little later together with models
+/// that arrive soon.
 fn compose_soon<A: MaintainsDomain>(agent: &mut A, ctx: &mut Context<A>) {
     let domain_sync = agent.domain_sync();
     if !domain_sync.maintainer.is_stale() || domain_sync.composing.is_some() {
@@ -129,7 +133,7 @@ fn compose_soon<A: MaintainsDomain>(agent: &mut A, ctx: &mut Context<A>) {
 }
 
 /// Composes the models that have arrived, if there are any. Call this function before the domain is
-/// shown to others.
+/// sent to others.
 pub fn compose<A: MaintainsDomain>(agent: &mut A, ctx: &mut Context<A>) {
     let domain_sync = agent.domain_sync();
     let timer = domain_sync.composing.take();

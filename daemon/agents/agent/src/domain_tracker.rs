@@ -1,16 +1,19 @@
-//! Tracking of agents for a Domain Maintainer: what follows an announcement, a heartbeat, a change of
-//! presence and the passing of time, without a clock and without effects.
+//! Tracking of agents for a Domain Maintainer: the changes of the domain after an announcement, a
+//! heartbeat, a change of presence, and the passing of time. Time is a parameter, and no function
+//! here sends anything.
 //!
-//! - An announcement or heartbeat is passed to the maintainer. A model that was not accepted is neither
-//!   read nor requested again for a while.
-//! - When an agent's token is lost or its heartbeats stop, the maintainer masks its capabilities at once.
-//!   If the agent stays away for the length of the removal, its objects and facts are removed too
-//!   (docs/design.md, “Membership”). Silence alone is enough, because a router can lose the end of a
-//!   token.
-//! - The outcome of each step states whether the model of an agent is missing and must be requested.
+//! - An announcement or heartbeat is passed to the maintainer. A model that was not accepted is
+//!   neither read nor requested again for a while.
+//! - When an agent's token is lost or its heartbeats stop, the maintainer masks its capabilities at
+//!   once. If the agent stays away for the length of the removal, its objects and facts are removed
+//!   too (docs/design.md, “Membership”). Silence alone is enough, because a router can lose the end
+//!   of a token.
+//! - The outcome of each step states whether the model of an agent is missing and must be
+//!   requested.
 //!
-//! The module `domain_sync` carries this out for a Domain Maintainer with a mailbox, and the module
-//! `shared_domain` for the maintainer that the actuators of a daemon share.
+//! The modules `domain_sync` and `shared_domain` send the requests and own the clock: the former
+//! for a Domain Maintainer with a mailbox, the latter for the maintainer that the actuators of a
+//! daemon share.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -25,29 +28,29 @@ use capability::{
 use pddl::Diagnostic;
 use substrate::Presence;
 
-/// How long to wait for the model that an agent announces by itself when it joins. The agent announces
-/// it at once, so an earlier request would bring nothing new.
+/// How long to wait for the model that an agent announces by itself when it joins. An agent
+/// announces its model at once, so an earlier request would bring nothing new.
 pub(crate) const ANNOUNCED_WITHIN: Duration = Duration::from_millis(20);
 
-/// How long a model that was not accepted is neither requested nor read again. Its agent states the
-/// digest of the model in a heartbeat every second. The obstacle, such as too many other agents, may be
-/// gone after a while.
+/// How long a model that was not accepted is neither requested nor read again. Its agent repeats
+/// the digest of the model in a heartbeat every second. The obstacle, such as too many other
+/// agents, may be gone after a while.
 const REJECTED_FOR: Duration = Duration::from_secs(10);
 
-/// Most rejected models remembered at a time: as many as the number of agents that may have a model.
+/// Maximum number of rejected models that are remembered: as many as agents may have a model.
 const REJECTED_MAX: usize = capability::limits::AGENTS_MAX;
 
-/// State of the tracking for one maintainer, which the caller owns.
+/// Tracking state for one maintainer. The caller owns the maintainer.
 #[derive(Default)]
 pub(crate) struct DomainTracker {
-    /// Agents that have left, each with the time at which it left. Their objects and facts are removed
-    /// when the removal has passed since then.
+    /// Agents that have left, each with the time at which it left. Their objects and facts are
+    /// removed once the removal has passed since then.
     leaving: BTreeSet<(Timestamp, AgentId, Incarnation)>,
     rejected: RejectedModels,
 }
 
-/// Models that were not accepted lately: for each agent its incarnation, the digest of the model, and
-/// the time of the rejection.
+/// Models that were not accepted lately: for each agent its incarnation, the digest of the model,
+/// and the time of the rejection.
 #[derive(Default)]
 struct RejectedModels(BTreeMap<AgentId, (Incarnation, String, Timestamp)>);
 
@@ -56,11 +59,12 @@ struct RejectedModels(BTreeMap<AgentId, (Incarnation, String, Timestamp)>);
 pub(crate) struct InformOutcome {
     /// Changes of the domain that the message caused.
     pub(crate) changes: Vec<DomainChange>,
-    /// Whether the sender's model is missing, and must be requested before the heartbeats can be used.
+    /// Whether the sender's model is missing, and must be requested before the heartbeats can be
+    /// used.
     pub(crate) lacks_model: bool,
     /// Description of what is malformed in the message; `None` if the message is well-formed.
     pub(crate) mistake: Option<String>,
-    /// Reason why a well-formed message is not believed. `None` if the message is believed, or merely
+    /// Reason why a well-formed message is not accepted; `None` if the message is accepted, or only
     /// came too late.
     declined: Option<String>,
 }
@@ -70,14 +74,14 @@ pub(crate) struct InformOutcome {
 pub(crate) struct PresenceOutcome {
     /// Change of the domain.
     pub(crate) change: DomainChange,
-    /// Time after which the agent's model must be requested, if the model of this incarnation is not
-    /// known by then; `None` if the model is known.
+    /// Time after which the agent's model must be requested, if the model of this incarnation is
+    /// not known by then; `None` if the model is known.
     pub(crate) request_after: Option<Duration>,
 }
 
 impl DomainTracker {
-    /// Passes a broadcast `inform` to the maintainer. `read` is the parsed announcement in the message,
-    /// if it was parsed before.
+    /// Passes a broadcast `inform` to the maintainer. `read` is the parsed announcement in the
+    /// message, if it was parsed before.
     pub(crate) fn receive(
         &mut self,
         maintainer: &mut Maintainer,
@@ -142,8 +146,8 @@ impl DomainTracker {
         PresenceOutcome { change, request_after }
     }
 
-    /// Notes the agents that have left by a change, for their removal. Must be called for each change
-    /// that the caller makes in the maintainer itself.
+    /// Schedules the removal of the agents that `change` reports as left. Must be called for each
+    /// change that the caller makes in the maintainer itself.
     pub(crate) fn schedule_removals(
         &mut self,
         maintainer: &Maintainer,
@@ -157,16 +161,16 @@ impl DomainTracker {
         }
     }
 
-    /// Returns the next time at which [`advance`](DomainTracker::advance) has an effect if there is no
-    /// other input before; `None` if there is no such time. `removal` is how long the objects and facts
-    /// of an agent are still believed after the agent has left.
+    /// Returns the next time at which [`advance`](DomainTracker::advance) has an effect if there is
+    /// no other input before; `None` if there is no such time. `removal` is how long the objects
+    /// and facts of an agent stay in the model after the agent has left.
     pub(crate) fn next_due(&self, maintainer: &Maintainer, removal: Duration) -> Option<Timestamp> {
         let removed_at = self.leaving.first().map(|(left_at, ..)| left_at.after(removal));
         maintainer.next_expiry().into_iter().chain(removed_at).min()
     }
 
-    /// Applies what is due at the time `now`: the expiry of facts and leases, then the removal of what
-    /// belongs to agents that have left. Returns the changes in their order.
+    /// Applies what is due at the time `now`: the expiry of facts and leases, then the removal of
+    /// what belongs to agents that have left. Returns the changes in their order.
     pub(crate) fn advance(
         &mut self,
         maintainer: &mut Maintainer,
@@ -227,12 +231,14 @@ impl RejectedModels {
 // === impl InformOutcome ===
 
 impl InformOutcome {
-    /// Returns the reason why the announcement or heartbeat is not accepted; `None` if it is accepted.
+    /// Returns the reason why the announcement or heartbeat is not accepted; `None` if it is
+    /// accepted.
     pub(crate) fn not_taken(&self) -> Option<&str> {
         self.mistake.as_deref().or(self.declined.as_deref())
     }
 
-    /// Passes a model to the maintainer; returns `false` if it is not accepted.
+    /// Passes a model to the maintainer; returns `false` if the maintainer does not accept the
+    /// model.
     fn admit(
         &mut self,
         maintainer: &mut Maintainer,
@@ -274,7 +280,8 @@ impl InformOutcome {
                 Ok(change) => self.changes.push(change),
                 Err(declined) => {
                     tracing::debug!(from = %message.sender, %declined, "a heartbeat is not believed");
-                    // After a restart, or if messages overtake each other, some come too late.
+                    // After a restart, or if messages overtake each other, some heartbeats come too
+                    // late.
                     let is_late = matches!(
                         declined,
                         Declined::OldSequence { .. }
@@ -298,7 +305,8 @@ impl InformOutcome {
         change: &EpochChange,
         now: Timestamp,
     ) {
-        // An agent with an action model is no Domain Maintainer, whatever it announces about others.
+        // An agent with an action model is no Domain Maintainer, whatever it announces about
+        // others.
         if !maintainer.is_follower() || maintainer.incarnation(&message.sender).is_some() {
             return;
         }

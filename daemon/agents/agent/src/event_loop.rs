@@ -1,7 +1,7 @@
-//! The event loop of an agent: waits for an event, and handles it by callbacks of the agent.
+//! The event loop of an agent: waits for an event, and calls the callbacks of the agent for it.
 //!
-//! Waiting is asynchronous; deciding is not. Every event that can wake an agent is an [`AgentEvent`],
-//! and each event is handled by one synchronous callback.
+//! Only waiting is asynchronous. Every event that can wake an agent is an [`AgentEvent`], and one
+//! synchronous function handles it.
 
 use std::pin::Pin;
 use std::sync::Arc;
@@ -37,11 +37,12 @@ impl<A: Agent> LaunchableAgent for A {
     }
 }
 
-/// Event that can wake an agent. No other event can: the list is complete on purpose.
+/// Event that can wake an agent. The list is complete.
 enum AgentEvent<A: Agent> {
     Letter(MailboxItem),
     Presence(Presence),
-    /// More presence changes arrived than the channel holds: the agent compares directories instead.
+    /// More presence changes arrived than the channel holds. The agent compares directories
+    /// instead.
     PresenceMissed,
     /// Background work has finished.
     Finished(DeferredCallback<A>),
@@ -52,20 +53,20 @@ enum AgentEvent<A: Agent> {
 }
 
 struct AgentTask<A: Agent> {
-    /// The agent's state. Boxed, because the future of the task reserves space for the state in several
-    /// of its steps, and would hold it three times otherwise.
+    /// The agent's state. Boxed, because the future of the task would otherwise contain the state
+    /// three times, once for each of several steps.
     agent: Box<A>,
     callbacks: Callbacks<A>,
     ctx: Context<A>,
     mailbox: Mailbox,
     presence: broadcast::Receiver<Presence>,
-    /// Directory that contains the presence changes of which the agent was notified so far. Shares the
-    /// memory of the daemon's directory if the agent was notified of all changes. `None` while the
-    /// agent does not heed presence, so that idle agents do not keep outdated directories.
+    /// Directory that contains the presence changes of which the agent was notified so far. Shares
+    /// the memory of the daemon's directory if the agent was notified of all changes. `None` while
+    /// the agent ignores presence changes, so that idle agents do not keep outdated directories.
     told: Option<Arc<Directory>>,
-    /// Future that completes when the daemon drains. Kept from one event to the next, as `alarm` is:
-    /// otherwise a thousand agents that are woken at once would each be added to the runtime's lists
-    /// and removed from them every time.
+    /// Future that completes when the daemon drains. This future and `alarm` live as long as the
+    /// task. If they were created for each event, a thousand agents that wake at once would each
+    /// add them to the runtime's lists and remove them every time.
     stopping: Pin<Box<WaitForCancellationFutureOwned>>,
     alarm: Pin<Box<Sleep>>,
     /// State of the agent as leader or standby; `None` for an agent without replicas.
@@ -116,8 +117,9 @@ async fn run_agent<A: Agent>(agent: Box<A>, context: LaunchContext) -> Result<()
     end
 }
 
-/// Waits until no other agent holds the name `id`. An earlier incarnation that has ended may still be
-/// seen as present for the length of a lease.
+/// Waits until no other agent holds the name `id`. An earlier incarnation that has ended may still
+/// appear present until its lease has expired. Returns an error if the name is still taken at the
+/// deadline.
 async fn await_name(id: &AgentId, router: &MessageRouter) -> Result<(), LaunchError> {
     let (mut directory, mut changes) = router.presence_changes();
     let deadline = Instant::now() + router.settings().name_awaited();
@@ -195,8 +197,8 @@ impl<A: Agent> AgentTask<A> {
         while let Ok(_) | Err(TryRecvError::Lagged(_)) = self.presence.try_recv() {}
     }
 
-    /// Returns the directory that contains the presence changes of which the agent was notified so far.
-    /// An agent that has not heeded presence begins with the daemon's present directory.
+    /// Returns the directory that contains the presence changes of which the agent was notified so
+    /// far. An agent that has ignored presence changes begins with the daemon's present directory.
     fn told(&mut self) -> Arc<Directory> {
         let ctx = &self.ctx;
         Arc::clone(self.told.get_or_insert_with(|| ctx.directory()))
@@ -255,20 +257,21 @@ impl<A: Agent> AgentTask<A> {
             },
             MailboxItem::Broadcast(message) => self.open_broadcast(Arc::unwrap_or_clone(message)),
             MailboxItem::Replayed(payload) => {
-                // The daemon decoded it when it arrived, so it can be decoded.
+                // The router decoded this payload when it arrived, so it can be decoded again.
                 acl::decode(&payload).into_iter().for_each(|message| self.open_broadcast(message));
             }
             MailboxItem::Receipts(ids) => self.ctx.communication.received(&ids),
             MailboxItem::Question(question) => self.asked(&question),
-            // The event loop checks after each event for another holder of the name.
+            // Nothing is left to do: the event loop checks for another holder of the name after
+            // each event.
             MailboxItem::NameConflict => (),
         }
     }
 
-    /// Returns `letter` if this agent is to handle it; `None` if the agent is a standby that declined,
-    /// kept or dropped it. A standby handles broadcasts, receipts, and questions that every replica
-    /// answers. It declines a direct message, or keeps the message until leadership is decided, and
-    /// drops a question that only the leader answers.
+    /// Returns `letter` if this agent must handle it now. Returns `None` if the agent is a standby
+    /// and has declined, kept or dropped `letter`. A standby handles broadcasts, receipts, and
+    /// questions that every replica answers. It declines a direct message, or keeps the message
+    /// until leadership is decided, and drops a question that only the leader answers.
     fn meant_for_it(&mut self, letter: MailboxItem) -> Option<MailboxItem> {
         let Some(standing) = self.standing.as_mut().filter(|standing| !standing.is_leading())
         else {
@@ -289,8 +292,8 @@ impl<A: Agent> AgentTask<A> {
         }
     }
 
-    /// Refuses a message because this agent is a standby. The refusal names the daemon of the agent
-    /// that this agent sees as leader.
+    /// Refuses a message because this agent is a standby. The refusal names the daemon of the
+    /// leader, if this agent sees one.
     fn decline(&mut self, letter: MailboxItem) {
         let MailboxItem::Direct(payload) = letter else { return };
         let message = match self.ctx.communication.read(&payload) {
@@ -331,7 +334,7 @@ impl<A: Agent> AgentTask<A> {
         }
     }
 
-    /// Handles a turn of the initiator of an exchange with this agent.
+    /// Handles a turn that the initiator of an exchange with this agent has sent.
     fn turn(&mut self, message: Message) {
         if self.ctx.communication.continues_engagement(&message) {
             let to_all = message.receiver.is_empty();
@@ -390,8 +393,8 @@ impl<A: Agent> AgentTask<A> {
         self.ctx.undelivered(&mut self.agent, lost);
     }
 
-    /// Returns the older agent that holds the same name as this agent, if there is one. Always `None`
-    /// for an agent that may have replicas.
+    /// Returns the older agent that holds the same name as this agent, if there is one. Always
+    /// `None` for an agent that may have replicas.
     fn usurped(&self) -> Option<Resident> {
         if self.standing.is_some() {
             return None;

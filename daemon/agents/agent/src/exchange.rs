@@ -1,5 +1,5 @@
-//! Types of an exchange as an agent sees it: its first message, the events that it brings, the side of
-//! the participant, and a summary of those that are open.
+//! Types for the exchanges of an agent: the opening, the events for the initiator, the
+//! participant's side, and a summary of the open exchanges.
 
 use acl::{AgentId, ConversationId, Incarnation, Message, Performative, Protocol, ReplyToken};
 use serde::{Deserialize, Serialize};
@@ -21,7 +21,7 @@ pub struct ExchangeOpening {
     pub content: Value,
 }
 
-/// Event that an exchange brings to its initiator.
+/// Event of an exchange, which the callback of the initiator gets.
 #[derive(Clone, Debug)]
 pub enum ExchangeEvent {
     /// A participant has sent a turn of the protocol.
@@ -41,24 +41,24 @@ pub enum DeliveryError {
     /// The receiver left, and the grace has passed.
     #[error("it has left")]
     Left,
-    /// The receiver was restarted; its new incarnation does not know the message.
+    /// The receiver was restarted; its new incarnation has no record of the message.
     #[error("it was restarted")]
     Restarted,
-    /// The receiver is present and sent neither a receipt nor an answer.
+    /// The receiver is present, and sent neither a receipt nor an answer within the deadline.
     #[error("it gave no receipt in time")]
     NoReceipt,
-    /// Too many messages of this agent are under way.
+    /// The outbox of this agent is full: too many messages wait for a receipt.
     #[error("too many messages are under way")]
     OutboxFull,
 }
 
-/// The participant's side of an exchange: the data that it needs for its answers.
+/// The participant's side of an exchange: the data that an answer needs.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Participation {
     /// Initiator of the exchange.
     pub initiator: AgentId,
     /// Incarnation of the initiator. If the initiator has several replicas, the one that opened the
-    /// exchange gets the answer.
+    /// exchange gets the answer. `None` means the present holder of the initiator's name.
     #[serde(default, alias = "life")]
     pub incarnation: Option<Incarnation>,
     /// Token of the exchange.
@@ -81,8 +81,8 @@ pub struct ExchangeSummary {
 impl Participation {
     /// Returns the participant's side of the exchange that `message` opened.
     ///
-    /// A message of a foreign tool may name no exchange; then the id of the message takes the place of
-    /// the token.
+    /// A message of a foreign tool may name no exchange; then the id of the message takes the place
+    /// of the token.
     pub fn of(message: &Message) -> Participation {
         let own_id = || ReplyToken::new(message.id.as_str());
         Participation {

@@ -16,8 +16,8 @@ pub struct FailureCounters {
 }
 
 impl FailureCounters {
-    /// Counts a record that the disk of this machine did not keep. The caller logs which record it was,
-    /// and the reason.
+    /// Counts a record that could not be written to the disk of this machine. The caller logs the
+    /// record and the reason.
     pub fn count_not_persisted(&self) {
         self.not_persisted.fetch_add(1, Ordering::Relaxed);
     }
@@ -27,8 +27,8 @@ impl FailureCounters {
         self.unknown_receiver.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// Counts a broadcast that could not be decoded, or that names another sender than the address under
-    /// which it arrived.
+    /// Counts a broadcast that could not be decoded, or that names another sender than the address
+    /// under which it arrived.
     pub(crate) fn count_unreadable(&self) {
         self.unreadable.fetch_add(1, Ordering::Relaxed);
     }

@@ -32,19 +32,20 @@ pub struct Host {
 #[derive(Clone, Debug)]
 pub struct StateFolder(pub PathBuf);
 
-/// Resource of a host: the names of all agents in the ecosystem file, including those of other daemons.
-/// A discovered agent must not take any of these names.
+/// Resource of a host: the names of all agents in the ecosystem file, including those of other
+/// daemons. A discovered agent must not take any of these names.
 #[derive(Clone, Debug, Default)]
 pub struct ConfiguredNames(pub BTreeSet<String>);
 
-/// Resource of a host: the action models that the agents of the ecosystem file will announce, as far as
-/// the file determines them, including those of other daemons. Agents of packages have none here.
+/// Resource of a host: the action models that the agents of the ecosystem file will announce,
+/// including those of other daemons. Models that the file does not determine, such as those of
+/// packages, are missing.
 #[derive(Clone, Debug, Default)]
 pub struct ConfiguredModels(pub Vec<ActionModel>);
 
-/// Resource of a host: states that an agent is built only to check that it can be built, perhaps on
-/// another machine than its own. Files, devices and everything else outside the agent's entry are then
-/// neither read nor required.
+/// Resource of a host that marks a trial: the agent is built only to check that it can be built,
+/// perhaps on another machine than its own. The build then neither reads nor requires files,
+/// devices or anything else outside the agent's entry.
 #[derive(Clone, Copy, Debug)]
 pub struct BuildCheck;
 
@@ -74,8 +75,8 @@ impl Host {
     ///
     /// # Errors
     ///
-    /// Returns a text for a person if the map has no such object. The text suggests a similar name on
-    /// the map, if there is one.
+    /// Returns a text for a person if the map has no such object. The text suggests a similar name
+    /// on the map, if there is one.
     pub fn has_place(&self, place: &str) -> Result<(), String> {
         if self.places().any(|known| known == place) {
             return Ok(());
@@ -87,17 +88,17 @@ impl Host {
 }
 
 impl Resources {
-    /// Adds an object; it replaces an object of the same type.
+    /// Adds an object. An object of the same type is replaced.
     pub fn insert<T: Send + Sync + 'static>(&mut self, thing: T) {
         self.0.insert(TypeId::of::<T>(), Arc::new(thing));
     }
 
-    /// Adds an object that other owners hold too; it replaces an object of the same type.
+    /// Adds an object that has other owners too. An object of the same type is replaced.
     pub fn share<T: Send + Sync + 'static>(&mut self, thing: Arc<T>) {
         self.0.insert(TypeId::of::<T>(), thing);
     }
 
-    /// Returns the object of this type; `None` if there is none.
+    /// Returns the object of this type; `None` if no such object was added.
     pub fn get<T: Send + Sync + 'static>(&self) -> Option<Arc<T>> {
         self.0.get(&TypeId::of::<T>()).cloned()?.downcast().ok()
     }

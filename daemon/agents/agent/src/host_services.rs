@@ -1,8 +1,8 @@
 //! Services of the host machine that an agent uses, besides memory: threads, the wall clock, and
 //! incarnation numbers.
 //!
-//! A daemon uses the services of the real machine. A simulation gives its agents a simulated machine,
-//! on which one thread does all work in an order that a seed decides.
+//! A daemon uses the services of the real machine. A simulation gives its agents a simulated
+//! machine, on which one thread does all work in an order that a seed decides.
 
 use std::fmt;
 use std::io;
@@ -30,27 +30,28 @@ pub struct HostServices {
     lives: Arc<IncarnationCounter>,
 }
 
-/// Threads for work that takes a while.
+/// Executor of slow work: threads of the real machine, or a simulation.
 #[derive(Clone)]
 enum Threads {
     Real(Arc<ComputePool>),
     Simulated(Arc<dyn MachineSimulation>, Arc<Semaphore>),
 }
 
-/// A machine of a simulation.
+/// A simulated machine: its wall clock, and the duration of its work.
 pub trait MachineSimulation: Send + Sync + 'static {
     /// Returns the time of day of the simulated machine; it may jump.
     fn wall_clock(&self) -> SystemTime;
 
-    /// Returns how long the next piece of work takes.
+    /// Returns how long the next piece of work takes, in simulated time.
     fn work_duration(&self) -> Duration;
 
-    /// Called when an agent of this machine has handled an event, or when its incarnation has ended.
-    /// `_exchanges` summarises the exchanges that the agent has open.
+    /// Called when an agent of this machine has handled an event, or when its incarnation has
+    /// ended. `_exchanges` summarises the exchanges that the agent has open.
     fn waits_changed(&self, _agent: &AgentId, _life: Incarnation, _exchanges: ExchangeSummary) {}
 }
 
-/// Error of work that did not finish: it panicked, or the daemon is ending. Completes “failed to …”.
+/// Error of work that did not finish: it panicked, or the daemon is ending. The message completes
+/// “failed to …”.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("finish a piece of work: {0}")]
 pub struct WorkError(String);
@@ -63,10 +64,11 @@ struct IncarnationCounter {
 }
 
 impl HostServices {
-    /// Creates the services of the machine on which this process runs. The folder `state` keeps data
-    /// for the next process; with `None` no data are kept.
+    /// Creates the services of the machine on which this process runs. The folder `state` keeps
+    /// data for the next process; with `None` no data are kept.
     pub fn new(state: Option<PathBuf>) -> HostServices {
-        // One per core, and two if there is one core, so that a long search does not delay a short one.
+        // One computation per core, and two if there is one core, so that a long search does not
+        // delay a short one.
         let threads = Threads::Real(Arc::new(ComputePool::new(turns_at_once())));
         HostServices { threads, lives: Arc::new(IncarnationCounter::open(state)) }
     }
@@ -88,16 +90,16 @@ impl HostServices {
         }
     }
 
-    /// Returns the number for an incarnation that begins now. The number is greater than every number
-    /// returned before on this machine, even if the clock was put back before this process began. Other
-    /// daemons believe the incarnation with the greater number.
+    /// Returns the number for an incarnation that begins now. The number is greater than every
+    /// number returned before on this machine, even if the clock was put back before this process
+    /// began. Other daemons accept the incarnation with the greater number.
     pub fn next_incarnation(&self) -> Incarnation {
         let now = self.wall_clock().duration_since(UNIX_EPOCH).unwrap_or_default().as_micros();
         self.lives.next(u64::try_from(now).unwrap_or(0))
     }
 
-    /// Reports to a simulated machine which exchanges an agent has open. On a real machine nothing is
-    /// computed or reported.
+    /// Reports the open exchanges of an agent to a simulated machine. On a real machine, computes
+    /// and reports nothing.
     pub(crate) fn tell_waits(
         &self,
         agent: &AgentId,
@@ -109,7 +111,7 @@ impl HostServices {
         }
     }
 
-    /// Runs work that may wait for a disk, on a thread that may block.
+    /// Runs work on a thread that may block, for example to access a disk.
     ///
     /// # Errors
     ///
@@ -130,8 +132,8 @@ impl HostServices {
         }
     }
 
-    /// Runs a computation on a thread that may be busy for long, once a permit is free: the agents of
-    /// one daemon share the machine's cores.
+    /// Runs a computation on a thread that may be busy for long. The computation waits for a
+    /// permit, because the agents of one daemon share the machine's cores.
     ///
     /// # Errors
     ///
@@ -146,7 +148,7 @@ impl HostServices {
                 computed.ok_or_else(|| WorkError("it panicked, or the daemon is ending".to_owned()))
             }
             Threads::Simulated(_, turns) => {
-                // The semaphore is never closed. Without a permit the work would only start earlier.
+                // The semaphore is never closed, so a permit is always granted in the end.
                 let _turn = Arc::clone(turns).acquire_owned().await.ok();
                 self.run_blocking(compute).await
             }
@@ -176,7 +178,8 @@ impl IncarnationCounter {
     fn open(state: Option<PathBuf>) -> IncarnationCounter {
         let path = state.map(|folder| folder.join(LIVES));
         let text = path.as_ref().and_then(|path| std::fs::read_to_string(path).ok());
-        // A file that cannot be read counts as missing: the clock alone decides, as on a new machine.
+        // A file that cannot be read counts as missing. The clock alone then decides, as on a new
+        // machine.
         let last = text.and_then(|text| text.trim().parse().ok()).unwrap_or(0);
         IncarnationCounter { last: Mutex::new(last), path }
     }
@@ -191,7 +194,7 @@ impl IncarnationCounter {
         Incarnation(*last)
     }
 
-    /// Writes the number to a second file and renames that file, so that a crash leaves either the old
+    /// Writes the number to a second file, and renames that file. So a crash leaves either the old
     /// or the new number.
     fn write(&self, last: u64) -> io::Result<()> {
         let Some(path) = &self.path else { return Ok(()) };
@@ -206,7 +209,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lives_grow_also_where_the_clock_was_put_back() {
+    fn incarnations_increase_even_if_the_clock_is_put_back() {
         let folder = tempfile::tempdir().expect("a folder");
         let state = || Some(folder.path().to_owned());
         let before = IncarnationCounter::open(state());

@@ -1,5 +1,5 @@
-//! Conversion of the symbols with which a composite domain states that a fact is unknown. They are sent
-//! together with the domain.
+//! Conversion of the auxiliary symbols that are sent with a composite domain. These symbols state
+//! which facts are unknown.
 
 use std::collections::BTreeMap;
 
@@ -7,7 +7,8 @@ use acl::content;
 use pddl::Name;
 use pddl::knowledge::{AuxiliaryPredicates, Knowledge};
 
-/// Converts the symbols that were sent with a composite domain, and that state what is unknown.
+/// Converts the auxiliary symbols that were sent with a composite domain to the form that `pddl`
+/// uses.
 pub fn knowledge(sent: &BTreeMap<String, content::Auxiliary>) -> Knowledge {
     let name = |text: &String| Name::new(text);
     let read = |(symbol, sent): (&String, &content::Auxiliary)| {

@@ -4,8 +4,8 @@ use acl::Message;
 use acl::content::{Inform, value};
 use bytes::Bytes;
 
-/// The last model that an agent has announced, and the agent's last heartbeat if one was sent after the
-/// model.
+/// The last model that an agent has announced, and the agent's last heartbeat if one was sent after
+/// the model.
 #[derive(Default)]
 pub(crate) struct LatestAnnouncement {
     model: Option<Bytes>,
@@ -24,8 +24,8 @@ impl LatestAnnouncement {
     }
 
     /// Returns the announced model, updated by the last heartbeat. Without the update the receiver
-    /// would believe the facts of the time when the agent started. `None` if the agent has announced no
-    /// model.
+    /// would believe the facts of the time when the agent started. `None` if the agent has
+    /// announced no model.
     pub(crate) fn model(&mut self) -> Option<Bytes> {
         if let Some(heartbeat) = self.heartbeat.take()
             && let Some(renewed) = self.model.as_ref().and_then(|model| renew(model, &heartbeat))
@@ -36,8 +36,8 @@ impl LatestAnnouncement {
     }
 }
 
-/// Returns the announcement of the model with its heartbeat replaced by a later one; `None` if either
-/// message cannot be read.
+/// Returns the announcement of the model with its heartbeat replaced by a later one; `None` if
+/// either message cannot be read.
 fn renew(model: &Bytes, heartbeat: &Bytes) -> Option<Bytes> {
     let (model, heartbeat) = (acl::decode(model).ok()?, acl::decode(heartbeat).ok()?);
     let (Inform::Model(mut announced), Inform::Heartbeat(heartbeat)) =

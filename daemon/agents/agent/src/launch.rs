@@ -1,4 +1,5 @@
-//! Launching of an agent: what an agent of any type is launched with, and why it may fail.
+//! Launching of an agent: the context in which an agent of any type is launched, and the possible
+//! errors.
 
 use std::sync::Arc;
 
@@ -25,12 +26,12 @@ pub struct LaunchContext {
     /// Whether other daemons may host an agent of this name too. If so, the oldest replica is the
     /// leader, and the others are standbys and take over in the order of their age.
     pub has_replicas: bool,
-    /// Ecosystems through which the agent was passed on to this one, the farthest first; empty for an
-    /// agent of this ecosystem.
+    /// Ecosystems through which the agent was passed on to this one, the farthest first; empty for
+    /// an agent of this ecosystem.
     pub via: Arc<[EcosystemId]>,
 }
 
-/// Reason why an agent could not be launched, or why it ended. Completes “failed to …”.
+/// Reason why an agent could not be launched, or why it ended. The message completes “failed to …”.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LaunchError {
@@ -57,7 +58,8 @@ pub enum LaunchError {
 
 /// An agent of any type, ready to be launched.
 pub trait LaunchableAgent: Send {
-    /// Returns the action model that the agent would announce now; `None` if the agent has no model.
+    /// Returns the action model that the agent would announce now, as PDDL text; `None` if
+    /// the agent has no model.
     fn model(&self) -> Option<String>;
 
     /// Starts the agent. The returned task ends when the daemon drains, or with an error.

@@ -1,9 +1,9 @@
 //! Leadership among replicas: whether this agent is the leader or a standby (docs/design.md,
 //! “Fail-over”).
 //!
-//! The replica that holds the name in the directory is the leader; the directories of all daemons agree
-//! once presence changes have spread. A replica that has just started waits a moment before it becomes
-//! the leader, because connecting to other daemons takes time.
+//! The replica that holds the name in the directory is the leader; the directories of all daemons
+//! agree once presence changes have spread. A replica that has just started waits a moment before
+//! it becomes the leader, because connecting to other daemons takes time.
 
 use std::time::Duration;
 
@@ -11,12 +11,13 @@ use tokio::time::Instant;
 
 use crate::mailbox::MailboxItem;
 
-/// How long a new replica waits for other replicas to appear before it may become the leader. A daemon
-/// on the same machine is seen in a tenth of this time, a daemon that has to be found on the network in
-/// half of it.
+/// How long a new replica waits for other replicas to appear before it may become the leader. A
+/// daemon on the same machine is seen in a tenth of this time, a daemon that has to be found on the
+/// network in half of it.
 const LOOKING_AROUND: Duration = Duration::from_millis(400);
 
-/// Most messages kept while a new replica waits to see others; further messages are declined.
+/// Maximum number of messages kept during the initial wait of a new replica; further messages are
+/// declined.
 const KEPT_MAX: usize = 64;
 
 /// Leadership of an agent that may have replicas.
@@ -48,14 +49,14 @@ impl Leadership {
         self.is_called && !self.is_leading
     }
 
-    /// Returns the end of the initial wait: at that time leadership must be decided even if no event
-    /// occurs.
+    /// Returns the end of the initial wait, at which leadership must be decided even if no event
+    /// occurs; `None` once the wait is over.
     pub(crate) fn due(&self) -> Option<Instant> {
         self.until
     }
 
-    /// Updates leadership at the time `now`; `is_first` states that this agent holds the name. Returns
-    /// whether the agent is the leader; `None` if that has not changed.
+    /// Updates leadership at the time `now`; `is_first` states whether this agent holds the name.
+    /// Returns whether the agent is the leader; `None` if that has not changed.
     pub(crate) fn take(&mut self, is_first: bool, now: Instant) -> Option<bool> {
         self.is_called = is_first;
         self.until = self.until.filter(|until| *until > now);
@@ -64,7 +65,8 @@ impl Leadership {
         (was_leading != is_leading).then_some(is_leading)
     }
 
-    /// Keeps a message until leadership is decided. Returns the message if too many are kept already.
+    /// Keeps a message until leadership is decided. Returns the message if the maximum number is
+    /// kept already.
     pub(crate) fn keep(&mut self, letter: MailboxItem) -> Option<MailboxItem> {
         if self.kept.len() >= KEPT_MAX {
             return Some(letter);
@@ -84,7 +86,7 @@ mod tests {
     use super::*;
 
     #[tokio::test(start_paused = true)]
-    async fn a_newcomer_looks_around_and_who_takes_over_does_not() {
+    async fn a_new_replica_waits_before_it_leads_and_a_standby_does_not() {
         let now = Instant::now();
         let mut standing = Leadership::new(now);
         assert_eq!(standing.take(true, now), None, "it has just come");
@@ -98,7 +100,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn letters_are_kept_within_a_bound() {
+    async fn early_messages_are_kept_within_a_bound() {
         let mut standing = Leadership::new(Instant::now());
         let letter = || MailboxItem::Direct(bytes::Bytes::from_static(b"{}"));
         for _ in 0..KEPT_MAX {

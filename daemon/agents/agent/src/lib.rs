@@ -1,26 +1,27 @@
 //! The interface between a plugin and its daemon: the Base Agent, its Communication Agent, its
 //! mailbox and its life cycle.
 //!
-//! - [`Agent`] is the paper's Base Agent; its [`Callbacks`] list the messages that it reacts to.
+//! - [`Agent`] is the paper's Base Agent. Its [`Callbacks`] list the messages that it reacts to.
 //! - [`Context`] has the operations of a callback: open an exchange, answer, set a timer, run work
 //!   in the background.
 //! - The Communication Agent behind a context decodes messages, drops duplicates, sends receipts,
 //!   retries commitments, follows the protocols, and holds messages for agents that are not present
 //!   yet.
-//! - [`MessageRouter`] is the router of a daemon. It holds these parts together: the membership with the
-//!   [`Directory`], the hosted agents with their mailboxes, the broadcasts that a newly started agent has
-//!   missed, the link to the substrate, and the feed of the shared domain. Plugins reach them through
-//!   [`Context`] only.
-//! - [`Rights`] state which agent may do what in a secured ecosystem; the router enforces them.
-//! - [`domain_sync`] keeps a Domain Maintainer up to date; the [`SharedDomain`] is the domain model
+//! - [`MessageRouter`] is the router of a daemon. It owns the membership with the [`Directory`],
+//!   the hosted agents with their mailboxes, the broadcasts that a newly started agent has missed,
+//!   the link to the substrate, and the feed of the shared domain. Plugins reach these parts
+//!   through [`Context`] only.
+//! - [`Rights`] state which agent may do what in a secured ecosystem. The router enforces them.
+//! - [`domain_sync`] keeps a Domain Maintainer up to date. The [`SharedDomain`] is the domain model
 //!   that the actuators of one daemon share.
-//! - [`replication`] replicates records to the Journals, for data that must outlive an agent, and reads
-//!   the records back.
-//! - [`discovery`] starts agents for the devices that an agent discovers, if people ([`Admissions`])
-//!   admit them.
-//! - [`Spawner`] launches agents while the daemon runs; an [`Observer`] watches the agents of
+//! - [`replication`] replicates records to the Journals, for data that must outlive an agent, and
+//!   reads the records back.
+//! - [`discovery`] starts agents for the devices that an agent discovers, if people
+//!   ([`Admissions`]) admit these agents.
+//! - [`Spawner`] launches agents while the daemon runs. An [`Observer`] watches the agents of
 //!   another network.
-//! - [`HostServices`] has the services of the host machine: threads, the wall clock, incarnation numbers.
+//! - [`HostServices`] has the services of the host machine: threads, the wall clock, incarnation
+//!   numbers.
 //! - [`PluginEntry`] is the entry point of a plugin crate for a daemon.
 //!
 //! An agent has no access to the substrate or to the code of another agent.

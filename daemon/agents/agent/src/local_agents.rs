@@ -1,5 +1,5 @@
-//! The agents of one daemon: their mailboxes, the broadcasts that they listen to, and what they have
-//! announced last.
+//! The agents of one daemon: their mailboxes, the broadcasts that they listen to, and their latest
+//! announcements.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -23,13 +23,14 @@ struct LocalAgent {
     mailbox: MailboxSender,
     incarnation: Incarnation,
     interests: BTreeSet<Performative>,
-    /// Latest announcement of the agent; it answers queries for the agent's model.
+    /// Latest announcement of the agent, with which the daemon answers queries for the agent's
+    /// model.
     announcement: LatestAnnouncement,
 }
 
 impl LocalAgents {
-    /// Adds an agent, which listens to broadcasts with the performatives in `interests`. It replaces an
-    /// earlier incarnation of the same name.
+    /// Adds an agent that listens to broadcasts with the performatives in `interests`. The agent
+    /// replaces an earlier incarnation of the same name.
     pub(crate) fn add(
         &mut self,
         agent: &AgentId,
@@ -43,7 +44,8 @@ impl LocalAgents {
         self.count_listeners();
     }
 
-    /// Removes an agent, if it still is this incarnation; returns whether it was removed.
+    /// Removes this incarnation of an agent. Returns `false` if the daemon hosts another
+    /// incarnation of the agent, or none.
     pub(crate) fn remove(&mut self, agent: &AgentId, incarnation: Incarnation) -> bool {
         let is_it = self.incarnation(agent) == Some(incarnation);
         if is_it {
@@ -73,7 +75,7 @@ impl LocalAgents {
         self.agents.get(agent).map(|hosted| &hosted.mailbox)
     }
 
-    /// Returns the mailbox of each agent, or only that of the agent `asked`.
+    /// Returns the mailbox of each agent, or only the one of the agent `asked`.
     pub(crate) fn mailboxes(&self, asked: Option<&AgentId>) -> Vec<MailboxSender> {
         self.asked(asked).map(|(_, hosted)| hosted.mailbox.clone()).collect()
     }
@@ -90,8 +92,9 @@ impl LocalAgents {
         self.agents.iter().filter(move |(agent, _)| asked.is_none_or(|asked| asked == *agent))
     }
 
-    /// Puts a broadcast into the mailbox of each agent that listens to it. A full mailbox loses the
-    /// broadcast: its sender repeats it, or the agent requests it again.
+    /// Puts a broadcast into the mailbox of each agent that listens to it. If a mailbox is full,
+    /// its agent misses the broadcast, until the sender repeats it or the agent requests its
+    /// content.
     pub(crate) fn broadcast(&self, message: &Arc<Message>) {
         for hosted in self.agents.values() {
             if hosted.interests.contains(&message.performative) {
@@ -107,8 +110,8 @@ impl LocalAgents {
         }
     }
 
-    /// Returns the latest model of each agent, or only that of the agent `asked`. Each model contains
-    /// the latest heartbeat of its agent.
+    /// Returns the latest model of each agent, or only the one of the agent `asked`. Each model
+    /// contains the latest heartbeat of its agent.
     pub(crate) fn models(&mut self, asked: Option<&AgentId>) -> Vec<Bytes> {
         let asked = |agent: &AgentId| asked.is_none_or(|asked| asked == agent);
         let hosted = self.agents.iter_mut().filter(|(agent, _)| asked(agent));
@@ -167,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn one_agent_is_asked_or_all_are() {
+    fn a_query_reaches_one_agent_or_all() {
         let mut hosted = LocalAgents::default();
         let _mailboxes = ["a", "b"].map(|agent| add(&mut hosted, agent, 1, &[]));
         let (robot, unknown) = (name("b"), name("c"));

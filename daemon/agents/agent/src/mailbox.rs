@@ -1,4 +1,4 @@
-//! Mailbox of an agent: a bounded queue. A flood of messages is refused and does not pile up.
+//! Mailbox of an agent: a bounded queue. When the queue is full, further messages are refused.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,11 +10,12 @@ use conversation::DuplicateWindow;
 use substrate::ReceivedQuery;
 use tokio::sync::mpsc;
 
-/// Item in a mailbox.
+/// Item in a mailbox: a message, some receipts, a query, or a notice of the router.
 pub(crate) enum MailboxItem {
     /// A message to this agent alone, not decoded.
     Direct(Bytes),
-    /// A broadcast with a performative that this agent listens to; decoded once for the whole daemon.
+    /// A broadcast with a performative that this agent listens to; decoded once for the whole
+    /// daemon.
     Broadcast(Arc<Message>),
     /// A broadcast that arrived before this agent started, not decoded.
     Replayed(Bytes),
@@ -34,9 +35,10 @@ pub(crate) struct MailboxSender {
     door: Arc<DuplicateFilter>,
 }
 
-/// Duplicate window of an agent: the messages that the agent has received, and the messages that were
-/// refused before the agent received them. A copy of a message that waits in a full mailbox may arrive
-/// again; the window ensures that the message is then either handled or refused, never both.
+/// Duplicate window of an agent: the messages that the agent has received, and the messages that
+/// were refused before the agent received them. A copy of a queued message may arrive when the
+/// mailbox is full. The window ensures that the message is then either handled or refused, never
+/// both.
 pub(crate) struct DuplicateFilter(Mutex<FilterWindows>);
 
 struct FilterWindows {
@@ -130,8 +132,8 @@ impl MailboxSender {
         &self.door
     }
 
-    /// Returns the number of items and the counters of this mailbox; `agent` is the name under which
-    /// they are reported.
+    /// Returns the number of items and the counters of this mailbox; `agent` is the name under
+    /// which they are reported.
     pub(crate) fn status(&self, agent: AgentId) -> MailboxStatus {
         let (room, most) = (self.letters.capacity(), self.letters.max_capacity());
         let number = |count: usize| u64::try_from(count).unwrap_or(u64::MAX);
@@ -173,7 +175,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_message_is_heard_or_refused_and_never_both() {
+    fn a_message_is_received_or_refused_and_never_both() {
         let door = DuplicateFilter::new(8);
         let [queued, heard] = ["queued", "heard"].map(MessageId::new);
         assert!(door.refuse(&queued), "its copy found no room");

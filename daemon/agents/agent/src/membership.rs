@@ -1,4 +1,5 @@
-//! Membership, as one daemon sees it: the directory of the present agents, and a channel of its changes.
+//! Membership, as one daemon sees it: the directory of the present agents, and a channel of its
+//! changes.
 
 use std::sync::Arc;
 
@@ -7,8 +8,8 @@ use tokio::sync::broadcast;
 
 use crate::directory::Directory;
 
-/// Capacity of the channel of presence changes. An agent that misses changes because it lags further
-/// behind compares directories instead.
+/// Capacity of the channel of presence changes. An agent that misses changes because it lags
+/// further behind compares directories instead.
 const CHANGES_MAX: usize = 1_024;
 
 /// The present agents, and the subscribers to changes of presence.
@@ -44,12 +45,12 @@ impl AgentMembership {
         receiver.is_empty().then(|| Arc::clone(&self.directory))
     }
 
-    /// Applies a change of presence; sends the resulting changes of holders to the subscribers, and
-    /// returns them.
+    /// Applies a change of presence. Sends the resulting changes of holders to the subscribers, and
+    /// returns these changes.
     pub(crate) fn update(&mut self, presence: &Presence) -> Vec<Presence> {
         let changes = Arc::make_mut(&mut self.directory).update(presence);
         for change in &changes {
-            // Fails if there is no subscriber.
+            // Sending fails only if there is no subscriber.
             let _ = self.changes.send(change.clone());
         }
         changes

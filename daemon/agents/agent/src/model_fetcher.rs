@@ -13,12 +13,12 @@ use tokio::sync::oneshot;
 
 use crate::broadcast_cache::MODEL_BYTES_MAX;
 
-/// Number of models of one daemon that are requested one by one, without delay. So an agent that has
-/// returned is asked for its model before other agents decide by its earlier announcement.
+/// Number of requests to one daemon that are sent one by one, without delay. Thus the model of an
+/// agent that has returned arrives before other agents decide by an outdated announcement.
 const FEW: usize = 16;
 
-/// How long the requests after the first [`FEW`] wait for each other: a batch of heartbeats reveals
-/// many missing models at one moment.
+/// Time for which the requests after the first [`FEW`] wait to be combined. A batch of heartbeats
+/// reveals many missing models at one moment.
 const GATHERED_WITHIN: Duration = Duration::from_millis(2);
 
 /// Requests for models that are under way, by the daemon that hosts the agents.
@@ -29,14 +29,15 @@ pub(crate) struct ModelFetcher(Arc<Mutex<BTreeMap<DaemonId, PendingRequests>>>);
 struct PendingRequests {
     /// Number of requests for a single model that are under way.
     asked: usize,
-    /// Agents that the next joint request asks for their models, each with the channel for the model.
+    /// Agents that the next joint request asks for their models, each with the channel for the
+    /// model.
     waiting: Vec<(AgentId, oneshot::Sender<Vec<Bytes>>)>,
 }
 
 impl ModelFetcher {
-    /// Requests the model of `agent` from the daemon that hosts the agent. Resolves to an empty list if
-    /// no answer comes within `deadline`. The first [`FEW`] requests to a daemon are sent before this
-    /// function returns.
+    /// Requests the model of `agent` from the daemon that hosts the agent. Resolves to an empty
+    /// list if no answer comes within `deadline`. The first [`FEW`] requests to a daemon are sent
+    /// before this function returns.
     ///
     /// # Panics
     ///
@@ -76,7 +77,7 @@ impl ModelFetcher {
                     answers
                 });
             }
-            // In a task of its own: the first caller may drop its future.
+            // Runs in a task of its own, because the first caller may drop its future.
             Some(true) => {
                 let (fetching, substrate) = (self.clone(), Arc::clone(substrate));
                 let question = question(None);
@@ -125,7 +126,7 @@ impl PendingRequests {
     }
 }
 
-/// Whether the answer is no longer than a broadcast model may be; if it is longer, that is logged.
+/// Whether the answer is no longer than a broadcast model may be. A longer answer is logged.
 fn is_short_enough(answer: &Bytes) -> bool {
     let (bytes, is_short_enough) = (answer.len(), answer.len() <= MODEL_BYTES_MAX);
     if !is_short_enough {
@@ -199,7 +200,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn many_are_asked_for_at_once_and_few_one_by_one() {
+    async fn many_models_are_requested_together_and_few_one_by_one() {
         for (count, expected) in [(1, 1), (FEW, FEW), (FEW + 1, FEW + 1), (FEW + 9, FEW + 1)] {
             let (mut models, asked) = fetched(count).await;
             models.sort();

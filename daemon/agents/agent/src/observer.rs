@@ -27,12 +27,12 @@ pub struct AgentSnapshot {
     pub via: Vec<EcosystemId>,
     /// Action model that the agent has announced.
     pub model: Arc<ActionModel>,
-    /// Methods of the agent: which method carries out which action.
+    /// Methods of the agent, by the name of the action that each carries out.
     pub methods: Methods,
     /// Digest of the agent's action model and methods.
     pub digest: String,
-    /// Facts of the agent's last heartbeat, each with the time when the fact expires; `None` if it does
-    /// not expire.
+    /// Facts of the agent's last heartbeat, each with the time at which the fact expires; `None`
+    /// for a fact that does not expire.
     pub facts: Vec<(InitElement, Option<Instant>)>,
     /// Sequence number of the last heartbeat.
     sequence: u64,
@@ -40,16 +40,17 @@ pub struct AgentSnapshot {
     due: Instant,
 }
 
-/// Receiver of the latest snapshot of an observed agent. The value is `None` until the agent is present
-/// and its model is known, and again when the agent has gone.
+/// Receiver of the latest snapshot of an observed agent. The value is `None` until the agent is
+/// present and its model is known, and again when the agent has gone.
 pub type AgentWatch = watch::Receiver<Option<AgentSnapshot>>;
 
-/// Agent that observes other agents.
+/// Agent that observes other agents and publishes a snapshot of each.
 #[derive(Default)]
 pub struct Observer {
     watched: BTreeMap<AgentId, watch::Sender<Option<AgentSnapshot>>>,
     fetching: BTreeMap<AgentId, WorkHandle>,
-    /// Channel for agents that join and were not watched before; set only if all agents are watched.
+    /// Channel for agents that join and were not watched before; set only if all agents are
+    /// watched.
     newcomers: Option<mpsc::Sender<(AgentId, AgentWatch)>>,
     /// How long an agent may be silent. The limit comes from the settings and is known once the
     /// observer is active.
@@ -57,7 +58,8 @@ pub struct Observer {
 }
 
 impl Observer {
-    /// Creates an observer of these agents. Returns it with one receiver of snapshots per agent.
+    /// Creates an observer of these agents. Returns the observer, and one receiver of snapshots per
+    /// agent.
     pub fn of(agents: impl Iterator<Item = AgentId>) -> (Observer, BTreeMap<AgentId, AgentWatch>) {
         let watched: BTreeMap<_, _> =
             agents.map(|agent| (agent, watch::Sender::new(None))).collect();
@@ -66,8 +68,8 @@ impl Observer {
         (Observer { watched, ..Observer::default() }, sights)
     }
 
-    /// Creates an observer of all agents that join; `newcomers` gets the receiver of snapshots of each.
-    /// An agent that joins while `newcomers` is full is not watched.
+    /// Creates an observer of all agents that join; `newcomers` gets the receiver of snapshots of
+    /// each. An agent that joins while `newcomers` is full is not watched.
     pub fn of_all(newcomers: mpsc::Sender<(AgentId, AgentWatch)>) -> Observer {
         let newcomers = Some(newcomers);
         Observer { newcomers, ..Observer::default() }
@@ -104,8 +106,8 @@ impl Observer {
         }
     }
 
-    /// Handles an announced model. An agent with a model that cannot be read counts as an agent without
-    /// a model.
+    /// Handles an announced model. An agent with a model that cannot be read counts as an agent
+    /// without a model.
     fn introduced(&mut self, message: &Message, announced: &ModelAnnouncement) {
         let Some(seen) = self.watched.get(&message.sender) else { return };
         self.fetching.remove(&message.sender);
@@ -185,8 +187,8 @@ impl Observer {
         self.fetching.insert(whose.clone(), work);
     }
 
-    /// Drops the snapshot of each agent that has been silent for too long, even if the presence token
-    /// of that agent remains. Runs twice per heartbeat period.
+    /// Drops the snapshot of each agent that has been silent for too long, even if the presence
+    /// token of that agent remains. Runs twice per heartbeat period.
     fn look_around(&mut self, ctx: &mut Context<Self>) {
         let now = ctx.now();
         for (agent, seen) in &self.watched {
@@ -231,8 +233,8 @@ impl Agent for Observer {
     }
 }
 
-/// Longest period of a heartbeat, and longest silence, that are counted with: another agent states the
-/// period, and the time at which it counts as silent must be computable.
+/// Upper bounds of the heartbeat period and of the silence that is tolerated. A foreign agent
+/// states the period of its heartbeats, and an unbounded period would overflow the clock.
 const PERIOD_MAX: Duration = Duration::from_secs(3_600);
 const SILENCE_MAX: Duration = Duration::from_secs(24 * 3_600);
 

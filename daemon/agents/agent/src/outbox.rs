@@ -1,9 +1,9 @@
-//! Messages under way that need a receipt. A message is retried until its receipt comes, and parked
-//! while its receiver is away.
+//! Outbox of an agent: the messages that have no receipt yet. A message is retried until its
+//! receipt comes, and parked while its receiver is away.
 //!
-//! Parked messages are the paper's “queue operations on agent death/activation”. A message to an agent
-//! that is not present yet waits until the agent joins. A message to an agent that has left waits for
-//! the length of the grace, and is then reported as undelivered.
+//! Parked messages are the paper's “queue operations on agent death/activation”. A message to an
+//! agent that is not present yet waits until the agent joins. A message to an agent that has left
+//! waits for the length of the grace, and is then reported as undelivered.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -22,8 +22,8 @@ use crate::settings::AgentSettings;
 #[derive(Clone, Debug)]
 pub(crate) struct OutboundMessage {
     pub(crate) to: AgentId,
-    /// Incarnation of the receiver that the message is for; `None` if the message is for the agent that
-    /// holds the name, in any incarnation.
+    /// Incarnation of the receiver that the message is for; `None` if the message is for the agent
+    /// that holds the name, in any incarnation.
     pub(crate) incarnation: Option<Incarnation>,
     pub(crate) performative: Performative,
     pub(crate) exchange: Option<ReplyToken>,
@@ -36,8 +36,8 @@ pub(crate) struct OutboundMessage {
 
 #[derive(Debug)]
 struct PendingDelivery {
-    /// Running number of the message; messages that are due at the same time are sent in the order of
-    /// these numbers.
+    /// Running number of the message; messages that are due at the same time are sent in the order
+    /// of these numbers.
     number: u64,
     parcel: OutboundMessage,
     state: SendState,
@@ -66,7 +66,7 @@ impl From<&Resident> for ReceiverIncarnation {
     }
 }
 
-/// An action on a message, to be done now.
+/// Action on a message that is due now.
 #[derive(Debug)]
 pub(crate) enum DueAction {
     /// Send this message.
@@ -118,9 +118,9 @@ impl Outbox {
                 again: now + self.retry_first,
                 wait: self.retry_first,
             },
-            // The message is for the incarnation that asked. Its presence may not be known here
-            // yet; if it is not present after a lease, it is dead. Another incarnation may hold the
-            // name by now, and this one may return.
+            // The message is for the incarnation that asked. The presence of that incarnation may
+            // not be known here yet; if it is not present after a lease, it is gone. Another
+            // incarnation may hold the name by now, and the asking one may return.
             None if parcel.incarnation.is_some() => {
                 SendState::Parked { incarnation: None, until: parcel.give_up.min(now + self.lease) }
             }
@@ -131,8 +131,8 @@ impl Outbox {
         true
     }
 
-    /// Whether the outbox has room for the messages of a new exchange: half of the outbox is reserved
-    /// for exchanges that have begun before.
+    /// Whether the outbox has room for the messages of a new exchange. Half of the outbox is
+    /// reserved for exchanges that have begun already.
     pub(crate) fn has_room(&self) -> bool {
         self.parcels.len() < self.parcels_max.div_ceil(2)
     }
@@ -142,10 +142,11 @@ impl Outbox {
         self.parcels.remove(id);
     }
 
-    /// Removes messages that need no receipt any more, because the turn `with` of the exchange can only
-    /// follow them. Any answer replaces the receipt of the message that opened the exchange;
-    /// `accept-proposal` and `reject-proposal` replace the receipt of the proposal. The receipt of a
-    /// `cancel` is never replaced: the turn may have been sent before the `cancel` arrived.
+    /// Removes the messages to `by` that need no receipt any more, because `by` has sent the turn
+    /// `with` of the exchange, which can only follow them. Any answer replaces the receipt of the
+    /// message that opened the exchange; `accept-proposal` and `reject-proposal` replace the
+    /// receipt of the proposal. The receipt of a `cancel` is never replaced, because the turn may
+    /// have been sent before the `cancel` arrived.
     pub(crate) fn replied(&mut self, exchange: &ReplyToken, by: &AgentId, with: Performative) {
         let is_before = |parcel: &OutboundMessage| {
             let proposes =
@@ -157,21 +158,21 @@ impl Outbox {
         });
     }
 
-    /// Removes the messages of an exchange that is over for this agent, so that none is retried.
+    /// Removes the messages of an exchange that is over for this agent, so that they are not
+    /// retried.
     pub(crate) fn forget(&mut self, exchange: &ReplyToken) {
         self.parcels.retain(|_, under_way| under_way.parcel.exchange.as_ref() != Some(exchange));
     }
 
-    /// Handles that an incarnation of a receiver is present; returns the actions on its messages that
-    /// are due:
+    /// Handles that an incarnation of a receiver is present. Returns the actions that are due on
+    /// the messages to that receiver:
     ///
     /// - The incarnation is the same as before, or the first one: the message is sent.
-    /// - The incarnation is a new one on the same daemon, and knows nothing of earlier exchanges: the
-    ///   message is given up.
+    /// - The incarnation is a new one on the same daemon. It has no record of earlier exchanges, so
+    ///   the message is given up.
     /// - The incarnation is one on another daemon, and is the leader now. A message that opens an
-    ///   exchange is sent to it, because it has not received the message and goes on with what the
-    ///   former leader knew. A message that is for one incarnation only waits for that incarnation. Any
-    ///   other message is given up.
+    ///   exchange is sent to the new leader, which has not received it. A message that is for one
+    ///   incarnation only waits for that incarnation. Any other message is given up.
     pub(crate) fn joined(&mut self, resident: &Resident, now: Instant) -> Vec<DueAction> {
         let (agent, incarnation) = (&resident.agent, ReceiverIncarnation::from(resident));
         let mut due = Vec::new();
@@ -191,7 +192,8 @@ impl Outbox {
                     .is_some_and(|bound| bound != incarnation.incarnation);
             let took_over = before.is_none_or(|before| before.daemon != incarnation.daemon);
             if under_way.parcel.incarnation.is_some() && is_another && took_over {
-                // The message is for an incarnation that is a standby now, or has left and may return.
+                // The message is for an incarnation that is a standby now, or has left and may
+                // return.
                 return true;
             }
             if is_another && !(took_over && under_way.parcel.opens) {
@@ -211,7 +213,8 @@ impl Outbox {
         as_said(due)
     }
 
-    /// Handles that an agent has left: messages under way to the agent wait for its return.
+    /// Parks the messages to an agent that has left, until the agent returns or the grace has
+    /// passed. A message for one incarnation stays under way while that incarnation is present.
     pub(crate) fn left(&mut self, agent: &AgentId, directory: &Directory, now: Instant) {
         for under_way in self.parcels.values_mut().filter(|other| other.parcel.to == *agent) {
             let bound = under_way.parcel.incarnation;
@@ -228,7 +231,7 @@ impl Outbox {
         }
     }
 
-    /// Whether no message waits for a receipt.
+    /// Whether the outbox is empty: no message waits for a receipt.
     pub(crate) fn is_empty(&self) -> bool {
         self.parcels.is_empty()
     }
@@ -258,7 +261,8 @@ impl Outbox {
                     let why = DeliveryError::NoReceipt;
                     due.push((number, DueAction::GiveUp(id.clone(), parcel.clone(), why)));
                 }
-                // No presence change reports the return of an incarnation that does not hold the name.
+                // The presence of an incarnation that does not hold the name is not reported as a
+                // change.
                 SendState::Parked { .. }
                     if parcel.give_up > now
                         && let Some(incarnation) = parcel.its_incarnation(directory) =>
@@ -291,8 +295,8 @@ fn as_said(mut due: Vec<(u64, DueAction)>) -> Vec<DueAction> {
 }
 
 impl OutboundMessage {
-    /// Returns the receiver of the message if it is present: the incarnation that the message is for,
-    /// or the holder of the name if the message is for any incarnation.
+    /// Returns the receiver of the message if it is present: the incarnation that the message is
+    /// for, or the holder of the name if the message is for any incarnation.
     pub(crate) fn receiver<'d>(&self, directory: &'d Directory) -> Option<&'d Resident> {
         match self.incarnation {
             Some(incarnation) => directory.find_incarnation(&self.to, incarnation),
@@ -302,8 +306,8 @@ impl OutboundMessage {
 }
 
 impl OutboundMessage {
-    /// Returns the one incarnation that the message is for. `None` if that incarnation is not present,
-    /// or if the message is for any incarnation.
+    /// Returns the one incarnation that the message is for. `None` if that incarnation is not
+    /// present, or if the message is for any incarnation.
     fn its_incarnation(&self, directory: &Directory) -> Option<ReceiverIncarnation> {
         directory.find_incarnation(&self.to, self.incarnation?).map(ReceiverIncarnation::from)
     }
@@ -370,7 +374,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn retries_grow_rarer_and_end_with_the_receipt() {
+    async fn retries_back_off_and_end_with_the_receipt() {
         let start = Instant::now();
         let mut outbox = outbox(Some(1), start);
         let mut waits = Vec::new();
@@ -403,7 +407,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_message_waits_for_an_activation() {
+    async fn a_message_waits_until_its_receiver_joins() {
         let now = Instant::now();
         let mut outbox = outbox(None, now);
         assert_eq!(words(&outbox.due(&nobody(), now + Duration::from_secs(1))), [""; 0]);
@@ -411,7 +415,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_blink_is_borne_and_a_death_is_not() {
+    async fn a_short_absence_is_tolerated_and_a_long_one_is_not() {
         let now = Instant::now();
         let mut outbox = outbox(Some(1), now);
         outbox.left(&robot(), &nobody(), now);
@@ -422,7 +426,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_new_life_is_not_bound_by_the_old_ones_word() {
+    async fn a_message_is_given_up_when_its_receiver_restarts() {
         let now = Instant::now();
         let mut outbox = outbox(Some(1), now);
         assert_eq!(words(&outbox.joined(&resident("a", 2), now)), ["Restarted"]);
@@ -431,7 +435,7 @@ mod tests {
 
     /// Two replicas open exchanges; the one at `a` has asked, and is then cut off.
     #[tokio::test(start_paused = true)]
-    async fn who_asked_hears_the_answer_and_not_who_takes_over() {
+    async fn an_answer_goes_to_the_incarnation_that_asked_and_not_to_a_new_leader() {
         let now = Instant::now();
         let mut outbox = Outbox::new(&AgentSettings::default());
         let (asker, other) = (resident("a", 1), resident("b", 2));
@@ -460,7 +464,7 @@ mod tests {
 
     /// The presence token of a guest may arrive after its requests.
     #[tokio::test(start_paused = true)]
-    async fn who_asked_and_is_not_heard_of_yet_hears_all_in_order() {
+    async fn answers_wait_for_the_presence_of_the_asker_and_keep_their_order() {
         let now = Instant::now();
         let mut outbox = Outbox::new(&AgentSettings::default());
         let asker = resident("a", 1);
@@ -481,7 +485,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn who_takes_over_is_asked_instead() {
+    async fn a_request_is_sent_to_the_replica_that_takes_over() {
         let now = Instant::now();
         let mut outbox = outbox(Some(1), now);
         assert_eq!(words(&outbox.joined(&resident("b", 2), now)), ["send"]);

@@ -9,22 +9,22 @@ use serde_json::Value;
 use crate::host::Host;
 use crate::launch::LaunchableAgent;
 
-/// Entry of the daemon's table of plugins, which describes one plugin.
+/// Description of one plugin, as an entry of the daemon's table of plugins.
 #[derive(Clone, Copy, Debug)]
 pub struct PluginEntry {
     /// Name by which an ecosystem file refers to the plugin.
     pub name: &'static str,
     /// Description of the plugin in one line.
     pub about: &'static str,
-    /// Names of the drivers that the plugin offers; the first is the default. Empty if the plugin uses
-    /// no device.
+    /// Names of the drivers that the plugin offers; the first is the default. Empty if the plugin
+    /// uses no device.
     pub drivers: &'static [&'static str],
-    /// Whether several daemons may host an agent of this plugin. If so, one replica is the leader and
-    /// the others are standbys. `false` for a plugin that drives a device, because there is only one
-    /// device.
+    /// Whether several daemons may host an agent of this plugin. If so, one replica is the leader
+    /// and the others are standbys. `false` for a plugin that drives a device, because there is
+    /// only one device.
     pub has_replicas: bool,
-    /// Builds an agent of this plugin. Opens no device or connection: that is done when the agent is
-    /// activated.
+    /// Function that builds an agent of this plugin. The function opens no device and no
+    /// connection; the agent opens them when it is activated.
     pub build: fn(Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError>,
 }
 
@@ -41,7 +41,7 @@ pub struct Blueprint {
     pub host: Arc<Host>,
 }
 
-/// Reason why an agent could not be built. Completes “failed to …”.
+/// Reason why an agent could not be built. The message completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum BuildError {
@@ -54,7 +54,7 @@ pub enum BuildError {
         #[source]
         source: serde_json::Error,
     },
-    /// The plugin has no driver of the name in the agent's entry.
+    /// The agent's entry names a driver that the plugin does not have.
     #[error("find driver `{driver}` for `{agent}`; there is {}", known.join(", "))]
     UnknownDriver {
         /// Name of the agent that could not be built.
@@ -64,7 +64,7 @@ pub enum BuildError {
         /// Names of the drivers that the plugin has.
         known: Vec<String>,
     },
-    /// The agent's entry has another problem.
+    /// The agent's entry has another mistake.
     #[error("build `{agent}`: {problem}")]
     Other {
         /// Name of the agent that could not be built.
@@ -90,7 +90,7 @@ impl Blueprint {
             .map_err(|source| BuildError::Config { agent: self.id.clone(), source })
     }
 
-    /// Creates an error about the agent's entry.
+    /// Creates an error about a mistake in the agent's entry; `problem` describes the mistake.
     pub fn problem(&self, problem: impl Into<String>) -> BuildError {
         BuildError::Other { agent: self.id.clone(), problem: problem.into() }
     }

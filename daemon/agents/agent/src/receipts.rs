@@ -1,8 +1,8 @@
-//! Receipts that an agent owes. They are sent together a little later, or not at all if an answer is
-//! sent first.
+//! Receipts that an agent owes to the senders of messages. The receipts are sent together a little
+//! later, or not at all if an answer is sent first.
 //!
-//! A receipt stops the sender's retries and has no other effect. So a receipt may be sent as late as
-//! shortly before the first retry, and one message carries all receipts for one sender. A turn that can
+//! A receipt stops the sender's retries and has no other effect. So a receipt may be sent shortly
+//! before the first retry, and one message carries all receipts for one sender. A turn that can
 //! only follow a message counts as the receipt of that message.
 
 use std::collections::BTreeMap;
@@ -12,7 +12,7 @@ use acl::{AgentId, Incarnation, Message, MessageId, Performative, Protocol, Repl
 use bytes::Bytes;
 use tokio::time::Instant;
 
-/// Most receipts that wait; one more causes all of them to be sent.
+/// Maximum number of receipts that wait. One more causes all of them to be sent.
 const OWED_MAX: usize = 256;
 
 /// Receipts that an agent owes to others.
@@ -28,20 +28,21 @@ pub(crate) struct Receipts {
 struct OwedReceipt {
     to: AgentId,
     /// Incarnation of the agent that sent the message. The receipt is for this incarnation only,
-    /// because another one does not know the message.
+    /// because another one has not sent the message.
     incarnation: Incarnation,
     message: MessageId,
     /// Turn that replaces the receipt, if the turn is sent before the receipt.
     until: Option<ImplicitReceipt>,
 }
 
-/// Turn that replaces the receipt of a message, because only an agent that has received the message can
-/// send the turn.
+/// Turn that replaces the receipt of a message, because only an agent that has received the message
+/// can send the turn.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum ImplicitReceipt {
     /// The message opened this exchange; any answer in the exchange replaces the receipt.
     Answered(ReplyToken),
-    /// The message is a proposal in this exchange; its acceptance or rejection replaces the receipt.
+    /// The message is a proposal in this exchange; its acceptance or rejection replaces the
+    /// receipt.
     Judged(ReplyToken),
 }
 
@@ -61,8 +62,8 @@ impl ImplicitReceipt {
     /// Whether a turn in `exchange` with this performative, sent by the receiver of the message,
     /// replaces the receipt of the message.
     ///
-    /// The receipt of a `cancel` is never replaced: the answer may have been sent before the `cancel`
-    /// arrived.
+    /// The receipt of a `cancel` is never replaced: the answer may have been sent before the
+    /// `cancel` arrived.
     pub(crate) fn is_over(&self, exchange: &ReplyToken, performative: Performative) -> bool {
         match self {
             ImplicitReceipt::Answered(opened) => opened == exchange,
@@ -77,13 +78,14 @@ pub(crate) fn is_judgment(performative: Performative) -> bool {
 }
 
 impl Receipts {
-    /// Creates an empty list of owed receipts. Senders retry after `retry_first`. Receipts wait for a
-    /// fifth of that time, which leaves time for their transport.
+    /// Creates an empty list of owed receipts. Senders retry after `retry_first`. Receipts wait for
+    /// a fifth of that time, which leaves time for their transport.
     pub(crate) fn new(retry_first: Duration) -> Receipts {
         Receipts { owed: Vec::new(), delay: retry_first / 5, due: None }
     }
 
-    /// Notes that this agent owes the receipt of a message.
+    /// Records that this agent owes the receipt of a message, which may be sent until the delay has
+    /// passed.
     pub(crate) fn owe(
         &mut self,
         (to, incarnation): (AgentId, Incarnation),
@@ -148,7 +150,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn they_wait_a_little_and_go_together() {
+    async fn receipts_wait_a_little_and_are_sent_together() {
         let mut receipts = Receipts::new(RETRY);
         let now = Instant::now();
         assert_eq!(receipts.due(), None);
@@ -191,7 +193,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn so_many_do_not_wait() {
+    async fn too_many_receipts_are_sent_at_once() {
         let mut receipts = Receipts::new(RETRY);
         let now = Instant::now();
         for _ in 0..=OWED_MAX {

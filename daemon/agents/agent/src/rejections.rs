@@ -1,5 +1,5 @@
-//! Rejected messages: counted by kind of violation, and logged at a bounded rate, so that no sender can
-//! fill the log.
+//! Rejected messages: counted by kind of violation, and logged at a bounded rate, so that no sender
+//! can fill the log.
 
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Mutex, MutexGuard, PoisonError};
@@ -11,8 +11,9 @@ use substrate::{Rejected, ViolationKind};
 /// Shortest time between two log lines about one kind of violation by senders of one name.
 const SAID_EVERY: Duration = Duration::from_secs(10);
 
-/// Most log lines about one kind of violation within `SAID_EVERY`, under all names together. The
-/// messages of a sender that takes a new name each time are counted, but cannot fill the log.
+/// Maximum number of log lines about one kind of violation within `SAID_EVERY`, under all names
+/// together. The messages of a sender that takes a new name each time are counted, but cannot fill
+/// the log.
 const LINES_MAX: u32 = 16;
 
 /// Counters and log of rejected messages.
@@ -22,7 +23,7 @@ pub(crate) struct Rejections {
     said: Mutex<BTreeMap<&'static str, KindLog>>,
 }
 
-/// Log lines that were written lately about one kind of violation.
+/// Recent log lines about one kind of violation.
 #[derive(Debug)]
 struct KindLog {
     /// Start of the period in which lines are counted.
@@ -30,7 +31,8 @@ struct KindLog {
     lines: u32,
     /// Number of rejections that were not logged, without those that an entry in `names` counts.
     unsaid: u64,
-    /// Last log line for each name. There are few names, because each one has cost a line.
+    /// Last log line for each name. There are few names, because a name is added only with a log
+    /// line.
     names: HashMap<String, LoggedLine>,
 }
 
@@ -98,7 +100,8 @@ impl KindLog {
         self.lines += 1;
         let own = self.names.remove(from).map_or(0, |last| last.unsaid);
         if self.lines == 1 {
-            // The first line of a period removes the names that have had no line for as long.
+            // The first line of a period removes the names that have had no line within
+            // `SAID_EVERY`.
             let over = self.names.extract_if(|_, last| is_over(last.at));
             self.unsaid += over.map(|(_, last)| last.unsaid).sum::<u64>();
         }
@@ -116,7 +119,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_same_is_said_once_in_a_while_and_always_counted() {
+    fn rejections_are_logged_at_a_bounded_rate_and_all_counted() {
         let rejections = Rejections::default();
         let began = Instant::now();
         let say = |from: &str, after| {

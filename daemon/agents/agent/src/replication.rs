@@ -2,9 +2,9 @@
 //! becomes the leader (docs/design.md, “Fail-over”).
 //!
 //! Each leader writes under a term of its own, which is greater than any term that it has read
-//! (fencing). So its versions of records are newer than those of earlier leaders, whatever the clocks
-//! of the machines say. Journals that join or return are read again: after a partition they hold the
-//! decisions made on their side.
+//! (fencing). So its versions of records are newer than those of earlier leaders, even if the
+//! clocks of the machines differ. Journals that join or return are read again, because after a
+//! partition they hold the decisions made on their side.
 
 mod journal_queue;
 
@@ -27,15 +27,15 @@ use crate::replication::journal_queue::JournalQueues;
 /// records, except for those written last.
 const OTHERS_AWAITED: Duration = Duration::from_millis(100);
 
-/// Wait before a Journal that gave no answer is read again: a machine that has just started is still
-/// opening the file of its Journal. After `READS_OFTEN` attempts the wait is `READ_LATER`, for as long
-/// as the Journal is present: a slow memory card may take minutes to repair a file.
+/// Wait before a Journal that gave no answer is read again: a machine that has just started is
+/// still opening the file of its Journal. After `READS_OFTEN` attempts the wait is `READ_LATER`,
+/// for as long as the Journal is present: a slow memory card may take minutes to repair a file.
 const READ_AGAIN: Duration = Duration::from_millis(50);
 const READS_OFTEN: u32 = 40;
 const READ_LATER: Duration = Duration::from_secs(2);
 
-/// Client of the Journals for one agent: the versions that the agent writes, and the records on their
-/// way.
+/// Client of the Journals for one agent: the version of the agent's last write, and the records
+/// that are being delivered.
 pub struct JournalClient<A: Agent> {
     journals: Vec<AgentId>,
     version: Version,
@@ -51,14 +51,14 @@ pub struct JournalClient<A: Agent> {
     deliveries: JournalQueues<A>,
 }
 
-/// Agent that lets the Journals keep its records.
+/// Agent that replicates its records to the Journals.
 pub trait ReplicatesRecords: Agent {
     /// Returns the agent's client of the Journals.
     fn journal_client(&mut self) -> &mut JournalClient<Self>;
 
-    /// Called with the newest version of each record that the Journals hold, ordered by key; this agent
-    /// or earlier leaders have written them. Called when the agent becomes the leader, and whenever a
-    /// Journal joins.
+    /// Called with the newest version of each record that the Journals hold, ordered by key; this
+    /// agent or earlier leaders have written them. Called when the agent becomes the leader, and
+    /// whenever a Journal joins.
     fn records_restored(&mut self, records: Vec<Record>, ctx: &mut Context<Self>);
 }
 
@@ -87,7 +87,7 @@ impl<A: Agent> JournalClient<A> {
         }
     }
 
-    /// Whether every Journal that is present and works has kept all records that were sent to it.
+    /// Whether every Journal that is present and works has stored all records that were sent to it.
     pub fn has_delivered(&self) -> bool {
         self.deliveries.is_empty()
     }
@@ -102,19 +102,20 @@ impl<A: Agent> JournalClient<A> {
         self.is_leading
     }
 
-    /// Takes note of records that other agents have written. Versions that this agent writes later are
-    /// newer than these records.
+    /// Ensures that versions that this agent writes later are newer than `records`, which other
+    /// agents have written.
     pub fn advance_term_past(&mut self, incarnation: Incarnation, records: &[Record]) {
         self.begin_term(incarnation, records);
     }
 
-    /// Returns the term under which this agent writes; it is greater than any term that the agent has
-    /// read.
+    /// Returns the term under which this agent writes; it is greater than any term that the agent
+    /// has read.
     pub fn term(&self) -> u64 {
         self.version.term
     }
 
-    /// Creates a new version of the record `key`, with the content `body`.
+    /// Creates a new version of the record `key`, with the content `body`. The caller passes it to
+    /// [`replicate`] or [`replicate_detached`].
     pub fn write(&mut self, key: String, body: Value) -> Record {
         self.version.count += 1;
         Record { key, version: self.version, body }
@@ -122,7 +123,7 @@ impl<A: Agent> JournalClient<A> {
 
     fn begin_term(&mut self, incarnation: Incarnation, records: &[Record]) {
         let read = records.iter().map(|record| record.version.term).max();
-        // Reading its own records does not begin a new term.
+        // An agent that reads its own records begins no new term.
         if read > Some(self.version.term) || self.version.term == 0 {
             let later = read.map_or(0, |term| term.saturating_add(stride_of(incarnation)));
             self.version = Version { term: later.max(incarnation.0), count: 0 };
@@ -130,9 +131,9 @@ impl<A: Agent> JournalClient<A> {
     }
 }
 
-/// Returns the distance between a new term and the greatest term that was read. The distance differs
-/// between incarnations, so that two agents begin different terms even if they have read the same
-/// records while cut off from each other.
+/// Returns the distance between a new term and the greatest term that was read. The distance
+/// differs between incarnations, so that two agents begin different terms even if they have read
+/// the same records while cut off from each other.
 fn stride_of(Incarnation(incarnation): Incarnation) -> u64 {
     /// 2⁶⁴ divided by the golden ratio. Multiplication by this number spreads incarnations that lie
     /// close together (Knuth, The Art of Computer Programming, 6.4).
@@ -142,9 +143,9 @@ fn stride_of(Incarnation(incarnation): Incarnation) -> u64 {
     (incarnation.wrapping_mul(SPREAD) >> 32).max(1)
 }
 
-/// Replicates records to the Journals that are present. Calls `then` as soon as enough Journals have
-/// the records, all Journals have answered, or the time for an answer has passed. The records are sent
-/// to each Journal again until it has them.
+/// Replicates records to the Journals that are present. Calls `then` as soon as enough machines
+/// have the records, all Journals have answered, or the time for an answer has passed. The records
+/// are sent to each Journal again until it has stored them.
 pub fn replicate<A: ReplicatesRecords>(
     agent: &mut A,
     records: &[Record],
@@ -196,7 +197,8 @@ pub fn handle_presence<A: ReplicatesRecords>(
     }
     match presence {
         Presence::Joined(_) => {
-            // Reads all, not this one alone: it may lack the ends of goals that the others have recorded.
+            // All Journals are read, because this one may lack the ends of goals that the others
+            // have recorded.
             read_all(agent, ctx);
         }
         Presence::Left(_) => {
@@ -348,7 +350,7 @@ mod tests {
     /// If two leaders had equal terms, a plan or a command of one could be mistaken for that of the
     /// other.
     #[test]
-    fn two_that_read_the_same_begin_terms_of_their_own() {
+    fn leaders_that_read_the_same_records_begin_different_terms() {
         let version = Version { term: 1_700_000_034_043_986, count: 3 };
         let read = Record { key: "goal/a".to_owned(), version, body: Value::Null };
         let terms = [1_700_000_034_042_988, 1_700_000_034_042_989, 1_700_000_034_039_001];

@@ -1,6 +1,6 @@
 //! Rights in a secured ecosystem, as the ecosystem file states them: which daemon may host which
-//! agents, which actions these agents may advertise, and which agents may ask for goals. This module
-//! has data and decisions; the module `authorization` enforces them.
+//! agents, which actions these agents may advertise, and which agents may ask for goals. This
+//! module has data and decisions; the module `authorization` enforces them.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,10 +12,11 @@ use acl::{AgentId, DaemonId};
 pub struct Rights {
     /// The agents that the ecosystem file names, each with its rights.
     pub agents: BTreeMap<AgentId, AgentRights>,
-    /// Daemons through which people take part. These daemons may host agents that the ecosystem file
-    /// does not name, if such agents offer no actions.
+    /// Daemons through which people take part. These daemons may host agents that the ecosystem
+    /// file does not name, if those agents offer no actions.
     pub guests: AllowedNames<DaemonId>,
-    /// Daemons that may host agents with actions even if the ecosystem file does not name these agents.
+    /// Daemons that may host agents with actions even if the ecosystem file does not name these
+    /// agents.
     pub newcomers: AllowedNames<DaemonId>,
     /// Agents that may ask for goals, plans and actions.
     pub goals: AllowedRequesters,
@@ -30,7 +31,8 @@ pub struct AgentRights {
     pub daemons: BTreeSet<DaemonId>,
     /// Actions that the agent may advertise, in lower case; `None` if it may advertise any action.
     pub actions: Option<BTreeSet<String>>,
-    /// Whether the agent is a reasoning agent: one that carries out what other agents may ask for.
+    /// Whether the agent is a reasoning agent, such as the Plan Requester: it acts on requests of
+    /// other agents, and is trusted to make any request itself.
     pub reasons: bool,
 }
 
@@ -52,8 +54,8 @@ pub enum AllowedRequesters {
     These {
         /// Agents that the ecosystem file names and that may make the request.
         agents: BTreeSet<AgentId>,
-        /// Whether agents that the ecosystem file does not name may make the request: people at command
-        /// lines and keyboards.
+        /// Whether agents that the ecosystem file does not name may make the request: people at
+        /// command lines and keyboards.
         guests: bool,
     },
 }
@@ -61,8 +63,8 @@ pub enum AllowedRequesters {
 // === impl Rights ===
 
 impl Rights {
-    /// Checks whether an agent may be hosted by `daemon`, which may also be a guest of a daemon that
-    /// the ecosystem file names.
+    /// Checks whether `daemon` may host an agent. `daemon` may also be a guest of a daemon that the
+    /// ecosystem file names, such as the short-lived daemon of a command.
     ///
     /// # Errors
     ///
@@ -91,8 +93,8 @@ impl Rights {
         }
     }
 
-    /// Whether the rights limit which actions `agent`, hosted by `daemon`, may advertise, so that they
-    /// must be checked.
+    /// Whether the rights limit the actions that `agent`, hosted by `daemon`, may advertise. If so,
+    /// the actions must be checked.
     pub fn limits_actions(&self, agent: &AgentId, daemon: &DaemonId) -> bool {
         match self.agents.get(agent) {
             Some(rights) => rights.actions.is_some(),
@@ -104,8 +106,8 @@ impl Rights {
     ///
     /// # Errors
     ///
-    /// Returns the reason, for a person, if the agent may not. If the ecosystem file names the agent,
-    /// the reason lists the actions that are not allowed.
+    /// Returns the reason, for a person, if the agent may not. If the ecosystem file names the
+    /// agent, the reason lists the actions that are not allowed.
     pub fn may_advertise<'a>(
         &self,
         agent: &AgentId,
@@ -147,7 +149,8 @@ impl Rights {
             | Request::Execute(_)
             | Request::CancelPlan(_)
             | Request::Act(_) => self.may_ask_for_goals(agent),
-            // The Plan Executor reports the effects of an action in the name of the agent that acted.
+            // The Plan Executor reports the effects of an action in the name of the agent that
+            // acted.
             Request::ChangeState(ChangeState { owner: Some(owner), .. })
                 if owner != agent && !self.may_reason(agent) =>
             {
@@ -191,7 +194,8 @@ impl Rights {
         self.agents.get(agent).is_some_and(reasons) || !self.agents.values().any(reasons)
     }
 
-    /// Whether a daemon may host reasoning agents.
+    /// Whether a daemon may host reasoning agents. Every daemon may if the ecosystem file names no
+    /// reasoning agent.
     pub fn may_host_reasoning(&self, daemon: &DaemonId) -> bool {
         let reasoning = || self.agents.values().filter(|rights| rights.reasons);
         let here =
@@ -282,7 +286,7 @@ mod tests {
     }
 
     #[test]
-    fn each_agent_has_its_place() {
+    fn each_agent_runs_on_its_own_daemons_only() {
         for (who, place, expected) in [
             ("robot", "robot-pi", true),
             ("robot", "spare-pi", true),
@@ -306,7 +310,7 @@ mod tests {
     }
 
     #[test]
-    fn each_agent_offers_what_it_may() {
+    fn each_agent_advertises_allowed_actions_only() {
         for (who, place, actions, expected) in [
             ("robot", "robot-pi", vec!["move", "DOCK"], true),
             ("robot", "robot-pi", vec!["move", "open-vault"], false),
@@ -321,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn each_asks_for_what_it_may() {
+    fn each_agent_makes_allowed_requests_only() {
         let goal = Request::Achieve(Achieve {
             goal: "(clean hall)".to_owned(),
             keep: Keep::Achieve,
@@ -355,7 +359,7 @@ mod tests {
     }
 
     #[test]
-    fn reasoning_is_the_reasoners() {
+    fn only_reasoning_agents_may_reason() {
         let rights = rights();
         assert!(rights.may_reason(&agent("requester")) && !rights.may_reason(&agent("robot")));
         assert!(rights.may_host_reasoning(&daemon("hub")));

@@ -1,10 +1,11 @@
-//! Names of the reasoning agents of an ecosystem, under which other agents and commands address them.
+//! Names of the reasoning agents of an ecosystem, under which other agents and commands address
+//! them.
 
 use acl::AgentId;
 
-/// The name of the agent that has each reasoning role. The ecosystem file decides; the default names
-/// are those of the plugins. A command that has not read the file, and a plugin that is a process, use the
-/// default names.
+/// Name of the agent in each reasoning role. The ecosystem file sets the names. By default each
+/// agent has the name of its plugin. A command that has not read the file, and a plugin that is a
+/// process, use the defaults.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RoleNames {
     /// The agent that keeps the composite domain.

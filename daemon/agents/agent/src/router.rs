@@ -1,6 +1,7 @@
 //! The router of one daemon: connects all agents of that daemon to the substrate.
 //!
-//! - Puts incoming messages into mailboxes. If a mailbox is full, answers the message with `refuse`.
+//! - Puts incoming messages into mailboxes. If a mailbox is full, answers the message with
+//!   `refuse`.
 //! - Maintains the [`Directory`] and notifies agents when others join or leave.
 //! - Passes broadcasts to the [`SharedDomain`] before it puts them into mailboxes.
 //! - Decodes a broadcast once for the whole daemon, and does not decode a heartbeat that repeats
@@ -10,7 +11,7 @@
 //! The router holds the parts together; each part is a module: membership, hosted agents, broadcast
 //! cache, authorization, the link to the substrate, the feed of the shared domain, reports.
 //!
-//! The substrate calls this module on its own threads: no function here blocks.
+//! The substrate calls this module from its own threads, so no function here blocks.
 
 mod inbound;
 
@@ -111,30 +112,32 @@ impl MessageRouter {
         self.link.connect(substrate);
     }
 
-    /// Sets the rights of the ecosystem. Only the first call has an effect. As long as no rights are
-    /// set, every message is allowed.
+    /// Sets the rights of the ecosystem. Only the first call has an effect. Every message is
+    /// allowed until the rights are set.
     pub fn set_rights(&self, rights: Rights) {
         self.authorizer.set_rights(rights);
     }
 
-    /// Sets the function that answers [`Resource::Plugins`](substrate::Resource): the state of the plugins that run as
-    /// processes. Only the first call has an effect.
+    /// Sets the function that answers queries for [`Resource::Plugins`](substrate::Resource). The
+    /// function returns the state of the plugins that run as processes. Only the first call has an
+    /// effect.
     pub fn tell_plugins(&self, tell: impl Fn() -> String + Send + Sync + 'static) {
         self.reports.set_plugins(Box::new(tell));
     }
 
-    /// Sets the answer to [`Resource::Files`](substrate::Resource): digests of the ecosystem's domain and map as this daemon
-    /// has read them. Only the first call has an effect.
+    /// Sets the answer to queries for [`Resource::Files`](substrate::Resource): digests of the
+    /// ecosystem's domain and map as this daemon has read them. Only the first call has an effect.
     pub fn tell_files(&self, files: String) {
         self.reports.set_files(files);
     }
 
-    /// Replaces the list of agents that the finder `by` has discovered.
+    /// Replaces the list of agents that the finder `by` has discovered. A finder is a gateway, or
+    /// the folder of plugins.
     pub fn discovered(&self, by: &str, agents: Vec<Discovered>) {
         self.reports.set_discovered(by, agents);
     }
 
-    /// Returns the machine that the daemon runs on.
+    /// Returns the services of the machine that the daemon runs on.
     pub fn host_services(&self) -> HostServices {
         self.host_services.clone()
     }
@@ -176,10 +179,10 @@ impl MessageRouter {
         self.read().membership.directory().find(agent).cloned()
     }
 
-    /// Returns the directory, and a receiver of every presence change from now on. A receiver that lags
-    /// too far behind misses changes, and must compare directories instead.
+    /// Returns the directory, and a receiver of every presence change from now on. A receiver that
+    /// lags too far behind misses changes; its owner must then compare directories instead.
     pub fn presence_changes(&self) -> (Arc<Directory>, broadcast::Receiver<Presence>) {
-        // Subscribed under the lock, so that no change falls between the two.
+        // Both are taken under one lock, so that no change is missed in between.
         self.read().membership.subscribe()
     }
 
@@ -211,14 +214,15 @@ impl MessageRouter {
         let items_max = settings.mailbox_messages_max + missed.len();
         let (sender, mailbox) = mailbox(items_max, settings.heard_messages_max);
         for payload in missed {
-            // There is room: the mailbox was made for them.
+            // The mailbox was created with room for these messages.
             let _ = sender.put(MailboxItem::Replayed(payload));
         }
         state.hosted.add(agent, incarnation, interests, sender);
         mailbox
     }
 
-    /// Removes the mailbox of an agent, if the mailbox still belongs to this incarnation of the agent.
+    /// Removes the mailbox of an agent, if the mailbox still belongs to this incarnation of the
+    /// agent.
     pub(crate) fn unregister(&self, agent: &AgentId, incarnation: Incarnation) {
         let mut state = self.write();
         if state.hosted.remove(agent, incarnation) {
@@ -226,7 +230,8 @@ impl MessageRouter {
         }
     }
 
-    /// Makes an agent of this daemon present.
+    /// Announces that an agent of this daemon is present. The agent stays present until the
+    /// returned token is dropped.
     pub(crate) fn announce(
         &self,
         agent: &AgentId,
@@ -237,13 +242,13 @@ impl MessageRouter {
 
     // === the shared domain ===
 
-    /// Returns the domain model that this daemon's actuators share ([`SharedDomain`]). The first call
-    /// creates the model from the cached broadcasts.
+    /// Returns the domain model that this daemon's actuators share ([`SharedDomain`]). The first
+    /// call creates the model from the cached broadcasts.
     pub fn shared_domain(&self, host: &Host) -> Arc<SharedDomain> {
         let (domain, is_new) = self.domain_feed.create_domain(host);
         if is_new {
-            // From here on the shared domain receives broadcasts itself. A broadcast that arrives both
-            // ways has no further effect.
+            // From now on the shared domain receives broadcasts itself. A broadcast that it also
+            // gets from the cache has no further effect.
             let (earlier, directory) = {
                 let state = self.read();
                 (state.cache.by_sender(), Arc::clone(state.membership.directory()))
@@ -255,7 +260,8 @@ impl MessageRouter {
         domain
     }
 
-    /// Returns the parsed announcement of an agent, if the shared domain has read it.
+    /// Returns the parsed announcement of an agent; `None` if there is no shared domain, or if the
+    /// shared domain has not accepted such an announcement.
     pub(crate) fn announcement(
         &self,
         agent: &AgentId,
@@ -265,8 +271,8 @@ impl MessageRouter {
         self.domain_feed.domain()?.announcement(agent, incarnation, digest)
     }
 
-    /// Counts and logs that an announcement or heartbeat was not accepted. If the shared domain exists,
-    /// it has done that already.
+    /// Counts and logs that an announcement or heartbeat was not accepted. Does nothing if the
+    /// shared domain exists, because the domain feed then counts and logs it.
     pub(crate) fn not_taken(&self, message: &Message, why: &str) {
         if self.domain_feed.domain().is_none() {
             self.rejections.not_taken(message, why);
@@ -279,8 +285,8 @@ impl MessageRouter {
         }
     }
 
-    /// Requests the model of an agent for the shared domain. If the agent is on another daemon and has
-    /// announced its model within `wait`, no request is sent.
+    /// Requests the model of an agent for the shared domain. If the agent is on another daemon and
+    /// has announced its model within `wait`, no request is sent.
     fn request_model(&self, agent: &AgentId, wait: Duration) {
         let Some(resident) = self.find(agent) else { return };
         if resident.daemon == self.daemon {
@@ -293,7 +299,8 @@ impl MessageRouter {
         self.domain_feed.request_model(&resident, wait, fetch);
     }
 
-    /// Requests the model of an agent. Requests to one daemon at about the same moment are combined.
+    /// Requests the model of an agent. Requests to one daemon at about the same moment are
+    /// combined.
     pub(crate) fn model_of(&self, resident: Resident) -> BoxFuture<Vec<Bytes>> {
         let Resident { agent, daemon, .. } = resident;
         if daemon == self.daemon {
@@ -343,15 +350,16 @@ impl MessageRouter {
         self.link.broadcast(sender, performative, payload);
     }
 
-    /// Broadcasts a model or heartbeat at once, and keeps it to answer queries for [`Resource::Model`](substrate::Resource).
-    /// If a heartbeat of the same sender waits for a batch, that heartbeat is withdrawn.
+    /// Broadcasts a model or heartbeat at once, and keeps it to answer queries for
+    /// [`Resource::Model`](substrate::Resource). If a heartbeat of the same sender waits for a
+    /// batch, that heartbeat is withdrawn.
     pub(crate) fn broadcast_state(&self, sender: &AgentId, payload: Bytes, is_model: bool) {
         self.write().hosted.record_announcement(sender, &payload, is_model);
         self.link.broadcast_state(sender, payload);
     }
 
-    /// Broadcasts a heartbeat in one batch with those that other agents of this daemon send at about
-    /// the same moment.
+    /// Broadcasts a heartbeat in one batch with those that other agents of this daemon send at
+    /// about the same moment.
     pub(crate) fn batch_heartbeat(&self, sender: &AgentId, payload: Bytes) {
         self.write().hosted.record_announcement(sender, &payload, false);
         self.link.batch_heartbeat(sender, payload);

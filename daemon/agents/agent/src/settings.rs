@@ -1,5 +1,5 @@
-//! Settings of all agents of an ecosystem: the times and bounds that the ecosystem file may change, each
-//! with the reason for its value, and the names of the reasoning agents.
+//! Settings of all agents of an ecosystem: the times and bounds that the ecosystem file may change,
+//! each with the reason for its value, and the names of the reasoning agents.
 
 use std::fmt;
 use std::time::Duration;
@@ -20,23 +20,23 @@ const DETECTION: Duration = Duration::from_secs(2);
 pub struct AgentSettings {
     /// Names of the reasoning agents.
     pub roles: RoleNames,
-    /// Period of an actuator's heartbeat. One second serves the paper's plug and play: a change that
-    /// only a heartbeat reveals is seen within a second.
+    /// Period of an actuator's heartbeat. One second serves the paper's plug and play: a change
+    /// that only a heartbeat reveals is seen within a second.
     pub heartbeat_period: Duration,
-    /// Silence after which the capabilities of an actuator leave the domain: three and a half heartbeat
-    /// periods. One heartbeat may be lost and one may be late. The half period gives a third one, sent
-    /// in time, a margin before the lease ends.
+    /// Silence after which the capabilities of an actuator leave the domain: three and a half
+    /// heartbeat periods. One heartbeat may be lost and one may be late. The half period is a
+    /// margin for a third heartbeat that is sent in time.
     pub heartbeat_lease: Duration,
     /// How long a running plan tolerates the absence of an agent that it needs, before the plan is
-    /// repaired. A restarted router is back in half a second. A shorter grace breaks plans because of a
-    /// brief gap; a longer one loses time after a real failure.
+    /// repaired. A restarted router is back in half a second. A shorter grace breaks plans because
+    /// of a brief gap; a longer one loses time after a real failure.
     pub grace: Duration,
-    /// How long the objects and facts of an agent are still believed after the agent has left. This
-    /// time is longer than the grace, so that they are not removed before the plan is repaired.
+    /// How long the objects and facts of an agent stay in the domain model after the agent has
+    /// left. At least as long as the grace, so that the plans that need them are repaired first.
     pub removal: Duration,
-    /// First wait for a receipt before a message is sent again. The wait doubles at each retry, up to
-    /// [`AgentSettings::retry_max`]. A round trip on a LAN takes below a millisecond; a busy board may
-    /// take fifty.
+    /// First wait for a receipt before a message is sent again. The wait doubles at each retry, up
+    /// to [`AgentSettings::retry_max`]. A round trip on a LAN takes below a millisecond; a busy
+    /// board may take fifty.
     pub retry_first: Duration,
     /// Longest wait between two retries. A second loses little time when a link comes back.
     pub retry_max: Duration,
@@ -48,17 +48,17 @@ pub struct AgentSettings {
     pub planning_deadline: Duration,
     /// How long another agent may take to answer a question that needs no planning.
     pub answer_deadline: Duration,
-    /// Most messages that a mailbox holds; further messages are refused. A hundred agents that each
-    /// send one request at the same instant fit.
+    /// Maximum number of messages in a mailbox; further messages are refused. A hundred agents that
+    /// each send one request at the same instant fit.
     pub mailbox_messages_max: usize,
-    /// Most messages of an agent that are under way without a receipt.
+    /// Maximum number of messages of an agent that wait for a receipt.
     pub outbox_messages_max: usize,
     /// Size of the duplicate window, in message ids. Must exceed the number of messages that a peer
     /// can have under way while it retries any of them.
     pub heard_messages_max: usize,
-    /// Number of commands that an actuator remembers as begun. The plan of a goal has tens of steps, so
-    /// ten thousand commands are days of work. Older commands are rejected because their plans are
-    /// older than later plans.
+    /// Number of commands that an actuator remembers as begun. The plan of a goal has tens of
+    /// steps, so ten thousand commands are days of work. A command that is no longer remembered is
+    /// rejected if it belongs to an older plan of a goal with remembered commands.
     pub tokens_max: usize,
 }
 
@@ -90,14 +90,14 @@ impl AgentSettings {
         SilenceLimit::new(self.heartbeat_lease, self.heartbeat_period)
     }
 
-    /// Returns how long an agent that starts waits until its name is free. The agents of a daemon that
-    /// was killed behind a cut link keep their names until both leases have passed and all daemons have
-    /// noticed that.
+    /// Returns how long an agent that starts waits until its name is free. The agents of a daemon
+    /// that was killed behind a cut link keep their names until both leases have passed and all
+    /// daemons have noticed that.
     pub(crate) fn name_awaited(&self) -> Duration {
         self.heartbeat_lease.max(LINK_LEASE) + DETECTION
     }
 
-    /// Returns the rules between the times, each with the values of these settings.
+    /// Returns the rules that the times of these settings must follow.
     pub fn timing_rules(&self) -> [TimingRule; 3] {
         let rule = |longer, shorter, may_be_equal, reason| {
             let ((longer, long), (shorter, short)) = (longer, shorter);
@@ -126,7 +126,8 @@ impl AgentSettings {
     }
 }
 
-/// A rule that one time of the settings is longer than another. Its text is an error message.
+/// Rule that one time of the settings must be longer than another. Its text is the error message
+/// for settings that break the rule.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TimingRule {
     /// Key in the ecosystem file of the time that must be longer.

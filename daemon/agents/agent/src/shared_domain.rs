@@ -1,19 +1,19 @@
 //! The shared domain: a domain model that the actuators of one daemon share.
 //!
 //! Every actuator plans with the messages that it has received itself (the paper, “Decentralized
-//! Planning”). The actuators of one daemon receive the same messages, so these are read and kept once.
-//! Each actuator filters the shared model by what it may see itself ([`Maintainer::snapshot_for`]). So
-//! memory grows with the number of agents, not with its square. A model that was parsed here is not
-//! parsed again by a Domain Maintainer of the same daemon.
+//! Planning”). The actuators of one daemon receive the same messages, so the daemon reads and
+//! stores them once. Each actuator filters the shared model by what it may see itself
+//! ([`Maintainer::snapshot_for`]). So memory grows with the number of agents, not with its square.
+//! A Domain Maintainer of the same daemon reuses the models that were parsed here.
 //!
-//! - The shared domain receives broadcasts before the daemon's mailboxes do. An agent that gets a call
-//!   for proposals then knows everything that was broadcast before the call.
-//! - The substrate's threads call this module: no function here blocks. Expiries that are overdue are
-//!   applied on each access. A reader keeps the state that it took; later changes are written into a
-//!   copy.
-//! - Broadcasts from before the first actuator started are read when their sender sends again, or on
-//!   the first access to the model. Reading a thousand models at once would delay that actuator by a
-//!   tenth of a second, and all senders send again within a heartbeat period.
+//! - The shared domain receives broadcasts before the daemon's mailboxes do. An agent that gets a
+//!   call for proposals then knows everything that was broadcast before the call.
+//! - The substrate's threads call this module, so no function here blocks. Overdue expiries are
+//!   applied on each access. A reader keeps the state that it took; later changes are written into
+//!   a copy.
+//! - Broadcasts from before the first actuator started are read when their sender sends again, or
+//!   on the first access to the model. Reading a thousand models at once would delay that actuator
+//!   by a tenth of a second, and all senders send again within a heartbeat period.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -33,7 +33,7 @@ use crate::host::Host;
 /// Domain model that the actuators of one daemon share.
 pub struct SharedDomain {
     began: Instant,
-    /// How long the objects and facts of an agent are still believed after the agent has left.
+    /// How long the objects and facts of an agent stay in the model after the agent has left.
     removal: Duration,
     state: Mutex<SharedDomainState>,
 }
@@ -62,8 +62,8 @@ impl SharedDomain {
         }
     }
 
-    /// Sets the broadcasts from before the shared domain was created, by sender: the newest one of each
-    /// kind.
+    /// Sets the broadcasts from before the shared domain was created, by sender: the newest one of
+    /// each kind.
     pub(crate) fn set_earlier(&self, earlier: BTreeMap<AgentId, Vec<Bytes>>) {
         self.state().0.unread = earlier;
     }
@@ -77,15 +77,15 @@ impl SharedDomain {
         (Arc::clone(&state.maintainer), now)
     }
 
-    /// Returns the time until the actuators of this daemon next send their heartbeats. They all send at
-    /// the same moments, which are `period` apart.
+    /// Returns the time until the actuators of this daemon next send their heartbeats. They all
+    /// send at the same moments, which are `period` apart.
     pub fn until_next_heartbeat(&self, period: Duration) -> Duration {
         let over = self.began.elapsed().as_nanos() % period.as_nanos().max(1);
         period.saturating_sub(Duration::from_nanos(u64::try_from(over).unwrap_or(0)))
     }
 
-    /// Returns the parsed announcement of an agent; `None` if the announcement was not received or not
-    /// accepted.
+    /// Returns the parsed announcement of an agent; `None` if the announcement was not received or
+    /// not accepted.
     pub(crate) fn announcement(
         &self,
         agent: &AgentId,
@@ -97,8 +97,8 @@ impl SharedDomain {
         state.maintainer.announcement(agent, incarnation, digest)
     }
 
-    /// Handles a broadcast `inform`. The outcome states whether the sender's model must be requested
-    /// first, and what was not accepted.
+    /// Handles a broadcast `inform`. The outcome states whether the sender's model must be
+    /// requested first, and what was not accepted.
     pub(crate) fn receive(&self, message: &Message, inform: &Inform) -> InformOutcome {
         let (mut state, now) = self.state();
         self.read_of(&mut state, &message.sender, now);
@@ -135,8 +135,8 @@ impl SharedDomain {
         change.is_some()
     }
 
-    /// Reads the broadcasts of an agent from before the shared domain was created, if they are not read
-    /// yet.
+    /// Reads the broadcasts of an agent from before the shared domain was created, if they are not
+    /// read yet.
     fn read_of(&self, state: &mut SharedDomainState, agent: &AgentId, now: Timestamp) {
         let said = state.unread.remove(agent);
         self.read(state, said.unwrap_or_default(), now);
@@ -160,17 +160,18 @@ impl SharedDomain {
         now: Timestamp,
     ) -> InformOutcome {
         let SharedDomainState { maintainer, tracker, .. } = state;
-        // The central Domain Maintainer reports mistakes to the sender.
+        // Mistakes are not reported here, because the central Domain Maintainer reports them to the
+        // sender.
         tracker.receive(Arc::make_mut(maintainer), message, inform, None, now)
     }
 
-    /// Handles that an agent has joined or left. Returns the time after which the agent's model must be
-    /// requested; `None` if the model need not be requested.
+    /// Handles that an agent has joined or left. Returns the time after which the agent's model
+    /// must be requested; `None` if the model need not be requested.
     pub(crate) fn presence(&self, presence: &Presence) -> Option<Duration> {
         let (mut state, now) = self.state();
         let agent = &presence.resident().agent;
         match presence {
-            // Its announcement is not read yet; that is done when it sends again.
+            // The earlier announcement of the agent is read when the agent sends again.
             Presence::Joined(_) if state.unread.contains_key(agent) => return None,
             Presence::Joined(_) => (),
             Presence::Left(_) => self.read_of(&mut state, agent, now),
@@ -197,13 +198,13 @@ impl SharedDomain {
         self.state().0.requested.remove(agent);
     }
 
-    /// Locks the state, after applying everything that was due by now. Returns the lock and the present
-    /// time.
+    /// Locks the state, after applying everything that was due by now. Returns the lock and the
+    /// present time.
     fn state(&self) -> (MutexGuard<'_, SharedDomainState>, Timestamp) {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         let now = Timestamp(u64::try_from(self.began.elapsed().as_millis()).unwrap_or(u64::MAX));
         let SharedDomainState { maintainer, tracker, .. } = &mut *state;
-        // One due time after the other: the access may be much later than all of them.
+        // Each due time is handled in turn, because this access may be much later than all of them.
         while let Some(due) = tracker.next_due(maintainer, self.removal).filter(|due| *due <= now) {
             tracker.advance(Arc::make_mut(maintainer), self.removal, due);
         }

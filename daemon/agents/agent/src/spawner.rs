@@ -1,5 +1,5 @@
-//! Launching of agents while the daemon runs: agents of interfaces between ecosystems, and agents that
-//! plugins bring.
+//! Launching of agents while the daemon runs: agents of interfaces between ecosystems, and agents
+//! of plugin processes.
 
 use std::sync::Arc;
 
@@ -22,8 +22,9 @@ pub struct Spawner {
     pub stopping: CancellationToken,
     /// Tasks that a draining daemon waits for.
     pub tasks: TaskTracker,
-    /// Whether a launched agent records the ecosystems through which it came. `false` on the network of
-    /// a plugin process, and in the fault laboratory to check that loops are noticed.
+    /// Whether a launched agent records the ecosystems through which it came. `false` on the
+    /// network of a plugin process, and in the fault laboratory, which checks that loops are
+    /// noticed.
     pub records_via: bool,
 }
 

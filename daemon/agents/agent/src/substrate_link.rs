@@ -1,7 +1,8 @@
-//! The sending side of a daemon: hands messages over to the substrate, and counts those that it does not
-//! accept.
+//! The sending side of a daemon: passes messages to the substrate, and counts the messages that the
+//! substrate does not accept.
 //!
-//! Heartbeats of several agents are sent in batches, and requests for models of one daemon are combined.
+//! Heartbeats of several agents are sent in batches, and requests for models of one daemon are
+//! combined.
 
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
@@ -52,7 +53,8 @@ impl SubstrateLink {
         let _ = self.0.substrate.set(substrate);
     }
 
-    /// Makes an agent of this daemon present.
+    /// Announces that an agent of this daemon is present. The agent stays present until the
+    /// returned token is dropped.
     pub(crate) fn announce(
         &self,
         agent: &AgentId,
@@ -69,7 +71,7 @@ impl SubstrateLink {
         }
     }
 
-    /// Queries other daemons for a resource; returns all answers that come within `timeout`.
+    /// Queries other daemons for a resource. Returns all answers that come within `timeout`.
     pub(crate) fn ask(&self, query: ResourceQuery, timeout: Duration) -> BoxFuture<Vec<Bytes>> {
         match self.0.substrate.get() {
             Some(substrate) => substrate.ask(query, timeout),
@@ -77,8 +79,8 @@ impl SubstrateLink {
         }
     }
 
-    /// Requests the model of an agent of another daemon. Requests to one daemon at about the same moment
-    /// are combined.
+    /// Requests the model of an agent of another daemon. Requests to one daemon at about the same
+    /// moment are combined.
     pub(crate) fn fetch_model(
         &self,
         agent: AgentId,
@@ -101,15 +103,15 @@ impl SubstrateLink {
         self.hand_over(|substrate| substrate.broadcast(sender, performative, payload));
     }
 
-    /// Broadcasts a model or heartbeat at once. If a heartbeat of the same sender waits for a batch, that
-    /// heartbeat is withdrawn.
+    /// Broadcasts a model or heartbeat at once. If a heartbeat of the same sender waits for a
+    /// batch, that heartbeat is withdrawn.
     pub(crate) fn broadcast_state(&self, sender: &AgentId, payload: Bytes) {
         self.withdraw_heartbeat(sender);
         self.hand_over(|substrate| substrate.broadcast_state(sender, payload));
     }
 
-    /// Broadcasts a heartbeat in one batch with those that other agents of this daemon send at about
-    /// the same moment.
+    /// Broadcasts a heartbeat in one batch with those that other agents of this daemon send at
+    /// about the same moment.
     ///
     /// # Panics
     ///

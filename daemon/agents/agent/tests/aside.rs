@@ -1,4 +1,5 @@
-//! Background work: the callback of some work does not run after the handle of that work is dropped.
+//! Background work: the callback of some work does not run after the handle of that work is
+//! dropped.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -12,7 +13,8 @@ use substrate::memory::Network;
 use tokio::sync::mpsc;
 use tokio_util::sync::CancellationToken;
 
-/// Starts two pieces of work that are done at once; the first callback drops both handles.
+/// Agent that starts two pieces of work, which finish at once; the first callback drops both
+/// handles.
 struct Fickle {
     works: Vec<WorkHandle>,
     told: mpsc::UnboundedSender<&'static str>,
@@ -39,7 +41,7 @@ impl Agent for Fickle {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_is_dropped_is_not_heard_of_though_it_was_done() {
+async fn finished_work_does_not_call_back_after_its_handle_is_dropped() {
     let daemon = DaemonId::new("here").expect("a name");
     let ecosystem = EcosystemId::new("home").expect("a name");
     let router = MessageRouter::new(ecosystem, daemon.clone(), AgentSettings::default());

@@ -1,4 +1,4 @@
-//! Agents in conversation, over the in-memory substrate: receipts, retries, refusals, deaths.
+//! Conversations of agents over the in-memory substrate: receipts, retries, refusals, fail-over.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -77,7 +77,8 @@ impl Daemon {
     }
 }
 
-/// Answers a `request` with `agree`, then with `confirm` after the time `takes`; reports what it did.
+/// Agent that answers a `request` with `agree`, then with `confirm` after the time `takes`; reports
+/// both.
 struct Worker {
     takes: Duration,
     done: mpsc::UnboundedSender<&'static str>,
@@ -108,7 +109,7 @@ impl Worker {
     }
 }
 
-/// Asks `worker` once, and reports the answers.
+/// Agent that sends one request to `worker`, and reports the answers.
 struct Asker {
     patience: Duration,
     performative: Performative,
@@ -207,7 +208,7 @@ async fn a_request_is_agreed_to_and_confirmed() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_request_waits_for_its_receivers_activation() {
+async fn a_request_waits_until_its_receiver_joins() {
     let mut room = room(60 * SECOND, SECOND);
     room.ask();
     tokio::time::sleep(30 * SECOND).await;
@@ -216,7 +217,7 @@ async fn a_request_waits_for_its_receivers_activation() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn nobody_of_that_name_is_an_answer() {
+async fn a_request_to_an_absent_agent_fails() {
     let mut room = room(2 * SECOND, SECOND);
     room.ask();
     let heard = room.hears().await;
@@ -224,7 +225,7 @@ async fn nobody_of_that_name_is_an_answer() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_death_in_the_middle_is_silence_not_for_ever() {
+async fn a_request_times_out_if_its_receiver_dies() {
     let mut room = room(5 * SECOND, 60 * SECOND);
     room.work();
     room.ask();
@@ -258,7 +259,7 @@ async fn an_answer_that_overtakes_another_waits_for_it() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_cancel_that_overtakes_its_request_is_heeded() {
+async fn a_cancel_that_overtakes_its_request_takes_effect() {
     let mut room = room(30 * SECOND, 60 * SECOND);
     room.there.loses(&room.network, 1);
     room.work();
@@ -270,7 +271,7 @@ async fn a_cancel_that_overtakes_its_request_is_heeded() {
     assert!(room.done.try_recv().is_err(), "it was given up");
 }
 
-/// Calls all agents once, and reminds `bidder` every second.
+/// Agent that calls for proposals once, and sends the call to `bidder` again every second.
 struct Caller {
     heard: mpsc::UnboundedSender<String>,
 }
@@ -299,7 +300,7 @@ impl Agent for Caller {
     }
 }
 
-/// Reports each call that it receives, and refuses it.
+/// Agent that reports each call for proposals that it receives, and refuses the call.
 struct Bidder {
     done: mpsc::UnboundedSender<&'static str>,
 }
@@ -324,7 +325,7 @@ impl Bidder {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_call_is_heard_once_however_often_it_is_repeated() {
+async fn a_repeated_call_for_proposals_is_handled_once() {
     for (lost, expected) in [(0, "called"), (1, "reminded"), (2, "reminded")] {
         let mut room = room(SECOND, SECOND);
         room.there.loses(&room.network, lost);
@@ -339,7 +340,7 @@ async fn a_call_is_heard_once_however_often_it_is_repeated() {
     }
 }
 
-/// Loses the first messages to the agents of a daemon, and passes on the others.
+/// Daemon that loses its first messages to agents, and receives each other message twice.
 struct Lossy {
     inner: Arc<MessageRouter>,
     lose: std::sync::atomic::AtomicU32,
@@ -371,7 +372,7 @@ impl substrate::Inbound for Lossy {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_has_no_callback_is_not_understood() {
+async fn a_message_without_a_callback_is_not_understood() {
     let mut room = room(5 * SECOND, SECOND);
     room.asker.as_mut().expect("not launched").performative = Performative::QueryRef;
     room.work();
@@ -380,7 +381,7 @@ async fn what_has_no_callback_is_not_understood() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn garbage_is_answered_and_hurts_nobody() {
+async fn garbage_is_answered_and_does_no_harm() {
     let mut room = room(5 * SECOND, SECOND);
     room.work();
     let (tell, mut told) = mpsc::unbounded_channel();
@@ -407,7 +408,8 @@ async fn garbage_is_answered_and_hurts_nobody() {
     assert_eq!(room.hears().await, "agree 1", "the worker goes on");
 }
 
-/// Returns a text in version 1 of the protocol, whose field for the answer's duration had another name.
+/// Returns a text in version 1 of the protocol, which had another name for the field of the time to
+/// answer.
 fn of_version_1(performative: Performative, sender: &str, exchange: Option<&ReplyToken>) -> Bytes {
     let message = serde_json::json!({
         "version": 1, "id": format!("{sender}.1"), "performative": performative, "sender": sender,
@@ -456,7 +458,7 @@ async fn broadcasts_of_another_version_are_counted_under_their_own_name() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_another_says_of_a_deed_is_nothing() {
+async fn an_answer_of_an_agent_that_was_not_asked_is_rejected() {
     let mut room = room(10 * SECOND, SECOND);
     let (tell, mut told) = mpsc::unbounded_channel();
     room.network.tap(move |addressed, payload| {
@@ -519,7 +521,7 @@ async fn a_full_mailbox_refuses() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn two_agents_of_one_name_are_told_apart() {
+async fn a_second_agent_of_the_same_name_is_not_launched() {
     let mut room = room(5 * SECOND, SECOND);
     room.work();
     tokio::task::yield_now().await;
@@ -534,7 +536,7 @@ async fn two_agents_of_one_name_are_told_apart() {
 // === replicas ===
 
 #[tokio::test(start_paused = true)]
-async fn of_several_the_oldest_acts_and_the_next_takes_over() {
+async fn the_oldest_replica_leads_and_the_next_takes_over() {
     let network = Network::new();
     let settings = AgentSettings::default();
     let [a, b, c] = ["a", "b", "c"].map(|name| Daemon::open(&network, name, settings.clone()));
@@ -565,9 +567,10 @@ async fn of_several_the_oldest_acts_and_the_next_takes_over() {
     assert!(deeds[0].try_recv().is_ok(), "it takes over");
 }
 
-// === agents that do not heed presence ===
+// === agents that ignore presence ===
 
-/// Agent that heeds presence while `heeds` is set, and reports the changes of which it is notified.
+/// Agent that wants presence callbacks while `heeds` is set, and reports the changes of which it is
+/// notified.
 struct Idler {
     heeds: Arc<AtomicBool>,
     met: mpsc::UnboundedSender<String>,
@@ -599,7 +602,7 @@ impl Idler {
 }
 
 #[tokio::test(start_paused = true)]
-async fn who_does_not_heed_presence_is_told_from_when_it_does() {
+async fn an_agent_is_notified_of_presence_once_it_wants_to_be() {
     let network = Network::new();
     let [a, b] = ["a", "b"].map(|name| Daemon::open(&network, name, AgentSettings::default()));
     let (heeds, (met, mut meets)) = (Arc::new(AtomicBool::new(false)), mpsc::unbounded_channel());
@@ -616,13 +619,13 @@ async fn who_does_not_heed_presence_is_told_from_when_it_does() {
     };
     let (done, _did) = mpsc::unbounded_channel();
     ask("first", 1).await;
-    // While its answer may lack a receipt, it heeds presence in any case.
+    // An agent gets presence callbacks in any case while its answer has no receipt.
     tokio::time::sleep(Duration::from_secs(1)).await;
     while meets.try_recv().is_ok() {}
     b.launch(Worker { takes: Duration::ZERO, done: done.clone() }, "newcomer", 1);
     tokio::time::sleep(Duration::from_secs(1)).await;
     assert!(meets.try_recv().is_err(), "it is not told");
-    // The next event shows the agent that it heeds presence now.
+    // The event loop checks at the next event whether the agent wants presence callbacks.
     heeds.store(true, Ordering::Relaxed);
     ask("second", 2).await;
     b.launch(Worker { takes: Duration::ZERO, done }, "another", 1);
@@ -631,7 +634,7 @@ async fn who_does_not_heed_presence_is_told_from_when_it_does() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn who_does_not_heed_presence_gives_way_to_who_had_its_name_before() {
+async fn an_agent_that_ignores_presence_ends_if_an_older_one_has_its_name() {
     let network = Network::new();
     let settings = AgentSettings { mailbox_messages_max: 1, ..AgentSettings::default() };
     let [a, b] = ["a", "b"].map(|name| Daemon::open(&network, name, settings.clone()));

@@ -21,7 +21,7 @@ fn name(text: &str) -> AgentId {
     AgentId::new(text).expect("a name")
 }
 
-/// Calls for proposals; accepts the first of `bidders` proposals, and rejects the rest.
+/// Agent that calls for proposals, accepts the first of `bidders` proposals, and rejects the rest.
 struct Caller {
     bidders: usize,
     proposed: Vec<AgentId>,
@@ -84,7 +84,7 @@ impl Bidder {
 }
 
 #[tokio::test(start_paused = true)]
-async fn all_who_are_rejected_hear_it_in_one_message_and_nobody_sends_receipts_for_proposals() {
+async fn one_broadcast_rejects_all_other_proposals_and_replaces_their_receipts() {
     let network = Network::default();
     let said = Arc::new(Mutex::new(Vec::new()));
     let taps = Arc::clone(&said);

@@ -1,5 +1,5 @@
-//! How a Domain Maintainer, and the shared domain of a daemon, treat agents that fall silent, over the
-//! in-memory substrate.
+//! How a Domain Maintainer, and the shared domain of a daemon, treat agents that fall silent, over
+//! the in-memory substrate.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -136,14 +136,16 @@ impl House {
         }
     }
 
-    /// Returns the shared domain of the daemon; the first call creates it, as the first actuator does.
+    /// Returns the shared domain of the daemon; the first call creates it, as the first actuator
+    /// does.
     fn commons(&self) -> Arc<SharedDomain> {
         let (ontology, map) = (pddl::parse_domain(ONTOLOGY).value, pddl::parse_problem(MAP).value);
         let host = Host::new(ontology.expect("a domain"), map.expect("a problem"));
         self.router.shared_domain(&Host { settings: self.router.settings().clone(), ..host })
     }
 
-    /// Launches a keeper on this daemon; returns the receiver of the changes that the keeper reports.
+    /// Launches a keeper on this daemon; returns the receiver of the changes that the keeper
+    /// reports.
     fn keep(&self, scope: MaintainerScope) -> mpsc::UnboundedReceiver<DomainChange> {
         let (ontology, map) = (pddl::parse_domain(ONTOLOGY).value, pddl::parse_problem(MAP).value);
         let maintainer =
@@ -159,8 +161,8 @@ impl House {
 /// Longer than any lease of these tests: a wait that takes this long has failed.
 const FAR: Duration = Duration::from_secs(3600);
 
-/// Runs a meter with so many heartbeats. Returns the time when its capability left the domain, and the
-/// time when its fact became unknown.
+/// Runs a meter that sends `beats` heartbeats. Returns the time when its capability left the
+/// domain, and the time when its fact became unknown.
 async fn silence_of(beats: u64, settings: AgentSettings) -> (Duration, Duration) {
     let house = House::with(settings);
     let mut changes = house.keep(MaintainerScope::Everything);
@@ -182,7 +184,7 @@ async fn silence_of(beats: u64, settings: AgentSettings) -> (Duration, Duration)
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_silent_agent_is_masked_then_forgotten_although_its_token_stays() {
+async fn a_silent_agent_is_masked_then_removed_although_its_token_stays() {
     let patient =
         AgentSettings { heartbeat_lease: Duration::from_secs(9), ..AgentSettings::default() };
     for (beats, settings) in
@@ -199,8 +201,8 @@ async fn a_silent_agent_is_masked_then_forgotten_although_its_token_stays() {
     }
 }
 
-/// Whether the shared domain sees the meter as present, and whether it knows the fact about the hall,
-/// at this time of the test.
+/// Whether the shared domain lists the meter as present, and whether the fact about the hall is
+/// known, at this time of the test.
 async fn known_at(commons: &SharedDomain, began: Instant, time: Duration) -> (bool, bool) {
     tokio::time::sleep_until(began + time).await;
     let (known, now) = commons.current();
@@ -210,7 +212,7 @@ async fn known_at(commons: &SharedDomain, began: Instant, time: Duration) -> (bo
 }
 
 #[tokio::test(start_paused = true)]
-async fn the_commons_know_what_was_said_before_and_forget_in_time_though_nobody_looks() {
+async fn the_shared_domain_reads_earlier_broadcasts_and_applies_expiries_in_time() {
     let AgentSettings { heartbeat_lease, removal, .. } = AgentSettings::default();
     let (house, began, blink) = (House::new(), Instant::now(), Duration::from_millis(50));
     let _meter =
@@ -234,7 +236,7 @@ async fn the_commons_know_what_was_said_before_and_forget_in_time_though_nobody_
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_maintainer_that_comes_late_knows_who_is_here() {
+async fn a_late_maintainer_gets_the_models_of_present_agents() {
     for has_commons in [false, true] {
         let house = House::new();
         let commons = has_commons.then(|| house.commons());
@@ -253,7 +255,7 @@ async fn a_maintainer_that_comes_late_knows_who_is_here() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_daemon_has_its_own_models_at_hand() {
+async fn a_daemon_answers_queries_for_its_own_models_at_once() {
     let house = House::new();
     let _meter =
         Box::new(Meter { beats_left: 1, sequence: 0 }).launch(house.launch_context("meter", 1));
@@ -267,8 +269,8 @@ async fn a_daemon_has_its_own_models_at_hand() {
     }
 }
 
-/// Agent that announces once what requests changed, as a Domain Maintainer does; it may or may not have
-/// a model of its own.
+/// Agent that announces once the changes that requests made, as a Domain Maintainer does. With
+/// `has_model`, it announces a model of its own, too.
 struct Teller {
     change: EpochChange,
     has_model: bool,
@@ -311,20 +313,20 @@ fn facts(facts: &[(&str, Option<u64>)]) -> Vec<RequestedFact> {
     facts.iter().map(fact).collect()
 }
 
-/// Returns an announcement of everything that requests changed.
+/// Returns an announcement of all changes that requests made.
 fn told(these: &[(&str, Option<u64>)]) -> EpochChange {
     let requested = Requested { facts: facts(these), ..Requested::default() };
     EpochChange { requested: Some(requested), ..EpochChange::default() }
 }
 
-/// Returns an announcement of what requests changed since the last one.
+/// Returns an announcement of the changes that requests made since the last announcement.
 fn told_anew(these: &[(&str, Option<u64>)]) -> EpochChange {
     let since = RequestedSince { facts: facts(these), ..RequestedSince::default() };
     EpochChange { requested_since: Some(since), ..EpochChange::default() }
 }
 
-/// Whether the shared domain knows the fact about the hall before it receives `change`, soon after, and
-/// a second later.
+/// Whether the fact about the hall is known in the shared domain before it receives `change`, soon
+/// after, and a second later.
 async fn known_when_told(change: EpochChange, has_model: bool) -> [bool; 3] {
     let (house, began) = (House::new(), Instant::now());
     let commons = house.commons();
@@ -336,7 +338,7 @@ async fn known_when_told(change: EpochChange, has_model: bool) -> [bool; 3] {
     known
 }
 
-/// Returns the facts that a central keeper believes after `change`.
+/// Returns the facts that a central Domain Maintainer believes after `change`.
 async fn believed(change: EpochChange) -> Vec<String> {
     let house = House::new();
     let mut changes = house.keep(MaintainerScope::Everything);
@@ -350,13 +352,14 @@ async fn believed(change: EpochChange) -> Vec<String> {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_requests_changed_is_believed_by_those_who_hear_heartbeats_only() {
+async fn requested_changes_reach_maintainers_that_receive_heartbeats_only() {
     for tell in [told, told_anew] {
         let known = tell(&[("(known hall)", Some(500))]);
         assert_eq!(known_when_told(known, false).await, [false, true, false]);
         let lasting = tell(&[("(known hall)", None)]);
         assert_eq!(known_when_told(lasting.clone(), false).await, [false, true, true]);
-        // A central maintainer ignores it, and an agent with a model is no Domain Maintainer.
+        // A central maintainer ignores the announcement, and an agent with a model is no Domain
+        // Maintainer.
         assert_eq!(believed(lasting.clone()).await, [""; 0]);
         assert_eq!(known_when_told(lasting, true).await, [false; 3]);
         assert_eq!(known_when_told(tell(&[("(known", None)]), false).await, [false; 3]);
@@ -408,7 +411,7 @@ async fn not_understood(router: &MessageRouter) -> Option<u64> {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_model_that_is_not_taken_is_counted_and_read_again_only_after_a_while() {
+async fn a_rejected_model_is_counted_and_read_again_after_a_while() {
     for (has_commons, has_keeper) in [(true, false), (false, true), (true, true)] {
         let (house, began) = (House::new(), Instant::now());
         let _commons = has_commons.then(|| house.commons());

@@ -1,9 +1,9 @@
 //! Memory of the machine, as far as this process may use it.
 //!
-//! - The figures come from `/proc` and `/sys/fs/cgroup` of Linux. If these do not have a figure, the
-//!   functions return `None`, and the caller decides.
-//! - A process may be allowed less memory than the machine has: its control group and the groups above it
-//!   have limits, and so may its address space. The smallest limit counts.
+//! - The figures come from `/proc` and `/sys/fs/cgroup` of Linux. A function returns `None` if
+//!   Linux does not report the figure.
+//! - A process may be allowed less memory than the machine has: its control group, the groups above
+//!   it and its address space can have limits. The smallest limit counts.
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -21,13 +21,13 @@ impl Default for Kernel {
     }
 }
 
-/// Returns the number of bytes that this process may use at most, whatever other processes use.
+/// Returns the maximum number of bytes that this process may use, whatever other processes use.
 pub fn memory_total() -> Option<u64> {
     Kernel::default().memory_total()
 }
 
-/// Returns the number of bytes that this process could use now without anything being swapped out or
-/// killed.
+/// Returns the number of bytes that this process could use now without causing the kernel to swap
+/// memory out or to kill a process.
 pub fn memory_available() -> Option<u64> {
     Kernel::default().memory_available()
 }
@@ -40,19 +40,19 @@ pub fn memory_resident() -> Option<u64> {
 // === impl Kernel ===
 
 impl Kernel {
-    /// Returns a kernel that reads other folders, for tests.
+    /// Returns a `Kernel` that reads other folders, for tests.
     pub fn at(proc: impl Into<PathBuf>, cgroups: impl Into<PathBuf>) -> Kernel {
         Kernel { proc: proc.into(), cgroups: cgroups.into() }
     }
 
-    /// Same as the function [`memory_total`].
+    /// Returns the same as the function [`memory_total`].
     pub fn memory_total(&self) -> Option<u64> {
         let machine = self.meminfo("MemTotal:");
         let groups = self.groups().into_iter().filter_map(|group| limit(&group));
         machine.into_iter().chain(groups).chain(self.address_space()).min()
     }
 
-    /// Same as the function [`memory_available`].
+    /// Returns the same as the function [`memory_available`].
     pub fn memory_available(&self) -> Option<u64> {
         let machine = self.meminfo("MemAvailable:");
         let groups = self
@@ -62,7 +62,7 @@ impl Kernel {
         machine.into_iter().chain(groups).chain(self.address_space()).min()
     }
 
-    /// Same as the function [`memory_resident`].
+    /// Returns the same as the function [`memory_resident`].
     pub fn memory_resident(&self) -> Option<u64> {
         kibibytes(&fs::read_to_string(self.proc.join("self/status")).ok()?, "VmRSS:")
     }
@@ -71,7 +71,7 @@ impl Kernel {
         kibibytes(&fs::read_to_string(self.proc.join("meminfo")).ok()?, key)
     }
 
-    /// Returns the limit of this process's address space in bytes; `None` if there is none.
+    /// Returns the limit of this process's address space in bytes; `None` if there is no limit.
     fn address_space(&self) -> Option<u64> {
         let limits = fs::read_to_string(self.proc.join("self/limits")).ok()?;
         let line = limits.lines().find(|line| line.starts_with("Max address space"))?;
@@ -100,10 +100,10 @@ impl Kernel {
     }
 }
 
-/// Returns the memory limit of a control group in bytes; `None` if there is none.
+/// Returns the memory limit of a control group in bytes; `None` if there is no limit.
 fn limit(group: &Path) -> Option<u64> {
-    // The first file is of version 2, the other of version 1, where a number beyond all memory means no
-    // limit.
+    // The first file is of version 2 of control groups, the second of version 1, where a number
+    // beyond all memory means no limit.
     number(&group.join("memory.max")).or_else(|| number(&group.join("memory.limit_in_bytes")))
 }
 
@@ -121,7 +121,7 @@ fn number(file: &Path) -> Option<u64> {
     fs::read_to_string(file).ok()?.trim().parse().ok()
 }
 
-/// Returns the number of bytes in a line `KEY NUMBER kB`.
+/// Returns the number of bytes in a line `KEY NUMBER kB`; `None` if there is no such line.
 fn kibibytes(text: &str, key: &str) -> Option<u64> {
     let line = text.lines().find(|line| line.starts_with(key))?;
     let kibibytes: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
@@ -149,14 +149,14 @@ mod tests {
         ("proc/meminfo", "MemTotal:        4096 kB\nMemFree: 5 kB\nMemAvailable:    2048 kB\n");
 
     #[test]
-    fn a_machine_without_groups_tells_its_own() {
+    fn without_control_groups_the_memory_of_the_machine_counts() {
         let (_folder, kernel) = kernel(&[MEMINFO]);
         assert_eq!(kernel.memory_total(), Some(4 * MIB));
         assert_eq!(kernel.memory_available(), Some(2 * MIB));
     }
 
     #[test]
-    fn the_least_of_all_groups_above_counts() {
+    fn the_smallest_limit_of_all_groups_counts() {
         let (_folder, kernel) = kernel(&[
             MEMINFO,
             ("proc/self/cgroup", "0::/system/althing\n"),
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_told_is_not_guessed() {
+    fn unreported_figures_are_none() {
         let (_folder, kernel) = kernel(&[]);
         assert_eq!(kernel.memory_total(), None);
         assert_eq!(kernel.memory_resident(), None);
@@ -192,7 +192,7 @@ mod tests {
 
     #[test]
     #[cfg(target_os = "linux")]
-    fn this_machine_tells() {
+    fn this_machine_reports_its_memory() {
         let total = memory_total().expect("it is told");
         assert!(memory_available().expect("it is told") <= total);
         assert!(memory_resident().expect("it is told") > 0);

@@ -1,9 +1,11 @@
-//! Runs external programs, such as those that measure or switch, with arguments and a limit of output.
+//! Running of external programs, such as those that measure or switch, with limits of time and
+//! output.
 //!
 //! - No shell is used: the program and its arguments are taken literally.
-//! - A program and all processes that it has started are killed when the time limit is over, or when the
-//!   caller drops the future. Processes that the program leaves behind when it ends are killed too.
-//! - Output of a program beyond a limit is not read.
+//! - A program and all processes that it has started are killed when the time limit is over, or
+//!   when the caller drops the future. Processes that the program leaves behind when it ends are
+//!   killed too.
+//! - Output of a program beyond 64 KiB is not read.
 
 use std::io;
 use std::process::{ExitStatus, Stdio};
@@ -18,7 +20,7 @@ const OUTPUT_BYTES_MAX: usize = 64 << 10;
 /// Maximum length of a line of a program's standard error in an error message, in characters.
 const ERROR_CHARS_MAX: usize = 160;
 
-/// Operation of a program that could not be started, in an error message.
+/// Name of the operation, in an error message, if a program could not be started.
 const START: &str = "run";
 
 /// A program and the arguments that it is run with.
@@ -28,7 +30,7 @@ pub struct Program {
     arguments: Vec<String>,
 }
 
-/// Reason why running a program failed. Completes “failed to …”.
+/// Reason why running a program failed. The message completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ProgramError {
@@ -69,7 +71,7 @@ pub enum ProgramError {
 }
 
 impl ProgramError {
-    /// Whether the program was started and did not end by itself, so that it is unknown how far it came.
+    /// Whether the program was started and did not end by itself. How far it came is then unknown.
     pub fn is_cut_short(&self) -> bool {
         match self {
             ProgramError::System { what, .. } => *what != START,
@@ -81,8 +83,8 @@ impl ProgramError {
 }
 
 impl Program {
-    /// Takes the first element of `list` as the program and the others as its arguments. Returns `None` if
-    /// the list or its first element is empty.
+    /// Takes the first element of `list` as the program, and the others as its arguments. Returns
+    /// `None` if the list or its first element is empty.
     pub fn of(list: impl IntoIterator<Item = String>) -> Option<Program> {
         let mut list = list.into_iter();
         let program = list.next().filter(|program| !program.is_empty())?;
@@ -98,7 +100,8 @@ impl Program {
     ///
     /// # Errors
     ///
-    /// Returns an error if it cannot be started, does not end in time, prints too much, or fails.
+    /// Returns an error if the program cannot be started, does not end in time, prints too much, or
+    /// fails.
     pub async fn run(&self, time_out: Duration) -> Result<String, ProgramError> {
         let running = tokio::time::timeout(time_out, self.run_to_end());
         running.await.unwrap_or_else(|_| {
@@ -130,8 +133,8 @@ impl Program {
     }
 }
 
-/// Reads the output of a program from a pipe until the pipe ends, or up to one byte beyond the limit; then
-/// closes the pipe.
+/// Reads the output of a program from a pipe, up to one byte beyond the limit; then closes the
+/// pipe. Without a pipe, returns no bytes.
 async fn read(pipe: Option<impl AsyncRead + Unpin>) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     if let Some(pipe) = pipe {
@@ -140,8 +143,8 @@ async fn read(pipe: Option<impl AsyncRead + Unpin>) -> io::Result<Vec<u8>> {
     Ok(bytes)
 }
 
-/// Returns the last line that is not empty: this line usually states the error, and the lines above it
-/// state the context.
+/// Returns the last line that is not empty, shortened if it is long: this line usually states the
+/// error, and the lines above it state the context. Returns `None` if there is no such line.
 fn last_line(complaint: &[u8]) -> Option<String> {
     let complaint = String::from_utf8_lossy(complaint);
     let line = complaint.lines().map(str::trim).rfind(|line| !line.is_empty())?;
@@ -183,7 +186,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn what_is_written_is_run_letter_by_letter() {
+    async fn arguments_are_taken_literally() {
         let printed = program(&["printf", "%s|", "$HOME; *", ""]).run(PATIENCE).await;
         assert_eq!(printed.ok().as_deref(), Some("$HOME; *||"));
         assert_eq!(Program::of([]), None);
@@ -191,7 +194,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn who_fails_gives_a_reason() {
+    async fn a_failure_has_a_reason() {
         let long = format!("echo {} >&2; exit 1", "x".repeat(500));
         for (script, expected) in [
             ("exit 3", "run `/bin/sh`: exit status: 3"),
@@ -209,7 +212,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn who_floods_is_read_to_a_bound() {
+    async fn output_beyond_the_limit_is_not_read() {
         let said = "read the output of `yes`: it prints more than 64 KiB";
         assert_eq!(problem(program(&["yes", "12"]), PATIENCE).await, said);
         // A program that writes to a closed pipe is ended by the system.
@@ -242,7 +245,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn who_hangs_is_ended_with_all_it_has_started() {
+    async fn a_program_that_hangs_is_killed_with_its_children() {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("pids");
         let text = format!("sleep 600 & echo $! > {0}; echo $$ >> {0}; wait", file.display());
@@ -254,7 +257,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn who_ends_well_leaves_nobody_behind() {
+    async fn the_children_of_a_successful_program_are_killed() {
         let text = "sleep 600 > /dev/null 2>&1 & echo $!";
         let pids = script(text).run(PATIENCE).await.expect("it ends well");
         all_end(&pids).await;

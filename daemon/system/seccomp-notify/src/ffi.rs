@@ -1,8 +1,9 @@
-//! The one system call and the four `ioctl`s of seccomp's user notification: all `unsafe` code is here.
+//! The one system call and the four `ioctl`s of seccomp's user notification: all `unsafe` code is
+//! here.
 //!
-//! Each call passes the kernel a pointer to a structure of `libc`, which has the layout of the kernel's
-//! `linux/seccomp.h`. The structure stays on the stack of the caller until the call returns, and the kernel
-//! keeps no pointer.
+//! Each call passes the kernel a pointer to a structure of `libc`, which has the layout of the
+//! kernel's `linux/seccomp.h`. The structure stays on the stack of the caller until the call
+//! returns, and the kernel keeps no pointer.
 #![expect(unsafe_code, reason = "no crate wraps these calls")]
 
 use std::ffi::{c_long, c_ulong};
@@ -14,18 +15,18 @@ use seccompiler::BpfProgram;
 
 use crate::{Notification, NotifyListener, Response};
 
-/// Installs a filter of system calls on this thread; the filter cannot be removed, and the thread's
-/// children inherit it. Calls that the filter selects wait until they are answered through the returned
-/// listener.
+/// Installs a filter of system calls on this thread. The filter cannot be removed, and the thread's
+/// children inherit it. Each call that the filter selects waits until it is answered through the
+/// returned listener.
 ///
 /// # Errors
 ///
-/// Returns an error if the kernel has no user notification, or if another filter of this process notifies
-/// already.
+/// Returns an error if the kernel has no user notification, or if the process already has a filter
+/// with a listener.
 pub fn listen(program: &BpfProgram) -> io::Result<NotifyListener> {
     rustix::thread::set_no_new_privs(true)?;
-    // With `WAIT_KILLABLE_RECV`, a signal does not interrupt a call that was read already. Before Linux
-    // 5.19 there is no such flag: then an interrupted call is made again.
+    // With `WAIT_KILLABLE_RECV`, a signal does not interrupt a call that the listener has read.
+    // Linux before 5.19 does not have this flag; an interrupted call is then made again.
     let killable =
         libc::SECCOMP_FILTER_FLAG_NEW_LISTENER | libc::SECCOMP_FILTER_FLAG_WAIT_KILLABLE_RECV;
     match install(program, killable) {
@@ -41,8 +42,8 @@ fn install(program: &BpfProgram, flags: c_ulong) -> io::Result<NotifyListener> {
     let length = length.map_err(|_| io::Error::from(io::ErrorKind::InvalidInput))?;
     let filter: Vec<libc::sock_filter> = program.iter().map(instruction).collect();
     let program = libc::sock_fprog { len: length, filter: filter.as_ptr().cast_mut() };
-    // SAFETY: `program` points to `length` instructions, which exist until the call returns; the kernel
-    // copies them and writes to neither.
+    // SAFETY: `program` points to `length` instructions, which exist until the call returns; the
+    // kernel copies the instructions and writes to neither.
     let result = unsafe {
         libc::syscall(
             libc::SYS_seccomp,
@@ -52,7 +53,8 @@ fn install(program: &BpfProgram, flags: c_ulong) -> io::Result<NotifyListener> {
         )
     };
     let listener = i32::try_from(checked(result)?).map_err(io::Error::other)?;
-    // SAFETY: the kernel has just opened this descriptor for this process, and nothing else owns it.
+    // SAFETY: the kernel has just opened this descriptor for this process, and nothing else owns
+    // it.
     Ok(NotifyListener::from(unsafe { OwnedFd::from_raw_fd(listener) }))
 }
 
@@ -60,9 +62,9 @@ fn instruction(one: &seccompiler::sock_filter) -> libc::sock_filter {
     libc::sock_filter { code: one.code, jt: one.jt, jf: one.jf, k: one.k }
 }
 
-/// Reads a system call that waits for an answer; blocks if there is none.
+/// Reads a system call that waits for an answer; blocks until there is such a call.
 pub(crate) fn receive(listener: BorrowedFd<'_>) -> io::Result<Notification> {
-    // SAFETY: all its fields are numbers, and the kernel requires zeros.
+    // SAFETY: all fields of the structure are numbers, and the kernel requires zeros.
     let mut read: libc::seccomp_notif = unsafe { mem::zeroed() };
     // SAFETY: the kernel writes one `seccomp_notif` to a pointer to one.
     let result =

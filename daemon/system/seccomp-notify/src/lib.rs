@@ -1,16 +1,19 @@
-//! System calls that another process decides: seccomp's user notification (Linux 5.9, seccomp_unotify(2)).
+//! System calls that another process answers: seccomp's user notification (Linux 5.9,
+//! seccomp_unotify(2)).
 //!
-//! - A process that confines itself installs a filter of system calls ([`listen`]) and hands the
-//!   [`NotifyListener`] to its supervisor ([`send`], [`receive`]), over a socket that both have.
+//! - A process that confines itself installs a filter of system calls ([`listen`]). It passes the
+//!   [`NotifyListener`] to its supervisor ([`send`], [`receive`]), over a socket between the two.
 //! - Each call that the filter selects waits until the supervisor has answered the call
-//!   ([`NotifyListener::respond`]): with a value, an error, or “continue”. The supervisor can also put a
-//!   file of its own into the process ([`NotifyListener::put_file`]), for example a connected socket.
+//!   ([`NotifyListener::respond`]): with a value, an error, or “continue”. The supervisor can also
+//!   put a file of its own into the process ([`NotifyListener::put_file`]), for example a connected
+//!   socket.
 //!
-//! The arguments of a call are registers and do not change. But the memory that they point to may change,
-//! and another thread of the process may replace the files behind its descriptors. So “continue” is safe
-//! only if the decision depends on the registers alone.
+//! The arguments of a call are registers and do not change. But the memory that they point to may
+//! change, and another thread of the process may replace the files behind its descriptors. So
+//! “continue” is safe only if the decision depends on the values of the registers alone.
 //!
-//! This crate has no async code, and no policy. All `unsafe` code is in `ffi`.
+//! This crate has no async code. It decides nothing: the supervisor chooses the answers. All
+//! `unsafe` code is in `ffi`.
 
 mod ffi;
 mod listener_passing;
@@ -28,14 +31,14 @@ pub use listener_passing::{receive, send};
 
 /// Code of the instruction of a filter program that returns an action (`BPF_RET | BPF_K`).
 const RETURN: u16 = 0x06;
-/// Action that a filter program has in place of the notification until the program is finished
-/// (`SECCOMP_RET_TRACE`).
+/// Action with which `seccompiler` builds a filter program; [`program`] replaces it by the
+/// notification (`SECCOMP_RET_TRACE`).
 const TRACE: u32 = 0x7ff0_0000;
 /// Action of a filter program that notifies the supervisor (`SECCOMP_RET_USER_NOTIF`).
 const NOTIFY: u32 = 0x7fc0_0000;
 
-/// The supervisor's end of a filter of system calls, through which the supervisor receives and answers
-/// calls.
+/// The supervisor's end of a filter of system calls, through which the supervisor receives and
+/// answers calls.
 #[derive(Debug)]
 pub struct NotifyListener(OwnedFd);
 
@@ -44,8 +47,8 @@ pub struct NotifyListener(OwnedFd);
 pub struct Notification {
     /// Number that identifies the system call in the answer.
     pub id: u64,
-    /// Id of the thread that makes the system call, in the supervisor's namespace; 0 if the thread is not
-    /// visible there.
+    /// Id of the thread that makes the system call, in the supervisor's namespace; 0 if the thread
+    /// is not visible there.
     pub thread: u32,
     /// Number of the system call.
     pub call: i64,
@@ -64,8 +67,8 @@ pub enum Response {
     Continue,
 }
 
-/// Returns a filter program that notifies the supervisor of system calls that match `rules`, and allows all
-/// others.
+/// Returns a filter program that notifies the supervisor of system calls that match `rules`, and
+/// allows all others.
 ///
 /// # Errors
 ///
@@ -86,8 +89,9 @@ pub fn program(
 }
 
 impl NotifyListener {
-    /// Waits for a system call that the filter selects. Returns `None` when no process has the filter any
-    /// more, or when the time `within` is over.
+    /// Waits for a system call that the filter selects. Returns `None` when no process has the
+    /// filter any more, or when the time `within` has passed. With `None` for `within`, waits
+    /// without a limit.
     ///
     /// # Errors
     ///
@@ -108,7 +112,8 @@ impl NotifyListener {
             }
             match ffi::receive(self.as_fd()) {
                 Ok(notification) => return Ok(Some(notification)),
-                // Before the call was read, its process was killed or a signal interrupted it.
+                // The process of the call was killed, or a signal interrupted the call, before the
+                // call was read.
                 Err(error) if !matches!(error.raw_os_error(), Some(libc::ENOENT | libc::EINTR)) => {
                     return Err(error);
                 }
@@ -117,7 +122,8 @@ impl NotifyListener {
         }
     }
 
-    /// Answers the system call with the number `id`. Nothing happens if the call does not wait any more.
+    /// Answers the system call with the number `id`. Does nothing if the call does not wait any
+    /// more.
     ///
     /// # Errors
     ///
@@ -129,19 +135,21 @@ impl NotifyListener {
         }
     }
 
-    /// Whether the system call with the number `id` still waits. Anything read about the calling process is
-    /// valid only if this is `true` afterwards; otherwise the process may have ended and another process
-    /// may have its id.
+    /// Whether the system call with the number `id` still waits. Information that was read about
+    /// the calling process is valid only if this method returns `true` afterwards. Otherwise the
+    /// process may have ended, and another process may have its id.
     pub fn is_waiting(&self, id: u64) -> bool {
         ffi::is_waiting(self.as_fd(), id)
     }
 
-    /// Puts a file into the process that makes the waiting call `id`, in place of the file descriptor
-    /// `in_place_of`.
+    /// Puts a file into the process that makes the waiting call `id`, in place of the file
+    /// descriptor `in_place_of`. With `closes_on_exec`, the descriptor is closed when the process
+    /// executes another program.
     ///
     /// # Errors
     ///
-    /// Returns an error if the call does not wait any more, or the kernel refuses to put the file there.
+    /// Returns an error if the call does not wait any more, or the kernel refuses to put the file
+    /// there.
     pub fn put_file(
         &self,
         id: u64,

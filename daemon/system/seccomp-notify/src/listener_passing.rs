@@ -1,4 +1,4 @@
-//! Sends the listener of a system call filter to its supervisor over a Unix socket, with a message.
+//! Passing of a listener to its supervisor over a Unix socket, together with a message.
 
 use std::io::{self, IoSlice, IoSliceMut};
 use std::mem::MaybeUninit;
@@ -11,8 +11,8 @@ use rustix::net::{
 
 use crate::NotifyListener;
 
-/// Sends a message over a Unix socket, and a listener if there is one. The message must not be empty, and
-/// must be shorter than a pipe's buffer, so that it is sent in one piece.
+/// Sends a message over a Unix socket, together with `listener` if it is given. The message must
+/// not be empty, and must be shorter than a pipe's buffer, so that it is sent in one piece.
 ///
 /// # Errors
 ///
@@ -37,9 +37,9 @@ pub fn send(
     }
 }
 
-/// Receives a message over a Unix socket, and the listener that was sent with it, if there is one. Returns
-/// the number of bytes in `buffer`; if the message is longer than `buffer`, its end is lost. Blocks if the
-/// socket does.
+/// Receives a message over a Unix socket, and the listener that was sent with it; `None` if there
+/// was no listener. Also returns the number of bytes in `buffer`; if the message is longer than
+/// `buffer`, its end is lost. Blocks if the socket does.
 ///
 /// # Errors
 ///

@@ -12,8 +12,8 @@ use seccomp_notify::{NotifyListener, Response, listen, program};
 
 const PATIENCE: Option<Duration> = Some(Duration::from_secs(20));
 
-/// Runs `work` on a thread with a filter for these system calls. Returns the listener of the filter, and a
-/// channel with the result of `work`.
+/// Runs `work` on a thread with a filter for these system calls. Returns the listener of the
+/// filter, and a channel with the result of `work`.
 fn filtered<T: Send + 'static>(
     calls: &[libc::c_long],
     work: impl FnOnce() -> T + Send + 'static,
@@ -93,7 +93,7 @@ fn a_listener_is_handed_over_with_a_message() {
 }
 
 #[test]
-fn a_listener_waits_no_longer_than_it_is_told() {
+fn a_listener_waits_no_longer_than_its_limit() {
     let (go, wait) = mpsc::channel::<()>();
     let (listener, _results) = filtered(&[libc::SYS_fsync], move || wait.recv());
     assert_eq!(listener.next(Some(Duration::from_millis(10))).expect("it says"), None);

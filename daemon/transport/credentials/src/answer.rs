@@ -1,8 +1,8 @@
-//! Answers of people, sealed so that only the agent that asked can read them: other agents receive all
-//! messages too.
+//! Answers of people, sealed so that only the agent that asked can read them, because other agents
+//! receive all messages too.
 //!
-//! Each question has a key pair of its own; the agent that asks holds it, and drops it together with
-//! the question. A sealed answer does not show its author, and only that agent can open it. The scheme
+//! Each question has a key pair of its own, which the agent that asks drops together with the
+//! question. A sealed answer does not show its author, and only that agent can open it. The scheme
 //! does not prove that the public key in a question belongs to the agent that asks: in an ecosystem
 //! without certificates a participant can pose as another agent.
 
@@ -18,7 +18,7 @@ const SEAL_BYTES: usize = 48;
 /// The key pair that belongs to one question.
 pub struct AnswerKey(SecretKey);
 
-/// Reason why an answer cannot be sealed or read. Completes “the answer …”.
+/// Reason why an answer cannot be sealed or read. The message completes “the answer …”.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SealError {
@@ -99,7 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_the_asker_reads_an_answer() {
+    fn only_the_key_of_the_question_opens_an_answer() {
         let (asker, other) = (AnswerKey::new(), AnswerKey::new());
         for text in ["2718", "", "gr\u{fc}n \u{1f511}"] {
             let sealed = seal_answer(&asker.public(), text).expect("a key");

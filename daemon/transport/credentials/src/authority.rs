@@ -23,8 +23,8 @@ use crate::trust::Trust;
 /// building last.
 pub const AUTHORITY_DAYS: u32 = 3_650;
 
-/// Default validity of a daemon's certificate, in days: two years. Renewal is then frequent enough to be
-/// remembered and rare enough not to be a burden.
+/// Default validity of a daemon's certificate, in days: two years. Renewal is then frequent enough
+/// to be remembered and rare enough not to be a burden.
 pub const DAEMON_DAYS: u32 = 730;
 
 /// How far the start of a certificate's validity is set back from now, because the clocks of boards
@@ -86,8 +86,8 @@ impl Authority {
     ///
     /// # Errors
     ///
-    /// Returns an error if the folder contains no authority, or if other users can read the authority's
-    /// key.
+    /// Returns an error if the folder contains no authority, or if other users can read the
+    /// authority's key.
     pub fn open(folder: &CredentialFolder) -> Result<Authority, CredentialError> {
         let path = folder.authority_key();
         if !path.exists() {
@@ -110,13 +110,13 @@ impl Authority {
     }
 
     /// Issues a key and a certificate for a daemon: writes the files `NAME.key` and `NAME.pem`. An
-    /// older certificate of that name in the folder is replaced; it stays valid until it expires or is
-    /// revoked.
+    /// older certificate of that name in the folder is replaced; the older certificate stays valid
+    /// until it expires or is revoked.
     ///
     /// # Errors
     ///
-    /// Returns an error if the name or a host cannot stand in a certificate, or the folder cannot be
-    /// written.
+    /// Returns an error if the name or a host is not allowed in a certificate, or if the folder
+    /// cannot be written.
     pub fn issue(
         &self,
         daemon: &DaemonId,
@@ -220,10 +220,10 @@ fn set_validity(params: &mut CertificateParams, days: u32) {
     params.not_after = OffsetDateTime::from(now) + DAY * days;
 }
 
-/// Returns the names for which a certificate is valid: the daemon's name, its mDNS name, and the given
-/// hosts.
+/// Returns the names for which a certificate is valid: the daemon's name, its mDNS name, and the
+/// given hosts.
 fn alternative_names(daemon: &DaemonId, hosts: &[String]) -> Result<Vec<SanType>, CredentialError> {
-    // A host name has no underscore.
+    // A host name has no underscore, so a daemon's name with an underscore is left out.
     let own = [daemon.to_string(), format!("{daemon}.local")];
     let own = own.into_iter().filter(|name| !name.contains('_'));
     let mut names = Vec::new();

@@ -74,8 +74,8 @@ impl Certificate {
         })
     }
 
-    /// Returns the daemon for which the certificate was issued; `None` if the certificate is not one of
-    /// a daemon.
+    /// Returns the daemon for which the certificate was issued; `None` if the certificate is not
+    /// one of a daemon.
     pub fn daemon(&self) -> Option<DaemonId> {
         DaemonId::new(&self.subject).ok().filter(crate::is_certifiable)
     }

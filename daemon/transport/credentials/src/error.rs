@@ -1,9 +1,9 @@
-//! Errors of files and certificates, and the reasons why a message is not believed.
+//! Errors of files and certificates, and the reasons why a message is rejected.
 
 use std::io;
 use std::path::PathBuf;
 
-/// Reason why a credential cannot be made or used. Completes “failed to …”.
+/// Reason why a credential cannot be made or used. The message completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CredentialError {
@@ -98,7 +98,7 @@ fn others(names: &[String]) -> String {
     }
 }
 
-/// Reason why a message is not believed. Completes “the message …”.
+/// Reason why a message is rejected. The message of the error completes “the message …”.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, thiserror::Error)]
 #[non_exhaustive]
 pub enum DistrustReason {
@@ -108,8 +108,8 @@ pub enum DistrustReason {
     /// The seal cannot be read.
     #[error("has a seal that cannot be read")]
     Malformed,
-    /// The certificate of the sender was not issued by this ecosystem's authority, or is not one of a
-    /// daemon.
+    /// The certificate of the sender was not issued by this ecosystem's authority, or is not one of
+    /// a daemon.
     #[error("is signed with a certificate that the ecosystem's authority has not made")]
     Stranger,
     /// The certificate of the sender is not valid yet, or has expired.
@@ -133,8 +133,8 @@ pub enum DistrustReason {
     /// The message was sealed too long before it arrived.
     #[error("was delayed for longer than any receiver waits")]
     Delayed,
-    /// The sender has not answered a call of this daemon yet, or sent the message before it answered.
-    /// So the message may be a recording.
+    /// The sender has not yet answered a roll call of this daemon (the query to all daemons), or
+    /// sent the message before that answer. So the message may be a recording.
     #[error("was sent before its daemon answered a roll call")]
     NotSynced,
     /// The sender exceeds its rate limit.

@@ -1,12 +1,13 @@
-//! Names of the files in a folder of credentials, and the functions that write and read these files.
+//! Names of the files in a folder of credentials, and the functions that write and read these
+//! files.
 //!
 //! ```text
-//! authority.pem     whom the ecosystem trusts; on every machine
-//! authority.key     its key; where certificates are made, nowhere else
-//! NAME.pem          a daemon's certificate
-//! NAME.key          its key
-//! revoked.pem       whom nobody believes any more, signed by the authority; it spreads by itself
-//! issued/           copies of all certificates made, to know what can be revoked
+//! authority.pem     certificate of the authority; on every machine
+//! authority.key     key of the authority; only on the machine that issues certificates
+//! NAME.pem          certificate of the daemon NAME
+//! NAME.key          key of the daemon NAME
+//! revoked.pem       list of revoked certificates, signed by the authority; daemons pass it on
+//! issued/           copies of all issued certificates, with the serial numbers for revocations
 //! ```
 
 use std::fs::{self, DirBuilder, OpenOptions};
@@ -66,8 +67,8 @@ impl CredentialFolder {
         self.0.join("revoked.pem")
     }
 
-    /// Returns the path of the folder with copies of all certificates that the authority of this folder
-    /// has issued.
+    /// Returns the path of the folder with copies of all certificates that the authority of this
+    /// folder has issued.
     pub(crate) fn issued(&self) -> PathBuf {
         self.0.join("issued")
     }
@@ -107,8 +108,8 @@ pub(crate) fn read(path: &Path) -> Result<String, CredentialError> {
     fs::read_to_string(path).map_err(|source| failed(path, source))
 }
 
-/// Returns an error if every user can write the file, or the folder that contains it. A user that can
-/// replace the authority's certificate controls which certificates every daemon trusts.
+/// Returns an error if every user can write the file, or the folder that contains it. A user that
+/// can replace the authority's certificate controls which certificates every daemon trusts.
 pub(crate) fn check_not_world_writable(
     folder: &CredentialFolder,
     path: &Path,
@@ -148,11 +149,11 @@ pub(crate) fn write_new(path: &Path, text: &str, mode: u32) -> Result<(), Creden
     written.map_err(|source| failed(path, source))
 }
 
-/// Replaces a file atomically: a reader sees either the old content or the new content, never a part of
-/// it.
+/// Replaces a file atomically: a reader sees either the old content or the new content, never a
+/// part of it.
 pub(crate) fn replace(path: &Path, text: &str, mode: u32) -> Result<(), CredentialError> {
     let aside = path.with_extension(format!("new-{}", std::process::id()));
-    // A remnant of a process that died.
+    // Removes the remnant of a process that died.
     let _ = fs::remove_file(&aside);
     write_new(&aside, text, mode)?;
     fs::rename(&aside, path).map_err(|source| {

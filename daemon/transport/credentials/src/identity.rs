@@ -21,17 +21,18 @@ const NUMBERED: [usize; NUMBERED_CHANNELS] =
     [SealChannel::Message as usize, SealChannel::AgentState as usize];
 pub(crate) const NUMBERED_CHANNELS: usize = 2;
 
-/// Sequence numbers that a sender has reached, as the sender states them when it answers a call. Every
-/// message with a number up to these was sent before that answer.
+/// Sequence numbers that a sender has reached, as it states them in its answer to a roll call (the
+/// query to all daemons). Every message with a number up to these was sent before that answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct SequenceState {
-    /// Incarnation of the sender: the time at which it started, in microseconds since the Unix epoch.
+    /// Incarnation of the sender: the time at which it started, in microseconds since the Unix
+    /// epoch.
     pub incarnation: u64,
     /// The last sequence number that the sender has used in each numbered channel, in the order of
     /// [`SealChannel`].
     pub numbers: [u64; NUMBERED_CHANNELS],
-    /// Age of the sender's incarnation in milliseconds, by a monotonic clock. 0 if the sender runs a
-    /// version that does not state the age.
+    /// Age of the sender's incarnation in milliseconds, by a monotonic clock. 0 if the sender runs
+    /// a version that does not state the age.
     #[serde(default)]
     pub age: u64,
 }
@@ -48,7 +49,8 @@ pub struct DaemonIdentity {
     folder: CredentialFolder,
     certificate: Certificate,
     key: Ed25519KeyPair,
-    /// Name under which messages are signed: the daemon, or a guest that signs with the daemon's key.
+    /// Name under which messages are signed: the daemon, or a guest that signs with the daemon's
+    /// key.
     sender: DaemonId,
     incarnation: u64,
     began: Instant,
@@ -69,8 +71,8 @@ impl DaemonIdentity {
     ///
     /// # Errors
     ///
-    /// Returns an error if the key or the certificate is missing or not valid here, or if other users
-    /// can read the key.
+    /// Returns an error if the key or the certificate is missing or not valid here, or if other
+    /// users can read the key.
     pub fn read(
         folder: &CredentialFolder,
         daemon: &DaemonId,
@@ -119,14 +121,15 @@ impl DaemonIdentity {
         })
     }
 
-    /// Sets the incarnation, which must be known to be later than all earlier ones. For the case
-    /// that the clock was set back.
+    /// Sets the incarnation, which must be greater than every earlier one. Needed if the clock may
+    /// have been set back.
     #[must_use]
     pub fn with_incarnation(self, incarnation: u64) -> DaemonIdentity {
         DaemonIdentity { incarnation, ..self }
     }
 
-    /// Uses the key of this daemon for the messages of its guest `guest`; see [`DaemonId::guest`].
+    /// Returns the identity of `guest`, a guest that signs with the key of this daemon; see
+    /// [`DaemonId::guest`].
     #[must_use]
     pub fn for_guest(self, guest: DaemonId) -> DaemonIdentity {
         DaemonIdentity { sender: guest, ..self }
@@ -142,8 +145,8 @@ impl DaemonIdentity {
         &self.certificate
     }
 
-    /// Returns the paths of three files for TLS: the daemon's key, its certificate, and the certificate
-    /// of its authority.
+    /// Returns the paths of three files for TLS: the daemon's key, its certificate, and the
+    /// certificate of its authority.
     pub fn files(&self) -> (std::path::PathBuf, std::path::PathBuf, std::path::PathBuf) {
         let daemon = DaemonId::new(&self.certificate.subject);
         let daemon = daemon.expect("invariant: its subject was a daemon when it was read");
@@ -151,8 +154,8 @@ impl DaemonIdentity {
         (folder.key(&daemon), folder.certificate(&daemon), folder.authority())
     }
 
-    /// Returns the incarnation of the sender, the age of the incarnation, and the number of messages
-    /// sealed in each numbered channel.
+    /// Returns the incarnation of the sender, the age of the incarnation, and the number of
+    /// messages sealed in each numbered channel.
     pub fn sequence_state(&self) -> SequenceState {
         let numbers = NUMBERED.map(|channel| self.numbers[channel].load(Ordering::Relaxed));
         SequenceState { incarnation: self.incarnation, numbers, age: self.age() }
@@ -162,8 +165,8 @@ impl DaemonIdentity {
         u64::try_from(self.began.elapsed().as_millis()).unwrap_or(u64::MAX)
     }
 
-    /// Returns the seal for a payload that is sent under the key expression `key_expr`. The payload is
-    /// for the incarnation `to` of one daemon, or for all daemons if `to` is `None`.
+    /// Returns the seal for a payload that is sent under the key expression `key_expr`. The payload
+    /// is for the incarnation `to` of one daemon, or for all daemons if `to` is `None`.
     pub fn seal(
         &self,
         channel: SealChannel,
@@ -209,8 +212,8 @@ impl DaemonIdentity {
     }
 }
 
-/// Returns the number of a new incarnation, taken from the clock. It is greater than that of every
-/// earlier incarnation, unless the clock was set back.
+/// Returns the number of a new incarnation, taken from the clock. The number is greater than that
+/// of every earlier incarnation, unless the clock was set back.
 fn now() -> u64 {
     let micros = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_micros();
     u64::try_from(micros).unwrap_or(u64::MAX)

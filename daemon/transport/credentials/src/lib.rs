@@ -1,7 +1,7 @@
 //! Credentials of daemons: keys and certificates, the seals on messages, and revocations.
 //!
-//! - [`Authority`] issues certificates and revokes them; the key of the authority stays where it was
-//!   made.
+//! - [`Authority`] issues certificates and revokes them; the key of the authority stays where it
+//!   was made.
 //! - [`CredentialFolder`] gives the paths of the files in a folder of credentials. A key that other
 //!   users can read is refused.
 //! - [`AnswerKey`] opens the answers of people; [`seal_answer`] seals them.
@@ -9,8 +9,8 @@
 //!
 //! Each daemon has one Ed25519 key, which serves both TLS and seals. The signed bytes begin with a
 //! different text for each use, so that a signature for one use is never valid for the other. This
-//! crate does not depend on Zenoh and does not handle rights: which daemon may send which message is
-//! decided in higher layers.
+//! crate does not depend on Zenoh and does not handle rights: which daemon may send which message
+//! is decided in higher layers.
 //!
 //! Keys never leave this crate except as files, and no value that holds a key is logged or shown.
 
@@ -40,8 +40,8 @@ pub use verifier::{SealedMessage, VerifiedOrigin, Verifier};
 
 use acl::DaemonId;
 
-/// Maximum length of the name of a daemon that has a certificate, in bytes. The name of a guest may be
-/// longer.
+/// Maximum length of the name of a daemon that has a certificate, in bytes. The name of a guest may
+/// be longer.
 const CERTIFIED_NAME_BYTES_MAX: usize = 40;
 
 /// Whether a certificate may be issued for the daemon `name`.

@@ -1,14 +1,14 @@
-//! Replay protection: a sliding window of sequence numbers per sender, incarnation and channel (as in RFC
-//! 4303, 3.4.3).
+//! Replay protection: a sliding window of sequence numbers per sender, incarnation and channel (as
+//! in RFC 4303, 3.4.3).
 //!
-//! Only the newest incarnation of a sender counts; a message of an older incarnation is a recording. A
-//! daemon that has just begun to listen has received nothing yet, so an attacker could send it
-//! recordings of all earlier messages. Two rules prevent that. A broadcast counts only if its number is
-//! greater than the one that the sender states when this daemon calls it. A message to one daemon is
-//! bound to one incarnation of that daemon.
+//! Only the newest incarnation of a sender counts; a message of an older incarnation is rejected. A
+//! daemon that has just started has received nothing yet, so an attacker could send it recordings
+//! of all earlier messages. Two rules prevent that. A broadcast counts only if its number is
+//! greater than the one that the sender stated in its answer to a *roll call*, the query of this
+//! daemon to all daemons. A message to one daemon is bound to one incarnation of that daemon.
 //!
-//! Clocks of two machines are not compared. A sender states the age of its incarnation in its answer to
-//! each call, and states in each seal the age at which the message was sealed.
+//! Clocks of two machines are not compared. Instead, a sender states the age of its incarnation in
+//! its answer to each roll call, and each seal contains the age at which the message was sealed.
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
@@ -17,22 +17,23 @@ use std::time::{Duration, Instant};
 use crate::error::DistrustReason;
 use crate::identity::{NUMBERED_CHANNELS, SequenceState};
 
-/// Size of the duplicate window: how far a message may arrive behind a later message of its channel.
-/// The size is ten times the reordering that was seen in a burst of bids.
+/// Size of the duplicate window: how far a message may arrive behind a later message of its
+/// channel. The size is ten times the reordering that was seen in a burst of bids.
 const WINDOW_SIZE: u64 = 4_096;
 const WORDS: usize = (WINDOW_SIZE / 64) as usize;
 
-/// How long after a sender's answer to a call a message that was sent before the answer may still
-/// arrive. Such a message is dropped, but not reported as a replay.
+/// How long after a sender's answer to a roll call a message that was sent before the answer may
+/// still arrive. Such a message is dropped, but not reported as a replay.
 const OVERTAKEN_GRACE: Duration = Duration::from_secs(2);
 
-/// How long a message may be under way. A sender that waits for an answer sends again after seconds, so
-/// a message that is under way for longer than this was held back.
+/// How long a message may be under way. A sender that waits for an answer sends its message again
+/// within seconds, so a message that is under way for longer was held back.
 const UNDERWAY_MAX: Duration = Duration::from_secs(30);
 
-/// Maximum number of senders remembered per certificate: a daemon and its guests, each of which exists
-/// for a moment only. If there are more, the sender that was silent for longest is dropped. From then
-/// on an unknown sender is believed only if its incarnation is newer than that of every dropped sender.
+/// Maximum number of senders remembered per certificate: a daemon and its guests, each of which
+/// exists for a moment only. If there are more, the sender that was silent for longest is dropped.
+/// From then on an unknown sender is accepted only if its incarnation is newer than that of every
+/// dropped sender.
 const SENDERS_MAX: usize = 64;
 
 /// State of all senders that use the certificate of one name.
@@ -48,11 +49,11 @@ pub(crate) struct ReplayGuard {
 #[derive(Debug)]
 struct SenderWindows {
     incarnation: u64,
-    /// Sequence numbers in the sender's first answer to a call in this incarnation, and the time when
-    /// that answer arrived.
+    /// Sequence numbers in the sender's first answer to a roll call in this incarnation, and the
+    /// time at which that answer arrived.
     from: Option<([u64; NUMBERED_CHANNELS], Instant)>,
-    /// Age of the incarnation in milliseconds, as stated in the sender's latest answer to a call, and
-    /// the time when that answer arrived.
+    /// Age of the incarnation in milliseconds, as stated in the sender's latest answer to a roll
+    /// call, and the time at which that answer arrived.
     age: Option<(u64, Instant)>,
     windows: [Option<Box<SequenceWindow>>; NUMBERED_CHANNELS],
     last_used: u64,
@@ -88,7 +89,7 @@ impl ReplayGuard {
     ///
     /// # Errors
     ///
-    /// Returns the reason if it may be a replay.
+    /// Returns the reason if the message may be a replay.
     pub(crate) fn record(
         &mut self,
         signer: &str,
@@ -96,8 +97,8 @@ impl ReplayGuard {
         now: Instant,
     ) -> Result<(), DistrustReason> {
         let MessagePosition { incarnation, channel, number, at, is_for_this_incarnation } = place;
-        // Only a sender that has answered, or sends to this incarnation, is remembered: recordings of many
-        // senders must not displace the real ones.
+        // Only a sender that has answered a roll call, or sends to this incarnation, is remembered,
+        // so that recordings of many senders do not displace the real ones.
         let known = match is_for_this_incarnation {
             true => self.current_sender(signer, incarnation).ok_or(DistrustReason::Replayed)?,
             false => self.synced_sender(signer, incarnation)?,
@@ -119,8 +120,8 @@ impl ReplayGuard {
         if is_new { Ok(()) } else { Err(DistrustReason::Replayed) }
     }
 
-    /// Returns the state of a sender that has answered a call in the `incarnation`; otherwise the
-    /// reason why a message of the sender is not believed.
+    /// Returns the state of a sender that has answered a roll call in the `incarnation`; otherwise
+    /// the reason why a message of the sender is rejected.
     fn synced_sender(
         &mut self,
         signer: &str,
@@ -211,9 +212,9 @@ impl SenderWindows {
         }
     }
 
-    /// Whether a message that was sealed at `at` has been under way for too long. The time under way is
-    /// computed as a lower bound, because the sender stated the age of its incarnation before that
-    /// answer arrived here.
+    /// Whether a message that was sealed at `at` has been under way for too long. The result is
+    /// based on a lower bound of the time under way, because a roll call's answer is itself under
+    /// way for a while.
     fn is_overdue(&self, at: u64, now: Instant) -> bool {
         let Some((age, heard)) = self.age else { return false };
         let before_answer = Duration::from_millis(age.saturating_sub(at));
@@ -260,7 +261,7 @@ impl SequenceWindow {
 
 fn bit_position(number: u64) -> (usize, u64) {
     let index = number % WINDOW_SIZE;
-    // The index is less than `WORDS`, so it fits.
+    // The word index is less than `WORDS`, so the conversion is exact.
     ((index / 64) as usize, 1 << (index % 64))
 }
 
@@ -290,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_said_before_one_listened_is_not_heard() {
+    fn a_broadcast_from_before_the_first_reply_is_rejected() {
         let (mut replays, began) = (ReplayGuard::default(), Instant::now());
         let (place, later) = (
             |number, is_for_this_incarnation| MessagePosition {
@@ -355,7 +356,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_heard_twice_and_nothing_too_late() {
+    fn no_message_is_accepted_twice_or_too_late() {
         let mut replays = ReplayGuard::default();
         for (incarnation, number, expected) in [
             (5, 1, true),
@@ -384,7 +385,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_held_back_is_overdue_whatever_clocks_say() {
+    fn a_message_that_was_held_back_is_rejected_whatever_the_clocks_show() {
         let (mut replays, began) = (ReplayGuard::default(), Instant::now());
         let second = Duration::from_secs(1);
         // The incarnation is an hour old when it is called.
@@ -412,7 +413,7 @@ mod tests {
     }
 
     #[test]
-    fn speakers_that_come_and_go_push_nobody_out_who_speaks() {
+    fn short_lived_senders_do_not_displace_an_active_one() {
         let mut replays = ReplayGuard::default();
         replays.record_reply("pi", begun(1), Instant::now());
         assert!(is_heard(&mut replays, "pi", 1, 0, 1));

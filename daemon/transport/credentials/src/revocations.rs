@@ -1,4 +1,4 @@
-//! The list of revoked certificates (an X.509 CRL). The list is believed because the authority has
+//! The list of revoked certificates (an X.509 CRL). The list is accepted because the authority has
 //! signed it, whichever daemon sends it.
 
 use std::collections::BTreeSet;
@@ -22,8 +22,8 @@ pub struct Revocations {
 // === impl Revocations ===
 
 impl Revocations {
-    /// Parses a list in DER. Returns `None` if the list is malformed or the authority has not signed
-    /// it.
+    /// Parses a list in DER. Returns `None` if the list is malformed or the authority has not
+    /// signed it.
     pub(crate) fn from_der(der: &[u8], authority: &Certificate) -> Option<Revocations> {
         let (rest, list) = CertificateRevocationList::from_der(der).ok()?;
         let key = UnparsedPublicKey::new(&ED25519, authority.public_key?);

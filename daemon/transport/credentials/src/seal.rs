@@ -1,29 +1,29 @@
-//! The seal on a message: the bytes that are sent in addition to the payload, and the bytes that are
-//! signed.
+//! The seal on a message: the bytes that are sent in addition to the payload, and the bytes that
+//! are signed.
 //!
 //! ```text
 //! 1 byte    version
-//! 8 bytes   incarnation of the speaker, big-endian
-//! 8 bytes   number of the message in that incarnation
-//! 8 bytes   when it was sealed: milliseconds of that incarnation
-//! 8 bytes   incarnation of the daemon that it is for; 0: it is for all, or for one of no known incarnation
-//! 1 byte    length of the speaker's name; 0: it is the certificate's
-//! …         the name
+//! 8 bytes   incarnation of the sender
+//! 8 bytes   sequence number of the message in that incarnation and channel
+//! 8 bytes   time of sealing, in milliseconds since that incarnation began
+//! 8 bytes   incarnation of the receiving daemon; 0 for a broadcast or an unknown incarnation
+//! 1 byte    length of the sender's name; 0 if the sender is the owner of the certificate
+//! …         name of the sender
 //! 64 bytes  Ed25519 signature
-//! …         the certificate, DER
+//! …         certificate of the key, in DER
 //! ```
 //!
-//! The *speaker* is the sender: a daemon or a guest of one.
+//! The sender is a daemon or a guest of a daemon. All numbers are big-endian.
 //!
 //! The signed bytes are, in this order: a text that only this protocol uses; the channel; the four
-//! numbers; the sender, the key expression and the nonce, each with its length; and the SHA-256 of the
-//! payload. The payload is hashed so that a message of 16 MiB need not be copied to be signed.
+//! numbers; the sender, the key expression and the nonce, each with its length; and the SHA-256 of
+//! the payload. The payload is hashed so that a message of 16 MiB need not be copied to be signed.
 
 use ring::digest::{SHA256, digest};
 use ring::rand::{SecureRandom as _, SystemRandom};
 
-/// Kind of a sealed message. Messages of one channel arrive nearly in order; messages of two channels
-/// may overtake each other at will, so each channel has its own sequence numbers.
+/// Kind of a sealed message. Messages of one channel arrive nearly in order; messages of two
+/// channels often overtake each other, so each channel has its own sequence numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u8)]
 pub enum SealChannel {
@@ -31,7 +31,7 @@ pub enum SealChannel {
     Message = 0,
     /// Action models and heartbeats, which travel at a lower priority.
     AgentState = 1,
-    /// Answers to questions. They are bound to their question by its nonce, and have no sequence
+    /// Answers to questions. A nonce binds an answer to its question, so answers have no sequence
     /// numbers.
     Answer = 2,
 }
@@ -40,11 +40,11 @@ const VERSION: u8 = 3;
 const NUMBERS_BYTES: usize = 8;
 pub(crate) const SIGNATURE_BYTES: usize = 64;
 
-/// Maximum length of a certificate in a seal, in bytes. Certificates that this crate issues have some
-/// 500 bytes.
+/// Maximum length of a certificate in a seal, in bytes. Certificates that this crate issues have
+/// some 500 bytes.
 const CERTIFICATE_BYTES_MAX: usize = 4_096;
 
-/// Prefix of the signed bytes. Because of it no other signature of the key is valid for a message.
+/// Prefix of the signed bytes, so that no other signature of the key is valid for a message.
 const CONTEXT: &[u8] = b"althing seal 3";
 
 /// Length of a [`Nonce`], in bytes.

@@ -69,7 +69,7 @@ fn refused(
 }
 
 #[test]
-fn what_a_daemon_says_is_believed_once() {
+fn a_sealed_message_is_accepted_once() {
     let house = house();
     let (pi, verifier) = (house.identity("pi"), house.verifier());
     let seal = pi.seal(SealChannel::Message, KEY, b"go", Some(HERE));
@@ -80,7 +80,7 @@ fn what_a_daemon_says_is_believed_once() {
 
 /// A replay of another daemon's messages must not use up that daemon's rate limit.
 #[test]
-fn what_is_played_again_is_not_charged_to_whose_it_was() {
+fn a_replay_does_not_use_up_the_rate_limit_of_its_sender() {
     let house = house();
     let pi = house.identity("pi");
     let verifier = Verifier::new(Trust::read(&house.folder).expect("just made"), 2);
@@ -97,7 +97,7 @@ fn what_is_played_again_is_not_charged_to_whose_it_was() {
 }
 
 #[test]
-fn what_was_recorded_before_one_listened_is_not_believed() {
+fn a_recording_from_before_the_receiver_started_is_rejected() {
     let house = house();
     let (pi, verifier) = (house.identity("pi"), house.verifier());
     let beat = |seal: &[u8]| {
@@ -122,7 +122,7 @@ fn what_was_recorded_before_one_listened_is_not_believed() {
 }
 
 #[test]
-fn whatever_is_changed_is_noticed() {
+fn every_change_of_a_message_is_detected() {
     let house = house();
     let (pi, verifier) = (house.identity("pi"), house.verifier());
     let seal = pi.seal(SealChannel::Message, KEY, b"go", Some(HERE));
@@ -146,7 +146,7 @@ fn whatever_is_changed_is_noticed() {
 }
 
 #[test]
-fn an_answer_is_to_one_question() {
+fn an_answer_is_bound_to_one_question() {
     let house = house();
     let (pi, verifier) = (house.identity("pi"), house.verifier());
     let (mine, other) = (nonce().expect("random"), nonce().expect("random"));
@@ -163,7 +163,7 @@ fn an_answer_is_to_one_question() {
 }
 
 #[test]
-fn another_authoritys_daemon_is_a_stranger() {
+fn a_daemon_of_another_authority_is_rejected() {
     let (house, other) = (house(), self::house());
     let (stranger, verifier) = (other.identity("pi"), house.verifier());
     let seal = stranger.seal(SealChannel::Message, KEY, b"go", Some(HERE));
@@ -183,7 +183,7 @@ fn the_authority_itself_is_no_daemon() {
 }
 
 #[test]
-fn a_guest_speaks_under_its_hosts_name_only() {
+fn a_guest_sends_under_its_hosts_name_only() {
     let house = house();
     let verifier = house.verifier();
     let name = daemon("pi").guest("cli-7").expect("short");
@@ -199,7 +199,7 @@ fn a_guest_speaks_under_its_hosts_name_only() {
 }
 
 #[test]
-fn what_one_alone_may_say_nobody_else_does() {
+fn a_restricted_key_accepts_only_its_sender() {
     let house = house();
     let (pi, verifier) = (house.identity("pi"), house.verifier());
     let seal = pi.seal(SealChannel::AgentState, KEY, b"go", None);
@@ -219,7 +219,7 @@ fn what_one_alone_may_say_nobody_else_does() {
 }
 
 #[test]
-fn a_certificate_ends() {
+fn a_certificate_expires() {
     let house = house();
     let made = house.authority.issue(&daemon("pi"), &[], 30).expect("a name");
     let trust = Trust::read(&house.folder).expect("just made");
@@ -238,7 +238,7 @@ fn a_certificate_ends() {
 }
 
 #[test]
-fn who_is_revoked_is_believed_no_more_and_may_come_back_with_a_new_certificate() {
+fn a_revoked_daemon_is_rejected_until_it_has_a_new_certificate() {
     let house = house();
     let (pi, other) = (house.identity("pi"), house.identity("other"));
     let verifier = house.verifier();
@@ -264,7 +264,7 @@ fn who_is_revoked_is_believed_no_more_and_may_come_back_with_a_new_certificate()
 }
 
 #[test]
-fn a_list_of_revocations_is_believed_for_its_signature_and_never_an_older_one() {
+fn a_list_of_revocations_needs_a_signature_and_a_greater_number() {
     let (house, other) = (house(), self::house());
     let (_pi, _theirs) = (house.identity("pi"), other.identity("pi"));
     let verifier = house.verifier();
@@ -291,7 +291,7 @@ fn a_list_of_revocations_is_believed_for_its_signature_and_never_an_older_one() 
 }
 
 #[test]
-fn who_speaks_too_much_is_not_heard_and_others_are() {
+fn a_flooding_sender_is_limited_and_others_are_not() {
     let house = house();
     let (pi, other) = (house.identity("pi"), house.identity("other"));
     let verifier = Verifier::new(Trust::read(&house.folder).expect("just made"), 10);
@@ -325,7 +325,7 @@ fn a_key_that_others_can_read_is_refused_with_the_remedy() {
 
 /// A user that can replace the authority's certificate decides which certificates are trusted.
 #[test]
-fn what_anybody_can_write_is_not_trusted() {
+fn a_world_writable_authority_is_not_trusted() {
     let house = house();
     let allow = |path: &std::path::Path, mode| {
         std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode)).expect("allowed");
@@ -343,7 +343,7 @@ fn what_anybody_can_write_is_not_trusted() {
 }
 
 #[test]
-fn what_is_missing_or_mistaken_is_named() {
+fn errors_name_the_missing_or_mistaken_item() {
     let house = house();
     let trust = Trust::read(&house.folder).expect("just made");
     let missing = DaemonIdentity::read(&house.folder, &daemon("pi"), &trust).expect_err("none yet");
@@ -370,7 +370,7 @@ fn what_is_missing_or_mistaken_is_named() {
 }
 
 #[test]
-fn a_certificate_says_whose_it_is_and_where() {
+fn a_certificate_names_its_daemon_and_hosts() {
     let house = house();
     let hosts = ["192.168.1.7".to_owned(), "fe80::1".to_owned(), "pi.example.org".to_owned()];
     let made = house.authority.issue(&daemon("pi"), &hosts, 10).expect("good hosts");
@@ -380,7 +380,7 @@ fn a_certificate_says_whose_it_is_and_where() {
 }
 
 #[test]
-fn nothing_that_is_shown_holds_a_key() {
+fn debug_output_contains_no_key() {
     let house = house();
     let pi = house.identity("pi");
     let text = fs::read_to_string(house.folder.key(&daemon("pi"))).expect("made");

@@ -27,13 +27,13 @@ impl TokenBucket {
         self.permits = (self.permits + passed * f64::from(per_second)).min(burst(per_second));
         let taken = self.permits.floor().min(f64::from(count));
         self.permits -= taken;
-        // Between zero and `count`.
+        // The value is between zero and `count`.
         taken as u32
     }
 }
 
-/// Returns the capacity of a bucket: the permits of two seconds, because all agents of a daemon answer
-/// one call at the same instant.
+/// Returns the capacity of a bucket: the permits of two seconds, because all agents of a daemon
+/// answer a call for proposals at the same instant.
 fn burst(per_second: u32) -> f64 {
     2.0 * f64::from(per_second)
 }
@@ -45,7 +45,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_burst_passes_and_then_so_many_a_second() {
+    fn a_burst_passes_and_then_the_rate_applies() {
         let began = Instant::now();
         let mut rate = TokenBucket::new(10, began);
         let taken = |rate: &mut TokenBucket, now| (0..100).filter(|_| rate.take(10, now)).count();

@@ -1,4 +1,5 @@
-//! The trust of an ecosystem: the certificate of its authority, and the certificates that were revoked.
+//! The trust of an ecosystem: the certificate of its authority, and the certificates that were
+//! revoked.
 
 use std::path::PathBuf;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -15,8 +16,8 @@ use crate::revocations::Revocations;
 #[derive(Clone, Debug)]
 pub struct Trust {
     folder: CredentialFolder,
-    /// File for lists of revocations that come over the network; by default the file in the folder of
-    /// credentials.
+    /// File for lists of revocations that come over the network; by default the file in the folder
+    /// of credentials.
     stored_list: PathBuf,
     authority: Certificate,
     anchor: TrustAnchor<'static>,
@@ -30,8 +31,8 @@ impl Trust {
     ///
     /// # Errors
     ///
-    /// Returns an error if the folder contains no certificate of an authority, or if a file cannot be
-    /// read.
+    /// Returns an error if the folder contains no certificate of an authority, or if a file cannot
+    /// be read.
     pub fn read(folder: &CredentialFolder) -> Result<Trust, CredentialError> {
         let path = folder.authority();
         if !path.exists() {
@@ -56,13 +57,14 @@ impl Trust {
         Ok(trust)
     }
 
-    /// Stores lists of revocations that come over the network in the file `kept`, not in the folder of
-    /// credentials, which the daemon may not be able to write. Also reads the list that was stored in
-    /// that file before.
+    /// Stores lists of revocations that come over the network in the file `kept`, not in the folder
+    /// of credentials, which the daemon may not be able to write. Also reads the list that was
+    /// stored in that file before.
     ///
     /// # Errors
     ///
-    /// Returns an error if a list of revocations cannot be read, or the authority has not signed it.
+    /// Returns an error if a list of revocations cannot be read, or the authority has not signed
+    /// it.
     pub fn storing_at(mut self, kept: PathBuf) -> Result<Trust, CredentialError> {
         self.stored_list = kept;
         self.revocations = self.read_revocations()?;
@@ -103,13 +105,14 @@ impl Trust {
         Ok(newest)
     }
 
-    /// Parses a list of revocations that came over the network. Returns `None` if the authority has not
-    /// signed it.
+    /// Parses a list of revocations that came over the network. Returns `None` if the authority has
+    /// not signed it.
     pub fn verify_revocations(&self, der: &[u8]) -> Option<Revocations> {
         Revocations::from_der(der, &self.authority)
     }
 
-    /// Replaces the known list of revocations by `list` if that is newer; returns whether it was newer.
+    /// Replaces the known list of revocations by `list` if that is newer; returns whether it was
+    /// newer.
     pub(crate) fn take(&mut self, list: Revocations) -> bool {
         let is_newer = self.revocations.as_ref().is_none_or(|known| known.number() < list.number());
         if is_newer {

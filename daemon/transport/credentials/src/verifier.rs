@@ -1,5 +1,5 @@
-//! Verification of seals: which key has signed, whether the signature is for this message, and whether
-//! the message is new.
+//! Verification of seals: which key has signed, whether the signature is for this message, and
+//! whether the message is new.
 //!
 //! A certificate is checked once and remembered by its hash; a signature is checked each time. All
 //! stored state is bounded, because it belongs to daemons that the authority has certified.
@@ -22,12 +22,12 @@ use crate::seal::{Nonce, Seal, SealChannel, SignedFields};
 use crate::token_bucket::TokenBucket;
 use crate::trust::Trust;
 
-/// Maximum number of certificates remembered as valid. When this number is reached, all are dropped and
-/// checked again, which takes a tenth of a millisecond for each.
+/// Maximum number of certificates remembered as valid. When this number is reached, all are dropped
+/// and checked again, which takes a tenth of a millisecond for each.
 const CERTIFICATES_MAX: usize = 1_024;
 
-/// How long other daemons may take to notice a new incarnation of this daemon. They call this daemon at
-/// least once a second while the membership changes.
+/// How long other daemons may take to notice a new incarnation of this daemon. They send roll calls
+/// at least once a second while the membership changes.
 const NOTICE_GRACE: Duration = Duration::from_secs(5);
 
 /// A received message or answer, with its seal.
@@ -43,7 +43,8 @@ pub struct SealedMessage<'s> {
     pub seal: Option<&'s [u8]>,
     /// Nonce of the question that is answered; `None` if the message is no answer.
     pub nonce: Option<&'s Nonce>,
-    /// The only daemon that may send under this key expression; `None` if there is no such restriction.
+    /// The only daemon that may send under this key expression; `None` if there is no such
+    /// restriction.
     pub only_sender: Option<&'s str>,
     /// Incarnation of the receiver.
     pub receiver_incarnation: u64,
@@ -54,12 +55,12 @@ pub struct SealedMessage<'s> {
 pub struct VerifiedOrigin {
     /// Daemon that sent the message, or a guest of a daemon.
     pub sender: DaemonId,
-    /// Daemon that owns the key with which the message was signed: the sender itself, or the host of
-    /// the guest.
+    /// Daemon that owns the key with which the message was signed: the sender itself, or the host
+    /// of the guest.
     pub signing_daemon: DaemonId,
 }
 
-/// Verifies the seals of messages, and states the reason if a message is not believed.
+/// Verifier of the seals of messages. States the reason if a message is rejected.
 #[derive(Debug)]
 pub struct Verifier {
     trust: RwLock<Trust>,
@@ -83,8 +84,8 @@ struct SenderState {
 // === impl Verifier ===
 
 impl Verifier {
-    /// Returns a verifier that trusts the certificates of `trust` and limits the rate per certificate
-    /// name.
+    /// Returns a verifier that trusts the certificates of `trust` and limits the rate per
+    /// certificate name.
     pub fn new(trust: Trust, messages_per_second: u32) -> Verifier {
         Verifier {
             trust: RwLock::new(trust),
@@ -100,7 +101,7 @@ impl Verifier {
     ///
     /// # Errors
     ///
-    /// Returns the reason why the message is not believed, and the name under which the message came if
+    /// Returns the reason why the message is rejected, and the name under which the message came if
     /// that can be read.
     pub fn open(
         &self,
@@ -149,8 +150,8 @@ impl Verifier {
         Ok(verified)
     }
 
-    /// Returns the certificate in `der`, if it is valid now. The certificate is remembered, or is
-    /// checked first.
+    /// Returns the certificate in `der`; an error if it is not valid now. A certificate is fully
+    /// checked the first time and then remembered.
     fn certificate(
         &self,
         der: &[u8],
@@ -166,7 +167,8 @@ impl Verifier {
         let Some(certificate) = Certificate::from_der(der) else {
             return Err((DistrustReason::Stranger, None));
         };
-        // The lock is held until the certificate is remembered, so that no revocation comes between.
+        // The lock is held until the certificate is remembered, so that no revocation arrives
+        // in between.
         let trust = self.trust.read().unwrap_or_else(PoisonError::into_inner);
         if let Err(why) = trust.check(&certificate, now) {
             return Err((why, Some(certificate.subject)));
@@ -213,8 +215,8 @@ impl Verifier {
         }
     }
 
-    /// Takes permits for `count` more messages that the daemon `voucher` has sent under one seal;
-    /// returns how many of them are permitted. So each heartbeat of a batch costs as much as a single
+    /// Takes permits for `count` more messages that the daemon `voucher` has sent under one seal.
+    /// Returns the number of permits taken. So each heartbeat of a batch costs as much as a single
     /// heartbeat.
     pub fn take_permits(&self, voucher: &DaemonId, count: u32) -> u32 {
         let (mut heard, now) = (lock(&self.senders), Instant::now());
@@ -222,8 +224,8 @@ impl Verifier {
         heard.rate.take_up_to(count, self.messages_per_second, now)
     }
 
-    /// Records the answer of a daemon to a call. Broadcasts of that daemon with a number up to those in
-    /// `said` are not believed; broadcasts with greater numbers are.
+    /// Records the answer of a daemon to a roll call. A broadcast of that daemon is accepted only
+    /// if its number is greater than the one in the first answer of its incarnation.
     pub fn record_reply(&self, answerer: &VerifiedOrigin, said: SequenceState) {
         let (mut heard, now) = (lock(&self.senders), Instant::now());
         let heard = self.sender_state(&mut heard, answerer.signing_daemon.as_str(), now);
@@ -252,13 +254,14 @@ impl Verifier {
 
     // === revocations ===
 
-    /// Returns the list of revocations in DER, if there is one.
+    /// Returns the list of revocations in DER; `None` if there is no list.
     pub fn revocations(&self) -> Option<Vec<u8>> {
         let trust = self.trust.read().unwrap_or_else(PoisonError::into_inner);
         trust.revocations().map(|list| list.der().to_vec())
     }
 
-    /// Returns the subject of a certificate (in DER) if the certificate was revoked; `None` otherwise.
+    /// Returns the subject of a certificate (in DER) if the certificate was revoked; `None`
+    /// otherwise.
     pub fn revoked_subject(&self, certificate: &[u8]) -> Option<String> {
         let certificate = Certificate::from_der(certificate)?;
         self.has_revoked(&certificate).then_some(certificate.subject)
@@ -275,9 +278,9 @@ impl Verifier {
         trust.revocations().is_some_and(|list| list.contains(certificate))
     }
 
-    /// Uses a list of revocations that came over the network from now on, if it is newer than the known
-    /// one; does not store it. Returns whether it was newer; `None` if the authority has not signed the
-    /// list.
+    /// Uses a list of revocations that came over the network from now on, if it is newer than the
+    /// known one; does not store it. Returns whether the list was newer; `None` if the authority
+    /// has not signed it.
     pub fn take_revocations(&self, der: &[u8]) -> Option<bool> {
         let list = {
             let trust = self.trust.read().unwrap_or_else(PoisonError::into_inner);
@@ -286,8 +289,8 @@ impl Verifier {
         Some(self.take(list))
     }
 
-    /// Uses the list of revocations in the files from now on, if it is newer than the known one;
-    /// returns whether it was newer.
+    /// Uses the list of revocations in the files from now on, if it is newer than the known one.
+    /// Returns whether the list was newer.
     ///
     /// # Errors
     ///

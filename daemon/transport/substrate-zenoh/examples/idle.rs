@@ -1,4 +1,5 @@
-//! Measures the cost of a session: the time to open it, and the memory and threads of the idle process.
+//! Measures the cost of a session: the time to open it, and the memory and threads of the idle
+//! process.
 //!
 //! ```text
 //! cargo run --release -p substrate-zenoh --example idle [LISTEN [CONNECT]]

@@ -5,7 +5,7 @@
 //! cargo run --release -p substrate-zenoh --example put -- FILE.json5 KEY BYTES
 //! ```
 //!
-//! It prints a line when the bytes are sent, and runs until its standard input ends.
+//! The program prints a line when the bytes are sent, and runs until its standard input ends.
 
 use std::error::Error;
 use std::time::Duration;

@@ -1,11 +1,11 @@
-//! A plain Zenoh router that knows nothing of Althing: the same as `zenohd -c FILE` without plugins. It can
-//! stand between daemons that cannot connect to each other.
+//! A plain Zenoh router without any code of Althing: the same as `zenohd -c FILE` without plugins.
+//! It can stand between daemons that cannot connect to each other.
 //!
 //! ```text
 //! cargo run --release -p substrate-zenoh --example router -- FILE.json5
 //! ```
 //!
-//! It prints the endpoints on which it listens, and runs until its standard input ends.
+//! The program prints the endpoints on which it listens, and runs until its standard input ends.
 
 use std::error::Error;
 

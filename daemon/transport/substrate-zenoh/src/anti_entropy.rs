@@ -1,12 +1,13 @@
-//! Anti-entropy of membership: a daemon periodically sends a query (a *call*) to all daemons, and makes
-//! all its declarations again if an answer shows that some daemon has missed them.
+//! Anti-entropy of membership: a daemon periodically sends a *roll call*, a query to all daemons.
+//! The daemon makes all its declarations again if an answer shows that some daemon has missed them.
 //!
-//! Zenoh's routers send each declaration (of a subscription, a queryable or a token) to each other once,
-//! and never again. Between a change of the mesh and the moment at which the routes are computed anew, a
-//! tenth of a second later, a router can miss a new declaration, drop a valid one, or receive one of a
-//! dead session. This error then remains. (`pubsub_tree_change` compares indices in the graph, which are
-//! reused; declarations of a router that is not in the graph are kept, and those of a router that was cut
-//! off for a moment are not.) So declarations that were missed have to be made again:
+//! Zenoh's routers send each declaration (of a subscription, a queryable or a token) to each other
+//! once, and never again. After a change of the mesh, the routes are computed anew a tenth of a
+//! second later. In between, a router can miss a new declaration, drop a valid one, or receive one
+//! of a dead session. This error then remains. (`pubsub_tree_change` compares indices in the graph,
+//! which are reused; declarations of a router that is not in the graph are kept, and those of a
+//! router that was cut off for a moment are not.) So declarations that were missed have to be made
+//! again:
 //!
 //! - Each session has a liveliness token of its own, with its Zenoh id. `known_sessions` is the set of sessions
 //!   from which a session has received such a token.
@@ -34,22 +35,24 @@ use crate::known_sessions::{KnownSessions, SyncReply, SyncRequest};
 use crate::presence::LivelinessSubscriber;
 use crate::queries::QuerySender;
 
-/// Pause between two calls while the membership changes or is in doubt, and the time within which a call
-/// must be answered. It is far longer than the tenth of a second after which Zenoh's routes are computed
-/// anew. If there are no changes, one call is made per lease.
+/// Pause between two roll calls while the membership changes or is in doubt, and the time within
+/// which a roll call must be answered. It is far longer than the tenth of a second after which
+/// Zenoh's routes are computed anew. If there are no changes, one roll call is sent per lease.
 const UNREST_PERIOD: Duration = Duration::from_secs(1);
 
-/// How long after the last change of the membership the pause between calls remains `UNREST_PERIOD`.
+/// How long after the last change of the membership the pause between roll calls remains
+/// `UNREST_PERIOD`.
 const UNREST: Duration = Duration::from_secs(3);
 
 /// Longest pause between two repetitions of all declarations.
 const PAUSE_MAX: Duration = Duration::from_secs(60);
 
-/// Maximum number of repetitions of all declarations that one unknown session causes. Such a session may
-/// be a plain router, a foreign program, or a dead session that another router still advertises.
+/// Maximum number of repetitions of all declarations that one unknown session causes. Such a
+/// session may be a plain router, a foreign program, or a dead session that another router still
+/// advertises.
 const TOLD_MAX: u32 = 3;
 
-/// Task that sends calls to all daemons until the session is closed.
+/// Task that sends roll calls until the session is closed.
 pub(crate) struct AntiEntropy {
     pub(crate) session: Weak<Session>,
     pub(crate) queries: QuerySender,
@@ -59,22 +62,23 @@ pub(crate) struct AntiEntropy {
     pub(crate) lease: Duration,
 }
 
-/// Result of one call to all daemons.
+/// Result of one roll call.
 #[derive(Debug, Default)]
 struct SyncRound {
     answered: BTreeSet<DaemonId>,
-    /// Daemons that do not know this session, or do not receive its answers to their calls.
+    /// Daemons that have no token of this session, or do not receive its answers to their roll
+    /// calls.
     unaware: BTreeSet<DaemonId>,
-    /// Sessions from which this session has received no token, although other sessions name them or this
-    /// session has a link to them.
+    /// Sessions from which this session has received no token, although other sessions name them or
+    /// this session has a link to them.
     unknown_sessions: BTreeSet<String>,
 }
 
-/// State that is kept between calls, to decide whether all declarations have to be made again.
+/// State that is kept between roll calls, to decide whether all declarations have to be made again.
 #[derive(Debug)]
 struct RedeclarePolicy {
-    /// Whether the last call found that a declaration is missing. One such call alone does not count,
-    /// because it may have come too early.
+    /// Whether the last roll call found that a declaration is missing. One such finding alone does
+    /// not count, because the roll call may have come too early.
     is_suspicious: bool,
     /// Number of repetitions of all declarations that each unknown session has caused.
     tries: BTreeMap<String, u32>,
@@ -92,7 +96,7 @@ enum SyncDecision {
 // === impl AntiEntropy ===
 
 impl AntiEntropy {
-    /// Sends calls until the session is closed.
+    /// Sends roll calls until the session is closed.
     pub(crate) async fn run(self) {
         let mut policy = RedeclarePolicy::new(Instant::now());
         let mut unrest_until = Instant::now() + UNREST;
@@ -131,8 +135,8 @@ impl AntiEntropy {
         }
     }
 
-    /// Sends a call to all daemons, and compares the routers that this session is linked with to the
-    /// sessions that it knows. Returns `None` if the session is closed.
+    /// Sends a roll call, and checks whether this session has a token of each router that it is
+    /// linked with. Returns `None` if the session is closed.
     async fn call(&self, mark: u64, call: &SyncRequest) -> Option<SyncRound> {
         let answers = Arc::<Mutex<SyncRound>>::default();
         let (ends, ended) = oneshot::channel::<()>();
@@ -201,9 +205,9 @@ impl RedeclarePolicy {
         }
     }
 
-    /// Decides what to do after a call. All declarations are repeated, at growing intervals, for as long
-    /// as another daemon does not know this session. An unknown session may be one that declares nothing,
-    /// so it causes only [`TOLD_MAX`] repetitions.
+    /// Decides what to do after a roll call. All declarations are repeated, at growing intervals,
+    /// for as long as another daemon has no token of this session. An unknown session may be one
+    /// that declares nothing, so it causes only [`TOLD_MAX`] repetitions.
     fn judge(&mut self, answers: &SyncRound, now: Instant) -> SyncDecision {
         self.tries.retain(|zid, _| answers.unknown_sessions.contains(zid));
         let tries = |zid: &String| self.tries.get(zid).copied().unwrap_or_default();
@@ -240,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn who_was_not_told_is_told_again_ever_more_rarely() {
+    fn declarations_are_repeated_at_growing_intervals() {
         let start = Instant::now();
         let mut policy = RedeclarePolicy::new(start);
         let unaware = amiss(&["pi"], &[]);
@@ -255,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_not_heard_of_is_given_up_until_it_was_gone() {
+    fn an_unknown_session_causes_a_bounded_number_of_repetitions() {
         let start = Instant::now();
         let mut policy = RedeclarePolicy::new(start);
         let at = |seconds| start + Duration::from_secs(seconds);
@@ -271,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn an_answer_shows_who_is_unaware_and_what_is_unknown() {
+    fn an_answer_shows_unaware_daemons_and_unknown_sessions() {
         let known = KnownSessions::default();
         known.receive_token("a1", 0, SampleKind::Put);
         let (pi, me) = (DaemonId::new("pi").expect("a name"), DaemonId::new("me").expect("a name"));

@@ -1,18 +1,19 @@
-//! Batches: the heartbeats of several agents of one daemon in one message, each as one line of JSON.
+//! Batches: the heartbeats of several agents of one daemon in one message, each as one line of
+//! JSON.
 //!
-//! Each message must be routed by every router, takes a place in every queue and, in a secured ecosystem,
-//! needs a signature at one end and its verification at the other. If a hundred heartbeats are sent in
-//! one message, this cost is incurred once.
+//! Each message must be routed by every router, takes a place in every queue and, in a secured
+//! ecosystem, needs a signature at one end and its verification at the other. If a hundred
+//! heartbeats are sent in one message, this cost is incurred once.
 
 use acl::{AgentId, sender_of};
 use bytes::Bytes;
 
-/// Maximum length of a batch of heartbeats, in bytes. Together with its key and its seal, it fits into
-/// one batch of Zenoh's (65,535 bytes), so that it is not fragmented.
+/// Maximum length of a batch of heartbeats, in bytes. Together with its key and its seal, it fits
+/// into one batch of Zenoh's (65,535 bytes), so that it is not fragmented.
 const BUNDLE_BYTES_MAX: usize = 60 << 10;
 
-/// Maximum number of heartbeats in a batch: four times as many as fit if they have any content. Without
-/// this limit, a batch of bare names could contain thousands of messages.
+/// Maximum number of heartbeats in a batch: four times as many as fit if they have any content.
+/// Without this limit, a batch of bare names could contain thousands of messages.
 const BUNDLE_MESSAGES_MAX: usize = 1_024;
 
 /// A message that carries one or several heartbeats.
@@ -55,9 +56,9 @@ fn closed(gathered: &mut Vec<(AgentId, Bytes)>) -> Option<HeartbeatMessage> {
     (!lines.is_empty()).then(|| HeartbeatMessage::Batch(Bytes::from(lines.join(&b'\n'))))
 }
 
-/// Returns the heartbeats in a batch, each with the sender that it names. Lines that name no sender are
-/// left out, because the batch comes from outside. Returns `None` if the batch is larger than [`pack`]
-/// makes batches.
+/// Returns the heartbeats in a batch, each with the sender that it names. Lines that name no sender
+/// are left out, because the batch comes from outside. Returns `None` if the batch is larger than
+/// [`pack`] makes batches.
 pub(crate) fn unpack(bundle: &Bytes) -> Option<Vec<(AgentId, Bytes)>> {
     if bundle.len() > BUNDLE_BYTES_MAX {
         return None;
@@ -66,7 +67,8 @@ pub(crate) fn unpack(bundle: &Bytes) -> Option<Vec<(AgentId, Bytes)>> {
     if lines().nth(BUNDLE_MESSAGES_MAX).is_some() {
         return None;
     }
-    // A copy of its own, because a slice that is kept for long would keep the whole batch.
+    // The line is copied, because a slice that is kept for long would keep the whole batch in
+    // memory.
     let word = |line| Some((sender_of(line)?, Bytes::copy_from_slice(line)));
     Some(lines().filter_map(word).collect())
 }
@@ -80,8 +82,8 @@ mod tests {
         (AgentId::new(sender).expect("a name"), Bytes::from(text))
     }
 
-    /// Returns the heartbeats after packing and unpacking them, and the number of messages that carried
-    /// them.
+    /// Returns the heartbeats after packing and unpacking them, and the number of messages that
+    /// carried them.
     fn carried(beats: Vec<(AgentId, Bytes)>) -> (Vec<(AgentId, Bytes)>, usize) {
         let parcels = pack(beats);
         let count = parcels.len();
@@ -96,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn what_goes_together_comes_apart() {
+    fn a_batch_is_unpacked_to_the_packed_heartbeats() {
         let hundred: Vec<_> = (0..100).map(|agent| beat(&format!("a-{agent}"), 400)).collect();
         assert_eq!(carried(hundred.clone()), (hundred, 1));
         let long: Vec<_> = (0..10).map(|agent| beat(&format!("a-{agent}"), 20 << 10)).collect();
@@ -105,14 +107,14 @@ mod tests {
     }
 
     #[test]
-    fn one_alone_goes_under_its_own_key() {
+    fn a_single_heartbeat_is_sent_under_its_own_key() {
         let (sender, payload) = beat("a", 1);
         let parcels = pack(vec![(sender.clone(), payload.clone())]);
         assert_eq!(parcels, [HeartbeatMessage::Single(sender, payload)]);
     }
 
     #[test]
-    fn what_is_no_line_goes_alone() {
+    fn a_payload_that_is_no_line_is_sent_alone() {
         let odd = |text: &str| (AgentId::new("odd").expect("a name"), Bytes::from(text.to_owned()));
         let beats = vec![beat("a", 1), odd("(define\n)"), odd(""), beat("b", 1)];
         let (mut heard, count) = carried(beats.clone());
@@ -123,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn garbage_says_nothing() {
+    fn garbage_contains_no_heartbeats() {
         for garbage in ["", "\n\n", "x", "{}", r#"{"sender":"A/b"}"#, "\u{0}"] {
             assert_eq!(unpack(&Bytes::from(garbage.to_owned())), Some(vec![]), "{garbage:?}");
         }
@@ -132,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn what_nobody_has_packed_is_not_unpacked() {
+    fn a_batch_beyond_the_limits_is_not_unpacked() {
         let bare: Vec<_> = (0..2_000).map(|agent| beat(&format!("a-{agent}"), 0)).collect();
         assert_eq!(carried(bare.clone()), (bare.clone(), 2));
         let lines: Vec<_> = bare.into_iter().map(|(_, payload)| payload).collect();

@@ -1,8 +1,9 @@
-//! Settings of a Zenoh session. The fields of [`Config`] override the `[zenoh]` table of the ecosystem
-//! file, that table overrides the defaults of this module, and these override Zenoh's defaults.
+//! Settings of a Zenoh session. The fields of [`Config`] override the `[zenoh]` table of the
+//! ecosystem file, that table overrides the defaults of this module, and these override Zenoh's
+//! defaults.
 //!
-//! The three layers of settings are merged as JSON, and Zenoh parses the result once as a whole: some of
-//! its sections are accepted as whole objects only.
+//! The three layers of settings are merged as JSON, and Zenoh parses the result once as a whole:
+//! some of its sections are accepted as whole objects only.
 
 use std::time::Duration;
 
@@ -18,54 +19,57 @@ use crate::own_address;
 use crate::scouting;
 use crate::sealing::Security;
 
-/// How long a silent daemon counts as alive. A killed process is detected in milliseconds whatever this
-/// duration is; it matters if a machine freezes or a cable is pulled. It is four keep-alive periods, of
-/// which a loaded board may miss three. With less than 2 s, such boards are declared dead while they run.
+/// How long a silent daemon counts as alive. A killed process is detected in milliseconds in any
+/// case; the lease matters if a machine freezes or a cable is pulled. The lease is four keep-alive
+/// periods, of which a loaded board may miss three. With less than 2 s, such boards are declared
+/// dead while they run.
 pub const LEASE: Duration = Duration::from_secs(4);
 
 /// Priority of all messages. A single priority keeps the messages of one conversation in order.
 pub(crate) const MESSAGE_PRIORITY: Priority = Priority::DataHigh;
 
-/// Maximum length of a message that is accepted, in bytes. A building's composite domain is far below 1
-/// MiB. The limit keeps one sender from filling the memory of a small board (Zenoh's own limit is 1 GiB).
+/// Maximum length of a message that is accepted, in bytes. A building's composite domain is far
+/// below 1 MiB. The limit keeps one sender from filling the memory of a small board (Zenoh's own
+/// limit is 1 GiB).
 pub const MESSAGE_BYTES_MAX: usize = 16 << 20;
 
 /// Number of keep-alive messages that a session sends per lease.
 const KEEP_ALIVES: u32 = 4;
 
-/// Maximum number of outgoing batches that wait per priority and link (64 KiB each, allocated when used).
-/// This is the largest number that Zenoh allows. Messages that do not fit are dropped, because a sender
-/// never waits.
+/// Maximum number of outgoing batches that wait per priority and link (64 KiB each, allocated when
+/// used). This is the largest number that Zenoh allows. Messages that do not fit are dropped,
+/// because a sender never waits.
 const BATCHES_MAX: u32 = 16;
 
-/// How long a sender waits for a free batch before its message is dropped, in microseconds. With this
-/// wait, a burst is not lost if a receiver is busy for a moment (Zenoh's own wait of 1 ms was too short
-/// for fifty messages here). Once a link is congested, all messages that follow are dropped at once: a
-/// link that stands still costs a Tokio worker this wait once, not once per message.
+/// How long a sender waits for a free batch before its message is dropped, in microseconds. With
+/// this wait, a burst is not lost if a receiver is busy for a moment (Zenoh's own wait of 1 ms was
+/// too short for fifty messages here). Once a link is congested, all messages that follow are
+/// dropped at once: a link that stands still costs a Tokio worker this wait once, not once per
+/// message.
 const WAIT_BEFORE_DROP_US: u32 = 50_000;
 
-/// How long a link may take to open, in milliseconds. This is Zenoh's own limit; `CLIENT_OPEN_MS` is the
-/// limit for guests (short-lived sessions). If the daemon at the first address hangs, the guest's command
-/// waits this long before it tries the next address.
+/// How long a link may take to open, in milliseconds. This is Zenoh's own limit; `CLIENT_OPEN_MS`
+/// is the limit for guests (short-lived sessions). If the daemon at the first address hangs, the
+/// guest's command waits this long before it tries the next address.
 const OPEN_MS: u32 = 10_000;
 const CLIENT_OPEN_MS: u32 = 5_000;
 
-/// First pause between attempts to connect, in milliseconds; `RECONNECT_LAST_MS` is the longest pause.
-/// Daemons of one building start together, so the first attempt often comes before the other daemon
-/// listens.
+/// First pause between attempts to connect, in milliseconds; `RECONNECT_LAST_MS` is the longest
+/// pause. Daemons of one building start together, so the first attempt often comes before the other
+/// daemon listens.
 const RECONNECT_FIRST_MS: u32 = 250;
 const RECONNECT_LAST_MS: u32 = 4_000;
 const _: () = assert!(RECONNECT_FIRST_MS < RECONNECT_LAST_MS);
 
 /// How long a Zenoh router takes to compute its routes anew, in milliseconds (its
-/// `TREES_COMPUTATION_DELAY_MS`). If a router leaves and another comes within this time, the new one can
-/// get the index of the old one in the graph, and then does not receive the declarations that exist. So
-/// no reconnection is tried as early as that.
+/// `TREES_COMPUTATION_DELAY_MS`). If a router leaves and another comes within this time, the new
+/// one can get the index of the old one in the graph, and then does not receive the existing
+/// declarations. So reconnections are tried later than that.
 const ROUTES_MS: u32 = 100;
 const _: () = assert!(RECONNECT_FIRST_MS > 2 * ROUTES_MS);
 
-/// How long a daemon that has left should wait before it opens a session again, so that the other routers
-/// have computed their routes anew.
+/// How long a daemon that has left should wait before it opens a session again, so that the other
+/// routers have computed their routes anew.
 pub const REOPEN_DELAY: Duration = Duration::from_millis(250);
 const _: () = assert!(REOPEN_DELAY.as_millis() > 2 * ROUTES_MS as u128);
 
@@ -76,9 +80,9 @@ pub struct Config {
     pub ecosystem: EcosystemId,
     /// The name of this daemon.
     pub daemon: DaemonId,
-    /// Zenoh id of the session: up to 16 bytes in lower-case hexadecimal, without leading zeros. With
-    /// `None`, Zenoh chooses one; store [`ZenohSubstrate::zid`](crate::ZenohSubstrate::zid) so that others recognise this daemon
-    /// later.
+    /// Zenoh id of the session: up to 16 bytes in lower-case hexadecimal, without leading zeros.
+    /// With `None`, Zenoh chooses one; store [`ZenohSubstrate::zid`](crate::ZenohSubstrate::zid) so
+    /// that others recognise this daemon later.
     pub zid: Option<String>,
     /// How the session takes part in the mesh: as a router or as a client.
     pub mode: SessionMode,
@@ -87,26 +91,27 @@ pub struct Config {
     pub listen: Vec<String>,
     /// Endpoints to which this daemon connects, again whenever the connection is lost.
     pub connect: Vec<String>,
-    /// How long a silent daemon counts as alive; should be [`LEASE`], or longer if the network is bad.
+    /// How long a silent daemon counts as alive; should be [`LEASE`], or longer if the network is
+    /// bad.
     pub lease: Duration,
-    /// Keys for a secured ecosystem, in which links are TLS with certificates on both sides, and every
-    /// message is signed. `None` if the ecosystem is not secured.
+    /// Keys for a secured ecosystem, in which links are TLS with certificates on both sides, and
+    /// every message is signed. `None` if the ecosystem is not secured.
     pub security: Option<Security>,
-    /// Zenoh's own settings, in the form that Zenoh documents. They override all defaults, but not the
-    /// fields above. The endpoints in `listen.endpoints` and `connect.endpoints` are added to those of
-    /// the fields, and `scouting` may also be just `true` or `false`.
+    /// Zenoh's own settings, in the form that Zenoh documents. They override all defaults, but not
+    /// the fields above. The endpoints in `listen.endpoints` and `connect.endpoints` are added to
+    /// those of the fields, and `scouting` may also be just `true` or `false`.
     pub zenoh: Value,
 }
 
 /// How a session takes part in the mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum SessionMode {
-    /// The session relays messages for others. Every daemon is a router, because Zenoh's peers do not
-    /// relay since 1.9.
+    /// The session relays messages for others. Every daemon is a router, because Zenoh's peers do
+    /// not relay since 1.9.
     #[default]
     Router,
-    /// The session connects to one router and relays nothing: for a command line, or a plugin in its own
-    /// process.
+    /// The session connects to one router and relays nothing: for a command line, or a plugin in
+    /// its own process.
     Client,
 }
 
@@ -120,18 +125,18 @@ pub(crate) struct SessionSettings {
     pub(crate) connect: Vec<String>,
     /// Multicast address at which the session scouts; `None` if it does not scout.
     pub(crate) scouts_at: Option<String>,
-    /// How long a silent daemon counts as alive: from the `[zenoh]` table if it is set there, otherwise
-    /// from the field of [`Config`].
+    /// How long a silent daemon counts as alive: from the `[zenoh]` table if it is set there,
+    /// otherwise from the field of [`Config`].
     pub(crate) lease: Duration,
     pub(crate) security: Option<Security>,
     pub(crate) mode: SessionMode,
 }
 
-// === impl Settings ===
+// === impl SessionSettings ===
 
 impl SessionSettings {
-    /// Removes the endpoints to connect to at which this daemon listens itself: one ecosystem file for
-    /// all machines names every daemon.
+    /// Removes the endpoints to connect to at which this daemon listens itself: one ecosystem file
+    /// for all machines names every daemon.
     pub(crate) async fn without_self(mut self) -> SessionSettings {
         let own = own_address::own(&self.listen, &self.connect).await;
         if own.is_empty() {
@@ -175,9 +180,10 @@ impl Config {
     pub(crate) fn settings(&self) -> Result<SessionSettings, OpenError> {
         let mut merged = self.defaults();
         if self.security.is_some() {
-            // Host names are not verified: addresses change, and daemons that find each other by scouting
-            // know only these. The peer must have a certificate of the ecosystem's authority, and the
-            // origin of a message follows from its signature. The file may require more.
+            // Host names are not verified: addresses change, and daemons that find each other by
+            // scouting have only addresses. The peer must have a certificate of the ecosystem's
+            // authority, and the origin of a message follows from its signature. The file may
+            // require more.
             let tls = json!({ "tls": { "verify_name_on_connect": false } });
             merge(&mut merged, &json!({ "transport": { "link": tls } }));
             let keys = KeySpace::new(&self.ecosystem, self.daemon.clone());
@@ -212,7 +218,8 @@ impl Config {
         let connect = endpoints(&merged["connect"]["endpoints"]);
         if let Some(security) = &self.security {
             listen.iter().chain(&connect).try_for_each(|each| endpoint::check_secured(each))?;
-            // After the file's settings, so that a file cannot weaken it by accident.
+            // Merged after the file's settings, so that the file cannot weaken these settings by
+            // accident.
             merge(&mut merged, &secured(security));
         }
         listen.iter().try_for_each(|each| endpoint::check_listen(each))?;
@@ -262,14 +269,15 @@ impl Config {
                     "period_increase_factor": 2,
                 },
             },
-            // Two ecosystems on one wire never merge by accident. A router sleeps `delay`
-            // before it opens, whether or not it scouts.
+            // Scouting is off, so that two ecosystems on one network never merge by accident. A
+            // router sleeps `delay` before it opens, whether or not it scouts.
             "scouting": {
                 "delay": 0,
                 "multicast": { "enabled": false },
                 "gossip": { "enabled": false },
             },
-            // Zenoh refuses timestamps of clocks that run ahead; boards without a battery have such clocks.
+            // Zenoh refuses timestamps of clocks that run ahead; boards without a battery have such
+            // clocks.
             "timestamping": { "enabled": false },
             "adminspace": { "permissions": { "read": true, "write": false } },
             "transport": { "unicast": { "open_timeout": open_timeout_ms }, "link": {
@@ -354,8 +362,8 @@ fn split_setting(key: &str) -> Option<String> {
     read(&probe).is_ok().then(|| format!("{table}.{setting}"))
 }
 
-/// Returns the endpoints in a setting that may have any of the shapes that Zenoh allows. Each is returned
-/// with its path.
+/// Returns the endpoints in a setting that may have any of the shapes that Zenoh allows. Each is
+/// returned with its path.
 fn located_endpoints(value: &Value, path: &str) -> Vec<(String, String)> {
     match value {
         Value::String(endpoint) => vec![(path.to_owned(), endpoint.clone())],
@@ -373,8 +381,8 @@ fn located_endpoints(value: &Value, path: &str) -> Vec<(String, String)> {
     }
 }
 
-/// Returns how long a silent daemon counts as alive according to the `[zenoh]` settings; `None` if they
-/// do not contain it.
+/// Returns how long a silent daemon counts as alive according to the `[zenoh]` settings; `None` if
+/// they do not contain it.
 pub fn lease(zenoh: &Value) -> Option<Duration> {
     let millis = zenoh.pointer("/transport/link/tx/lease").and_then(Value::as_u64);
     millis.map(Duration::from_millis)
@@ -399,10 +407,10 @@ fn secured(security: &Security) -> Value {
     })
 }
 
-/// Returns settings with which links carry only the keys of this ecosystem: no other keys, and no queries
-/// to routers about themselves. Rights of single daemons cannot be set here: a rule for the name in a
-/// link's certificate would apply to the daemon that relayed the message last. They are checked where
-/// messages are received.
+/// Returns settings with which links carry only the keys of this ecosystem: no other keys, and no
+/// queries to routers about themselves. Rights of single daemons cannot be set here: a rule for the
+/// name in a link's certificate would apply to the daemon that relayed the message last. Such
+/// rights are checked where messages are received.
 fn access_control(everything: &str) -> Value {
     json!({
         "enabled": true,
@@ -424,8 +432,8 @@ fn access_control(everything: &str) -> Value {
     })
 }
 
-/// Appends endpoints to a plain list. Zenoh also allows other shapes (per mode, with a strategy). If the
-/// file uses one of these, it is taken as complete, and nothing is appended.
+/// Appends endpoints to a plain list. Zenoh also allows other shapes (per mode, with a strategy).
+/// If the file uses one of these shapes, it is taken as complete, and nothing is appended.
 fn add_endpoints(list: &mut Value, ours: &[String]) {
     if let Value::Array(list) = list {
         list.extend(ours.iter().map(|endpoint| json!(endpoint)));
@@ -449,8 +457,8 @@ fn read(settings: &Value) -> zenoh::Result<zenoh::Config> {
     zenoh::Config::from_json5(&settings.to_string())
 }
 
-/// Returns the path of the first setting that Zenoh rejects even if it is the only one. Zenoh's errors do
-/// not name the setting.
+/// Returns the path of the first setting that Zenoh rejects even if it is the only one. Zenoh's
+/// errors do not name the setting.
 fn culprit(settings: &Value) -> Vec<String> {
     let mut path: Vec<String> = Vec::new();
     let mut table = settings;
@@ -487,7 +495,7 @@ mod tests {
     }
 
     #[test]
-    fn settings_lie_over_defaults() {
+    fn settings_override_defaults() {
         check(Value::Null, "transport/link/tx/lease", "4000");
         check(Value::Null, "transport/link/rx/max_message_size", "16777216");
         check(Value::Null, "scouting/delay", "0");
@@ -508,7 +516,7 @@ mod tests {
     }
 
     #[test]
-    fn refusals_say_what_would_be_right() {
+    fn errors_state_the_remedy() {
         let plain = json!({ "listen": { "endpoints": { "router": ["tcp/[::]:7447"] } } });
         for (zenoh, expected) in [
             (plain, "listen on `tcp/[::]:7447`: plain TCP is for this machine alone"),

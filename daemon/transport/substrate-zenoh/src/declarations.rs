@@ -1,9 +1,10 @@
 //! Everything that a session declares: its subscribers, its queryables and its tokens. All these
 //! declarations can be made again.
 //!
-//! Zenoh does not send a declaration to routers that it believes to have it already. So a repeated
-//! declaration uses another key expression with the same meaning, where there is one. It is not enough to
-//! undeclare the old key expression, because another session at the same router may have declared it too.
+//! Zenoh does not send a declaration to routers that seem to have it already. So a repeated
+//! declaration uses another key expression with the same meaning, where there is one. It is not
+//! enough to undeclare the old key expression, because another session at the same router may have
+//! declared it too.
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -32,7 +33,7 @@ pub(crate) struct Declarations {
     inbound: Arc<dyn Inbound>,
     security: Option<Security>,
     known_sessions: KnownSessions,
-    /// How often all declarations were made again.
+    /// Number of times that all declarations were made again.
     round: AtomicU64,
     held: Mutex<HeldDeclarations>,
 }
@@ -40,8 +41,8 @@ pub(crate) struct Declarations {
 #[derive(Default)]
 struct HeldDeclarations {
     entities: Vec<ZenohDeclaration>,
-    /// Agents that this daemon has announced; only these may have a model. The token is `None` while it
-    /// is being declared.
+    /// Agents that this daemon has announced; only these may have a model. The token is `None`
+    /// while it is being declared.
     residents: BTreeMap<(AgentId, Incarnation), Option<LivelinessToken>>,
 }
 
@@ -77,9 +78,9 @@ impl Declarations {
         Ok(declarations)
     }
 
-    /// Makes all declarations again. Messages to this session are lost in the instant between the old and
-    /// the new declaration, as on any bad link. No agent seems to leave, because its new token is
-    /// declared before the old one is undeclared.
+    /// Makes all declarations again. Messages to this session are lost in the instant between the
+    /// old and the new declaration, as on any bad link. All agents stay present, because the new
+    /// token of each is declared before the old one is undeclared.
     pub(crate) fn redeclare_all(self: &Arc<Self>) {
         let Some(session) = self.session.upgrade().filter(|session| !session.is_closed()) else {
             return;
@@ -132,8 +133,8 @@ impl Declarations {
         }
     }
 
-    /// Stores the token of an agent in place of the previous one. The previous token is undeclared
-    /// outside the lock (as tokens are also declared), because its callback may call this type again.
+    /// Stores the token of an agent in place of the previous one. Tokens are declared and
+    /// undeclared outside the lock, because their callbacks may call this type again.
     fn replace_token(&self, agent: AgentId, incarnation: Incarnation, token: LivelinessToken) {
         let old = match self.lock().residents.get_mut(&(agent, incarnation)) {
             Some(held) => held.replace(token),
@@ -166,7 +167,8 @@ impl Declarations {
         entities.extend(answering.declare(session)?.map(ZenohDeclaration::Queryable));
         let heard = inbound::declare(session, keys, &self.inbound, security, telling)?;
         entities.extend(heard.into_iter().map(ZenohDeclaration::Subscriber));
-        // Last: a daemon that receives this token can then ask and send.
+        // The session token is declared last: a daemon that receives it can then send queries and
+        // messages.
         let key_expr = keys.own_session(&session.zid().to_string(), telling);
         let token = session.liveliness().declare_token(&key_expr).wait();
         let token = token.map_err(|source| undeclared("liveliness", &key_expr, source))?;

@@ -1,11 +1,12 @@
-//! Which endpoints a daemon may listen on and connect to, checked before Zenoh uses them.
+//! Check of the endpoints on which a daemon may listen, and to which it may connect, before Zenoh
+//! uses them.
 //!
-//! Links in plain text stay on the machine; links beyond it are TLS. Zenoh reports a bad endpoint late
-//! and without its name, so errors that can be found early are reported here.
+//! Links in plain text stay on the machine; links beyond it are TLS. Zenoh reports a bad endpoint
+//! late and without its name, so errors that can be found early are reported here.
 
 use std::net::IpAddr;
 
-/// Why an endpoint is refused.
+/// Reason why an endpoint is refused.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EndpointError {
@@ -20,7 +21,7 @@ pub enum EndpointError {
         /// The protocol of the endpoint.
         protocol: String,
     },
-    /// The address of the endpoint cannot be the address of anything.
+    /// The address of the endpoint is malformed, or its port is not allowed.
     #[error(
         "use endpoint `{endpoint}`: `{address}` is no address; write HOST:PORT, with a port from {first} to \
          65535, like `{protocol}/office-pi.local:7447`"
@@ -32,8 +33,8 @@ pub enum EndpointError {
         protocol: String,
         /// The address of the endpoint.
         address: String,
-        /// The smallest port that is allowed: 0 for listening, where the kernel then chooses a port, and
-        /// 1 for connecting.
+        /// The smallest port that is allowed: 0 for listening, where the kernel then chooses a
+        /// port, and 1 for connecting.
         first: u16,
     },
     /// The endpoint would accept plain text, which every host on the network could read and write.
@@ -60,8 +61,8 @@ pub enum EndpointError {
     },
 }
 
-/// Protocols that a secured ecosystem may use: other hosts on the network cannot read or write their
-/// links.
+/// Protocols that a secured ecosystem may use: other hosts on the network cannot read or write
+/// their links.
 pub(crate) const SECURED_PROTOCOLS: [&str; 2] = ["tls", "unixsock-stream"];
 
 /// Protocols that this build supports: the transports among `zenoh`'s features in the workspace's
@@ -100,7 +101,8 @@ pub(crate) fn leaves_machine(endpoint: &str) -> bool {
     split(endpoint).is_ok_and(beyond)
 }
 
-/// Returns host and port of an endpoint over IP; the host is without brackets.
+/// Returns host and port of an endpoint over IP, the host without brackets; `None` for other
+/// endpoints.
 pub(crate) fn host_and_port(endpoint: &str) -> Option<(String, u16)> {
     let (protocol, address) = split(endpoint).ok()?;
     let (host, port) = address.rsplit_once(':').filter(|_| protocol != "unixsock-stream")?;
@@ -130,7 +132,8 @@ fn check_address(
     Err(EndpointError::Address { endpoint, protocol, address: address.to_owned(), first })
 }
 
-/// Returns protocol and address of an endpoint, without Zenoh's metadata (`?…`) and configuration (`#…`).
+/// Returns protocol and address of an endpoint, without Zenoh's metadata (`?…`) and configuration
+/// (`#…`).
 fn split(endpoint: &str) -> Result<(&str, &str), EndpointError> {
     let malformed = || EndpointError::Malformed(endpoint.to_owned());
     let (protocol, rest) = endpoint.split_once('/').ok_or_else(malformed)?;
@@ -145,8 +148,8 @@ fn split(endpoint: &str) -> Result<(&str, &str), EndpointError> {
     Ok((protocol, address))
 }
 
-/// Whether `HOST:PORT` can be reached from this machine alone. Host names count as not local, because
-/// they could resolve to anything; the exception is the one that RFC 6761 fixes (`localhost`).
+/// Whether only this machine can reach `HOST:PORT`. Host names count as not local, because they
+/// could resolve to anything; the exception is `localhost`, which RFC 6761 fixes.
 fn is_loopback(address: &str) -> bool {
     let Some((host, _port)) = address.rsplit_once(':') else { return false };
     let host = host.trim_start_matches('[').trim_end_matches(']');
@@ -200,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn the_error_says_what_would_be_right() {
+    fn the_error_states_the_remedy() {
         let refused = |endpoint| check_listen(endpoint).expect_err(endpoint).to_string();
         assert_eq!(
             refused("tcp/[::]:7447"),

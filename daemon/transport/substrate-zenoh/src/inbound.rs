@@ -2,9 +2,9 @@
 //! [`Inbound`].
 //!
 //! Zenoh runs callbacks on its receiving threads or, for messages of this daemon to itself, on the
-//! sender's thread. A callback that blocks stops the whole session, so nothing in this module blocks,
-//! waits or calls the session. Callbacks are used for everything: Zenoh's own channel of 256 entries
-//! hangs for ever if there are more liveliness tokens than that at the start.
+//! sender's thread. A callback that blocks stops the whole session, so nothing in this module
+//! blocks, waits or calls the session. Callbacks are used for everything: Zenoh's own channel of
+//! 256 entries hangs for ever if there are more liveliness tokens than that at the start.
 
 use std::sync::Arc;
 
@@ -31,10 +31,12 @@ struct InboundReceiver {
     security: Option<Security>,
 }
 
-/// Declares the subscribers of a daemon: for messages to its agents, for broadcasts, and for models.
+/// Declares the subscribers of a daemon: for messages to its agents, for broadcasts, and for
+/// models.
 ///
-/// In a secured ecosystem there are separate subscribers for the daemon's own messages, because only
-/// messages from links may be forged. `telling` is how often all declarations were made again.
+/// In a secured ecosystem there are separate subscribers for the daemon's own messages, because
+/// only messages from links may be forged. `telling` is the number of times that all declarations
+/// were made again.
 pub(crate) fn declare(
     session: &Session,
     keys: &KeySpace,
@@ -124,8 +126,8 @@ impl InboundReceiver {
     }
 }
 
-/// Copies the payload of a message, so that a message that is kept for long does not keep the whole batch
-/// in which it arrived.
+/// Copies the payload of a message, so that a message that is kept for long does not keep the whole
+/// batch in which it arrived.
 pub(crate) fn into_bytes(payload: &ZBytes) -> Bytes {
     Bytes::from(payload.to_bytes().into_owned())
 }

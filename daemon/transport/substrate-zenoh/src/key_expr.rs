@@ -1,20 +1,23 @@
 //! All key expressions of an ecosystem: how they are built, and how they are parsed.
 //!
-//! There is one constructor and one parser per row of the table in docs/design.md, “Key expressions”.
-//! Chunks are plain text, so that any Zenoh tool can listen. Parsers return `None` for a key that is not
-//! valid, because keys come from outside, where any client can write anything.
+//! There is one constructor and one parser per row of the table in docs/design.md, “Key
+//! expressions”. Chunks are plain text, so that any Zenoh tool can listen. Parsers return `None`
+//! for a key that is not valid, because keys come from outside, where any client can write
+//! anything.
 //!
-//! The argument `telling` is how often a session has made all its declarations again; see `declarations`.
+//! The argument `telling` is the number of times that a session has made all its declarations
+//! again; see `declarations`.
 
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Performative};
 use substrate::{AgentAddress, Destination, Resident, Resource, Subject};
 use zenoh::key_expr::KeyExpr;
 
-/// Last chunk of the key of a receipt, in the place where the key of a message has the performative.
+/// Last chunk of the key of a receipt, in the place where the key of a message has the
+/// performative.
 const RECEIPT: &str = "receipt";
 
-/// Last chunk of the key of a probe (whether a daemon can be reached), in the place where the key of a
-/// question has the resource.
+/// Last chunk of the key of a probe (whether a daemon can be reached), in the place where the key
+/// of a question has the resource.
 const REACH: &str = "reach";
 
 /// Name of the selector parameter that contains the agent that a question is about.
@@ -37,12 +40,12 @@ impl KeySpace {
         KeySpace { root: format!("althing/{ecosystem}"), daemon, is_guest: false }
     }
 
-    /// Returns keys with which a guest subscribes to the same messages as a daemon, under key expressions
-    /// of other texts.
+    /// Returns keys with which a guest subscribes to the same messages as a daemon. The key
+    /// expressions match the same keys, but are written differently.
     ///
     /// Zenoh 1.10.2 keeps its records of a closed link for as long as another link declares a key
-    /// expression of the same text. Daemons declare theirs for ever, so one command each minute would
-    /// fill the memory of a board.
+    /// expression of the same text. Daemons keep theirs declared for ever, so one command each
+    /// minute would fill the memory of a board.
     pub(crate) fn of_guest(self) -> KeySpace {
         KeySpace { is_guest: true, ..self }
     }
@@ -66,8 +69,8 @@ impl KeySpace {
         self.build(&["all", performative.as_str(), sender.as_str()])
     }
 
-    /// Builds `alive/{daemon}/{agent}/{incarnation}`: the key of the token for the presence of one agent
-    /// of this daemon. If `telling` is not 0, it is added as one more chunk.
+    /// Builds `alive/{daemon}/{agent}/{incarnation}`: the key of the token for the presence of one
+    /// agent of this daemon. If `telling` is not 0, it is added as one more chunk.
     pub(crate) fn alive(
         &self,
         agent: &AgentId,
@@ -79,8 +82,8 @@ impl KeySpace {
         self.build(if telling == "0" { &chunks[..4] } else { &chunks })
     }
 
-    /// Builds `session/{daemon}/{zid}/{telling}`: the key of the token for the presence of one Zenoh
-    /// session.
+    /// Builds `session/{daemon}/{zid}/{telling}`: the key of the token for the presence of one
+    /// Zenoh session.
     pub(crate) fn own_session(&self, zid: &str, telling: u64) -> KeyExpr<'static> {
         self.build(&["session", self.daemon.as_str(), zid, &telling.to_string()])
     }
@@ -95,13 +98,13 @@ impl KeySpace {
         self.build(&["model", self.daemon.as_str()])
     }
 
-    /// Builds `at/{daemon}/{what}`: the key of a resource of this daemon.
+    /// Builds `at/{daemon}/{resource}`: the key of a resource of this daemon.
     pub(crate) fn at(&self, resource: Resource) -> KeyExpr<'static> {
         self.build(&["at", self.daemon.as_str(), resource.as_str()])
     }
 
-    /// Builds `at/{daemon}/reach`: the key of the probe whether a daemon can be reached; this crate
-    /// answers it.
+    /// Builds `at/{daemon}/reach`: the key of a probe, which tests whether a daemon can be reached.
+    /// This crate answers probes.
     pub(crate) fn reach(&self, daemon: &DaemonId) -> KeyExpr<'static> {
         self.build(&["at", daemon.as_str(), REACH])
     }
@@ -111,8 +114,8 @@ impl KeySpace {
         self.build(&["in", self.daemon.as_str(), "**"])
     }
 
-    /// Builds an expression that matches every message to all agents. Even and odd `telling` give two
-    /// texts with the same meaning; see `declarations`.
+    /// Builds an expression that matches every message to all agents. Even and odd `telling` give
+    /// two texts with the same meaning; see `declarations`.
     pub(crate) fn every_broadcast(&self, telling: u64) -> KeyExpr<'static> {
         match (self.is_guest, telling.is_multiple_of(2)) {
             (false, true) => self.build(&["all", "**"]),
@@ -160,7 +163,7 @@ impl KeySpace {
         }
     }
 
-    /// Builds the expression of a probe of all daemons.
+    /// Builds the expression of a roll call: a probe of all daemons.
     pub(crate) fn everyone_reached(&self) -> KeyExpr<'static> {
         self.build(&["at", "*", REACH])
     }
@@ -174,8 +177,8 @@ impl KeySpace {
         }
     }
 
-    /// Builds an expression that matches all resources that this daemon can be asked for, except its
-    /// models.
+    /// Builds an expression that matches all resources that this daemon can be asked for, except
+    /// its models.
     pub(crate) fn own_resources(&self) -> KeyExpr<'static> {
         self.build(&["at", self.daemon.as_str(), "*"])
     }
@@ -185,8 +188,8 @@ impl KeySpace {
         self.build(&["model", self.daemon.as_str(), "*"])
     }
 
-    /// Builds the key expression of a question to `daemon`. If `daemon` is `None`, the question goes to
-    /// all daemons, and each of them answers under its own key.
+    /// Builds the key expression of a question to `daemon`. If `daemon` is `None`, the question
+    /// goes to all daemons, and each of them answers under its own key.
     pub(crate) fn query(
         &self,
         daemon: Option<&DaemonId>,
@@ -200,7 +203,8 @@ impl KeySpace {
         }
     }
 
-    /// Returns the agent of this daemon that is named in the key of a query for a single model.
+    /// Returns the agent of this daemon that is named in the key of a query for a single model;
+    /// `None` for any other key.
     pub(crate) fn asked_for(&self, key: &str) -> Option<AgentId> {
         match self.chunks(key)?.as_slice() {
             ["model", daemon, agent] if *daemon == self.daemon.as_str() => AgentId::new(agent).ok(),
@@ -217,7 +221,8 @@ impl KeySpace {
 // === reading ===
 
 impl KeySpace {
-    /// Returns how the message with this key was addressed; `None` if the message is not for this daemon.
+    /// Returns how the message with this key was addressed; `None` if the message is not for this
+    /// daemon.
     pub(crate) fn addressed(&self, key: &str) -> Option<Destination> {
         match self.chunks(key)?.as_slice() {
             ["in", daemon, agent, what] if *daemon == self.daemon.as_str() => {
@@ -239,8 +244,8 @@ impl KeySpace {
         matches!(self.chunks(key).as_deref(), Some(["model", daemon]) if DaemonId::new(daemon).is_ok())
     }
 
-    /// Returns the agent that is declared present by the liveliness token with this key, and the token's
-    /// `telling`.
+    /// Returns the agent that is declared present by the liveliness token with this key, and the
+    /// token's `telling`; `None` for any other key.
     pub(crate) fn resident(&self, key: &str) -> Option<(Resident, u64)> {
         let chunks = self.chunks(key)?;
         let ["alive", daemon, agent, incarnation, telling @ ..] = chunks.as_slice() else {
@@ -259,8 +264,8 @@ impl KeySpace {
         Some((resident, telling))
     }
 
-    /// Returns the Zenoh id of the session that is declared present by the liveliness token with this
-    /// key, and the token's `telling`.
+    /// Returns the Zenoh id of the session that is declared present by the liveliness token with
+    /// this key, and the token's `telling`; `None` for any other key.
     pub(crate) fn session<'key>(&self, key: &'key str) -> Option<(&'key str, u64)> {
         let chunks = self.chunks(key)?;
         let ["session", daemon, zid, telling] = chunks.as_slice() else { return None };
@@ -268,7 +273,8 @@ impl KeySpace {
         Some((zid, number(telling)?))
     }
 
-    /// Returns the daemon that answered a probe, from the key of the answer.
+    /// Returns the daemon that answered a probe, from the key of the answer; `None` for any other
+    /// key.
     pub(crate) fn reached(&self, key: &str) -> Option<DaemonId> {
         match self.chunks(key)?.as_slice() {
             ["at", daemon, REACH] => DaemonId::new(daemon).ok(),
@@ -285,7 +291,8 @@ impl KeySpace {
         }
     }
 
-    /// Returns the resource and the agent that the answer with this key is about.
+    /// Returns the resource and the agent that the answer with this key is about; `None` if the key
+    /// is not one of an answer.
     pub(crate) fn answered_resource(&self, key: &str) -> Option<(Resource, Option<AgentId>)> {
         match self.chunks(key)?.as_slice() {
             ["model", _, agent] => Some((Resource::Model, AgentId::new(agent).ok())),
@@ -311,8 +318,8 @@ fn subject(what: &str) -> Option<Subject> {
     }
 }
 
-/// Parses a number only in the spelling that [`KeySpace::alive`] writes: if `7` and `007` were the same
-/// incarnation, the end of one token would end the other.
+/// Parses a number only in the spelling that [`KeySpace::alive`] writes. If `7` and `007` were the
+/// same incarnation, the removal of one token would remove the other.
 fn number(chunk: &str) -> Option<u64> {
     let number: u64 = chunk.parse().ok()?;
     (number.to_string() == chunk).then_some(number)
@@ -361,10 +368,10 @@ mod tests {
         }
     }
 
-    /// A guest subscribes to the same messages as a daemon, but never with a key expression of the same
-    /// text.
+    /// A guest subscribes to the same messages as a daemon, but never with a key expression of the
+    /// same text.
     #[test]
-    fn guests_hear_the_same_under_other_key_expressions() {
+    fn guests_receive_the_same_under_other_key_expressions() {
         let (daemons, guests) = (keys(), keys().of_guest());
         let robot = agent("robot");
         let heard = |keys: &KeySpace| {
@@ -400,7 +407,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_built_can_be_read() {
+    fn built_keys_can_be_parsed() {
         let (keys, robot) = (keys(), agent("robot"));
         let to = AgentAddress { daemon: daemon("pi"), agent: robot.clone() };
         for subject in Performative::ALL.map(Subject::Message).into_iter().chain([Subject::Receipt])
@@ -426,7 +433,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stranger_may_write_anything() {
+    fn malformed_keys_are_ignored() {
         for garbage in [
             "",
             "/",

@@ -1,5 +1,5 @@
-//! What a daemon knows of the sessions of an ecosystem, and the messages in which daemons compare it: the
-//! calls and answers of `anti_entropy`.
+//! Sessions of an ecosystem from which a daemon has received tokens, and the messages in which
+//! daemons compare them: the roll calls and answers of `anti_entropy`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
@@ -18,57 +18,60 @@ use zenoh::{Session, Wait};
 use crate::key_expr::KeySpace;
 use crate::open_error::{OpenError, undeclared};
 
-/// Maximum number of calling daemons that are remembered: as many daemons as an ecosystem may have.
+/// Maximum number of daemons that are remembered as senders of roll calls: as many daemons as an
+/// ecosystem may have.
 const CALLERS_MAX: usize = 1_024;
 
-/// Maximum number of sessions that are known: twice the number of daemons, because guests (short-lived
-/// sessions) come and go. Every answer names all of them.
+/// Maximum number of sessions that are recorded: twice the number of daemons, because guests
+/// (short-lived sessions) come and go. Every answer lists all of these sessions.
 const SESSIONS_MAX: usize = 2 * CALLERS_MAX;
 
-/// Maximum number of declarations of one session's token that are recorded: normally there is one, or two
-/// for a moment when it is declared again.
+/// Maximum number of declarations of one session's token that are recorded: normally there is one,
+/// or two for a moment when the token is declared again.
 const TELLINGS_MAX: usize = 8;
 
 /// Maximum length of an answer that is read, in bytes.
 const ANSWER_BYTES_MAX: usize = 1 << 20;
 
-/// How long the calls of other daemons are awaited. Every daemon calls at least once a second while the
-/// membership changes.
+/// How long the roll calls of other daemons are awaited. Every daemon sends one at least once a
+/// second while the membership changes.
 const CALLED_WITHIN: Duration = Duration::from_secs(2);
 
-/// Answer of a daemon to a call (the periodic query to all daemons).
+/// Answer of a daemon to a roll call (the periodic query to all daemons) or a probe.
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct SyncReply {
-    /// Agents that the daemon hosts; `None` if the call contained the right digest of them.
+    /// Agents that the daemon hosts; `None` if the query contained the right digest of them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) hosts: Option<Vec<(AgentId, Incarnation)>>,
     /// Sessions from which the answering session has received a token, by their Zenoh ids.
     pub(crate) known_sessions: BTreeSet<String>,
-    /// Daemons that have a token and do not answer the calls of the answering daemon.
+    /// Daemons that have a token and do not answer the roll calls of the answering daemon.
     #[serde(default)]
     pub(crate) silent: BTreeSet<DaemonId>,
-    /// The sequence numbers that the daemon has signed so far; `None` if the ecosystem is not secured.
+    /// The sequence numbers that the daemon has signed so far; `None` if the ecosystem is not
+    /// secured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(crate) signed: Option<SequenceState>,
 }
 
-/// Content of a call (the periodic query to all daemons).
+/// Content of a roll call (the periodic query to all daemons) or a probe.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(crate) struct SyncRequest {
-    /// For each daemon, a [`digest`] of the agents that the caller knows it to host.
+    /// For each daemon, a [`digest`] of its agents, as the sender of the query has recorded them.
     #[serde(default)]
     known: BTreeMap<DaemonId, u64>,
-    /// Name of the calling daemon.
+    /// Name of the daemon that sent the query.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     by: Option<DaemonId>,
 }
 
-/// The sessions from which this session has received a token, and the daemons that are silent or have
-/// called. This is the part of an answer that concerns other daemons.
+/// The sessions from which this session has received a token, the daemons that are silent, and the
+/// daemons that have sent a roll call. The first two are the part of an answer that concerns other
+/// daemons.
 #[derive(Clone, Default)]
 pub(crate) struct KnownSessions {
     table: Arc<Mutex<SessionTable>>,
-    /// Notified whenever a call of another daemon arrives.
+    /// Notified whenever a roll call of another daemon arrives.
     called: Arc<Notify>,
 }
 
@@ -76,15 +79,15 @@ pub(crate) struct KnownSessions {
 struct SessionTable {
     sessions: BTreeMap<String, BTreeSet<u64>>,
     silent: BTreeSet<DaemonId>,
-    /// Daemons that have called, by the name in the call. The name is not verified.
+    /// Daemons that have sent a roll call, by the name in it. The name is not verified.
     callers: BTreeSet<DaemonId>,
 }
 
 // === impl SyncReply ===
 
 impl SyncReply {
-    /// Builds the answer of this session to a call. The hosted agents are left out if the call contains
-    /// their digest.
+    /// Builds the answer of this session to a roll call or a probe. The hosted agents are left out
+    /// if the query contains their digest.
     pub(crate) fn answer(
         hosts: Vec<(AgentId, Incarnation)>,
         sessions: &KnownSessions,
@@ -101,8 +104,8 @@ impl SyncReply {
         serde_json::to_vec(&reply).map_or_else(|_| Bytes::new(), Bytes::from)
     }
 
-    /// Parses an answer. Returns `None` if it is too long or malformed. The daemon then still counts as
-    /// having answered.
+    /// Parses an answer. Returns `None` if the answer is too long or malformed. The daemon then
+    /// still counts as having answered.
     pub(crate) fn read(answer: &[u8]) -> Option<SyncReply> {
         let is_read = answer.len() <= ANSWER_BYTES_MAX;
         is_read.then(|| serde_json::from_slice(answer).ok()).flatten()
@@ -116,8 +119,8 @@ impl SyncRequest {
         SyncRequest { known, by: Some(by.clone()) }
     }
 
-    /// Parses a call. A call that is too long or malformed is treated as one without digests and without
-    /// a name.
+    /// Parses a roll call or a probe. A query that is too long or malformed is treated as one
+    /// without digests and without a name.
     pub(crate) fn read(call: &[u8]) -> SyncRequest {
         let is_read = call.len() <= ANSWER_BYTES_MAX;
         is_read.then(|| serde_json::from_slice(call).ok()).flatten().unwrap_or_default()
@@ -128,8 +131,9 @@ impl SyncRequest {
     }
 }
 
-/// Returns a digest of agents, which must be sorted by name. It has 53 bits, which every JSON parser can
-/// hold. Another version or build may compute another digest; then the agents are listed in the answer.
+/// Returns a digest of agents, which must be sorted by name. The digest has 53 bits, which every
+/// JSON parser can hold. Another version or build may compute another digest; then the agents are
+/// listed in the answer.
 pub(crate) fn digest<'a>(agents: impl IntoIterator<Item = &'a (AgentId, Incarnation)>) -> u64 {
     let mut hasher = DefaultHasher::new();
     agents.into_iter().for_each(|agent| agent.hash(&mut hasher));
@@ -139,8 +143,8 @@ pub(crate) fn digest<'a>(agents: impl IntoIterator<Item = &'a (AgentId, Incarnat
 // === impl KnownSessions ===
 
 impl KnownSessions {
-    /// Declares the subscriber for the tokens of sessions. Tokens that were declared before are delivered
-    /// too.
+    /// Declares the subscriber for the tokens of sessions. Tokens that were declared before are
+    /// delivered too.
     pub(crate) fn declare(
         session: &Session,
         keys: &KeySpace,
@@ -193,7 +197,7 @@ impl KnownSessions {
         true
     }
 
-    /// Records which daemon has sent a call. It must be called after the answer was sent.
+    /// Records which daemon has sent a roll call. Must be called after the answer was sent.
     pub(crate) fn record_caller(&self, call: &SyncRequest) {
         let Some(by) = &call.by else { return };
         let callers = &mut lock(&self.table).callers;
@@ -202,7 +206,7 @@ impl KnownSessions {
         }
     }
 
-    /// Waits until all of the daemons in `those` have called, for two seconds at most.
+    /// Waits until all daemons in `those` have sent a roll call, for two seconds at most.
     pub(crate) async fn called_by(&self, those: &BTreeSet<DaemonId>) {
         let called = async {
             loop {
@@ -219,7 +223,7 @@ impl KnownSessions {
         let _ = tokio::time::timeout(CALLED_WITHIN, called).await;
     }
 
-    /// Records which daemons have a token and do not answer the calls of this daemon.
+    /// Records which daemons have a token and do not answer the roll calls of this daemon.
     pub(crate) fn set_silent(&self, silent: BTreeSet<DaemonId>) {
         lock(&self.table).silent = silent;
     }

@@ -1,21 +1,23 @@
 //! The substrate over Zenoh: one embedded router session per daemon.
 //!
-//! - [`Config::open`] opens a session; the resulting [`ZenohSubstrate`] is a [`substrate::Substrate`].
-//! - `key_expr` is the only module in which key expressions are built and parsed (docs/design.md, “Key
-//!   expressions”).
-//! - Every daemon is a *router*, because Zenoh's peers do not relay since 1.9. A process that cannot be a
-//!   router (a command line, a plugin in a process of its own) opens a session as a *client*.
-//! - With a [`Security`], links are TLS with certificates on both sides, and every message is signed: see
-//!   `sealing`.
+//! - [`Config::open`] opens a session; the resulting [`ZenohSubstrate`] is a
+//!   [`substrate::Substrate`].
+//! - `key_expr` is the only module in which key expressions are built and parsed (docs/design.md,
+//!   “Key expressions”).
+//! - Every daemon is a *router*, because Zenoh's peers do not relay since 1.9. A process that
+//!   cannot be a router (a command line, a plugin in a process of its own) opens a session as a
+//!   *client*.
+//! - With a [`Security`], links are TLS with certificates on both sides, and every message is
+//!   signed: see `sealing`.
 //!
-//! This is the only crate that uses `zenoh`. It promises what [`substrate`] promises and no more: a
-//! message that Zenoh has accepted may be lost. Receipts and retries are the work of the Communication
-//! Agent.
+//! This is the only crate that uses `zenoh`. It gives the same guarantees as [`substrate`] and no
+//! more: a message that Zenoh has accepted may be lost. The Communication Agent adds receipts and
+//! retries.
 //!
-//! All calls except [`Config::open`] and `close` are synchronous. Zenoh's `wait` on a declaration or a
-//! publication runs to its end on the caller's thread and needs no runtime of its own, so it may be
-//! called on a Tokio worker. Dropping the last handle closes the session and blocks. On Tokio's
-//! current-thread scheduler Zenoh therefore panics: use the multi-thread one.
+//! All calls except [`Config::open`] and `close` are synchronous. Zenoh's `wait` on a declaration
+//! or a publication runs to its end on the caller's thread and needs no runtime of its own, so it
+//! may be called on a Tokio worker. Dropping the last handle closes the session and blocks. On
+//! Tokio's current-thread scheduler Zenoh therefore panics: use the multi-thread one.
 
 mod anti_entropy;
 mod batch;

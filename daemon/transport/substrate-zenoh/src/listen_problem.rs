@@ -1,5 +1,5 @@
-//! Explains why a daemon cannot listen on an endpoint: names the endpoint, the kernel's error, and the
-//! process that has the port. Zenoh reports all of this in one sentence for experts in Zenoh.
+//! Explanation of why a daemon cannot listen on an endpoint: names the endpoint, the kernel's
+//! error, and the process that has the port. Zenoh's own error names none of them.
 
 use std::fs;
 use std::io::ErrorKind;
@@ -14,8 +14,8 @@ const LISTENS: &str = "0A";
 /// Maximum length of a command line in a report, in characters.
 const COMMAND_CHARS_MAX: usize = 120;
 
-/// Returns the reason why the daemon cannot listen on one of the endpoints; `None` if it can listen on
-/// all. The text completes “failed to …”.
+/// Returns the reason why the daemon cannot listen on one of the endpoints; `None` if it can listen
+/// on all of them. The text completes “failed to …”.
 pub(crate) fn obstacle(listen: &[String]) -> Option<String> {
     listen.iter().find_map(|endpoint| {
         let (host, port) = endpoint::host_and_port(endpoint)?;
@@ -58,8 +58,9 @@ fn next(port: u16) -> u16 {
     port.checked_add(1).unwrap_or(port - 1)
 }
 
-/// Returns a description of the process that listens on a port of this machine. If this user may not see
-/// the process, only its user is described.
+/// Returns a description of the process that listens on a port of this machine; `None` if there is
+/// no such process. If the present user may not see the process, the description names only the
+/// user of the process.
 fn holder(port: u16) -> Option<String> {
     let tables = ["/proc/net/tcp", "/proc/net/tcp6"];
     let listener = tables.iter().find_map(|table| listener(&fs::read_to_string(table).ok()?, port));
@@ -70,8 +71,8 @@ fn holder(port: u16) -> Option<String> {
     }
 }
 
-/// Returns the user and the inode of the socket that listens on a port, according to `table` (the text of
-/// `/proc/net/tcp`).
+/// Returns the user and the inode of the socket that listens on a port, according to `table` (the
+/// text of `/proc/net/tcp`); `None` if no socket listens on that port.
 fn listener(table: &str, port: u16) -> Option<(String, String)> {
     table.lines().skip(1).find_map(|line| {
         let fields: Vec<&str> = line.split_whitespace().collect();
@@ -81,7 +82,8 @@ fn listener(table: &str, port: u16) -> Option<(String, String)> {
     })
 }
 
-/// Returns the identifier and the command line of the process that has a file open.
+/// Returns the identifier and the command line of the process that has the file `file` open; `None`
+/// if no process that this user can see has the file open.
 fn process_with(file: &str) -> Option<(u32, String)> {
     let own = fs::metadata("/proc/self").ok()?.uid();
     for entry in fs::read_dir("/proc").ok()?.flatten() {
@@ -108,7 +110,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_port_that_is_taken_is_said_to_be_taken_by_whom() {
+    fn a_taken_port_is_reported_with_its_process() {
         let taken = TcpListener::bind("127.0.0.1:0").expect("a port");
         let port = taken.local_addr().expect("an address").port();
         let endpoints = ["unixsock-stream//run/a.sock".to_owned(), format!("tcp/127.0.0.1:{port}")];
@@ -120,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn an_address_that_is_not_here_is_said_not_to_be() {
+    fn an_address_of_another_machine_is_reported() {
         let told = obstacle(&["tls/192.0.2.7:7461".to_owned()]).expect("a test address");
         assert!(told.contains("`192.0.2.7` is no address of this machine"), "{told}");
         let told = obstacle(&["tls/nobody.invalid:7461".to_owned()]).expect("no host");

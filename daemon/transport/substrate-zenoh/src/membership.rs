@@ -1,11 +1,11 @@
-//! Membership as this daemon sees it. It follows from liveliness tokens, from the answers of daemons to
-//! calls (periodic queries to all), and from the changes of presence that were passed on before.
+//! Membership as this daemon sees it: which agents are present. It is computed from liveliness
+//! tokens, and from the answers of daemons to *roll calls*, the periodic queries to all daemons.
 //!
-//! A token alone does not prove presence. It may arrive before the route to its daemon exists. A router
-//! that has not yet detected a failure can advertise the token of a dead agent again, to daemons that had
-//! already seen it removed; these then never receive its removal. So three rules hold: no agent joins
-//! before its daemon has answered; an agent that its daemon does not host has left; and all agents of a
-//! daemon have left if the daemon does not answer for a lease.
+//! A token alone does not prove presence. It may arrive before the route to its daemon exists. A
+//! router that has not yet detected a failure can advertise the token of a dead agent again, to
+//! daemons that had already seen it removed; these daemons then never receive its removal. So three
+//! rules hold: no agent joins before its daemon has answered; an agent that its daemon does not
+//! host has left; and all agents of a daemon have left if the daemon does not answer for a lease.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::{Duration, Instant};
@@ -13,34 +13,34 @@ use std::time::{Duration, Instant};
 use acl::{AgentId, DaemonId, Incarnation};
 use substrate::{Presence, Resident};
 
-/// Maximum number of joined agents: four times as many as a Domain Maintainer accepts. Tokens beyond this
-/// number have no effect, least of all on agents that have joined.
+/// Maximum number of joined agents: four times as many as a Domain Maintainer accepts. Tokens
+/// beyond this number have no effect, and agents that have joined stay.
 const AGENTS_MAX: usize = 4_096;
 
-/// Maximum number of joined agents per name in a certificate, which covers a daemon and its guests. Ten
-/// daemons usually share about a thousand agents. At least four daemons at this limit are needed to
-/// exclude all others.
+/// Maximum number of joined agents per name in a certificate, which covers a daemon and its guests.
+/// Ten daemons usually share about a thousand agents. At least four daemons at this limit are
+/// needed to exclude all others.
 const AGENTS_PER_HOST_MAX: usize = 1_024;
 
-/// Maximum number of tokens that have not been confirmed by their daemons. Tokens are not signed, so any
+/// Maximum number of tokens that their daemons have not confirmed. Tokens are not signed, so any
 /// client can invent them; beyond the limit the oldest unconfirmed tokens are dropped.
 const UNCONFIRMED_MAX: usize = 2 * AGENTS_MAX;
 
-/// Maximum number of declarations of one token that are recorded: normally there is one, or two for a
-/// moment when the token is declared again.
+/// Maximum number of declarations of one token that are recorded: normally there is one, or two for
+/// a moment when the token is declared again.
 const TELLINGS_MAX: usize = 8;
 
 /// The tokens and answers of all daemons, and the presence of agents that follows from them.
 ///
-/// The methods return changes of presence, which have to be passed on in the order of the calls of the
-/// methods.
+/// The methods return changes of presence, which have to be passed on in the order of the calls of
+/// the methods.
 #[derive(Debug)]
 pub(crate) struct Membership {
     own: DaemonId,
     /// Longest time that a daemon may be silent before its agents count as having left.
     lease: Duration,
-    /// Number of tokens that have arrived so far. It tells which tokens arrived after a call was sent:
-    /// the answer to the call says nothing about them.
+    /// Number of tokens that have arrived so far. Tokens with a number beyond that of a roll call
+    /// arrived after the roll call was sent, so its answers do not cover them.
     tokens: u64,
     daemons: BTreeMap<DaemonId, DaemonMembers>,
     /// Numbers of tokens and of joined agents, for comparison with the limits.
@@ -64,12 +64,13 @@ struct DaemonMembers {
     tokens: BTreeMap<Resident, TokenDeclarations>,
     joined: BTreeSet<Resident>,
     route_state: RouteState,
-    /// Time of the first call that the daemon did not answer; `None` if it answered the last one.
+    /// Time of the first roll call that the daemon did not answer; `None` if it answered the last
+    /// one.
     silent_since: Option<Instant>,
 }
 
-/// The declarations of the token of one incarnation of an agent: one, or two for a moment when it is
-/// declared again.
+/// The declarations of the token of one incarnation of an agent: one, or two for a moment when it
+/// is declared again.
 #[derive(Debug)]
 struct TokenDeclarations {
     number: u64,
@@ -87,17 +88,17 @@ enum RouteState {
     Unknown,
     /// A probe of the daemon is under way.
     Probed,
-    /// The daemon has answered a probe; if one of its agents has left since, it has answered another.
+    /// The daemon has answered the latest probe. The removal of a token starts another probe.
     Known,
 }
 
-/// Agents that a daemon hosts, according to its answer to a call.
+/// Agents that a daemon hosts, according to its answer to a roll call or a probe.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum HostedAgents<'h> {
-    /// The answer does not tell the agents; all agents with a token are taken as hosted.
+    /// The answer does not list the agents; all agents with a token are taken as hosted.
     Unstated,
-    /// The daemon hosts exactly the agents that had a token at the time of the call: the digest in the
-    /// call was right.
+    /// The daemon hosts exactly the agents that had a token when the query was sent: the digest in
+    /// the query was right.
     AsKnown,
     /// The daemon hosts exactly these agents.
     Listed(&'h [(AgentId, Incarnation)]),
@@ -120,14 +121,14 @@ impl Membership {
         Membership { own, lease, tokens: 0, daemons, counts: crowd, rejected: surplus }
     }
 
-    /// Returns the number of tokens received so far. It must be stored when a call is sent, as the `mark`
-    /// of the call.
+    /// Returns the number of tokens received so far. It must be stored when a roll call or a probe
+    /// is sent, as the `mark` of that query.
     pub(crate) fn watermark(&self) -> u64 {
         self.tokens
     }
 
-    /// Handles a token that has arrived, with the number of its declaration. The agent joins at once if
-    /// its daemon is this one or is known to be reachable.
+    /// Handles a token that has arrived; `telling` is the number of the round in which the token
+    /// was declared. The agent joins at once if its daemon is this one or is known to be reachable.
     pub(crate) fn add_token(&mut self, resident: Resident, telling: u64) -> TokenEffects {
         self.tokens += 1;
         let is_own = resident.daemon == self.own;
@@ -154,12 +155,13 @@ impl Membership {
         TokenEffects { passed_on: Vec::new(), probe }
     }
 
-    /// Returns the tokens that were rejected for lack of room since this was called last, each once.
+    /// Returns the tokens that were rejected for lack of room since the last call of this method,
+    /// each once.
     pub(crate) fn take_rejected(&mut self) -> Vec<Resident> {
         std::mem::take(&mut self.rejected)
     }
 
-    /// Drops the older half of the tokens that have not been confirmed by their daemons. If a valid token
+    /// Drops the older half of the tokens that their daemons have not confirmed. If a valid token
     /// is among them, its agent joins when the daemon declares the token again.
     fn forget_unconfirmed(&mut self) {
         let unconfirmed = self.daemons.values().flat_map(|hosted| {
@@ -182,8 +184,8 @@ impl Membership {
         self.daemons.retain(|_, hosted| !hosted.tokens.is_empty());
     }
 
-    /// Handles the removal of a token. The daemon of the token may have gone too, so it is probed at
-    /// once: then the next agents of the daemon need not wait for the result.
+    /// Handles the removal of a token. The daemon of the token may have gone too, so the daemon is
+    /// probed at once. Its next agents then need not wait for that result.
     pub(crate) fn remove_token(&mut self, resident: &Resident, telling: u64) -> TokenEffects {
         let Some(hosted) = self.daemons.get_mut(&resident.daemon) else {
             return TokenEffects::default();
@@ -212,7 +214,7 @@ impl Membership {
         self.daemons.get(daemon).is_some_and(|hosted| hosted.route_state == RouteState::Probed)
     }
 
-    /// Returns the agents that have a token, per daemon: of all daemons, or of `one` only if it is given.
+    /// Returns the agents that have a token, per daemon; if `one` is given, of that daemon only.
     pub(crate) fn known_agents(
         &self,
         one: Option<&DaemonId>,
@@ -225,9 +227,9 @@ impl Membership {
         })
     }
 
-    /// Handles the answer of `daemon` to the call that was sent when the number of tokens was `mark`.
-    /// Agents that the answer confirms join; agents that had a token at the time of the call and are not
-    /// hosted leave.
+    /// Handles the answer of `daemon` to the query that was sent when the number of tokens was
+    /// `mark`. Agents that the answer confirms join. Agents that had a token at that time and are
+    /// not hosted leave.
     pub(crate) fn receive_reply(
         &mut self,
         daemon: &DaemonId,
@@ -267,7 +269,7 @@ impl Membership {
         follows
     }
 
-    /// Ends a probe of `daemon` that was given up. The daemon still receives the calls to all daemons.
+    /// Ends a probe of `daemon` that was given up. The daemon still receives the roll calls.
     pub(crate) fn unreached(&mut self, daemon: &DaemonId) {
         if let Some(hosted) =
             self.daemons.get_mut(daemon).filter(|it| it.route_state == RouteState::Probed)
@@ -276,8 +278,9 @@ impl Membership {
         }
     }
 
-    /// Handles the end of a call to all daemons that was sent when the number of tokens was `mark`; some
-    /// of the daemons have answered. The agents of a daemon that has not answered for a lease leave.
+    /// Handles the end of a roll call that was sent when the number of tokens was `mark`;
+    /// `answered` contains the daemons that have answered. The agents of a daemon that has not
+    /// answered for a lease leave.
     pub(crate) fn finish_round(
         &mut self,
         answered: &BTreeSet<DaemonId>,
@@ -301,7 +304,7 @@ impl Membership {
         left
     }
 
-    /// Returns the daemons that have a token and did not answer the last call.
+    /// Returns the daemons that have a token and did not answer the last roll call.
     pub(crate) fn silent(&self) -> BTreeSet<DaemonId> {
         let silent = self.daemons.iter().filter(|(_, hosted)| hosted.silent_since.is_some());
         silent.map(|(daemon, _)| daemon.clone()).collect()
@@ -311,9 +314,9 @@ impl Membership {
 // === impl DaemonMembers ===
 
 impl DaemonMembers {
-    /// Lets an agent join if there is room. If two incarnations of the agent have tokens, the older one
-    /// is a remnant, and the newer takes its place. If the token of the newer one was invented, the older
-    /// incarnation joins again with the next answer of its daemon.
+    /// Lets an agent join if there is room. If two incarnations of the agent have tokens, the older
+    /// one is a remnant, and the newer one takes its place. If the newer token was invented, the
+    /// older incarnation joins again with the next answer of its daemon.
     fn join(
         &mut self,
         resident: Resident,
@@ -409,7 +412,7 @@ mod tests {
     }
 
     #[test]
-    fn nobody_joins_before_its_daemon_has_answered() {
+    fn no_agent_joins_before_its_daemon_has_answered() {
         let (mut roster, robot) = (roster(), resident("robot", "pi", 1));
         assert_eq!(
             roster.add_token(robot.clone(), 0),
@@ -440,7 +443,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_told_again_does_not_blink() {
+    fn an_agent_that_is_declared_again_stays_present() {
         let (mut roster, robot) = (roster(), resident("robot", "own", 1));
         assert_eq!(roster.add_token(robot.clone(), 0).passed_on, [Presence::Joined(robot.clone())]);
         assert_eq!(roster.add_token(robot.clone(), 1).passed_on, []);
@@ -449,7 +452,7 @@ mod tests {
     }
 
     #[test]
-    fn whom_its_daemon_does_not_host_is_gone() {
+    fn an_agent_that_its_daemon_does_not_host_leaves() {
         let (mut roster, old, new) =
             (roster(), resident("robot", "pi", 1), resident("robot", "pi", 2));
         roster.add_token(old.clone(), 0);
@@ -473,7 +476,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_as_known_is_here_and_nobody_else() {
+    fn a_right_digest_confirms_earlier_tokens_only() {
         let (mut roster, robot) = (roster(), resident("robot", "pi", 1));
         roster.add_token(robot.clone(), 0);
         let mark = roster.watermark();
@@ -483,7 +486,7 @@ mod tests {
     }
 
     #[test]
-    fn the_dead_do_not_take_the_place_of_the_living() {
+    fn an_older_incarnation_does_not_displace_a_newer_one() {
         let (mut roster, old, new) =
             (roster(), resident("robot", "pi", 1), resident("robot", "pi", 2));
         roster.add_token(new.clone(), 0);
@@ -494,7 +497,7 @@ mod tests {
     }
 
     #[test]
-    fn who_does_not_answer_for_a_lease_is_gone_until_it_does() {
+    fn a_daemon_that_is_silent_for_a_lease_is_gone_until_it_answers() {
         let (mut roster, robot, start) = (roster(), resident("robot", "pi", 1), Instant::now());
         roster.add_token(robot.clone(), 0);
         roster.receive_reply(&daemon("pi"), HostedAgents::Unstated, roster.watermark());
@@ -513,7 +516,7 @@ mod tests {
 
     /// A token is not signed: any client can declare one for an agent of another daemon.
     #[test]
-    fn an_invented_life_displaces_nobody_for_good() {
+    fn an_invented_incarnation_displaces_no_agent_for_good() {
         let (mut roster, robot) = (roster(), resident("robot", "pi", 1));
         roster.add_token(robot.clone(), 0);
         roster.receive_reply(&daemon("pi"), HostedAgents::Unstated, roster.watermark());
@@ -529,7 +532,7 @@ mod tests {
     }
 
     #[test]
-    fn one_too_many_has_no_effect_until_there_is_room() {
+    fn an_agent_beyond_the_limit_joins_once_there_is_room() {
         let mut roster = roster();
         let swarm = |host: &str, count: usize| -> Vec<Resident> {
             let at = format!("{host}--cli-1");
@@ -563,7 +566,7 @@ mod tests {
     }
 
     #[test]
-    fn invented_tokens_push_nobody_out() {
+    fn invented_tokens_displace_no_agent() {
         let (mut roster, robot) = (roster(), resident("robot", "pi", 1));
         roster.add_token(robot.clone(), 0);
         roster.receive_reply(&daemon("pi"), HostedAgents::Unstated, roster.watermark());

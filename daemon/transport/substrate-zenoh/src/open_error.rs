@@ -1,11 +1,11 @@
-//! The reason why a session could not be opened.
+//! Errors that occur when a session is opened.
 
 use zenoh::key_expr::KeyExpr;
 
 use crate::endpoint::EndpointError;
 use crate::listen_problem;
 
-/// Why a session could not be opened.
+/// Reason why a session could not be opened.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum OpenError {
@@ -24,8 +24,8 @@ pub enum OpenError {
     /// The `[zenoh]` settings are not a table.
     #[error("read `[zenoh]`: write a table of Zenoh's settings, like `connect.endpoints = [...]`")]
     NotATable,
-    /// The settings ask for scouting without security: other daemons could be found, but no link with
-    /// them is allowed.
+    /// The settings ask for scouting without security: other daemons could be found, but no link
+    /// with them is allowed.
     #[error(
         "scout (`scouting = true` in `[zenoh]`): plain text stays on this machine, so no \
          daemon elsewhere could be reached; secure the ecosystem (`althing help cert`)"
@@ -39,8 +39,8 @@ pub enum OpenError {
         /// Error that Zenoh returned.
         source: zenoh::Error,
     },
-    /// The daemon cannot listen on an endpoint, because its port is taken or its address is not one of
-    /// this machine.
+    /// The daemon cannot listen on an endpoint, because its port is taken or its address is not one
+    /// of this machine.
     #[error("{obstacle}")]
     Listen {
         /// The endpoint, the reason why the daemon cannot listen on it, and the remedy.
@@ -68,8 +68,8 @@ pub enum OpenError {
     },
 }
 
-/// Returns the error for a session that did not open: an endpoint that cannot be listened on, or Zenoh's
-/// error.
+/// Returns the error for a session that did not open: an endpoint that cannot be listened on, or
+/// Zenoh's error.
 pub(crate) fn not_opened(
     listen: Vec<String>,
     connect: Vec<String>,
@@ -86,8 +86,8 @@ pub(crate) fn undeclared(what: &str, key_expr: &KeyExpr, source: zenoh::Error) -
     OpenError::Declare { what: format!("{what} `{key_expr}`"), source }
 }
 
-/// Describes why a session did not open. If there are no endpoints to listen on, the reason is that no
-/// connection was made; otherwise either kind of endpoint may be the reason.
+/// Describes why a session did not open. If there are no endpoints to listen on, the reason is that
+/// no connection was made; otherwise either kind of endpoint may be the reason.
 fn unopened(listen: &[String], connect: &[String]) -> String {
     if let ([], [_, ..]) = (listen, connect) {
         let places = connect.join("`, `");

@@ -1,15 +1,15 @@
 //! Detects messages that are longer than allowed: each is logged with its sender and counted.
 //!
-//! Zenoh assembles a long message from its fragments, drops it when it grows beyond `max_message_size`,
-//! and reports that only in its own log, at level `trace`, without the sender. So the layer
-//! [`oversize_layer`] reads that log. The vendored crate for TLS links knows which peer it is reading
-//! from. A peer on another kind of link is on this machine and remains unknown.
+//! Zenoh assembles a long message from its fragments, drops it when it grows beyond
+//! `max_message_size`, and reports that only in its own log, at level `trace`, without the sender.
+//! So the layer [`oversize_layer`] reads that log. The vendored crate for TLS links knows which
+//! peer it is reading from. A peer on another kind of link is on this machine and remains unknown.
 //!
-//! The target and the words of Zenoh's log line are no interface of Zenoh, and another version may change
-//! them. Then the test `a_message_of_100_mib_harms_nobody_and_is_counted` (tests/substrate/secured.rs)
-//! fails: it sends such a message through real Zenoh over TLS, and waits until this module has reported
-//! it. The fields of the line are formatted only up to the first difference, so the cost of reading the
-//! log is small.
+//! The target and the words of Zenoh's log line are no interface of Zenoh, and another version may
+//! change them. Then the test `a_message_of_100_mib_does_no_harm_and_is_counted`
+//! (tests/substrate/secured.rs) fails: it sends such a message through real Zenoh over TLS, and
+//! waits until this module has reported it. The fields of the line are formatted only up to the
+//! first difference, so the cost of reading the log is small.
 
 use std::fmt::{self, Write as _};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
@@ -39,18 +39,19 @@ const WAITING_MAX: usize = 64;
 /// Sessions of this process that are notified of messages that are too long.
 static LISTENING: Mutex<Vec<Weak<OversizeListener>>> = Mutex::new(Vec::new());
 
-/// Registration of a session: the session is notified of messages that are too long for as long as it
-/// holds this.
+/// Registration of a session: as long as the session holds this value, it is notified of messages
+/// that are too long.
 pub(crate) struct OversizeListener {
-    /// Path of the key file that the session's own links use; `None` if the ecosystem is not secured.
+    /// Path of the key file that the session's own links use; `None` if the ecosystem is not
+    /// secured.
     key_file: Option<String>,
-    /// Channel for detected messages. Each entry is the name of the peer that sent the message; `None` if
-    /// it is unknown.
+    /// Channel for detected messages. Each entry is the name of the peer that sent the message;
+    /// `None` if it is unknown.
     peers: mpsc::Sender<Option<String>>,
 }
 
-/// Reports messages that were too long to `inbound`. It has an effect only if [`oversize_layer`] is among
-/// the layers of the log.
+/// Reports messages that were too long to `inbound`. Works only if [`oversize_layer`] is among the
+/// layers of the log.
 ///
 /// # Panics
 ///
@@ -66,7 +67,8 @@ pub(crate) fn listen(
     all.retain(|each| each.strong_count() > 0);
     all.push(Arc::downgrade(&listening));
     let inbound = Arc::downgrade(inbound);
-    // On a task of its own: the event comes from within Zenoh's locks and within a log call.
+    // Runs in a task of its own, because the event occurs while Zenoh holds locks, and within a log
+    // call.
     tokio::spawn(async move {
         while let Some(claimed) = heard.recv().await {
             let Some(inbound) = inbound.upgrade() else { return };
@@ -82,9 +84,10 @@ pub(crate) fn listen(
 /// Returns a log layer that detects messages that are too long. Without the layer, they are dropped
 /// silently.
 ///
-/// The layer writes nothing to the log. Each detected message is [rejected](substrate::Inbound::rejected)
-/// like any other message that is not believed. In a process with several sessions, all of them are
-/// notified of such a message if it came over a link other than TLS.
+/// The layer writes nothing to the log. Each detected message is
+/// [rejected](substrate::Inbound::rejected) like any other message that is not accepted. In a
+/// process with several sessions, all of them are notified of such a message if it came over a link
+/// other than TLS.
 pub fn oversize_layer<S>() -> impl Layer<S>
 where
     S: Subscriber + for<'a> LookupSpan<'a>,
@@ -106,7 +109,8 @@ impl<S: Subscriber> Layer<S> for OversizeLayer {
     }
 }
 
-/// Notifies the session that owns the link to `peer`. If the session is not known, notifies all sessions.
+/// Notifies the session that owns the link to `peer`. If the session is not known, notifies all
+/// sessions.
 fn notify_sessions(peer: Option<&Peer>) {
     let all: Vec<_> = all().iter().filter_map(Weak::upgrade).collect();
     let key_file = peer.map(|peer| &*peer.key_file);
@@ -123,8 +127,8 @@ fn all() -> MutexGuard<'static, Vec<Weak<OversizeListener>>> {
     LISTENING.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Compares the beginning of a log line with the expected text. Zenoh logs every batch with its content
-/// under the same target, so formatting stops at the first difference.
+/// Compares the beginning of a log line with the expected text. Zenoh logs every batch with its
+/// content under the same target, so formatting stops at the first difference.
 struct PrefixMatcher {
     awaited: &'static str,
 }
@@ -171,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_is_known_by_its_beginning_however_it_is_cut() {
+    fn a_log_line_is_recognised_by_its_beginning() {
         assert!(is_it("Defragmentation buffer full: 9 bytes."));
         assert!(is_it(format_args!("{}{} full: {}", "Defrag", "mentation buffer", Unread)));
         assert!(!is_it("Defragmentation SN error"));

@@ -1,5 +1,5 @@
-//! Finds which of the endpoints to connect to belong to this daemon itself: one ecosystem file for all
-//! machines names every daemon, but no daemon connects to itself.
+//! Search for the endpoints to connect to that belong to this daemon itself. One ecosystem file for
+//! all machines names every daemon, but no daemon connects to itself.
 
 use std::collections::BTreeSet;
 use std::fmt::Debug;
@@ -17,8 +17,8 @@ use crate::endpoint;
 /// Target under which Zenoh logs that a link could not be made.
 const ESTABLISHMENT: &str = "zenoh_transport::unicast::establishment";
 
-/// How long the resolution of host names may take. A name that is resolved later counts as that of
-/// another machine; Zenoh then closes the daemon's link to itself.
+/// How long the resolution of host names may take. A name that is resolved later counts as the name
+/// of another machine; Zenoh then closes the daemon's link to itself.
 const RESOLVED_WITHIN: Duration = Duration::from_secs(2);
 
 /// Returns the endpoints in `connect` at which this daemon itself listens.
@@ -61,9 +61,9 @@ pub(crate) fn without(value: &mut Value, own: &BTreeSet<String>) {
     }
 }
 
-/// Returns a log filter that drops the lines in which Zenoh reports a link of the daemon to itself, which
-/// Zenoh closes. Such links can still occur: a host name that did not resolve at the start may become a
-/// name of this machine later.
+/// Returns a log filter that drops the lines in which Zenoh reports a link of the daemon to itself,
+/// which Zenoh closes. Such links can still occur: a host name that did not resolve at the start
+/// may become a name of this machine later.
 pub fn self_link_filter<S>() -> impl Filter<S> {
     SelfLinkFilter
 }
@@ -130,7 +130,8 @@ fn is_of_this_machine(address: IpAddr) -> bool {
         };
         Some(own == address)
     };
-    // All of 127.0.0.0/8 is this machine's, and only one of these addresses is an interface's.
+    // All addresses in 127.0.0.0/8 belong to this machine, and only one of them is the address of
+    // an interface.
     address.is_loopback()
         || getifaddrs().is_ok_and(|mut all| all.any(|it| has_it(it) == Some(true)))
 }
@@ -140,7 +141,7 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn a_daemon_knows_itself_by_every_name() {
+    async fn a_daemon_recognises_itself_under_every_name() {
         let host = std::fs::read_to_string("/proc/sys/kernel/hostname").expect("a name");
         let by_name = format!("tls/{}:7461", host.trim());
         let is_named = !resolved(host.trim(), 7461).is_empty();
@@ -163,7 +164,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn who_listens_at_one_address_may_call_another() {
+    async fn a_daemon_at_one_address_may_connect_to_another() {
         let here = ["tls/127.0.0.1:7461".to_owned()];
         for (endpoint, expected) in [
             ("tls/127.0.0.1:7461", true),
@@ -181,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn lists_of_any_shape_lose_it() {
+    fn own_endpoints_are_removed_from_lists_of_any_shape() {
         let own = BTreeSet::from(["a".to_owned()]);
         let mut list = serde_json::json!({ "router": ["a", "b"], "peer": ["a"] });
         without(&mut list, &own);

@@ -1,8 +1,9 @@
-//! Turns liveliness tokens into [`Presence`]: agents that are present *and can be reached*.
+//! Conversion of liveliness tokens to [`Presence`]: an agent counts as present only if it can be
+//! reached.
 //!
-//! Each Zenoh router computes its routes anew at most every 100 ms. Until then it drops messages and
-//! answers every query with nothing. So the first token of a daemon starts a probe of the daemon, and its
-//! agents join only when the probe is answered; the rules are in `membership`.
+//! Each Zenoh router computes its routes anew at most every 100 ms. Until then it drops messages,
+//! and queries end without an answer. So the first token of a daemon starts a probe of the daemon,
+//! and its agents join only when the probe is answered; the rules are in `membership`.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
@@ -21,21 +22,21 @@ use crate::membership::{HostedAgents, Membership, TokenEffects};
 use crate::open_error::{OpenError, undeclared};
 use crate::queries::QuerySender;
 
-/// How long a daemon is probed after its first token. After that, it receives the calls to all daemons,
-/// once a second. The routes exist after 100 ms on an idle machine, and took three times as long on a
-/// busy one.
+/// How long a daemon is probed after its first token. After that, only the roll calls query the
+/// daemon, once a second. The routes exist after 100 ms on an idle machine, and took three times as
+/// long on a busy one.
 const REACHED_WITHIN: Duration = Duration::from_secs(1);
 
-/// How long the answer to a probe is awaited before the next probe is sent, because the answer may have
-/// been lost. An answer that comes later counts as well.
+/// How long the answer to a probe is awaited before the next probe is sent, because the answer may
+/// have been lost. An answer that comes later counts as well.
 const ANSWERED_WITHIN: Duration = Duration::from_millis(100);
 
 /// Pause between two probes of a daemon. A probe without a route costs a fifth of a millisecond.
 const PROBE_PERIOD: Duration = Duration::from_millis(5);
 const _: () = assert!(PROBE_PERIOD.as_millis() < ANSWERED_WITHIN.as_millis());
 
-/// The subscriber for liveliness tokens. It passes on changes of presence in the order in which they
-/// arise.
+/// The subscriber for liveliness tokens. It passes on changes of presence in the order in which
+/// they arise.
 pub(crate) struct LivelinessSubscriber {
     queries: QuerySender,
     /// Weak reference, because the session owns the callback that owns this subscriber.
@@ -48,13 +49,14 @@ pub(crate) struct LivelinessSubscriber {
 
 struct PresenceState {
     membership: Membership,
-    /// Changes of presence that are still to be passed on. `is_passing` is `true` while a thread is doing
-    /// so.
+    /// Changes of presence that are still to be passed on. `is_passing` is `true` while a thread
+    /// passes them on.
     outbox: VecDeque<Presence>,
     is_passing: bool,
 }
 
-/// Declares the subscriber for liveliness tokens. Tokens that were declared before are delivered too.
+/// Declares the subscriber for liveliness tokens. Tokens that were declared before are delivered
+/// too.
 ///
 /// # Panics
 ///
@@ -104,7 +106,8 @@ impl LivelinessSubscriber {
             passed_on
         };
         if daemon == *watch.queries.keys.daemon() {
-            // Passed on at once: when `announce` returns, its caller has received the agent's presence.
+            // Passed on at once: when `announce` returns, its caller has received the agent's
+            // presence.
             let passed_on = take(&mut watch.lock().membership);
             return passed_on
                 .into_iter()
@@ -119,10 +122,10 @@ impl LivelinessSubscriber {
         }
     }
 
-    /// Applies `change` to the membership and passes on the changes of presence that it returns. The lock
-    /// is not held meanwhile, because the receiver may announce an agent, which calls this subscriber
-    /// again. If another thread is already passing on changes, that thread passes on these too, so that
-    /// the order is kept.
+    /// Applies `change` to the membership and passes on the changes of presence that it returns.
+    /// The lock is not held meanwhile, because the receiver may announce an agent, which calls this
+    /// subscriber again. If another thread is already passing on changes, that thread passes on
+    /// these changes too, so that the order is kept.
     fn with(&self, change: impl FnOnce(&mut Membership) -> Vec<Presence>) {
         let surplus = {
             let mut state = self.lock();
@@ -159,14 +162,14 @@ impl LivelinessSubscriber {
         known.into_keys().filter(|daemon| daemon != self.queries.keys.daemon()).collect()
     }
 
-    /// Returns the number of tokens received so far, which is to be stored when a call is sent, and for
-    /// each daemon the digest of the agents that are known.
+    /// Returns the number of tokens received so far, which must be stored when a query is sent, and
+    /// for each daemon the digest of its agents that have a token.
     pub(crate) fn known_digests(&self) -> (u64, BTreeMap<DaemonId, u64>) {
         self.known_of(None)
     }
 
-    /// Returns the same as [`LivelinessSubscriber::known_digests`]; if `one` is given, for this daemon
-    /// only.
+    /// Returns the same as [`LivelinessSubscriber::known_digests`]; if `one` is given, for the
+    /// daemon `one` only.
     fn known_of(&self, one: Option<&DaemonId>) -> (u64, BTreeMap<DaemonId, u64>) {
         let state = self.lock();
         let known = state.membership.known_agents(one);
@@ -185,8 +188,7 @@ impl LivelinessSubscriber {
         self.with(|roster| roster.receive_reply(daemon, hosts, mark));
     }
 
-    /// Handles the end of a call to all daemons. Returns the daemons that have a token and did not
-    /// answer.
+    /// Handles the end of a roll call. Returns the daemons that have a token and did not answer.
     pub(crate) fn finish_round(
         &self,
         answered: &BTreeSet<DaemonId>,
@@ -196,13 +198,13 @@ impl LivelinessSubscriber {
         self.lock().membership.silent()
     }
 
-    /// Probes a daemon until it answers, until all its tokens are gone, or until [`REACHED_WITHIN`] has
-    /// passed.
+    /// Probes a daemon until it answers, until all its tokens are gone, or until [`REACHED_WITHIN`]
+    /// has passed.
     async fn probe(watch: Arc<LivelinessSubscriber>, daemon: DaemonId) {
         let answered = async {
             while watch.lock().membership.awaits(&daemon) {
                 let Some(ended) = LivelinessSubscriber::call(&watch, &daemon) else { return };
-                // Without a route the question ends at once.
+                // Without a route the query ends at once.
                 if tokio::time::timeout(ANSWERED_WITHIN, ended).await.is_ok() {
                     tokio::time::sleep(PROBE_PERIOD).await;
                 }

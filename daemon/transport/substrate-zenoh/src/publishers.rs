@@ -1,19 +1,20 @@
 //! Declared Zenoh publishers, kept for as long as they are used.
 //!
-//! Publishing by key takes time in proportion to the number of subscriptions in the whole ecosystem;
-//! publishing through a declared publisher does not (0.2 µs instead of 2.3 ms with ten thousand
-//! subscriptions).
+//! Publishing by key takes time in proportion to the number of subscriptions in the whole
+//! ecosystem; publishing through a declared publisher does not (0.2 µs instead of 2.3 ms with ten
+//! thousand subscriptions).
 
 use std::collections::HashMap;
 use std::hash::Hash;
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// Maximum number of publishers that are kept. A daemon of ten agents, each of which converses with
-/// twenty others in five performatives, uses a thousand; each publisher takes three or four kilobytes
-/// with its routes.
+/// twenty others in five performatives, uses a thousand; each publisher takes three or four
+/// kilobytes with its routes.
 pub(crate) const PUBLISHERS_MAX: usize = 1024;
 
-/// Cache with two generations of values: a value that is not used during a whole generation is dropped.
+/// Cache with two generations of values: a value that is not used during a whole generation is
+/// dropped.
 ///
 /// The effect is nearly that of dropping the least recently used value, without a list that must be
 /// updated on every message.
@@ -40,9 +41,9 @@ impl<K: Clone + Eq + Hash, V> GenerationCache<K, V> {
 
     /// Returns the value of `key`. If there is none, it is made by `make`.
     ///
-    /// `make` runs outside the lock, and old values are dropped outside it, because both call into Zenoh,
-    /// which may call this crate again. Two concurrent callers may therefore both make a value; the value
-    /// of the last one is kept.
+    /// `make` runs outside the lock, and old values are dropped outside it, because both call into
+    /// Zenoh, which may call this crate again. Two concurrent callers may therefore both make a
+    /// value; the value of the last one is kept.
     pub(crate) fn get_or_make<E>(
         &self,
         key: &K,
@@ -72,8 +73,8 @@ impl<K: Clone + Eq + Hash, V> GenerationCache<K, V> {
 }
 
 impl<K: Clone + Eq + Hash, V> Generations<K, V> {
-    /// Returns the value of `key`. If it is in the old generation, it is moved to the young one. Also
-    /// returns the generation that has to be dropped after this move.
+    /// Returns the value of `key`, and the generation that must be dropped afterwards. A value in
+    /// the old generation is moved to the young one. Returns `None` if there is no such value.
     fn get(&mut self, key: &K) -> Option<(Arc<V>, Generation<K, V>)> {
         if let Some(value) = self.young.get(key) {
             return Some((Arc::clone(value), Generation::new()));
@@ -83,7 +84,7 @@ impl<K: Clone + Eq + Hash, V> Generations<K, V> {
         Some((value, ended))
     }
 
-    /// Adds a value; returns the generation that has to be dropped after that.
+    /// Adds a value. Returns the generation that must be dropped afterwards.
     fn insert(&mut self, key: K, value: Arc<V>) -> Generation<K, V> {
         let mut ended = Generation::new();
         if self.young.len() >= self.young_max {
@@ -113,14 +114,14 @@ mod tests {
     }
 
     #[test]
-    fn what_is_used_stays_and_what_is_not_goes() {
+    fn used_values_stay_and_unused_values_are_dropped() {
         assert_eq!(made(4, &[1, 1, 2, 1, 2]), [1, 2]);
         assert_eq!(made(4, &[1, 2, 3, 1, 4, 1, 5, 1]), [1, 2, 3, 4, 5], "1 is used and stays");
         assert_eq!(made(4, &[1, 2, 3, 4, 5, 1]), [1, 2, 3, 4, 5, 1], "1 was let go");
     }
 
     #[test]
-    fn it_never_holds_more_than_it_may() {
+    fn the_cache_is_bounded() {
         let cache = GenerationCache::new(8);
         let values: Vec<_> = (0..100_u8)
             .map(|key| {

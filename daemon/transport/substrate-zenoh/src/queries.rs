@@ -1,8 +1,8 @@
 //! Questions to other daemons and answers to their questions, by Zenoh's queries.
 //!
-//! Each daemon answers under a key of its own, and Zenoh's consolidation is off: it would keep only one
-//! of several answers under one key. In a secured ecosystem a question or a call carries a nonce, and the
-//! answer is signed together with the nonce.
+//! Each daemon answers under a key of its own, and Zenoh's consolidation is off, because it would
+//! keep only one of several answers under one key. In a secured ecosystem a question or a roll call
+//! has a nonce, and the answer is signed together with the nonce.
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, Weak};
@@ -37,7 +37,7 @@ pub(crate) trait AnnouncedAgents: Send + Sync {
     fn residents(&self) -> Vec<(AgentId, Incarnation)>;
 }
 
-/// Answers the questions that come to one daemon.
+/// Responder to the questions that come to one daemon.
 #[derive(Clone)]
 pub(crate) struct QueryResponder {
     pub(crate) keys: KeySpace,
@@ -48,7 +48,7 @@ pub(crate) struct QueryResponder {
     pub(crate) security: Option<Security>,
 }
 
-/// Sends questions in the name of one daemon.
+/// Sender of questions in the name of one daemon.
 #[derive(Clone)]
 pub(crate) struct QuerySender {
     pub(crate) keys: KeySpace,
@@ -58,8 +58,8 @@ pub(crate) struct QuerySender {
 
 /// Sends a question. The returned future resolves to the answers that arrive within `timeout`.
 ///
-/// The question is sent before this returns. If no daemon can answer, the future resolves to an empty
-/// list at once.
+/// The question is sent before this function returns. If no daemon can answer, the future resolves
+/// to an empty list at once.
 pub(crate) fn ask(
     session: &Session,
     asking: &QuerySender,
@@ -95,19 +95,19 @@ pub(crate) fn ask(
 // === impl QuerySender ===
 
 impl QuerySender {
-    /// Returns a nonce for one question, to which the answers are bound. Returns `None` if the ecosystem
-    /// is not secured, or if the system has no randomness; in a secured ecosystem no answer is then
-    /// believed.
+    /// Returns a nonce for one question, to which the answers are bound. Returns `None` if the
+    /// ecosystem is not secured, or if the system has no randomness; in a secured ecosystem no
+    /// answer is then accepted.
     pub(crate) fn nonce(&self) -> Option<Nonce> {
         self.security.as_ref().and_then(|_| credentials::nonce())
     }
 
-    /// Sends a call to one daemon or all. `hear` is called for each daemon that answers, with its answer
-    /// if that is readable, and is dropped when no more answers will come. Returns `None` if the session
-    /// is closed.
+    /// Sends a roll call to all daemons or a probe to one, as the key expression selects.
+    /// `hear` is called for each daemon that answers, with its answer if that is readable, and is
+    /// dropped when no more answers will come. Returns `None` if the session is closed.
     ///
-    /// An answer is handled as it arrives, and has the priority of messages: a broadcast that the same
-    /// daemon sends after the answer must not be handled before it.
+    /// An answer is handled as it arrives, and has the priority of messages: a broadcast that the
+    /// same daemon sends after the answer must not be handled before it.
     pub(crate) fn call(
         &self,
         session: &Session,
@@ -186,8 +186,8 @@ impl QueryResponder {
         ])
     }
 
-    /// Passes on a query for resources, which may ask for several by a wildcard. A probe is answered
-    /// here.
+    /// Passes on a query for resources, which may ask for several by a wildcard. A roll call or a
+    /// probe is answered here.
     fn resources(&self, query: &Query) {
         let probed = self.keys.reach(self.keys.daemon());
         if *query.key_expr() == probed || *query.key_expr() == self.keys.everyone_reached() {
@@ -212,11 +212,12 @@ impl QueryResponder {
         }
     }
 
-    /// Passes on a query for models: one question for each agent of this daemon that the query matches,
-    /// so that each answer is under the key of its agent.
+    /// Passes on a query for models: one question for each agent of this daemon that the query
+    /// matches, so that each answer is under the key of its agent.
     fn models(&self, query: &Query) {
         if let Some(agent) = self.keys.asked_for(query.key_expr().as_str()) {
-            // One lookup: with a thousand agents queried one by one, no query may search all of them.
+            // One lookup: with a thousand agents queried one by one, no query may search all of
+            // them.
             if self.announced.upgrade().is_some_and(|each| each.hosts(&agent)) {
                 let key_expr = self.keys.model(&agent);
                 self.question(query, Resource::Model, Some(agent), key_expr);

@@ -1,10 +1,10 @@
-//! How the revocation of certificates spreads: a daemon with a newer list of revoked certificates sends
-//! it to all daemons, periodically. The list is believed because of the authority's signature, whichever
-//! daemon sends it.
+//! Spreading of revocations: every daemon periodically sends its list of revoked certificates to
+//! all daemons, and takes a newer list from others. A list is accepted because of the authority's
+//! signature, whichever daemon sends it.
 //!
-//! New links with a revoked daemon are refused. Existing links are closed when the list is next checked,
-//! within a second; so daemons that can be reached only over such a link may have received the list
-//! before.
+//! New links with a revoked daemon are refused. Existing links are closed when the list is next
+//! checked, within a second. Until then, daemons that can be reached only over such a link may
+//! still receive the list.
 //!
 //! The list enters the ecosystem as a file in the folder of any daemon.
 
@@ -31,12 +31,12 @@ use crate::sealing::Security;
 /// How often the file with the list of revoked certificates is checked.
 const REREAD_PERIOD: Duration = Duration::from_secs(1);
 
-/// How often the list of revoked certificates is sent to all daemons: a daemon that was cut off receives
-/// it within this time.
+/// How often the list of revoked certificates is sent to all daemons: a daemon that was cut off
+/// receives it within this time.
 const REPEAT_PERIOD: Duration = Duration::from_secs(10);
 
-/// Declares the subscriber for lists of revoked certificates. `telling` is how often all declarations
-/// were made again.
+/// Declares the subscriber for lists of revoked certificates. `telling` is the number of times that
+/// all declarations were made again.
 pub(crate) fn declare(
     session: &Session,
     keys: &KeySpace,
@@ -51,8 +51,8 @@ pub(crate) fn declare(
     subscriber.wait().map_err(|source| undeclared("subscriber", &key_expr, source))
 }
 
-/// Makes links with revoked certificates be refused, and reports every refused link to `inbound`. It has
-/// to be called before the session is opened.
+/// Installs the check that refuses links with revoked certificates, and reports every refused link
+/// to `inbound`. Must be called before the session is opened.
 pub(crate) fn admission(security: &Security, inbound: &Arc<dyn Inbound>) -> Arc<Admission> {
     let (verifier, inbound) = (Arc::clone(&security.verifier), Arc::downgrade(inbound));
     let (key, _, _) = security.identity.files();
@@ -117,8 +117,8 @@ fn receive_list(verifier: &Verifier, inbound: &dyn Inbound, sample: &Sample) {
         }
         Some(false) => (),
         None => {
-            // The sender does not matter, as a list has no other seal than the authority's. The link over
-            // which it came only shows the daemon that relayed it last.
+            // The sender does not matter, as a list has no other seal than the authority's. The
+            // link over which it came only shows the daemon that relayed it last.
             let peer = reading::peer();
             let claimed = peer.as_ref().and_then(|peer| peer.name.as_deref());
             let detail = "is a list of revocations that the authority has not signed";
@@ -140,7 +140,7 @@ async fn send_periodically(
     let mut ticks = interval(REREAD_PERIOD);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
     let (mut told, mut complained) = (None::<Instant>, false);
-    // Existing links were admitted by the first revision of the list.
+    // Existing links were admitted under the first revision of the list.
     let mut admitted_by = 0;
     loop {
         ticks.tick().await;

@@ -1,14 +1,14 @@
-//! How daemons of one network find each other without configured addresses: by multicast, and by gossip,
-//! in which daemons pass on the addresses of others.
+//! Scouting: how daemons of one network find each other without configured addresses. They use
+//! multicast, and gossip, in which daemons pass on the addresses of others.
 //!
-//! The `[zenoh]` table may contain `scouting = true` or `false`, or override single scouting settings of
-//! Zenoh. Without such a setting, the daemons of an ecosystem scout if it is secured and listens beyond
-//! the machine: then it takes part in a network anyway. An ecosystem in plain text does not listen beyond
-//! its machine, so it could not be found.
+//! The `[zenoh]` table may contain `scouting = true` or `false`, or override single scouting
+//! settings of Zenoh. Without such a setting, a daemon scouts if the ecosystem is secured and the
+//! daemon listens beyond its machine, because it then takes part in a network anyway. An ecosystem
+//! in plain text does not listen beyond its machine, so scouting would be of no use.
 //!
-//! Each ecosystem scouts at a port of its own, computed from its name, so that two ecosystems on one
-//! network do not even receive each other's packets. That only avoids noise; ecosystems are kept apart by
-//! the authorities of their certificates and by the prefix of their key expressions.
+//! Each ecosystem scouts at a port of its own, computed from its name, so that two ecosystems on
+//! one network do not even receive each other's packets. The ports only reduce noise; the
+//! authorities of their certificates and the prefix of their key expressions keep ecosystems apart.
 
 use acl::EcosystemId;
 use serde_json::{Value, json};
@@ -17,24 +17,26 @@ use crate::endpoint;
 use crate::json_merge::merge;
 use crate::open_error::OpenError;
 
-/// Multicast address for scouting, which is Zenoh's own group. It is in the block 224.0.0.0/24, which is
-/// never routed beyond a network, and which cheap switches pass on to all hosts without a subscription.
+/// Multicast address for scouting, which is Zenoh's own group. The address is in the block
+/// 224.0.0.0/24, which is never routed beyond a network, and which cheap switches pass on to all
+/// hosts without a subscription.
 const GROUP: &str = "224.0.0.224";
 
-/// Smallest port at which an ecosystem scouts. The ports are below the range from which Linux picks ports
-/// (32768 and up), and do not include Zenoh's own (7446), where foreign routers would receive every
-/// packet.
+/// Smallest port at which an ecosystem scouts. The ports are below the range from which Linux picks
+/// ports (32768 and up), and do not include Zenoh's own (7446), where foreign routers would receive
+/// every packet.
 const PORT_FIRST: u16 = 20_000;
 const PORTS: u16 = 10_000;
 const _: () = assert!(PORT_FIRST + PORTS < 32_768);
 
-/// Endpoint of a daemon that scouts and has no endpoint for others: any address, and a port that the
-/// kernel chooses and that scouting announces. The address is IPv4, because multicast is IPv4 here.
+/// Endpoint of a daemon that scouts and has no endpoint for others: any address, and a port that
+/// the kernel chooses and that scouting announces. The address is IPv4, because the multicast group
+/// is IPv4.
 const ANYWHERE: &str = "tls/0.0.0.0:0";
 
-/// Completes the scouting settings in `said`, the `[zenoh]` table: the settings of the file override the
-/// defaults of this module. Returns the endpoint on which the daemon has to listen for scouting in
-/// addition to `listen`, if any.
+/// Completes the scouting settings in `said`, the `[zenoh]` table: the settings of the file
+/// override the defaults of this module. Returns the endpoint on which the daemon has to listen for
+/// scouting in addition to `listen`, if any.
 ///
 /// # Errors
 ///
@@ -60,9 +62,9 @@ pub(crate) fn complete_settings(
 }
 
 /// Returns the default settings for scouting. Of two daemons that find each other, the one with the
-/// greater id connects: if both did at once, Zenoh could close both links. Gossip passes addresses on by
-/// one step. If a daemon learnt the address of another from a hub and the hub is lost, it does not need
-/// the hub, because it has connected to the other itself.
+/// greater id connects, because Zenoh could close both links if both connected at once. Gossip
+/// passes addresses on by one step. A daemon that gets an address from a hub connects to that
+/// address itself, so the link remains if the hub is lost.
 fn ours(ecosystem: &EcosystemId) -> Value {
     let found = json!({
         "enabled": true,
@@ -74,8 +76,8 @@ fn ours(ecosystem: &EcosystemId) -> Value {
     json!({ "multicast": multicast, "gossip": found })
 }
 
-/// Opens a session that scouts at the multicast address `at`. If the address cannot be used, the session
-/// opens without multicast, because a daemon that is not found is better than none.
+/// Opens a session that scouts at the multicast address `at`. If the address cannot be used, the
+/// session opens without multicast, because a daemon that cannot be found is better than none.
 pub(crate) async fn open(settings: zenoh::Config, at: &str) -> zenoh::Result<zenoh::Session> {
     let mut without = settings.clone();
     let problem = match zenoh::open(settings).await {
@@ -91,8 +93,8 @@ pub(crate) async fn open(settings: zenoh::Config, at: &str) -> zenoh::Result<zen
     Ok(session)
 }
 
-/// Returns the port at which an ecosystem scouts. It is computed by FNV-1a, because every version on
-/// every machine must compute the same port.
+/// Returns the port at which an ecosystem scouts. The port is computed by FNV-1a, because every
+/// version on every machine must compute the same port.
 fn port(ecosystem: &EcosystemId) -> u16 {
     let offset = acl::fnv::hash_32(ecosystem.as_str().as_bytes()) % u32::from(PORTS);
     PORT_FIRST + u16::try_from(offset).expect("invariant: less than PORTS")
@@ -106,8 +108,8 @@ mod tests {
         EcosystemId::new(name).expect("a name")
     }
 
-    /// Returns the scouting settings that follow from the `[zenoh]` table `said`, and the additional
-    /// endpoint to listen on.
+    /// Returns the scouting settings that follow from the `[zenoh]` table `said`, and the
+    /// additional endpoint to listen on.
     fn settled(secured: bool, listen: &str, said: &Value) -> (Value, Option<String>) {
         let mut said = said.clone();
         let listen = [listen.to_owned()];
@@ -117,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn who_listens_beyond_its_machine_scouts_unless_the_file_says_otherwise() {
+    fn a_daemon_that_listens_beyond_its_machine_scouts_by_default() {
         let (here, beyond) = ("tls/127.0.0.1:0", "tls/[::]:7447");
         let socket = "unixsock-stream//run/office.sock";
         for (secured, listen, said, expected) in [
@@ -136,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_to_be_found_listens_where_it_can_be() {
+    fn a_scouting_daemon_listens_beyond_its_machine() {
         let asked = json!({ "scouting": true });
         assert_eq!(settled(true, "tls/127.0.0.1:0", &asked).1.as_deref(), Some(ANYWHERE));
         assert_eq!(settled(true, "tls/[::]:7447", &asked).1, None);
@@ -144,14 +146,14 @@ mod tests {
     }
 
     #[test]
-    fn plain_text_is_not_found() {
+    fn an_ecosystem_in_plain_text_cannot_scout() {
         let mut said = json!({ "scouting": true });
         let refused = complete_settings(&ecosystem("office"), false, &[], &mut said);
         assert!(matches!(refused, Err(OpenError::ScoutingUnsecured)));
     }
 
     #[test]
-    fn zenohs_own_settings_lie_over_ours() {
+    fn zenohs_own_settings_override_the_defaults() {
         let own = json!({ "multicast": { "address": "239.0.0.1:7446" } });
         let said = json!({ "scouting": own });
         let (settings, _) = settled(true, "tls/[::]:7447", &said);
@@ -161,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn each_ecosystem_calls_at_a_port_of_its_own() {
+    fn each_ecosystem_scouts_at_a_port_of_its_own() {
         assert_eq!(port(&ecosystem("smart-office")), port(&ecosystem("smart-office")));
         let ports = ["smart-office", "ward", "campus", "house", "firm", "office"]
             .map(|name| port(&ecosystem(name)));

@@ -1,8 +1,9 @@
-//! Puts seals (signatures) on outgoing messages, and opens the seals of incoming ones. Seals are needed
-//! because messages are relayed: the link over which a message arrives does not show its origin.
+//! Puts seals (signatures) on outgoing messages, and verifies the seals of incoming ones. Seals are
+//! needed because messages are relayed: the link over which a message arrives does not show its
+//! origin.
 //!
-//! A message from a daemon to its own agents never leaves the process and has no seal. The seal of every
-//! message that comes over a link is opened here, before anything parses the message.
+//! A message from a daemon to its own agents never leaves the process and has no seal. The seal of
+//! every message that comes over a link is verified here, before any other code parses the message.
 
 use std::sync::Arc;
 
@@ -34,41 +35,41 @@ pub(crate) struct UnverifiedAnswer<'a> {
     pub(crate) inbound: &'a dyn Inbound,
     pub(crate) sample: &'a Sample,
     pub(crate) payload: &'a Bytes,
-    /// Nonce that was sent with the question. If it is `None`, no answer is believed.
+    /// Nonce that was sent with the question. If it is `None`, no answer is accepted.
     pub(crate) nonce: Option<&'a Nonce>,
 }
 
 // === impl Security ===
 
 impl Security {
-    /// Returns the sealed form of a payload that goes to all daemons under this key.
+    /// Returns the seal for a payload that goes to all daemons under this key.
     pub(crate) fn seal(&self, channel: SealChannel, key_expr: &str, payload: &[u8]) -> ZBytes {
         ZBytes::from(self.identity.seal(channel, key_expr, payload, None))
     }
 
-    /// Returns the sealed form of a message to the daemon `to`. The seal is valid only for the
+    /// Returns the seal for a message to the daemon `to`. The seal is valid only for the
     /// incarnation in which that daemon last answered.
     pub(crate) fn seal_to(&self, to: &DaemonId, key_expr: &str, payload: &[u8]) -> ZBytes {
         let incarnation = self.verifier.incarnation(to);
         ZBytes::from(self.identity.seal(SealChannel::Message, key_expr, payload, incarnation))
     }
 
-    /// Returns the sequence numbers that this daemon has signed so far, which it sends in its answers to
-    /// calls.
+    /// Returns the sequence numbers that this daemon has signed so far, which it sends in its
+    /// answers to roll calls.
     pub(crate) fn said(&self) -> SequenceState {
         self.identity.sequence_state()
     }
 
-    /// Handles the answer of a daemon to a call. From now on, broadcasts of that daemon are rejected if
-    /// their sequence numbers are not greater than those in `said`.
+    /// Handles the answer of a daemon to a roll call. From now on, broadcasts of that daemon are
+    /// rejected if their sequence numbers are not greater than those in `said`.
     pub(crate) fn record_reply(&self, answerer: Origin, said: SequenceState) {
         let Origin { daemon: signer, signing_daemon: voucher } = answerer;
         self.verifier
             .record_reply(&VerifiedOrigin { sender: signer, signing_daemon: voucher }, said);
     }
 
-    /// Returns the verified origin of a message. If the origin cannot be verified, the message is
-    /// reported to `inbound`.
+    /// Returns the verified origin of a message; `None` if the origin cannot be verified. Such a
+    /// message is reported to `inbound`, except if its daemon has just started.
     pub(crate) fn origin(
         &self,
         keys: &KeySpace,
@@ -84,7 +85,8 @@ impl Security {
         self.open(keys, inbound, channel, key, payload, sample.attachment(), None)
     }
 
-    /// Whether `answered` is an answer to the question with this nonce, from a daemon that may answer it.
+    /// Whether `answered` is an answer to the question with this nonce, from a daemon that may
+    /// answer it.
     pub(crate) fn admits(&self, answered: &UnverifiedAnswer<'_>) -> bool {
         let origin = self.answerer(answered);
         let about = answered.keys.answered_resource(answered.sample.key_expr().as_str());
@@ -100,8 +102,8 @@ impl Security {
         })
     }
 
-    /// Returns the verified origin of an answer to the question with this nonce. The origin is the daemon
-    /// that the key of the answer names.
+    /// Returns the verified origin of an answer to the question with this nonce; `None` if the
+    /// origin cannot be verified. The origin is the daemon that the key of the answer names.
     pub(crate) fn answerer(&self, answered: &UnverifiedAnswer<'_>) -> Option<Origin> {
         let UnverifiedAnswer { keys, inbound, sample, payload, nonce } = *answered;
         let (key, seal, channel) =
@@ -141,8 +143,8 @@ impl Security {
             })
             .map_err(|(why, claimed)| {
                 if why == DistrustReason::NotSynced {
-                    // Nothing is wrong with the message; its daemon has just started and has not joined
-                    // yet.
+                    // Nothing is wrong with the message; its daemon has just started and has not
+                    // joined yet.
                     return tracing::debug!(from = claimed, key = key_expr, "ignored: it {why}");
                 }
                 let (violation, detail) = (violation(why), why.to_string());
@@ -158,7 +160,7 @@ impl Security {
     }
 }
 
-/// Returns the sealed form of an answer; `None` if the question came without a nonce.
+/// Returns the seal for an answer; `None` if the question came without a nonce.
 pub(crate) fn seal_answer(
     identity: &DaemonIdentity,
     key_expr: &str,

@@ -34,8 +34,9 @@ const SEAL_BYTES_MAX: usize = 16 << 10;
 
 /// A daemon's connection to its ecosystem. Dropping the last handle closes the connection.
 ///
-/// A message from a daemon to its own agents arrives on the sender's thread before `send` returns, as it
-/// does in the substrate in memory. So a caller of `send` must hold no lock that its [`Inbound`] takes.
+/// A message from a daemon to its own agents arrives on the sender's thread before `send` returns,
+/// as it does in the substrate in memory. So a caller of `send` must hold no lock that its
+/// [`Inbound`] takes.
 pub struct ZenohSubstrate {
     keys: KeySpace,
     declarations: Arc<Declarations>,
@@ -44,8 +45,8 @@ pub struct ZenohSubstrate {
     liveliness: Arc<LivelinessSubscriber>,
     /// Keys that seal messages to links; `None` if the ecosystem is not secured.
     security: Option<Security>,
-    /// Publishers by destination. The field comes before `session`, so that the publishers are undeclared
-    /// while the session is still open.
+    /// Publishers by destination. The field comes before `session`, so that the publishers are
+    /// undeclared while the session is still open.
     publishers: GenerationCache<Route, Publisher<'static>>,
     session: Arc<Session>,
     /// Detector of received messages that are too long; `None` after `close`.
@@ -64,13 +65,13 @@ enum Route {
 // === impl Config ===
 
 impl Config {
-    /// Opens the session and makes the declarations of a daemon. `inbound` may receive messages before
-    /// this returns. A router does not wait until it is connected to other daemons.
+    /// Opens the session and makes the declarations of a daemon. `inbound` may receive messages
+    /// before this function returns. A router does not wait until it is connected to other daemons.
     ///
     /// # Errors
     ///
-    /// Returns an error if the settings are refused, if the daemon cannot listen on an endpoint, or if a
-    /// client reaches no daemon.
+    /// Returns an error if the settings are refused, if the daemon cannot listen on an endpoint, or
+    /// if a client reaches no daemon.
     pub async fn open(self, inbound: Arc<dyn Inbound>) -> Result<Arc<ZenohSubstrate>, OpenError> {
         let settings = self.settings()?.without_self().await;
         ZenohSubstrate::open(&self.ecosystem, self.daemon, settings, inbound).await
@@ -164,10 +165,10 @@ impl ZenohSubstrate {
 
     /// Declares the publisher for a destination.
     ///
-    /// Congestion control is `Drop` for all publishers. `Block` would hold the sender, which is a Tokio
-    /// worker, for up to 5 s; then it would close the link, lose all that is queued, and make every agent
-    /// behind the link look dead. A message that must arrive is retried until its receipt comes, and a
-    /// burst has a megabyte of queue per link (`BATCHES_MAX`).
+    /// Congestion control is `Drop` for all publishers. `Block` would hold the sender, which is a
+    /// Tokio worker, for up to 5 s. Then it would close the link and lose all queued messages, and
+    /// every agent behind the link would seem to have left. A message that must arrive is retried
+    /// until its receipt comes, and a burst has a megabyte of queue per link (`BATCHES_MAX`).
     ///
     /// Action models, which are long and repeated, have a lower priority than messages.
     fn declare_publisher(&self, route: &Route) -> zenoh::Result<Publisher<'static>> {
@@ -180,8 +181,8 @@ impl ZenohSubstrate {
             Route::To(..) | Route::All(..) => MESSAGE_PRIORITY,
             Route::HeartbeatBatch => Priority::DataLow,
         };
-        // Receipts, which are delayed on purpose, and heartbeats are not urgent: they may travel in the
-        // batch of the next message.
+        // Receipts, which are delayed on purpose, and heartbeats are not urgent: they may travel in
+        // the batch of the next message.
         let is_urgent = !matches!(route, Route::To(_, Subject::Receipt) | Route::HeartbeatBatch);
         let publisher = self.session.declare_publisher(key_expr);
         let publisher = publisher.congestion_control(CongestionControl::Drop);
@@ -203,8 +204,8 @@ impl Substrate for ZenohSubstrate {
         self.put(Route::All(sender.clone(), performative), payload)
     }
 
-    /// Publishes a heartbeat by its key, without a declared publisher. A declared publisher would take
-    /// three or four kilobytes with its routes, and save a few microseconds once a second.
+    /// Publishes a heartbeat by its key, without a declared publisher. A declared publisher would
+    /// take three or four kilobytes with its routes, and save a few microseconds once a second.
     fn broadcast_state(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
         self.check_open()?;
         check_length(&payload)?;

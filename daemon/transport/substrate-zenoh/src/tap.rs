@@ -15,9 +15,9 @@ pub struct Tap {
     _session: Session,
 }
 
-/// Passes all messages, broadcasts and models of the ecosystem of `config` to `heard`, each as its key
-/// and its payload as they were sent. A batch of heartbeats is passed on as single heartbeats. `heard`
-/// runs on Zenoh's threads and must not block.
+/// Passes all messages, broadcasts and models of the ecosystem of `config` to `heard`, each as its
+/// key and its payload as they were sent. A batch of heartbeats is passed on as single heartbeats.
+/// `heard` runs on Zenoh's threads and must not block.
 ///
 /// # Errors
 ///

@@ -1,9 +1,9 @@
-//! Zenoh's own errors in the log: each kind of error is reported once, as a sentence that tells what it
-//! means for the ecosystem.
+//! Zenoh's own errors in the log: each kind of error is reported once, as a sentence that explains
+//! its meaning for the ecosystem.
 //!
-//! Zenoh logs some passing conditions as errors, once for every name that is concerned: hundreds of lines
-//! if a daemon is killed. They need no action: agents send again what was not received, and the calls to
-//! all daemons are repeated.
+//! Zenoh logs some passing conditions as errors, once for every name concerned: hundreds of lines
+//! if a daemon is killed. These errors need no action: agents retry their messages, and roll calls
+//! repair the membership.
 
 use std::collections::BTreeSet;
 use std::fmt::{self, Write as _};
@@ -17,8 +17,8 @@ use tracing_subscriber::filter::{LevelFilter, filter_fn};
 use tracing_subscriber::layer::Context;
 use tracing_subscriber::registry::LookupSpan;
 
-/// Maximum number of characters of a line of Zenoh's log that are reported: the rest may be a whole
-/// message.
+/// Maximum length of a reported line of Zenoh's log, in characters. The rest of the line may be a
+/// whole message.
 const LINE_CHARS_MAX: usize = 300;
 
 /// Maximum number of kinds of errors that are reported; Zenoh has some dozens of kinds.
@@ -43,18 +43,18 @@ pub fn is_error_of_zenoh(about: &Metadata<'_>) -> bool {
     *about.level() == Level::ERROR && about.target().starts_with("zenoh")
 }
 
-/// Returns a log layer that reports each kind of Zenoh's errors once, as a warning. The original lines
-/// should be left out of the log ([`is_error_of_zenoh`]).
+/// Returns a log layer that reports each kind of Zenoh's errors once, as a warning. The original
+/// lines should be left out of the log ([`is_error_of_zenoh`]).
 pub fn zenoh_error_layer<S>() -> impl Layer<S>
 where
     S: Subscriber + for<'a> LookupSpan<'a>,
 {
-    // Zenoh's sessions log an error if a message arrives before the declaration of its key; that is not
-    // reported.
+    // Zenoh's sessions log an error if a message arrives before the declaration of its key; that is
+    // not reported.
     let is_told =
         |about: &Metadata<'_>| is_error_of_zenoh(about) && about.target() != "zenoh::api::session";
-    // On another thread: the event may come from within Zenoh's locks. If the machine has no thread left,
-    // the sentence is lost.
+    // Runs on another thread, because the event may occur while Zenoh holds locks. If the machine
+    // has no thread left, the sentence is lost.
     let tell = |sentence: String| {
         let said = thread::Builder::new().spawn(move || tracing::warn!("{sentence}"));
         drop(said);
@@ -128,7 +128,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_kind_of_error_is_told_once_as_a_sentence() {
+    fn each_kind_of_error_is_reported_once_as_a_sentence() {
         let told = Arc::new(Mutex::new(Vec::new()));
         let heard = Arc::clone(&told);
         let tell = move |sentence| heard.lock().expect("no panic").push(sentence);

@@ -1,13 +1,13 @@
-//! A substrate within one process with bad links: messages may be lost, doubled, delayed or overtaken
-//! by later ones; links break and are mended; processes die. The seed alone decides what happens, as
-//! long as one thread does everything and time is simulated.
+//! A substrate within one process with bad links: messages may be lost, doubled, delayed or
+//! overtaken by later ones; links break and are mended; processes die. The seed alone decides what
+//! happens, as long as one thread does everything and time is simulated.
 //!
-//! - A broken link at once loses everything that is sent over it. The daemons at its ends see that the
-//!   agents behind the link are gone after the lease, as on a real network, or at once if the
+//! - A broken link at once loses everything that is sent over it. The daemons at its ends see that
+//!   the agents behind the link are gone after the lease, as on a real network, or at once if the
 //!   connection was reset.
 //! - Messages of a daemon to itself never leave the process and are never lost.
-//! - A daemon that reads slowly receives everything late. At most [`UNDER_WAY_MAX`] messages wait for
-//!   it.
+//! - A daemon that reads slowly receives everything late. At most [`UNDER_WAY_MAX`] messages wait
+//!   for that daemon.
 
 mod network_state;
 
@@ -28,8 +28,8 @@ use crate::{
     ResourceQuery, SendError, Subject, Substrate,
 };
 
-/// Most messages under way to one daemon. Further messages are lost, as on a network that must not
-/// block.
+/// Maximum number of messages under way to one daemon. Further messages are lost, as on a network
+/// that must not block.
 pub const UNDER_WAY_MAX: usize = 20_000;
 
 /// Quality of the links.
@@ -55,14 +55,14 @@ struct SharedNetwork {
     sooner: Notify,
 }
 
-/// Identifies a cut: the breaking of the links between some daemons and all others.
+/// Identifier of a cut: the breaking of the links between some daemons and all others.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct CutId(u64);
 
 /// Observer that is called with everything that is sent, and with the daemon that sends it.
 type SendObserver = Arc<dyn Fn(&DaemonId, &Destination, &Bytes) + Send + Sync>;
 
-/// Counts of what has happened to messages so far.
+/// Numbers of messages so far, by what happened to them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MessageCounts {
     /// Messages that were sent.
@@ -136,8 +136,8 @@ impl Network {
         });
     }
 
-    /// Breaks the links between these daemons and all others. The daemons at the ends of the links see
-    /// that after the time `lease`.
+    /// Breaks the links between these daemons and all others. The daemons at the ends of the links
+    /// detect the break after the time `lease`.
     pub fn cut(&self, daemons: BTreeSet<DaemonId>, lease: Duration) -> CutId {
         self.0.with(|wire| {
             wire.cuts_count += 1;
@@ -150,8 +150,8 @@ impl Network {
         })
     }
 
-    /// Mends the links that a cut broke, except those that another cut broke too. Returns the number of
-    /// messages that were lost because of the cut.
+    /// Mends the links that a cut broke, except those that another cut broke too. Returns the
+    /// number of messages that were lost because of the cut.
     pub fn heal(&self, cut: CutId) -> u64 {
         self.0.with(|wire| {
             let stopped = wire.cuts.remove(&cut).map_or(0, |island| island.stopped);
@@ -182,7 +182,7 @@ impl Network {
         self.0.with(|wire| wire.tap = Some(Arc::new(tap)));
     }
 
-    /// Returns the counts of what has happened to messages so far.
+    /// Returns the numbers of messages so far, by what happened to them.
     pub fn counts(&self) -> MessageCounts {
         self.0.with(|wire| wire.counts)
     }
@@ -241,7 +241,7 @@ impl SharedNetwork {
             }
             (Arc::clone(&connected.inbound), coming)
         };
-        // The lock is released: a receiver may answer at once.
+        // The lock is not held here, because a receiver may answer at once.
         match coming {
             InFlight::Message(delivery) => inbound.deliver(delivery),
             InFlight::Presence(presence) => inbound.presence(presence),
@@ -255,8 +255,8 @@ impl SharedNetwork {
 // === impl Port ===
 
 impl Port {
-    /// Runs `act` on the network, if this connection of the daemon still exists; otherwise returns an
-    /// error.
+    /// Runs `act` on the network, if this connection of the daemon still exists; otherwise returns
+    /// an error.
     fn with<T>(&self, act: impl FnOnce(&mut NetworkState) -> T) -> Result<T, SendError> {
         let shared = self.shared.upgrade().ok_or(SendError::Closed)?;
         shared.with(|wire| {
@@ -374,7 +374,8 @@ impl Substrate for Port {
     }
 }
 
-/// Sends an answer to the daemon that asked. If the answer is lost, that daemon waits until `timeout`.
+/// Sends an answer to the daemon that asked. If the answer is lost, that daemon waits until
+/// `timeout`.
 fn return_answer(
     shared: &Weak<SharedNetwork>,
     from: &DaemonId,

@@ -1,5 +1,5 @@
-//! A substrate in front of another substrate. It overrides the operations in which it counts, loses or
-//! records messages, and passes all other calls on.
+//! A substrate in front of another substrate. It overrides the operations in which it counts, loses
+//! or records messages, and passes all other calls on.
 
 use std::time::Duration;
 
@@ -8,7 +8,8 @@ use bytes::Bytes;
 
 use crate::{AgentAddress, BoxFuture, PresenceToken, ResourceQuery, SendError, Subject, Substrate};
 
-/// A [`Substrate`] in front of another one. An implementation overrides the operations that it changes.
+/// A [`Substrate`] in front of another one. An implementation overrides the operations that it
+/// changes.
 #[expect(clippy::missing_errors_doc, reason = "as those of `Substrate`")]
 pub trait ForwardingSubstrate: Send + Sync + 'static {
     /// Returns the substrate behind this one.
@@ -29,8 +30,9 @@ pub trait ForwardingSubstrate: Send + Sync + 'static {
         self.inner().broadcast(sender, performative, payload)
     }
 
-    /// Sends an action model or heartbeat to all agents, as [`Substrate::broadcast_state`] does. The
-    /// heartbeats of a batch pass through this method one by one. By default passes the call on.
+    /// Sends an action model or heartbeat to all agents, as [`Substrate::broadcast_state`] does.
+    /// The heartbeats of a batch pass through this method one by one. By default passes the call
+    /// on.
     fn broadcast_state(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError> {
         self.inner().broadcast_state(sender, payload)
     }

@@ -2,15 +2,16 @@
 //! Communication Agents send, and a substrate within one process.
 //!
 //! - [`Substrate`] is the sending side of a daemon, [`Inbound`] is its receiving side.
-//! - [`faulty`] carries messages within one process, over links that lose, double and delay messages
-//!   and that break, as a seed decides.
+//! - [`faulty`] carries messages within one process, over links that lose, double and delay
+//!   messages and that break, as a seed decides.
 //! - [`memory`] carries messages within one process; `substrate-zenoh` carries them between
 //!   machines. The same agents run unchanged on both.
-//! - [`ForwardingSubstrate`] is a substrate in front of another, which counts, loses or records messages.
+//! - [`ForwardingSubstrate`] is a substrate in front of another, which counts, loses or records
+//!   messages.
 //!
-//! A substrate promises little: a message may be lost, late or doubled, and presence may be wrong
-//! for the length of a lease. Receipts, retries and the removal of duplicates are left to the
-//! Communication Agent.
+//! A substrate gives few guarantees: a message may be lost, late or doubled, and presence may be
+//! wrong for the length of a lease. The Communication Agent adds receipts, retries and the removal
+//! of duplicates.
 
 pub mod faulty;
 mod forwarding;
@@ -33,8 +34,8 @@ pub use crate::forwarding::ForwardingSubstrate;
 /// A future that a trait object can return.
 pub type BoxFuture<T> = Pin<Box<dyn Future<Output = T> + Send>>;
 
-/// The sending side of a daemon. Sending never blocks: the message is handed over to the substrate,
-/// without a promise that it is delivered.
+/// The sending side of a daemon. Sending never blocks: the substrate takes the message, without a
+/// guarantee that it is delivered.
 pub trait Substrate: Send + Sync + 'static {
     /// Sends a message to one agent.
     ///
@@ -44,7 +45,7 @@ pub trait Substrate: Send + Sync + 'static {
     /// delivery.
     fn send(&self, to: &AgentAddress, subject: Subject, payload: Bytes) -> Result<(), SendError>;
 
-    /// Sends a message to all agents, on the paper's global topic per message type.
+    /// Sends a message to all agents. Each performative has a global topic, as in the paper.
     ///
     /// # Errors
     ///
@@ -64,7 +65,7 @@ pub trait Substrate: Send + Sync + 'static {
     fn broadcast_state(&self, sender: &AgentId, payload: Bytes) -> Result<(), SendError>;
 
     /// Sends the heartbeats of several agents to all agents. Each heartbeat arrives as with
-    /// [`Substrate::broadcast_state`], but all together cost only one message where that is possible.
+    /// [`Substrate::broadcast_state`]. A substrate may send all of them in one message.
     ///
     /// # Errors
     ///
@@ -88,19 +89,19 @@ pub trait Substrate: Send + Sync + 'static {
     /// may be none.
     fn ask(&self, question: ResourceQuery, timeout: Duration) -> BoxFuture<Vec<Bytes>>;
 
-    /// Completes when every daemon that is present now receives this daemon's broadcasts, or a short
-    /// time later if some of them never will. A sender that joins, broadcasts once and leaves must wait
-    /// for this. An agent must have been announced before.
+    /// Completes when every daemon that is present now receives this daemon's broadcasts, or after
+    /// a short time even if some daemons do not. A sender that joins, broadcasts once and leaves
+    /// must wait for this future. An agent must have been announced before.
     fn broadcast_ready(&self) -> BoxFuture<()> {
         Box::pin(std::future::ready(()))
     }
 
-    /// Closes the substrate: messages that are still queued may be sent, and no message is received any
-    /// more.
+    /// Closes the substrate. Queued messages may still be sent; no message is received any more.
     fn close(&self) -> BoxFuture<()>;
 }
 
-/// The receiving side of a daemon. The substrate calls it on threads of its own: no method may block.
+/// The receiving side of a daemon. The substrate calls these methods on its own threads, so no
+/// method may block.
 pub trait Inbound: Send + Sync + 'static {
     /// Called when a message has arrived.
     fn deliver(&self, delivery: Delivery);
@@ -108,12 +109,12 @@ pub trait Inbound: Send + Sync + 'static {
     /// Called when an agent has joined or left.
     fn presence(&self, presence: Presence);
 
-    /// Called when another daemon queries a resource. Dropping the question without a call of `answer`
-    /// means that there is no answer.
+    /// Called when another daemon queries a resource. Dropping the question without a call of
+    /// `answer` means that there is no answer.
     fn receive_query(&self, question: ReceivedQuery);
 
-    /// Called when something that arrived was rejected and is not passed on. By default the rejection
-    /// is not recorded.
+    /// Called when an incoming message, token or link was rejected. By default the rejection is not
+    /// recorded.
     fn rejected(&self, _rejected: &Rejected<'_>) {}
 
     /// Whether the origin of an answer may give that answer. By default every answer is accepted.
@@ -127,38 +128,40 @@ pub trait Inbound: Send + Sync + 'static {
 pub struct Origin {
     /// Daemon that sent the message, or a guest of a daemon.
     pub daemon: DaemonId,
-    /// Daemon that owns the key with which the message was signed: the sending daemon itself, or the
-    /// host of the guest.
+    /// Daemon that owns the key with which the message was signed: the sending daemon itself, or
+    /// the host of the guest.
     pub signing_daemon: DaemonId,
 }
 
-/// A message, or something else that arrived, which was rejected.
+/// A rejected message, token or link.
 #[derive(Clone, Copy, Debug)]
 pub struct Rejected<'r> {
-    /// Kind of the violation for which it was rejected.
+    /// Kind of violation that caused the rejection.
     pub violation: ViolationKind,
     /// Description of the violation; it continues the sentence “the message …”.
     pub detail: &'r str,
-    /// Name of the claimed sender, as far as it is known.
+    /// Name of the claimed sender; `None` if it is not known.
     pub claimed: Option<&'r str>,
-    /// Address or key under which the rejected message arrived, in the form that the substrate uses.
+    /// Address or key under which the rejected message arrived, in the form that the substrate
+    /// uses.
     pub key: &'r str,
 }
 
-/// Kind of violation for which something that arrived was rejected.
+/// Kind of violation that causes a rejection.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum ViolationKind {
     /// The message is not signed.
     Unsigned,
-    /// The signer is not known to the ecosystem, or is not known any more.
+    /// The certificate of the signer was not issued by the ecosystem's authority, or has expired.
     Unknown,
     /// The message was changed, or names another sender than its signer.
     Forged,
-    /// The message was received before.
+    /// The message was received before, belongs to an earlier incarnation of its sender or
+    /// receiver, or was delayed too long.
     Replayed,
     /// The certificate of the signer was revoked.
     Revoked,
-    /// The sender exceeds its rate limit.
+    /// The sender exceeds its rate limit, or there is no room for its token.
     Flooded,
     /// The origin has no right to send this message.
     Unauthorized,
@@ -168,7 +171,7 @@ pub enum ViolationKind {
     NotUnderstood,
     /// The message has another version of the protocol.
     OtherVersion,
-    /// A daemon wanted to connect and showed no certificate that is valid here.
+    /// A daemon tried to connect without a certificate that is valid here.
     RefusedLink,
 }
 
@@ -199,8 +202,8 @@ pub struct AgentAddress {
 pub enum Subject {
     /// An ACL message.
     Message(Performative),
-    /// Receipts: the sender confirms that its Communication Agent has received messages. Receipts are
-    /// no ACL message; the payload is a JSON list of the ids of the received messages.
+    /// Receipts: the sender confirms that its Communication Agent has received messages. Receipts
+    /// are no ACL message; the payload is a JSON list of the ids of the received messages.
     Receipt,
 }
 
@@ -253,7 +256,7 @@ pub enum Resource {
     Directory,
     /// The composite domain.
     Domain,
-    /// The facts of the world as the domain model believes them, with the sources of each.
+    /// The facts of the world in the domain model, with the sources of each.
     State,
     /// Goals and their progress.
     Goals,
@@ -290,14 +293,14 @@ pub struct ReceivedQuery {
     pub resource: Resource,
     /// Agent that the query is about; `None` for all agents.
     pub agent: Option<AgentId>,
-    /// Function that sends one answer. It may be called more than once, or not at all.
+    /// Function that sends one answer. The function may be called more than once, or not at all.
     pub answer: Arc<dyn Fn(Bytes) + Send + Sync>,
 }
 
-/// Keeps an agent present until the token is dropped.
+/// Token that keeps an agent present until the token is dropped.
 pub struct PresenceToken(Option<Box<dyn FnOnce() + Send + Sync>>);
 
-/// Reason why a message could not be handed over to the substrate.
+/// Reason why the substrate did not take a message.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SendError {

@@ -1,7 +1,7 @@
 //! A substrate within one process: all daemons of the ecosystem are [`Inbound`]s in one map.
 //!
-//! Messages arrive on the sender's thread before `send` returns, in the order in which they were sent.
-//! A test with paused time is therefore deterministic.
+//! Messages arrive on the sender's thread before `send` returns, in the order in which they were
+//! sent. A test with paused time is therefore deterministic.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
@@ -16,8 +16,8 @@ use crate::{
     ReceivedQuery, Resident, ResourceQuery, SendError, Subject, Substrate,
 };
 
-/// Most answers to one query that wait to be read. A large ecosystem has no more agents, and each gives
-/// one answer.
+/// Maximum number of answers to one query that wait to be read. A large ecosystem has fewer agents,
+/// and each gives one answer.
 pub const ANSWERS_MAX: usize = 4096;
 
 /// The network of one ecosystem. Clones refer to the same network.
@@ -59,8 +59,8 @@ impl Network {
         Arc::new(Port { daemon, wire: Arc::downgrade(&self.0) })
     }
 
-    /// Disconnects a daemon as a SIGKILL of its process would: the daemon receives no more messages,
-    /// and the other daemons see that all its agents have left.
+    /// Disconnects a daemon as a SIGKILL of its process would: the daemon receives no more
+    /// messages, and the other daemons see that all its agents have left.
     pub fn kill(&self, daemon: &DaemonId) {
         let gone = self.with(|wire| {
             wire.daemons.remove(daemon);
@@ -72,8 +72,8 @@ impl Network {
         }
     }
 
-    /// Calls `tap` with everything that is sent from now on, as a stranger's tool on the network would
-    /// see it. Messages are delivered as before.
+    /// Calls `tap` with everything that is sent from now on, as a foreign tool on the network would
+    /// receive it. Messages are delivered as before.
     pub fn tap(&self, tap: impl Fn(&Destination, &Bytes) + Send + Sync + 'static) {
         self.with(|wire| wire.taps.push(Arc::new(tap)));
     }
@@ -124,7 +124,7 @@ impl Port {
             };
             (receivers, wire.taps.clone())
         })?;
-        // The lock is released: a receiver may answer at once.
+        // The lock is not held here, because a receiver may answer at once.
         for tap in taps {
             tap(&addressed, &payload);
         }
@@ -210,7 +210,7 @@ pub async fn collect_answers(mut heard: mpsc::Receiver<Bytes>, timeout: Duration
             answers.push(answer);
         }
     };
-    // Late answers are lost; those that came in time are kept.
+    // Late answers are lost; answers that came in time are kept.
     let _ = tokio::time::timeout(timeout, all).await;
     answers
 }
@@ -244,7 +244,7 @@ mod tests {
     use crate::recording_inbound::{RecordingInbound, agent, daemon};
 
     #[test]
-    fn a_killed_daemon_is_deaf_and_its_agents_are_gone() {
+    fn a_killed_daemon_receives_nothing_and_its_agents_leave() {
         let network = Network::new();
         let (a, b) = (RecordingInbound::new(), RecordingInbound::new());
         let port_a = network.open(daemon("a"), Arc::<RecordingInbound>::clone(&a) as _);
@@ -274,7 +274,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn everyone_asked_may_answer() {
+    async fn every_queried_daemon_may_answer() {
         let network = Network::new();
         let port = network.open(daemon("a"), RecordingInbound::new());
         network.open(daemon("b"), RecordingInbound::new());

@@ -1,4 +1,4 @@
-//! The receiving side of a daemon, for tests: it records what the daemon receives.
+//! The receiving side of a daemon, for tests: records everything that the daemon receives.
 
 use std::sync::{Arc, Mutex};
 
@@ -7,7 +7,7 @@ use bytes::Bytes;
 
 use crate::{Delivery, Destination, Inbound, Presence, ReceivedQuery};
 
-/// Records everything that this daemon receives, and answers every query with the name of the queried
+/// Recorder of everything that a daemon receives. Answers every query with the name of the queried
 /// resource.
 #[derive(Default)]
 pub(crate) struct RecordingInbound(Mutex<Vec<String>>);

@@ -1,7 +1,7 @@
 //! Surroundings of the examples: one daemon on an in-memory network, with the device and a visitor.
 //!
-//! The visitor calls for proposals for a goal, accepts the first bid, and requests the first step of its
-//! plan, as the Plan Requester and the Plan Executor do in an ecosystem.
+//! The visitor calls for proposals for a goal, accepts the first bid, and requests the first step
+//! of its plan, as the Plan Requester and the Plan Executor do in an ecosystem.
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -27,12 +27,12 @@ const MAP: &str = include_str!("../../../../../domains/smart-office/map.pddl");
 /// Maximum time that the visitor waits for bids, and for the end of the action.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// What the visitor wants: a goal, and the call of the method that carries out the plan's first step.
+/// Wish of the visitor: a goal, and the call of the method that carries out the plan's first step.
 pub(crate) struct Wish {
     /// The goal, written as one PDDL fact.
     pub(crate) goal: &'static str,
-    /// The method that carries out the first step of the plan. In an ecosystem, the Plan Executor reads
-    /// the method from the device's announcement.
+    /// The method that carries out the first step of the plan. In an ecosystem, the Plan Executor
+    /// reads the method from the device's announcement.
     pub(crate) method: &'static str,
     /// The arguments of the method.
     pub(crate) arguments: BTreeMap<String, String>,
@@ -108,7 +108,7 @@ impl Visitor {
                 }
             }
             Ok(Inform::Heartbeat(heartbeat)) => {
-                // Facts that are known for a while only are in a table of their own.
+                // Facts that are known for a limited time are in a table of their own.
                 let passing: Vec<_> = heartbeat.known_for.keys().map(String::as_str).collect();
                 let (facts, passing) = (heartbeat.facts.trim(), passing.join(" "));
                 println!("{} reports {facts} {passing}\n", message.sender);

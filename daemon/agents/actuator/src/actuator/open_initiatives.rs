@@ -1,12 +1,12 @@
-//! Carrying out the initiatives of a device: announces its events at once, requests goals as users do,
-//! and asks people questions.
+//! Execution of a device's initiatives: events are announced at once, goals are requested as users
+//! request them, and people are asked questions.
 //!
-//! - A device reports events by [`Device::next_event`] and answers each with [`Initiative`]s. News of
-//!   an initiative are passed to [`Device::receive_news`].
+//! - A device reports events by [`Device::next_event`] and answers each with [`Initiative`]s. News
+//!   about an initiative is passed to [`Device::receive_news`].
 //! - A goal stays requested until it ends or is withdrawn. If the Plan Requester was absent or was
-//!   restarted, the goal is requested (again) when it joins.
-//! - The first answer to a question counts, and the question is then withdrawn at all keyboards. A
-//!   refusal by one keyboard does not end the question.
+//!   restarted, the goal is requested when the Plan Requester joins.
+//! - The first answer to a question counts, and the question is then withdrawn at all keyboards. If
+//!   one keyboard declines the question, the others may still answer.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -23,24 +23,25 @@ use super::Actuator;
 use crate::device::Device;
 use crate::initiative::{Initiative, InitiativeUpdate};
 
-/// Minimum time between two events of a device, so that a loose contact does not flood the ecosystem.
-/// The first event is announced at once.
+/// Minimum time between two events of a device, so that a loose contact does not flood the
+/// ecosystem. The first event is announced at once.
 const EVENT_INTERVAL_MIN: Duration = Duration::from_millis(100);
 
-/// How long a requested goal may go without any report. A maintained goal may hold for a year.
+/// How long a requested goal may go without any report. A kept goal may hold for a year.
 const GOAL_PATIENCE: Duration = Duration::from_secs(365 * 24 * 3_600);
 
 /// Delay before a goal is requested again after the Plan Requester's mailbox was full. A burst of
-/// messages is over after this time.
+/// messages is over by then.
 const FULL: Duration = Duration::from_secs(1);
 
-/// First delay before a failed goal that the device insists on is requested again. The delay doubles
-/// with each failure, from the time that another agent needs to start up to the time that a repair
-/// takes.
+/// First delay before a failed goal that the device insists on is requested again. The delay
+/// doubles with each failure, from the time that another agent needs to start up to the time that a
+/// repair takes.
 const INSISTING_FIRST: Duration = Duration::from_secs(1);
 const INSISTING_MAX: Duration = Duration::from_secs(300);
 
-/// Maximum number of open goals, and of open questions, of one device. A camera has one or two of them.
+/// Maximum number of open goals, and of open questions, of one device. A camera has one or two of
+/// them.
 const OPEN_MAX: usize = 32;
 
 /// The open goals and questions of a device.
@@ -57,8 +58,9 @@ pub(crate) struct OpenInitiatives {
 /// A goal that the device has requested and not withdrawn.
 struct WantedGoal {
     goal: Achieve,
-    /// Conversation of the goal. It stays the same for every Plan Requester that leads, so that
-    /// repeated requests mean one goal. After a failure the goal gets a new conversation.
+    /// Conversation of the goal. The conversation stays the same when another Plan Requester
+    /// becomes the leader, so that repeated requests count as one goal. After a failure the goal
+    /// gets a new conversation.
     conversation: ConversationId,
     insists: bool,
     /// Number of failures of the goal in a row.
@@ -77,7 +79,7 @@ impl<D: Device> Actuator<D> {
     // === watching ===
 
     /// Stores the task that reads the device's state for the first time. The device's events are
-    /// watched when this task has ended.
+    /// watched once this task has ended.
     pub(crate) fn looks(&mut self, work: WorkHandle) {
         self.initiatives.event_watch = Some(work);
     }
@@ -86,7 +88,8 @@ impl<D: Device> Actuator<D> {
         let Some(next) = self.device.next_event() else { return };
         let work = ctx.run(next, |actuator: &mut Self, stir, ctx| {
             let initiatives = stir(&mut actuator.device);
-            // Heartbeat first: an agent that receives the goal may query the state at once.
+            // The heartbeat comes first: an agent that receives the goal may query the state at
+            // once.
             actuator.send_heartbeat(ctx);
             actuator.carry_out(initiatives, ctx);
             ctx.after(EVENT_INTERVAL_MIN, |actuator: &mut Self, ctx| actuator.watch_events(ctx));
@@ -115,7 +118,7 @@ impl<D: Device> Actuator<D> {
         }
     }
 
-    /// Passes news of an initiative to the device.
+    /// Passes news about an initiative to the device.
     fn deliver_update(&mut self, name: &str, news: &InitiativeUpdate, ctx: &mut Context<Self>) {
         // A person's answer is not logged: it may be a secret.
         let word = match news {
@@ -133,7 +136,7 @@ impl<D: Device> Actuator<D> {
     fn refuse_initiative(&mut self, name: String, ctx: &mut Context<Self>) {
         let detail = format!("{OPEN_MAX} requests are open already");
         let news = InitiativeUpdate::Refused(Refusal::new(Reason::Busy, detail));
-        // Later, because the device is still being called.
+        // The news is delivered later, because the device is still in a callback.
         ctx.after(Duration::ZERO, move |actuator: &mut Self, ctx| {
             actuator.deliver_update(&name, &news, ctx)
         });
@@ -223,8 +226,8 @@ impl<D: Device> Actuator<D> {
         self.deliver_update(name, &news, ctx);
     }
 
-    /// Requests a goal again after `wait`, if the device still wants it. Called when the request was
-    /// not read, or when the goal failed.
+    /// Requests a goal again after `wait`, if the device has not withdrawn it. Called when the
+    /// request was refused by a full mailbox, or when the goal failed.
     fn request_later(
         &mut self,
         name: String,
@@ -260,7 +263,8 @@ impl<D: Device> Actuator<D> {
         !self.initiatives.goals.is_empty()
     }
 
-    /// Requests all goals from a Plan Requester that has joined: that agent does not know these goals.
+    /// Requests all goals from a Plan Requester that has joined, because that agent has no record
+    /// of them.
     pub(crate) fn plan_requester_joined(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
         let Presence::Joined(resident) = presence else { return };
         if resident.agent != ctx.settings().roles.plan_requester {
@@ -372,7 +376,7 @@ impl<D: Device> Actuator<D> {
     }
 }
 
-/// Reads a message of the Plan Requester about a goal as news of an initiative.
+/// Reads a message of the Plan Requester about a goal as news about an initiative.
 fn read(message: &Message) -> Result<InitiativeUpdate, String> {
     match message.performative {
         Performative::Confirm => message.content_as().map(InitiativeUpdate::Report),

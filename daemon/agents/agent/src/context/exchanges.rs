@@ -13,15 +13,17 @@ use substrate::{Rejected, ViolationKind};
 use super::{Context, TimerId};
 use crate::exchange::{DeliveryError, ExchangeEvent, ExchangeOpening, ExchangeSummary};
 
-/// Most turns of one exchange that are kept because the turn before them has not arrived yet. A
-/// protocol has few turns, and each comes once.
+/// Maximum number of turns per exchange that are kept because they arrived before the turn that
+/// they follow. A protocol has few turns, and each comes once.
 const EARLY_TURNS_MAX: usize = 32;
 
-/// Wait before a request that a standby has declined is sent again, to the leader. The daemons agree on
-/// which replica is the leader within a few milliseconds, or as soon as they are connected.
+/// Delay before a request that a standby has declined is sent again to the leader. The daemons
+/// agree on which replica is the leader within a few milliseconds, or as soon as they are
+/// connected.
 const ASK_WHO_ACTS: Duration = Duration::from_millis(25);
 
-/// Most times that a request declined by standbys is sent again before the initiator gets the refusal.
+/// Maximum number of times that a request declined by standbys is sent again. After that the
+/// initiator gets the refusal.
 const ASKED_WHO_ACTS_MAX: u32 = 40;
 
 type ExchangeCallback<A> = Box<dyn FnMut(&mut A, ExchangeEvent, &mut Context<A>) + Send>;
@@ -36,12 +38,12 @@ pub(super) struct OpenExchange<A> {
     opening: Box<Message>,
     /// Number of times that a standby has declined the opening.
     declined: u32,
-    /// State of the exchange after the opening. The state of each participant that answers begins as a
-    /// copy of this one.
+    /// State of the exchange after the opening. The state of each participant that answers begins
+    /// as a copy of this one.
     begun: Exchange,
     participants: BTreeMap<AgentId, Exchange>,
-    /// Turns that arrived too early: the turn that each of them follows was lost and is being sent
-    /// again.
+    /// Turns that arrived too early: the turn that each of them follows was lost, and its sender
+    /// retries it.
     early: Vec<Message>,
     timer: TimerId,
     on_answer: Option<ExchangeCallback<A>>,
@@ -99,9 +101,10 @@ impl<A: 'static> Context<A> {
         token
     }
 
-    /// Sends the `cfp` that opened an exchange again, to `agent`, which has not answered. A `cfp` has
-    /// no receipt, and an agent that has just joined may have missed it. An agent that has received the
-    /// `cfp` drops the copy as a duplicate. Does nothing if the opening is retried anyway.
+    /// Sends the `cfp` of an open exchange again, to `agent`, which has not answered. A `cfp` has
+    /// no receipt, and an agent that has just joined may have missed it. An agent that has received
+    /// the `cfp` before drops the copy as a duplicate. Does nothing if the opening is not a `cfp`
+    /// but a message that is retried anyway.
     pub fn resend_cfp(&mut self, token: &ReplyToken, agent: &AgentId) {
         let opening = self.exchanges.get(token).map(|open| &*open.opening);
         let is_call = |opening: &&Message| !opening.performative.is_retried();
@@ -127,9 +130,9 @@ impl<A: 'static> Context<A> {
         }
     }
 
-    /// Sends the initiator's next turn of an exchange to several participants in one broadcast, which
-    /// costs a daemon as much as a message to one agent. The broadcast has no receipt and is not
-    /// retried: use this method only if no harm comes from a participant that misses the turn.
+    /// Sends the initiator's next turn of an exchange to several participants in one broadcast. The
+    /// broadcast has no receipt and is not retried: use this method only if it does no harm that a
+    /// participant misses the turn.
     pub fn multicast_turn(
         &mut self,
         token: &ReplyToken,
@@ -142,8 +145,8 @@ impl<A: 'static> Context<A> {
         }
     }
 
-    /// Builds the initiator's next turn of an exchange, addressed to those participants for which the
-    /// protocol allows the turn now. Returns `None` if there are no such participants.
+    /// Builds the initiator's next turn of an exchange, addressed to those participants for which
+    /// the protocol allows the turn now. Returns `None` if there are no such participants.
     fn turn(
         &mut self,
         token: &ReplyToken,
@@ -169,7 +172,8 @@ impl<A: 'static> Context<A> {
         (!message.receiver.is_empty()).then_some(message)
     }
 
-    /// Closes an exchange, and sends `cancel` to its participants so that they need not answer any more.
+    /// Closes an exchange, and sends `cancel` to its participants so that they stop working on an
+    /// answer.
     pub fn cancel(&mut self, token: &ReplyToken, why: &impl serde::Serialize) {
         let Some(open) = self.exchanges.get(token) else { return };
         match open.to.clone() {
@@ -180,7 +184,7 @@ impl<A: 'static> Context<A> {
                 let mut message = self.communication.message(cancel, conversation, value(why));
                 message.protocol = Some(protocol);
                 message.in_reply_to = Some(token.clone());
-                // A participant that misses it goes on until its deadline.
+                // A participant that misses the `cancel` continues until its deadline.
                 let _ = self.communication.post(&message, Duration::ZERO);
             }
         }
@@ -201,7 +205,8 @@ impl<A: 'static> Context<A> {
         }
     }
 
-    /// Closes an exchange without a message. Messages that this agent has sent in it are still delivered.
+    /// Closes an exchange without sending a message. Earlier messages of this agent in the exchange
+    /// are still delivered.
     pub fn close(&mut self, token: &ReplyToken) {
         let Some(open) = self.exchanges.remove(token) else { return };
         self.timers.remove(&open.timer);
@@ -211,9 +216,9 @@ impl<A: 'static> Context<A> {
         }
     }
 
-    /// Sends the opening of an exchange again, to the present leader among the replicas of the agent
-    /// that the exchange was opened with. Call this method if the replica that answered is gone,
-    /// because it may not have notified the other replicas of the exchange.
+    /// Sends the opening of an exchange again, to the replica that is the leader now. Call this
+    /// method if the replica that answered is gone, because it may not have passed the exchange on
+    /// to the other replicas.
     pub fn reopen_with_leader(&mut self, token: &ReplyToken) {
         if let Some(open) = self.exchanges.get_mut(token) {
             (open.participants, open.declined) = (BTreeMap::new(), 0);
@@ -228,7 +233,8 @@ impl<A: 'static> Context<A> {
         let unanswered = |open: &&OpenExchange<A>| open.participants.is_empty();
         let Some(open) = self.exchanges.get(token).filter(unanswered) else { return };
         let opening = (*open.opening).clone();
-        // Under a new id, because a replica that was a standby has the old one in its duplicate window.
+        // The message gets a new id, because a replica that was a standby has the old one in its
+        // duplicate window.
         let id = MessageId::new(self.communication.token().as_str());
         let again = Message { id, ..opening };
         let patience = self.settings().answer_deadline;
@@ -299,8 +305,8 @@ impl<A: 'static> Context<A> {
         self.communication.not_understood(message, Reason::OutOfTurn, detail);
     }
 
-    /// Removes and returns a kept turn that arrived too early and can follow now; `None` if there is
-    /// none.
+    /// Removes and returns a turn that arrived too early and is allowed now; `None` if there is no
+    /// such turn.
     fn take_early(&mut self, token: &ReplyToken) -> Option<Box<Message>> {
         let open = self.exchanges.get_mut(token)?;
         let follows = |early: &Message| {
@@ -326,7 +332,8 @@ impl<A: 'static> Context<A> {
         }
     }
 
-    /// Closes each exchange of which a message could not be delivered, after calling its callback.
+    /// Calls the callback of each exchange in `lost` with its delivery error, and closes the
+    /// exchange.
     pub(crate) fn undelivered(&mut self, agent: &mut A, lost: Vec<(ReplyToken, DeliveryError)>) {
         for (token, why) in lost {
             self.end(agent, &token, ExchangeEvent::Undelivered(why));
@@ -334,7 +341,7 @@ impl<A: 'static> Context<A> {
     }
 }
 
-/// Whether `message` is a refusal by a standby.
+/// Whether `message` is the refusal of a standby.
 fn stands_by(message: &Message) -> bool {
     let is_refusal = message.performative == Performative::Refuse;
     let reason = || message.content_as::<Refusal>().map(|refusal| refusal.reason);

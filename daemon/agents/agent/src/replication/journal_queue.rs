@@ -2,8 +2,8 @@
 //! version of the records that wait for it. A request is repeated until the Journal has kept the
 //! records.
 //!
-//! However many changes there are and however slow a disk is, at most one message per Journal is under
-//! way, and the number of waiting records is bounded by the number of keys.
+//! However many changes there are and however slow a disk is, at most one message per Journal is
+//! under way, and the number of waiting records is bounded by the number of keys.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
@@ -23,12 +23,13 @@ const COPIES: usize = 2;
 /// Wait before a request is sent again to a Journal that did not answer or is busy.
 const AGAIN: Duration = Duration::from_millis(200);
 
-/// Wait before a request is sent again to a Journal that cannot write to its disk: a full disk has to
-/// be emptied by a person.
+/// Wait before a request is sent again to a Journal that cannot write to its disk: a full disk has
+/// to be emptied by a person.
 const DISK_AGAIN: Duration = Duration::from_secs(5);
 
-/// Most records in one request; `BYTES_AT_ONCE` is the most bytes. Both are far below the longest
-/// message, and a few such requests carry the changes of hundreds of goals.
+/// Maximum number of records in one request; `BYTES_AT_ONCE` is the maximum number of bytes. Such a
+/// request is far shorter than the longest message, and a few requests carry the changes of
+/// hundreds of goals.
 const RECORDS_AT_ONCE: usize = 64;
 const BYTES_AT_ONCE: usize = 128 << 10;
 
@@ -58,20 +59,21 @@ pub(super) struct JournalQueues<A: Agent> {
 struct JournalQueue {
     /// The newest version of each record that waits to be sent, by key.
     waiting: BTreeMap<String, Record>,
-    /// Numbers of the calls of `replicate` that wait for this Journal; their records are in `waiting`
-    /// or under way.
+    /// Numbers of the calls of `replicate` that wait for this Journal; their records are in
+    /// `waiting` or under way.
     tallies: BTreeSet<u64>,
     /// Records in the request that is under way.
     under_way: Option<Vec<Record>>,
     /// Timer of the next attempt.
     again: Option<TimerId>,
-    /// Whether each record is sent in a request of its own, because the Journal refused a request with
-    /// several.
+    /// Whether each record is sent in a request of its own, because the Journal refused a request
+    /// with several records.
     one_by_one: bool,
-    /// Reason why the Journal keeps no records at present; the reason has been logged.
+    /// Reason why the Journal stores no records at present, as it was logged; `None` if the Journal
+    /// works.
     trouble: Option<String>,
-    /// Whether the disk of the Journal is the reason why it keeps no records. No call waits for this
-    /// Journal then.
+    /// Whether the disk of the Journal is the reason why it stores no records. No call of
+    /// `replicate` then waits for this Journal.
     is_disk_in_trouble: bool,
 }
 
@@ -79,12 +81,13 @@ struct JournalQueue {
 #[derive(Debug, PartialEq, Eq)]
 enum WriteOutcome {
     Kept,
-    /// The Journal does not accept these records, and never will.
+    /// The Journal does not accept these records now or later.
     Refused(String),
-    /// The Journal may accept these records later: the reason for the delay, and the wait before the
-    /// next attempt.
+    /// The Journal may accept these records later: the reason for the delay, and the wait before
+    /// the next attempt.
     Later(String, Duration),
-    /// The Journal has left, for the given reason. When it returns, all records are sent anew.
+    /// The Journal has left, for the given reason. When the Journal returns, all records are sent
+    /// anew.
     Gone(String),
 }
 
@@ -114,8 +117,8 @@ impl JournalQueue {
         }
     }
 
-    /// Takes the records for the next request. Returns `None` if a request is under way or scheduled,
-    /// or if no record waits.
+    /// Takes the records for the next request. Returns `None` if a request is under way or
+    /// scheduled, or if no record waits.
     fn next(&mut self) -> Option<Vec<Record>> {
         if self.under_way.is_some() || self.again.is_some() || self.waiting.is_empty() {
             return None;
@@ -138,8 +141,8 @@ impl JournalQueue {
 
 // === keeping ===
 
-/// Sends records to the Journals that are present. Calls `then`, if given, as soon as enough machines
-/// have the records, all Journals have answered, or `answer_deadline` has passed.
+/// Sends records to the Journals that are present. Calls `then`, if given, as soon as enough
+/// machines have the records, all Journals have answered, or `answer_deadline` has passed.
 pub(super) fn deliver<A: ReplicatesRecords>(
     agent: &mut A,
     records: &[Record],
@@ -281,8 +284,8 @@ fn answered<A: ReplicatesRecords>(
     send(agent, from, ctx);
 }
 
-/// Handles that a Journal refuses one record: notifies the calls of `replicate` that wait for that
-/// record.
+/// Handles that a Journal refuses one record: records the failure for the calls of `replicate` that
+/// contain the record.
 fn refused<A: ReplicatesRecords>(
     agent: &mut A,
     by: &AgentId,
@@ -298,7 +301,7 @@ fn refused<A: ReplicatesRecords>(
     }
 }
 
-/// Notes the outcome of a Journal for all calls of `replicate` that wait for that Journal.
+/// Records the outcome of a Journal for all calls of `replicate` that wait for that Journal.
 fn settle<A: ReplicatesRecords>(
     agent: &mut A,
     journal: &AgentId,
@@ -311,7 +314,7 @@ fn settle<A: ReplicatesRecords>(
     }
 }
 
-/// Notes success for those calls of `replicate` that have all their records on a Journal, even if
+/// Records success for those calls of `replicate` that have all their records on a Journal, even if
 /// records of other calls still wait.
 fn settle_kept<A: ReplicatesRecords>(agent: &mut A, journal: &AgentId, ctx: &mut Context<A>) {
     let deliveries = &mut agent.journal_client().deliveries;
@@ -333,8 +336,8 @@ fn settle_kept<A: ReplicatesRecords>(agent: &mut A, journal: &AgentId, ctx: &mut
     }
 }
 
-/// Notes the outcome of a Journal for one call of `replicate`. Runs the callback of the call if enough
-/// machines have its records, or if all Journals have answered.
+/// Records the outcome of a Journal for one call of `replicate`. Runs the callback of the call if
+/// enough machines have its records, or if all Journals have answered.
 fn note<A: ReplicatesRecords>(
     agent: &mut A,
     number: u64,
@@ -400,7 +403,7 @@ mod tests {
     }
 
     #[test]
-    fn one_request_at_a_time_carries_the_newest_of_all_that_waits() {
+    fn one_request_at_a_time_carries_the_newest_records() {
         let mut delivery = JournalQueue::default();
         delivery.add(&[record("goal/a", 1, json!("asked for"))]);
         assert_eq!(delivery.next().expect("one").len(), 1);
@@ -418,7 +421,7 @@ mod tests {
     }
 
     #[test]
-    fn a_request_has_a_bound_and_all_is_sent() {
+    fn a_request_is_bounded_and_all_records_are_sent() {
         let mut delivery = JournalQueue::default();
         let long = json!("x".repeat(BYTES_AT_ONCE));
         let of = |number| record(&format!("{number:03}"), 1, json!(number));

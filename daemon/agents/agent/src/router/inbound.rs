@@ -49,8 +49,8 @@ impl Inbound for MessageRouter {
             }
             let namesake = state.hosted.mailbox(&resident.agent);
             if let Some(namesake) = namesake.filter(|_| resident.daemon != self.daemon) {
-                // If the mailbox is full, the agent has items to handle, and checks for a name
-                // conflict after each.
+                // If the mailbox is full, the notice is not needed: the agent checks for a name
+                // conflict after each item that it handles.
                 let _ = namesake.put(MailboxItem::NameConflict);
             }
         }
@@ -94,8 +94,8 @@ impl MessageRouter {
         }
     }
 
-    /// Sends a refusal of a message that its origin may not send. Does nothing if the message does not
-    /// open an exchange.
+    /// Sends a refusal for a message that its origin may not send. Does nothing if the message does
+    /// not open an exchange.
     fn refuse_forbidden(&self, agent: &AgentId, forbidden: ForbiddenMessage) {
         let ForbiddenMessage { message, origin, detail } = forbidden;
         if message.opens_exchange() {
@@ -122,8 +122,8 @@ impl MessageRouter {
         }
     }
 
-    /// Refuses a message to an agent with a full mailbox, so that the sender learns of it at once and
-    /// does not wait.
+    /// Refuses a message to an agent with a full mailbox, so that the sender need not wait for an
+    /// answer.
     fn refuse_overflow(&self, agent: &AgentId, mailbox: &MailboxSender, payload: &[u8]) {
         let from = acl::sender_of(payload);
         let from = from.as_ref().map_or("unknown", AgentId::as_str);
@@ -136,7 +136,7 @@ impl MessageRouter {
             return;
         }
         if !mailbox.door().refuse(&message.id) {
-            // A copy of a message that the agent has received before and answers.
+            // This is a copy of a message that the agent has received already and will answer.
             return;
         }
         let detail = format!("the mailbox of `{agent}` is full; ask again later");
@@ -145,7 +145,7 @@ impl MessageRouter {
         self.send(&to, Subject::Message(Performative::Refuse), acl::encode(&refusal));
     }
 
-    /// Builds a refusal in the name of `agent`, for a message that is not passed on to it.
+    /// Builds a refusal in the name of `agent`, for a message that is not passed on to that agent.
     fn refusal(
         &self,
         agent: &AgentId,
@@ -197,7 +197,8 @@ impl MessageRouter {
         }
         if let Some(inform) = &inform {
             let mut state = self.write();
-            // Only broadcasts of present agents are cached, so that strangers cannot fill the cache.
+            // Only broadcasts of present agents are cached, so that other senders cannot fill the
+            // cache.
             if state.membership.directory().find(sender).is_some() {
                 state.cache.keep(payload, &message, inform);
             }
@@ -209,8 +210,8 @@ impl MessageRouter {
         self.read().hosted.broadcast(&message);
     }
 
-    /// Whether a broadcast has at most `bytes_max` bytes. If not, that is counted and logged. The bound
-    /// is needed because the last broadcasts of every sender are cached.
+    /// Whether a broadcast has at most `bytes_max` bytes. A longer broadcast is counted and logged.
+    /// The bound is needed because the last broadcasts of every sender are cached.
     fn is_short_enough(
         &self,
         payload: &Bytes,
@@ -231,9 +232,9 @@ impl MessageRouter {
         false
     }
 
-    /// Handles a heartbeat that repeats the previous one without decoding it. Returns `false` if the
-    /// heartbeat must be decoded, because it differs from the previous one or an agent of this daemon
-    /// listens to `inform` broadcasts.
+    /// Handles a heartbeat without decoding it, if it repeats the previous one of its sender.
+    /// Returns `false` if the heartbeat must be decoded, because it differs from the previous one
+    /// or an agent of this daemon listens to `inform` broadcasts.
     fn receive_repetition(
         &self,
         payload: &Bytes,
@@ -262,7 +263,7 @@ impl MessageRouter {
 
     // === answering ===
 
-    /// Returns the answers of the daemon itself to a query.
+    /// Returns the daemon's own answers to a query.
     fn answers(&self, resource: Resource, agent: Option<&AgentId>) -> Vec<Bytes> {
         let encode = |answer: Result<Vec<u8>, serde_json::Error>| answer.ok().map(Bytes::from);
         let answer = match resource {
@@ -295,8 +296,8 @@ impl MessageRouter {
         answer.into_iter().collect()
     }
 
-    /// Passes a query to each agent of this daemon, or only to the agent that is asked. Agents that do
-    /// not serve the resource ignore it.
+    /// Passes a query to each agent of this daemon, or only to the agent that is asked. Agents that
+    /// do not serve the resource ignore it.
     fn pass_query(&self, query: &ReceivedQuery) {
         let mailboxes = self.read().hosted.mailboxes(query.agent.as_ref());
         for mailbox in mailboxes {

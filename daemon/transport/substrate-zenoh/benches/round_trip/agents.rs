@@ -1,5 +1,5 @@
-//! The benchmark of the whole stack: two daemons, with an agent that requests changes of the state and
-//! one that confirms them.
+//! The benchmark of the whole stack: two daemons, with an agent that requests changes of the state
+//! and one that confirms them.
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -30,8 +30,8 @@ pub(crate) struct Daemons {
     _stopping: CancellationToken,
 }
 
-/// Starts two daemons with one agent each, and measures the length of the agents' messages. The links are
-/// plain, unless `house` contains certificates for them.
+/// Starts two daemons with one agent each, and measures the length of the agents' messages. The
+/// links are plain, unless `house` contains certificates for them.
 pub(crate) async fn start(house: Option<&House>) -> Result<(Asker, Sizes, Daemons), Error> {
     let stopping = CancellationToken::new();
     let (here, a) = open("a", &[], house).await?;

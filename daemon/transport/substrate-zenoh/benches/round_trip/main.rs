@@ -1,5 +1,6 @@
-//! Measures the cost of a conversation between two agents, compared with plain Zenoh: a request and a
-//! reply between two daemons, compared with an echo over plain Zenoh that is also passed to a Tokio task.
+//! Measures the cost of a conversation between two agents, compared with plain Zenoh: a request and
+//! a reply between two daemons, compared with an echo over plain Zenoh that is also passed to a
+//! Tokio task.
 //!
 //! ```text
 //! cargo bench -p substrate-zenoh --bench round_trip [-- TURNS]
@@ -7,13 +8,13 @@
 //!
 //! - `plain` is the baseline: declared publishers, callbacks, channels and tasks, and nothing else.
 //! - `substrate` adds this crate: keys are parsed, and publishers are looked up.
-//! - `agents` is the whole stack: an agent asks, another answers, with everything that the Communication
-//!   Agent does for them (JSON, protocols, deadlines, duplicates, receipts).
-//! - `secured` is the same as `agents`, over mutual TLS, with every message signed, checked for replay,
-//!   and checked against the rights of its sender.
+//! - `agents` is the whole stack: an agent asks, another answers, with everything that the
+//!   Communication Agent does for them (JSON, protocols, deadlines, duplicates, receipts).
+//! - `secured` is the same as `agents`, over mutual TLS, with every message signed, checked for
+//!   replay, and checked against the rights of its sender.
 //!
-//! All four use real router sessions over TCP on this machine, at ports that the kernel chooses. They run
-//! alternately within one run, so that a busy moment of the machine affects all of them.
+//! All four use real router sessions over TCP on this machine, at ports that the kernel chooses.
+//! They run alternately within one run, so that a busy moment of the machine affects all of them.
 
 mod agents;
 mod plain;
@@ -28,12 +29,13 @@ use tokio::sync::mpsc::{self, Receiver, Sender, UnboundedReceiver};
 
 type Error = Box<dyn std::error::Error + Send + Sync>;
 
-/// Default number of turns of each candidate: a run then takes seconds on any machine, and the p99 is
-/// stable.
+/// Default number of turns of each candidate: a run then takes seconds on any machine, and the p99
+/// is stable.
 const TURNS: usize = 100;
 
-/// Number of round trips that a candidate makes before the next one runs. It is large enough that the
-/// change of candidates does not count, and small enough that drift affects all candidates alike.
+/// Number of round trips that a candidate makes before the next one runs. The number is so large
+/// that the change of candidates does not count, and so small that drift affects all candidates
+/// alike.
 const ROUND_TRIPS_PER_TURN: usize = 200;
 
 /// Maximum ratio of the p50 of `agents` to the p50 of `plain`.
@@ -49,7 +51,8 @@ struct Sizes {
     reply: usize,
 }
 
-/// Handle of a task that makes as many round trips as it is told to, and returns the duration of each.
+/// Handle of a task that makes the requested number of round trips, and returns the duration of
+/// each.
 struct Asker {
     turns: Sender<usize>,
     taken: Receiver<Vec<Duration>>,
@@ -75,13 +78,14 @@ async fn main() -> Result<(), Error> {
         warm = true;
     }
     report(turns, sizes, taken.map(Figures::of));
-    // The process ends with its sessions open: of two that close at once in one process, Zenoh
+    // The process ends with its sessions open: if two sessions close at once in one process, Zenoh
     // 1.10 sometimes panics on a receiving thread (`Option::unwrap` in `resource.rs`).
     std::mem::forget((daemons, secured_daemons, substrates, sessions));
     Ok(())
 }
 
-/// Returns the number of turns from the command line; 1 if Cargo only tests whether the benchmark runs.
+/// Returns the number of turns from the command line; 1 if Cargo only tests whether the benchmark
+/// runs.
 fn turns() -> Result<usize, Error> {
     let arguments: Vec<_> = std::env::args().skip(1).collect();
     let default = if arguments.iter().any(|argument| argument == "--bench") { TURNS } else { 1 };
@@ -160,7 +164,7 @@ impl Asker {
     }
 }
 
-/// Starts the task that answers every message, at the other end.
+/// Starts the task that answers every message.
 fn echo(
     send: impl Fn(Bytes) -> Result<(), Error> + Send + 'static,
     mut heard: UnboundedReceiver<Bytes>,

@@ -12,7 +12,8 @@ use tempfile::TempDir;
 
 use crate::Error;
 
-/// Rate limit per second that two agents cannot reach, even if they do nothing but exchange messages.
+/// Rate limit per second that two agents cannot reach, even if they do nothing but exchange
+/// messages.
 const MESSAGES_PER_SECOND: u32 = 1_000_000;
 
 /// A certificate authority with its files in a temporary folder.

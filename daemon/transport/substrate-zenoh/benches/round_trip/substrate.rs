@@ -10,7 +10,7 @@ use tokio::sync::mpsc::{self, UnboundedReceiver, UnboundedSender};
 
 use crate::{Asker, Error, Sizes};
 
-/// Receiver that passes every message to a channel, and notifies when an agent joins.
+/// Receiver that passes every message to a channel, and sends a notification when an agent joins.
 struct Ear {
     messages: UnboundedSender<Bytes>,
     joined: UnboundedSender<()>,

@@ -19,7 +19,7 @@ async fn pair() -> (Daemon, Daemon) {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn one_is_asked_or_all_are() {
+async fn a_query_goes_to_one_daemon_or_to_all() {
     let (a, _b) = pair().await;
     let check = async |daemon, resource, agent, expected: &[&str]| {
         assert_eq!(a.ask(daemon, resource, agent).await, expected, "{daemon:?} {resource:?}");
@@ -31,7 +31,7 @@ async fn one_is_asked_or_all_are() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn models_are_asked_for_by_agent_or_all_at_once() {
+async fn models_are_queried_by_agent_or_all_at_once() {
     let (a, b) = pair().await;
     std::mem::forget(b.announce("z"));
     let check = async |daemon, agent, expected: &[&str]| {
@@ -46,7 +46,7 @@ async fn models_are_asked_for_by_agent_or_all_at_once() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn nobody_there_is_a_prompt_answer() {
+async fn a_query_to_an_absent_daemon_ends_at_once() {
     let (a, _b) = pair().await;
     let start = Instant::now();
     assert_eq!(a.ask(Some("nowhere"), Resource::State, None).await, [""; 0]);

@@ -12,7 +12,7 @@ use substrate::{
 use substrate_zenoh::{Config, SessionMode, ZenohSubstrate};
 use tokio::sync::mpsc;
 
-/// Millis far beyond the duration of any step; a test that reaches it has failed.
+/// A time far beyond the duration of any step; a test that reaches it has failed.
 pub(crate) const DEADLINE: Duration = Duration::from_secs(10);
 
 /// Texts longer than `LONG` bytes are recorded with their first `SHORT` bytes only.
@@ -27,8 +27,8 @@ pub(crate) struct Daemon {
     heard: mpsc::UnboundedReceiver<String>,
 }
 
-/// Receiver that records messages as text, and answers every question with its name, the resource and the
-/// agent.
+/// Receiver that records messages as text, and answers every question with its name, the resource
+/// and the agent.
 struct Ear {
     name: &'static str,
     heard: mpsc::UnboundedSender<String>,
@@ -132,7 +132,7 @@ impl Daemon {
         .await
     }
 
-    /// Waits until this line is recorded; returns all lines up to it.
+    /// Waits until this line is recorded. Returns all lines up to it.
     #[track_caller]
     pub(crate) fn hear(&mut self, line: &str) -> impl Future<Output = Vec<String>> {
         let at = std::panic::Location::caller();
@@ -149,7 +149,7 @@ impl Daemon {
         }
     }
 
-    /// Waits until all of these lines are recorded, in whatever order they come.
+    /// Waits until all of these lines are recorded, in any order.
     pub(crate) async fn hear_all(&mut self, lines: &[&str]) {
         let mut missing: Vec<_> = lines.to_vec();
         while !missing.is_empty() {
@@ -158,7 +158,7 @@ impl Daemon {
         }
     }
 
-    /// Waits until a line is recorded, whatever it is.
+    /// Waits until any line is recorded, and returns it.
     pub(crate) async fn hear_any(&mut self) -> Vec<String> {
         let line = tokio::time::timeout(DEADLINE, self.heard.recv()).await.expect("in time");
         vec![line.expect("the ear lives with its session")]

@@ -14,7 +14,8 @@ async fn pair() -> (Daemon, Daemon) {
     (a, b)
 }
 
-/// Makes each daemon see an agent of the other. The tokens are leaked, so that the agents stay present.
+/// Makes each daemon see an agent of the other. The tokens are leaked, so that the agents stay
+/// present.
 async fn meet(a: &mut Daemon, b: &mut Daemon) {
     for (from, to) in [(&*a, "x"), (&*b, "y")] {
         std::mem::forget(from.announce(to));
@@ -30,13 +31,13 @@ async fn a_message_to_one_reaches_its_daemon_alone() {
     assert_eq!(b.hear("to y request: go").await, ["to y request: go"]);
     b.send("a", "x", Subject::Receipt, "m1");
     assert_eq!(a.hear("to x receipt: m1").await, ["to x receipt: m1"]);
-    // To itself, too: agents of one daemon converse in the same way.
+    // A daemon may send to itself: agents of one daemon converse in the same way.
     a.request("a", "x", "stay");
     assert_eq!(a.hear("to x request: stay").await, ["to x request: stay"]);
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn broadcasts_and_beats_reach_everyone_and_oneself() {
+async fn broadcasts_and_heartbeats_reach_all_daemons_and_the_sender() {
     let (mut a, mut b) = pair().await;
     let text = |text: &'static str| Bytes::from_static(text.as_bytes());
     a.substrate.broadcast(&agent("x"), Performative::Cfp, text("who can?")).expect("open");
@@ -78,7 +79,7 @@ async fn routers_relay() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_client_is_a_daemon_like_others() {
+async fn a_client_works_like_other_daemons() {
     let mut a = Daemon::listening("a").await;
     let mut b = Daemon::client("b", &a).await;
     b.request("a", "x", "at once");
@@ -95,14 +96,14 @@ async fn a_client_is_a_daemon_like_others() {
 #[tokio::test(flavor = "multi_thread")]
 async fn a_long_message_arrives_whole() {
     let (a, mut b) = pair().await;
-    // Longer than one batch of 64 KiB: Zenoh cuts it up.
+    // The message is longer than one batch of 64 KiB, so Zenoh fragments it.
     let long = "model ".repeat(100_000);
     a.request("b", "y", &long);
     b.hear(&format!("to y request: {long}")).await;
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_closed_substrate_says_so() {
+async fn a_closed_substrate_returns_an_error() {
     let (a, mut b) = pair().await;
     a.request("b", "y", "last");
     a.substrate.close().await;

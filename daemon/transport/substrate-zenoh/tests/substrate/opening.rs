@@ -12,7 +12,7 @@ async fn refusal(change: impl FnOnce(&mut Config)) -> String {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn locators_are_what_can_be_connected_to() {
+async fn locators_can_be_connected_to() {
     let folder = tempfile::tempdir().expect("a folder");
     let socket = format!("unixsock-stream/{}", folder.path().join("a.sock").display());
     let a = Daemon::open("a", |config| {
@@ -36,7 +36,7 @@ async fn locators_are_what_can_be_connected_to() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn refusals_name_the_endpoint_and_what_would_be_right() {
+async fn errors_name_the_endpoint_and_the_remedy() {
     let plain = refusal(|config| config.listen = vec!["tcp/[::]:7447".to_owned()]).await;
     assert!(plain.contains("`tcp/[::]:7447`") && plain.contains("`tls/[::]:7447`"), "{plain}");
 
@@ -58,7 +58,7 @@ async fn refusals_name_the_endpoint_and_what_would_be_right() {
 
 /// One ecosystem file for all machines names every daemon, including the one that reads it.
 #[tokio::test(flavor = "multi_thread")]
-async fn a_daemon_that_is_told_to_call_itself_does_not() {
+async fn a_daemon_does_not_connect_to_itself() {
     let free = std::net::TcpListener::bind("127.0.0.1:0").expect("a port");
     let port = free.local_addr().expect("an address").port();
     drop(free);

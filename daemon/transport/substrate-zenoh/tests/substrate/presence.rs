@@ -6,7 +6,7 @@ use substrate::{Resource, Substrate as _};
 use crate::daemon::{Daemon, agent};
 
 #[tokio::test(flavor = "multi_thread")]
-async fn presence_is_seen_by_all_and_by_oneself() {
+async fn presence_reaches_all_daemons_and_the_own_one() {
     let mut a = Daemon::listening("a").await;
     let mut b = Daemon::linked("b", &a).await;
     let token = a.announce("robot");
@@ -20,7 +20,7 @@ async fn presence_is_seen_by_all_and_by_oneself() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_latecomer_sees_who_is_already_here() {
+async fn a_late_daemon_sees_the_present_agents() {
     let a = Daemon::listening("a").await;
     let b = Daemon::linked("b", &a).await;
     let _tokens = [a.announce("robot"), b.announce("sensor")];
@@ -31,12 +31,13 @@ async fn a_latecomer_sees_who_is_already_here() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn who_is_present_can_be_reached() {
+async fn a_present_agent_can_be_reached() {
     let mut a = Daemon::listening("a").await;
     let _token = a.announce("robot");
     a.hear("joined robot@a").await;
-    // A token can come before its route only while both routers have just started. All of them stay open,
-    // because one that opens right after another has left may miss the declarations there are.
+    // A token can come before its route only while both routers have just started. All of them stay
+    // open, because one that opens right after another has left may miss the declarations there
+    // are.
     let mut all = Vec::new();
     for name in ["b", "c", "d", "e", "f"] {
         let mut young = Daemon::linked(name, &a).await;
@@ -65,7 +66,7 @@ async fn hundreds_of_tokens_do_not_hang() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_lost_daemon_takes_its_agents_along() {
+async fn the_agents_of_a_lost_daemon_leave() {
     let mut a = Daemon::listening("a").await;
     let b = Daemon::linked("b", &a).await;
     let tokens = [b.announce("robot"), b.announce("sensor")];
@@ -81,7 +82,7 @@ async fn a_lost_daemon_takes_its_agents_along() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_blink_is_passed_on_as_it_comes() {
+async fn a_brief_absence_is_passed_on_in_order() {
     let mut a = Daemon::listening("a").await;
     let b = Daemon::linked("b", &a).await;
     let token = b.announce("robot");

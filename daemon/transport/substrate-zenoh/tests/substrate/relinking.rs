@@ -1,5 +1,5 @@
-//! Tests of links that close and open again before the routes are computed anew: Zenoh then does not send
-//! its declarations again.
+//! Tests of links that close and open again before the routes are computed anew: Zenoh then does
+//! not send its declarations again.
 
 use std::sync::Arc;
 
@@ -15,7 +15,8 @@ use crate::daemon::{Daemon, HERE};
 /// How often the link is cut.
 const CUTS: usize = 3;
 
-/// A relay between a daemon and the sessions that connect to `endpoint`; its connections can be cut.
+/// A relay between a daemon and the sessions that connect to `endpoint`; its connections can be
+/// cut.
 struct Cable {
     endpoint: String,
     cut: Arc<Notify>,
@@ -61,7 +62,7 @@ impl Cable {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn two_whose_link_blinked_see_each_other_again() {
+async fn two_daemons_see_each_other_again_after_a_brief_cut() {
     let mut a = Daemon::listening("a").await;
     let cable = Cable::to(&a).await;
     let mut b = cable.router("b").await;
@@ -83,7 +84,7 @@ async fn two_whose_link_blinked_see_each_other_again() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn who_hangs_on_a_router_whose_link_blinked_is_seen_again_and_nobody_else_blinks() {
+async fn a_brief_cut_affects_only_the_daemon_behind_it() {
     let a = Daemon::listening("a").await;
     let cable = Cable::to(&a).await;
     let mut b = cable.router("b").await;

@@ -1,7 +1,8 @@
-//! Tests of a secured ecosystem: which sessions are accepted, which messages are believed, and that all
-//! others do not disturb the daemons.
+//! Tests of a secured ecosystem: which sessions and messages are accepted, and that all others do
+//! not disturb the daemons.
 //!
-//! All messages go over TLS on this machine's loopback interface, with certificates made for the test.
+//! All messages go over TLS on this machine's loopback interface, with certificates made for the
+//! test.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
@@ -60,7 +61,8 @@ impl House {
         DaemonIdentity::read(&self.folder, &name, &trust).expect("just made")
     }
 
-    /// Makes the folder of another machine, with the certificate of one daemon and that of the authority.
+    /// Makes the folder of another machine, with the certificate of one daemon and that of the
+    /// authority.
     fn apart(&self, name: &str) -> House {
         drop(self.identity(name));
         let temporary = tempfile::tempdir().expect("a folder");
@@ -141,8 +143,8 @@ async fn raw(
     zenoh::open(config).await
 }
 
-/// Waits until the session sees the subscription of a daemon to `key`; messages sent before that are
-/// lost.
+/// Waits until the session sees the subscription of a daemon to `key`; messages sent before that
+/// are lost.
 async fn reach(rogue: &Session, key: &'static str) {
     let publisher = rogue.declare_publisher(key).await.expect("open");
     let seen = async {
@@ -156,7 +158,7 @@ async fn reach(rogue: &Session, key: &'static str) {
 const TO_A: &str = "althing/office/in/a/x/inform";
 
 #[tokio::test(flavor = "multi_thread")]
-async fn daemons_with_certificates_speak_as_without() {
+async fn daemons_with_certificates_communicate_as_without() {
     let house = House::new();
     let mut a = house.open("a", &[]).await;
     let mut b = house.open("b", &[&a]).await;
@@ -182,7 +184,7 @@ async fn daemons_with_certificates_speak_as_without() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn who_relays_is_not_the_origin() {
+async fn a_relaying_daemon_is_not_the_origin() {
     let house = House::new();
     let mut a = house.open("a", &[]).await;
     let b = house.open("b", &[&a]).await;
@@ -196,7 +198,7 @@ async fn who_relays_is_not_the_origin() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_guest_speaks_with_its_hosts_key() {
+async fn a_guest_signs_with_its_hosts_key() {
     let house = House::new();
     let mut a = house.open("a", &[]).await;
     let guest = DaemonId::new("a").expect("a name").guest("cli-7").expect("short");
@@ -219,7 +221,7 @@ async fn a_guest_speaks_with_its_hosts_key() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_guest_that_comes_and_speaks_to_all_is_heard() {
+async fn a_broadcast_of_a_new_guest_is_accepted() {
     let house = House::new();
     let mut a = house.open("a", &[]).await;
     let mut b = house.open("b", &[&a]).await;
@@ -279,7 +281,7 @@ async fn an_unknown_certificate_does_not_get_in() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn who_does_not_get_in_keeps_nobody_out() {
+async fn invalid_connections_do_not_block_valid_ones() {
     let house = House::new();
     let mut a = house.open("a", &[]).await;
     let locators = a.substrate.locators();
@@ -303,7 +305,7 @@ async fn who_does_not_get_in_keeps_nobody_out() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn what_is_not_signed_rightly_is_dropped_and_said() {
+async fn a_message_without_a_valid_signature_is_dropped_and_reported() {
     let house = House::new();
     let mut a = house.open("a", &[]).await;
     let rogue = house.rogue("rogue", &a).await;
@@ -313,12 +315,12 @@ async fn what_is_not_signed_rightly_is_dropped_and_said() {
     assert_eq!(a.hear_any().await, ["rejected unsigned -"]);
     rogue.put(TO_A, "garbage").attachment([1, 2, 3]).await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected forged -"]);
-    // Signed with its own key, but for another payload.
+    // The message is signed with its own key, but for another payload.
     let identity = house.identity("rogue");
     let seal = identity.seal(SealChannel::Message, TO_A, b"harmless", house.incarnation("a"));
     rogue.put(TO_A, "harmful").attachment(seal).await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected forged rogue"]);
-    // In the name of another daemon's guest.
+    // The message is sent in the name of another daemon's guest.
     let guest = DaemonId::new("b").expect("a name").guest("cli-1").expect("short");
     let seal = house.identity("rogue").for_guest(guest).seal(
         SealChannel::Message,
@@ -328,7 +330,7 @@ async fn what_is_not_signed_rightly_is_dropped_and_said() {
     );
     rogue.put(TO_A, "x").attachment(seal).await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected forged b--cli-1"]);
-    // A heartbeat of an agent of another daemon.
+    // The message is a heartbeat of an agent of another daemon.
     let beat = "althing/office/model/b/robot";
     let seal = identity.seal(SealChannel::AgentState, beat, b"x", None);
     rogue.put(beat, "x").attachment(seal).await.expect("open");
@@ -337,10 +339,10 @@ async fn what_is_not_signed_rightly_is_dropped_and_said() {
     let seal = identity.seal(SealChannel::AgentState, beats, br#"{"sender":"robot"}"#, None);
     rogue.put(beats, r#"{"sender":"robot"}"#).attachment(seal).await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected forged rogue"]);
-    // A list of revocations of its own.
+    // The message is a list of revocations that the authority has not signed.
     rogue.put("althing/office/revoked", "nobody").await.expect("open");
     assert_eq!(a.hear_any().await, ["rejected forged rogue"]);
-    // With a certificate of another authority.
+    // The message comes with a certificate of another authority.
     let foreign =
         House::new().identity("b").seal(SealChannel::Message, TO_A, b"x", house.incarnation("a"));
     rogue.put(TO_A, "x").attachment(foreign).await.expect("open");
@@ -352,7 +354,7 @@ async fn what_is_not_signed_rightly_is_dropped_and_said() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn what_is_recorded_cannot_be_played_again() {
+async fn a_recorded_message_cannot_be_replayed() {
     let house = House::new();
     let mut a = house.open("a", &[]).await;
     let mut b = house.open("b", &[&a]).await;
@@ -385,7 +387,7 @@ async fn what_is_recorded_cannot_be_played_again() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn what_was_recorded_before_a_restart_cannot_be_played_after_it() {
+async fn a_recording_from_before_a_restart_cannot_be_replayed() {
     let house = House::new();
     let mut a = house.open("a", &[]).await;
     // The rogue stays linked to `b` while `a` restarts.
@@ -414,7 +416,7 @@ async fn what_was_recorded_before_a_restart_cannot_be_played_after_it() {
     a.hear_all(&["joined x@a", "joined y@b"]).await;
     reach(&rogue, TO_A).await;
     for each in recorded {
-        // For a moment it might still have been on its way, and is dropped without a report.
+        // For a moment the message might still have been under way, and is dropped silently.
         loop {
             let put = rogue.put(each.key_expr().clone(), each.payload().clone());
             put.attachment(each.attachment().cloned()).await.expect("open");
@@ -437,7 +439,7 @@ async fn what_was_recorded_before_a_restart_cannot_be_played_after_it() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn an_answer_is_signed_by_whom_was_asked() {
+async fn an_answer_is_signed_by_the_daemon_that_was_asked() {
     let house = House::new();
     let a = house.open("a", &[]).await;
     let mut b = house.open("b", &[&a]).await;
@@ -472,7 +474,7 @@ async fn an_answer_is_signed_by_whom_was_asked() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn nobody_is_here_by_anothers_word() {
+async fn no_daemon_makes_the_agents_of_another_present() {
     let house = House::new();
     let mut a = house.open("a", &[]).await;
     let rogue = house.rogue("rogue", &a).await;
@@ -518,7 +520,7 @@ async fn links_carry_nothing_but_the_ecosystem() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_flood_drowns_itself_alone() {
+async fn a_flood_affects_its_sender_only() {
     let house = House::new();
     let mut a = house.open_with("a", &[], 20).await;
     let flood = house.open("flood", &[&a]).await;
@@ -544,9 +546,9 @@ async fn repeat(from: &Daemon, to: &str) {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_message_of_100_mib_harms_nobody_and_is_counted() {
-    // As a program does that has a log. A detection is only attributed to the links of this test's
-    // certificates.
+async fn a_message_of_100_mib_does_no_harm_and_is_counted() {
+    // The layer is installed as in a program with a log. A detection is attributed only to the
+    // links of this test's certificates.
     let _ = tracing_subscriber::registry().with(substrate_zenoh::oversize_layer()).try_init();
     let house = House::new();
     let mut a = house.open("a", &[]).await;
@@ -565,7 +567,7 @@ async fn a_message_of_100_mib_harms_nobody_and_is_counted() {
     reach(&rogue, TO_A).await;
     let seal =
         house.identity("rogue").seal(SealChannel::Message, TO_A, &huge, house.incarnation("a"));
-    // Waits until it is sent: a message dropped by congestion control would prove nothing.
+    // This waits until the message is sent: one dropped by congestion control would prove nothing.
     let put = rogue.put(TO_A, huge).attachment(seal).congestion_control(CongestionControl::Block);
     put.await.expect("open");
     let identity = house.identity("rogue");
@@ -586,10 +588,10 @@ async fn a_message_of_100_mib_harms_nobody_and_is_counted() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_revocation_reaches_all_while_they_run() {
+async fn a_revocation_reaches_running_daemons() {
     let house = House::new();
     let mut a = house.open("a", &[]).await;
-    // In a folder of its own: the list reaches it over the network.
+    // `c` has a folder of its own, so the list reaches it over the network.
     let apart = house.apart("c");
     let mut c = apart.open("c", &[&a]).await;
     let b = house.open("b", &[&a]).await;
@@ -608,7 +610,7 @@ async fn a_revocation_reaches_all_while_they_run() {
 
     house.authority.revoke(&DaemonId::new("b").expect("a name")).expect("it has one");
 
-    // Its messages are rejected, its connections are refused, and its links are closed.
+    // The messages of `b` are rejected, its connections refused, and its links closed.
     let lines = ["rejected revoked b", "left y@b"];
     tokio::select! {
         () = repeat(&b, "a") => {}
@@ -632,7 +634,7 @@ async fn alone(session: &Session) {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn who_is_revoked_cannot_listen_any_more() {
+async fn a_revoked_daemon_cannot_listen_any_more() {
     let house = House::new();
     let mut a = house.open("a", &[]).await;
     let c = house.open("c", &[&a]).await;
@@ -661,7 +663,7 @@ async fn who_is_revoked_cannot_listen_any_more() {
     c.request("a", "x", "we remain");
     a.hear("to x request: we remain <c>").await;
 
-    // Nor does a daemon link to it by connecting to it.
+    // A daemon that connects to the revoked one gets no link either.
     let mut b = house.open("b", &[&a, &listening]).await;
     let _token = b.announce("y");
     b.hear("rejected revoked spy").await;

@@ -21,7 +21,7 @@ async fn stranger(daemon: &Daemon) -> Session {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn a_tool_hears_everything_even_within_one_daemon() {
+async fn a_tool_receives_everything_even_within_one_daemon() {
     let mut a = Daemon::listening("a").await;
     let stranger = stranger(&a).await;
     let everything = stranger.declare_subscriber("althing/**").await.expect("open");
@@ -66,7 +66,7 @@ async fn garbage_neither_panics_nor_confuses() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn who_has_a_token_and_answers_nobody_is_not_here() {
+async fn a_token_of_a_silent_daemon_has_no_effect() {
     let mut a = Daemon::listening("a").await;
     let mut b = Daemon::linked("b", &a).await;
     let stranger = stranger(&a).await;
@@ -76,7 +76,7 @@ async fn who_has_a_token_and_answers_nobody_is_not_here() {
     let answer = |query: Query| query.reply(query.key_expr(), "").wait().expect("open");
     let answering = stranger.declare_queryable("althing/office/at/s/reach").callback(answer);
     let answering = answering.await.expect("open");
-    // A daemon that answers a probe without naming its agents is believed.
+    // An answer to a probe that lists no agents confirms all tokens of its daemon.
     for daemon in [&mut a, &mut b] {
         assert_eq!(daemon.hear("joined x@s").await, ["joined x@s"]);
     }
@@ -106,7 +106,7 @@ async fn a_wildcard_asks_for_several_resources() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
-async fn two_ecosystems_on_one_router_do_not_hear_each_other() {
+async fn two_ecosystems_on_one_router_are_separate() {
     let mut a = Daemon::listening("a").await;
     let connect = a.substrate.locators();
     let mut b = Daemon::open("b", |config| {

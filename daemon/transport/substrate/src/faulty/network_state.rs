@@ -1,5 +1,5 @@
-//! State of the faulty network: which links are broken, which items are on their way, and which daemon
-//! sees which agents.
+//! State of the faulty network: which links are broken, which items are on their way, and which
+//! daemon sees which agents.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -27,8 +27,8 @@ pub(super) struct NetworkState {
     /// Items on their way, with their destinations, in the order of arrival.
     pub(super) due: BTreeMap<(Instant, u64), (ConnectionId, InFlight)>,
     pub(super) due_count: u64,
-    /// Time at which the last message of each link arrives. Later messages of the link arrive later,
-    /// unless they overtake it.
+    /// Time at which the last message of each link arrives. Later messages of the link arrive
+    /// later, unless they overtake it.
     pub(super) last: BTreeMap<(DaemonId, DaemonId), Instant>,
     pub(super) tap: Option<SendObserver>,
     pub(super) counts: MessageCounts,
@@ -46,13 +46,13 @@ pub(super) struct ConnectedDaemon {
 /// Daemons with broken links to all other daemons.
 pub(super) struct IsolatedDaemons {
     pub(super) daemons: BTreeSet<DaemonId>,
-    /// Time from which the daemons at the ends of the broken links know that these are broken.
+    /// Time at which the daemons at the ends of the broken links detect the break.
     pub(super) lease: Instant,
     /// Number of messages lost because of the broken links.
     pub(super) stopped: u64,
 }
 
-/// Identifies one connection of one daemon. A daemon that connects again gets a new number.
+/// Identifier of one connection of one daemon. A daemon that connects again gets a new number.
 #[derive(Clone, PartialEq)]
 pub(super) struct ConnectionId {
     pub(super) daemon: DaemonId,
@@ -66,8 +66,8 @@ pub(super) enum InFlight {
     Question(ReceivedQuery),
     /// An answer, on its way to the daemon that asked.
     Answer(mpsc::Sender<Bytes>, Bytes),
-    /// Stands for a lost question or answer. It holds the channel of the daemon that asked open, so
-    /// that this daemon waits until the item is due.
+    /// Placeholder for a lost question or answer. The placeholder keeps the channel of the daemon
+    /// that asked open, so that this daemon waits until the item is due.
     LostReply(#[expect(dead_code, reason = "held, so that the asker waits")] mpsc::Sender<Bytes>),
     /// A lease has passed: the daemon must check which agents it still sees as present.
     RefreshPresence,
@@ -95,7 +95,8 @@ impl NetworkState {
         }
     }
 
-    /// Schedules an item for a daemon at the time `at`, after all items that are due at the same time.
+    /// Schedules an item for a daemon at the time `at`, after all items that are due at the same
+    /// time.
     pub(super) fn schedule(&mut self, at: Instant, daemon: &DaemonId, coming: InFlight) {
         let Some(connected) = self.daemons.get_mut(daemon) else { return };
         if connected.under_way >= UNDER_WAY_MAX {
@@ -108,8 +109,8 @@ impl NetworkState {
         self.due.insert((at, self.due_count), (target, coming));
     }
 
-    /// Sends one item over a link, subject to the quality of the link. If the item is lost, returns it
-    /// as the error.
+    /// Sends one item over a link, subject to the quality of the link. If the item is lost, returns
+    /// it as the error.
     pub(super) fn send(
         &mut self,
         from: &DaemonId,
@@ -151,8 +152,8 @@ impl NetworkState {
         self.in_order(from, to, Instant::now() + delay + slow)
     }
 
-    /// Returns how long the next item to a daemon is under way, and how much later a daemon that reads
-    /// slowly reads it.
+    /// Returns the time for which the next item to a daemon is under way, and the additional delay
+    /// if the daemon reads slowly.
     fn sample_delay(&mut self, to: &DaemonId) -> (Duration, Duration) {
         let micros = self.rng.u64(self.conditions.delay.clone());
         let (delay, slow) = (Duration::from_micros(micros), self.slow.get(to).copied());
@@ -161,8 +162,8 @@ impl NetworkState {
         (delay, slow.unwrap_or_default())
     }
 
-    /// Returns the time of arrival `at`, or that of the last message on the link if that is later: so
-    /// messages keep their order.
+    /// Returns the time of arrival `at`, or that of the last message on the link if that is later,
+    /// so that messages keep their order.
     fn in_order(&mut self, from: &DaemonId, to: &DaemonId, at: Instant) -> Instant {
         let last = self.last.entry((from.clone(), to.clone())).or_insert(at);
         *last = at.max(*last);
@@ -177,8 +178,8 @@ impl NetworkState {
         stopping.map(|cut| cut.stopped += 1).count() > 0
     }
 
-    /// Returns the time from which the daemons at the ends of a link know that it is broken; `None` if
-    /// the link is not broken.
+    /// Returns the time at which the daemons at the ends of a link detect that it is broken; `None`
+    /// if the link is not broken.
     fn broken_since(&self, a: &DaemonId, b: &DaemonId) -> Option<Instant> {
         let between =
             self.cuts.values().filter(|cut| cut.daemons.contains(a) != cut.daemons.contains(b));
@@ -194,8 +195,8 @@ impl NetworkState {
         daemons.iter().for_each(|daemon| self.refresh_presence(daemon));
     }
 
-    /// Notifies a daemon of the agents that it sees now and did not see before, and of the agents that
-    /// it saw before and does not see now.
+    /// Notifies a daemon of the agents that it sees now and did not see before, and of the agents
+    /// that it saw before and does not see now.
     pub(super) fn refresh_presence(&mut self, daemon: &DaemonId) {
         let now = Instant::now();
         let is_seen =
@@ -213,8 +214,8 @@ impl NetworkState {
         let joined = here.difference(&seen).cloned().map(Presence::Joined);
         for presence in left.chain(joined).collect::<Vec<_>>() {
             let host = presence.resident().daemon.clone();
-            // Presence is never overtaken: a `Left` that arrived after a later `Joined` would not
-            // be corrected.
+            // Presence is never overtaken, because no later message would correct a `Left` that
+            // arrived after a newer `Joined`.
             let (delay, slow) = self.sample_delay(daemon);
             let at = now + delay + slow;
             let at = if host == *daemon { now } else { self.in_order(&host, daemon, at) };

@@ -1,5 +1,4 @@
-//! Tests of the faulty substrate: what it does to messages, and that the same seed always has the same
-//! results.
+//! Tests of the faulty substrate: the faults occur, and the same seed always has the same results.
 
 use super::*;
 use crate::Resource;
@@ -30,13 +29,13 @@ async fn hundred(seed: u64, weather: LinkConditions) -> Vec<String> {
 }
 
 #[tokio::test(start_paused = true)]
-async fn fair_weather_keeps_the_order_and_loses_nothing() {
+async fn good_links_keep_the_order_and_lose_nothing() {
     let all: Vec<_> = (0..100).map(|number| number.to_string()).collect();
     assert_eq!(hundred(1, LinkConditions::good()).await, all);
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_storm_loses_doubles_and_mixes_the_same_for_the_same_seed() {
+async fn faults_are_the_same_for_the_same_seed() {
     let storm =
         LinkConditions { loss: 0.2, doubled: 0.2, overtaken: 0.2, ..LinkConditions::good() };
     let heard = hundred(7, storm.clone()).await;
@@ -50,7 +49,7 @@ async fn a_storm_loses_doubles_and_mixes_the_same_for_the_same_seed() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_cut_is_seen_after_its_lease_and_a_blink_is_not() {
+async fn a_cut_is_detected_after_its_lease_and_a_brief_cut_is_not() {
     let network = Network::new(1);
     let (_port_a, ear_a, port_b, _) = pair(&network);
     let _token = port_b.announce(&agent("robot"), Incarnation(1)).expect("open");
@@ -72,7 +71,7 @@ async fn a_cut_is_seen_after_its_lease_and_a_blink_is_not() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn who_has_gone_and_come_again_is_here_whatever_overtakes() {
+async fn an_agent_that_returns_is_present_even_if_messages_are_overtaken() {
     let network = Network::new(1);
     let (_port_a, ear_a, port_b, _) = pair(&network);
     let _token = port_b.announce(&agent("robot"), Incarnation(1)).expect("open");
@@ -87,7 +86,7 @@ async fn who_has_gone_and_come_again_is_here_whatever_overtakes() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_kill_is_seen_at_once_and_its_next_life_hears_nothing_of_the_last() {
+async fn a_kill_is_detected_at_once_and_a_restart_gets_no_old_messages() {
     let network = Network::new(1);
     let (port_a, ear_a, port_b, ear_b) = pair(&network);
     let _token = port_b.announce(&agent("robot"), Incarnation(1)).expect("open");
@@ -104,7 +103,7 @@ async fn a_kill_is_seen_at_once_and_its_next_life_hears_nothing_of_the_last() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_lost_question_takes_its_time() {
+async fn a_lost_query_lasts_until_its_timeout() {
     let network = Network::new(1);
     let (port, ..) = pair(&network);
     let ask = |daemon: Option<DaemonId>| ResourceQuery {
