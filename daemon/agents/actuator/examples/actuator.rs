@@ -58,7 +58,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     checked.map_err(|problem| blueprint.problem(problem))?;
     let id = blueprint.id.to_string();
     let device = CoffeeMachine { id, room: location, cups, is_ready: false };
-    Ok(Box::new(Actuator::new(&blueprint, device)?))
+    Actuator::build(&blueprint, device)
 }
 
 impl CoffeeMachine {

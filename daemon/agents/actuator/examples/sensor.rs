@@ -59,7 +59,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let checked = blueprint.host.has_place(location.as_str());
     checked.map_err(|problem| blueprint.problem(problem))?;
     let device = Thermometer { id: blueprint.id.to_string(), room: location, measured: None };
-    Ok(Box::new(Actuator::new(&blueprint, device)?))
+    Actuator::build(&blueprint, device)
 }
 
 impl Device for Thermometer {

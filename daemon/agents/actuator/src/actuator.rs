@@ -12,8 +12,8 @@ use acl::content::{
 };
 use acl::{AgentId, Message, Millis, Performative, ReplyToken};
 use agent::{
-    Agent, Blueprint, BuildError, Callbacks, Context, Host, Participation, Presence, Resource,
-    StateFolder, TimerId, WorkHandle,
+    Agent, Blueprint, BuildError, Callbacks, Context, Host, LaunchableAgent, Participation,
+    Presence, Resource, StateFolder, TimerId, WorkHandle,
 };
 use capability::{CompositionCache, DomainSnapshot, model_digest, text_of};
 use planner::{Cancel, Replanner};
@@ -21,6 +21,7 @@ use planner::{Cancel, Replanner};
 use crate::actuator::open_initiatives::OpenInitiatives;
 use crate::bidding::bid;
 use crate::device::{Description, Device, MethodCall, MethodFailure, MethodResult};
+use crate::erased_device::{ErasedDevice, ErasedYield};
 use crate::ledger::{Ledger, TokenState};
 
 /// Maximum number of calls for proposals that are answered side by side; further calls are refused.
@@ -33,8 +34,8 @@ const BIDS_MAX: usize = 16;
 const CACHE_TTL: Duration = Duration::from_secs(60);
 
 /// An agent that drives a device: a sensor, or a device that acts.
-pub struct Actuator<D: Device> {
-    pub(crate) device: D,
+pub struct Actuator {
+    pub(crate) device: Box<dyn ErasedDevice>,
     pub(crate) initiatives: OpenInitiatives,
     host: Arc<Host>,
     ledger: Ledger,
@@ -84,14 +85,28 @@ struct RunningCommand {
     _work: WorkHandle,
 }
 
-impl<D: Device> Actuator<D> {
-    /// Creates an actuator for `device`. The actuator uses the domain that all actuators of its
-    /// host share.
+impl Actuator {
+    /// Builds an actuator for `device`. The actuator uses the domain that all actuators of its host
+    /// share.
     ///
     /// # Errors
     ///
     /// Returns an error if the ledger of earlier incarnations cannot be read.
-    pub fn new(blueprint: &Blueprint, device: D) -> Result<Actuator<D>, BuildError> {
+    pub fn build(
+        blueprint: &Blueprint,
+        device: impl Device,
+    ) -> Result<Box<dyn LaunchableAgent>, BuildError> {
+        Ok(Actuator::new(blueprint, Box::new(device))?.into_launchable())
+    }
+
+    /// Converts the actuator to an agent of any type. The function is not inlined: the code of an
+    /// agent would otherwise be compiled again in each crate that builds an actuator.
+    #[inline(never)]
+    fn into_launchable(self) -> Box<dyn LaunchableAgent> {
+        Box::new(self)
+    }
+
+    fn new(blueprint: &Blueprint, device: Box<dyn ErasedDevice>) -> Result<Actuator, BuildError> {
         let host = Arc::clone(&blueprint.host);
         let folder = host.resources.get::<StateFolder>();
         let ledger = Ledger::open(&blueprint.id, folder.as_deref(), host.settings.tokens_max)
@@ -111,7 +126,7 @@ impl<D: Device> Actuator<D> {
     }
 }
 
-impl<D: Device> Agent for Actuator<D> {
+impl Agent for Actuator {
     fn callbacks(&self) -> Callbacks<Self> {
         Callbacks::new()
             .on(Performative::Request, Self::requested)
@@ -168,7 +183,7 @@ impl<D: Device> Agent for Actuator<D> {
     }
 }
 
-impl<D: Device> Actuator<D> {
+impl Actuator {
     /// Returns a function that computes the local domain, which contains everything public, and in
     /// full the actions of this agent and of the agents that it carries. The domain is computed
     /// only when it is needed, because the computation takes a millisecond.
@@ -394,7 +409,11 @@ impl<D: Device> Actuator<D> {
         Ok(known.timeout.0)
     }
 
-    fn command_ended(&mut self, outcome: Result<D::Yield, MethodFailure>, ctx: &mut Context<Self>) {
+    fn command_ended(
+        &mut self,
+        outcome: Result<ErasedYield, MethodFailure>,
+        ctx: &mut Context<Self>,
+    ) {
         let Some(RunningCommand { token, subscribers: askers, call, .. }) =
             self.running_command.take()
         else {

@@ -14,6 +14,7 @@
 mod actuator;
 mod bidding;
 mod device;
+mod erased_device;
 mod initiative;
 mod ledger;
 mod measured_value;

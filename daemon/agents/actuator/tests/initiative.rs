@@ -200,12 +200,12 @@ fn room() -> Room {
 impl Room {
     fn launch(
         &self,
-        agent: impl Agent,
+        agent: Box<dyn LaunchableAgent>,
         id: &str,
         incarnation: u64,
     ) -> (CancellationToken, JoinHandle<Result<(), LaunchError>>) {
         let stopping = CancellationToken::new();
-        let task = Box::new(agent).launch(LaunchContext {
+        let task = agent.launch(LaunchContext {
             id: name(id),
             incarnation: Incarnation(incarnation),
             router: Arc::clone(&self.router),
@@ -220,7 +220,8 @@ impl Room {
     fn other(&self, id: &str, incarnation: u64, answer: Option<&'static str>) -> CancellationToken {
         let told = self.told.clone();
         let reason = Reason::Incapable;
-        self.launch(Other { refuses: 0, reason, answer, told, asked: None }, id, incarnation).0
+        let other = Other { refuses: 0, reason, answer, told, asked: None };
+        self.launch(Box::new(other), id, incarnation).0
     }
 
     /// Starts the doorbell. At its first ring the doorbell takes the first list of initiatives in
@@ -243,7 +244,7 @@ impl Room {
             config: serde_json::Value::Null.into(),
             host: Arc::new(host),
         };
-        self.launch(Actuator::new(&blueprint, bell).expect("built"), "bell", 1).0
+        self.launch(Actuator::build(&blueprint, bell).expect("built"), "bell", 1).0
     }
 
     /// Rings the doorbell once and collects messages until none arrives for ten milliseconds.
@@ -321,7 +322,7 @@ async fn a_goal_is_requested_again_after_a_full_mailbox() {
     let told = room.told.clone();
     let reason = Reason::MailboxFull;
     let full = Other { refuses: 2, reason, answer: None, told, asked: None };
-    room.launch(full, "plan-requester", 1);
+    room.launch(Box::new(full), "plan-requester", 1);
     room.bell([vec![want("(a)")], vec![withdraw()]]);
     room.ring().await;
     tokio::time::sleep(Duration::from_secs(5)).await;
@@ -338,7 +339,7 @@ async fn a_failed_goal_is_requested_again_if_the_device_insists() {
         let mut room = room();
         let (told, reason) = (room.told.clone(), Reason::Incapable);
         let other = Other { refuses: 2, reason, answer: None, told, asked: None };
-        room.launch(other, "plan-requester", 1);
+        room.launch(Box::new(other), "plan-requester", 1);
         let Initiative::RequestGoal { name, goal, .. } = want("(a)") else {
             unreachable!("a want")
         };

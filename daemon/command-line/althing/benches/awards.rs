@@ -181,8 +181,8 @@ async fn bid(folder: &Path, process: usize) -> Outcome<()> {
             config: Arc::default(),
             host: Arc::clone(&host),
         };
-        let bidder = Actuator::new(&blueprint, Bidder { id: id.clone() })?;
-        support::launch(&id, Box::new(bidder), &router, ECOSYSTEM);
+        let bidder = Actuator::build(&blueprint, Bidder { id: id.clone() })?;
+        support::launch(&id, bidder, &router, ECOSYSTEM);
     }
     std::future::pending().await
 }

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use acl::{EcosystemId, Incarnation};
 use actuator::Actuator;
-use agent::{AgentSnapshot, AgentWatch, Blueprint, LaunchableAgent as _, Spawner};
+use agent::{AgentSnapshot, AgentWatch, Blueprint, Spawner};
 use serde_json::Value;
 
 use super::proxy_device::{ProxyContext, ProxyDevice};
@@ -75,8 +75,8 @@ async fn run_incarnation(
         config: Arc::new(Value::Null),
         host: Arc::clone(&near.host),
     };
-    let agent = match Actuator::new(&blueprint, device) {
-        Ok(agent) => Box::new(agent),
+    let agent = match Actuator::build(&blueprint, device) {
+        Ok(agent) => agent,
         Err(error) => {
             tracing::error!(%id, "failed to {error}");
             return false;

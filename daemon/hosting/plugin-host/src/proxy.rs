@@ -14,7 +14,7 @@ use actuator::{
     Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
     OwnFact,
 };
-use agent::{AgentSnapshot, AgentWatch, Blueprint, LaunchableAgent as _, Spawner};
+use agent::{AgentSnapshot, AgentWatch, Blueprint, Spawner};
 use pddl::ActionModel;
 use serde_json::Value;
 use tokio::sync::watch;
@@ -121,13 +121,10 @@ impl ProxyRunner {
             config: Arc::new(Value::Null),
             host: Arc::clone(&self.spawner.host),
         };
-        let actuator = Actuator::new(&blueprint, device).map_err(|error| error.to_string())?;
+        let actuator = Actuator::build(&blueprint, device).map_err(|error| error.to_string())?;
         let stopping = self.stopping.child_token();
-        let mut task = Box::new(actuator).launch(self.spawner.launch_context(
-            &self.agent,
-            Vec::new(),
-            &stopping,
-        ));
+        let mut task =
+            actuator.launch(self.spawner.launch_context(&self.agent, Vec::new(), &stopping));
         self.note(Some(Ok(())));
         let ended = loop {
             tokio::select! {

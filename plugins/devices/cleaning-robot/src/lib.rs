@@ -103,7 +103,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
         rooms_in_bin: 0,
         swept: Vec::new(),
     };
-    Ok(Box::new(Actuator::new(&blueprint, robot)?))
+    Actuator::build(&blueprint, robot)
 }
 
 impl Device for CleaningRobot {

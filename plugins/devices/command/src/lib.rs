@@ -52,7 +52,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 };
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
-    Ok(Box::new(Actuator::new(&blueprint, commanded(&blueprint)?)?))
+    Actuator::build(&blueprint, commanded(&blueprint)?)
 }
 
 fn commanded(blueprint: &Blueprint) -> Result<CommandActuator, BuildError> {

@@ -84,7 +84,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
         measured: BTreeMap::new(),
         paused_until: None,
     };
-    Ok(Box::new(Actuator::new(&blueprint, sensor)?))
+    Actuator::build(&blueprint, sensor)
 }
 
 struct IrTemperatureSensor {

@@ -127,7 +127,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
         motion: BTreeMap::new(),
         paused_until: None,
     };
-    Ok(Box::new(Actuator::new(&blueprint, camera)?))
+    Actuator::build(&blueprint, camera)
 }
 
 struct PtzCamera {

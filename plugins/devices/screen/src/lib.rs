@@ -91,7 +91,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
         display: simulated::display(&blueprint)?,
         state: ScreenStatus::Unknown,
     };
-    Ok(Box::new(Actuator::new(&blueprint, screen)?))
+    Actuator::build(&blueprint, screen)
 }
 
 struct Screen {

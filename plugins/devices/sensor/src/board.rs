@@ -124,7 +124,7 @@ impl DiscoversAgents for SensorBoard {
             Some(_) => sensor(&blueprint),
             None => temperature_sensor(&blueprint),
         }?;
-        Ok(Box::new(Actuator::new(&blueprint, sensor)?))
+        Actuator::build(&blueprint, sensor)
     }
 }
 

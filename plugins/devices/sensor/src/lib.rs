@@ -123,11 +123,11 @@ pub struct Measurement {
 }
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
-    Ok(Box::new(Actuator::new(&blueprint, sensor(&blueprint)?)?))
+    Actuator::build(&blueprint, sensor(&blueprint)?)
 }
 
 fn build_temperature_sensor(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
-    Ok(Box::new(Actuator::new(&blueprint, temperature_sensor(&blueprint)?)?))
+    Actuator::build(&blueprint, temperature_sensor(&blueprint)?)
 }
 
 fn sensor(blueprint: &Blueprint) -> Result<Sensor, BuildError> {

@@ -74,7 +74,7 @@ trait Driver: Send + Sync + 'static {
 }
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
-    Ok(Box::new(Actuator::new(&blueprint, switch(&blueprint)?)?))
+    Actuator::build(&blueprint, switch(&blueprint)?)
 }
 
 fn switch(blueprint: &Blueprint) -> Result<Switch, BuildError> {

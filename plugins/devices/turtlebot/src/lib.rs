@@ -71,7 +71,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
         patrol: patrol.map(|patrol| Patrol::new(&blueprint, patrol)).transpose()?,
         validated: BTreeMap::new(),
     };
-    Ok(Box::new(Actuator::new(&blueprint, turtlebot)?))
+    Actuator::build(&blueprint, turtlebot)
 }
 
 struct TurtleBot {

@@ -70,7 +70,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
         screen,
         shown: None,
     };
-    Ok(Box::new(Actuator::new(&blueprint, robot)?))
+    Actuator::build(&blueprint, robot)
 }
 
 struct VideoRobot {

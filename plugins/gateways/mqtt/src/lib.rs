@@ -247,7 +247,7 @@ impl DiscoversAgents for Gateway {
         let device = MqttDevice::new(part.clone(), Arc::clone(&host.ontology), connection);
         let (driver, config) = (String::new(), Arc::new(Value::Null));
         let blueprint = Blueprint { id, driver, config, host };
-        Ok(Box::new(Actuator::new(&blueprint, device)?))
+        Actuator::build(&blueprint, device)
     }
 }
 

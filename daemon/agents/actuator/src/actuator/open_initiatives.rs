@@ -7,6 +7,9 @@
 //!   restarted, the goal is requested when the Plan Requester joins.
 //! - The first answer to a question counts, and the question is then withdrawn at all keyboards. If
 //!   one keyboard declines the question, the others may still answer.
+//!
+//! [`Device::next_event`]: crate::Device::next_event
+//! [`Device::receive_news`]: crate::Device::receive_news
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -20,7 +23,6 @@ use credentials::AnswerKey;
 use serde_json::Value;
 
 use super::Actuator;
-use crate::device::Device;
 use crate::initiative::{Initiative, InitiativeUpdate};
 
 /// Minimum time between two events of a device, so that a loose contact does not flood the
@@ -75,7 +77,7 @@ struct PendingRequest {
     addressee: Resident,
 }
 
-impl<D: Device> Actuator<D> {
+impl Actuator {
     // === watching ===
 
     /// Stores the task that reads the device's state for the first time. The device's events are
@@ -87,7 +89,7 @@ impl<D: Device> Actuator<D> {
     pub(crate) fn watch_events(&mut self, ctx: &mut Context<Self>) {
         let Some(next) = self.device.next_event() else { return };
         let work = ctx.run(next, |actuator: &mut Self, stir, ctx| {
-            let initiatives = stir(&mut actuator.device);
+            let initiatives = stir(&mut *actuator.device);
             // The heartbeat comes first: an agent that receives the goal may query the state at
             // once.
             actuator.send_heartbeat(ctx);

@@ -114,8 +114,8 @@ pub(crate) fn launch(
         config: Arc::default(),
         host: Arc::clone(host),
     };
-    let worker = Actuator::new(&blueprint, Worker { id: id.clone(), place })?;
-    Ok(super::launch(id, Box::new(worker), router, ECOSYSTEM))
+    let worker = Actuator::build(&blueprint, Worker { id: id.clone(), place })?;
+    Ok(super::launch(id, worker, router, ECOSYSTEM))
 }
 
 /// A sensor at a place.
