@@ -1,4 +1,5 @@
-//! Writes and reads messages as JSON. An unreadable text still yields the fields needed to answer it.
+//! Converts messages to and from JSON. An unreadable text still yields the fields that are needed
+//! to answer it.
 
 use std::borrow::Cow;
 use std::fmt;
@@ -12,21 +13,21 @@ use crate::content::{Reason, Refusal, value};
 use crate::message::SCHEMA_VERSION;
 use crate::{AgentId, ConversationId, Incarnation, Message, MessageId, Performative, ReplyToken};
 
-/// Maximum size of a message that is read, in bytes; a longer text is rejected. An action model of a
-/// hundred actions has less than 64 KiB, and a domain of a hundred agents less than 1 MiB.
+/// Maximum size of a message, in bytes; a longer text is rejected. An action model of a hundred
+/// actions has less than 64 KiB, and a domain of a hundred agents less than 1 MiB.
 pub const MESSAGE_BYTES_MAX: usize = 4 << 20;
 
-/// The reason why a text is not a message.
+/// Error for a text that is not a message.
 #[derive(Debug, thiserror::Error)]
 #[error("read an ACL message: {problem}")]
 pub struct DecodeError {
-    /// The mistake that makes the text unreadable as a message.
+    /// The mistake in the text.
     pub problem: Problem,
-    /// The fields of the message that could be read nevertheless.
+    /// The fields of the message that could be read.
     pub sketch: Box<Sketch>,
 }
 
-/// The mistake in a text that is not a message.
+/// Mistake in a text that is not a message.
 #[derive(Debug, thiserror::Error)]
 pub enum Problem {
     /// The text is too large to be parsed.
@@ -35,10 +36,10 @@ pub enum Problem {
         /// Size of the text, in bytes.
         bytes: usize,
     },
-    /// The text is not JSON, or a field is missing or has another shape.
+    /// The text is not JSON, or a field is missing or has the wrong type.
     #[error("{0}")]
     Shape(serde_json::Error),
-    /// The message has a version of the protocol that this crate does not know.
+    /// The message has a protocol version that this crate does not support.
     #[error(
         "it is of version {version} of the protocol, and only version {SCHEMA_VERSION} is known here; \
          install one version of Althing on all machines"
@@ -49,7 +50,7 @@ pub enum Problem {
     },
 }
 
-/// Fields of an unreadable message: enough to answer it with `not-understood`.
+/// Fields of an unreadable message that are needed for a `not-understood`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Sketch {
     /// Identifier of the unreadable message; `None` if it could not be read.
@@ -60,24 +61,24 @@ pub struct Sketch {
     pub incarnation: Option<Incarnation>,
     /// Conversation of the unreadable message; `None` if it could not be read.
     pub conversation_id: Option<ConversationId>,
-    /// Token of the exchange that the unreadable message belongs to; `None` if it could not be read.
+    /// Token of the message's exchange; `None` if it could not be read.
     pub exchange: Option<ReplyToken>,
-    /// Performative of the unreadable message as it is spelled there, even if FIPA has no such
-    /// performative; `None` if it could not be read.
+    /// Performative of the unreadable message as written, even if FIPA does not define it; `None`
+    /// if it could not be read.
     pub performative: Option<String>,
 }
 
 // === impl DecodeError ===
 
 impl DecodeError {
-    /// Whether the message has a version of the protocol that this crate does not know.
+    /// Whether the message has a protocol version that this crate does not support.
     pub fn is_of_other_version(&self) -> bool {
         matches!(self.problem, Problem::UnknownVersion { .. })
     }
 
-    /// Returns the `not-understood` that this message is in another version of the protocol, as a message
-    /// of this version. So an agent learns at once that its request was not understood, instead of
-    /// waiting for an answer. Returns `None` if this message is something else.
+    /// Converts a received `not-understood` of another protocol version to a message of this
+    /// version; `None` for any other message. The receiver then learns at once that its request was
+    /// not understood, and does not wait for an answer.
     pub fn to_not_understood(&self) -> Option<Message> {
         let Sketch { id, sender, incarnation, conversation_id, exchange, performative } =
             &*self.sketch;
@@ -110,8 +111,8 @@ impl DecodeError {
 
 /// Converts a message to JSON.
 pub fn encode(message: &Message) -> Bytes {
-    // A `Message` has string keys only and no failing `Serialize`, so JSON cannot fail; an empty
-    // payload would be answered with `not-understood`, not believed.
+    // A `Message` has string keys only and no failing `Serialize`, so the conversion cannot fail.
+    // If it did, the receiver would answer the empty payload with `not-understood`.
     serde_json::to_vec(message).map(Bytes::from).unwrap_or_default()
 }
 
@@ -119,8 +120,8 @@ pub fn encode(message: &Message) -> Bytes {
 ///
 /// # Errors
 ///
-/// Returns an error if the text has too many bytes, is not JSON in the shape of a message, or has an
-/// unknown version. The error contains the fields that are needed to answer the sender.
+/// Returns an error if the text has too many bytes, is not a message in JSON, or has an unsupported
+/// version. The error contains the fields that are needed to answer the sender.
 pub fn decode(bytes: &[u8]) -> Result<Message, DecodeError> {
     if bytes.len() > MESSAGE_BYTES_MAX {
         let problem = Problem::TooLarge { bytes: bytes.len() };
@@ -139,11 +140,11 @@ pub fn decode(bytes: &[u8]) -> Result<Message, DecodeError> {
     }
 }
 
-/// Returns the sender of a message; `None` if the text has no valid sender. Only the text up to the field
-/// `sender` is parsed, because a caller that needs more parses the whole text anyway.
+/// Returns the sender of a message; `None` if the text has no valid sender. Parsing stops at the
+/// field `sender`, because a caller that needs other fields parses the whole text anyway.
 pub fn sender_of(text: &[u8]) -> Option<AgentId> {
     let mut sender = None;
-    // The rest of the text is not parsed, which the parser reports as an error.
+    // The parser reports the skipped rest of the text as an error, which is ignored.
     let _ = serde_json::Deserializer::from_slice(text).deserialize_map(UpToSender(&mut sender));
     sender
 }
@@ -169,8 +170,8 @@ impl<'de> Visitor<'de> for UpToSender<'_> {
     }
 }
 
-/// Returns the mistake in a text that could not be parsed. An unknown version takes precedence over
-/// `error`: a newer version may have another shape.
+/// Returns the mistake in a text that could not be parsed. An unsupported version takes precedence
+/// over `error`, because another version may have other fields.
 fn problem_of(bytes: &[u8], error: serde_json::Error) -> Problem {
     let version = serde_json::from_slice::<Value>(bytes)
         .ok()
@@ -221,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn whose_a_text_is_is_read_and_no_more() {
+    fn the_sender_is_read_without_parsing_the_rest() {
         for (text, expected) in [
             (r#"{"x":{"sender":"b"},"y":"\"sender\":\"c\"","sender":"a"}"#, Some("a")),
             (r#"{"sender" : "a", and so on"#, Some("a")),
@@ -244,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_version_can_be_answered() {
+    fn the_error_for_an_unknown_version_contains_the_sender() {
         let error = decode(&with("version", json!(7))).expect_err("version 7");
         assert!(matches!(error.problem, Problem::UnknownVersion { version: 7 }));
         assert_eq!(error.sketch.sender, AgentId::new("keyboard").ok());

@@ -1,7 +1,7 @@
 //! Contents of messages between the roles of the paper (its Table 1; docs/design.md, “Messages”).
 //!
-//! Facts, goals, models and plans are sent as PDDL text inside these types. All types ignore unknown
-//! fields. The envelope does not interpret contents.
+//! Facts, goals, models and plans are sent as PDDL text in fields of these types. All types ignore
+//! unknown fields. The envelope does not interpret contents.
 
 mod goal;
 mod state;
@@ -26,7 +26,7 @@ pub use self::state::{
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "act", rename_all = "kebab-case")]
 pub enum Request {
-    /// To the Plan Requester: plan and achieve this goal, or keep it.
+    /// To the Plan Requester: reach this goal once, or keep it.
     Achieve(Achieve),
     /// To the Planning Agent: compute a plan for this domain and problem.
     Plan(PlanRequest),
@@ -34,21 +34,21 @@ pub enum Request {
     Execute(Box<Execute>),
     /// To the Plan Executor: cancel a plan that is no longer needed.
     CancelPlan(CancelPlan),
-    /// To an actuator: execute an action, which is given with the method that carries it out.
+    /// To an actuator: execute an action with the given method.
     Act(Box<Act>),
     /// To the Domain Maintainer: change the state.
     ChangeState(ChangeState),
     /// To the Plan Requester: change the planning mode, centralised or decentralised.
     SetMode(SetMode),
-    /// To a Keyboard Agent: the answer of a person to one of the open questions of that agent.
+    /// To a Keyboard Agent: answer one of its open questions in the name of a person.
     AnswerQuestion(AnswerQuestion),
     /// To the Domain Maintainer: change the metric by which plans are compared.
     ChangeMetric(ChangeMetric),
     /// To the Domain Maintainer: withhold actions from planning, or give withheld actions back.
     ChangeActions(ChangeActions),
-    /// To the Domain Maintainer: believe facts observed by the sender.
+    /// To the Domain Maintainer: believe the facts that the sender has observed.
     Observe(Observation),
-    /// To a Journal: store records. The Journal confirms the request as soon as the records are on disk.
+    /// To a Journal: store records. The Journal confirms the request when the records are on disk.
     StoreRecords(StoreRecords),
 }
 
@@ -72,7 +72,7 @@ pub enum Mode {
     Decentralized,
 }
 
-/// Request that passes a person's answer to an open question to a Keyboard Agent.
+/// Request that gives a Keyboard Agent a person's answer to an open question.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct AnswerQuestion {
@@ -89,13 +89,13 @@ pub struct AnswerQuestion {
 pub struct Achieve {
     /// The goal: a PDDL condition over the ecosystem's ontology.
     pub goal: String,
-    /// Whether the goal is to be reached once or kept.
+    /// Whether the goal ends when it is reached, or is kept from then on.
     #[serde(default)]
     pub keep: Keep,
     /// Priority of the goal: a goal with a greater number takes precedence.
     #[serde(default)]
     pub priority: i32,
-    /// Whether the goal is pursued during a partition.
+    /// Treatment of the goal during a partition.
     #[serde(default)]
     pub partition: Partition,
 }
@@ -105,11 +105,11 @@ pub struct Achieve {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Partition {
-    /// Every part of the partitioned ecosystem pursues the goal with the agents that it has.
+    /// Every part of the partitioned ecosystem pursues the goal with its own agents.
     #[default]
     Pursue,
-    /// Only the part of the ecosystem with the quorum of Journals plans for the goal; at most one part
-    /// has it.
+    /// Only the part of the ecosystem with a quorum of the Journals plans for the goal. At most one
+    /// part has a quorum.
     Wait,
 }
 
@@ -133,11 +133,10 @@ pub struct PlanRequest {
     pub domain: String,
     /// The PDDL problem to solve.
     pub problem: String,
-    /// Epoch in which the domain and the problem are valid: the number of changes of the set of
-    /// capabilities.
+    /// Epoch of the domain and the problem: the number of changes of the set of capabilities.
     pub epoch: u64,
-    /// Remaining steps of an interrupted plan, one per line, if the new plan should continue that plan
-    /// where possible.
+    /// Remaining steps of an interrupted plan, one per line, which the new plan should continue
+    /// where possible; `None` if there is no such plan.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub remaining_steps: Option<String>,
 }
@@ -146,35 +145,35 @@ pub struct PlanRequest {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Execute {
-    /// The PDDL domain that the plan was made in.
+    /// The PDDL domain in which the plan was made.
     pub domain: String,
-    /// The PDDL problem that the plan solves: the objects, the state as known, and the goal.
+    /// The PDDL problem that the plan solves: the objects, the known state, and the goal.
     pub problem: String,
     /// The plan to execute, one step per line.
     pub plan: String,
-    /// Epoch in which the domain, the problem and the plan are valid: the number of changes of the set of
+    /// Epoch of the domain, the problem and the plan: the number of changes of the set of
     /// capabilities.
     pub epoch: u64,
     /// Term of the Plan Requester that made the plan: see [`ActionToken::term`].
     #[serde(default)]
     pub term: u64,
-    /// Number of the plan among the plans of its conversation in that term, from 1.
+    /// Number of the plan among the plans of its conversation and term, from 1.
     pub round: u32,
-    /// Numbers of the steps that are known to be done, counted from 0. They exist if another Plan
-    /// Executor has begun the plan.
+    /// Numbers of the steps that are known to be done, from 0; empty unless another Plan Executor
+    /// has begun the plan.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub done: Vec<u32>,
     /// The actions that each agent in the plan offers.
     #[serde(default)]
     pub offers: Offers,
-    /// The symbols of the domain that describe what is unknown: see [`Snapshot::knowledge`].
+    /// The symbols of the domain that describe unknown facts; see [`Snapshot::knowledge`].
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub knowledge: BTreeMap<String, Auxiliary>,
 }
 
-/// Request to cancel a plan for the goal of the message's conversation. A running plan is stopped. A plan
-/// that the Plan Executor has not received yet will not be started when it arrives: a former leader may
-/// have requested it, and that request may arrive after the cancellation.
+/// Request to cancel a plan for the goal of the message's conversation. A running plan is stopped.
+/// If the plan has not arrived yet, it is not started when it arrives: a former leader may have
+/// requested it, and that request may be slower than the cancellation.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CancelPlan {
@@ -184,25 +183,25 @@ pub struct CancelPlan {
     pub round: u32,
 }
 
-/// The actions that each agent offers: per agent, under the agent's own name for each action.
+/// The actions that each agent offers, under the agent's own name for each action.
 pub type Offers = BTreeMap<AgentId, BTreeMap<String, Offer>>;
 
 /// An action that an agent offers, as the composite domain contains it.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Offer {
-    /// Name of the action in the composite domain. It differs from the agent's own name for the action if
+    /// Name of the action in the composite domain. This name differs from the agent's own name if
     /// two agents use one name for different actions.
     #[serde(alias = "inside")]
     pub schema: String,
     /// The guard: the PDDL fact that allows this agent to use the action.
     pub guard: String,
-    /// The method by which the actuator carries out the action; `None` if it is not known.
+    /// The method by which the actuator carries out the action; `None` if the method is unknown.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub method: Option<Method>,
 }
 
-/// The methods of an agent, by the name of the action that each carries out.
+/// The methods of an agent, each under the name of its action.
 pub type Methods = BTreeMap<String, Method>;
 
 /// The method that an actuator runs for an action (docs/design.md, “Action models”).
@@ -211,7 +210,7 @@ pub type Methods = BTreeMap<String, Method>;
 pub struct Method {
     /// Name of the method.
     pub method: String,
-    /// Arguments of the method, by name; a value is a variable of the action (`?to`) or a literal.
+    /// Arguments of the method, by name. A value is a variable of the action (`?to`) or a literal.
     #[serde(default)]
     pub arguments: BTreeMap<String, String>,
     /// Longest time that the method may take.
@@ -226,21 +225,22 @@ pub struct Act {
     pub action: String,
     /// Name of the method to run.
     pub method: String,
-    /// Arguments of the method by name, with values.
+    /// Values of the method's arguments, by name.
     pub arguments: BTreeMap<String, String>,
-    /// Identifier of the commitment to act; for each identifier, the action is executed at most once.
+    /// Identifier of the commitment to act. The action is executed at most once for each
+    /// identifier.
     pub token: ActionToken,
 }
 
 /// Identifier of one commitment to act (docs/design.md, “Execution”). For each token, the actuator
-/// executes the action at most once; if the same token is requested again, the actuator answers with the
-/// result. It refuses the token of a plan that is older than the newest plan it has seen for the same
-/// goal.
+/// executes the action at most once; a repeated request with the same token is answered with the
+/// result. If an actuator has received a newer plan for the same goal, it refuses the tokens of the
+/// older plan.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct ActionToken {
-    /// Term of the Plan Requester that made the plan. Each Plan Requester that takes over a goal has a
-    /// greater term than the one before.
+    /// Term of the Plan Requester that made the plan. A Plan Requester that takes over a goal has a
+    /// greater term than all its predecessors.
     #[serde(alias = "epoch")]
     pub term: u64,
     /// Conversation of the goal.
@@ -256,8 +256,8 @@ pub struct ActionToken {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct CancelAction {
-    /// Whether to cancel the action only if no other agent follows the same commitment. This is set by a
-    /// sender that is no longer the leader, because the new leader may follow the commitment.
+    /// Whether to cancel the action only if no other agent follows the same commitment. A former
+    /// leader sets this field, because the new leader may follow the commitment.
     pub unless_followed: bool,
 }
 
@@ -265,13 +265,13 @@ pub struct CancelAction {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct StoreRecords {
-    /// The records to store. Of several records with the same key, the one with the greatest version
-    /// counts.
+    /// The records to store. Of several records with the same key, only the one with the greatest
+    /// version is kept.
     pub records: Vec<Record>,
 }
 
-/// A record that must outlive the agent that writes it: a goal, a plan under way, or how one of them
-/// ended.
+/// A record that must outlive the agent that writes it: a goal, a running plan, or the end of
+/// either.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
@@ -279,12 +279,12 @@ pub struct Record {
     pub key: String,
     /// Version of the record; a greater version replaces a smaller one.
     pub version: Version,
-    /// Data of the record; null if the record is to be removed.
+    /// Data of the record; null to remove the record.
     #[serde(default, skip_serializing_if = "Value::is_null")]
     pub body: Value,
 }
 
-/// Version of a record. It orders the versions of all writers, independently of their clocks.
+/// Version of a record. Versions of all writers are ordered, without using their clocks.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize,
@@ -296,14 +296,15 @@ pub struct Version {
     pub count: u64,
 }
 
-/// Content of a `cfp`: propose plans for these conjuncts of a goal.
+/// Content of a `cfp`: a call for plans that reach these conjuncts of a goal.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CallForProposals {
     /// The conjuncts to propose plans for: ground PDDL conditions.
     pub conjuncts: Vec<String>,
-    /// Whether only a proposal for all conjuncts together is wanted. This is so in the second round, if
-    /// one agent had the cheapest proposals for several single conjuncts in the first.
+    /// Whether only a proposal for all conjuncts together is wanted. This is the case in a second
+    /// round, if one agent had the cheapest proposals for several single conjuncts in the first
+    /// round.
     #[serde(default)]
     pub together: bool,
 }
@@ -315,8 +316,8 @@ pub struct CallForProposals {
 pub struct Bid {
     /// The alternative proposals of the bidder.
     pub proposals: Vec<Proposal>,
-    /// Digest of the bidder's local domain and state, in which the proposals were planned. The domain and
-    /// the state can be queried from the bidder as `domain`.
+    /// Digest of the bidder's local domain and state, in which the proposals were planned. The
+    /// bidder answers the query `domain` with this domain and state.
     pub domain_digest: String,
 }
 
@@ -324,7 +325,7 @@ pub struct Bid {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Proposal {
-    /// The conjuncts that the plan reaches, spelled as in the call for proposals.
+    /// The conjuncts that the plan reaches, in the spelling of the call for proposals.
     pub covers: Vec<String>,
     /// The proposed plan, one step per line.
     pub plan: String,
@@ -357,15 +358,15 @@ pub struct PlanProposal {
     pub detail: Option<String>,
 }
 
-/// How a search for a plan ended. That no plan exists (proved) and that the search gave up (everything
-/// searched without a proof, or a limit reached) are different variants.
+/// Result of a search for a plan. A proof that no plan exists (`Unsolvable`) and a search that gave
+/// up (`Exhausted`, `Limit`) are different variants.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PlanStatus {
     /// A plan was found.
     Solved,
-    /// It is proved that no plan exists.
+    /// The search has proved that no plan exists.
     Unsolvable,
     /// The search ended without a plan and without a proof.
     Exhausted,
@@ -381,7 +382,7 @@ pub enum PlanStatus {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Choice {
-    /// The conjuncts of the accepted proposal of the receiver; empty if its proposals are rejected.
+    /// The conjuncts of the receiver's accepted proposal; empty if its proposals are rejected.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub covers: Vec<String>,
     /// The reason for the choice, as text for a person.
@@ -392,17 +393,17 @@ pub struct Choice {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Refusal {
-    /// The reason why the message was declined, as a code for programs.
+    /// Reason why the message was declined, as a code for programs.
     pub reason: Reason,
-    /// The reason why the message was declined, as text for a person.
+    /// Reason why the message was declined, as text for a person.
     pub detail: String,
-    /// The plan for the same goal that runs instead of the refused one, if another Plan Requester made
-    /// it.
+    /// The running plan for the same goal that another Plan Requester made, because of which the
+    /// requested plan is refused; `None` if there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub under_way: Option<Box<Execute>>,
 }
 
-/// Why a message was declined.
+/// Reason why a message was declined, as a code for programs.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -424,10 +425,9 @@ pub enum Reason {
     MailboxFull,
     /// Other work has to finish first, or the limit on concurrent work is reached.
     Busy,
-    /// A newer plan for the same goal has been received, so the token of the older plan is no longer
-    /// valid.
+    /// A newer plan for the same goal has arrived, so the older plan's token is no longer valid.
     StaleToken,
-    /// The named thing does not exist.
+    /// The agent, goal or record that the message names does not exist.
     Unknown,
     /// The requested feature is planned, but not implemented yet.
     NotBuilt,
@@ -437,16 +437,16 @@ pub enum Reason {
     Stopping,
     /// This replica is a standby; another replica with the same name is the leader.
     StandingBy,
-    /// Whether the action was done is unknown: the agent was restarted during it.
+    /// The agent was restarted during the action, so whether the action was done is unknown.
     Uncertain,
-    /// Whether the action was done is unknown: it exceeded its time limit and was ended, or was ended
-    /// from outside.
+    /// The action exceeded its time limit or was ended from outside, so whether it was done is
+    /// unknown.
     TimedOut,
     /// No person answered the question in time.
     Unanswered,
     /// The rights in the ecosystem file do not allow the sender to send this message.
     Forbidden,
-    /// The reason is one that a newer version defines, and this version does not know.
+    /// The reason is defined by a newer version only.
     #[serde(other)]
     Other,
 }
@@ -459,12 +459,12 @@ pub struct Report {
     pub outcome: Outcome,
     /// Description of the outcome, as one line of text for a person.
     pub detail: String,
-    /// The ground action that the report is about, under the acting agent's own name for it; `None` if
-    /// the report is about something else.
+    /// The ground action that the report is about, under the acting agent's own name for it; `None`
+    /// if the report is about something else.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub action: Option<String>,
-    /// Number of the completed step in the plan, from 0; `None` if the report is not about a completed
-    /// step.
+    /// Number of the completed step in the plan, from 0; `None` if the report is not about a
+    /// completed step.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub step: Option<u32>,
     /// The chosen plan; `None` if the report does not announce a plan.
@@ -476,11 +476,11 @@ pub struct Report {
     /// PDDL facts that were observed.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub observations: String,
-    /// The reason for which an agent refused the reported action; `None` if no agent refused it.
+    /// Reason for which an agent refused the reported action; `None` if no agent refused it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub declined: Option<Reason>,
-    /// Earlier reports about the goal. They are sent with a final report that is repeated to a requester
-    /// that had been disconnected.
+    /// Earlier reports about the goal. Only a final report that is repeated to a reconnected
+    /// requester has them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub history: Vec<HistoryEntry>,
 }
@@ -492,7 +492,7 @@ pub struct Report {
 pub enum Outcome {
     /// The action, plan or goal is under way.
     Progress,
-    /// The kept goal holds now. It continues to be watched.
+    /// The kept goal holds now; changes of the state are still watched.
     Holds,
     /// The action or plan is done, or the goal is reached (final).
     Done,
@@ -507,13 +507,13 @@ pub enum Outcome {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "of", rename_all = "kebab-case")]
 pub enum Inform {
-    /// From an actuator: its whole action model. Sent on activation, on each change of the model, and on
-    /// request.
+    /// From an actuator: its whole action model. Sent on activation, on each change of the model,
+    /// and on request.
     Model(Box<ModelAnnouncement>),
     /// From an actuator: its heartbeat, which contains its state and the digest of its model.
     Heartbeat(Heartbeat),
-    /// From the Domain Maintainer: a new epoch or a changed state, with the differences to the one
-    /// before.
+    /// From the Domain Maintainer: a new epoch or a changed state, as differences to the previous
+    /// one.
     Epoch(EpochChange),
     /// From a Keyboard Agent: a person's answer to a `query-ref`.
     Answer(PersonsAnswer),
@@ -525,14 +525,14 @@ pub enum Inform {
 pub struct Question {
     /// The question, as text for a person.
     pub text: String,
-    /// Public key to which the answer must be sealed if the answer may be a secret; `None` if it is not
-    /// secret. It is an X25519 key that the sender made for this question only, as 64 hexadecimal digits.
+    /// Public key for sealing the answer; `None` if the answer is not secret. The sender made this
+    /// X25519 key for this question only. It is written as 64 hexadecimal digits.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seal_to: Option<String>,
 }
 
 impl Question {
-    /// Creates a question with an answer that is not secret.
+    /// Creates a question without a secret answer.
     pub fn new(text: impl Into<String>) -> Question {
         Question { text: text.into(), seal_to: None }
     }
@@ -542,7 +542,7 @@ impl Question {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Withdrawal {
-    /// The reason why no answer is needed any more, as text for a person.
+    /// Reason why the question no longer needs an answer, as text for a person.
     pub detail: String,
 }
 
@@ -550,11 +550,11 @@ pub struct Withdrawal {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct PersonsAnswer {
-    /// The answer as it was typed; empty if the answer is sealed.
+    /// The answer as typed; empty if the answer is sealed.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub text: String,
-    /// The sealed answer: a sealed box (libsodium's `crypto_box_seal`) of the UTF-8 text, made with the
-    /// key of the question, in hexadecimal digits. `None` if the answer is not sealed.
+    /// The sealed answer: a sealed box (libsodium's `crypto_box_seal`) of the UTF-8 text, made with
+    /// the key of the question, in hexadecimal digits. `None` if the answer is not sealed.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sealed: Option<String>,
 }
@@ -566,11 +566,12 @@ impl PersonsAnswer {
     }
 }
 
-/// A question to a person that has not been answered yet, for agents that query the open questions.
+/// A question to a person without an answer yet, in the list of open questions that agents can
+/// query.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct OpenQuestion {
-    /// The Keyboard Agent that holds the open question.
+    /// The Keyboard Agent with the open question.
     pub keyboard: AgentId,
     /// Number of the question among the open questions of that Keyboard Agent.
     pub question: u64,
@@ -578,9 +579,9 @@ pub struct OpenQuestion {
     pub from: AgentId,
     /// The question, as text for a person.
     pub text: String,
-    /// Remaining time for which the asking agent awaits an answer.
+    /// Remaining time for which the asking agent waits for an answer.
     pub remaining: Millis,
-    /// Public key to which the answer must be sealed; `None` if the answer is not secret.
+    /// Public key for sealing the answer; `None` if the answer is not secret.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seal_to: Option<String>,
 }
@@ -595,19 +596,20 @@ pub struct Mailboxes {
     pub mailboxes: Vec<MailboxStatus>,
     /// Number of messages that arrived for agents that the daemon does not host.
     pub unknown_receiver: u64,
-    /// Number of messages that were sent to all agents and could not be parsed.
+    /// Number of broadcast messages that could not be parsed.
     pub unreadable: u64,
     /// Number of messages that the substrate did not accept for sending.
     pub not_sent: u64,
-    /// Number of records that could not be stored, because the disk is full or its data cannot be read.
+    /// Number of records that could not be stored, because the disk is full or the stored data
+    /// cannot be read.
     #[serde(default)]
     pub not_persisted: u64,
-    /// Number of rejected messages, by kind of the rule that was broken.
+    /// Number of rejected messages, by the kind of rule that they broke.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub rejected: BTreeMap<String, u64>,
 }
 
-/// State of the mailbox of one agent. All counts begin with the agent's current incarnation.
+/// State of the mailbox of one agent. All counts start at zero with the agent's incarnation.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct MailboxStatus {
@@ -619,35 +621,35 @@ pub struct MailboxStatus {
     pub waiting_max: u64,
     /// Number of messages that were put into the mailbox.
     pub received: u64,
-    /// Number of messages for which the mailbox had no room. Requests among them were refused; the other
-    /// messages are sent again by their senders.
+    /// Number of messages that did not fit into the mailbox. Requests among them were refused; the
+    /// senders retry the other messages.
     pub overflowed: u64,
 }
 
 /// Converts a content to the JSON of an envelope.
 ///
-/// Contents are plain data, so the conversion cannot fail. If it did, the content would be null, and the
-/// receiver would answer `not-understood`.
+/// Contents are plain data, so the conversion cannot fail. If it did, the content would be null,
+/// and the receiver would answer with `not-understood`.
 pub fn value(content: &impl Serialize) -> Value {
     serde_json::to_value(content).unwrap_or(Value::Null)
 }
 
 impl Achieve {
-    /// Creates a request for a goal that every part of the ecosystem pursues during a partition.
+    /// Creates a request for a goal that every part of a partitioned ecosystem pursues.
     pub fn new(goal: impl Into<String>, keep: Keep, priority: i32) -> Achieve {
         Achieve { goal: goal.into(), keep, priority, partition: Partition::Pursue }
     }
 }
 
 impl Outcome {
-    /// Whether no further report follows a report with this outcome.
+    /// Whether this outcome is final, so that no further report follows.
     pub fn is_final(self) -> bool {
         matches!(self, Outcome::Done | Outcome::Failed | Outcome::Cancelled)
     }
 }
 
 impl Report {
-    /// Creates a report of `outcome` with `detail`, one line for a person.
+    /// Creates a report with an outcome, and with `detail` as one line of text for a person.
     pub fn new(outcome: Outcome, detail: impl Into<String>) -> Report {
         Report {
             outcome,
@@ -664,7 +666,7 @@ impl Report {
 }
 
 impl Refusal {
-    /// Creates a refusal from `reason`, which is for programs, and `detail`, which is for a person.
+    /// Creates a refusal with a reason for programs, and with `detail` as text for a person.
     pub fn new(reason: Reason, detail: impl Into<String>) -> Refusal {
         Refusal { reason, detail: detail.into(), under_way: None }
     }
@@ -720,7 +722,7 @@ pub struct DiscoveryReport {
     pub discovered: Vec<Discovered>,
 }
 
-/// An agent that was discovered and that no ecosystem file names.
+/// An agent that was discovered; no ecosystem file names it.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Discovered {
     /// Name of the discovered agent.
@@ -729,10 +731,10 @@ pub struct Discovered {
     pub by: String,
     /// Whether the discovered agent takes part in the ecosystem.
     pub joined: bool,
-    /// The reason why the discovered agent does not take part, or which part of it cannot be used; `None`
-    /// if there is no problem.
+    /// Reason why the discovered agent does not take part, or why a part of it cannot be used;
+    /// `None` if there is no problem.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub problem: Option<String>,
-    /// The lines of an ecosystem file that would configure the discovered agent.
+    /// Lines for an ecosystem file that configure the discovered agent.
     pub toml: String,
 }

@@ -1,6 +1,6 @@
-//! FNV-1a: a hash that is defined in four lines, and gives the same value in every language, version and
-//! run. Parts of Althing use it where several programs or releases must compute the same value. It
-//! protects against accidents, not against forgery.
+//! The hash function FNV-1a. Its definition has four lines, and it gives the same value in every
+//! language, version and run. It is used where several programs or releases must compute the same
+//! value. It detects accidental differences, but is no protection against forgery.
 
 const OFFSET_32: u32 = 0x811c_9dc5;
 const PRIME_32: u32 = 0x0100_0193;
@@ -12,12 +12,12 @@ pub fn hash_32(bytes: &[u8]) -> u32 {
     bytes.iter().fold(OFFSET_32, |hash, byte| (hash ^ u32::from(*byte)).wrapping_mul(PRIME_32))
 }
 
-/// A hash with 64 bits, of all bytes that have been added.
+/// The 64-bit hash of all bytes that were added.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Fnv64(u64);
 
 impl Default for Fnv64 {
-    /// Returns the hash of no bytes.
+    /// Returns the hash of the empty sequence of bytes.
     fn default() -> Fnv64 {
         Fnv64(OFFSET_64)
     }
@@ -43,7 +43,7 @@ mod tests {
 
     /// The published test vectors.
     #[test]
-    fn it_is_the_published_function() {
+    fn the_published_test_vectors_match() {
         for (text, short, long) in [
             ("", 0x811c_9dc5, 0xcbf2_9ce4_8422_2325),
             ("a", 0xe40c_292c, 0xaf63_dc4c_8601_ec8c),

@@ -1,4 +1,4 @@
-//! The first line of standard input of a plugin that is a process of its own.
+//! The first line of standard input of a plugin that runs as a process.
 
 use std::collections::BTreeMap;
 
@@ -9,8 +9,8 @@ use crate::content::{Methods, Mode};
 use crate::message::Millis;
 use crate::name::{AgentId, DaemonId, EcosystemId};
 
-/// Everything that a plugin needs to join the ecosystem. It is sent as one line of JSON. The daemon keeps
-/// the plugin's standard input open for as long as the plugin should run; when the input is closed, the
+/// All data that a plugin needs to join the ecosystem, sent as one line of JSON. The daemon keeps
+/// the plugin's standard input open as long as the plugin should run. When the input is closed, the
 /// plugin must exit.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -19,9 +19,9 @@ pub struct Hello {
     pub protocol: u32,
     /// Name of the ecosystem, which is the root of all keys.
     pub ecosystem: EcosystemId,
-    /// Name under which the plugin hosts agents, as a daemon does.
+    /// Name under which the plugin hosts agents, like the name of a daemon.
     pub daemon: DaemonId,
-    /// Endpoint to which the plugin connects, as a Zenoh client.
+    /// Zenoh endpoint that the plugin connects to, as a client.
     pub endpoint: String,
     /// The agent of the daemon that the plugin exchanges messages with.
     pub host: HostName,
@@ -35,8 +35,8 @@ pub struct Hello {
     pub mode: Mode,
     /// Time between two heartbeats of each agent.
     pub heartbeat_period: Millis,
-    /// Path of the socket of the simulated building, which simulated drivers use; `None` if there is no
-    /// simulated building.
+    /// Path of the socket of the simulated building, which simulated drivers use; `None` if there
+    /// is no simulated building.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub building: Option<String>,
 }
@@ -57,18 +57,18 @@ pub struct HostName {
 pub struct HelloAgent {
     /// Name of the agent to start.
     pub name: AgentId,
-    /// Name of the plugin that implements the agent, as its package calls it.
+    /// Name of the plugin that implements the agent, as its package defines it.
     pub plugin: String,
-    /// Name of the agent's driver; `None` if the ecosystem file names none.
+    /// Name of the agent's driver; `None` if the ecosystem file does not specify one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub driver: Option<String>,
     /// Configuration of the agent from the ecosystem file.
     #[serde(default)]
     pub config: Value,
-    /// Action model that the package has for the agent, in PDDL; empty if the agent defines its own.
+    /// Action model of the agent in its package, in PDDL; empty if the agent defines its own.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub model: String,
-    /// Methods that the package has for the actions of the agent.
+    /// Methods of the agent's actions in its package.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub methods: Methods,
 }

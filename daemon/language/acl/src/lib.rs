@@ -1,13 +1,14 @@
 //! FIPA ACL, the language of agents: the envelope, its performatives and its contents.
 //!
 //! - [`Message`] is the envelope (FIPA SC00061; docs/design.md, “Messages”).
-//! - [`content`] has the contents that the paper's roles send; PDDL is sent as text.
-//! - [`Hello`] is the first input of a plugin that is a process of its own.
-//! - [`fnv`] is the hash that several programs and releases must compute alike.
-//! - [`codec`] writes and reads JSON. It extracts enough from an unreadable text to answer it.
+//! - [`content`] has the contents of the messages between the paper's roles; PDDL is sent as text.
+//! - [`Hello`] is the first input of a plugin that runs as a process.
+//! - [`fnv`] is the hash function for values that several programs and releases must compute.
+//! - [`codec`] converts messages to and from JSON. From an unreadable text it extracts the fields
+//!   that an answer needs.
 //!
-//! This crate leaves to others: which message may follow which (`conversation`), and the meaning of a
-//! message, which the agent that processes the message decides (the paper, “Communication Protocols”).
+//! The crate `conversation` decides which message may follow which. The agent that processes a
+//! message decides its meaning (the paper, “Communication Protocols”).
 
 pub mod codec;
 pub mod content;

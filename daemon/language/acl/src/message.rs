@@ -1,5 +1,5 @@
-//! The envelope of a message (FIPA SC00061), extended by a message id, the sender's incarnation and a
-//! version.
+//! The envelope of a message (FIPA SC00061), with three additional fields: a message identifier,
+//! the sender's incarnation and a version.
 
 use std::fmt;
 use std::sync::Arc;
@@ -29,46 +29,46 @@ pub struct Message {
     pub sender: AgentId,
     /// Incarnation of the sender.
     pub incarnation: Incarnation,
-    /// The agents that the message is for; empty if it is for all agents.
+    /// The agents that the message is for; empty for a broadcast to all agents.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub receiver: Vec<AgentId>,
     /// Content of the message; see [`crate::content`].
     #[serde(default, skip_serializing_if = "Value::is_null")]
     pub content: Value,
-    /// Language of the content: `pddl` if the content holds PDDL text.
+    /// Language of the content: `pddl` if the content contains PDDL text; otherwise `None`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub language: Option<String>,
     /// Ontology of the content: the name of the shared PDDL domain.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ontology: Option<String>,
-    /// The interaction protocol that the message belongs to.
+    /// The interaction protocol of the message; `None` for a message outside any protocol.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub protocol: Option<Protocol>,
     /// Identifier of the conversation, which all messages about one goal share.
     pub conversation_id: ConversationId,
-    /// Token of the exchange that this message opens.
+    /// Token of the exchange that this message opens; `None` if it opens none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reply_with: Option<ReplyToken>,
-    /// Token of the exchange that this message continues, whichever side sends it. Unlike in FIPA, both
-    /// sides use the same token in all messages after the first.
+    /// Token of the exchange that this message continues; `None` if it continues none. Unlike in
+    /// FIPA, both sides use the same token in all messages after the first.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub in_reply_to: Option<ReplyToken>,
-    /// Time within which an answer is of use, counted from the receipt of the message. FIPA has
-    /// `reply_by` instead, which is a point in time.
+    /// Time within which an answer is useful, counted from the receipt of the message. FIPA has
+    /// `reply_by` instead, a point in time.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reply_within: Option<Millis>,
-    /// Ecosystems through which the message's sender is represented here, the farthest first; empty if
-    /// the sender is an agent of this ecosystem. Messages and facts of the sender are not passed on to an
-    /// ecosystem in this list, so that they cannot return to it.
+    /// Ecosystems through which the message's sender is represented here, the farthest first; empty
+    /// if the sender is an agent of this ecosystem. Messages and facts of the sender are not sent
+    /// to an ecosystem in this list, so that they cannot return there.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub via: Vec<EcosystemId>,
-    /// Fields of the envelope that a newer version or another program has added: kept, and sent on
+    /// Fields of the envelope that this version does not define. They are kept and sent on
     /// unchanged.
     #[serde(flatten)]
     pub unknown: Map<String, Value>,
 }
 
-/// The interaction protocols. The crate `conversation` decides which message may follow which.
+/// Interaction protocol. The crate `conversation` defines which message may follow which.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
@@ -83,8 +83,8 @@ pub enum Protocol {
     Execution,
     /// The Plan Executor requests an action from an actuator.
     Action,
-    /// An agent or a user requests a change of the state from the Domain Maintainer, requests a change of
-    /// the planning mode from the Plan Requester, or passes a person's answer to a Keyboard Agent.
+    /// Three kinds of requests: a change of the state from the Domain Maintainer, a change of the
+    /// planning mode from the Plan Requester, or a person's answer to a Keyboard Agent.
     StateChange,
     /// An agent asks a person a question.
     Query,
@@ -125,25 +125,26 @@ macro_rules! text_type {
 }
 
 text_type! {
-    /// Identifier of a message, unique among all messages. Used in receipts and to detect duplicates.
+    /// Identifier of a message, unique among all messages. Used in receipts and to detect
+    /// duplicates.
     MessageId
 }
 text_type! {
-    /// Identifier of a conversation, shared by all messages about one thing, such as one goal from its
-    /// request to its outcome.
+    /// Identifier of a conversation, which all messages about one matter share: for example one
+    /// goal from its request to its outcome.
     ConversationId
 }
 text_type! {
-    /// Identifier of one exchange between two agents within a conversation. The opening message has it in
-    /// `reply_with`; each later message of both sides has it in `in_reply_to`.
+    /// Identifier of one exchange between two agents within a conversation. The first message has
+    /// it in `reply_with`; each later message of both sides has it in `in_reply_to`.
     ReplyToken
 }
 
-/// Number of an agent's incarnation: when an agent is restarted, its number is greater than before.
+/// Number of an agent's incarnation. A restarted agent has a greater number than before.
 ///
-/// The number is the time of the agent's start, in microseconds since the Unix epoch. It is unique enough
-/// for one name, later starts have greater numbers, and all numbers are below 2⁵³, so that a program in
-/// JavaScript reads them exactly.
+/// The number is the time of the agent's start, in microseconds since the Unix epoch. It is
+/// practically unique for one name, and later starts have greater numbers. All numbers are below
+/// 2⁵³, so that a program in JavaScript reads them exactly.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(
     Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize,
@@ -151,10 +152,10 @@ text_type! {
 #[serde(transparent)]
 pub struct Incarnation(pub u64);
 
-/// A duration, which is sent in milliseconds.
+/// A duration, sent as a number of milliseconds.
 ///
-/// Messages contain durations and no points in time, because the clocks of boards without a battery
-/// disagree.
+/// Messages contain durations, and no points in time, because the clocks of boards without a
+/// battery differ.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(from = "u64", into = "u64")]
@@ -181,8 +182,8 @@ impl fmt::Display for Incarnation {
 // === impl Message ===
 
 impl Message {
-    /// Returns the token of the exchange that this message belongs to: the exchange that it continues, or
-    /// else the one that it opens.
+    /// Returns the token of the message's exchange: the exchange that it continues, or else the
+    /// exchange that it opens. Returns `None` for a message outside any exchange.
     pub fn exchange(&self) -> Option<&ReplyToken> {
         self.in_reply_to.as_ref().or(self.reply_with.as_ref())
     }
@@ -196,8 +197,8 @@ impl Message {
     ///
     /// # Errors
     ///
-    /// Returns an error if the content does not have the shape of `T`; such a message should be answered
-    /// with `not-understood`.
+    /// Returns an error if the content does not have the shape of `T`. Such a message should be
+    /// answered with `not-understood`.
     pub fn content_as<T: DeserializeOwned>(&self) -> Result<T, serde_json::Error> {
         T::deserialize(&self.content)
     }

@@ -1,8 +1,8 @@
-//! Names of agents, daemons and ecosystems: checked when they are created.
+//! Names of agents, daemons and ecosystems, which are checked when they are created.
 //!
-//! Each name is one chunk of a Zenoh key expression, and the name of an agent is also a PDDL object; so a
-//! name has only characters that both allow. Names are lower case, because PDDL ignores case and Zenoh
-//! does not.
+//! Each name is one chunk of a Zenoh key expression, and the name of an agent is also a PDDL
+//! object. A name therefore has only characters that both allow. Names are lower case, because PDDL
+//! ignores case and Zenoh does not.
 
 use std::borrow::Borrow;
 use std::fmt;
@@ -10,8 +10,8 @@ use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-/// Length of the longest name that is accepted, in bytes. A key expression has up to six names, and small
-/// devices limit its length to 256 bytes.
+/// Maximum length of a name, in bytes. A key expression has up to six names, and small devices
+/// limit its length to 256 bytes.
 pub(crate) const NAME_BYTES_MAX: usize = 64;
 
 /// Error for a text that cannot be a name.
@@ -20,9 +20,9 @@ pub(crate) const NAME_BYTES_MAX: usize = 64;
 pub struct InvalidName {
     /// The text that cannot be a name.
     pub name: String,
-    /// The kind of thing that was to be named, with its article: `an agent`.
+    /// Kind of the named element, with its article: `an agent`.
     pub what: &'static str,
-    /// The rule that names must follow.
+    /// The rule for names, as text for a person.
     pub rule: &'static str,
 }
 
@@ -47,8 +47,8 @@ macro_rules! name_type {
             ///
             /// # Errors
             ///
-            /// Returns an error if `text` is not 1 to 64 of `a-z`, `0-9`, `-`, `_`, beginning with a
-            /// letter.
+            /// Returns an error unless `text` has 1 to 64 characters of `a-z`, `0-9`, `-` and `_`,
+            /// and begins with a letter.
             pub fn new(text: &str) -> Result<$name, InvalidName> {
                 if is_name(text) {
                     return Ok($name(Arc::from(text)));
@@ -118,20 +118,20 @@ macro_rules! name_type {
 }
 
 name_type! {
-    /// The name of an agent: one chunk of a key expression, and a PDDL object.
+    /// Name of an agent: one chunk of a key expression, and a PDDL object.
     AgentId, "an agent"
 }
 name_type! {
-    /// The name of a daemon: one `althing` process.
+    /// Name of a daemon: one `althing` process.
     DaemonId, "a daemon"
 }
-/// Separator between the name of a daemon and the role of a guest, which is a short-lived process that
-/// uses the daemon's key.
+/// Separator between the name of a daemon and the role of a guest. A guest is a short-lived process
+/// that uses the daemon's key.
 const GUEST: &str = "--";
 
 impl DaemonId {
-    /// Returns the name of a guest of this daemon with the role `role`. A guest is a command line or a
-    /// keyboard, which uses the daemon's key but is not the daemon.
+    /// Returns the name of a guest of this daemon. A guest is a short-lived process, such as a
+    /// command or a keyboard, that uses the daemon's key.
     ///
     /// # Errors
     ///
@@ -140,20 +140,21 @@ impl DaemonId {
         DaemonId::new(&format!("{self}{GUEST}{role}"))
     }
 
-    /// Returns the name of the daemon that has the key for this name: the daemon itself, or for a guest
-    /// the daemon that it belongs to.
+    /// Returns the name of the daemon with the key for this name. For a guest, this is the daemon
+    /// that it belongs to.
     pub fn host(&self) -> &str {
         self.as_str().split_once(GUEST).map_or(self.as_str(), |(host, _)| host)
     }
 
-    /// Whether this is the name of a guest.
+    /// Whether this is the name of a guest, and not of a daemon.
     pub fn is_guest(&self) -> bool {
         self.as_str().contains(GUEST)
     }
 }
 
 name_type! {
-    /// The name of an ecosystem; all its agents share a substrate and a root key expression.
+    /// Name of an ecosystem. All agents of the ecosystem share a substrate and a root key
+    /// expression.
     EcosystemId, "an ecosystem"
 }
 
@@ -174,7 +175,7 @@ mod tests {
     }
 
     #[test]
-    fn a_guest_goes_by_its_hosts_name() {
+    fn the_name_of_a_guest_contains_its_host() {
         let pi = DaemonId::new("office-pi").expect("a name");
         let guest = pi.guest("cli-7").expect("short");
         assert_eq!(
@@ -186,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn the_error_says_what_would_be_right() {
+    fn the_error_explains_valid_names() {
         let error = DaemonId::new("Office Pi").expect_err("a space and capitals");
         assert_eq!(
             error.to_string(),

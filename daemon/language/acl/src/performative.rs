@@ -1,26 +1,27 @@
-//! The types of communicative acts: the paper's eleven (Table 1) and `not-understood`.
+//! The types of communicative acts: the eleven of the paper (Table 1), and `not-understood`.
 
 use std::fmt;
 use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-/// The type of a communicative act. Rust names and wire spelling are FIPA's (SC00037); the
-/// roles are those of the paper's Table 1.
+/// Type of a communicative act. The names of the variants and their spelling in messages are FIPA's
+/// (SC00037); the roles are those of the paper's Table 1.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Performative {
     /// Paper: *agree*. An actuator proposes a plan, or accepts a requested action.
     Agree,
-    /// Paper: *cancel*. The receiver is asked to give up the commitment of this exchange.
+    /// Paper: *cancel*. The sender asks the receiver to give up the commitment of this exchange.
     Cancel,
-    /// Paper: *refuse*. The sender declines the request, and gives the reason.
+    /// Paper: *refuse*. The sender declines the request and gives the reason.
     Refuse,
-    /// Paper: *request*. The receiver is asked to plan, reach a goal, execute a plan, act, or change the
-    /// state.
+    /// Paper: *request*. The sender asks the receiver to plan, reach a goal, execute a plan, act,
+    /// or change the state.
     Request,
-    /// Paper: *call for proposals*. The receivers are asked to propose plans for conjuncts of a goal.
+    /// Paper: *call for proposals*. The sender asks the receivers to propose plans for conjuncts of
+    /// a goal.
     Cfp,
     /// Paper: *propose*. The central planner proposes a plan.
     Propose,
@@ -28,15 +29,16 @@ pub enum Performative {
     AcceptProposal,
     /// Paper: *reject*. The sender rejects the proposals of the receiver.
     RejectProposal,
-    /// Paper: *inform*. The sender announces an action model, the state of an agent, or a new epoch.
+    /// Paper: *inform*. The sender announces an action model, the state of an agent, or a new
+    /// epoch.
     Inform,
-    /// Paper: *query*. The receiver is asked to put a question to a person.
+    /// Paper: *query*. The sender asks the receiver to put a question to a person.
     QueryRef,
-    /// Paper: *confirm*. The sender reports the progress or outcome of an action, a plan or a goal, or
-    /// observations.
+    /// Paper: *confirm*. The sender reports the progress or outcome of an action, a plan or a goal,
+    /// or observations.
     Confirm,
-    /// The sender could not read the message, and gives the reason. Every FIPA protocol needs this
-    /// performative.
+    /// The sender could not read a message of the receiver, and gives the reason. Every FIPA
+    /// protocol requires this performative.
     NotUnderstood,
 }
 
@@ -62,7 +64,7 @@ impl Performative {
         Performative::NotUnderstood,
     ];
 
-    /// Returns the performative as FIPA spells it, which is also how messages spell it.
+    /// Returns the spelling of the performative in FIPA and in messages.
     pub const fn as_str(self) -> &'static str {
         match self {
             Performative::Agree => "agree",
@@ -80,12 +82,13 @@ impl Performative {
         }
     }
 
-    /// Whether a message that has this performative and one receiver is a commitment or an answer to one.
-    /// Such messages are retried until a receipt arrives (docs/design.md, “Delivery”).
+    /// Whether a message with this performative and one receiver is retried until a receipt arrives
+    /// (docs/design.md, “Delivery”). Such a message is a commitment, or an answer to a commitment.
     ///
-    /// A lost `cfp` or `inform` does no harm: the initiator sends a `cfp` again to silent agents until
-    /// the round of bids closes, and the next heartbeat replaces a lost one. A `not-understood` is never
-    /// retried, so that two agents that do not understand each other stop sending.
+    /// A lost `cfp` or `inform` is harmless: the initiator sends a `cfp` again to silent agents
+    /// until the round of bids closes, and the next heartbeat replaces a lost one. A
+    /// `not-understood` is never retried, because two agents that do not understand each other
+    /// would send it forever.
     pub fn is_retried(self) -> bool {
         !matches!(self, Performative::Cfp | Performative::Inform | Performative::NotUnderstood)
     }
@@ -113,7 +116,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn wire_and_text_spell_alike() {
+    fn wire_and_text_spellings_are_equal() {
         for performative in Performative::ALL {
             let json = serde_json::to_string(&performative).expect("a plain string");
             assert_eq!(json, format!("\"{performative}\""));

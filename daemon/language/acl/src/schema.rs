@@ -1,5 +1,5 @@
 //! Test that the published JSON Schema of the protocol (docs/protocol.schema.json) agrees with the
-//! types that read and write it. `UPDATE_EXPECT=1 cargo test -p acl schema` regenerates it.
+//! types of this crate. `UPDATE_EXPECT=1 cargo test -p acl schema` regenerates the schema.
 
 use std::path::Path;
 
@@ -18,8 +18,8 @@ fn of<T: JsonSchema>(generator: &mut SchemaGenerator) -> Value {
     generator.subschema_for::<T>().to_value()
 }
 
-/// Returns the schemas of the `content` of messages with a performative: several schemas if several
-/// protocols use the performative.
+/// Returns the schemas of the contents of messages with a performative, one for each protocol with
+/// a different content.
 fn contents(performative: Performative, generator: &mut SchemaGenerator) -> Vec<Value> {
     match performative {
         Performative::Agree => vec![of::<Bid>(generator), of::<Agreement>(generator)],
@@ -37,8 +37,8 @@ fn contents(performative: Performative, generator: &mut SchemaGenerator) -> Vec<
     }
 }
 
-/// Returns the schema of a message, with the schema of the content for each performative, and with the
-/// schema of `Hello` in `$defs`.
+/// Returns the schema of a message, with the schema of the content for each performative. The
+/// schema of `Hello` is in `$defs`.
 fn schema() -> Value {
     let mut generator = SchemaGenerator::default();
     let message = of::<Message>(&mut generator);

@@ -1,11 +1,11 @@
-//! Duplicate window: recognises messages that were received before, because a sender retried or a
-//! substrate doubled them.
+//! Duplicate window: recognises repeated messages, which a sender has retried or a substrate has
+//! duplicated.
 
 use std::collections::{HashSet, VecDeque};
 
 use acl::MessageId;
 
-/// The ids of the last messages that were received; older ids are dropped.
+/// The identifiers of the last received messages; older ones are dropped.
 #[derive(Clone, Debug)]
 pub struct DuplicateWindow {
     ids: HashSet<MessageId>,
@@ -14,8 +14,8 @@ pub struct DuplicateWindow {
 }
 
 impl DuplicateWindow {
-    /// Creates a window that holds the ids of `ids_max` messages. This number must exceed the number of
-    /// messages that can be under way to one listener while any of them is still retried.
+    /// Creates a window for the identifiers of `ids_max` messages. This number must exceed the
+    /// number of messages to one listener that can arrive while any of them is still retried.
     pub fn new(ids_max: usize) -> DuplicateWindow {
         DuplicateWindow { ids: HashSet::new(), order: VecDeque::new(), ids_max }
     }
@@ -25,7 +25,7 @@ impl DuplicateWindow {
         self.ids.contains(id)
     }
 
-    /// Adds the message `id` to the window; returns `false` if the message was received before.
+    /// Adds the message `id` to the window. Returns `false` if the message was received before.
     pub fn insert(&mut self, id: &MessageId) -> bool {
         if !self.ids.insert(id.clone()) {
             return false;
@@ -45,7 +45,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_oldest_is_forgotten_first() {
+    fn the_oldest_id_is_dropped_first() {
         let mut seen = DuplicateWindow::new(2);
         let [a, b, c] = ["a", "b", "c"].map(MessageId::new);
         assert!(seen.insert(&a) && seen.insert(&b));

@@ -5,34 +5,35 @@ use acl::{AgentId, Incarnation, Message, Performative, Protocol};
 
 use crate::turn::{ExchangePhase, ExchangeRole, PROTOCOLS};
 
-/// Error: a message that the protocol does not allow at this point.
+/// Error for a message that the protocol does not allow at this point.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("`{performative}` of the {role:?} does not follow in {protocol:?} at {phase:?}")]
 pub struct ProtocolViolation {
     /// Protocol of the exchange.
     pub protocol: Protocol,
-    /// Phase in which the exchange was when the message came.
+    /// Phase of the exchange when the message arrived.
     pub phase: ExchangePhase,
-    /// Role of the agent that sent the message.
+    /// Role of the sender of the message.
     pub role: ExchangeRole,
-    /// Performative of the message that is not allowed.
+    /// Performative of the message.
     pub performative: Performative,
 }
 
-/// State of one exchange. A broadcast opens one exchange with every participant that answers.
+/// State of one exchange. After a broadcast, there is one exchange with every participant that
+/// answers.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Exchange {
     protocol: Protocol,
     initiator: AgentId,
     /// Incarnation of the initiator. It distinguishes the initiator from a participant of the same
-    /// name, because a replica may open an exchange with another.
+    /// name, because a replica may open an exchange with another replica.
     incarnation: Incarnation,
     phase: ExchangePhase,
 }
 
 impl Exchange {
     /// Creates the state of an exchange before its first message, which the `incarnation` of
-    /// `initiator` will send.
+    /// `initiator` sends.
     pub fn new(protocol: Protocol, initiator: AgentId, incarnation: Incarnation) -> Exchange {
         Exchange { protocol, initiator, incarnation, phase: ExchangePhase::Opening }
     }
@@ -47,7 +48,7 @@ impl Exchange {
         self.protocol
     }
 
-    /// Returns the agent that opened the exchange.
+    /// Returns the agent that opens the exchange.
     pub fn initiator(&self) -> &AgentId {
         &self.initiator
     }
@@ -57,8 +58,8 @@ impl Exchange {
         self.phase == ExchangePhase::Closed
     }
 
-    /// Whether a message that the protocol does not allow now may be allowed later. The message before
-    /// it, from the same sender or from the other agent, may still be on its way.
+    /// Whether a message that the protocol does not allow now may be allowed later, because an
+    /// earlier message of either agent may arrive after it.
     pub fn may_follow_later(&self, message: &Message) -> bool {
         let role = self.role(message);
         let mut reached = vec![self.phase];
@@ -81,7 +82,8 @@ impl Exchange {
     ///
     /// # Errors
     ///
-    /// Returns an error if the protocol does not allow the message now; the phase stays as it was.
+    /// Returns an error if the protocol does not allow the message now. The phase is then
+    /// unchanged.
     pub fn advance(&mut self, message: &Message) -> Result<ExchangePhase, ProtocolViolation> {
         let role = self.role(message);
         let performative = message.performative;
@@ -112,8 +114,8 @@ impl Exchange {
     }
 }
 
-/// Whether `message` is a `confirm` without a final outcome, which leaves the exchange in the phase
-/// that it is in.
+/// Whether `message` is a `confirm` without a final outcome, which does not change the phase of the
+/// exchange.
 fn is_progress(message: &Message) -> bool {
     message.performative == Performative::Confirm
         && message.content_as::<Report>().is_ok_and(|report| !report.outcome.is_final())

@@ -1,12 +1,13 @@
 //! The interaction protocols (the paper, “Flow of Control”) as state machines without I/O.
 //!
-//! - [`Exchange`] follows one initiator and one participant through one protocol.
-//! - [`PROTOCOLS`] lists every turn of every protocol: to add a performative to a protocol, add a line.
-//! - [`Transcript`] follows all exchanges that a listener receives; conformance tests and
-//!   `althing watch` use it.
+//! - [`Exchange`] tracks one run of a protocol between one initiator and one participant.
+//! - [`PROTOCOLS`] lists every turn of every protocol. A new line adds a performative to a
+//!   protocol.
+//! - [`Transcript`] tracks all exchanges that a listener receives. Conformance tests and `althing
+//!   watch` use it.
 //!
-//! The meaning of a message is decided by the agent that handles it; this crate decides only which
-//! message may follow which.
+//! This crate decides only which message may follow which. The agent that handles a message decides
+//! its meaning.
 
 mod duplicate_window;
 mod exchange;

@@ -1,4 +1,4 @@
-//! All exchanges that a listener receives, each followed by its own state machine.
+//! All exchanges that a listener receives, each with its own state machine.
 
 use std::collections::BTreeMap;
 
@@ -8,16 +8,16 @@ use crate::duplicate_window::DuplicateWindow;
 use crate::exchange::{Exchange, ProtocolViolation};
 use crate::turn::{ExchangePhase, ExchangeRole};
 
-/// Most open exchanges that a transcript follows. If there are more, the exchange with the smallest
-/// token is dropped, so that the memory of a listener that runs for months does not grow.
+/// Maximum number of open exchanges in a transcript. Beyond it, the exchange with the smallest
+/// token is dropped, so that the memory of a listener that runs for months is bounded.
 pub const TRANSCRIPT_EXCHANGES_MAX: usize = 10_000;
 
-/// The exchanges of which a listener on the network has received messages.
+/// The exchanges with messages that a listener on the network has received.
 #[derive(Clone, Debug)]
 pub struct Transcript {
     duplicates: DuplicateWindow,
-    /// State of each exchange, by token and participant. The key `None` stands for the opening of a
-    /// broadcast before any participant has answered.
+    /// State of each exchange, by token and participant. The key `None` is the state of a broadcast
+    /// after its first message, before any participant has answered.
     exchanges: BTreeMap<(ReplyToken, Option<AgentId>), Exchange>,
 }
 
@@ -36,16 +36,17 @@ impl Transcript {
         }
     }
 
-    /// Handles the next message in the order of arrival. Returns the phase that the exchange of the
-    /// message is in afterwards; `None` if the message was not checked.
+    /// Handles the next message in the order of arrival. Returns the new phase of the message's
+    /// exchange; `None` if the message was not checked.
     ///
-    /// Three kinds of messages are not checked, and never cause an error: a message outside any
-    /// protocol (an `inform` to all), a message that was received before, and a message of an exchange
-    /// of which the opening was not received, because a listener may start late.
+    /// Three kinds of messages are not checked and never cause an error: a message outside any
+    /// protocol (an `inform` to all), a repeated message, and a message of an exchange without a
+    /// received opening, because a listener may start late.
     ///
     /// # Errors
     ///
     /// Returns an error if the protocol of the message's exchange does not allow the message now.
+    /// The phase is then unchanged.
     pub fn receive(
         &mut self,
         message: &Message,
@@ -59,7 +60,8 @@ impl Transcript {
         if message.opens_exchange() {
             return self.open(token, protocol, message).map(Some);
         }
-        // A turn may go to several participants of a broadcast: each has an exchange of its own.
+        // A message may go to several participants of a broadcast. Each of them has an exchange of
+        // its own.
         let mut heard = Ok(None);
         for participant in self.participants(token, message) {
             let key = (token.clone(), Some(participant));
@@ -88,8 +90,9 @@ impl Transcript {
         Ok(phase)
     }
 
-    /// Returns the participants of the exchange that a message continues: the receivers of the message
-    /// if the initiator sent it, otherwise its sender.
+    /// Returns the participants of the exchange that a message continues: its receivers if the
+    /// initiator sent it, and otherwise its sender. Returns no participant if the exchange is not
+    /// known.
     fn participants(&self, token: &ReplyToken, message: &Message) -> Vec<AgentId> {
         match self.role(token, &message.sender) {
             Some(ExchangeRole::Initiator) => message.receiver.clone(),
@@ -108,8 +111,8 @@ impl Transcript {
         Some(if is_initiator { ExchangeRole::Initiator } else { ExchangeRole::Participant })
     }
 
-    /// Returns the exchange stored under `key`. For a participant that answers a broadcast, the
-    /// exchange begins as a copy of the opening.
+    /// Returns the exchange with the key `key`; `None` if its opening was not received. When a
+    /// participant answers a broadcast, its exchange begins as a copy of the broadcast's opening.
     fn exchange(&mut self, key: &(ReplyToken, Option<AgentId>)) -> Option<&mut Exchange> {
         if !self.exchanges.contains_key(key) {
             let opening = self.exchanges.get(&(key.0.clone(), None))?.clone();
@@ -160,8 +163,8 @@ mod tests {
         }
     }
 
-    /// Passes the messages of the lines to a transcript one by one. The first one that the protocol
-    /// does not allow must have the index `out_of_order`; `None` if all are allowed.
+    /// Passes the messages of the lines to a transcript one by one. The first message that the
+    /// protocol does not allow must have the index `out_of_order`; `None` if all are allowed.
     fn check(protocol: Protocol, lines: &[&str], out_of_order: Option<usize>) {
         let mut transcript = Transcript::new();
         let mut numbered = lines.iter().enumerate();
@@ -187,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn every_bidder_has_an_exchange_of_its_own() {
+    fn every_bidder_has_a_separate_exchange() {
         let lines = [
             "r>* cfp",
             "a>r agree",
@@ -207,14 +210,14 @@ mod tests {
     }
 
     #[test]
-    fn the_central_planner_proposes_and_is_answered() {
+    fn the_central_planner_proposes_and_gets_a_reply() {
         check(Protocol::Planning, &["r>p request", "p>r propose", "r>p accept-proposal"], None);
         check(Protocol::Planning, &["r>p request", "p>r agree"], Some(1));
     }
 
     #[test]
-    fn a_question_is_withdrawn_from_those_who_have_not_answered() {
-        // The second answer may have crossed the cancel.
+    fn a_cancelled_query_may_still_be_answered() {
+        // The participant may send the second answer before it receives the cancel.
         let lines = ["a>* query-ref", "k>a inform", "a>* cancel", "l>a inform"];
         check(Protocol::Query, &lines, None);
         check(Protocol::Query, &["a>k query-ref", "a>k cancel"], None);

@@ -9,17 +9,17 @@ pub enum ExchangePhase {
     Opening,
     /// The initiator has sent its first message; the participant has not answered.
     Open,
-    /// The participant has made a proposal, which waits for its acceptance or rejection.
+    /// The participant has made a proposal, which the initiator has not accepted or rejected yet.
     Proposed,
-    /// The participant has agreed.
+    /// The participant has agreed to the request.
     Committed,
-    /// The initiator has sent `cancel`.
+    /// The initiator has sent `cancel`, and the participant has not answered it.
     Cancelling,
     /// The exchange is over.
     Closed,
 }
 
-/// Role of the sender of a message in an exchange.
+/// Role of an agent in an exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum ExchangeRole {
     /// The agent that opened the exchange.
@@ -28,7 +28,8 @@ pub enum ExchangeRole {
     Participant,
 }
 
-/// A turn of a protocol: in `phase`, `role` may send `performative`, which leads to the phase `next`.
+/// Turn of a protocol: in the phase `phase`, the agent with the role `role` may send a message with
+/// the performative `performative`, which leads to the phase `next`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ProtocolTurn {
     /// Protocol that the turn belongs to.
@@ -44,7 +45,7 @@ pub struct ProtocolTurn {
 }
 
 impl ProtocolTurn {
-    /// Whether the turn is possible in an exchange of `protocol` at `phase`.
+    /// Whether the turn is allowed in an exchange of `protocol` at `phase`.
     pub(crate) fn applies_to(&self, protocol: Protocol, phase: ExchangePhase) -> bool {
         self.protocol == protocol && self.phase == phase
     }
@@ -73,7 +74,7 @@ use Protocol::{Action, ContractNet, Execution, Goal, Planning, Query, StateChang
 ///
 /// [`Exchange`]: crate::Exchange
 pub const PROTOCOLS: &[ProtocolTurn] = &[
-    // A user asks for a goal; the Plan Requester reports progress, then the outcome.
+    // A user requests a goal. The Plan Requester reports progress, then the outcome.
     turn(Goal, Opening, Initiator, Request, Open),
     turn(Goal, Open, Participant, Refuse, Closed),
     turn(Goal, Open, Participant, NotUnderstood, Closed),
@@ -84,7 +85,7 @@ pub const PROTOCOLS: &[ProtocolTurn] = &[
     // Another user cancels a goal by its conversation.
     turn(Goal, Opening, Initiator, Cancel, Cancelling),
     turn(Goal, Cancelling, Participant, NotUnderstood, Closed),
-    // The Plan Requester asks the Planning Agent (centralised).
+    // The Plan Requester requests a plan from the Planning Agent (centralised).
     turn(Planning, Opening, Initiator, Request, Open),
     turn(Planning, Open, Participant, Refuse, Closed),
     turn(Planning, Open, Participant, NotUnderstood, Closed),
@@ -94,14 +95,14 @@ pub const PROTOCOLS: &[ProtocolTurn] = &[
     turn(Planning, Cancelling, Participant, Refuse, Closed),
     turn(Planning, Proposed, Initiator, AcceptProposal, Closed),
     turn(Planning, Proposed, Initiator, RejectProposal, Closed),
-    // The Plan Requester calls for proposals; each actuator answers alone (decentralised).
+    // The Plan Requester calls for proposals, and each actuator answers on its own (decentralised).
     turn(ContractNet, Opening, Initiator, Cfp, Open),
     turn(ContractNet, Open, Participant, Agree, Proposed),
     turn(ContractNet, Open, Participant, Refuse, Closed),
     turn(ContractNet, Open, Participant, NotUnderstood, Closed),
     turn(ContractNet, Proposed, Initiator, AcceptProposal, Closed),
     turn(ContractNet, Proposed, Initiator, RejectProposal, Closed),
-    // The Plan Requester asks the Plan Executor to execute a plan.
+    // The Plan Requester requests the execution of a plan from the Plan Executor.
     turn(Execution, Opening, Initiator, Request, Open),
     turn(Execution, Open, Participant, Refuse, Closed),
     turn(Execution, Open, Participant, NotUnderstood, Closed),
@@ -109,7 +110,7 @@ pub const PROTOCOLS: &[ProtocolTurn] = &[
     turn(Execution, Open, Initiator, Cancel, Cancelling),
     turn(Execution, Cancelling, Participant, Confirm, Closed),
     turn(Execution, Cancelling, Participant, Refuse, Closed),
-    // The Plan Executor asks an actuator to act.
+    // The Plan Executor requests an action from an actuator.
     turn(Action, Opening, Initiator, Request, Open),
     turn(Action, Open, Participant, Agree, Committed),
     turn(Action, Open, Participant, Refuse, Closed),
@@ -121,13 +122,14 @@ pub const PROTOCOLS: &[ProtocolTurn] = &[
     turn(Action, Cancelling, Participant, Agree, Cancelling),
     turn(Action, Cancelling, Participant, Confirm, Closed),
     turn(Action, Cancelling, Participant, Refuse, Closed),
-    // Any agent asks the Domain Maintainer for a change of the state or the Plan Requester for
-    // another flow, or gives a Keyboard Agent the answer of a person.
+    // Any agent requests a change of the state from the Domain Maintainer or a change of the
+    // planning mode from the Plan Requester, or gives a Keyboard Agent a person's answer.
     turn(StateChange, Opening, Initiator, Request, Open),
     turn(StateChange, Open, Participant, Confirm, Closed),
     turn(StateChange, Open, Participant, Refuse, Closed),
     turn(StateChange, Open, Participant, NotUnderstood, Closed),
-    // Any agent asks a person; if it has the answer from another source first, it withdraws the question.
+    // Any agent asks a person a question. If it gets the answer elsewhere first, it withdraws the
+    // question.
     turn(Query, Opening, Initiator, QueryRef, Open),
     turn(Query, Open, Initiator, Cancel, Closed),
     turn(Query, Open, Participant, Inform, Closed),

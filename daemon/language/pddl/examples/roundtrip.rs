@@ -2,9 +2,9 @@
 //!
 //! `cargo run --release -p pddl --example roundtrip -- FOLDER`
 //!
-//! A problem is checked against the domain that the problem names, which is searched for in the folder
-//! of the problem and in the folder above. Exits with 1 if a file has an error, or if reading back the
-//! printed text gives a different tree.
+//! A problem is checked against its domain, which is searched for in the folder of the problem and
+//! in the folder above. The program exits with 1 if a file has an error, or if the printed text
+//! parses to a different tree.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -15,7 +15,8 @@ use pddl::{
     text_from_bytes,
 };
 
-/// Number of times that each file is read: a small file is read faster than the clock can measure.
+/// Number of times that each file is read, because a single reading of a small file is too short to
+/// measure.
 const REPETITIONS: u32 = 5;
 
 struct File {
@@ -64,8 +65,8 @@ fn collect(folder: &Path, paths: &mut Vec<PathBuf>) {
     }
 }
 
-/// Returns the domain that a problem names, from the folder of the problem or the folder above. If
-/// there are several, one with a similar file name is preferred.
+/// Returns the domain that a problem refers to, from the folder of the problem or the folder above;
+/// `None` if there is none. Of several domains, the one with a similar file name is preferred.
 fn domain_of<'a>(file: &File, problem: &Problem, files: &'a [File]) -> Option<&'a Domain> {
     let stem = stem(&file.path);
     let token = stem.split(['-', '_']).next().unwrap_or(stem);

@@ -1,21 +1,22 @@
-//! Arithmetic with decimals, as the author of a text calculates, and exact comparisons.
+//! Arithmetic with decimal numbers that gives the results of calculation by hand, and exact
+//! comparisons.
 //!
-//! The numbers `0.1`, `0.2` and `0.3` have no exact binary form, so `(- 0.3 0.1)` is a little less
-//! than `0.2`. A comparison with a tolerance would hide that, but would also treat different
-//! numbers as equal. Instead, every result is rounded to the fifteen decimal digits that a binary
-//! number can hold: then sums, differences and products of decimals are exact decimals, and
-//! comparisons need no tolerance.
+//! The numbers `0.1`, `0.2` and `0.3` have no exact binary form, so in binary arithmetic `(- 0.3
+//! 0.1)` is a little less than `0.2`. A comparison with a tolerance would hide this error, but
+//! would also treat different numbers as equal. Instead, every result is rounded to the fifteen
+//! decimal digits that a binary number can hold. Sums, differences and products of decimals are
+//! then exact decimals, and comparisons need no tolerance.
 
 use crate::tree::{Assignment, Comparison, Operator};
 
 /// Number of decimal digits that every 64-bit binary number preserves.
 const DIGITS: i32 = 15;
 
-/// Number of digits to which a quotient is rounded, if the rounded value differs from the quotient by
-/// rounding errors only.
+/// Number of digits to which a quotient is rounded, if this changes it by no more than a rounding
+/// error.
 const QUOTIENT_DIGITS: i32 = 12;
 
-/// Largest number up to which a 64-bit binary number represents every whole number exactly.
+/// Bound up to which a 64-bit binary number represents every whole number exactly.
 const WHOLE_MAX: f64 = 9_007_199_254_740_992.0;
 
 /// Powers of ten that a 64-bit binary number represents exactly.
@@ -27,7 +28,8 @@ const POWERS: [f64; 23] = [
 // === impl Operator ===
 
 impl Operator {
-    /// Returns the value of `(OPERATOR left right)`. If there is no such value, the result is not finite.
+    /// Returns the value of `(OPERATOR left right)`. If there is no such value, the result is
+    /// infinite or NaN.
     ///
     /// ```
     /// use pddl::Operator;
@@ -51,8 +53,8 @@ impl Operator {
 // === impl Assignment ===
 
 impl Assignment {
-    /// Returns the value that a fluent has after `(ASSIGNMENT fluent operand)`, if it had the value
-    /// `old` before.
+    /// Returns the value of a fluent after `(ASSIGNMENT fluent operand)`; `old` is the value
+    /// before.
     pub fn apply(self, old: f64, operand: f64) -> f64 {
         match self {
             Assignment::Assign => operand,
@@ -78,9 +80,10 @@ impl Comparison {
         }
     }
 
-    /// Returns comparisons with this meaning: for two numbers, exactly one of them holds if this
-    /// comparison does not, and none of them holds otherwise. If either side is not a number, none of
-    /// them holds: an undefined value satisfies neither a comparison nor its negation.
+    /// Returns comparisons that together are the negation of this one. For two numbers, exactly one
+    /// of them holds if this comparison does not hold, and none otherwise. If either side is not a
+    /// number, none of them holds, because an undefined value satisfies neither a comparison nor
+    /// its negation.
     ///
     /// ```
     /// use pddl::Comparison;
@@ -107,15 +110,15 @@ fn sum(left: f64, right: f64) -> f64 {
 fn quotient(left: f64, right: f64) -> f64 {
     let exact = left / right;
     let decimal = rounded(exact, exact.abs(), QUOTIENT_DIGITS);
-    // A third is not a decimal, and stays as it is.
+    // A third, for example, is not a decimal and is returned unchanged.
     if (exact - decimal).abs() <= 4.0 * f64::EPSILON * exact.abs() { decimal } else { exact }
 }
 
-/// Rounds `value` to the nearest decimal. The last digit that is kept is number `digits`, counted from
-/// the first digit of `magnitude`.
+/// Rounds `value` to the nearest decimal number. The position of the last digit is the `digits`-th
+/// digit of `magnitude`.
 #[inline]
 fn rounded(value: f64, magnitude: f64, digits: i32) -> f64 {
-    // In most tasks most numbers are whole.
+    // Fast path: most numbers in most tasks are whole.
     if (value.fract() == 0.0 && value.abs() <= WHOLE_MAX) || !value.is_finite() {
         return value;
     }
@@ -123,17 +126,18 @@ fn rounded(value: f64, magnitude: f64, digits: i32) -> f64 {
 }
 
 fn round_fraction(value: f64, magnitude: f64, digits: i32) -> f64 {
-    // `magnitude` is finite, or `value` would not be.
+    // `magnitude` is finite, because `value` is.
     let places = digits - 1 - magnitude.log10().floor() as i32;
     let Ok(places) = usize::try_from(places) else { return value };
     let Some(power) = POWERS.get(places) else { return of_text(value, places) };
     let scaled = (value * power).round();
-    // A whole number divided by an exact power of ten gives the binary number nearest to the decimal.
+    // A whole number divided by an exact power of ten gives the binary number nearest to the
+    // decimal.
     if scaled.abs() <= WHOLE_MAX { scaled / power } else { value }
 }
 
-/// Rounds a number to `places` decimal places by way of its text: for small numbers, where the power of
-/// ten is not exact.
+/// Rounds a small number to `places` decimal places by formatting and parsing it, because the power
+/// of ten is not exact there.
 fn of_text(value: f64, places: usize) -> f64 {
     format!("{value:.places$}").parse().unwrap_or(value)
 }
@@ -143,7 +147,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn decimals_are_reckoned_as_they_are_written() {
+    fn decimals_are_calculated_exactly() {
         let add =
             |numbers: &[f64]| numbers.iter().fold(0.0, |all, one| Operator::Add.apply(all, *one));
         assert_eq!(add(&[0.1; 10]), 1.0);
@@ -157,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn small_and_great_numbers_keep_their_value() {
+    fn very_small_and_very_large_numbers_keep_their_value() {
         for value in [1e-300, 3.5e-30, 1e300, 123_456_789_012_345_680.0, -7e-12] {
             assert_eq!(Operator::Add.apply(value, 0.0), value);
             assert_eq!(Operator::Multiply.apply(value, 1.0), value);

@@ -1,7 +1,8 @@
-//! Diagnostics: mistakes in a text, as plain data with places in the author's text.
+//! Diagnostics: mistakes in a text, as plain data with places in this text.
 //!
-//! - Diagnostics are created by the parser and by `check`, and displayed by other crates.
-//! - Places are byte offsets; [`line_column`] converts one into the line and column that editors show.
+//! - The parser and `check` create diagnostics, and other crates display them.
+//! - Places are byte offsets; [`line_column`] converts one into the line and column that editors
+//!   show.
 //! - A diagnostic and its notes refer to the same text.
 
 use std::borrow::Cow;
@@ -12,11 +13,11 @@ use crate::tree::Span;
 /// Severity of a mistake.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Severity {
-    /// The text is valid, but the author may want to look at it.
+    /// The text is valid, but may contain an oversight.
     Hint,
-    /// The text is probably not what the author meant.
+    /// The text is valid, but probably does not have the intended meaning.
     Warning,
-    /// The text cannot be used as it is.
+    /// The text is invalid and cannot be used.
     Error,
 }
 
@@ -29,12 +30,12 @@ pub struct Diagnostic {
     pub message: String,
     /// Place of the mistake.
     pub span: Span,
-    /// Label to print beside the place of the mistake.
+    /// Label for the place of the mistake; `None` if the message is enough.
     pub label: Option<String>,
-    /// Proposal for a correction: “did you mean `connected`?”.
+    /// Proposal for a correction, such as “did you mean `connected`?”; `None` if there is none.
     pub help: Option<String>,
-    /// The rule that the text violates, in PDDL notation: a production of the grammar, or the
-    /// declaration concerned.
+    /// The violated rule in PDDL notation: a production of the grammar, or a declaration. `None` if
+    /// no such rule applies.
     pub rule: Option<Cow<'static, str>>,
     /// Other places of the same text that are related to the mistake.
     pub notes: Vec<Note>,
@@ -42,7 +43,7 @@ pub struct Diagnostic {
     pub is_unsupported: bool,
 }
 
-/// Another place to which a diagnostic refers.
+/// Another place that is related to a mistake.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Note {
     /// The other place, in the same text.
@@ -51,32 +52,32 @@ pub struct Note {
     pub message: String,
 }
 
-/// Result of parsing: a value, as far as one could be made, and every mistake that was found.
+/// Result of parsing: a value, if one could be built, and all mistakes that were found.
 #[derive(Clone, Debug)]
 pub struct Parsed<T> {
-    /// Value made from the text, without the parts that have an error. `None` if not even the kind
-    /// of the text is clear.
+    /// The value of the text, without its invalid parts. `None` if not even the kind of the text
+    /// could be determined.
     pub value: Option<T>,
     /// Mistakes that were found, in the order of the text.
     pub diagnostics: Vec<Diagnostic>,
 }
 
-/// The mistakes found so far. Up to [`DIAGNOSTICS_MAX`] mistakes are listed; further ones are only
-/// counted.
+/// The mistakes found so far. At most [`DIAGNOSTICS_MAX`] mistakes are stored; further ones are
+/// only counted.
 #[derive(Debug, Default)]
 pub(crate) struct DiagnosticList {
     list: Vec<Diagnostic>,
     omitted: usize,
 }
 
-/// Maximal number of mistakes that are listed. A screenful is 50, and a text with a thousand mistakes
-/// is not PDDL at all.
+/// Maximum number of stored mistakes. A screen shows about 50, and a text with a thousand mistakes
+/// is not PDDL.
 const DIAGNOSTICS_MAX: usize = 1_000;
 
 /// Returns the line and the column of a byte offset, both counted from 1. Columns count characters.
 ///
-/// An offset past the end of the text counts as the end; an offset inside a character counts as the
-/// first byte of the character.
+/// An offset after the end of the text is treated as the end. An offset inside a character is
+/// treated as the first byte of the character.
 pub fn line_column(text: &str, offset: usize) -> (usize, usize) {
     let mut offset = offset.min(text.len());
     while !text.is_char_boundary(offset) {
@@ -108,8 +109,8 @@ impl Diagnostic {
         Diagnostic::new(Severity::Error, span, message.into())
     }
 
-    /// Creates an error at `span` for valid PDDL with an unsupported `feature`. The feature is given in
-    /// the words of PDDL: “preferences are not supported”.
+    /// Creates an error at `span` for valid PDDL with an unsupported feature. `feature` is the
+    /// whole message, such as “preferences are not supported”.
     pub fn unsupported(span: Span, feature: impl Into<String>) -> Diagnostic {
         Diagnostic { is_unsupported: true, ..Diagnostic::error(span, feature) }
     }
@@ -144,7 +145,7 @@ impl Diagnostic {
         self
     }
 
-    /// Adds the question whether `name` was meant as a proposal for a correction, if there is a name.
+    /// Adds “did you mean `NAME`?” as a proposal for a correction. With `None`, nothing is added.
     #[must_use]
     pub fn with_suggestion(mut self, name: Option<&str>) -> Diagnostic {
         if let Some(name) = name {
@@ -212,7 +213,8 @@ impl DiagnosticList {
         }
     }
 
-    /// Whether the list is full: further mistakes are not listed, so the caller can save the work.
+    /// Whether the list is full. Further mistakes are only counted, so the caller need not prepare
+    /// them in detail.
     pub(crate) fn is_full(&self) -> bool {
         self.list.len() >= DIAGNOSTICS_MAX
     }
@@ -270,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_end_with_a_newline_and_the_end_is_a_place() {
+    fn a_line_ends_with_a_newline_and_the_end_has_a_position() {
         check("a\r\nb", 3, (2, 1));
         check("a\n", 99, (2, 1));
     }

@@ -1,12 +1,13 @@
-//! Strongly connected components of a graph: for cycles of types and of axioms, here and in the planner.
+//! Strongly connected components of a graph. They show cycles of types and of axioms, here and in
+//! the planner.
 //!
-//! The components are found in linear time and without recursion, because the graphs come from untrusted
-//! text.
+//! The components are found in linear time and without recursion, because the graphs come from
+//! untrusted text.
 
-/// Returns a component number for each node. Two nodes have the same number if and only if they reach
-/// each other.
+/// Returns a component number for each node (Kosaraju's algorithm). Two nodes have the same number
+/// if and only if they reach each other.
 ///
-/// `successors` has, for each node, the targets of its edges (Kosaraju's algorithm).
+/// `successors` has the targets of the edges of each node.
 pub fn components(successors: &[Vec<usize>]) -> Vec<usize> {
     let mut predecessors = vec![Vec::new(); successors.len()];
     for (node, targets) in successors.iter().enumerate() {
@@ -27,7 +28,7 @@ pub fn components(successors: &[Vec<usize>]) -> Vec<usize> {
     components.into_iter().flatten().collect()
 }
 
-/// Returns all nodes in an order in which each node comes after every node that it reaches. Within a
+/// Returns all nodes in an order in which each node comes after all nodes that it reaches. Within a
 /// cycle the order is arbitrary.
 fn finished_order(successors: &[Vec<usize>]) -> Vec<usize> {
     let mut finished = Vec::with_capacity(successors.len());
@@ -79,12 +80,12 @@ mod tests {
     }
 
     #[test]
-    fn a_chain_holds_nobody_together() {
+    fn a_chain_forms_no_component_of_several_nodes() {
         check(3, &[(0, 1), (1, 2), (0, 2)], &[&[0], &[1], &[2]]);
     }
 
     #[test]
-    fn cycles_are_found_behind_and_before_others() {
+    fn cycles_are_found_next_to_other_cycles() {
         let edges = [(4, 0), (0, 1), (1, 0), (1, 2), (2, 3), (3, 2), (5, 5)];
         check(6, &edges, &[&[0, 1], &[2, 3], &[4], &[5]]);
     }

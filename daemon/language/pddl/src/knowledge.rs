@@ -1,22 +1,23 @@
-//! Knowledge: rewrites conditions over facts that may be unknown into classical PDDL.
+//! Rewrites conditions over facts that may be unknown as classical PDDL.
 //!
 //! In a running ecosystem a fact is known to be true, known to be false, or unknown, and the value
-//! of a function may be unknown too. Planners have two truth values. [`Knowledge`] rewrites a
-//! domain and its goals so that they mean the same for such a planner (a K0 translation: Bonet and
-//! Geffner, 2011):
+//! of a function may be unknown, too. Planners have two truth values only. [`Knowledge`] rewrites a
+//! domain and its goals so that a planner with two truth values handles unknown facts correctly (a
+//! K0 translation: Bonet and Geffner, 2011):
 //!
-//! - `unknown-P` holds for a fact that is neither known to be true nor known to be false. If `P` is
-//!   known to be true, `P` itself holds, so only negated conditions change.
+//! - `unknown-P` holds for a fact that is unknown. A fact that is known to be true is `P` itself,
+//!   so only negated conditions change.
 //! - `defined-F` holds for a function with a known value.
 //! - `found-S` holds for a fact or function that an action of the plan observes (`:observe`). The
-//!   plan assumes the observed value that its later steps need; if the real value differs, the
-//!   executor notices, and a new plan is made.
+//!   plan assumes the observed value that its later steps need. If the real value differs, the
+//!   executor detects the difference, and a new plan is made.
 //! - `maybe-D` holds for a derived fact that cannot be ruled out.
 //!
-//! The caller keeps `unknown-P` and `defined-F` in `:init`. `found-S` is never there, so a goal
-//! that is only checked against a state, and not planned for, holds by known facts alone.
+//! The caller maintains `unknown-P` and `defined-F` in `:init`. `found-S` is never in `:init`: a
+//! goal that is only checked against a state, without planning, holds by known facts alone.
 //!
-//! **Invariant:** no function here reads a state. The same domain gives the same auxiliary predicates.
+//! **Invariant:** no function here reads a state, so the same domain always has the same auxiliary
+//! predicates.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -30,9 +31,9 @@ use crate::tree::{
 pub enum AuxiliaryPredicates {
     /// Auxiliary predicates of a predicate that is not derived.
     Predicate {
-        /// Predicate `unknown-P`, which holds for facts that are not known.
+        /// Predicate `unknown-P`, which holds for unknown facts.
         unknown: Name,
-        /// Predicate `found-S`, which holds for facts that the plan has observed. It exists only if some
+        /// Predicate `found-S`, which holds for facts that the plan has observed; `None` if no
         /// action observes the original predicate.
         found: Option<Name>,
     },
@@ -40,16 +41,16 @@ pub enum AuxiliaryPredicates {
     Function {
         /// Predicate `defined-F`, which holds if the value of the function is known.
         defined: Name,
-        /// Predicate `found-S`, which holds if the plan has observed the value. It exists only if some
-        /// action observes the function.
+        /// Predicate `found-S`, which holds if the plan has observed the value; `None` if no action
+        /// observes the function.
         found: Option<Name>,
     },
     /// Auxiliary predicates of a predicate that axioms derive.
     Derived {
         /// Predicate `maybe-D`, which holds for facts that cannot be ruled out.
         maybe: Name,
-        /// Predicate `unknown-D`, which holds for facts that cannot be ruled out because their derivation
-        /// depends on an agent that has left.
+        /// Predicate `unknown-D`, which holds for facts that may be true because an agent that
+        /// their derivation depends on has left.
         unknown: Name,
     },
 }
@@ -57,8 +58,8 @@ pub enum AuxiliaryPredicates {
 /// The symbols with facts or values that may be unknown, and their auxiliary predicates.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Knowledge {
-    /// Auxiliary predicates of each symbol, by the name of the symbol. No function has the name of a
-    /// predicate.
+    /// Auxiliary predicates of each symbol, by its name. Predicates and functions have different
+    /// names.
     pub symbols: BTreeMap<Name, AuxiliaryPredicates>,
 }
 
@@ -88,9 +89,9 @@ impl AuxiliaryPredicates {
 // === impl Knowledge ===
 
 impl Knowledge {
-    /// Creates the auxiliary predicates of a domain. Facts of the `unknowable` predicates may be
-    /// unknown. Symbols that an action observes may be unknown too, and so may predicates that axioms
-    /// derive from any of these.
+    /// Creates the auxiliary predicates of a domain. The following facts and values may be unknown:
+    /// those of `unknowable` predicates, those of observed symbols, and those of predicates that
+    /// axioms derive from any of these.
     pub fn of(domain: &Domain, unknowable: &BTreeSet<Name>) -> Knowledge {
         let observed: BTreeSet<&Name> = { domain.actions.iter() }
             .flat_map(|action| &action.observe)
@@ -128,7 +129,7 @@ impl Knowledge {
         Knowledge { symbols }
     }
 
-    /// Whether no fact can ever be unknown.
+    /// Whether all facts and values are always known.
     pub fn is_empty(&self) -> bool {
         self.symbols.is_empty()
     }
@@ -138,8 +139,8 @@ impl Knowledge {
         self.symbols.values().any(|auxiliary| auxiliary.names().any(|name| name == predicate))
     }
 
-    /// Returns the symbol for which `predicate` is the predicate `unknown-…`; `None` for other
-    /// predicates.
+    /// Returns the symbol with the auxiliary predicate `unknown-…` that `predicate` is; `None` for
+    /// other predicates.
     pub fn unknown_by(&self, predicate: &Name) -> Option<&Name> {
         let is_it = |auxiliary: &AuxiliaryPredicates| match auxiliary {
             AuxiliaryPredicates::Predicate { unknown, .. }
@@ -149,8 +150,7 @@ impl Knowledge {
         self.symbols.iter().find(|(_, auxiliary)| is_it(auxiliary)).map(|(symbol, _)| symbol)
     }
 
-    /// Returns the auxiliary fact with the meaning that `fact` is unknown; `None` if `fact` is always
-    /// known.
+    /// Returns the auxiliary fact that `fact` is unknown; `None` if `fact` is always known.
     pub fn unknown(&self, fact: &Atom) -> Option<Atom> {
         match self.symbols.get(&fact.predicate)? {
             AuxiliaryPredicates::Predicate { unknown, .. }
@@ -161,8 +161,8 @@ impl Knowledge {
         }
     }
 
-    /// Returns the auxiliary fact with the meaning that `fluent` has a known value; `None` if that is
-    /// not tracked.
+    /// Returns the auxiliary fact that `fluent` has a known value; `None` if the function has no
+    /// such predicate.
     pub fn defined(&self, fluent: &FluentTerm) -> Option<Atom> {
         match self.symbols.get(&fluent.function)? {
             AuxiliaryPredicates::Function { defined, .. } => {
@@ -173,8 +173,8 @@ impl Knowledge {
     }
 
     /// Rewrites a domain: conditions require known facts, effects make facts known, and
-    /// observations set `found-S`. The domain must have the axioms that the [`Knowledge`] was
-    /// created from.
+    /// observations add `found-S`. The domain must have the same axioms as the domain that this
+    /// [`Knowledge`] was created from.
     pub fn compile(&self, domain: &mut Domain) {
         self.declare(domain);
         let mut derived = Vec::with_capacity(domain.derived.len());
@@ -195,7 +195,7 @@ impl Knowledge {
         }
     }
 
-    /// Returns the action with conditions and effects that refer to known facts.
+    /// Returns the action with rewritten conditions and effects.
     pub fn action(&self, action: &ActionSchema) -> ActionSchema {
         let found = action.observe.iter().filter_map(|observed| self.found(observed));
         let found: Vec<Effect> = found.map(Effect::Add).collect();
@@ -212,7 +212,7 @@ impl Knowledge {
         }
     }
 
-    /// Returns the condition with the meaning that `condition` is known to hold.
+    /// Returns a condition that is true exactly if `condition` is known to hold.
     pub fn known_to_hold(&self, condition: &Condition) -> Condition {
         if !self.touches(condition) {
             return condition.clone();
@@ -220,8 +220,8 @@ impl Knowledge {
         self.rewrite(condition, true, Certainty::Sure)
     }
 
-    /// Returns the original of a rewritten condition, with the symbols of the author, as if every fact
-    /// were known.
+    /// Returns the original of a rewritten condition, in the symbols of its author and as if every
+    /// fact were known.
     pub fn original_condition(&self, condition: &Condition) -> Condition {
         match condition {
             Condition::Atom(atom) => self.plain_atom(atom),
@@ -261,8 +261,8 @@ impl Knowledge {
         }
     }
 
-    /// Replaces an auxiliary atom by what it means if everything is known and nothing has been
-    /// observed: nothing is unknown, every function has a value, and `maybe-D` is `D`.
+    /// Replaces an auxiliary atom by its meaning in a state where everything is known and nothing
+    /// was observed: no fact is unknown, every function has a value, and `maybe-D` is `D`.
     fn plain_atom(&self, atom: &Atom) -> Condition {
         let is_it = |name: &Name| *name == atom.predicate;
         for (symbol, auxiliary) in &self.symbols {
@@ -280,7 +280,7 @@ impl Knowledge {
         Condition::Atom(atom.clone())
     }
 
-    /// Whether a condition must be rewritten: it mentions a symbol that may be unknown, or has a
+    /// Whether a condition must be rewritten: it contains a symbol that may be unknown, or a
     /// comparison. Without rewriting, the negation of a comparison with an undefined function would
     /// hold.
     fn touches(&self, condition: &Condition) -> bool {
@@ -291,7 +291,7 @@ impl Knowledge {
         })
     }
 
-    /// Rewrites a condition. If `positive` is false, rewrites the negation of the condition.
+    /// Rewrites a condition, or its negation if `positive` is false.
     fn rewrite(&self, condition: &Condition, positive: bool, mode: Certainty) -> Condition {
         let all = |parts: &[Condition]| {
             parts.iter().map(|part| self.rewrite(part, positive, mode)).collect()
@@ -377,7 +377,7 @@ impl Knowledge {
     }
 
     /// Rewrites a comparison. If a function in it has no value, neither the comparison nor its
-    /// negation holds, so the negation is expressed by the opposite comparison.
+    /// negation must hold. The negation is therefore written as the opposite comparison.
     fn compare(&self, compare: &Compare, positive: bool, mode: Certainty) -> Condition {
         let with =
             |comparison| Condition::Compare(Box::new(Compare { comparison, ..compare.clone() }));
@@ -396,7 +396,7 @@ impl Knowledge {
     }
 
     /// Returns the condition under which a comparison may be assumed to hold: the plan has observed
-    /// every value that is not known. Returns `None` if no value in the comparison can be observed.
+    /// every unknown value in it. Returns `None` if no value in the comparison can be observed.
     fn assumed(&self, compare: &Compare) -> Option<Condition> {
         let tracked = self.tracked(compare);
         let found: Vec<Condition> = { tracked.iter() }
@@ -438,8 +438,8 @@ impl Knowledge {
         (!open.is_empty()).then(|| one_or(open))
     }
 
-    /// Returns the functions of a comparison that may have no value. Each comes with the fact that it
-    /// is defined, and with the predicate for having observed it.
+    /// Returns the functions of a comparison that may have no value. With each function, returns
+    /// the fact that it is defined and the predicate that it was observed, if there is one.
     fn tracked(&self, compare: &Compare) -> Vec<(FluentTerm, Atom, Option<Name>)> {
         let mut fluents: Vec<&FluentTerm> = Vec::new();
         for fluent in compare.left.fluents().chain(compare.right.fluents()) {
@@ -493,7 +493,7 @@ impl Knowledge {
         }
     }
 
-    /// Declares the auxiliary predicates, with the parameters of the symbols to which they belong.
+    /// Declares the auxiliary predicates, each with the parameters of its symbol.
     fn declare(&self, domain: &mut Domain) {
         let of_predicates = domain.predicates.iter().map(|it| (&it.name, &it.parameters));
         let of_functions = domain.functions.iter().map(|it| (&it.name, &it.parameters));
@@ -510,8 +510,8 @@ impl Knowledge {
         domain.predicates.extend(added);
     }
 
-    /// Returns the axioms for derived facts that cannot be ruled out because an agent has left, one
-    /// axiom for each derived predicate.
+    /// Returns the axioms `unknown-D` → `maybe-D`, one for each derived predicate: a derived fact
+    /// cannot be ruled out if an agent that it depends on has left.
     fn departure_axioms(&self, domain: &Domain) -> Vec<Derived> {
         let axiom = |(symbol, auxiliary): (&Name, &AuxiliaryPredicates)| {
             let AuxiliaryPredicates::Derived { maybe, unknown } = auxiliary else { return None };
@@ -551,8 +551,8 @@ fn applied(predicate: &Name, arguments: &[Term], span: Span) -> Atom {
     Atom { predicate: predicate.clone(), arguments: arguments.to_vec(), span }
 }
 
-/// Returns the derived predicates that depend on one of `symbols`, directly or through other derived
-/// predicates, together with the predicates in `left`.
+/// Returns the derived predicates that depend on one of `symbols`, directly or through other
+/// derived predicates, and the predicates in `left`.
 fn dependent(
     domain: &Domain,
     symbols: &BTreeMap<Name, AuxiliaryPredicates>,
@@ -575,7 +575,7 @@ fn dependent(
     }
 }
 
-/// Chooses names that no predicate and no function has.
+/// Chooses names that are different from those of all predicates and functions.
 struct FreshNames {
     taken: BTreeSet<Name>,
 }
@@ -631,13 +631,13 @@ mod tests {
         let parsed = |text| crate::parse_condition(text).into_result().expect("a condition");
         let sure = knowledge().known_to_hold(&parsed(condition));
         assert_eq!(sure.to_string(), parsed(expected).to_string());
-        // The reverse direction.
+        // The reverse direction must give the same condition.
         let plain = knowledge().original_condition(&sure);
         assert_eq!(knowledge().known_to_hold(&plain).to_string(), sure.to_string(), "{plain}");
     }
 
     #[test]
-    fn what_is_always_known_stays_as_it_is() {
+    fn conditions_on_known_facts_stay_unchanged() {
         check("(door-open hall)", "(door-open hall)");
         check("(not (door-open hall))", "(not (door-open hall))");
         check("(imply (in a hall) (in b hall))", "(imply (in a hall) (in b hall))");
@@ -655,7 +655,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_observed_may_be_assumed_either_way() {
+    fn an_observable_fact_may_be_assumed_true_or_false() {
         check(
             "(motion hall)",
             "(or (motion hall) (and (unknown-motion hall) (found-motion hall)))",
@@ -667,7 +667,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_derived_is_false_only_where_it_can_be_ruled_out() {
+    fn a_derived_fact_is_false_only_if_it_is_impossible() {
         check("(lit hall)", "(lit hall)");
         check("(not (lit hall))", "(not (maybe-lit hall))");
         let mut compiled = domain();
@@ -690,7 +690,7 @@ mod tests {
     }
 
     #[test]
-    fn actions_make_known_what_they_change_and_find_what_they_observe() {
+    fn actions_make_changed_facts_known_and_observed_facts_found() {
         let mut compiled = domain();
         knowledge().compile(&mut compiled);
         let action = |name: &str| {
@@ -713,7 +713,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_asked_for_is_told_in_the_authors_words() {
+    fn a_compiled_condition_is_translated_back() {
         let parsed = |text| crate::parse_condition(text).into_result().expect("a condition");
         for (asked, told) in [
             ("(not (lit hall))", "(not (lit hall))"),
@@ -728,7 +728,7 @@ mod tests {
     }
 
     #[test]
-    fn no_word_is_taken_from_the_author() {
+    fn auxiliary_predicates_avoid_the_authors_names() {
         let text = DOMAIN
             .replace("(door-open ?r - room)", "(unknown-on ?l - lamp)")
             .replace("(door-open ?r)", "(lit ?r)");

@@ -1,15 +1,14 @@
-//! Words and parentheses: the only code that reads single bytes.
+//! The lexer: splits a text into words and parentheses. Only this module handles single bytes.
 //!
-//! - The tokens go to `parentheses`, which builds the tree that `sexpr` gives access to.
-//! - Every delimiter is ASCII, so a cut between two tokens is a character boundary, whatever else
-//!   the text contains.
-//! - The meaning of a word is not known here: `:action`, `?x`, `5` and `-` are all symbols.
+//! - The tokens are the input of `parentheses`, which builds the tree that `sexpr` gives access to.
+//! - Every delimiter is ASCII, so the boundary between two tokens is always a character boundary.
+//! - The lexer does not distinguish words: `:action`, `?x`, `5` and `-` are all symbols.
 
 use nom::bytes::complete::{take, take_till, take_while};
 use nom::combinator::{map, value};
 use nom::{IResult, Parser};
 
-/// The rest of the text, which has not been read.
+/// The part of the text that has not been read.
 pub(crate) type LexInput<'a> = &'a [u8];
 
 type LexResult<'a, T> = IResult<LexInput<'a>, T, ()>;
@@ -38,8 +37,8 @@ pub(crate) fn token(input: LexInput<'_>) -> LexResult<'_, LexToken> {
     }
 }
 
-/// Returns the length of the word that `input` begins with. A question mark begins a variable and
-/// so ends the word before it: `aircraft?a` is two words.
+/// Returns the length of the word at the beginning of `input`. A question mark begins a variable
+/// and ends the word before it: `aircraft?a` is two words.
 fn word_length(input: LexInput<'_>) -> usize {
     let rest = input.iter().skip(1);
     1 + rest.take_while(|byte| !is_delimiter(**byte) && **byte != b'?').count()
@@ -92,12 +91,12 @@ mod tests {
     }
 
     #[test]
-    fn comments_end_with_their_line_and_cut_a_word() {
+    fn comments_end_with_their_line_and_end_a_word() {
         check("a;(\r\n;)\rb;", &[LexToken::Symbol(1), LexToken::Symbol(1)]);
     }
 
     #[test]
-    fn a_variable_may_touch_the_word_before_it() {
+    fn a_variable_may_follow_a_word_without_space() {
         check(
             "(at?x?yz)",
             &[

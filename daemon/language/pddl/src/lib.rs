@@ -1,18 +1,18 @@
-//! PDDL, the language of facts, goals, models and plans: text in, tree out, and back.
+//! PDDL, the language of facts, goals, models and plans: parsing, checking and printing.
 //!
 //! - [`tree`] defines the syntax tree. Start reading there.
-//! - [`parse`] makes a tree from a text: `lexer` → `parentheses` → `sexpr` → `grammar`.
-//! - `printer` makes a text from a tree: it implements `Display` for every tree type.
+//! - [`parse`] converts a text to a tree: `lexer` → `parentheses` → `sexpr` → `grammar`.
+//! - `printer` converts a tree to a text: it implements `Display` for every tree type.
 //! - `arithmetic` computes the values of [`Operator`], [`Comparison`] and [`Assignment`].
-//! - [`check`] checks whether a tree makes sense, with the help of [`types`], the type hierarchy.
-//! - [`diagnostic`] defines the form in which all these modules report mistakes.
+//! - [`check`] finds semantic mistakes in a tree, with the help of [`types`], the type hierarchy.
+//! - [`diagnostic`] defines the data type of the mistakes that these modules report.
 //!
-//! Other crates do the rest: `planner` grounds and searches, `capability` composes several models into
-//! one domain, and the binary draws diagnostics in color.
+//! Other crates use the trees: `planner` grounds and searches, `capability` composes several models
+//! into one domain, and the binary displays diagnostics.
 //!
-//! **Invariants:** nothing here reads a clock, a file or the environment. Whatever the text, parsing
-//! ends with a value and a list of diagnostics, never with a panic; and what it returns is nested no
-//! deeper than [`NESTING_MAX`], so that recursion over a tree is safe on any thread.
+//! **Invariants:** This crate reads no clock, file or environment variable. Parsing any text ends
+//! with a value and a list of diagnostics, and never with a panic. A returned tree is nested no
+//! deeper than [`NESTING_MAX`], so that recursion over it is safe on any thread.
 
 pub mod tree;
 

@@ -2,14 +2,14 @@
 //!
 //! Used by the parser, by `check`, and by any crate that looks up a name written by a person.
 
-/// Longest word that is compared with others, in bytes. The cost grows with the square of the length,
-/// and no person writes longer names.
+/// Length of the longest word that is compared with others, in bytes. The cost grows with the
+/// square of the length, and no person writes longer names.
 const BYTES_MAX: usize = 128;
 
 /// Returns the candidate that `word` most likely misspells; `None` if no candidate is near enough.
 ///
-/// One error is tolerated in a word of two letters, and one more for every three further letters. Among
-/// equally near candidates, the first is returned. Case is ignored.
+/// One error is tolerated in a word of two letters, and one more for every three further letters.
+/// Among equally near candidates, the first is returned. Case is ignored.
 pub fn nearest<'a>(word: &str, candidates: impl IntoIterator<Item = &'a str>) -> Option<&'a str> {
     if word.len() > BYTES_MAX {
         return None;
@@ -39,14 +39,14 @@ mod tests {
     }
 
     #[test]
-    fn a_slip_is_seen_through() {
+    fn a_misspelled_name_is_recognized() {
         check("conected", Some("connected"));
         check("CONNETCED", Some("connected"));
         check("known-temprature", Some("known-temperature"));
     }
 
     #[test]
-    fn another_word_is_left_alone() {
+    fn a_different_word_is_not_suggested() {
         check("docked", None);
         check("open", None);
     }

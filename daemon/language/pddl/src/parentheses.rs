@@ -2,21 +2,21 @@
 //!
 //! - The tokens come from `lexer`; `sexpr` gives access to the nodes of the tree.
 //! - The nesting is bounded, so that recursion over the tree cannot overflow the stack.
-//! - Parentheses are repaired where possible, so that one missing parenthesis gives one diagnostic and
-//!   does not spoil the rest of the file.
+//! - Missing and extra parentheses are repaired where possible, so that one wrong parenthesis gives
+//!   one diagnostic and the rest of the file is parsed.
 
 use crate::diagnostic::{Diagnostic, DiagnosticList};
 use crate::lexer::{self, LexToken};
 use crate::tree::Span;
 
-/// Maximal number of levels of nested parentheses.
+/// Maximum number of levels of nested parentheses.
 ///
-/// With a stack of 2 MiB, recursion over a tree, here or in another crate, has 16 KiB for each level.
-/// The deepest of 224 competition files nests 14 levels deep.
+/// With a stack of 2 MiB, recursion over a tree, here or in another crate, has 16 KiB for each
+/// level. The deepest of 224 competition files nests 14 levels deep.
 pub const NESTING_MAX: usize = 128;
 const _: () = assert!(NESTING_MAX <= u8::MAX as usize, "`StoredNode::depth` is a byte");
 
-/// Words that begin a section of a `(define …)` and occur nowhere else.
+/// Words that begin a section of a `(define …)`, and occur in no other place.
 const SECTIONS: &[&str] = &[
     ":domain",
     ":requirements",
@@ -33,10 +33,10 @@ const SECTIONS: &[&str] = &[
     ":metric",
 ];
 
-/// Words that begin a part of an action and occur nowhere else.
+/// Words that begin a part of an action, and occur in no other place.
 const PARTS: &[&str] = &[":parameters", ":precondition", ":condition", ":duration", ":effect"];
 
-/// A node of the tree in the form in which it is stored.
+/// A node of the tree in its stored form.
 #[derive(Clone, Copy)]
 pub(crate) struct StoredNode {
     pub(crate) start: u32,
@@ -61,7 +61,7 @@ pub(crate) struct ForestBuilder<'t, 'd> {
     entries: Vec<StoredNode>,
     /// Lists that are open, the outermost first.
     open: Vec<u32>,
-    /// Number of parentheses that are open inside a list that is nested too deep.
+    /// Number of open parentheses inside a list that is nested too deep.
     open_skipped: usize,
     /// End of the last token, as a byte offset.
     end: usize,
@@ -69,7 +69,8 @@ pub(crate) struct ForestBuilder<'t, 'd> {
     after_word: bool,
     /// Whether the last token was a `)` without an open list.
     after_stray: bool,
-    /// Place of a `)` without an open list, if no other token has come after it so far.
+    /// Place of a `)` without an open list that no other token has followed so far; `None` if there
+    /// is none.
     stray: Option<usize>,
     problems: &'d mut DiagnosticList,
 }
@@ -78,7 +79,7 @@ impl<'t, 'd> ForestBuilder<'t, 'd> {
     pub(crate) fn new(text: &'t str, problems: &'d mut DiagnosticList) -> ForestBuilder<'t, 'd> {
         ForestBuilder {
             text,
-            // Competition files have one token per five to eight bytes.
+            // Competition files have one token for five to eight bytes.
             entries: Vec::with_capacity(text.len() / 6),
             open: Vec::new(),
             open_skipped: 0,
@@ -113,8 +114,8 @@ impl<'t, 'd> ForestBuilder<'t, 'd> {
         self.entries
     }
 
-    /// Reports a comment in the style of another language if one begins with this word. Returns the end
-    /// of the comment; `None` if there is none.
+    /// Reports a comment in the style of another language, if this word begins one. Returns the end
+    /// of the comment; `None` if there is no comment.
     fn foreign_comment(&mut self, token: LexToken) -> Option<usize> {
         let LexToken::Symbol(length) = token else { return None };
         let start = self.end - length;
@@ -143,7 +144,7 @@ impl<'t, 'd> ForestBuilder<'t, 'd> {
         Some(start + length)
     }
 
-    /// Adds a token to the tree; `before` is the end of the token before it.
+    /// Adds a token to the tree; `before` is the end of the previous token.
     fn take(&mut self, token: LexToken, before: usize) {
         let touches_word = self.after_word
             && matches!(token, LexToken::Symbol(length) if self.end - length == before);
@@ -193,8 +194,8 @@ impl<'t, 'd> ForestBuilder<'t, 'd> {
         }
     }
 
-    /// Reports a `)` that closes no list, if there is one. It is reported when another token comes
-    /// after it.
+    /// Reports a stored `)` that closes no list, if there is one. Called when another token
+    /// follows, because only then is it an error.
     fn report_stray(&mut self) {
         if let Some(start) = self.stray.take() {
             self.problems.push(
@@ -236,9 +237,9 @@ impl<'t, 'd> ForestBuilder<'t, 'd> {
         entry.end = Span::new(0, end).end;
     }
 
-    /// Repairs parentheses before a section. A section occurs only directly in a `(define …)`. If it
-    /// begins deeper, a closing parenthesis is missing before it; if it begins outside, there is one
-    /// closing parenthesis too many.
+    /// Repairs parentheses before a section, which occurs only directly in a `(define …)`. If the
+    /// section begins deeper, a closing parenthesis is missing before it. If it begins outside,
+    /// there is a closing parenthesis too many.
     fn repair_before_section(&mut self, start: usize) {
         let word = &self.text[start..self.end];
         let heads_a_list = self.open.last().is_some_and(|i| *i as usize + 1 == self.entries.len());
@@ -259,8 +260,8 @@ impl<'t, 'd> ForestBuilder<'t, 'd> {
         }
     }
 
-    /// Repairs parentheses before a part of an action. Such a part occurs only directly in an action.
-    /// If it begins deeper, a closing parenthesis is missing before it.
+    /// Repairs parentheses before a part of an action. Such a part occurs only directly in an
+    /// action. If it begins deeper, a closing parenthesis is missing before it.
     fn repair_before_part(&mut self, start: usize) {
         let word = &self.text[start..self.end];
         let is_part = PARTS.iter().any(|known| known.eq_ignore_ascii_case(word));
@@ -275,8 +276,8 @@ impl<'t, 'd> ForestBuilder<'t, 'd> {
         }
     }
 
-    /// Closes the lists `unclosed` before the entry `next`, which is at `place` and cannot be inside
-    /// these lists.
+    /// Closes the lists `unclosed` before the entry `next` at `place`, which cannot be inside these
+    /// lists.
     fn close_before(&mut self, unclosed: &[u32], next: u32, place: Span, word: &str) {
         let end = self.text[..place.start as usize].trim_end().len();
         let opener = unclosed.first().map_or(0, |index| self.entries[*index as usize].start);
@@ -307,8 +308,8 @@ impl<'t, 'd> ForestBuilder<'t, 'd> {
     }
 
     fn last_root_before(&self, index: u32) -> Option<u32> {
-        // The entry before a root ends the root before it. Only `(define` can be that root; the
-        // grammar reports a `(define` that is followed by anything else.
+        // The entry before a root is the end of the previous root. Only a `(define` can be that
+        // root; the grammar reports a `(define` that is followed by anything else.
         let first = self.entries.first()?;
         (index > 0 && first.next == index).then_some(0)
     }
@@ -325,7 +326,7 @@ impl<'t, 'd> ForestBuilder<'t, 'd> {
 
     fn finish(&mut self) {
         if let Some(start) = self.stray.take() {
-            // Everything before it is complete: an extra parenthesis at the end does no harm.
+            // The text before it is complete, so an extra parenthesis at the end is harmless.
             let place = Span::new(start, start + 1);
             let extra = match self.entries.is_empty() {
                 true => Diagnostic::error(place, "`)` closes nothing"),
@@ -356,7 +357,7 @@ impl<'t, 'd> ForestBuilder<'t, 'd> {
     }
 }
 
-/// Reports that the node at `place` is nested deeper than allowed.
+/// Returns the error for the node at `place`, which is nested deeper than allowed.
 pub(crate) fn too_deep(place: Span) -> Diagnostic {
     let message = format!("parentheses nested more than {NESTING_MAX} deep are not supported");
     Diagnostic::unsupported(place, message)

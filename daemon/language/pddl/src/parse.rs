@@ -1,8 +1,8 @@
-//! Parsing: text in, tree and diagnostics out.
+//! Parsing: converts a text to a tree and diagnostics.
 //!
-//! Each function parses one kind of text. All of them read the whole text, report every mistake in
-//! it, and return the tree of the parts without mistakes. [`Parsed::into_result`] is for callers that
-//! need a text without errors.
+//! Each function parses one kind of text. It reads the whole text, reports every mistake, and
+//! returns the tree of the parts without mistakes. [`Parsed::into_result`] is for callers that
+//! require a text without errors.
 
 use crate::diagnostic::{DiagnosticList, Parsed};
 use crate::grammar::{self, GrammarReader};
@@ -68,12 +68,12 @@ pub fn parse_action_model(text: &str) -> Parsed<ActionModel> {
     })
 }
 
-/// Parses a text that is a single condition, such as a goal.
+/// Parses a text that consists of a single condition, such as a goal.
 pub fn parse_condition(text: &str) -> Parsed<Condition> {
     read(text, |reader, roots| grammar::single(reader, roots, "condition", grammar::condition))
 }
 
-/// Parses a metric that is a text by itself, in the form in which a problem has it.
+/// Parses a text that consists of a metric, written as in a problem.
 ///
 /// ```
 /// let text = "(:metric minimize (+ (total-cost) (* 2 (waits))))";
@@ -92,13 +92,13 @@ pub fn parse_init_element(text: &str) -> Parsed<InitElement> {
     read(text, |reader, roots| grammar::single(reader, roots, "fact", grammar::init_element))
 }
 
-/// Parses any number of elements of `:init`, one after the other.
+/// Parses a text that consists of elements of `:init`.
 pub fn parse_init_elements(text: &str) -> Parsed<Vec<InitElement>> {
     read(text, |reader, roots| Some(grammar::init_elements(reader, roots)))
 }
 
-/// Parses a plan in the format of the International Planning Competition (IPC). A comment with the
-/// cost, `; cost = N`, is read if there is one.
+/// Parses a plan in the format of the International Planning Competition (IPC). The cost is taken
+/// from a comment `; cost = N`, if there is one.
 pub fn parse_plan(text: &str) -> Parsed<Plan> {
     read(text, |reader, roots| {
         let steps = grammar::plan_steps(reader, roots);
@@ -111,7 +111,7 @@ pub fn parse_step(text: &str) -> Parsed<PlanStep> {
     read(text, |reader, roots| grammar::single(reader, roots, "step", grammar::plan_step))
 }
 
-/// Decodes the text of a file: as UTF-8 if the bytes are valid UTF-8, otherwise as Latin-1, which older
+/// Decodes the text of a file. Bytes that are not valid UTF-8 are decoded as Latin-1, which older
 /// competition files have in their comments.
 ///
 /// ```
@@ -124,7 +124,7 @@ pub fn text_from_bytes(bytes: &[u8]) -> std::borrow::Cow<'_, str> {
     }
 }
 
-/// Builds the tree of parentheses of a text, then parses the tree.
+/// Builds the tree of parentheses of a text, and parses it with `meaning`.
 fn read<T>(
     text: &str,
     meaning: impl for<'f> FnOnce(&mut GrammarReader<'f>, Items<'f>) -> Option<T>,

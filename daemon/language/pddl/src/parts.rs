@@ -1,5 +1,5 @@
-//! Read-only traversal of conditions, effects and expressions: first the outermost part, then the parts
-//! inside it from left to right.
+//! Read-only traversal of conditions, effects and expressions. The outermost part comes first, then
+//! its parts from left to right.
 
 use std::iter;
 
@@ -43,7 +43,7 @@ impl Condition {
         })
     }
 
-    /// Iterates over the fluents that the condition compares.
+    /// Iterates over the fluents in the comparisons of the condition.
     pub fn fluents(&self) -> impl Iterator<Item = &FluentTerm> {
         self.parts().flat_map(|part| match part {
             Condition::Compare(compare) => {
@@ -70,7 +70,7 @@ impl Effect {
         })
     }
 
-    /// Iterates over the atoms that the effect adds, conditionally or not.
+    /// Iterates over the atoms that the effect adds, with or without a condition.
     pub fn added(&self) -> impl Iterator<Item = &Atom> {
         self.parts().filter_map(|part| match part {
             Effect::Add(atom) => Some(atom),
@@ -78,8 +78,8 @@ impl Effect {
         })
     }
 
-    /// Whether the effect assigns to a function, for some arguments, a value that does not depend on
-    /// the value before.
+    /// Whether the effect contains an `assign` to the function, for any arguments. The new value
+    /// then does not depend on the old value.
     pub fn assigns(&self, function: &Name) -> bool {
         self.parts().any(|part| match part {
             Effect::Assign(assign) => {
@@ -121,7 +121,7 @@ impl Expression {
 #[cfg(test)]
 mod tests {
     #[test]
-    fn parts_come_outermost_first_and_from_left_to_right() {
+    fn parts_are_listed_outermost_first_and_from_left_to_right() {
         let text =
             "(and (p) (not (q a)) (imply (r) (exists (?x - t) (s ?x))) (< (+ (f) (- (g b))) (h)))";
         let condition = crate::parse_condition(text).into_result().expect("a condition");

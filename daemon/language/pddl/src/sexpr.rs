@@ -1,9 +1,9 @@
-//! The tree of parentheses, which the grammar reads.
+//! The tree of parentheses, which is the input of the grammar.
 //!
-//! - The tree is built by `parentheses` from the tokens of `lexer`, and read through [`SyntaxNode`] and
-//!   [`Items`].
-//! - All nodes are in one vector in the order of the text, so neither building nor dropping a tree
-//!   recurses, and skipping a list is one look-up.
+//! - `parentheses` builds the tree from the tokens of `lexer`. Other modules read it through
+//!   [`SyntaxNode`] and [`Items`].
+//! - All nodes are in one vector in the order of the text, so that building and dropping a tree
+//!   need no recursion, and skipping a list is one look-up.
 
 use crate::diagnostic::DiagnosticList;
 use crate::parentheses::{ForestBuilder, NESTING_MAX, NodeKind, StoredNode};
@@ -15,7 +15,7 @@ pub(crate) struct Forest<'t> {
     entries: Vec<StoredNode>,
 }
 
-/// A node of the tree: a list, a word, or a part that could not be kept.
+/// A node of the tree: a list, a word, or a damaged part.
 #[derive(Clone, Copy)]
 pub(crate) struct SyntaxNode<'f> {
     forest: &'f Forest<'f>,
@@ -26,7 +26,8 @@ pub(crate) struct SyntaxNode<'f> {
 pub(crate) enum NodeContent<'f> {
     List(Items<'f>),
     Symbol(&'f str),
-    /// A part that is nested too deep. It has been reported already, so callers do not report it again.
+    /// A part that is nested too deep. It has been reported already, so callers must not report it
+    /// again.
     Damaged,
 }
 
@@ -36,8 +37,8 @@ pub(crate) struct Items<'f> {
     forest: &'f Forest<'f>,
     next: u32,
     stop: u32,
-    /// Place at which to report that something is missing: the closing parenthesis of the list, if
-    /// there is one.
+    /// Place where a missing item is reported: the closing parenthesis of the list, if there is
+    /// one.
     end: Span,
 }
 
@@ -91,7 +92,8 @@ impl<'f> SyntaxNode<'f> {
         }
     }
 
-    /// Whether the node has the maximal depth, so that a list in its place would be nested too deep.
+    /// Whether the node is at the maximum depth, so that a list in its place would be nested too
+    /// deep.
     pub(crate) fn is_deepest(self) -> bool {
         usize::from(self.entry().depth) >= NESTING_MAX
     }
@@ -110,12 +112,13 @@ impl<'f> SyntaxNode<'f> {
         }
     }
 
-    /// Returns the first word of the list; `None` if the node is not a list that begins with a word.
+    /// Returns the first word of the list; `None` unless the node is a list that begins with a
+    /// word.
     pub(crate) fn head(self) -> Option<&'f str> {
         self.list()?.peek()?.symbol()
     }
 
-    /// Whether two nodes have the same content, apart from blanks and comments.
+    /// Whether two nodes have the same content, ignoring blanks and comments.
     pub(crate) fn says_the_same(self, other: SyntaxNode<'f>) -> bool {
         let entries = |node: SyntaxNode<'f>| {
             let all = node.index..node.entry().next;
@@ -131,7 +134,8 @@ impl<'f> SyntaxNode<'f> {
             && entries(self).zip(entries(other)).all(is_same)
     }
 
-    /// Returns the list that begins immediately after this word, as in other languages: `at(r1, hall)`.
+    /// Returns the list that begins immediately after this word, like the arguments of a call in
+    /// other languages: `at(r1, hall)`. Returns `None` if there is none.
     pub(crate) fn touching_list(self) -> Option<SyntaxNode<'f>> {
         let StoredNode { end, next, kind, .. } = *self.entry();
         let list = self.forest.entries.get(next as usize)?;
@@ -140,9 +144,10 @@ impl<'f> SyntaxNode<'f> {
         touches.then_some(SyntaxNode { forest: self.forest, index: next })
     }
 
-    /// Returns the word that ends where this list begins, as in other languages: `at(r1, hall)`.
+    /// Returns the word that ends where this list begins, as in `at(r1, hall)`; `None` if there is
+    /// none.
     pub(crate) fn touched_word(self) -> Option<SyntaxNode<'f>> {
-        // Lists are stored before their content, so that the node before this list is the word.
+        // A list is stored before its content, so the node before this list is the word.
         let index = self.index.checked_sub(1)?;
         let word = SyntaxNode { forest: self.forest, index };
         word.touching_list().filter(|list| list.index == self.index).map(|_| word)
@@ -153,14 +158,15 @@ impl<'f> SyntaxNode<'f> {
         Items { next: self.index, ..rest }
     }
 
-    /// Returns items of which this node is the only one.
+    /// Returns items that consist of this node only.
     pub(crate) fn alone(self) -> Items<'f> {
         let StoredNode { end, next, .. } = *self.entry();
         let end = Span { start: end, end };
         Items { forest: self.forest, next: self.index, stop: next, end }
     }
 
-    /// Returns the place of the closing parenthesis of the list, or the place where it is missing.
+    /// Returns the place of the closing parenthesis of the list, or the place where the parenthesis
+    /// is missing.
     fn close(self) -> Span {
         let StoredNode { start, end, .. } = *self.entry();
         let last = self.forest.text.as_bytes().get((end as usize).wrapping_sub(1));
@@ -168,7 +174,7 @@ impl<'f> SyntaxNode<'f> {
         Span { start: end - u32::from(is_closed), end }
     }
 
-    /// Returns the text of the node, for a list with its parentheses.
+    /// Returns the text of the node. The text of a list includes its parentheses.
     pub(crate) fn text(self) -> &'f str {
         self.forest.text.get(self.span().range()).unwrap_or("")
     }
@@ -181,19 +187,19 @@ impl<'f> Items<'f> {
         (self.next < self.stop).then_some(SyntaxNode { forest: self.forest, index: self.next })
     }
 
-    /// Returns the items before the first item for which `last` returns `true`.
+    /// Returns the items before the first item for which `last` returns `true`; all items if there
+    /// is none.
     pub(crate) fn until(self, last: impl Fn(SyntaxNode<'f>) -> bool) -> Items<'f> {
         let stop = self.into_iter().find(|node| last(*node)).map_or(self.stop, |node| node.index);
         Items { stop, ..self }
     }
 
-    /// Returns the items after those in `part`, which [`Items::until`] returned.
+    /// Returns the items after those in `part`, which is a result of [`Items::until`].
     pub(crate) fn after(self, part: Items<'f>) -> Items<'f> {
         Items { next: part.stop, ..self }
     }
 
-    /// Returns the place at which to report that something is missing: the closing parenthesis of the
-    /// list.
+    /// Returns the place where a missing item is reported: the closing parenthesis of the list.
     pub(crate) fn end(&self) -> Span {
         self.end
     }

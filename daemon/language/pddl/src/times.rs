@@ -4,9 +4,9 @@ use crate::diagnostic::Diagnostic;
 use crate::tree::{Plan, PlanStep};
 
 impl Plan {
-    /// Sorts the steps by start time; steps of the same time stay in the order of the text. Returns a
-    /// warning for every step that has the same time as the step before it. A step without a time
-    /// stays behind its predecessor in the text.
+    /// Sorts the steps by start time; steps with the same time keep their order. A step without a
+    /// time stays after its predecessor in the text. Returns a warning for every step with the same
+    /// time as the previous step.
     ///
     /// ```
     /// let mut plan = pddl::parse_plan("5: (last) 1: (first) 1: (second)").into_result().unwrap();

@@ -1,19 +1,19 @@
 //! The syntax tree: the content of a PDDL text, before its meaning is checked.
 //!
-//! - The tree is built by the parser, printed by the printer, and read by `check`, `capability` and
-//!   `planner`.
-//! - Everything in the tree is *lifted*: parameters are variables. Ground actions are in `planner`.
-//! - Two trees are equal if they have the same content: spans and the author's spelling are not compared.
+//! - The parser builds the tree, the printer prints it, and `check`, `capability` and `planner`
+//!   read it.
+//! - The tree is *lifted*: parameters are variables. `planner` creates ground actions.
+//! - Two trees are equal if they have the same content. Spans and the author's spelling are not
+//!   compared.
 
 use std::borrow::Borrow;
 use std::fmt;
 use std::hash::{Hash, Hasher};
 use std::sync::Arc;
 
-/// A range of bytes in the text of an author, `start..end`.
+/// A range of bytes in an author's text, `start..end`.
 ///
-/// All spans are equal in comparisons, so that trees are compared by their content and not by places in
-/// a text.
+/// All spans are equal in comparisons, so that trees are compared by content and not by place.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Span {
     /// Offset of the first byte.
@@ -26,8 +26,7 @@ pub struct Span {
 ///
 /// The names of variables are stored without the question mark.
 ///
-/// A name is cheap to clone: the parser allocates a spelling once for each text, however often it
-/// occurs.
+/// A name is cheap to clone, because the parser allocates each spelling once for each text.
 #[derive(Clone)]
 pub struct Name {
     spelling: Arc<Spelling>,
@@ -45,7 +44,7 @@ struct Spelling {
 /// `object` alone and the empty list are equal.
 #[derive(Clone, Debug, Default)]
 pub struct TypeExpr {
-    /// The names of the types: one, or the alternatives of an `either` in the author's order.
+    /// The name of the type, or the alternatives of an `either` in the author's order.
     pub alternatives: Vec<Name>,
 }
 
@@ -104,8 +103,8 @@ pub enum Condition {
     Compare(Box<Compare>),
     /// A negation: `(not CONDITION)`.
     Not(Box<Condition>),
-    /// A conjunction: `(and CONDITION*)`. Without conjuncts it is true, and stands for a condition that
-    /// is omitted or `()`.
+    /// A conjunction: `(and CONDITION*)`. Without conjuncts it is true. An omitted condition and
+    /// `()` are represented in this way.
     And(Vec<Condition>),
     /// A disjunction: `(or CONDITION*)`. Without disjuncts it is false.
     Or(Vec<Condition>),
@@ -133,15 +132,15 @@ pub struct Compare {
 /// The operator of a comparison of numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Comparison {
-    /// `<`
+    /// Less than: `<`.
     Less,
-    /// `<=`
+    /// Less than or equal: `<=`.
     LessOrEqual,
     /// `=` between two numbers.
     Equal,
-    /// `>=`
+    /// Greater than or equal: `>=`.
     GreaterOrEqual,
-    /// `>`
+    /// Greater than: `>`.
     Greater,
 }
 
@@ -152,10 +151,10 @@ pub enum Expression {
     Number(Number),
     /// The value of a function: `(FUNCTION TERM*)`.
     Fluent(FluentTerm),
-    /// A negative: `(- EXPRESSION)`.
+    /// The negative of a value: `(- EXPRESSION)`.
     Negate(Box<Expression>),
-    /// An operator with its operands: `(+ E E+)`, `(- E E)`, `(* E E+)` or `(/ E E)`. `+` and `*` take
-    /// two or more operands.
+    /// An operator with its operands: `(+ E E+)`, `(- E E)`, `(* E E+)` or `(/ E E)`. `+` and `*`
+    /// take two or more operands.
     Apply(Operator, Vec<Expression>),
     /// The duration of a durative action: `?duration`, in its constraints, conditions and effects.
     Duration(Span),
@@ -168,20 +167,20 @@ pub enum Expression {
 /// An arithmetic operator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Operator {
-    /// `+`
+    /// Addition: `+`.
     Add,
-    /// `-`
+    /// Subtraction: `-`.
     Subtract,
-    /// `*`
+    /// Multiplication: `*`.
     Multiply,
-    /// `/`
+    /// Division: `/`.
     Divide,
 }
 
 /// An effect of an action.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Effect {
-    /// Several effects: `(and EFFECT*)`. Without any, nothing happens.
+    /// Several effects: `(and EFFECT*)`. The empty list changes nothing.
     And(Vec<Effect>),
     /// A fact that becomes true: `(PREDICATE TERM*)`.
     Add(Atom),
@@ -202,7 +201,7 @@ pub struct Assign {
     pub assignment: Assignment,
     /// The fluent that the effect changes.
     pub fluent: FluentTerm,
-    /// The operand of the operation, evaluated in the state before the action.
+    /// Operand of the operation, evaluated in the state before the action.
     pub value: Expression,
     /// Place in the text, from `(` to `)`.
     pub span: Span,
@@ -229,8 +228,9 @@ pub enum Privacy {
     /// The predicate or object is visible to every agent.
     #[default]
     Public,
-    /// The predicate or object is visible only to the agent it belongs to: `(:private …)`, or
-    /// `(:private ?agent - TYPE …)` if one text describes several agents (unfactored privacy).
+    /// The predicate or object is visible only to the agent that owns it: `(:private …)`. If one
+    /// text describes several agents, the owner is given: `(:private ?agent - TYPE …)` (unfactored
+    /// privacy).
     Private(Option<Typed>),
 }
 
@@ -274,8 +274,8 @@ pub struct Derived {
 pub struct ActionSchema {
     /// The action's name.
     pub name: Name,
-    /// The acting agent (MA-PDDL), `:agent ?a - TYPE`. In a step of a plan it comes before the
-    /// parameters.
+    /// The acting agent (MA-PDDL), `:agent ?a - TYPE`; `None` if the action has none. In a step of
+    /// a plan, the agent comes before the parameters.
     pub agent: Option<Typed>,
     /// The parameters of the action, without the agent.
     pub parameters: Vec<Typed>,
@@ -283,26 +283,27 @@ pub struct ActionSchema {
     pub precondition: Condition,
     /// The effect of the action.
     pub effect: Effect,
-    /// Predicates and functions, `:observe`, with a value that is known after the action, whatever the
-    /// value is, as in contingent planning. They occur in action models only; `planner` rejects them.
+    /// Predicates and functions in `:observe`. After the action their values are known, whatever
+    /// the values are, as in contingent planning. Only action models contain them; `planner`
+    /// rejects them.
     pub observe: Vec<Atom>,
     /// Place in the text, from `(` to `)`.
     pub span: Span,
 }
 
-/// A durative action (PDDL 2.1): `(:durative-action NAME …)`. It is parsed and printed, but no planner
-/// here uses it yet.
+/// A durative action (PDDL 2.1): `(:durative-action NAME …)`. The parser and the printer support
+/// durative actions, but no planner here does yet.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct DurativeAction {
     /// The action's name.
     pub name: Name,
-    /// The acting agent (MA-PDDL).
+    /// The acting agent (MA-PDDL); `None` if the action has none.
     pub agent: Option<Typed>,
     /// The parameters of the action, without the agent.
     pub parameters: Vec<Typed>,
     /// The constraints on the duration, `:duration`.
     pub duration: Vec<DurationConstraint>,
-    /// The conditions, `:condition`, flattened over `and` and `forall`.
+    /// The conditions, `:condition`, without nested `and` and `forall`.
     pub conditions: Vec<TimedCondition>,
     /// The effects, `:effect`.
     pub effects: TimedEffect,
@@ -310,10 +311,11 @@ pub struct DurativeAction {
     pub span: Span,
 }
 
-/// A constraint on the duration of a durative action: `[(at start|at end] (= ?duration EXPRESSION)`.
+/// A constraint on the duration of a durative action: `[(at start|at end] (= ?duration
+/// EXPRESSION)`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct DurationConstraint {
-    /// Time at which the expression is evaluated; `None` if the author left it out.
+    /// Time at which the expression is evaluated; `None` if the text omits it.
     pub when: Option<TimeSpecifier>,
     /// The comparison of the duration with the bound: `=`, `<=` or `>=`.
     pub comparison: Comparison,
@@ -398,19 +400,19 @@ pub enum InitElement {
     /// A fact that is explicitly false: `(not (PREDICATE OBJECT*))`.
     Not(Atom),
     /// A fact that is neither known to be true nor known to be false, as in contingent planning:
-    /// `(unknown (PREDICATE OBJECT*))`. It occurs in messages of agents and people; `planner` rejects
-    /// it.
+    /// `(unknown (PREDICATE OBJECT*))`. Such facts occur in messages of agents and people;
+    /// `planner` rejects them.
     Unknown(Atom),
     /// The value of a function: `(= FLUENT NUMBER)`.
     Assign(FluentTerm, Number),
-    /// A timed initial literal, which becomes true at this time: `(at TIME (…))`.
+    /// A timed initial literal: `(at TIME (…))`. The element becomes true at this time.
     At(Number, Box<InitElement>),
 }
 
 /// A metric, by which plans are compared: `(:metric minimize|maximize EXPRESSION)`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct Metric {
-    /// Whether smaller or greater values of the expression are better.
+    /// Direction: whether smaller or greater values of the expression are better.
     pub direction: MetricDirection,
     /// The expression, evaluated at the end of the plan.
     pub expression: Expression,
@@ -436,21 +438,23 @@ pub struct Problem {
     pub domain: Name,
     /// Requirement flags, with their colons.
     pub requirements: Vec<Name>,
-    /// Objects of the problem. Clones of the problem share the list: a building has many objects, and
-    /// they change less often than the state of the building.
+    /// Objects of the problem. Clones of the problem share the list, because a building has many
+    /// objects and they change less often than its state.
     pub objects: Arc<Vec<ObjectDeclaration>>,
     /// The initial state: facts, and values of functions.
     pub init: Vec<InitElement>,
-    /// The condition that must hold at the end of a plan; empty for a problem without `:goal` (a map).
+    /// The condition that must hold at the end of a plan; empty for a problem without `:goal` (a
+    /// map).
     pub goal: Condition,
-    /// The metric of the problem, if it has one: the expression to minimise or maximise.
+    /// The metric of the problem: the expression to minimise or maximise. `None` if the problem has
+    /// none.
     pub metric: Option<Metric>,
 }
 
 /// The action model of an agent: `(define (agent NAME) (:domain ONTOLOGY) …)`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ActionModel {
-    /// The name of the agent.
+    /// The name of the agent that has the model.
     pub agent: Name,
     /// The name of the shared ontology on which the model builds.
     pub domain: Name,
@@ -462,9 +466,9 @@ pub struct ActionModel {
     pub predicates: Vec<PredicateDeclaration>,
     /// Functions that the model adds to the ontology.
     pub functions: Vec<FunctionDeclaration>,
-    /// Objects that the agent brings, including itself.
+    /// Objects that the agent declares, including itself.
     pub objects: Vec<ObjectDeclaration>,
-    /// Facts that the agent knows.
+    /// Facts that the agent reports in its model.
     pub init: Vec<InitElement>,
     /// Axioms that the model adds to the ontology.
     pub derived: Vec<Derived>,
@@ -474,13 +478,14 @@ pub struct ActionModel {
     pub durative_actions: Vec<DurativeAction>,
 }
 
-/// A plan in the format of the International Planning Competition (IPC): one step `(ACTION OBJECT*)`
-/// per line.
+/// A plan in the format of the International Planning Competition (IPC): one step `(ACTION
+/// OBJECT*)` per line.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Plan {
     /// The steps of the plan, in order.
     pub steps: Vec<PlanStep>,
-    /// The cost that a comment `; cost = N` claims. It is never trusted, but computed again.
+    /// The cost from a comment `; cost = N`; `None` without such a comment. The cost is never
+    /// trusted, but computed again.
     pub cost: Option<Number>,
 }
 
@@ -492,15 +497,15 @@ pub struct PlanStep {
     /// The arguments of the action: the agent, if the action has one, then one object for each
     /// parameter.
     pub arguments: Vec<Name>,
-    /// Start time of the step, in a temporal plan.
+    /// Start time of the step in a temporal plan; otherwise `None`.
     pub time: Option<Number>,
-    /// Duration of the step, in a temporal plan.
+    /// Duration of the step in a temporal plan; otherwise `None`.
     pub duration: Option<Number>,
     /// Place in the text, from `(` to `)`.
     pub span: Span,
 }
 
-/// A PDDL text that is a file of its own.
+/// A PDDL file of any kind.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Document {
     /// A domain: `(define (domain …) …)`.
@@ -649,8 +654,8 @@ impl TypeExpr {
         self.alternatives.is_empty() || self.alternatives.iter().any(|name| *name == "object")
     }
 
-    /// Returns the alternatives of the type. Returns none if the only alternative is `object`, which is
-    /// the same as an omitted type.
+    /// Returns the alternatives of the type. The single alternative `object` is equal to an omitted
+    /// type, so the result is then empty.
     fn declared_alternatives(&self) -> &[Name] {
         match &self.alternatives[..] {
             [only] if *only == "object" => &[],
@@ -759,8 +764,8 @@ impl Domain {
 }
 
 impl InitElement {
-    /// Returns the place of the element in the text; for a timed initial literal, the place of the fact
-    /// in it.
+    /// Returns the place of the element in the text. For a timed initial literal, returns the place
+    /// of the fact in it.
     pub fn span(&self) -> Span {
         match self {
             InitElement::Atom(atom) | InitElement::Not(atom) | InitElement::Unknown(atom) => {
@@ -773,12 +778,12 @@ impl InitElement {
 }
 
 impl Problem {
-    /// Returns the first timed initial literal of the problem.
+    /// Returns the first timed initial literal of the problem; `None` if there is none.
     pub fn timed_literal(&self) -> Option<&InitElement> {
         self.init.iter().find(|element| matches!(element, InitElement::At(..)))
     }
 
-    /// Returns the first fact that the problem declares unknown.
+    /// Returns the first element `(unknown …)` of the problem; `None` if there is none.
     pub fn unknown_fact(&self) -> Option<&InitElement> {
         self.init.iter().find(|element| matches!(element, InitElement::Unknown(_)))
     }
@@ -798,7 +803,7 @@ impl Problem {
 }
 
 impl ActionModel {
-    /// Creates an action model of `agent` that has no actions.
+    /// Creates an action model of `agent` without actions.
     pub fn of(agent: impl Into<Name>, domain: impl Into<Name>) -> ActionModel {
         ActionModel {
             agent: agent.into(),
@@ -817,16 +822,16 @@ impl ActionModel {
 }
 
 impl ActionSchema {
-    /// Returns the agent, if the action has one, then the parameters. A step of a plan has its
-    /// arguments in this order.
+    /// Returns the agent, if the action has one, and then the parameters. The arguments of a step
+    /// have this order.
     pub fn all_parameters(&self) -> impl Iterator<Item = &Typed> {
         self.agent.iter().chain(&self.parameters)
     }
 }
 
 impl DurativeAction {
-    /// Returns the agent, if the action has one, then the parameters. A step of a plan has its
-    /// arguments in this order.
+    /// Returns the agent, if the action has one, and then the parameters. The arguments of a step
+    /// have this order.
     pub fn all_parameters(&self) -> impl Iterator<Item = &Typed> {
         self.agent.iter().chain(&self.parameters)
     }

@@ -1,12 +1,13 @@
 //! The type hierarchy of a domain.
 //!
-//! - The hierarchy is built from `:types`. It is used by `check`, by `capability` for composing domains,
-//!   and by the planner's validator for binding arguments.
-//! - `object` is above every type. A type that occurs only as a supertype counts as declared.
-//! - A type with the supertype `(either a b)` is a subtype of both `a` and `b`. Cycles are tolerated: all
-//!   types of a cycle are subtypes of each other, and [`Types::cycle`] returns one of them for a
-//!   diagnostic.
-//! - At most [`SUPERTYPES_MAX`] supertypes of a type are considered, the nearest ones.
+//! - The hierarchy is built from `:types`. Three parts of Althing use it: `check`, `capability` for
+//!   composing domains, and the planner's validator for binding arguments.
+//! - `object` is a supertype of every type. A type that occurs only as a supertype is also
+//!   declared.
+//! - A type with the supertype `(either a b)` is a subtype of both `a` and `b`. Cycles are
+//!   tolerated: all types of a cycle are subtypes of each other, and [`Types::cycle`] returns one
+//!   of them for a diagnostic.
+//! - At most [`SUPERTYPES_MAX`] supertypes of a type are considered, the nearest ones first.
 
 use foldhash::{HashMap, HashSet};
 
@@ -24,8 +25,8 @@ pub struct Types {
 
 const OBJECT: &str = "object";
 
-/// Maximal number of supertypes of one type that are considered. No building needs a tenth of this
-/// number, and with the limit every query about a type takes bounded time.
+/// Maximum number of supertypes of one type that are considered. Buildings need less than a tenth
+/// of this number. With the limit, every query about a type takes bounded time.
 pub const SUPERTYPES_MAX: usize = 256;
 
 // === impl Types ===
@@ -67,8 +68,8 @@ impl Types {
         name == OBJECT || self.index.contains_key(name)
     }
 
-    /// Iterates over all types in the order in which they are first named. `object` is included only if
-    /// it is named.
+    /// Iterates over all types in the order of their first occurrence. `object` is included only if
+    /// it occurs.
     pub fn iter(&self) -> impl Iterator<Item = &Name> {
         self.names.iter()
     }
@@ -86,7 +87,7 @@ impl Types {
 
     fn reaches(&self, from: usize, to: usize) -> bool {
         let mut at = from;
-        // Most types have at most one supertype: such a chain is followed without building a list.
+        // Fast path: most types have at most one supertype, and such a chain needs no list.
         for _ in 0..SUPERTYPES_MAX {
             match self.supertypes[at].as_slice() {
                 [] => return false,
@@ -98,8 +99,8 @@ impl Types {
         false
     }
 
-    /// Returns all types above `from`, the nearest first. `from` itself is included only if it is in a
-    /// cycle.
+    /// Returns all supertypes of `from`, the nearest first. `from` itself is included only if it is
+    /// in a cycle.
     fn above(&self, from: usize) -> Vec<usize> {
         let mut above = Vec::new();
         let mut seen = HashSet::default();
@@ -122,7 +123,7 @@ impl Types {
         above.into_iter().filter(move |index| Some(*index) != start).map(|index| &self.names[index])
     }
 
-    /// Returns the subtypes of `name`. If `name` is declared, it is the first of them.
+    /// Returns the subtypes of `name`, beginning with `name` itself if it is declared.
     pub fn subtypes<'s>(&'s self, name: &'s str) -> impl Iterator<Item = &'s Name> {
         let own = self.names.iter().filter(move |sub| **sub == *name);
         let below = self.names.iter().filter(move |sub| **sub != *name);
@@ -155,13 +156,14 @@ impl Types {
             || self.names.iter().any(|sub| self.is_one_of(sub, left) && self.is_one_of(sub, right))
     }
 
-    /// Returns the first declared type with more than [`SUPERTYPES_MAX`] supertypes.
+    /// Returns the first declared type with too many supertypes ([`SUPERTYPES_MAX`]); `None` if
+    /// there is none.
     pub fn too_high(&self) -> Option<&Name> {
         let is_too_high = |index: &usize| self.above(*index).len() >= SUPERTYPES_MAX;
         (0..self.names.len()).find(is_too_high).map(|index| &self.names[index])
     }
 
-    /// Returns the first declared type that is its own supertype.
+    /// Returns the first declared type that is its own supertype; `None` if there is none.
     pub fn cycle(&self) -> Option<&Name> {
         let components = components(&self.supertypes);
         let mut sizes = vec![0; components.len()];
@@ -169,7 +171,7 @@ impl Types {
             sizes[*component] += 1;
         }
         let is_cyclic = |index: &usize| {
-            // Some authors write `object - object` to mark the root.
+            // Some authors write `object - object` for the root.
             let is_own_supertype = self.supertypes[*index].contains(index);
             sizes[components[*index]] > 1 || (is_own_supertype && self.names[*index] != OBJECT)
         };
@@ -209,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn cycles_end() {
+    fn cyclic_types_are_handled() {
         let types = types("a - b b - c c - a d - a");
         assert_eq!(types.cycle(), Some(&Name::new("a")));
         assert!(types.is_subtype("d", "c") && types.is_subtype("c", "a"));
@@ -230,7 +232,7 @@ mod tests {
     }
 
     #[test]
-    fn neighbors_are_named_in_order() {
+    fn supertypes_and_subtypes_are_listed_in_order() {
         let types = types(OFFICE);
         let above: Vec<_> = types.supertypes("turtlebot").map(Name::as_str).collect();
         assert_eq!(above, ["mobile-base", "robot"]);

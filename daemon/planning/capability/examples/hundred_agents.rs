@@ -1,5 +1,5 @@
-//! Measures how long a change takes in a building of a hundred agents; prints the median of fifty runs:
-//! `cargo run --release -p capability --example hundred_agents`.
+//! Measures the duration of a change in a building of a hundred agents, and prints the median of
+//! fifty runs: `cargo run --release -p capability --example hundred_agents`.
 
 use std::time::{Duration, Instant};
 

@@ -1,11 +1,14 @@
-//! Beliefs of a Domain Maintainer: all claims about facts, each with its owner, time and duration, and
-//! the facts that hold because of these claims.
+//! Beliefs of a Domain Maintainer: all claims about facts, each with its owner, time and expiry,
+//! and the facts that hold because of these claims.
 //!
-//! A fact of a predicate holds if at least one owner claims it. It is unknown if no owner claims it and
-//! at least one owner reports it as unknown. The value of a function is that of the newest claim about
-//! it. If repeated heartbeats contradict each other, the value does not alternate: among claims by
-//! heartbeats, the one with the latest change of value counts as newest, however often the others are
-//! repeated. A claim that does not fit the composite domain is kept, and takes effect as soon as it fits.
+//! A fact of a predicate holds if at least one owner claims it. A fact is unknown if no owner
+//! claims it and at least one owner reports it as unknown. The value of a function is that of the
+//! newest claim about it.
+//!
+//! If the heartbeats of two agents contradict each other, the value must not alternate with every
+//! heartbeat. Among claims by heartbeats, the claim with the latest change of value therefore
+//! counts as newest, and repetitions do not count. A claim that does not fit the composite domain
+//! is kept, and takes effect as soon as it fits.
 
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, BTreeSet};
@@ -28,26 +31,26 @@ pub(crate) struct FactClaim {
     pub(crate) source: ClaimSource,
     pub(crate) incarnation: Incarnation,
     pub(crate) sequence: u64,
-    /// Time at which the owner made the claim last.
+    /// Time at which the owner last made or repeated the claim.
     pub(crate) said: Timestamp,
     /// Time at which the claim expires; `None` if it does not expire.
     pub(crate) until: Option<Timestamp>,
 }
 
-/// Value that is believed of a term, and the time at which it expires at the latest; `None` if it does
-/// not expire.
+/// Believed value of a term, and the latest time at which it expires; `until` is `None` if the
+/// value does not expire.
 #[derive(Clone, Copy, Debug)]
 struct BelievedValue {
     value: FactValue,
     until: Option<Timestamp>,
 }
 
-/// A claim with its place in the order in which all claims were made.
+/// A claim with a stamp: its position in the order in which all claims were made.
 #[derive(Clone, Debug)]
 struct StampedClaim {
     stamp: u64,
-    /// Stamp of the claim with which the owner began to claim the present value; later claims only
-    /// repeated it.
+    /// Stamp of the owner's first claim with the present value. Later claims only repeated the
+    /// value.
     since: u64,
     claim: FactClaim,
 }
@@ -58,7 +61,7 @@ impl StampedClaim {
     }
 }
 
-/// All claims about one fact, sorted by owner. They are kept in a list, because most facts have one owner
+/// All claims about one fact, sorted by owner. A list is used because most facts have one owner
 /// only.
 #[derive(Clone, Debug)]
 struct ClaimsByOwner(Vec<(Owner, StampedClaim)>);
@@ -68,31 +71,32 @@ struct ClaimsByOwner(Vec<(Owner, StampedClaim)>);
 pub(crate) struct Beliefs {
     claims: BTreeMap<FactKey, ClaimsByOwner>,
     by_owner: BTreeMap<Owner, BTreeSet<FactKey>>,
-    /// Owners that have made no claim other than by their last heartbeat, and all of these claims are
-    /// still in force. For them, parsing a heartbeat that equals the last one would change nothing (fast
-    /// path).
+    /// Owners with no other claims than those of their last heartbeat, all of which are still in
+    /// force. For such an owner, a heartbeat that equals the last one changes nothing and need not
+    /// be parsed.
     unchanged: BTreeSet<Owner>,
     deadlines: BTreeSet<(Timestamp, FactKey, Owner)>,
     holding: BTreeMap<FactKey, BelievedValue>,
-    /// Facts for which the believed value in `holding` may be out of date.
+    /// Facts with a value in `holding` that may be out of date.
     touched: BTreeSet<FactKey>,
-    /// Whether the believed values in `holding` are kept up to date by [`Beliefs::settle`]. If not, each
-    /// query computes the values from the claims anew.
+    /// Whether [`Beliefs::recompute`] keeps the values in `holding` up to date. If `false`, each
+    /// query computes the values from the claims.
     settles: bool,
-    /// Whether a fact may have begun or ceased to hold since [`Beliefs::take_moved`] was called last.
+    /// Whether a fact may have begun or ceased to hold since the last call of
+    /// [`Beliefs::take_moved`].
     is_moved: bool,
-    /// Claims that came by request, were passed on by another maintainer, or follow from an action. Each
-    /// of them ends when an agent that is responsible for the fact contradicts it.
+    /// Claims that came by request, from another maintainer, or from an action. Each of them ends
+    /// when an agent that is responsible for the fact contradicts the claim.
     requested: BTreeSet<(FactKey, Owner)>,
-    /// Predicates that have, or had, a fact that is unknown. They are kept after the fact has become
-    /// known, so that the domain does not change each time.
+    /// Predicates that have or had an unknown fact. A predicate stays in the set after the fact has
+    /// become known, so that the domain does not change each time.
     unknowable: BTreeSet<Name>,
-    /// Whether a predicate was added to `unknowable` since [`Beliefs::take_newly_unknowable`] was called
-    /// last.
+    /// Whether a predicate was added to `unknowable` since the last call of
+    /// [`Beliefs::take_newly_unknowable`].
     is_newly_unknowable: bool,
     pending_changes: PendingChanges,
-    /// Claims that requests have changed since a partition may have begun, in which another leader may be
-    /// active elsewhere; `None` if there is no possible partition.
+    /// Claims that requests have changed since the possible start of a partition, in which another
+    /// leader may be active. `None` if no partition is possible now.
     partition_log: Option<PendingChanges>,
     stamps: u64,
 }
@@ -100,8 +104,8 @@ pub(crate) struct Beliefs {
 // === impl ClaimSource ===
 
 impl ClaimSource {
-    /// Whether the claim is known only to the maintainer that took the request for it, so that this
-    /// maintainer has to pass the claim on.
+    /// Whether this maintainer must announce the claim to other maintainers. The others cannot
+    /// receive such a claim in any other way.
     pub(crate) fn is_requested(self) -> bool {
         match self {
             ClaimSource::Request
@@ -114,8 +118,8 @@ impl ClaimSource {
 }
 
 impl ClaimSource {
-    /// Whether a claim of this origin comes neither from a model nor from a heartbeat. Such a claim ends
-    /// when an agent that is responsible for the fact contradicts it.
+    /// Whether a claim of this origin comes neither from a model nor from a heartbeat. Such a claim
+    /// ends when an agent that is responsible for the fact contradicts the claim.
     fn is_another(self) -> bool {
         self.is_requested() || self == ClaimSource::Announced
     }
@@ -182,8 +186,8 @@ impl ClaimsByOwner {
         self.0.iter().map(|(owner, stamped)| (owner, stamped))
     }
 
-    /// Returns the value that these claims give `fact` at `now`. Returns `None` if there is no visible
-    /// claim that fits the composite domain and has not expired.
+    /// Returns the value that these claims give `fact` at `now`; `None` if no claim is visible,
+    /// fits the composite domain and has not expired.
     fn judge(
         &self,
         fact: &FactKey,
@@ -196,7 +200,7 @@ impl ClaimsByOwner {
             .map(|(_, stamped)| stamped)
             .filter(|stamped| stamped.claim.until.is_none_or(|until| until > now));
         let holding = match fact.space() {
-            // True wins over unknown; a claim without an end counts as longest.
+            // True has precedence over unknown. A claim without an expiry counts as the longest.
             FactSymbolKind::Predicate => known
                 .map(|StampedClaim { claim, .. }| BelievedValue {
                     value: claim.value,
@@ -220,8 +224,8 @@ impl ClaimsByOwner {
 // === impl Beliefs ===
 
 impl Beliefs {
-    /// Creates a set of beliefs without claims. `settles` tells whether [`Beliefs::settle`] will be
-    /// called.
+    /// Creates a set of beliefs without claims. If `settles` is true, the caller must call
+    /// [`Beliefs::recompute`] after each change.
     pub(crate) fn new(settles: bool) -> Beliefs {
         Beliefs { settles, ..Beliefs::default() }
     }
@@ -231,8 +235,7 @@ impl Beliefs {
         &self.unknowable
     }
 
-    /// Returns whether predicates were added to those that may have unknown facts since this was called
-    /// last.
+    /// Whether predicates were added to those that may have unknown facts since the last call.
     pub(crate) fn take_newly_unknowable(&mut self) -> bool {
         std::mem::take(&mut self.is_newly_unknowable)
     }
@@ -254,7 +257,7 @@ impl Beliefs {
         self.is_newly_unknowable = true;
     }
 
-    /// Returns the facts of one symbol for which `requested` contains claims, each with the owner of the
+    /// Returns the facts of one symbol with a claim in `requested`, each with the owner of the
     /// claim.
     pub(crate) fn requested_of(
         &self,
@@ -268,13 +271,12 @@ impl Beliefs {
             .map(|(fact, owner)| (fact, owner))
     }
 
-    /// Returns the facts of all symbols for which `requested` contains claims, each with the owner of the
-    /// claim.
+    /// Returns all facts with a claim in `requested`, each with the owner of the claim.
     pub(crate) fn all_requested(&self) -> impl Iterator<Item = &(FactKey, Owner)> {
         self.requested.iter()
     }
 
-    /// Makes sure that the next heartbeat of `owner` is parsed, even if it equals the last one.
+    /// Ensures that the next heartbeat of `owner` is parsed, even if it equals the last one.
     pub(crate) fn wake(&mut self, owner: &Owner) {
         self.unchanged.remove(owner);
     }
@@ -293,13 +295,13 @@ impl Beliefs {
         }
     }
 
-    /// Starts to record which claims are changed by requests, unless this is being recorded already.
+    /// Starts to record the claims that requests change, unless the recording has started already.
     pub(crate) fn begin_partition_log(&mut self) {
         self.partition_log.get_or_insert_with(PendingChanges::nothing);
     }
 
-    /// Stops recording, and returns the claims that requests have changed since
-    /// [`Beliefs::begin_partition_log`]; `None` if nothing was being recorded.
+    /// Stops the recording. Returns the claims that requests have changed since
+    /// [`Beliefs::begin_partition_log`]; `None` if there was no recording.
     pub(crate) fn take_partition_log(&mut self) -> Option<PendingChanges> {
         self.partition_log.take()
     }
@@ -310,19 +312,18 @@ impl Beliefs {
         self.partition_log.as_ref().is_some_and(|apart| apart.has(fact, owner))
     }
 
-    /// Returns the claims that may have changed since this was called last, so that they can be
-    /// announced.
+    /// Returns the claims that may have changed since the last call, so that they can be announced.
     pub(crate) fn take_untold(&mut self) -> PendingChanges {
         self.pending_changes.take()
     }
 
-    /// Whether a fact may have begun or ceased to hold since this was called last. Always `false` if the
-    /// beliefs settle.
+    /// Whether a fact may have begun or ceased to hold since the last call. Always `false` if
+    /// [`Beliefs::recompute`] keeps the values up to date.
     pub(crate) fn take_moved(&mut self) -> bool {
         std::mem::take(&mut self.is_moved) && !self.settles
     }
 
-    /// Checks that `owner` may claim `more` facts in addition to those that it claims already.
+    /// Checks that `owner` may claim `more` additional facts.
     ///
     /// Returns an error if the owner would exceed its limit, or if there are too many owners.
     pub(crate) fn has_room(&self, owner: &Owner, more: usize) -> Result<(), Declined> {
@@ -341,7 +342,7 @@ impl Beliefs {
         Ok(())
     }
 
-    /// Records that all claims of `owner` are exactly those that its last heartbeat made.
+    /// Records that the claims of `owner` are exactly those of its last heartbeat.
     pub(crate) fn mark_unchanged(&mut self, owner: Owner) {
         self.unchanged.insert(owner);
     }
@@ -351,10 +352,10 @@ impl Beliefs {
         self.unchanged.contains(owner)
     }
 
-    /// Prepares for a new or withdrawn claim of `owner` about `fact`: the next heartbeats of some owners
-    /// must be parsed even if they equal the last ones. These are `owner`, unless its own heartbeat makes
-    /// the change, and all other owners that claim the fact, because a repetition of their claim would
-    /// make that claim the newest.
+    /// Prepares for a new or withdrawn claim of `owner` about `fact`: marks the owners with a next
+    /// heartbeat that must be parsed, even if it equals the last one. The first is `owner`, unless
+    /// its own heartbeat makes the change. The others are all owners that claim the fact, because a
+    /// repetition would make their claim the newest.
     fn invalidate(&mut self, fact: &FactKey, owner: &Owner, source: Option<ClaimSource>) {
         if source != Some(ClaimSource::Heartbeat) {
             self.unchanged.remove(owner);
@@ -366,7 +367,7 @@ impl Beliefs {
         }
     }
 
-    /// Stores a claim of `owner` about `fact`, in place of the owner's former claim about it.
+    /// Stores a claim of `owner` about `fact`, in place of its former claim about this fact.
     pub(crate) fn claim(&mut self, fact: FactKey, owner: &Owner, claim: FactClaim) {
         self.invalidate(&fact, owner, Some(claim.source));
         self.note_change(&fact, owner, claim.source);
@@ -416,8 +417,7 @@ impl Beliefs {
         self.mark_dirty(fact);
     }
 
-    /// Adds the claim of `owner` about `fact` to `requested`, or removes it from there, depending on
-    /// `source`.
+    /// Adds the claim of `owner` about `fact` to `requested`, or removes it, as `source` requires.
     fn list(&mut self, fact: &FactKey, owner: &Owner, source: ClaimSource) {
         let of = (fact.clone(), owner.clone());
         match source.is_another() {
@@ -477,9 +477,9 @@ impl Beliefs {
         }
     }
 
-    /// Removes the claims of `owner` for which `is_over` returns `true`, where `is_over` needs to know
-    /// the fact only. It is used for facts that a heartbeat no longer contains, and runs each second for
-    /// a thousand agents.
+    /// Removes the claims of `owner` about facts for which `is_over` returns `true`. This is faster
+    /// than [`Beliefs::withdraw_where`], because it reads no claims. It runs each second for a
+    /// thousand agents, to remove facts that a heartbeat no longer contains.
     pub(crate) fn withdraw_facts(&mut self, owner: &Owner, is_over: impl Fn(&FactKey) -> bool) {
         let over: Vec<FactKey> =
             self.facts_of(owner).filter(|fact| is_over(fact)).cloned().collect();
@@ -488,7 +488,8 @@ impl Beliefs {
         }
     }
 
-    /// Removes all claims that another maintainer passed on, except those in `stays`, which is sorted.
+    /// Removes all claims that another maintainer announced, except those in `stays`, which must be
+    /// sorted.
     pub(crate) fn withdraw_announced(&mut self, stays: &[(FactKey, Owner)]) {
         // A merge join: both sequences are long and nearly equal.
         let mut stays = stays.iter().peekable();
@@ -509,8 +510,8 @@ impl Beliefs {
         }
     }
 
-    /// Turns all claims that another maintainer passed on into claims that were requested of this
-    /// maintainer.
+    /// Turns all claims that another maintainer announced into claims that came to this maintainer
+    /// by request.
     pub(crate) fn adopt_announced(&mut self) {
         for owners in self.claims.values_mut() {
             for claim in owners.0.iter_mut().map(|(_, stamped)| &mut stamped.claim) {
@@ -521,8 +522,9 @@ impl Beliefs {
         }
     }
 
-    /// Turns all claims that were requested of this maintainer into claims that another maintainer passed
-    /// on. A claim that the other maintainer then does not list will be removed.
+    /// Turns all claims that came to this maintainer by request into claims that another maintainer
+    /// announced. A claim that the announcements of that maintainer do not contain is later
+    /// removed.
     pub(crate) fn demote_requests(&mut self) {
         for owners in self.claims.values_mut() {
             for claim in owners.0.iter_mut().map(|(_, stamped)| &mut stamped.claim) {
@@ -541,8 +543,8 @@ impl Beliefs {
         self.stamped_claim_of(fact, owner).map(|(_, claim)| claim)
     }
 
-    /// Returns the claim of `owner` about `fact`, with its place in the order in which all claims were
-    /// made.
+    /// Returns the claim of `owner` about `fact`, with its stamp: its position in the order of all
+    /// claims.
     pub(crate) fn stamped_claim_of(
         &self,
         fact: &FactKey,
@@ -565,23 +567,23 @@ impl Beliefs {
         self.deadlines.first().map(|(until, ..)| *until)
     }
 
-    /// Marks the facts with values that must be computed again, because something that they depend on
-    /// differs between the composites `old` and `new`.
+    /// Marks the facts that must be evaluated again, because the composites `old` and `new` differ
+    /// in something that these facts depend on.
     pub(crate) fn reconsider(&mut self, old: &Composite, new: &Composite) {
         let changed = CompositeDifference::between(old, new);
         let facts = self.claims.keys().filter(|fact| changed.touches(fact));
         self.touched.extend(facts.cloned());
     }
 
-    /// Marks the facts that mention one of `objects`, which are new in the composite, as facts with
-    /// values that must be computed again.
+    /// Marks the facts that mention one of `objects`, which are new in the composite, so that they
+    /// are evaluated again.
     pub(crate) fn reconsider_about(&mut self, objects: &BTreeSet<&Name>) {
         let speaks = |fact: &&FactKey| fact.arguments().iter().any(|name| objects.contains(name));
         self.touched.extend(self.claims.keys().filter(speaks).cloned());
     }
 
-    /// Brings `holding` up to date. Returns two lists: the facts that have begun to hold or changed their
-    /// value, and the facts that have ceased to hold.
+    /// Brings `holding` up to date. Returns two lists: the facts that have begun to hold or have a
+    /// new value, and the facts that have ceased to hold.
     pub(crate) fn recompute(
         &mut self,
         composite: &Composite,
@@ -615,22 +617,23 @@ impl Beliefs {
         self.claims.get(fact)?.judge(fact, composite, now)
     }
 
-    /// Returns the facts that hold at `now`, in a fixed order. Requires [`Beliefs::settle`].
+    /// Returns the facts that hold at `now`, in a fixed order. [`Beliefs::recompute`] must have
+    /// been called.
     pub(crate) fn holding<'a>(
         &'a self,
         composite: &'a Composite,
         now: Timestamp,
     ) -> impl Iterator<Item = InitElement> + 'a {
         self.holding.iter().filter_map(move |(fact, holding)| {
-            // A second claim may still be valid when the one that expires first has expired.
+            // When one claim has expired, another claim about the same fact may still be valid.
             let is_over = holding.until.is_some_and(|until| until <= now);
             let holding = if is_over { self.judge(fact, composite, now)? } else { *holding };
             Some(fact.element(holding.value))
         })
     }
 
-    /// Returns the facts that hold at `now` in a composite other than the one for which the beliefs were
-    /// last brought up to date. The order is the same as that of [`Beliefs::holding`].
+    /// Returns the facts that hold at `now` in any composite. They are computed from the claims, in
+    /// the same order as those of [`Beliefs::holding`].
     pub(crate) fn judged<'a>(
         &'a self,
         composite: &'a Composite,
@@ -642,8 +645,8 @@ impl Beliefs {
         })
     }
 
-    /// Returns the believed value of a term: as last brought up to date, or computed now if the beliefs
-    /// do not settle.
+    /// Returns the believed value of a term. The value is read from `holding` if that is kept up to
+    /// date, and otherwise computed from the claims.
     pub(crate) fn value_of(
         &self,
         fact: &FactKey,
@@ -676,9 +679,9 @@ impl Beliefs {
     }
 }
 
-/// Returns the claim about a function that is believed. First, among the claims by heartbeats, the one
-/// with the latest change of value is chosen. Of this claim and all claims that are not by heartbeats,
-/// the one made last is returned.
+/// Returns the claim about a function that is believed; `None` if there are no claims. First, the
+/// claim with the latest change of value is chosen among the claims by heartbeats. Of this claim
+/// and all other claims, the newest is returned.
 fn newest<'a>(known: impl Iterator<Item = &'a StampedClaim>) -> Option<&'a StampedClaim> {
     let (beats, others): (Vec<_>, Vec<_>) = known.partition(|stamped| stamped.is_heartbeat());
     let beat = beats.into_iter().max_by_key(|stamped| stamped.since);

@@ -1,11 +1,12 @@
-//! Canonical texts of declarations: two declarations are equal except for the names of variables exactly
-//! if their canonical texts are equal.
+//! Canonical texts of declarations. Two declarations have the same canonical text exactly if they
+//! are equal except for the names of variables.
 //!
-//! In a canonical text, variables are numbered in the order in which they are bound, nested `and`s are
-//! flattened, and names are lower case. The order of conjuncts counts: copies of one model have the same
-//! order, and where two authors chose different orders, their declarations are merely not merged. While a
-//! text is written, the symbols that it uses are collected; so an action that needs something undeclared
-//! is found.
+//! In a canonical text, variables are numbered in the order in which they are bound, nested `and`s
+//! are flattened, and names are lower case. The order of conjuncts is significant: copies of one
+//! model have the same order, and equal declarations in different orders are merely not merged.
+//!
+//! Writing a canonical text also collects the symbols that it uses. With these symbols, an action
+//! that needs an undeclared symbol is found.
 
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
@@ -25,7 +26,7 @@ pub(crate) struct UsedSymbols {
     pub(crate) predicates: BTreeSet<(Name, usize)>,
     /// Functions that the schema uses, each with its number of arguments.
     pub(crate) functions: BTreeSet<(Name, usize)>,
-    /// Predicates or functions that are observed, each with its number of arguments.
+    /// Predicates and functions in the `:observe` part, each with its number of arguments.
     pub(crate) observed: BTreeSet<(Name, usize)>,
     /// Types of the schema's variables.
     pub(crate) types: BTreeSet<Name>,
@@ -39,16 +40,16 @@ pub(crate) struct UsedSymbols {
     pub(crate) unbound: BTreeSet<Name>,
 }
 
-/// A canonical text, used as a key. Clones share one allocation. The order of keys compares their digests
-/// first: texts are compared often, and different texts of one action differ near the end only.
+/// A canonical text, used as a key. Clones share one allocation. Keys are compared by digest first,
+/// because different texts of one action often differ near the end only.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct CanonicalText {
     digest: u64,
     text: Arc<str>,
 }
 
-/// Returns the canonical text of an action, without the name of the action, and the symbols that the
-/// action uses.
+/// Returns the canonical text of an action, without the name of the action, and the symbols that
+/// the action uses.
 pub(crate) fn action(schema: &ActionSchema) -> (CanonicalText, UsedSymbols) {
     let ActionSchema { name: _, agent, parameters, precondition, effect, observe, span: _ } =
         schema;
@@ -66,8 +67,8 @@ pub(crate) fn action(schema: &ActionSchema) -> (CanonicalText, UsedSymbols) {
     scribe.finish()
 }
 
-/// Returns the canonical text of an axiom, without the predicate that the axiom derives, and the symbols
-/// that the axiom uses.
+/// Returns the canonical text of an axiom, without the predicate that the axiom derives, and the
+/// symbols that the axiom uses.
 pub(crate) fn axiom(derived: &Derived) -> (CanonicalText, UsedSymbols) {
     let Derived { predicate: _, parameters, condition, span: _ } = derived;
     let mut scribe = CanonicalWriter::default();
@@ -101,8 +102,8 @@ fn write_type(text: &mut String, ty: &TypeExpr) {
 #[derive(Default)]
 struct CanonicalWriter {
     text: String,
-    /// The variables that are bound at this place, innermost last. The number of a variable is its index
-    /// in this list.
+    /// The variables that are in scope, innermost last. The number of a variable is its index in
+    /// this list.
     scope: Vec<Name>,
     uses: UsedSymbols,
 }
@@ -122,7 +123,8 @@ impl CanonicalWriter {
         (CanonicalText::new(&self.text), self.uses)
     }
 
-    /// Writes the types of `variables`, and leaves the variables bound for the text that follows.
+    /// Writes the types of `variables` and adds the variables to the scope of the text that
+    /// follows.
     fn bind(&mut self, variables: &[Typed]) {
         for Typed { name, ty } in variables {
             write_type(&mut self.text, ty);
@@ -133,7 +135,8 @@ impl CanonicalWriter {
         }
     }
 
-    /// Writes a quantified part as `(WORD (TYPES) BODY)`; the variables are bound in the body only.
+    /// Writes a quantified part as `(WORD (TYPES) BODY)`. The variables are in scope in the body
+    /// only.
     fn quantified(
         &mut self,
         word: &str,
@@ -245,7 +248,7 @@ impl CanonicalWriter {
 
     fn expression(&mut self, expression: &Expression) {
         match expression {
-            // Adding zero makes `-0` the `0` it equals.
+            // Adding zero turns `-0` into `0`, which equals it.
             Expression::Number(number) => {
                 let _ = write!(self.text, " {}", number.0 + 0.0);
             }
@@ -321,8 +324,8 @@ fn flatten_effect<'a>(effect: &'a Effect, parts: &mut Vec<&'a Effect>) {
 
 #[cfg(test)]
 mod tests {
-    /// Checks whether the canonical texts of two actions are equal, as `expected`, apart from the
-    /// actions' names.
+    /// Checks that the canonical texts of two actions, which exclude the actions' names, are equal
+    /// if `expected` is true and different otherwise.
     #[track_caller]
     fn check(one: &str, two: &str, expected: bool) {
         let key = |rest: &str| {
@@ -334,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn variables_have_no_names() {
+    fn names_of_variables_do_not_matter() {
         check(
             ":agent ?a - t :parameters (?x ?y) :precondition (p ?x ?a) :effect (q ?y)",
             ":agent ?y - T :parameters (?a - object ?x) :precondition (P ?a ?y) :effect (q ?x)",
@@ -355,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn conjunctions_are_flat() {
+    fn nesting_of_conjunctions_does_not_matter() {
         check(":effect (and (and (p)) (and) (q))", ":effect (and (p) (q))", true);
         check(":precondition (and (p)) :effect (and (q))", ":precondition (p) :effect (q)", true);
         check(":precondition () :effect (q)", ":effect (q)", true);
@@ -363,7 +366,7 @@ mod tests {
     }
 
     #[test]
-    fn everything_else_counts() {
+    fn all_other_differences_matter() {
         check(":effect (increase (c) 1)", ":effect (increase (c) 1.0)", true);
         for (one, two) in [
             (":effect (increase (c) 1)", ":effect (increase (c) 2)"),

@@ -1,15 +1,16 @@
-//! The change that one call made to the domain and the state, as plain data. It is announced to other
-//! agents, which can apply it to their copies.
+//! Change that one call made to the domain and the state, as plain data. Other agents receive the
+//! change and can apply it to their copies.
 
 use acl::AgentId;
 use acl::content::EpochChange;
 use pddl::InitElement;
 
-/// Difference between the domain and state before and after a call. If all lists are empty and the epoch
-/// is not new, nothing visible has changed.
+/// Difference between the domain and state before and after a call. If all lists are empty and no
+/// epoch began, no visible part has changed.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DomainChange {
-    /// The epoch after the call: the number of changes of the set of capabilities, from 0 at the start.
+    /// The epoch after the call: the number of changes of the set of capabilities, from 0 at the
+    /// start.
     pub epoch: u64,
     /// The revision after the call: the number of changes of any kind, from 0 at the start.
     pub revision: u64,
@@ -17,19 +18,19 @@ pub struct DomainChange {
     pub epoch_changed: bool,
     /// Agents with capabilities that have become available.
     pub joined: Vec<AgentId>,
-    /// Agents with capabilities that are no longer available, because the agents are gone or silent, or
-    /// because their liveliness tokens are lost.
+    /// Agents with capabilities that are no longer available, because the agents are gone or
+    /// silent, or because their liveliness tokens are lost.
     pub left: Vec<AgentId>,
-    /// Facts that have become believed; if the fact is about a function, with the new value.
+    /// Facts that have become believed. A fact about a function has the new value.
     pub believed: Vec<InitElement>,
-    /// Facts that have ceased to be believed; if the fact is about a function, with the last value.
+    /// Facts that have ceased to be believed. A fact about a function has the last value.
     pub retracted: Vec<InitElement>,
 }
 
 // === impl DomainChange ===
 
 impl DomainChange {
-    /// Whether nothing visible has changed.
+    /// Whether the change has no visible effect.
     pub fn is_empty(&self) -> bool {
         !self.epoch_changed
             && self.joined.is_empty()

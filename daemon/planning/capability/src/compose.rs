@@ -1,15 +1,15 @@
-//! Composes the shared ontology and many models into one [`Composite`], and lists which parts of the
-//! models were left out.
+//! Composes the shared ontology and many models into one [`Composite`], and lists which parts of
+//! the models were left out.
 //!
-//! Composition is a pure function, computed from the start each time. The result depends only on which
-//! agents are present, on the order of their arrival if two of them disagree, and on the names given to
-//! actions before. The cost is linear in the length of the models. There are three steps, each in a file
-//! of its own: selecting declarations (`declarations`), selecting actions (`actions`), and writing the
-//! domain (`assemble`).
+//! Composition is a pure function of the whole input. The result depends on three things: the
+//! present agents, the order of their arrival if two of them disagree, and the names that actions
+//! had before. The cost is linear in the length of the models. There are three steps, each in its
+//! own file: selecting declarations (`declarations`), selecting actions (`actions`), and writing
+//! the domain (`assemble`).
 //!
-//! A maintainer of public scope composes only when a snapshot is requested. Until then it only tracks
-//! which of several different declarations is in force ([`incumbents`]). An agent of an already known
-//! type is added to an existing composite ([`incremental`]).
+//! A maintainer of public scope composes only when a snapshot is requested. Until then it only
+//! tracks which of several different declarations of a part is in force ([`incumbents`]). An agent
+//! of an already known type is added to an existing composite ([`incremental`]).
 
 mod actions;
 mod assemble;
@@ -36,7 +36,7 @@ pub(crate) struct SharedModel {
     pub(crate) ontology: Arc<Domain>,
     pub(crate) map: Arc<Problem>,
     pub(crate) manifest: ModelSummary,
-    /// Index in `manifest.declarations` of the declaration of each part.
+    /// Index in `manifest.declarations` of the declaration of each declared part.
     places: BTreeMap<ModelPart, usize>,
 }
 
@@ -44,8 +44,8 @@ pub(crate) struct SharedModel {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Contribution<'a> {
     pub(crate) agent: &'a AgentId,
-    /// Position of the agent in the order of arrival: if two agents disagree, the one that arrived first
-    /// is believed.
+    /// Position of the agent in the order of arrival. If two agents disagree, the declaration of
+    /// the agent that arrived first is used.
     pub(crate) arrival: u64,
     pub(crate) manifest: &'a ModelSummary,
     /// Whether the agent's whole model is used, or only its public part.
@@ -55,15 +55,14 @@ pub(crate) struct Contribution<'a> {
 /// State that is kept from one composition to the next.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct CompositionMemory {
-    /// The declaration of each part that is in force. It stays in force for as long as any agent makes
-    /// it.
+    /// The declaration in force for each part. It stays in force as long as any agent makes it.
     incumbents: DeclarationsInForce,
     /// Predicates with facts that may be unknown.
     pub(crate) unknowable: BTreeSet<Name>,
     names: ActionNames,
 }
 
-/// Composes the models of `parties`, which are sorted by the name of the agent, into one domain.
+/// Composes the models of `parties`, sorted by the name of the agent, into one domain.
 ///
 /// If `everything` is true, the private facts of all agents are visible in the composite.
 pub(crate) fn compose(
@@ -96,17 +95,17 @@ impl SharedModel {
         SharedModel { ontology, map, manifest, places }
     }
 
-    /// Returns the declaration that the ontology or the map makes of the part `subject`; `None` if
-    /// neither declares it.
+    /// Returns the declaration of the part `subject` in the ontology or the map; `None` if neither
+    /// declares it.
     fn declared(&self, subject: &ModelPart) -> Option<&Declaration> {
         self.places.get(subject).and_then(|place| self.manifest.declarations.get(*place))
     }
 }
 
 impl CompositionMemory {
-    /// Updates which declarations are in force, without composing, after the model of one agent changed
-    /// from `former` to `now`. `parties` are all present agents; `trusted` tells whether the whole models
-    /// of all of them are used, or only the public parts.
+    /// Updates the declarations in force, without composing, after the model of one agent has
+    /// changed from `former` to `now`. `parties` are all present agents. If `trusted` is true,
+    /// their whole models are used, and otherwise only the public parts.
     pub(crate) fn keep_standing<'a, P: Iterator<Item = Contribution<'a>>>(
         &mut self,
         former: Option<&ModelSummary>,
@@ -146,7 +145,7 @@ fn private_names<'a>(declarations: impl Iterator<Item = &'a Declaration>) -> BTr
     private.map(|declaration| declaration.subject.name.clone()).collect()
 }
 
-/// The parts of models that were left out of the composition so far.
+/// Parts of models that the composition has left out so far.
 #[derive(Default)]
 struct ConflictReport<'a> {
     conflicts: BTreeSet<Conflict>,
@@ -161,8 +160,8 @@ impl<'a> ConflictReport<'a> {
         self.conflicts.insert(Conflict { agents: vec![agent.clone()], subject, detail });
     }
 
-    /// Records that the declaration of `loser` is left out, because a different declaration by `keeper`
-    /// is in force.
+    /// Records that the declaration of `loser` is left out, because a different declaration of
+    /// `keeper` is in force.
     fn lose(
         &mut self,
         keeper: &AgentId,

@@ -1,7 +1,8 @@
-//! The composite: one domain made of many models, and the actions that each agent offers in this domain.
+//! The composite: one domain made of many models, and the actions that each agent offers in this
+//! domain.
 //!
-//! A composite is made by [`compose`](crate::compose). Snapshots share it: each snapshot keeps the
-//! composite of its time.
+//! [`compose`](crate::compose) makes a composite. Each snapshot keeps the composite of its time,
+//! and snapshots of the same time share it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, OnceLock};
@@ -15,7 +16,7 @@ use crate::digest::text_digest;
 use crate::fact::{FactKey, FactValue, Owner};
 use crate::vocabulary::DomainVocabulary;
 
-/// Name of the function by which plans are compared if no metric is given.
+/// Name of the function that is the default metric of plans.
 pub(crate) const TOTAL_COST: &str = "total-cost";
 
 /// One domain made of many models.
@@ -26,27 +27,27 @@ pub(crate) struct Composite {
     pub(crate) vocabulary: DomainVocabulary,
     /// The objects of the composite problem: first those of the map, then those of the agents.
     pub(crate) objects: Arc<Vec<ObjectDeclaration>>,
-    /// Number of objects in `objects` that the map declares; the objects of agents follow them, sorted by
-    /// name.
+    /// Number of objects in `objects` that the map declares. The objects of agents follow, sorted
+    /// by name.
     pub(crate) of_map: usize,
-    /// The selected actions, by the names that agents gave them.
+    /// The selected actions, by the agents' own names for them.
     pub(crate) schemas: BTreeMap<Name, Vec<SelectedAction>>,
     /// The actions that each agent offers.
     pub(crate) offers: BTreeMap<AgentId, Vec<OfferedAction>>,
-    /// For actions that are renamed in the composite domain: the name there → the name that the agents
-    /// gave.
+    /// Actions that are renamed in the composite domain: from the name there to the agents' own
+    /// name.
     pub(crate) qualified: BTreeMap<Name, Name>,
     pub(crate) secrets: PrivateFacts,
-    /// The symbols of the domain that describe what is unknown.
+    /// The symbols of the domain that describe unknown facts.
     pub(crate) knowledge: Arc<Knowledge>,
-    /// The functions that determine the costs of actions; collected when they are needed first.
+    /// The functions that determine the costs of actions; collected at the first use.
     costs: OnceLock<BTreeSet<Name>>,
 }
 
 /// An action as one agent offers it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct OfferedAction {
-    /// Name that the agent gave the action.
+    /// The agent's own name for the action.
     pub(crate) outside: Name,
     /// Name of the action in the composite domain.
     pub(crate) inside: Name,
@@ -54,12 +55,12 @@ pub(crate) struct OfferedAction {
     pub(crate) guard: Name,
 }
 
-/// A selected action with the first of the agents that offer it, in the order of their names.
+/// A selected action with the first offering agent in the order of names.
 #[derive(Clone, Debug)]
 pub(crate) struct SelectedAction {
     /// Canonical text of the action.
     pub(crate) key: CanonicalText,
-    /// The action as it is written by the first of the agents that offer it, in the order of their names.
+    /// The action as written by the first offering agent in the order of names.
     pub(crate) tree: Arc<ActionSchema>,
     pub(crate) first: AgentId,
     pub(crate) offered: OfferedAction,
@@ -73,11 +74,11 @@ pub(crate) struct CollectedOffers {
     qualified: BTreeMap<Name, Name>,
 }
 
-/// The symbols and objects that agents keep private, and the agents that have private facts which are
-/// visible nevertheless.
+/// Private symbols and objects, and the agents with private facts that are visible in the composite
+/// nevertheless.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct PrivateFacts {
-    /// Agents that have private facts which are visible in this composite; `None` means all agents.
+    /// Agents with private facts that are visible in this composite; `None` means all agents.
     pub(crate) trusted: Option<BTreeSet<AgentId>>,
     /// Predicates and functions that the ontology declares private to each agent.
     pub(crate) symbols: BTreeSet<Name>,
@@ -88,7 +89,8 @@ pub(crate) struct PrivateFacts {
 // === impl Composite ===
 
 impl Composite {
-    /// Creates a composite. `of_map` is the number of objects that the map declares; they come first.
+    /// Creates a composite. `of_map` is the number of objects that the map declares; they must come
+    /// first.
     pub(crate) fn new(
         domain: Domain,
         vocabulary: DomainVocabulary,
@@ -119,8 +121,8 @@ impl Composite {
         self.vocabulary.predicates.get(&atom.predicate).is_some_and(|signature| signature.derived)
     }
 
-    /// Returns the reason, as text for a person, why a claim about `fact` cannot take effect in this
-    /// composite; `None` if it can.
+    /// Returns the reason, as text for a person, why a claim that `fact` has this value cannot take
+    /// effect in this composite; `None` if it can.
     pub(crate) fn misfit(&self, fact: &FactKey, value: FactValue) -> Option<String> {
         if self.is_negative_cost(fact, value) {
             return Some(format!(
@@ -150,20 +152,20 @@ impl Composite {
         })
     }
 
-    /// Returns the digest of the domain's text, which is computed when it is needed first.
+    /// Returns the digest of the domain's text; computed at the first use.
     pub(crate) fn digest(&self) -> &str {
         self.digest.get_or_init(|| text_digest(&self.domain.to_string()))
     }
 
-    /// Shares the allocation of the domain with `other`, if the two domains have the same text.
+    /// Uses the allocation of the domain of `other`, if the two domains have the same text.
     pub(crate) fn share_domain(&mut self, other: &Composite) {
         if self.domain == other.domain && self.digest() == other.digest() {
             self.domain = Arc::clone(&other.domain);
         }
     }
 
-    /// Whether planning with this composite gives the same plans as with `other`. The two composites must
-    /// share the allocation of their domain.
+    /// Whether planning with this composite gives the same plans as with `other`. The two
+    /// composites must share the allocation of their domain.
     pub(crate) fn is_as(&self, other: &Composite) -> bool {
         Arc::ptr_eq(&self.domain, &other.domain)
             && self.objects == other.objects
@@ -175,7 +177,7 @@ impl Composite {
 // === impl CollectedOffers ===
 
 impl CollectedOffers {
-    /// Adds a selected action and the agents that offer it, which are sorted by name.
+    /// Adds a selected action and the agents that offer it, which must be sorted by name.
     pub(crate) fn add(
         &mut self,
         key: CanonicalText,

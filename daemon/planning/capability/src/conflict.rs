@@ -1,18 +1,18 @@
-//! Conflicts: parts of models that could not be composed as they were written. All other parts of the
-//! models take effect.
+//! Conflicts: parts of models that could not be composed as written. All other parts of the models
+//! take effect.
 
 use std::fmt;
 
 use acl::AgentId;
 use pddl::Name;
 
-/// A conflict: a part of a model that is left out of the composition, and the reason. It must be sent to
-/// all agents in `agents`.
+/// A part of a model that is left out of the composition, with the reason. The report must be sent
+/// to all agents in `agents`.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Conflict {
-    /// The agents that the conflict concerns. The last is the agent with the part that is left out. It is
-    /// preceded by the agent with the different part that is in force, unless that is a part of the
-    /// ontology or the map.
+    /// The agents that the conflict concerns. The last one is the agent with the part that is left
+    /// out. If the part in force belongs to another agent, and not to the ontology or the map, that
+    /// agent comes before it.
     pub agents: Vec<AgentId>,
     /// The part of a model that is left out.
     pub subject: ModelPart,
@@ -23,9 +23,9 @@ pub struct Conflict {
 /// A part of a model, identified by its kind and its name.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct ModelPart {
-    /// Kind of the part of a model.
+    /// Kind of the part, such as a type or an action.
     pub kind: ModelPartKind,
-    /// Name of the part of a model.
+    /// Name of the type, predicate, function, object or action.
     pub name: Name,
 }
 

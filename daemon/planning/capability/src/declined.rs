@@ -1,12 +1,13 @@
-//! Reasons why an input of a Domain Maintainer was declined. These cases are expected: they are answered
-//! with `refuse`.
+//! Reasons why a Domain Maintainer declines an input. These cases are expected: the sender receives
+//! a `refuse`.
 
 use std::fmt;
 
 use acl::content::{Reason, Refusal};
 use acl::{AgentId, Incarnation};
 
-/// The reason why a model, a heartbeat or a change was declined. No part of it takes effect.
+/// Reason why a model, a heartbeat or a change was declined. No part of the declined input takes
+/// effect.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Declined {
@@ -24,7 +25,7 @@ pub enum Declined {
         /// The ontology that the agents of this ecosystem share.
         shared: String,
     },
-    /// The message comes late: it was sent by a former incarnation of the agent.
+    /// The message is late: a former incarnation of the agent sent it.
     FormerIncarnation {
         /// The agent that sent the message.
         agent: AgentId,
@@ -33,7 +34,7 @@ pub enum Declined {
         /// The newest known incarnation of the agent.
         current: Incarnation,
     },
-    /// The heartbeat is not newer than one that was received before.
+    /// The heartbeat is not newer than an earlier one.
     OldSequence {
         /// The agent that sent the heartbeat.
         agent: AgentId,
@@ -42,19 +43,19 @@ pub enum Declined {
         /// The number of the newest heartbeat received.
         current: u64,
     },
-    /// The agent has not announced its model, or has not announced it in this incarnation.
+    /// This incarnation of the agent has not announced its model.
     UnknownAgent {
         /// The agent that is unknown.
         agent: AgentId,
     },
-    /// The input has no meaning in the composite domain.
+    /// The input does not fit the composite domain.
     Meaningless {
-        /// The reason why the input has no meaning in the domain, as the checker states it.
+        /// The message of the checker, as text for a person.
         detail: String,
     },
-    /// An agent that is responsible for the fact reports otherwise.
+    /// An agent that is responsible for the fact contradicts the change.
     Owned {
-        /// The fact that was to be believed or retracted.
+        /// The fact that the sender wanted to be believed or retracted.
         fact: String,
         /// The agent that is responsible for the fact.
         owner: String,
@@ -63,18 +64,20 @@ pub enum Declined {
     },
     /// The change would make the cost of plans negative.
     NegativeCost {
-        /// The fact that was to be believed.
+        /// The fact that the sender wanted to be believed.
         fact: String,
         /// The function that would get a negative value.
         function: String,
     },
-    /// No agent concerned offers the named action, or the action is not withheld.
+    /// None of the named agents offers the action, or a request to give back an action names one
+    /// that is not withheld.
     UnknownAction {
         /// The name of the action in the request.
         action: String,
         /// The agent named in the request; `None` if the request was about all agents.
         agent: Option<AgentId>,
-        /// Whether the request was to give the action back, rather than to withhold it.
+        /// Whether the request was to give the action back; `false` if it was to withhold the
+        /// action.
         is_given_back: bool,
     },
     /// The input exceeds one of the maintainer's limits.
@@ -87,7 +90,7 @@ pub enum Declined {
 }
 
 impl Declined {
-    /// Returns the reason as the code for programs that a `refuse` carries.
+    /// Returns the reason as the code that a `refuse` carries for programs.
     pub fn reason(&self) -> Reason {
         match self {
             Declined::OtherAgent { .. }

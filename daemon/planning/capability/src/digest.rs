@@ -1,9 +1,9 @@
-//! Digests of texts: two agents can compare them to find out whether they have the same text, without
-//! sending it.
+//! Digests of texts. By comparing digests, two agents can find out whether they have the same text
+//! without sending it.
 //!
-//! If other programs may have to compute a digest too, it is made by FNV-1a with 64 bits (`acl::fnv`).
-//! Such a digest protects against accidents, not against forgery; the certificates of the substrate
-//! protect against that.
+//! A digest that other programs may have to compute is made by FNV-1a with 64 bits (`acl::fnv`).
+//! Such a digest detects accidental differences only. The certificates of the substrate protect
+//! against forgery.
 
 use std::hash::{BuildHasher as _, Hash as _, Hasher as _};
 
@@ -22,9 +22,9 @@ pub(crate) fn of_text(text: &str) -> u64 {
     Fnv64::default().with(text.as_bytes()).value()
 }
 
-/// Returns the digest of a problem, without the goal, for a domain with the digest `domain`. This is much
-/// faster than FNV-1a over the problem's text, but only the same build of the program computes the same
-/// value.
+/// Returns the digest of a problem without its goal; `domain` is the digest of its domain. The
+/// computation is much faster than FNV-1a over the problem's text, but only the same build of the
+/// program gives the same value.
 pub fn problem_digest(domain: &str, problem: &Problem) -> String {
     let mut state = FixedState::with_seed(field(Fnv64::default(), domain).value()).build_hasher();
     problem.objects.hash(&mut state);
@@ -33,7 +33,7 @@ pub fn problem_digest(domain: &str, problem: &Problem) -> String {
     hex(state.finish())
 }
 
-/// Returns the digest that heartbeats carry: that of an action model's text and its methods.
+/// Returns the digest of an action model's text and its methods, which heartbeats carry.
 pub fn model_digest(model: &str, methods: &Methods) -> String {
     let model = field(Fnv64::default(), model);
     let whole = methods
@@ -50,8 +50,8 @@ fn method_into(state: Fnv64, method: &Method) -> Fnv64 {
     state.with(&u64::from(*timeout).to_le_bytes())
 }
 
-/// Adds a field to a digest. The length of the field is hashed before its bytes, so that two different
-/// lists of fields never give the same input.
+/// Adds a field to a digest. The length of the field is hashed before its bytes, so that two
+/// different lists of fields never give the same input.
 fn field(state: Fnv64, text: &str) -> Fnv64 {
     state.with(&(text.len() as u64).to_le_bytes()).with(text.as_bytes())
 }
@@ -76,12 +76,12 @@ mod tests {
     }
 
     #[test]
-    fn it_is_written_with_sixteen_digits() {
+    fn a_text_digest_has_sixteen_digits() {
         assert_eq!(text_digest("foobar"), "85944171f73967e8");
     }
 
     #[test]
-    fn methods_count() {
+    fn methods_are_part_of_the_model_digest() {
         let digest = model_digest("(define (agent a))", &methods("move", 100));
         assert_eq!(digest, model_digest("(define (agent a))", &methods("move", 100)));
         for other in [methods("mov", 100), methods("move", 200), Methods::new()] {

@@ -6,18 +6,17 @@ use std::sync::Arc;
 use acl::AgentId;
 use pddl::{Atom, FluentTerm, InitElement, Name, Number, Span, Term};
 
-/// The kind of symbol that a fact is about: a predicate or a function.
+/// Kind of symbol that a fact is about: a predicate or a function.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(crate) enum FactSymbolKind {
     Predicate,
     Function,
 }
 
-/// The term of a fact, without its value. Two claims that have the same term are claims about the same
-/// fact.
+/// The term of a fact, without its value. Claims with the same term are claims about the same fact.
 ///
-/// A key is cheap to clone: it is kept in several tables of every maintainer, and a machine may run many
-/// maintainers.
+/// A key is cheap to clone: several tables of each maintainer contain it, and a machine may run
+/// many maintainers.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct FactKey(Arc<FactTerm>);
 
@@ -39,22 +38,23 @@ pub(crate) enum FactValue {
     Number(Number),
 }
 
-/// The meaning of an element of `:init`, as a statement about a term.
+/// Meaning of an element of `:init`, as a statement about a term.
 pub(crate) enum FactStatement {
     /// The term has the given value.
     Is(FactKey, FactValue),
     /// The term is false.
     Not(FactKey),
-    /// The element cannot be believed: it contains a variable, or is about a time other than the start.
+    /// The element cannot be believed, because it contains a variable or is about a time other than
+    /// the start.
     Unusable,
 }
 
-/// The owner of a fact: it answers for whether the fact holds.
+/// The owner of a claim: the agent or the map that is responsible for whether the fact holds.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Owner {
-    /// The map is the owner: the fact holds until a request changes it.
+    /// The map. The fact holds until a request changes it.
     Map,
-    /// An agent is the owner: the fact is removed when the agent is removed.
+    /// An agent. The fact is removed when the agent is removed.
     Agent(AgentId),
 }
 
@@ -70,12 +70,11 @@ pub enum ClaimSource {
     Effect,
     /// The claim comes from a request to change the state.
     Request,
-    /// The claim is an observation that the owner has sent.
+    /// The claim is an observation that the owner sent.
     Observation,
-    /// The claim that a fact is unknown was made because the agent that was responsible for the fact has
-    /// left.
+    /// The fact is claimed to be unknown, because the agent that was responsible for it has left.
     Departure,
-    /// The central Domain Maintainer has passed on the claim of another owner.
+    /// The central Domain Maintainer has announced this claim of another owner.
     Announced,
 }
 
@@ -93,13 +92,12 @@ impl FactKey {
         Some(FactKey(Arc::new(FactTerm { space, symbol: symbol.clone(), arguments })))
     }
 
-    /// Returns the key of a fact of a predicate; `None` if an argument is a variable.
+    /// Returns the key of a predicate's fact; `None` if an argument is a variable.
     pub(crate) fn of_predicate(symbol: &Name, arguments: &[Term]) -> Option<FactKey> {
         FactKey::new(FactSymbolKind::Predicate, symbol, arguments)
     }
 
-    /// Returns a key that is not greater than the key of any fact of the symbol, for searching in sorted
-    /// tables.
+    /// Returns a lower bound of the keys of all facts of the symbol, for searches in sorted tables.
     pub(crate) fn first_of(space: FactSymbolKind, symbol: &Name) -> FactKey {
         FactKey(Arc::new(FactTerm { space, symbol: symbol.clone(), arguments: Box::default() }))
     }

@@ -15,19 +15,20 @@ pub struct Follower {
     facts: BTreeMap<FactKey, FactValue>,
 }
 
-/// The reason why an announced change could not be applied to a copy of the state. The copy is as it was
-/// before the change; a fresh one must be requested.
+/// Reason why an announced change could not be applied to a copy of the state. The copy is
+/// unchanged; the caller must request a fresh one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum FollowError {
-    /// A change that was announced before this one has been lost.
+    /// An earlier change has been lost.
     Gap {
         /// The revision (number of changes) of the copy.
         known: u64,
-        /// The revision (number of changes) that the announced change would lead to.
+        /// The revision (number of changes) after the announced change.
         announced: u64,
     },
-    /// The set of capabilities has changed, and with it the domain and the objects.
+    /// The set of capabilities has changed, so the domain and the objects differ from those of the
+    /// copy.
     NewEpoch {
         /// The epoch of the copy.
         known: u64,
@@ -41,7 +42,7 @@ pub enum FollowError {
 // === impl Follower ===
 
 impl Follower {
-    /// Creates a copy from a state that was requested, with the epoch and revision of that state.
+    /// Creates a copy from a requested state and the epoch and revision of that state.
     pub fn new(epoch: u64, revision: u64, state: &[InitElement]) -> Follower {
         let mut follower = Follower { epoch, revision, facts: BTreeMap::new() };
         follower.believe(state);
@@ -52,7 +53,7 @@ impl Follower {
     ///
     /// # Errors
     ///
-    /// Returns an error if the change cannot be applied, so that a fresh copy must be requested.
+    /// Returns an error if the change cannot be applied. A fresh copy must then be requested.
     pub fn follow(&mut self, change: &EpochChange) -> Result<(), FollowError> {
         let EpochChange { epoch, revision, believed, retracted, .. } = change;
         if *revision <= self.revision {
@@ -85,7 +86,7 @@ impl Follower {
         }
     }
 
-    /// Returns the facts that are believed according to the copy, in a fixed order.
+    /// Returns the believed facts of the copy, in a fixed order.
     pub fn facts(&self) -> impl Iterator<Item = InitElement> {
         self.facts.iter().map(|(key, value)| key.element(*value))
     }

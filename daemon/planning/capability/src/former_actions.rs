@@ -1,6 +1,6 @@
-//! Actions that agents offered in the past. They are used for explanations, never for plans.
+//! Actions that agents offered in the past. Only explanations use them, never plans.
 //!
-//! An action schema is kept together with the declarations of its model, because these are removed with
+//! An action schema is kept with the declarations of its model, because these leave the domain with
 //! the agent. If several agents offered the same schema, the model of one of them is kept.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -21,8 +21,8 @@ pub(crate) struct FormerActions {
 
 #[derive(Clone, Debug)]
 struct FormerSchema {
-    /// Number of the latest model that contains this schema. If there are too many schemas, the one with
-    /// the smallest number is dropped first.
+    /// Number of the latest model that contains this schema. If there are too many schemas, the
+    /// schema with the smallest number is dropped first.
     stamp: u64,
     /// The model that contained the schema, reduced to this action and without facts.
     model: Arc<ActionModel>,
@@ -31,8 +31,8 @@ struct FormerSchema {
 // === impl FormerActions ===
 
 impl FormerActions {
-    /// Adds the actions of a model. `frame` is the model without facts and actions; `manifest` is its
-    /// summary, which has the actions.
+    /// Adds the actions of a model. `frame` is the model without facts and actions; `manifest` is
+    /// the summary of the model, with the actions.
     pub(crate) fn record(&mut self, frame: &ActionModel, manifest: &ModelSummary) {
         self.stamps += 1;
         let stamp = self.stamps;
@@ -58,8 +58,8 @@ impl FormerActions {
         }
     }
 
-    /// Returns the schemas that none of the models `living` contains, each as a model with one action, in
-    /// a fixed order.
+    /// Returns the schemas that no model in `living` contains, in a fixed order. Each is returned
+    /// as a model with one action.
     pub(crate) fn not_offered_by<'a>(
         &self,
         living: impl Iterator<Item = &'a ModelSummary>,

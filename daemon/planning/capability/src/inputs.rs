@@ -14,30 +14,30 @@ use crate::declined::Declined;
 use crate::parsed_model::ParsedModel;
 use crate::timestamp::Timestamp;
 
-/// How long an agent may be silent before its capabilities count as unavailable, in proportion to the
-/// time between its heartbeats.
+/// Time for which an agent may be silent before its capabilities count as unavailable, in
+/// proportion to the period of its heartbeats.
 ///
-/// The default is three and a half times that period: one heartbeat may be lost and one may be late. The
-/// additional half period prevents a race between the limit and a third heartbeat that is on time.
+/// The default is three and a half periods: one heartbeat may be lost and one may be late. The
+/// additional half period is a margin for a third heartbeat that arrives just in time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SilenceLimit {
     lease: Duration,
     period: Duration,
 }
 
-/// An announced action model with its methods. It is cheap to clone: clones share the model.
+/// An announced action model with its methods. Cloning is cheap, because clones share the model.
 #[derive(Clone, Debug)]
 pub struct Announcement {
     /// The agent that sent the announcement.
     pub agent: AgentId,
     /// Incarnation of the sender.
     pub incarnation: Incarnation,
-    /// The model, divided into its parts; or the reason why the model was declined, which is a limit that
-    /// it exceeds.
+    /// The model, divided into its parts; or an error if the model exceeds a limit.
     pub(crate) described: Result<ParsedModel, Declined>,
 }
 
-/// A heartbeat: the state of an agent, complete for the facts that the agent owns.
+/// A heartbeat: the state of an agent. It lists every fact that the agent owns and that is true or
+/// unknown.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ParsedHeartbeat {
     /// The agent that sent the heartbeat.
@@ -48,14 +48,14 @@ pub struct ParsedHeartbeat {
     pub sequence: u64,
     /// Digest of the sender's action model and methods.
     pub digest: String,
-    /// Facts that the agent knows to be true, and `(unknown FACT)` for each fact that is unknown to the
-    /// agent.
+    /// Facts that the agent reports as true, and `(unknown FACT)` for each fact that the agent
+    /// reports as unknown.
     pub facts: Vec<KnownFact>,
     /// Time until the next heartbeat is due; `None` if the agent never counts as silent.
     pub period: Option<Duration>,
 }
 
-/// A heartbeat that equals the one before it, except for its number.
+/// A heartbeat that equals the previous one, except for its number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RepeatedHeartbeat<'h> {
     /// The agent that sent the heartbeat.
@@ -64,7 +64,7 @@ pub struct RepeatedHeartbeat<'h> {
     pub incarnation: Incarnation,
     /// Digest of the sender's action model and methods.
     pub digest: &'h str,
-    /// Number of the heartbeat before this one, which it equals.
+    /// Number of the previous heartbeat.
     pub before: u64,
     /// Number of this heartbeat.
     pub sequence: u64,
@@ -72,47 +72,47 @@ pub struct RepeatedHeartbeat<'h> {
     pub period: Duration,
 }
 
-/// A fact that is known, without end or for a limited time.
+/// A reported fact, which may be known for a limited time only.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KnownFact {
-    /// The known fact.
+    /// The fact itself, such as `(at robot-1 hall)`.
     pub fact: InitElement,
-    /// Time at which the fact expires; `None` if it is known until its owner retracts it.
+    /// Time at which the fact expires; `None` if the fact stays known until its owner retracts it.
     pub until: Option<Timestamp>,
 }
 
-/// A change of the state. The retractions take effect first, and then the facts to believe.
+/// A change of the state. The retractions take effect before the facts to believe.
 ///
 /// A `(not FACT)` in `believe` retracts the fact.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Effects {
     /// Facts that the Domain Maintainer should believe.
     pub believe: Vec<InitElement>,
-    /// Facts that the Domain Maintainer should retract; for a function, the value is ignored.
+    /// Facts that the Domain Maintainer should retract. For a function, the value is ignored.
     pub retract: Vec<InitElement>,
 }
 
 /// All changes that requests have made at the central Domain Maintainer.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RequestedChanges {
-    /// Requested facts, each with its owner.
+    /// Facts that were requested, each with its owner.
     pub facts: Vec<(AgentId, KnownFact)>,
     /// Facts of the map that requests have retracted.
     pub retracted: Vec<InitElement>,
-    /// The requested metric of plans; `None` if the metric of the map is used.
+    /// The requested metric of plans; `None` if the metric of the map is in use.
     pub metric: Option<Metric>,
-    /// Actions that requests withhold from planning: of one agent, or of all agents if the agent is
-    /// `None`.
+    /// Actions that requests withhold from planning, each with the agent; `None` stands for all
+    /// agents.
     pub withheld: Vec<(Name, Option<AgentId>)>,
 }
 
-/// Changes that requests have made since the last announcement of them.
+/// Changes that requests have made since the last announcement.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RequestedChangesSince {
-    /// Requested facts that are new or changed, each with its owner.
+    /// New or changed requested facts, each with its owner.
     pub facts: Vec<(AgentId, KnownFact)>,
-    /// Requested facts that are withdrawn, each with its former owner; where they are about functions,
-    /// their values have no meaning.
+    /// Withdrawn requested facts, each with its former owner. The value of a function has no
+    /// meaning here.
     pub withdrawn: Vec<(AgentId, InitElement)>,
     /// Facts of the map that requests have retracted.
     pub retracted: Vec<InitElement>,
@@ -121,8 +121,9 @@ pub struct RequestedChangesSince {
 // === impl Announcement ===
 
 impl Announcement {
-    /// Creates the announcement of `model` by an agent. `methods` carry out the actions of the model;
-    /// `digest` is the digest of the model and the methods, see [`model_digest`](crate::model_digest).
+    /// Creates the announcement of `model` by an agent. `methods` carry out the actions of the
+    /// model; `digest` is the digest of the model and its methods (see
+    /// [`model_digest`](crate::model_digest)).
     pub fn new(
         agent: AgentId,
         incarnation: Incarnation,
@@ -133,11 +134,12 @@ impl Announcement {
         Announcement { agent, incarnation, described: ParsedModel::of(model, methods, digest) }
     }
 
-    /// Parses an announced model. The heartbeat in the announcement is parsed by [`ParsedHeartbeat::read`].
+    /// Parses an announced model. The heartbeat in the announcement is parsed by
+    /// [`ParsedHeartbeat::read`].
     ///
     /// # Errors
     ///
-    /// Returns the diagnostics, with places in the model's text, if the model is not valid PDDL.
+    /// Returns diagnostics, with places in the model's text, if the model is not valid PDDL.
     pub fn read(
         agent: AgentId,
         incarnation: Incarnation,
@@ -156,8 +158,8 @@ impl ParsedHeartbeat {
     ///
     /// # Errors
     ///
-    /// Returns the diagnostics if its facts are not valid PDDL, with places in the first text that has
-    /// mistakes.
+    /// Returns diagnostics if the facts of the heartbeat are not valid PDDL, with places in the
+    /// first invalid text.
     pub fn read(
         agent: AgentId,
         incarnation: Incarnation,
@@ -175,8 +177,8 @@ impl ParsedHeartbeat {
 // === impl SilenceLimit ===
 
 impl SilenceLimit {
-    /// Returns the limit under which agents with one heartbeat every `period` may be silent for `lease`;
-    /// other periods change the limit in proportion.
+    /// Returns a limit of `lease` for agents with one heartbeat every `period`. For other periods
+    /// the limit changes in proportion.
     pub fn new(lease: Duration, period: Duration) -> SilenceLimit {
         SilenceLimit { lease, period }
     }
@@ -189,8 +191,8 @@ impl SilenceLimit {
     }
 }
 
-/// Lease and period of heartbeats unless the settings of an ecosystem say otherwise. One heartbeat may be
-/// lost and one may be late; the half period gives a third one a margin.
+/// Default lease and period of heartbeats. One heartbeat may be lost and one may be late; the half
+/// period is a margin for the third.
 const LEASE: Duration = Duration::from_millis(3_500);
 const PERIOD: Duration = Duration::from_millis(1_000);
 
@@ -223,8 +225,8 @@ impl KnownFact {
     ///
     /// # Errors
     ///
-    /// Returns the diagnostics if the observation is not valid PDDL, with places in the first text that
-    /// has mistakes.
+    /// Returns diagnostics if the observation is not valid PDDL, with places in the first invalid
+    /// text.
     pub fn read(observed: &Observation, now: Timestamp) -> Result<Vec<KnownFact>, Vec<Diagnostic>> {
         let Observation { facts, known_for } = observed;
         KnownFact::read_all(facts, known_for, now)
@@ -244,8 +246,7 @@ impl Effects {
     ///
     /// # Errors
     ///
-    /// Returns the diagnostics if the request is not valid PDDL, with places in the first text that has
-    /// mistakes.
+    /// Returns diagnostics if the request is not valid PDDL, with places in the first invalid text.
     pub fn read(change: &ChangeState) -> Result<Effects, Vec<Diagnostic>> {
         let ChangeState { believe, retract, owner: _ } = change;
         Ok(Effects {
@@ -262,8 +263,8 @@ impl RequestedChanges {
     ///
     /// # Errors
     ///
-    /// Returns the diagnostics if the announcement is not valid PDDL, with places in the first text that
-    /// has mistakes.
+    /// Returns diagnostics if the announcement is not valid PDDL, with places in the first invalid
+    /// text.
     pub fn read(told: &Requested, now: Timestamp) -> Result<RequestedChanges, Vec<Diagnostic>> {
         let Requested { facts, retracted, metric, withheld } = told;
         let metric = metric.as_ref().map(|metric| pddl::parse_metric(metric).into_result());
@@ -285,8 +286,8 @@ impl RequestedChangesSince {
     ///
     /// # Errors
     ///
-    /// Returns the diagnostics if the announcement is not valid PDDL, with places in the first text that
-    /// has mistakes.
+    /// Returns diagnostics if the announcement is not valid PDDL, with places in the first invalid
+    /// text.
     pub fn read(
         told: &RequestedSince,
         now: Timestamp,

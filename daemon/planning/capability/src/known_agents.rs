@@ -1,5 +1,5 @@
-//! The agents that a Domain Maintainer knows: their incarnations, their models, and whether their
-//! capabilities count for new plans.
+//! The agents that a Domain Maintainer knows: their incarnations, their models, and whether new
+//! plans may use their capabilities.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -13,61 +13,60 @@ use crate::limits;
 use crate::parsed_model::ParsedModel;
 use crate::timestamp::Timestamp;
 
-/// A known agent: one that has announced its model.
+/// A known agent: an agent that has announced its model.
 #[derive(Clone, Debug)]
 pub(crate) struct Member {
     pub(crate) incarnation: Incarnation,
-    /// Position of the agent in the order of arrival; it stays the same when the model changes.
+    /// Position of the agent in the order of arrival. A change of the model does not change the
+    /// position.
     pub(crate) arrival: u64,
     pub(crate) described: ParsedModel,
     /// Whether the agent's liveliness token is lost.
     pub(crate) is_masked: bool,
     /// Whether the agent's heartbeats have stopped.
     pub(crate) is_silent: bool,
-    /// Time at which the agent counts as silent if no heartbeat arrives before; `None` if it never counts
-    /// as silent.
+    /// Time at which the agent counts as silent unless a heartbeat arrives before; `None` if the
+    /// agent never counts as silent.
     pub(crate) due: Option<Timestamp>,
-    /// Time of the agent's entry in `KnownAgents::dues`, which is not after `due`; `None` if it has no
-    /// entry.
+    /// Time of the agent's entry in `KnownAgents::dues`, at or before `due`; `None` if the agent
+    /// has no entry.
     looked: Option<Timestamp>,
     /// Number of the newest heartbeat of the agent's current incarnation.
     pub(crate) sequence: u64,
     pub(crate) heard_at: Timestamp,
-    /// Number of the newest heartbeat that was parsed. Later heartbeats were equal to that one and were
-    /// not parsed.
+    /// Number of the newest heartbeat that was parsed. Later heartbeats equal it and were not
+    /// parsed.
     pub(crate) read: u64,
-    /// The symbols of all facts that the agent's heartbeats have ever contained.
+    /// Symbols of all facts that any heartbeat of the agent has contained.
     reported_symbols: BTreeSet<(FactSymbolKind, Name)>,
-    /// All facts that the agent's heartbeats have ever contained and that mention none of the objects of
-    /// the agent.
+    /// Facts that any heartbeat of the agent has contained and that mention no object of the agent.
     reported_facts: BTreeSet<FactKey>,
 }
 
-/// The known agents, and the incarnations of those that have left.
+/// The known agents, and the last incarnations of agents that have left.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct KnownAgents {
     members: BTreeMap<AgentId, Member>,
     former: BTreeMap<AgentId, Incarnation>,
     arrivals: u64,
-    /// Times at which to check whether an agent is silent, at most one for each agent. With them, no
-    /// heartbeat leads to a scan of all agents, of which there may be a thousand, and a heartbeat that is
-    /// on time does not change the entry.
+    /// Times at which to check whether an agent is silent, at most one for each agent. With this
+    /// index, a heartbeat never requires a scan of all agents, of which there may be a thousand. A
+    /// heartbeat that is on time does not change the entry.
     dues: BTreeSet<(Timestamp, AgentId)>,
-    /// Agents with capabilities that may have become available or unavailable since
-    /// [`KnownAgents::take_presence_changes`] was called last.
+    /// Agents with capabilities that may have become available or unavailable since the last call
+    /// of [`KnownAgents::take_presence_changes`].
     presence_changes: BTreeSet<AgentId>,
     /// For each object, the agents that declare it.
     bringers: BTreeMap<Name, BTreeSet<AgentId>>,
-    /// For each fact, the agents that are responsible for it although it mentions none of the objects
-    /// that they declare.
+    /// For each fact, the agents that are responsible for it although it mentions no object that
+    /// they declare.
     answering: BTreeMap<FactKey, BTreeSet<AgentId>>,
 }
 
 // === impl Member ===
 
 impl Member {
-    /// Creates a known agent that has a new incarnation and a liveliness token, and has sent no
-    /// heartbeat.
+    /// Creates a known agent in a new incarnation, with a liveliness token and without heartbeats.
     pub(crate) fn new(incarnation: Incarnation, described: ParsedModel, now: Timestamp) -> Member {
         Member {
             incarnation,
@@ -90,8 +89,8 @@ impl Member {
         Member { described, ..self }
     }
 
-    /// Records that a heartbeat has arrived at `now`. The agent counts as silent if the next one does not
-    /// arrive until `due`.
+    /// Records that a heartbeat has arrived at `now`. The agent counts as silent if the next one
+    /// has not arrived by `due`.
     fn record_heartbeat(&mut self, sequence: u64, due: Option<Timestamp>, now: Timestamp) {
         self.sequence = sequence;
         self.due = due;
@@ -99,9 +98,9 @@ impl Member {
         self.is_silent = false;
     }
 
-    /// Records that a heartbeat of the agent contains `fact`. From now on, the agent's heartbeats are
-    /// complete for facts with the same symbol, and the agent is responsible for `fact`. Returns `true`
-    /// if no heartbeat contained the fact before and it mentions none of the agent's objects.
+    /// Records that a heartbeat of the agent contains `fact`. From now on, a heartbeat of the agent
+    /// lists all true facts with this symbol, and the agent is responsible for `fact`. Returns
+    /// `true` if the fact is new in `reported_facts`.
     fn own(&mut self, fact: &FactKey) -> bool {
         let like = (fact.space(), fact.symbol().clone());
         if self.reported_symbols.len() < limits::DECLARATIONS_PER_AGENT_MAX {
@@ -119,9 +118,10 @@ impl Member {
         fact.arguments().iter().any(|argument| objects.contains(argument))
     }
 
-    /// Whether the agent is responsible for a fact, so that the agent's claim overrides requests. This is
-    /// so if the agent's heartbeats have contained the fact. It is also so if the fact mentions an object
-    /// of the agent, and the symbol of the fact occurs in the agent's model or heartbeats.
+    /// Whether the agent is responsible for a fact, so that its claim overrides requests. The agent
+    /// is responsible if its heartbeats have contained the fact. It is also responsible if the fact
+    /// mentions an object of the agent and the symbol of the fact occurs in the agent's model or
+    /// heartbeats.
     pub(crate) fn is_responsible_for(&self, fact: &FactKey) -> bool {
         let says = || {
             let like = (fact.space(), fact.symbol().clone());
@@ -130,8 +130,8 @@ impl Member {
         self.reported_facts.contains(fact) || (self.names_its_own(fact) && says())
     }
 
-    /// Whether the agent's heartbeats are complete for facts with this symbol, so that a missing fact is
-    /// false.
+    /// Whether a heartbeat of the agent lists all true facts with this symbol, so that a missing
+    /// fact is false.
     pub(crate) fn reports_symbol(&self, space: FactSymbolKind, symbol: &Name) -> bool {
         let like = (space, symbol.clone());
         self.reported_symbols.contains(&like) || self.described.manifest.owned.contains(&like)
@@ -142,21 +142,22 @@ impl Member {
         self.reported_symbols.union(&self.described.manifest.said)
     }
 
-    /// Returns the facts that the agent is responsible for although they mention none of its objects.
+    /// Returns the facts that the agent is responsible for although they mention none of its
+    /// objects.
     pub(crate) fn reported_facts(&self) -> impl Iterator<Item = &FactKey> {
         self.reported_facts.iter()
     }
 
-    /// Whether the agent's heartbeats are complete for facts with the symbol of `fact`, so that a missing
-    /// fact is false.
+    /// Whether a heartbeat of the agent lists all true facts with the symbol of `fact`, so that a
+    /// missing fact is false.
     pub(crate) fn owns(&self, fact: &FactKey) -> bool {
         self.reports_symbol(fact.space(), fact.symbol())
     }
 
-    /// Whether the agent `own`, described here, is carried by the agent `base`: its model contains a fact
-    /// about the two, and its own actions do not change that fact. The fact names `own`, then `base`, and
-    /// perhaps more, as in `(fixed-to arm-1 robot-1 front)`; or `base` and `own` alone, as in `(carries
-    /// robot-1 arm-1)`.
+    /// Whether this agent, named `own`, is carried by the agent `base`. This holds if its model
+    /// contains a fact about the two that its own actions do not change. The fact names `own`, then
+    /// `base`, and perhaps more, as in `(fixed-to arm-1 robot-1 front)`; or `base` and `own` alone,
+    /// as in `(carries robot-1 arm-1)`.
     pub(crate) fn is_carried_by(&self, own: &AgentId, base: &AgentId) -> bool {
         let manifest = &self.described.manifest;
         let is_pair = |one: &Name, other: &Name| *one == own.as_str() && *other == base.as_str();
@@ -172,7 +173,7 @@ impl Member {
         })
     }
 
-    /// Whether the agent's capabilities count for new plans.
+    /// Whether new plans may use the agent's capabilities.
     pub(crate) fn is_present(&self) -> bool {
         !self.is_masked && !self.is_silent
     }
@@ -202,7 +203,7 @@ impl KnownAgents {
         })
     }
 
-    /// Returns the contribution of an agent to a composition that uses its whole model; `None` if the
+    /// Returns the contribution of an agent, with its whole model, to a composition; `None` if the
     /// agent is unknown.
     pub(crate) fn party(&self, agent: &AgentId) -> Option<Contribution<'_>> {
         let (agent, member) = self.members.get_key_value(agent)?;
@@ -210,8 +211,8 @@ impl KnownAgents {
         Some(Contribution { agent, arrival: member.arrival, manifest, trusted: true })
     }
 
-    /// Returns the agents with capabilities that may have become available or unavailable since this was
-    /// called last. With each agent, returns whether its capabilities count for new plans now.
+    /// Returns the agents with capabilities that may have become available or unavailable since the
+    /// last call. The flag with each agent is `true` if new plans may use its capabilities now.
     pub(crate) fn take_presence_changes(&mut self) -> Vec<(AgentId, bool)> {
         let stirred = std::mem::take(&mut self.presence_changes).into_iter();
         let is_present = |agent: &AgentId| self.members.get(agent).is_some_and(Member::is_present);
@@ -255,7 +256,8 @@ impl KnownAgents {
         }
     }
 
-    /// Records that a heartbeat of a known agent has arrived. Returns an error if the agent is unknown.
+    /// Records that a heartbeat of a known agent has arrived. Returns an error if the agent is
+    /// unknown.
     pub(crate) fn record_heartbeat(
         &mut self,
         agent: &AgentId,
@@ -300,7 +302,7 @@ impl KnownAgents {
         }
     }
 
-    /// Returns the next time at which an agent may become silent; `None` if there is none.
+    /// Returns the next time at which an agent may become silent; `None` if no agent can.
     pub(crate) fn next_silence(&self) -> Option<Timestamp> {
         self.dues.first().map(|(due, _)| *due)
     }
@@ -314,8 +316,8 @@ impl KnownAgents {
         }
     }
 
-    /// Checks that a message does not come from a former incarnation of the agent. Returns an error if it
-    /// does.
+    /// Checks that a message is not from a former incarnation of the agent. Returns an error if it
+    /// is.
     pub(crate) fn check(&self, agent: &AgentId, reported: Incarnation) -> Result<(), Declined> {
         let current = self.members.get(agent).map(|member| member.incarnation);
         match current.or_else(|| self.former.get(agent).copied()) {
@@ -326,8 +328,8 @@ impl KnownAgents {
         }
     }
 
-    /// Returns the data of an agent. Returns an error if the agent is unknown or has another current
-    /// incarnation than `reported`.
+    /// Returns the data of an agent. Returns an error if the agent is unknown, or if `reported` is
+    /// not its current incarnation.
     pub(crate) fn current(
         &mut self,
         agent: &AgentId,
@@ -348,8 +350,8 @@ impl KnownAgents {
         Err(Declined::TooMany { what: "agents", limit: limits::AGENTS_MAX })
     }
 
-    /// Adds an agent, or replaces the data of a known agent of the same name. A known agent keeps its
-    /// position in the order of arrival.
+    /// Adds an agent, or replaces the data of a known agent of the same name. A known agent keeps
+    /// its position in the order of arrival.
     pub(crate) fn insert_member(&mut self, agent: &AgentId, member: Member) {
         let arrival = self.members.get(agent).map(|member| member.arrival).unwrap_or_else(|| {
             self.arrivals += 1;
@@ -371,8 +373,8 @@ impl KnownAgents {
         self.dues.extend(looked.map(|looked| (looked, agent.clone())));
     }
 
-    /// Removes an agent, and records its incarnation as a former one. Returns the data of the agent;
-    /// `None` if it was unknown.
+    /// Removes an agent, and records its incarnation as a former one. Returns the data of the
+    /// agent; `None` if it was unknown.
     pub(crate) fn remove_member(&mut self, agent: &AgentId) -> Option<Member> {
         let member = self.members.remove(agent)?;
         self.unindex(agent, &member);

@@ -1,27 +1,31 @@
-//! The Domain Maintainer: composes the action models and facts of many agents into one domain and one
-//! problem.
+//! The Domain Maintainer: composes the action models and facts of many agents into one domain and
+//! one problem.
 //!
-//! Start reading at [`Maintainer`]. Agents join and leave, announce their action models and report facts.
-//! At every moment there is one composite domain, one state with the origin of each fact, and a
-//! [`DomainSnapshot`] of both to plan in. The central maintainer and the maintainer that the actuators of
-//! a daemon share are the same state machine with different [`MaintainerScope`]s. What an actuator knows
-//! in addition to the public part is added [per actuator](Maintainer::snapshot_for).
+//! Start reading at [`Maintainer`]. Agents join and leave, announce their action models and report
+//! facts. At every moment there is one composite domain and one state, with the origin of each
+//! fact. A [`DomainSnapshot`] of both is the input of a planner.
 //!
-//! - `maintainer` takes inputs and returns the [`DomainChange`] that each makes, or the reason why an
-//!   input was [`Declined`].
+//! The central maintainer and the maintainer that the actuators of a daemon share are the same
+//! state machine with different [`MaintainerScope`]s. The private knowledge of an actuator is added
+//! [in its own snapshot](Maintainer::snapshot_for).
+//!
+//! - `maintainer` takes inputs. For each it returns the [`DomainChange`] that it makes, or the
+//!   reason why it was [`Declined`].
 //! - `compose` makes one domain of many models. `model_summary` divides a model into its parts for
-//!   `compose`; `parsed_model` is the part of a model that is kept.
-//! - `belief` keeps all claims about facts; `known_agents` keeps the present agents; `former_actions`
-//!   keeps the actions of agents that have left.
+//!   `compose`; `parsed_model` is the result that a maintainer keeps.
+//! - `belief` keeps all claims about facts; `known_agents` keeps the present agents;
+//!   `former_actions` keeps the actions of agents that have left.
 //! - [`Follower`] keeps a copy of the state from announced changes.
 //!
-//! This crate leaves to others: messages and tokens (`agent`), parsing and checking (`pddl`), planning
-//! (`planner`), and deciding when a lost agent is removed (the plugin).
+//! Other crates have the following tasks: messages and liveliness tokens (`agent`), parsing and
+//! checking (`pddl`), planning (`planner`), and the decision when a lost agent is removed (the
+//! plugin).
 //!
-//! **Invariant:** nothing in this crate reads a clock or does I/O; a [`Timestamp`] is passed to each
+//! **Invariant:** this crate reads no clock and does no I/O. A [`Timestamp`] is passed to each
 //! call, and the same calls give the same results everywhere.
-//! **Invariant:** no agent can make the composite domain unreadable for a planner: a part of a model
-//! that does not fit is left out and named in a [`Conflict`].
+//!
+//! **Invariant:** no agent can make the composite domain unreadable for a planner. A part of a
+//! model that does not fit is left out and named in a [`Conflict`].
 
 mod maintainer;
 

@@ -1,10 +1,11 @@
 //! The Domain Maintainer: a state machine that takes inputs and returns what changed.
 //!
-//! - Takes as inputs: models, heartbeats, lost and returned liveliness tokens, confirmed actions and
-//!   requests. The caller, which is a plugin or an actuator, parses the messages.
-//! - Returns for each input the [`DomainChange`] that is to be announced, or the reason why the input was
+//! - Inputs are models, heartbeats, lost and returned liveliness tokens, confirmed actions and
+//!   requests. The caller, a plugin or an actuator, parses the messages.
+//! - The output for each input is the [`DomainChange`] to announce, or the reason why the input was
 //!   [`Declined`].
-//! - Leaves to others: the form of messages, the clock, and the decision when a lost agent is removed.
+//! - The caller provides the clock and the form of messages, and decides when a lost agent is
+//!   removed.
 
 mod departure;
 mod expected;
@@ -33,18 +34,18 @@ use crate::known_agents::{KnownAgents, Member};
 use crate::model_summary::ModelSummary;
 use crate::timestamp::Timestamp;
 
-/// The part of the agents' models that a maintainer shows in its snapshots.
+/// The part of each agent's model that a maintainer shows in its snapshots.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MaintainerScope {
-    /// All models with all their parts: for the maintainer of the whole ecosystem.
+    /// All parts of all models, for the maintainer of the whole ecosystem.
     Everything,
-    /// The ontology, the map, and public facts and objects, but no actions and nothing private: for the
-    /// maintainer that actuators share. Each actuator sees more [in a snapshot of its
-    /// own](Maintainer::snapshot_for).
+    /// The ontology, the map, and public facts and objects, but no actions and no private part, for
+    /// the maintainer that actuators share. [Its own snapshot](Maintainer::snapshot_for) shows an
+    /// actuator more.
     ///
-    /// Nothing is composed until a snapshot is requested: if a thousand models arrive at once, they are
-    /// only parsed. A [`DomainChange`] therefore lists agents only, and its epoch and revision may count
-    /// changes that are not visible.
+    /// Models are composed only when a snapshot is requested, so that the arrival of a thousand
+    /// models costs only their parsing. A [`DomainChange`] therefore lists agents only, and its
+    /// epoch and revision may count invisible changes.
     Public,
 }
 
@@ -53,58 +54,59 @@ pub enum MaintainerScope {
 struct Uncomposed {
     /// Agents that have joined.
     joined: Vec<AgentId>,
-    /// Whether a model has changed or an agent has left, in addition to the agents in `joined`.
+    /// Whether a model has changed or an agent has left, apart from the agents in `joined`.
     others: bool,
 }
 
-/// The result of admitting a model.
+/// Result of admitting a model.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AdmitResult {
-    /// The change that the model made; empty for a model that is known already.
+    /// The change that the model made; empty if the same model was known already.
     pub change: DomainChange,
-    /// Conflicts that the model has caused: parts of it or of other models that can no longer be composed
-    /// as written. Each must be sent to the agents that it names.
+    /// New conflicts because of the model: parts of it or of other models that can no longer be
+    /// composed as written. Each conflict must be sent to the agents that it names.
     pub conflicts: Vec<Conflict>,
 }
 
 /// The state machine of a Domain Maintainer.
 ///
-/// Two maintainers that received the same inputs in different orders have the same state, with one
-/// exception: if two agents contradict each other, each maintainer believes the one that it received
-/// first.
+/// Two maintainers that receive the same inputs in different orders have the same state, with one
+/// exception. If two agents contradict each other, each maintainer believes the agent that it
+/// received first.
 #[derive(Clone, Debug)]
 pub struct Maintainer {
     shared: Arc<SharedModel>,
     scope: MaintainerScope,
     silence: SilenceLimit,
-    /// Whether this maintainer adopts the changes by requests that the central maintainer announces.
+    /// Whether this maintainer adopts the changes by requests that the central maintainer
+    /// announces.
     follows: bool,
     roster: KnownAgents,
     remembered: FormerActions,
     memory: CompositionMemory,
     /// Number of changes of models so far; the composite depends on the models.
     models: u64,
-    /// The current composite. For [`MaintainerScope::Public`], it is composed of the ontology and the map
-    /// alone.
+    /// The current composite. For [`MaintainerScope::Public`], it is composed of the ontology and
+    /// the map alone.
     composite: Arc<Composite>,
     conflicts: Vec<Conflict>,
     beliefs: Beliefs,
-    /// Agents that have left and for which facts are kept as unknown, in the order in which they left.
+    /// Departed agents with facts that are kept as unknown, in the order of their departure.
     departed: VecDeque<AgentId>,
-    /// Facts that were marked as unknown because an agent of the ecosystem file had not joined, each
-    /// with this agent. A fact stays in this set when its mark has ended.
+    /// Facts that were marked as unknown because an agent of the ecosystem file had not joined,
+    /// each with this agent. A fact stays in the set after its mark has ended.
     expected: BTreeSet<(FactKey, Owner)>,
-    /// Actions that requests withhold from planning: of one agent, or of all agents if the agent is
-    /// `None`.
+    /// Actions that requests withhold from planning, each with the agent; `None` stands for all
+    /// agents.
     withheld: BTreeSet<(Name, Option<AgentId>)>,
     metric: Option<Metric>,
-    /// Agents with capabilities that were available at the end of the last call, as it was announced.
+    /// Agents with capabilities that were available at the end of the last call.
     announced: BTreeSet<AgentId>,
     /// Whether the set of capabilities has changed since the last [`DomainChange`] was returned.
     is_changed: bool,
     uncomposed: Uncomposed,
-    /// The conflicts that existed before the first model was added that has not been composed yet; `None`
-    /// if all models have been composed.
+    /// The conflicts that existed before the first model that is not composed yet was added; `None`
+    /// if all models are composed.
     known_conflicts: Option<BTreeSet<Conflict>>,
     epoch: u64,
     revision: u64,
@@ -115,7 +117,7 @@ pub struct Maintainer {
 impl Maintainer {
     /// Creates a maintainer with the shared ontology and the map, and without agents.
     ///
-    /// The ontology and the map are used without a check: the caller must check them first.
+    /// The ontology and the map are not checked here: the caller must check them before.
     pub fn new(
         ontology: impl Into<Arc<Domain>>,
         map: impl Into<Arc<Problem>>,
@@ -128,8 +130,8 @@ impl Maintainer {
         let (composite, conflicts) = compose(&shared, &[], everything, &mut memory);
         let mut remembered = FormerActions::default();
         let name = &shared.ontology.name;
-        // An action that only the ontology describes counts as offered in the past: an agent that
-        // offers it may join.
+        // An action that only the ontology describes counts as offered in the past, because an
+        // agent that offers it may join.
         remembered.record(&ActionModel::of(name.clone(), name.clone()), &shared.manifest);
         let mut maintainer = Maintainer {
             shared,
@@ -158,21 +160,21 @@ impl Maintainer {
         maintainer
     }
 
-    /// Sets how long an agent may be silent before its capabilities count as unavailable.
+    /// Sets the time for which an agent may be silent before its capabilities count as unavailable.
     #[must_use]
     pub fn with_silence_limit(mut self, silence: SilenceLimit) -> Maintainer {
         self.silence = silence;
         self
     }
 
-    /// Adds a model that is new, changed, or of a new incarnation of the agent, and then composes.
+    /// Adds a model that is new, changed, or of a new incarnation of the agent, and then composes
+    /// all models.
     ///
     /// # Errors
     ///
-    /// Returns an error if the model describes another agent than the sender or names another ontology,
-    /// if it comes from a former incarnation, or if it is too large. Then no part of the model takes
-    /// effect. A single part that cannot be used is no error: it is left out and named among the
-    /// conflicts.
+    /// Returns an error if the model describes another agent than the sender, names another
+    /// ontology, comes from a former incarnation, or is too large. No part of the model then takes
+    /// effect. A single unusable part is no error: it is left out and returned as a conflict.
     pub fn admit(
         &mut self,
         announced: Announcement,
@@ -182,8 +184,8 @@ impl Maintainer {
         Ok(self.compose_added(now))
     }
 
-    /// Adds a model as [`admit`](Maintainer::admit) does, but without composing, so that it can be
-    /// composed together with other models that arrive soon. Until then nothing changes visibly.
+    /// Adds a model as [`admit`](Maintainer::admit) does, but without composing. Several models
+    /// that arrive together can then be composed in one step. Until then no change is visible.
     ///
     /// # Errors
     ///
@@ -214,7 +216,8 @@ impl Maintainer {
         Ok(())
     }
 
-    /// Whether there are models that were [added](Maintainer::add_model) and have not been composed yet.
+    /// Whether there are models that were [added](Maintainer::add_model) and have not been composed
+    /// yet.
     pub fn is_stale(&self) -> bool {
         self.uncomposed.others || !self.uncomposed.joined.is_empty()
     }
@@ -243,9 +246,9 @@ impl Maintainer {
         Ok(())
     }
 
-    /// Returns the announced model of an agent, if the incarnation and the digest are the given ones. It
-    /// can be passed to another maintainer that receives the same messages, so that the model is parsed
-    /// only once.
+    /// Returns the announced model of an agent, if its incarnation and digest match; otherwise
+    /// `None`. The model can be passed to another maintainer that receives the same messages, so
+    /// that it is parsed only once.
     pub fn announcement(
         &self,
         agent: &AgentId,
@@ -258,14 +261,15 @@ impl Maintainer {
         is_this.then_some(Announcement { agent, incarnation, described })
     }
 
-    /// Whether the model with this digest has to be requested from the agent, because it is not known
-    /// here.
+    /// Whether the model with this digest must be requested from the agent, because this maintainer
+    /// does not have it.
     pub fn needs_model(&self, agent: &AgentId, digest: &str) -> bool {
         self.roster.get(agent).is_none_or(|member| *member.described.digest != *digest)
     }
 
-    /// Handles the loss of an agent's liveliness token. New plans no longer use its capabilities; its
-    /// objects and facts stay. The token of a former incarnation changes nothing.
+    /// Handles the loss of an agent's liveliness token. New plans no longer use the agent's
+    /// capabilities, but its objects and facts stay. The loss of a former incarnation's token
+    /// changes nothing.
     pub fn mask(
         &mut self,
         agent: &AgentId,
@@ -296,8 +300,8 @@ impl Maintainer {
         self.take_change(now)
     }
 
-    /// Removes an agent with its actions, its objects and its facts. Facts that it was responsible for
-    /// and that are about other objects become unknown. If a newer incarnation of the agent is known,
+    /// Removes an agent with its actions, objects and facts. The facts about other objects that the
+    /// agent was responsible for become unknown. If a newer incarnation of the agent is known,
     /// nothing changes.
     pub fn remove(
         &mut self,
@@ -308,7 +312,7 @@ impl Maintainer {
         if self.roster.check(agent, incarnation).is_err() {
             return self.take_change(now);
         }
-        // Shared maintainers of actuators are informed of unknown facts by the central one.
+        // The central maintainer announces unknown facts to the shared maintainers of actuators.
         let left = match self.scope {
             MaintainerScope::Everything => self.facts_to_become_unknown(agent),
             MaintainerScope::Public => Vec::new(),
@@ -325,22 +329,22 @@ impl Maintainer {
         self.take_change(now)
     }
 
-    /// Advances the time to `now`: removes expired claims, and marks the agents with overdue heartbeats
-    /// as silent.
+    /// Advances the time to `now`: removes expired claims, and marks the agents with overdue
+    /// heartbeats as silent.
     pub fn expire(&mut self, now: Timestamp) -> DomainChange {
         self.beliefs.expire(now);
         self.roster.mark_silent(now);
         self.take_change(now)
     }
 
-    /// Returns the next time at which [`expire`](Maintainer::expire) has an effect if there is no other
-    /// input before; `None` if there is no such time.
+    /// Returns the next time at which [`expire`](Maintainer::expire) changes anything without
+    /// another input; `None` if there is no such time.
     pub fn next_expiry(&self) -> Option<Timestamp> {
         self.beliefs.next_expiry().into_iter().chain(self.roster.next_silence()).min()
     }
 
-    /// Adds or replaces an agent, and claims the facts of its model. Claims by heartbeats of the same
-    /// incarnation take precedence over the claims of the model.
+    /// Adds or replaces an agent, and claims the facts of its model. Claims by heartbeats of the
+    /// same incarnation take precedence over the claims of the model.
     fn upsert_member(&mut self, agent: &AgentId, member: Member, now: Timestamp) {
         let owner = Owner::Agent(agent.clone());
         let same_life =
@@ -355,7 +359,8 @@ impl Maintainer {
         self.roster.get(agent).map(|member| Arc::clone(&member.described.manifest))
     }
 
-    /// Handles a change of an agent's model. `former` is the summary of the model before the change.
+    /// Handles a change of an agent's model. `former` is the summary of the model before the
+    /// change.
     fn model_changed(&mut self, agent: &AgentId, former: Option<&ModelSummary>) {
         self.models += 1;
         let everything = self.scope == MaintainerScope::Everything;
@@ -371,20 +376,20 @@ impl Maintainer {
                 let known = || self.conflicts.iter().cloned().collect();
                 self.known_conflicts.get_or_insert_with(known);
             }
-            // Nothing is composed before a snapshot is requested.
+            // Models are composed only when a snapshot is requested.
             MaintainerScope::Public => self.is_changed = true,
         }
     }
 
-    /// Adds the predicates that may have unknown facts to the domain. Called after there are more of
-    /// them.
+    /// Adds the predicates that may have unknown facts to the domain. Must be called when a
+    /// predicate is added to this set.
     fn unknowable_changed(&mut self) {
         self.memory.unknowable.clone_from(self.beliefs.unknowable());
         match self.scope {
             MaintainerScope::Everything => {
                 let waits = self.is_stale();
                 self.uncomposed.others = true;
-                // Models that wait to be composed are composed together with this change.
+                // Models that are not composed yet are composed together with this change.
                 if !waits {
                     self.recompose();
                 }
@@ -408,10 +413,10 @@ impl Maintainer {
         self.composite = Arc::new(composite);
     }
 
-    /// Adds the agents that joined to the existing composite. Returns `false` if this is not possible,
-    /// because one of them changes more than its own objects and offers.
+    /// Adds the agents that joined to the existing composite. Returns `false` if this is not
+    /// possible, because one of them changes more than its own objects and offers.
     fn add(&mut self, joined: &[AgentId]) -> bool {
-        // An agent that joins may resolve a conflict.
+        // A new agent may resolve a conflict.
         if !self.conflicts.is_empty() {
             return false;
         }
@@ -426,8 +431,8 @@ impl Maintainer {
         is_whole
     }
 
-    /// Composes one domain of all models. Of agents for which `trusts` returns `true` the whole model is
-    /// used, of others the public part.
+    /// Composes one domain of all models. If `trusts` returns `true` for an agent, its whole model
+    /// is used, and otherwise only the public part.
     fn compose(
         &self,
         trusts: impl Fn(&AgentId) -> bool,
@@ -437,13 +442,13 @@ impl Maintainer {
         compose(&self.shared, &parties, self.scope == MaintainerScope::Everything, memory)
     }
 
-    /// Ends a call: returns the change of the domain and state since the end of the call before.
+    /// Ends a call: returns the change of the domain and state since the end of the previous call.
     fn take_change(&mut self, now: Timestamp) -> DomainChange {
         if self.beliefs.take_newly_unknowable() {
             self.unknowable_changed();
         }
         if self.is_stale() {
-            // The changes are returned when they are composed.
+            // The changes are returned after the next composition.
             let (epoch, revision) = (self.epoch, self.revision);
             return DomainChange { epoch, revision, ..DomainChange::default() };
         }

@@ -1,7 +1,7 @@
-//! The summary of a model (its manifest): the model is divided into its parts once, when it arrives, in
-//! the form that composing compares and copies.
+//! The summary of a model (its manifest). A model is divided into its parts once, on arrival, in a
+//! form that composition can compare and copy.
 //!
-//! The shared ontology is divided into parts in the same way, so that it can be compared with models.
+//! The shared ontology is divided in the same way, so that models can be compared with it.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -50,8 +50,8 @@ pub(crate) struct ModelAxiom {
 /// An action that an agent offers.
 #[derive(Clone, Debug)]
 pub(crate) struct ModelAction {
-    /// Canonical text of the action. Offers of several agents with equal names and equal canonical texts
-    /// are one schema.
+    /// Canonical text of the action. Offers of several agents with the same name and the same
+    /// canonical text are one schema.
     pub(crate) key: CanonicalText,
     pub(crate) uses: UsedSymbols,
     pub(crate) schema: Arc<ActionSchema>,
@@ -73,8 +73,8 @@ pub(crate) struct ModelSummary {
     pub(crate) loose_axioms: Vec<ModelAxiom>,
     pub(crate) offers: Vec<ModelAction>,
     pub(crate) init: Vec<(FactKey, FactValue)>,
-    /// Symbols of the facts that the model states at the start and the agent's actions can change. The
-    /// agent's heartbeats are complete for such facts.
+    /// Symbols of the facts that the model states at the start and the agent's actions can change.
+    /// The agent's heartbeats list all true facts with these symbols.
     pub(crate) owned: BTreeSet<(FactSymbolKind, Name)>,
     /// Symbols of all facts that the model states at the start.
     pub(crate) said: BTreeSet<(FactSymbolKind, Name)>,
@@ -93,8 +93,8 @@ impl Declaration {
             && self.axioms.iter().zip(&other.axioms).all(|(one, two)| one.key == two.key)
     }
 
-    /// Whether an agent's declaration repeats the declaration `shared` of the ontology. It need not
-    /// repeat the axioms.
+    /// Whether an agent's declaration repeats the declaration `shared` of the ontology. The axioms
+    /// may be omitted.
     pub(crate) fn repeats(&self, shared: &Declaration) -> bool {
         self.signature == shared.signature && (self.axioms.is_empty() || self.agrees(shared))
     }
@@ -125,8 +125,8 @@ fn parameters_of(parameters: &[Typed]) -> CanonicalText {
 // === impl DeclaredItem ===
 
 impl DeclaredItem {
-    /// Returns the types that the declaration mentions: those of the parameters, that of the object, or
-    /// the supertypes of the type.
+    /// Returns the types that the declaration mentions: the types of the parameters, the type of
+    /// the object, or the supertypes of the type.
     pub(crate) fn types(&self) -> Vec<&TypeExpr> {
         match self {
             DeclaredItem::Type(typed) => vec![&typed.ty],
@@ -142,7 +142,8 @@ impl DeclaredItem {
 // === impl ModelSummary ===
 
 impl ModelSummary {
-    /// Divides an agent's model into the parts of a summary. Removes the facts and actions from `model`.
+    /// Divides an agent's model into the parts of a summary. Removes the facts and actions from
+    /// `model`.
     ///
     /// Returns an error if the model exceeds a limit.
     pub(crate) fn of_model(model: &mut ActionModel) -> Result<ModelSummary, Declined> {
@@ -164,7 +165,8 @@ impl ModelSummary {
         }
         manifest.know(&std::mem::take(&mut model.init));
         manifest.own();
-        // Both are kept as long as their agent is known, and there may be hundreds of them.
+        // The model and its summary are kept as long as the agent is known, and there may be
+        // hundreds of agents.
         model.objects.shrink_to_fit();
         Ok(manifest)
     }
@@ -278,7 +280,7 @@ impl ModelSummary {
         for element in init {
             match FactStatement::of(element) {
                 FactStatement::Is(key, value) => self.init.push((key, value)),
-                // A fact that is not listed is false already.
+                // A fact that is not listed is already false.
                 FactStatement::Not(_) => (),
                 FactStatement::Unusable => {
                     let name = Name::new("init");

@@ -1,9 +1,9 @@
 //! Names of actions inside the composite domain.
 //!
-//! An action has two names. Its name outside the composite domain is the one that its agent gave it.
-//! Inside the domain, different actions that have the same name outside are named `NAME--AGENT`, where
-//! the agent is the one that offered that variant of the action first. A variant keeps its name inside
-//! for as long as any agent offers it, so that plans under way stay valid when another agent leaves.
+//! An action has two names. The name outside the composite domain is the name that its agent gave
+//! it. Different actions with the same name outside are named `NAME--AGENT` inside the domain,
+//! after the agent that offered this variant of the action first. A variant keeps its inside name
+//! as long as any agent offers it, so that running plans stay valid when another agent leaves.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,8 +12,8 @@ use pddl::Name;
 
 use crate::canonical::CanonicalText;
 
-/// The different actions (variants) that are offered under each name. With each variant is the agent to
-/// name it after: of the agents that offer it, the one that has been present longest.
+/// The variants (different actions) that are offered under each name. Each variant has the agent to
+/// name it after: the offering agent that has been present longest.
 pub(crate) type ActionVariants<'a> = BTreeMap<&'a Name, BTreeMap<&'a CanonicalText, &'a AgentId>>;
 
 /// Names of actions inside the domain, kept from one composition to the next.
@@ -31,7 +31,7 @@ struct ActionVariant {
 // === impl ActionNames ===
 
 impl ActionNames {
-    /// Returns a name inside the domain for every variant in `live`. Forgets the names of all other
+    /// Returns a name inside the domain for every variant in `live`. Drops the names of all other
     /// variants.
     pub(crate) fn assign<'a>(
         &mut self,
@@ -46,7 +46,8 @@ impl ActionNames {
             let alone = variants.len() == 1;
             for key in keys.keys() {
                 let Some(variant) = variants.get_mut(*key) else { continue };
-                // The plain name of an action may equal the qualified name of another.
+                // An agent may give an action the name that another action would have inside the
+                // domain.
                 if variant.qualified.is_none() && (!alone || taken.contains(*outside)) {
                     let wanted = format!("{outside}--{}", variant.introducer);
                     let name = unique(&wanted, |name| taken.contains(name) || plain.contains(name));
@@ -79,8 +80,8 @@ impl ActionNames {
     }
 }
 
-/// Returns the name `wanted` if it is not taken, or else the first of `wanted-2`, `wanted-3`, … that is
-/// not taken.
+/// Returns the name `wanted` if it is not taken, or else the first of `wanted-2`, `wanted-3`, …
+/// that is not taken.
 pub(crate) fn unique(wanted: &str, is_taken: impl Fn(&Name) -> bool) -> Name {
     let numbered = (2..).map(|number| Name::new(&format!("{wanted}-{number}")));
     std::iter::once(Name::new(wanted))

@@ -1,4 +1,4 @@
-//! An announced model, divided into its parts once for all maintainers of a process.
+//! An announced model that is divided into its parts once for all maintainers of a process.
 
 use std::sync::Arc;
 
@@ -8,14 +8,14 @@ use pddl::ActionModel;
 use crate::declined::Declined;
 use crate::model_summary::ModelSummary;
 
-/// A model and its methods. It is cheap to clone, because it is kept across heartbeats and incarnations,
-/// and the maintainers of one process share it.
+/// A model and its methods. Cloning is cheap, because the maintainers of a process share the model
+/// and keep it across heartbeats and incarnations.
 #[derive(Clone, Debug)]
 pub(crate) struct ParsedModel {
     pub(crate) digest: Arc<str>,
-    /// The model as written, without its facts and actions, which are in `manifest`.
+    /// The model as written, without its facts and actions; `manifest` has these.
     pub(crate) frame: Arc<ActionModel>,
-    /// Summary of the model, which has its declarations, actions and facts.
+    /// Summary of the model, with its declarations, actions and facts.
     pub(crate) manifest: Arc<ModelSummary>,
     pub(crate) methods: Arc<Methods>,
 }

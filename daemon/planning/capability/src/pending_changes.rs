@@ -1,26 +1,27 @@
-//! Requested claims that have not yet been announced to the maintainers of actuators, which receive
-//! heartbeats only.
+//! Requested claims that are not announced yet to the maintainers of actuators, which otherwise
+//! receive only heartbeats.
 
 use std::collections::BTreeSet;
 
 use crate::fact::{ClaimSource, FactKey, Owner};
 
-/// Maximum number of changed claims that are recorded one by one. If more have changed, all claims are
-/// announced.
+/// Maximum number of changed claims that are recorded individually. If more have changed, all
+/// claims are announced.
 const UNTOLD_MAX: usize = 1_024;
 
 /// Claims that may have changed since they were last announced.
 #[derive(Clone, Debug, Default)]
 pub(crate) enum PendingChanges {
-    /// All claims may have changed: none has been announced yet, or too many have changed.
+    /// Any claim may have changed, because no claim has been announced yet or too many have
+    /// changed.
     #[default]
     All,
     These(BTreeSet<(FactKey, Owner)>),
 }
 
 impl PendingChanges {
-    /// Records a claim that was made or withdrawn, if it must be announced: if the owner is the map, or
-    /// the claim came by request.
+    /// Records a claim that was made or withdrawn, if it must be announced: the owner is the map,
+    /// or the claim came by request.
     pub(crate) fn record(&mut self, fact: &FactKey, owner: &Owner, source: ClaimSource) {
         let PendingChanges::These(untold) = self else { return };
         if *owner != Owner::Map && !source.is_requested() {
@@ -42,7 +43,7 @@ impl PendingChanges {
         PendingChanges::These(BTreeSet::new())
     }
 
-    /// Whether the claim of `owner` about `fact` may be recorded as changed.
+    /// Whether the claim of `owner` about `fact` may have changed.
     pub(crate) fn has(&self, fact: &FactKey, owner: &Owner) -> bool {
         match self {
             PendingChanges::All => true,

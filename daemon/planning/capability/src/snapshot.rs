@@ -1,5 +1,5 @@
-//! Snapshots: the domain and problem that a planner needs, at one moment, and the mapping between the
-//! names of actions inside the domain and those that agents gave them.
+//! Snapshots: the domain and problem of one moment for a planner, and the mapping between the names
+//! of actions inside the domain and the agents' own names.
 
 use std::collections::{BTreeMap, HashSet};
 use std::sync::Arc;
@@ -14,27 +14,28 @@ use crate::composite::{Composite, OfferedAction};
 /// The composite domain and problem at one moment.
 #[derive(Clone, Debug)]
 pub struct DomainSnapshot {
-    /// The epoch: the number of changes of the set of capabilities. Plans made in another epoch may not
-    /// be possible now.
+    /// The epoch: the number of changes of the set of capabilities. A plan of another epoch may be
+    /// impossible now.
     pub epoch: u64,
     /// The revision: the number of changes of any kind.
     pub revision: u64,
-    /// The composite domain. Snapshots share its allocation for as long as it does not change.
+    /// The composite domain. Snapshots share its allocation until the domain changes.
     pub domain: Arc<Domain>,
-    /// The objects and the state as known; the goal is empty.
+    /// The objects and the known state; the goal is empty.
     pub problem: Problem,
-    /// For actions that are renamed in the domain: the name inside the domain → the name that the agents
-    /// gave.
+    /// Actions that are renamed in the domain: from the name inside the domain to the agents' own
+    /// name.
     pub qualified: BTreeMap<Name, Name>,
     /// The methods of each agent with known actions.
     pub methods: BTreeMap<AgentId, Methods>,
-    /// Action schemas that no present agent offers, but that an agent offered in the past or the ontology
-    /// describes. Each is in a model of its own. They are used for explanations, never for plans.
+    /// Action schemas that no present agent offers, but that an agent offered in the past or the
+    /// ontology describes. Each schema is in a separate model. Only explanations use these models,
+    /// never plans.
     pub former: Vec<Arc<ActionModel>>,
     composite: Arc<Composite>,
 }
 
-// === impl Snapshot ===
+// === impl DomainSnapshot ===
 
 impl DomainSnapshot {
     pub(crate) fn new(
@@ -54,20 +55,20 @@ impl DomainSnapshot {
         self.composite.digest()
     }
 
-    /// Returns the problem of reaching `goal` with certainty, with plans compared by `metric`. If
-    /// `metric` is `None`, the metric of the maintainer is used.
+    /// Returns the problem of making `goal` known to hold. `metric` compares plans; if it is
+    /// `None`, the metric of the maintainer does.
     pub fn with_goal(&self, goal: &Condition, metric: Option<Metric>) -> Problem {
         let metric = metric.or_else(|| self.problem.metric.clone());
         Problem { goal: self.known_to_hold(goal), metric, ..self.problem.clone() }
     }
 
-    /// Returns the condition that is true if `condition` is known to hold, in the symbols of the domain.
+    /// Returns a condition of the domain that is true exactly if `condition` is known to hold.
     pub fn known_to_hold(&self, condition: &Condition) -> Condition {
         self.composite.knowledge.known_to_hold(condition)
     }
 
-    /// Returns the step with the name that its action has inside the domain. In `step`, the action has
-    /// the name that its agent gave it.
+    /// Returns a step with the action's name inside the domain. The action of `step` has the
+    /// agent's own name.
     #[must_use]
     pub fn inside(&self, step: &PlanStep) -> PlanStep {
         let offers =
@@ -77,7 +78,7 @@ impl DomainSnapshot {
         PlanStep { action: action.clone(), ..step.clone() }
     }
 
-    /// Returns the step with the name that its agent gave the action. In `step`, the action has its name
+    /// Returns a step with the agent's own name for the action. The action of `step` has its name
     /// inside the domain.
     #[must_use]
     pub fn outside(&self, step: &PlanStep) -> PlanStep {
@@ -85,9 +86,10 @@ impl DomainSnapshot {
         PlanStep { action: action.clone(), ..step.clone() }
     }
 
-    /// Returns the actions that each agent can carry out now, under the agent's own names for them.
+    /// Returns the actions that each agent can carry out now, under the agent's own names.
     pub fn offers(&self) -> Offers {
-        // A hash set is safe here: only membership is tested, its order is never seen.
+        // A hash set is safe here, because its order has no influence: it only answers whether a
+        // fact is contained.
         let facts: HashSet<&Atom> = { self.problem.init.iter() }
             .filter_map(|element| match element {
                 InitElement::Atom(atom) => Some(atom),
@@ -107,7 +109,7 @@ impl DomainSnapshot {
         offers
     }
 
-    /// Returns the guard of each schema of the domain, whether or not the action can be used now.
+    /// Returns the guard of each schema of the domain, even if no agent can use the action now.
     pub fn guards(&self) -> BTreeMap<String, Guard> {
         let offered = self.composite.offers.values().flatten();
         let guard = |action: &OfferedAction| {
@@ -128,7 +130,7 @@ impl DomainSnapshot {
         (outside, offer)
     }
 
-    /// Returns the symbols of the domain that describe what is unknown.
+    /// Returns the symbols of the domain that describe unknown facts.
     pub fn knowledge(&self) -> &Knowledge {
         &self.composite.knowledge
     }

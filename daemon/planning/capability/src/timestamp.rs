@@ -1,9 +1,9 @@
-//! Time in this crate: a number that the caller reads from a clock.
+//! Time in this crate: a number that the caller reads from its clock.
 
 use std::time::Duration;
 
-/// A point on the caller's clock, in milliseconds. Only differences have a meaning, so any clock that
-/// never runs backwards will do.
+/// A point on the caller's clock, in milliseconds. Only differences have a meaning, so any clock
+/// that never runs backwards is suitable.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Timestamp(pub u64);
 

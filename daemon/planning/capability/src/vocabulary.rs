@@ -1,8 +1,8 @@
-//! The vocabulary of a composite domain: what the domain declares, and whether an action schema, a
-//! declaration or a fact fits it.
+//! The vocabulary of a composite domain: the declared symbols, and checks whether an action schema,
+//! a declaration or a fact fits them.
 //!
-//! Every part of a model is checked here before it is composed, so that no agent can make the common
-//! domain or problem unreadable for a planner.
+//! Every part of a model is checked here before the composition, so that no agent can make the
+//! common domain or problem unreadable for a planner.
 
 use std::collections::BTreeMap;
 
@@ -15,7 +15,8 @@ use crate::fact::{FactKey, FactSymbolKind, FactValue};
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Signature {
     pub(crate) parameters: Vec<TypeExpr>,
-    /// Whether axioms derive the predicate. If so, no agent may claim or change facts of it.
+    /// Whether axioms derive the predicate. No agent may claim or change facts of a derived
+    /// predicate.
     pub(crate) derived: bool,
 }
 
@@ -36,8 +37,8 @@ impl DomainVocabulary {
         self.predicates.contains_key(name) || self.functions.contains_key(name)
     }
 
-    /// Returns the reason why an action schema that uses these symbols cannot be in the domain; `None` if
-    /// it can.
+    /// Returns the reason why an action schema that uses these symbols cannot be in the domain;
+    /// `None` if it can be.
     pub(crate) fn misfit(&self, uses: &UsedSymbols) -> Option<String> {
         let UsedSymbols {
             predicates,
@@ -64,7 +65,7 @@ impl DomainVocabulary {
             .find_map(|use_| symbol(&self.predicates, "predicate", use_))
             .or_else(|| functions.iter().find_map(|use_| symbol(&self.functions, "function", use_)))
             .or_else(|| {
-                // Observing a symbol that is not declared has no effect: no goal can mention it.
+                // To observe an undeclared symbol has no effect, because no goal can mention it.
                 observed.iter().find_map(|use_| match () {
                     () if self.functions.contains_key(&use_.0) => {
                         symbol(&self.functions, "function", use_)
@@ -95,8 +96,8 @@ impl DomainVocabulary {
             })
     }
 
-    /// Returns the reason why a fact with this value cannot be in the problem; `None` if it can. A
-    /// derived fact cannot be claimed, but it can be reported as unknown.
+    /// Returns the reason why a fact with this value cannot be in the problem; `None` if it can be.
+    /// A derived fact cannot be claimed, but it can be reported as unknown.
     pub(crate) fn fact_misfit(&self, fact: &FactKey, value: FactValue) -> Option<String> {
         let symbol = fact.symbol();
         let declared = match fact.space() {

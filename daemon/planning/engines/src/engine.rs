@@ -12,7 +12,7 @@ pub enum ExternalEngine {
 }
 
 impl ExternalEngine {
-    /// Returns the environment variable that names the engine's program.
+    /// Returns the name of the environment variable with the path of the engine's program.
     pub fn variable(self) -> &'static str {
         match self {
             ExternalEngine::FastDownward => "ALTHING_FAST_DOWNWARD",
@@ -20,7 +20,7 @@ impl ExternalEngine {
         }
     }
 
-    /// Returns the names that the engine's program may have on `PATH`.
+    /// Returns the file names of the engine's program that are searched for on `PATH`.
     pub(crate) fn programs(self) -> &'static [&'static str] {
         match self {
             ExternalEngine::FastDownward => &["fast-downward.py", "fast-downward"],

@@ -1,8 +1,8 @@
 //! Fast Downward: its command line, and the meaning of its exit codes.
 //!
-//! The codes are those of Fast Downward's documentation, “Exit codes”. Fast Downward writes a plan to a
-//! file. A search that continues after the first plan numbers the files (`plan.1`, `plan.2`, …); the
-//! last plan is the best.
+//! The exit codes are documented by Fast Downward under “Exit codes”. Fast Downward writes a plan
+//! to a file. A search that continues after the first plan numbers the files (`plan.1`, `plan.2`,
+//! …); the last plan is the best.
 
 use std::path::{Path, PathBuf};
 
@@ -19,8 +19,8 @@ const PLAN: &str = "plan";
 /// Search configuration for a cheapest plan: A* with landmark cut, the usual choice in the field.
 const LANDMARK_CUT: &str = "astar(lmcut())";
 
-/// Search configuration for a cheapest plan of a task that landmark cut refuses, because it has axioms
-/// or conditional effects: A* without a heuristic.
+/// Search configuration for a cheapest plan without a heuristic: A* that expands blindly. It is
+/// used if landmark cut refuses the task because of axioms or conditional effects.
 const BLIND: &str = "astar(blind())";
 
 /// Exit code of Fast Downward for “unsupported”: the search refuses a feature of the task.
@@ -46,22 +46,22 @@ pub(crate) fn answer(job: &EngineJob<'_>) -> Result<EngineResult, EngineError> {
     let mut ending = ending(job, &run)?;
     let plans = plans(job, folder.path(), ending)?;
     if plans.is_empty() && matches!(run.code(), Some(1..=3)) {
-        // Python ends with 1 too if it fails.
+        // Python also exits with 1 if it fails.
         ending = job.unexplained(&run)?;
     }
-    // The exit codes 1, 2 and 3 come with a plan too, but without a proof.
+    // The exit codes 1, 2 and 3 also come with a plan, but without a proof.
     let proven_optimal = job.options.aim == PlanningAim::CheapestPlan && run.code() == Some(0);
     Ok(EngineResult { ending, plans, proven_optimal })
 }
 
-/// Whether landmark cut will surely refuse the task, so that it need not be tried. Landmark cut may
-/// still refuse another task in the form into which Fast Downward translates it; then the attempt is in
-/// vain.
+/// Whether landmark cut certainly refuses the task, so that a run with it is useless. Fast
+/// Downward's translator may produce features that landmark cut refuses in other tasks, too; these
+/// are found by trying.
 fn is_refused_anyway(job: &EngineJob<'_>) -> bool {
     ["(:derived ", "(when "].iter().any(|word| job.lowered.domain.contains(word))
 }
 
-/// Returns the ending that the exit code of Fast Downward stands for.
+/// Returns the meaning of Fast Downward's exit code.
 fn ending(job: &EngineJob<'_>, run: &EngineRun) -> Result<Ending, EngineError> {
     let engine = ExternalEngine::FastDownward;
     match run.code() {
@@ -69,7 +69,7 @@ fn ending(job: &EngineJob<'_>, run: &EngineRun) -> Result<Ending, EngineError> {
         Some(0..=3) => Ok(Ending::GoalReached),
         Some(10) => Ok(Ending::Unsolvable { before_search: true }),
         Some(11) => Ok(Ending::Unsolvable { before_search: false }),
-        // 13: unsolvable within a bound, which is no proof.
+        // 13: unsolvable within a bound, which is not a proof.
         Some(12 | 13) => Ok(Ending::Exhausted),
         // 20: out of memory in the translator; 24: out of memory and time.
         Some(20 | 22 | 24) => Ok(Ending::OutOfMemory),
@@ -79,9 +79,9 @@ fn ending(job: &EngineJob<'_>, run: &EngineRun) -> Result<Ending, EngineError> {
     }
 }
 
-/// Returns the plans that Fast Downward wrote, the best last. A plan may be incomplete if the engine
-/// was killed, so unreadable plans are an error only if no plan can be read although the goal was
-/// reached.
+/// Returns the plans that Fast Downward wrote, the best last. A killed engine may leave an
+/// incomplete plan. An unreadable plan is therefore an error only if the goal was reached and no
+/// plan can be read.
 fn plans(job: &EngineJob<'_>, folder: &Path, ending: Ending) -> Result<Vec<Plan>, EngineError> {
     let mut plans = Vec::new();
     let mut unreadable = None;

@@ -1,11 +1,12 @@
-//! Finds an external engine: at the configured path, on `PATH`, or, for Fast Downward, in an installed
-//! Python package.
+//! Finds an external engine: at the configured path, or on `PATH`. Fast Downward may also be in an
+//! installed Python package.
 //!
 //! - `ALTHING_FAST_DOWNWARD` and `ALTHING_METRIC_FF` give the path of the engine's program. If the
 //!   variable of an engine is set, its value is used without a further search.
-//! - `pip install up-fast-downward` puts no program on `PATH`: it installs the driver script as data of
-//!   a package. Each `python3` and `python` on `PATH` is run to find the folder of that package. The
-//!   package is not imported, which would take a second and require its dependencies.
+//! - `pip install up-fast-downward` installs the driver script as data of a package, not as a
+//!   program on `PATH`. Each `python3` and `python` on `PATH` is run to find the folder of that
+//!   package. The package is not imported, because that takes a second and requires its
+//!   dependencies.
 
 use std::env;
 use std::ffi::{OsStr, OsString};
@@ -20,7 +21,7 @@ use crate::outcome::EngineError;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Installation {
     pub(crate) engine: ExternalEngine,
-    /// The engine's program and the first arguments of that program.
+    /// The path of the engine's program, and its first arguments.
     pub(crate) command: Vec<OsString>,
 }
 
@@ -42,7 +43,8 @@ impl Installation {
         Installation { engine, command: command.into_iter().map(Into::into).collect() }
     }
 
-    /// Returns the command that starts the engine: its program and the first arguments.
+    /// Returns the command that starts the engine: the path of its program, and the first
+    /// arguments.
     pub fn command(&self) -> &[OsString] {
         &self.command
     }
@@ -51,8 +53,9 @@ impl Installation {
     ///
     /// # Errors
     ///
-    /// Returns [`EngineError::NotFound`] if the environment variable of the engine names no program, or if
-    /// it is not set and the engine is neither on the `PATH` nor in a Python that is there.
+    /// Returns [`EngineError::NotFound`] if the environment variable of the engine does not give
+    /// the path of a program. If the variable is not set, returns the error if the engine is
+    /// neither on `PATH` nor installed in a Python on `PATH`.
     pub fn find(engine: ExternalEngine) -> Result<Installation, EngineError> {
         if let Some(configured) = env::var_os(engine.variable()).filter(|it| !it.is_empty()) {
             return configured_at(engine, PathBuf::from(configured));
@@ -71,7 +74,7 @@ fn configured_at(engine: ExternalEngine, program: PathBuf) -> Result<Installatio
     if !is_program(&program) {
         return Err(EngineError::NotFound { engine, configured: Some(program) });
     }
-    // The program will be run in another folder.
+    // The program runs in another folder, so its path must be absolute.
     let program = std::path::absolute(&program).unwrap_or(program);
     Ok(Installation::of(engine, [program]))
 }
@@ -81,8 +84,8 @@ fn on_path(engine: ExternalEngine, path: &OsStr) -> Option<Installation> {
     Some(Installation::of(engine, [found]))
 }
 
-/// Returns the command for the driver script of Fast Downward: the first Python on `path` that has the
-/// script, and the script.
+/// Returns the command that runs the driver script of Fast Downward with the first Python on `path`
+/// that has this script; `None` if there is none.
 fn in_a_python(path: &OsStr) -> Option<Installation> {
     let pythons = ["python3", "python"].into_iter().flat_map(|name| programs(path, name));
     pythons.into_iter().find_map(|python| {
@@ -95,7 +98,7 @@ fn in_a_python(path: &OsStr) -> Option<Installation> {
 }
 
 fn driver_in(python: &Path) -> Option<PathBuf> {
-    // Run in `/`, so that a package in the current folder is not taken for the installed one.
+    // Python runs in `/`, so that it does not find a package in the current folder instead.
     let output = Command::new(python)
         .args(["-c", WHERE])
         .current_dir("/")
@@ -108,13 +111,14 @@ fn driver_in(python: &Path) -> Option<PathBuf> {
     (output.status.success() && driver.is_file()).then_some(driver)
 }
 
-/// Returns the programs called `name` in the folders of `path`, in the order of these folders.
+/// Returns the executable files called `name` in the folders of `path`, in the order of these
+/// folders.
 fn programs(path: &OsStr, name: &str) -> impl Iterator<Item = PathBuf> {
-    // An empty part would mean the current folder, which is hardly ever intended.
+    // An empty part stands for the current folder, which is hardly ever intended.
     let folders = env::split_paths(path).filter(|folder| !folder.as_os_str().is_empty());
     let folders: Vec<PathBuf> = folders.collect();
     let candidates = folders.into_iter().map(move |folder| folder.join(name));
-    // A folder of `PATH` may be relative, and the program will be run in another folder.
+    // A folder of `PATH` may be relative, but the program runs in another folder.
     candidates.filter(|program| is_program(program)).filter_map(|it| std::path::absolute(it).ok())
 }
 
@@ -130,7 +134,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_configured_is_not_doubted_and_not_replaced() {
+    fn a_configured_path_is_used_without_a_fallback() {
         let shell =
             configured_at(ExternalEngine::MetricFf, PathBuf::from("/bin/sh")).expect("a program");
         assert_eq!(shell, Installation::of(ExternalEngine::MetricFf, ["/bin/sh"]));
@@ -141,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn programs_are_found_on_a_path_and_folders_are_none() {
+    fn programs_are_found_on_the_path_and_folders_are_not() {
         let path = OsStr::new("/nowhere:/:/bin");
         assert_eq!(programs(path, "sh").next(), Some(PathBuf::from("/bin/sh")));
         assert_eq!(programs(path, "bin").next(), None, "`/bin` is a folder");
@@ -149,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_engine_is_an_error_that_says_how_to_get_it() {
+    fn the_error_for_a_missing_engine_explains_how_to_install_it() {
         let err = EngineError::NotFound { engine: ExternalEngine::FastDownward, configured: None };
         assert_eq!(err.to_string(), "find Fast Downward");
         let help = err.help().expect("help");

@@ -1,4 +1,4 @@
-//! One run of an engine: its options, its process, and the result that is read from it.
+//! One run of an engine: its options, its process, and the result.
 
 use std::time::{Duration, Instant};
 
@@ -10,7 +10,7 @@ use crate::lower::Lowered;
 use crate::outcome::{Ending, EngineError};
 use crate::process::{EngineEnd, EngineLaunch, EngineRun};
 
-/// What kind of plan the engine is to find.
+/// Kind of plan that the engine must find.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PlanningAim {
     /// Any plan, as soon as possible.
@@ -20,34 +20,33 @@ pub enum PlanningAim {
     CheapestPlan,
 }
 
-/// Limits on the time and the memory of an engine's run, and the aim of planning.
+/// Options of an engine's run: limits on time and memory, and the aim of planning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EngineOptions {
     /// Limit on the wall-clock time of planning, from the call on; `None` for no limit.
     pub time_limit: Option<Duration>,
     /// Limit on the address space of each of the engine's processes, in bytes; `None` for no limit.
     pub memory_limit: Option<u64>,
-    /// What kind of plan the engine is to find.
+    /// Kind of plan that the engine must find.
     pub aim: PlanningAim,
 }
 
 impl Default for EngineOptions {
-    /// Returns the default options: no limit on time; 2 GiB of memory, as for the embedded planner; any
-    /// plan, as soon as possible.
+    /// Returns the default options: no time limit, 2 GiB of memory as for the embedded planner, and
+    /// any plan as soon as possible.
     fn default() -> EngineOptions {
         EngineOptions { time_limit: None, memory_limit: Some(2 << 30), aim: PlanningAim::Plan }
     }
 }
 
-/// The result that is read from an engine's run: why the run ended, and the plans that were written,
-/// the best last.
+/// Result of an engine's run: the reason why the run ended, and the plans, the best last.
 pub(crate) struct EngineResult {
     pub(crate) ending: Ending,
     pub(crate) plans: Vec<Plan>,
     pub(crate) proven_optimal: bool,
 }
 
-/// Context of one run of an engine, for the modules of the engines.
+/// Context of one run of an engine, for the modules of the different engines.
 pub(crate) struct EngineJob<'j> {
     pub(crate) installation: &'j Installation,
     pub(crate) lowered: &'j Lowered,
@@ -87,7 +86,7 @@ impl EngineJob<'_> {
         };
         let run = crate::process::run(&launch, self.cancel).map_err(|err| self.failed(err))?;
         match run.code() {
-            // The shell could not execute the engine, for another reason than memory.
+            // The shell could not execute the engine, for a reason other than memory.
             Some(126 | 127) if !run.wants_memory() => {
                 Err(self.failed(std::io::Error::other(run.last_output_line())))
             }
@@ -95,8 +94,8 @@ impl EngineJob<'_> {
         }
     }
 
-    /// Returns the ending of a run in the case that the engine's own exit code and output do not
-    /// explain it: the run reached a limit or was cancelled. Returns an error if the engine failed.
+    /// Returns the ending of a run if the engine's exit code and output do not explain it: the run
+    /// reached a limit or was cancelled. Returns an error if the engine failed.
     pub(crate) fn unexplained(&self, run: &EngineRun) -> Result<Ending, EngineError> {
         match run.end {
             EngineEnd::OutOfTime => Ok(Ending::OutOfTime),

@@ -1,9 +1,8 @@
 //! Metric-FF: its command line, and the meaning of its output.
 //!
-//! The exit code of Metric-FF does not show whether it found a plan, so that everything is read from
-//! its output. Metric-FF prints names in upper case (`A-MOVE O-ROBOT`), adds a last step `REACH-GOAL`
-//! for disjunctive goals, and computes costs in single precision, which is one more reason not to read
-//! these costs.
+//! The exit code of Metric-FF does not show whether a plan was found, so its output is parsed.
+//! Metric-FF prints names in upper case (`A-MOVE O-ROBOT`) and adds a last step `REACH-GOAL` for
+//! disjunctive goals. Its costs are computed in single precision and are not used.
 
 use pddl::{Name, Plan, PlanStep};
 
@@ -12,25 +11,25 @@ use crate::job::{EngineJob, EngineResult, PlanningAim};
 use crate::outcome::{Ending, EngineError};
 use crate::process::EngineRun;
 
-/// Number of Metric-FF's search configuration that ignores costs: enforced hill-climbing, then
-/// best-first search. It is complete.
+/// Option value for the search configuration of Metric-FF that ignores costs: enforced
+/// hill-climbing, then best-first search. This configuration is complete.
 const WITHOUT_COSTS: &str = "0";
 
-/// Number of Metric-FF's search configuration that respects costs: enforced hill-climbing and
-/// best-first search, then A*epsilon. Metric-FF gives up at A*epsilon if it does not support the
-/// metric.
+/// Option value for the search configuration of Metric-FF that respects costs: enforced
+/// hill-climbing and best-first search, then A*epsilon. Metric-FF stops before A*epsilon if it does
+/// not support the metric.
 const WITH_COSTS: &str = "5";
 
 /// Line that Metric-FF prints before a plan.
 const FOUND: &str = "found legal plan as follows";
 
-/// Text that Metric-FF prints if the goal holds already.
+/// Text that Metric-FF prints if the initial state satisfies the goal.
 const TRUE_ALREADY: &str = "goal can be simplified to TRUE";
 
-/// Texts that Metric-FF prints if it finds no plan, each with the ending that it stands for.
+/// Texts that Metric-FF prints if it finds no plan, each with its meaning.
 ///
-/// The last text alone is no proof that no plan exists: a search that prunes states which do not look
-/// helpful also prints it.
+/// The last text alone is no proof that no plan exists: a search that prunes unpromising states
+/// prints it, too.
 const NO_PLAN: &[(&str, Ending)] = &[
     ("goal can be simplified to FALSE", Ending::Unsolvable { before_search: true }),
     (
@@ -41,15 +40,15 @@ const NO_PLAN: &[(&str, Ending)] = &[
     ("search space empty", Ending::Exhausted),
 ];
 
-/// Texts that Metric-FF prints if the task is beyond it.
+/// Texts that Metric-FF prints if it does not support the task.
 const BEYOND: &[&str] =
     &["This is not a linear task", "increase MAX_", "can't be handled by this version"];
 
 /// Name of the last step that Metric-FF adds to plans for goals that are not conjunctions.
 const REACH_GOAL: &str = "reach-goal";
 
-/// Runs Metric-FF, and reads the result. Runs it a second time without costs if it does not support the
-/// metric.
+/// Runs Metric-FF and reads the result. If Metric-FF does not support the metric, runs it a second
+/// time without costs.
 pub(crate) fn answer(job: &EngineJob<'_>) -> Result<EngineResult, EngineError> {
     if job.options.aim == PlanningAim::CheapestPlan {
         let said = "none of its searches proves that a plan is the cheapest".to_owned();
@@ -79,7 +78,7 @@ fn read(job: &EngineJob<'_>, run: &EngineRun) -> Result<EngineResult, EngineErro
         return answer(Ending::GoalReached, vec![Plan::default()]);
     }
     if let Some((_, said)) = run.stdout.split_once(FOUND) {
-        // If it was killed while it printed, the plan is incomplete.
+        // If Metric-FF was killed while it printed the plan, the plan is incomplete.
         let ending = if run.code().is_some() { Ending::GoalReached } else { job.unexplained(run)? };
         return answer(ending, vec![steps(job, said)?]);
     }
@@ -99,7 +98,8 @@ fn no_plan(said: &str) -> Option<Ending> {
     NO_PLAN.iter().find(|(sign, _)| said.contains(sign)).map(|(_, ending)| *ending)
 }
 
-/// Parses the steps of a plan in Metric-FF's output: `step    0: OP A B`, then `        1: OP A B`, ….
+/// Parses the steps of a plan in Metric-FF's output. The first line is `step    0: OP A B`, the
+/// others are `        1: OP A B`.
 fn steps(job: &EngineJob<'_>, said: &str) -> Result<Plan, EngineError> {
     let lines = said.lines().filter_map(|line| step(line.trim()));
     let steps: Vec<PlanStep> = lines.filter(|step| step.action != REACH_GOAL).collect();
@@ -109,8 +109,7 @@ fn steps(job: &EngineJob<'_>, said: &str) -> Result<Plan, EngineError> {
     })
 }
 
-/// Parses one line of a plan, `[step] NUMBER: OP NAME*`. Returns `None` if the line is not of this
-/// form.
+/// Parses one line of a plan, `[step] NUMBER: OP NAME*`; `None` if the line has another form.
 fn step(line: &str) -> Option<PlanStep> {
     let line = line.strip_prefix("step").unwrap_or(line).trim_start();
     let (number, call) = line.split_once(':')?;
@@ -125,7 +124,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn steps_are_read_and_nothing_else() {
+    fn only_step_lines_are_parsed() {
         let step = |line| step(line).map(|step| step.to_string());
         assert_eq!(step("step    0: A-MOVE O-R O-X").as_deref(), Some("(A-MOVE O-R O-X)"));
         assert_eq!(step("12: A-GO").as_deref(), Some("(A-GO)"));
@@ -135,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn a_proof_is_told_from_giving_up() {
+    fn a_proof_is_distinguished_from_giving_up() {
         let unsolvable = |before_search| Some(Ending::Unsolvable { before_search });
         for (said, expected) in [
             ("ff: goal can be simplified to FALSE. No plan will solve it", unsolvable(true)),

@@ -1,7 +1,7 @@
 //! The result of an engine's run: a valid plan, or the reason why there is none.
 //!
-//! An [`Ending`] distinguishes a proof that there is no plan from giving up, and giving up from
-//! reaching a limit.
+//! An [`Ending`] distinguishes three cases without a plan: a proof that none exists, a search that
+//! gave up, and a limit that was reached.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -11,30 +11,30 @@ use planner::{Fault, Unsupported};
 
 use crate::engine::ExternalEngine;
 
-/// The result of one run of an engine.
+/// Result of one run of an engine.
 #[derive(Clone, Debug)]
 pub struct EngineOutcome {
-    /// A plan with the task's own names that the independent validator has accepted, with the cost that
-    /// the validator computes.
+    /// A plan with the task's own names that the validator of `planner` has accepted, with the cost
+    /// that this validator computed; `None` if there is no plan.
     pub plan: Option<Plan>,
-    /// Why the run of the engine ended.
+    /// Reason why the run of the engine ended.
     pub ending: Ending,
-    /// Whether the engine has proved that no cheaper plan exists. It tries to only if the caller
-    /// requests a proof.
+    /// Whether the engine has proved that no cheaper plan exists. A proof is attempted only if the
+    /// caller requests it.
     pub proven_optimal: bool,
 }
 
-/// Why a run of an engine ended.
+/// Reason why a run of an engine ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ending {
-    /// The engine reached a goal state, so that there is a plan.
+    /// The engine reached a goal state, so there is a plan.
     GoalReached,
     /// The engine has proved that no plan exists.
     Unsolvable {
-        /// Whether the engine proved this while it translated the task, before the search.
+        /// Whether the engine proved this during the translation of the task, before the search.
         before_search: bool,
     },
-    /// The engine gave up: its search ended without a plan, which is *not* a proof that none exists.
+    /// The search of the engine ended without a plan. This is *not* a proof that none exists.
     Exhausted,
     /// The engine reached the limit on memory.
     OutOfMemory,
@@ -44,7 +44,7 @@ pub enum Ending {
     Cancelled,
 }
 
-/// The reason why there is no outcome at all. The text of each variant completes “failed to …”.
+/// Reason why a run has no outcome. The text of each variant completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum EngineError {
@@ -56,13 +56,13 @@ pub enum EngineError {
     Unsupported {
         /// The engine that does not support the feature.
         engine: ExternalEngine,
-        /// The unsupported feature and its place.
+        /// Name and place of the unsupported feature.
         unsupported: Unsupported,
     },
-    /// The engine itself reports that the task is beyond it, without a place in the task.
+    /// The engine reported that it does not support the task, without a place in the task.
     #[error("plan with {engine}, which says: {said}")]
     Beyond {
-        /// The engine that reports this.
+        /// The engine that reported this.
         engine: ExternalEngine,
         /// The message that the engine printed.
         said: String,
@@ -94,12 +94,12 @@ pub enum EngineError {
         /// The last line of the engine's output.
         said: String,
     },
-    /// The engine's plan is not valid, and is not returned.
+    /// The validator rejected the engine's plan, which is therefore not returned.
     #[error("confirm the plan of {engine}: {fault}")]
     WrongPlan {
         /// The engine that returned the invalid plan.
         engine: ExternalEngine,
-        /// The fault in the plan that the validator found.
+        /// The fault that the validator found in the plan.
         fault: Box<Fault>,
     },
     /// The engine's plan cannot be parsed.
@@ -159,7 +159,7 @@ impl EngineError {
     }
 }
 
-/// Formats each mistake as `; MISTAKE`, to be appended to an error's text.
+/// Formats each mistake as `; MISTAKE`, as a suffix of an error's text.
 struct MistakeSuffix<'e>(&'e [Diagnostic]);
 
 impl fmt::Display for MistakeSuffix<'_> {
@@ -168,7 +168,7 @@ impl fmt::Display for MistakeSuffix<'_> {
     }
 }
 
-/// Formats a path as ` at PATH`, to be appended to an error's text; empty if there is no path.
+/// Formats a path as ` at PATH`, as a suffix of an error's text; empty without a path.
 struct PathSuffix<'e>(&'e Option<PathBuf>);
 
 impl fmt::Display for PathSuffix<'_> {
@@ -177,7 +177,7 @@ impl fmt::Display for PathSuffix<'_> {
     }
 }
 
-/// Formats a text as `: TEXT`, to be appended to an error's text; empty if the text is empty.
+/// Formats a text as `: TEXT`, as a suffix of an error's text; empty for an empty text.
 struct TextSuffix<'e>(&'e str);
 
 impl fmt::Display for TextSuffix<'_> {

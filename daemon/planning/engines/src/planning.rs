@@ -1,8 +1,8 @@
 //! The entry point: the function that plans with an external engine.
 //!
-//! The order of work is: check → lower → run → read → validate. The engine gets the lowered task, which
-//! is the task translated to its dialect. The engine's plan is translated back to the task's own names
-//! and validated on the original task, so that a mistake in `lower` cannot go unnoticed.
+//! The steps are: check, lower, run, read, validate. The engine receives the lowered task, a
+//! translation to its dialect. The engine's plan is translated back to the task's own names and
+//! validated on the original task, so that a defect in `lower` is detected.
 
 use std::time::Instant;
 
@@ -18,14 +18,14 @@ use crate::{fast_downward, metric_ff};
 
 /// Plans for a task with an external engine.
 ///
-/// This function blocks until the engine has ended; set `cancel` to end the engine sooner. When the
-/// function returns, no process and no file of the run is left.
+/// This function blocks until the engine has ended. Setting `cancel` ends the engine sooner. When
+/// the function returns, no process and no file of the run is left.
 ///
 /// # Errors
 ///
-/// Returns an error if the texts contain errors or use a feature that the engine does not support, if
-/// the engine cannot be run or answers nothing that can be read, or if the validator rejects all of its
-/// plans.
+/// Returns an error if the texts contain mistakes or use a feature that the engine does not
+/// support, if the engine cannot be run or its output cannot be read, or if the validator rejects
+/// all of its plans.
 pub fn plan(
     installation: &Installation,
     domain: &Domain,
@@ -50,8 +50,8 @@ pub fn plan(
     best_valid_plan(engine, domain, problem, answer, lowered.costs_exact)
 }
 
-/// Returns an error if the texts have mistakes. If the domain has mistakes, only those are returned, as
-/// in `planner`.
+/// Returns an error if the texts have mistakes. If the domain has mistakes, only these are
+/// returned, as in `planner`.
 fn refuse_mistakes(domain: &Domain, problem: &Problem) -> Result<(), EngineError> {
     let errors = |mut found: Vec<Diagnostic>| {
         found.retain(Diagnostic::is_error);
@@ -61,11 +61,10 @@ fn refuse_mistakes(domain: &Domain, problem: &Problem) -> Result<(), EngineError
     errors(pddl::check_problem(domain, problem))
 }
 
-/// Returns the best valid plan among those that an engine wrote, with the cost that the validator
-/// computes.
+/// Returns the best valid plan of an engine, with the cost that the validator computes.
 ///
-/// If an engine that ended on its own wrote an invalid plan, that is an error. If the engine was ended
-/// by this process, its last plan may be incomplete and is only used if it is valid.
+/// An invalid plan is an error if the engine ended on its own. If this process ended the engine,
+/// the last plan may be incomplete and is skipped if it is invalid.
 fn best_valid_plan(
     engine: ExternalEngine,
     domain: &Domain,

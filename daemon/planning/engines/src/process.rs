@@ -1,17 +1,17 @@
-//! Runs a foreign program within limits, and leaves nothing of it behind.
+//! Runs an external program within limits, and cleans up after it.
 //!
-//! The program runs in a process group of its own. A second process, the *watch*, is a shell that reads
-//! from a pipe; only the process of Althing has the other end of that pipe. When the process of Althing
-//! ends in any way, the kernel closes that pipe, and the watch kills the whole group and removes the
-//! folder. A parent death signal (`PR_SET_PDEATHSIG`) would reach the program, but not the processes
-//! that it has started: Fast Downward is a driver that starts a translator, then a search.
+//! The program runs in a process group of its own. A second process, the *watch*, is a shell that
+//! reads from a pipe; only the process of Althing holds the write end. When the process of Althing
+//! ends in any way, the kernel closes the pipe, and the watch kills the whole group and removes the
+//! folder. A parent death signal (`PR_SET_PDEATHSIG`) is not enough: it reaches the program, but
+//! not its child processes. Fast Downward is a driver that starts a translator, then a search.
 //!
-//! The program does not start before it is watched: the *gate*, a shell that sets the program's limits,
-//! waits for a line that is sent when the watch runs. The watch cannot handle two cases: a program that
-//! leaves its process group, and a watch that is killed first.
+//! The program starts only after the watch. A shell called the *gate* sets the program's limits and
+//! waits for a line, which is sent when the watch runs. The watch does not cover two cases: a
+//! program that leaves its process group, and a watch that is killed first.
 //!
-//! Memory is limited with `ulimit -v` (`RLIMIT_AS`), which every child inherits: the limit holds for
-//! each process of the engine, not for their sum. Time is wall-clock time.
+//! Memory is limited with `ulimit -v` (`RLIMIT_AS`), which every child inherits. The limit applies
+//! to each process of the engine, not to their sum. Time is wall-clock time.
 
 use std::ffi::OsString;
 use std::fs::File;
@@ -27,20 +27,20 @@ use planner::Cancel;
 use rustix::io::Errno;
 use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
 
-/// The command that runs a program, the folder of the run and its limits.
+/// Command that runs a program, with the folder of the run and its limits.
 pub(crate) struct EngineLaunch<'l> {
-    /// The program that is run, and its arguments.
+    /// Path of the program, and its arguments.
     pub(crate) command: &'l [OsString],
-    /// Folder in which the program runs. Its standard output and standard error are written there as
-    /// files.
+    /// Folder in which the program runs. Its standard output and standard error are written to
+    /// files in this folder.
     pub(crate) folder: &'l Path,
-    /// Time at which the program is killed if it still runs; `None` for no limit.
+    /// Time at which a running program is killed; `None` for no limit.
     pub(crate) deadline: Option<Instant>,
     /// Limit on the address space of each process of the program, in bytes; `None` for no limit.
     pub(crate) memory_limit: Option<u64>,
 }
 
-/// The result of a program's run.
+/// Result of a program's run.
 pub(crate) struct EngineRun {
     pub(crate) end: EngineEnd,
     /// Standard output of the program, up to [`OUTPUT_MAX`].
@@ -49,7 +49,7 @@ pub(crate) struct EngineRun {
     pub(crate) stderr: String,
 }
 
-/// The way in which the run of a program ended.
+/// Reason why the run of a program ended.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum EngineEnd {
     /// The process exited on its own (not killed by a limit).
@@ -60,11 +60,12 @@ pub(crate) enum EngineEnd {
     Cancelled,
 }
 
-/// Maximum number of bytes of a program's output that are read. A plan of a hundred thousand steps
-/// fits.
+/// Maximum number of bytes of a program's output that are read: enough for a plan of a hundred
+/// thousand steps.
 const OUTPUT_MAX: u64 = 64 << 20;
 
-/// Interval at which the caller's cancel flag is checked. A person does not notice the delay.
+/// Interval at which the caller's cancel flag is checked, too short for a person to notice the
+/// delay.
 const CANCEL_CHECK_INTERVAL: Duration = Duration::from_millis(20);
 
 /// Shell script of the gate: waits for a line, sets the limits, executes the program. `$1` is the
@@ -75,16 +76,16 @@ ulimit -c 0
 shift
 exec \"$@\" </dev/null";
 
-/// Shell script of the watch: waits for a line, which means that nothing needs to be cleaned up, or for
-/// the end of the process of Althing. After that end it kills the group `$1` and removes the folder
-/// `$2`. If removing fails, it tries once more: a process that was just killed may have written a file
-/// meanwhile.
+/// Shell script of the watch. It waits for a line, which means that there is nothing to clean up,
+/// or for the end of the process of Althing. After that end it kills the group `$1` and removes the
+/// folder `$2`. If the removal fails, it is repeated once, because a process that was just killed
+/// may have written a file meanwhile.
 const CLEANUP_SCRIPT: &str = "trap '' HUP INT TERM
 read -r word && exit
 kill -KILL \"-$1\"
 rm -rf \"$2\" || rm -rf \"$2\"";
 
-/// Runs a program until it ends, its time is up, or the caller cancels the run.
+/// Runs a program until it ends, reaches its deadline, or is cancelled.
 pub(crate) fn run(launch: &EngineLaunch<'_>, cancel: &Cancel) -> io::Result<EngineRun> {
     let (stdout, stderr) = (launch.folder.join("stdout"), launch.folder.join("stderr"));
     let (child, gate) = spawn_waiting(launch, File::create(&stdout)?, File::create(&stderr)?)?;
@@ -115,8 +116,8 @@ fn spawn_waiting(
     Ok((child, gate))
 }
 
-/// Opens the gate: lets the program start. A failed write means that the gate has ended; the caller
-/// detects this next.
+/// Opens the gate, which starts the program. A failed write means that the gate has ended; the
+/// caller detects this next.
 fn open(gate: Option<ChildStdin>) {
     let _ = gate.map(|mut gate| gate.write_all(b"start\n"));
 }
@@ -150,11 +151,11 @@ fn read(path: &Path) -> io::Result<String> {
     Ok(String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// The process group of a program: the program and all processes that it starts. They are killed when
-/// this value is dropped.
+/// The process group of a program: the program and all processes that it starts. Dropping this
+/// value kills them.
 struct EngineGroup {
-    /// The leader of the group, which is the program itself. Until it is reaped, the number of the
-    /// group cannot be reused.
+    /// The leader of the group, which is the program itself. The number of the group cannot be
+    /// reused until the leader is reaped.
     child: Child,
     is_reaped: bool,
 }
@@ -166,8 +167,8 @@ impl EngineGroup {
         Pid::from_raw(i32::try_from(self.child.id()).ok()?)
     }
 
-    /// Returns a channel that receives a message when the group leader has ended. Does not reap the
-    /// leader.
+    /// Returns a channel that receives a message when the group leader has ended. The leader is not
+    /// reaped.
     fn ended(&self) -> mpsc::Receiver<()> {
         let (tell, ended) = mpsc::channel();
         let pid = self.pid();
@@ -182,12 +183,12 @@ impl EngineGroup {
         ended
     }
 
-    /// Kills all processes that are left of the group, then reaps the group leader.
+    /// Kills all remaining processes of the group, then reaps the group leader.
     fn end(&mut self) -> io::Result<ExitStatus> {
         if let Some(pid) = self.pid()
             && !self.is_reaped
         {
-            // Fails if only the dead leader is left, which is fine.
+            // This call may fail if only the dead leader is left, which is harmless.
             let _ = kill_process_group(pid, Signal::KILL);
         }
         let status = self.child.wait()?;
@@ -204,7 +205,7 @@ impl Drop for EngineGroup {
     }
 }
 
-/// The watch: the process that cleans up if the process of Althing ends before the run does.
+/// The watch: a process that cleans up if the process of Althing ends before the run ends.
 struct CleanupWatch {
     child: Child,
     word: Option<ChildStdin>,
@@ -221,15 +222,16 @@ impl CleanupWatch {
             .stdin(Stdio::piped())
             .stdout(Stdio::null())
             .stderr(Stdio::null())
-            // Signals sent to this process's group, for example by Ctrl-C, must not reach the watch.
+            // Signals to the group of this process, for example by Ctrl-C, must not reach the
+            // watch.
             .process_group(0)
             .spawn()?;
         let word = child.stdin.take();
         Ok(CleanupWatch { child, word })
     }
 
-    /// Ends the watch without cleaning up. Called when the group is gone, because its number may soon
-    /// be reused.
+    /// Ends the watch without cleaning up. Must be called when the group has ended, because its
+    /// number may soon be reused.
     fn dismiss(mut self) {
         let _ = self.word.take().map(|mut word| word.write_all(b"well\n"));
         let _ = self.child.wait();
@@ -245,7 +247,7 @@ impl EngineRun {
         }
     }
 
-    /// Returns a description of how the program ended, for a person.
+    /// Returns the exit code or signal of the program as text for a person.
     pub(crate) fn status(&self) -> String {
         match self.end {
             EngineEnd::Itself(status) => match (status.code(), status.signal()) {
@@ -258,8 +260,8 @@ impl EngineRun {
         }
     }
 
-    /// Returns the last line of standard error that is not empty; if there is none, that of standard
-    /// output.
+    /// Returns the last line of standard error that is not empty. If there is none, returns that of
+    /// standard output.
     pub(crate) fn last_output_line(&self) -> String {
         let last = |text: &str| {
             text.lines().map(str::trim).rfind(|line| !line.is_empty()).map(str::to_owned)
@@ -267,8 +269,8 @@ impl EngineRun {
         last(&self.stderr).or_else(|| last(&self.stdout)).unwrap_or_default()
     }
 
-    /// Whether the program's output has a message about lack of memory, as interpreters, loaders and
-    /// allocators print it.
+    /// Whether the program's output has a message about lack of memory, in the words of
+    /// interpreters, loaders and allocators.
     pub(crate) fn wants_memory(&self) -> bool {
         let complaints = [
             "MemoryError",

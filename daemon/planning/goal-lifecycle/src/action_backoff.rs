@@ -6,45 +6,47 @@ use std::time::Duration;
 use acl::AgentId;
 use acl::content::{Keep, Offers, Reason, Report};
 
-/// How long a failed action is avoided after its first failure. The time doubles with every failure, up
-/// to `AVOIDED_MAX`. A loose contact recovers within seconds, a repair takes minutes.
+/// Time for which an action is avoided after its first failure. The time doubles with every
+/// failure, up to `AVOIDED_MAX`: a loose contact recovers within seconds, but a repair takes
+/// minutes.
 const AVOIDED_FIRST: Duration = Duration::from_secs(10);
 const AVOIDED_MAX: Duration = Duration::from_secs(300);
 
-/// Number of failures of an action after which it is no longer used for a goal that is to be achieved
-/// once. The action is tried at once, after ten seconds and after thirty; then the failure is reported
-/// to the user.
+/// Number of failures after which an action is no longer used for a goal that is to be achieved
+/// once. The first attempt is immediate, the second follows after ten seconds and the third after
+/// thirty. The third failure is reported to the user.
 const TRIES_MAX: u32 = 3;
 
-/// Actions that failed in earlier plans of a goal, by the agent and its own name for the action. They
-/// are avoided for a while.
+/// Actions that failed in earlier plans of a goal and are avoided for a while. The key is the agent
+/// and the agent's own name for the action.
 pub type AvoidedActions = BTreeMap<(AgentId, String), AvoidedAction>;
 
-/// The reason why an action is avoided, and whether it may be tried again.
+/// Reason why an action is avoided, and whether the action may be tried again.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AvoidedAction {
     /// Reason why the action is avoided, as text for a person.
     pub why: String,
-    /// Whether the action is never tried again for this goal.
+    /// Whether the action is never tried again for this goal, until its agent offers the action
+    /// anew.
     pub is_for_good: bool,
     /// Whether the agent no longer offers the action.
     pub is_withdrawn: bool,
 }
 
-/// The failed actions of one goal.
+/// Back-off of all failed actions of one goal.
 #[derive(Clone, Debug)]
 pub struct ActionBackoffs {
     keep: Keep,
     failed: BTreeMap<(AgentId, String), ActionBackoff>,
 }
 
-/// A failed action of an agent, which is avoided for a while.
+/// Back-off of one failed action of an agent.
 #[derive(Clone, Debug)]
 struct ActionBackoff {
     until: Duration,
     span: Duration,
     times: u32,
-    /// Whether the agent refused the action as [`Reason::Incapable`] although it offers it.
+    /// Whether the agent refused its last request for the action as [`Reason::Incapable`].
     is_refused: bool,
     /// Whether the agent no longer offers the action.
     is_withdrawn: bool,
@@ -52,13 +54,14 @@ struct ActionBackoff {
 }
 
 impl ActionBackoffs {
-    /// Returns the back-off of a goal without failed actions. A goal that is to be achieved once gives
-    /// an action up after some failures, a kept goal never does.
+    /// Returns the back-off of a goal without failed actions. A goal that is to be achieved once
+    /// gives an action up after some failures; a kept goal never does.
     pub fn new(keep: Keep) -> ActionBackoffs {
         ActionBackoffs { keep, failed: BTreeMap::new() }
     }
 
-    /// Avoids a failed action for a while; the time doubles with each failure.
+    /// Records a failure of an action, so that the action is avoided for a while. The time doubles
+    /// with each failure.
     pub fn penalize(&mut self, action: (AgentId, String), report: &Report, now: Duration) {
         let backoff = self.failed.entry(action).or_insert_with(|| ActionBackoff {
             until: now,
@@ -75,14 +78,14 @@ impl ActionBackoffs {
         backoff.why.clone_from(&report.detail);
     }
 
-    /// Ends the avoiding of all actions of an agent, because the agent has announced itself anew.
+    /// Stops avoiding all actions of an agent, because the agent has announced itself anew.
     pub fn reset(&mut self, agent: &AgentId) {
         self.failed.retain(|(avoided, _), _| avoided != agent);
     }
 
-    /// Compares the avoided actions with the present offers. An avoided action that is not offered now
-    /// is marked as withdrawn, because its agent knows of the fault. When the agent offers the action
-    /// again, it is no longer avoided.
+    /// Compares the avoided actions with the present offers. An avoided action without an offer is
+    /// marked as withdrawn: its agent has detected the fault. A withdrawn action that is offered
+    /// again is no longer avoided.
     pub fn compare_with(&mut self, offers: &Offers) {
         self.failed.retain(|(agent, action), backoff| {
             let is_offered = offers.get(agent).is_some_and(|actions| actions.contains_key(action));
@@ -108,8 +111,9 @@ impl ActionBackoffs {
             .collect()
     }
 
-    /// Whether an action is tried no more for this goal until its agent offers the action anew. Always
-    /// `false` for a kept goal, for which an action is tried any number of times, at growing intervals.
+    /// Whether the action has failed too often, or its agent has declined it as incapable. Such an
+    /// action is not tried for this goal until its agent offers it again. Always `false` for a kept
+    /// goal: its actions are tried any number of times, at growing intervals.
     fn is_done_with(&self, backoff: &ActionBackoff) -> bool {
         self.keep == Keep::Achieve && (backoff.is_refused || backoff.times >= TRIES_MAX)
     }
@@ -141,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn an_action_that_fails_is_tried_three_times_and_a_refused_one_once() {
+    fn a_failing_action_is_tried_three_times_and_a_refused_one_once() {
         let now = Duration::from_secs(7);
         let mut silent = ActionBackoffs::new(Keep::Achieve);
         for _ in 0..2 {
@@ -161,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn a_withdrawn_action_is_tried_again_once_it_is_offered_again() {
+    fn a_withdrawn_action_is_retried_when_it_is_offered_again() {
         let now = Duration::ZERO;
         let mut backoffs = ActionBackoffs::new(Keep::Achieve);
         backoffs.penalize(lamp(), &failed(Some(Reason::Incapable)), now);

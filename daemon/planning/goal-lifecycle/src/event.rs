@@ -1,4 +1,4 @@
-//! What happens to a goal, and what its owner must do about it.
+//! Events that happen to a goal, and the commands that its owner must carry out.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -6,7 +6,7 @@ use std::time::Duration;
 use acl::content::{Outcome, Report};
 use acl::{AgentId, ConversationId};
 
-/// Number of a piece of work that a command began for a goal. A later piece has a greater number.
+/// Number of a piece of work that a command began for a goal. Later work has a greater number.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Attempt(pub u64);
 
@@ -16,14 +16,15 @@ pub enum PlanningMode {
     /// The new plan respects all running plans and all kept goals.
     #[default]
     Cooperative,
-    /// The new plan respects only goals of at least the priority of its own goal; the other goals
+    /// The new plan respects only goals of at least the priority of its own goal. The other goals
     /// yield.
     Preemptive,
-    /// The new plan respects no other plan or goal. It is not executed; it only explains a conflict.
+    /// The new plan respects no other plan or goal. The plan is not executed: its only use is to
+    /// explain a conflict.
     DiagnoseConflict,
 }
 
-/// The flow of control by which a plan is made.
+/// Agents that compute a plan: the Planning Agent, or the actuators.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PlanningFlow {
     /// The Planning Agent computes the plan.
@@ -32,50 +33,54 @@ pub enum PlanningFlow {
     Decentralized,
 }
 
-/// Something that happened to a goal.
+/// Event that happened to a goal.
 #[derive(Clone, Debug)]
 pub enum GoalEvent {
-    /// The goal is looked at: a timer has fired, another goal is done with planning, or the world has
-    /// changed.
+    /// The goal is to be checked now: a timer has fired, planning for another goal has ended, or
+    /// the world has changed.
     Considered(Turn),
-    /// No Domain Maintainer has answered the question for the domain and the state.
+    /// No Domain Maintainer has answered the query for the domain and the state.
     DomainMissing(Attempt),
-    /// The domain or the state cannot be used. The text is the reason.
+    /// The domain or the state cannot be used. The text gives the reason.
     DomainUnusable(Attempt, String),
-    /// The goal does not fit the domain, or contradicts itself. The text is the reason.
+    /// The goal does not fit the domain, or contradicts itself. The text gives the reason.
     GoalInvalid(Attempt, String),
     /// The goal holds in the known state.
     GoalHolds(Attempt),
-    /// Names in the goal were valid before, and are not now, because the agent that declared them has
-    /// left. The text is the reason.
+    /// The goal uses names that are no longer valid, because the agent that declared them has left.
+    /// The text gives the reason.
     GoalLost(Attempt, String),
-    /// The goal does not hold, and all agents that offer any action are in use by other goals.
+    /// The goal does not hold, and other goals use all agents that offer any action.
     AgentsBusy(Attempt, Blockers),
-    /// The goal does not hold, and a plan can be looked for.
+    /// The goal does not hold, and a plan can be searched for.
     GoalOpen(Attempt, PlanningFlow),
-    /// The Planning Agent has not answered, or has declined. Planning is tried again after the time.
+    /// The Planning Agent has not answered, or has declined. The text gives the reason; planning is
+    /// tried again after the duration.
     PlannerFailed(Attempt, String, Duration),
-    /// Bids use action models that are newer than the known domain. The text is the reason to wait.
+    /// Bids use action models that are newer than the known domain. The text gives the reason to
+    /// wait.
     BidsOutdated(Attempt, String),
     /// A valid plan was found.
     PlanFound(Attempt, PlanDecision),
     /// No valid plan was found.
     PlanMissing(Attempt),
-    /// The reason why there is no plan is known.
+    /// The reason why there is no plan was found.
     Explained(Attempt, MissingPlan),
-    /// The Plan Executor was restarted, or another one leads: it may not have the plan.
+    /// The Plan Executor was restarted, or another replica of it is now the leader, so the plan may
+    /// be lost.
     ExecutorRestarted(Attempt),
-    /// The Plan Executor already runs another plan for the goal, whose number is given.
+    /// The Plan Executor already runs another plan for the goal. The number is that of the plan.
     OtherPlanRuns(Attempt, u32),
     /// The execution of the plan has ended.
     ExecutionEnded(Attempt, ExecutionEnd),
-    /// The known state was compared with the goal after the plan was carried out.
+    /// The known state was compared with the goal after the plan was executed.
     Verified(Attempt, GoalVerdict),
     /// The initiator has cancelled the goal.
     Cancelled,
-    /// Another goal or a better plan comes first. The text is the reason, as the initiator is told.
+    /// The goal must yield to another goal or to a better plan. The text gives the reason, for the
+    /// initiator.
     Yielded(String),
-    /// Agents that other goals used are free.
+    /// Agents that other goals used are available again.
     AgentsReleased,
     /// The known state has changed.
     WorldChanged {
@@ -83,100 +88,102 @@ pub enum GoalEvent {
         joined: Vec<AgentId>,
         /// Whether agents have joined or left.
         have_agents_changed: bool,
-        /// Whether any goal is being planned for. The queue then goes on when that planning ends.
+        /// Whether any goal is being planned for. If so, the end of that planning starts the next
+        /// one.
         is_planning_busy: bool,
     },
-    /// The goal has ended for another replica.
+    /// The goal has ended on another replica.
     EndedElsewhere,
     /// Another replica pursues the goal from now on.
     TakenOver,
 }
 
-/// The kind of an [`GoalEvent`], for the table of transitions.
+/// Kind of a [`GoalEvent`], for the table of transitions.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum GoalEventKind {
-    /// [`GoalEvent::Considered`].
+    /// Kind of [`GoalEvent::Considered`].
     Considered,
-    /// [`GoalEvent::DomainMissing`].
+    /// Kind of [`GoalEvent::DomainMissing`].
     DomainMissing,
-    /// [`GoalEvent::DomainUnusable`].
+    /// Kind of [`GoalEvent::DomainUnusable`].
     DomainUnusable,
-    /// [`GoalEvent::GoalInvalid`].
+    /// Kind of [`GoalEvent::GoalInvalid`].
     GoalInvalid,
-    /// [`GoalEvent::GoalHolds`].
+    /// Kind of [`GoalEvent::GoalHolds`].
     GoalHolds,
-    /// [`GoalEvent::GoalLost`].
+    /// Kind of [`GoalEvent::GoalLost`].
     GoalLost,
-    /// [`GoalEvent::AgentsBusy`].
+    /// Kind of [`GoalEvent::AgentsBusy`].
     AgentsBusy,
-    /// [`GoalEvent::GoalOpen`].
+    /// Kind of [`GoalEvent::GoalOpen`].
     GoalOpen,
-    /// [`GoalEvent::PlannerFailed`].
+    /// Kind of [`GoalEvent::PlannerFailed`].
     PlannerFailed,
-    /// [`GoalEvent::BidsOutdated`].
+    /// Kind of [`GoalEvent::BidsOutdated`].
     BidsOutdated,
-    /// [`GoalEvent::PlanFound`].
+    /// Kind of [`GoalEvent::PlanFound`].
     PlanFound,
-    /// [`GoalEvent::PlanMissing`].
+    /// Kind of [`GoalEvent::PlanMissing`].
     PlanMissing,
-    /// [`GoalEvent::Explained`].
+    /// Kind of [`GoalEvent::Explained`].
     Explained,
-    /// [`GoalEvent::ExecutorRestarted`].
+    /// Kind of [`GoalEvent::ExecutorRestarted`].
     ExecutorRestarted,
-    /// [`GoalEvent::OtherPlanRuns`].
+    /// Kind of [`GoalEvent::OtherPlanRuns`].
     OtherPlanRuns,
-    /// [`GoalEvent::ExecutionEnded`].
+    /// Kind of [`GoalEvent::ExecutionEnded`].
     ExecutionEnded,
-    /// [`GoalEvent::Verified`].
+    /// Kind of [`GoalEvent::Verified`].
     Verified,
-    /// [`GoalEvent::Cancelled`].
+    /// Kind of [`GoalEvent::Cancelled`].
     Cancelled,
-    /// [`GoalEvent::Yielded`].
+    /// Kind of [`GoalEvent::Yielded`].
     Yielded,
-    /// [`GoalEvent::AgentsReleased`].
+    /// Kind of [`GoalEvent::AgentsReleased`].
     AgentsReleased,
-    /// [`GoalEvent::WorldChanged`].
+    /// Kind of [`GoalEvent::WorldChanged`].
     WorldChanged,
-    /// [`GoalEvent::EndedElsewhere`].
+    /// Kind of [`GoalEvent::EndedElsewhere`].
     EndedElsewhere,
-    /// [`GoalEvent::TakenOver`].
+    /// Kind of [`GoalEvent::TakenOver`].
     TakenOver,
 }
 
-/// Whether a goal may be planned for now.
+/// Conditions that decide whether a goal may be planned for now.
 #[derive(Clone, Debug, Default)]
 pub struct Turn {
-    /// Reason why this partition must not plan for the goal; `None` if it may.
+    /// Reason why this partition must not plan for the goal; `None` if planning is allowed.
     pub missing_quorum: Option<String>,
     /// Whether another goal is being planned for.
     pub is_planning_busy: bool,
-    /// Agents that other goals use and that the goal's planning mode leaves to them.
+    /// Agents that other goals use and that this goal must not take, in its planning mode.
     pub agents_in_use: BTreeSet<AgentId>,
 }
 
-/// The goals that a goal must wait for.
+/// Goals that another goal must wait for.
 #[derive(Clone, Debug, Default)]
 pub struct Blockers {
-    /// The conditions of these goals, as text.
+    /// Conditions of these goals, as text.
     pub goals: Vec<String>,
-    /// The agents that planning left to these goals; empty if the wait is not for agents.
+    /// Agents that planning was not allowed to use, because these goals use them. The set is empty
+    /// if the wait has another reason.
     pub agents: BTreeSet<AgentId>,
 }
 
-/// Decision about what is done with a plan that was found.
+/// Decision about a plan that was found.
 #[derive(Clone, Debug)]
 pub enum PlanDecision {
     /// Execute the plan at once.
     Run,
-    /// Execute the plan after the goals listed here have yielded.
+    /// Execute the plan after the listed goals have yielded.
     Preempt(Vec<ConversationId>, Blockers),
-    /// Do not execute the plan yet: wait for other goals.
+    /// Do not execute the plan yet. Wait for other goals.
     WaitFor(Blockers),
-    /// Do not execute the plan: it would undo the kept goals named in this text.
+    /// Do not execute the plan, because it would undo the kept goals that the text names.
     Conflict(String),
 }
 
-/// Why there is no plan for a goal, and what might help.
+/// Reason why there is no plan for a goal, and remedies that may apply.
 #[derive(Clone, Debug, Default)]
 pub struct MissingPlan {
     /// Reason why there is no plan, as text for a person.
@@ -189,7 +196,7 @@ pub struct MissingPlan {
     pub can_preempt: bool,
     /// Goals of at least the same priority that use agents, and the agents that planning left out.
     pub blockers: Blockers,
-    /// Whether other goals that must not be undone hold now.
+    /// Whether any kept goal holds now that a plan must not undo.
     pub has_kept_goals: bool,
 }
 
@@ -198,40 +205,41 @@ pub struct MissingPlan {
 pub enum ExecutionEnd {
     /// Every step is done.
     Done,
-    /// The Plan Executor has cancelled the plan. The text is its reason.
+    /// The Plan Executor has cancelled the plan. The text gives its reason.
     Cancelled(String),
-    /// The plan has failed. The pair names the action that failed, if one did.
+    /// The plan has failed. The pair is the agent and its action that failed; `None` if no action
+    /// is to blame.
     Failed(Report, Option<(AgentId, String)>),
-    /// The Plan Executor does not answer or has declined the plan. The text is the reason; planning is
-    /// tried again after the time.
+    /// The Plan Executor does not answer or has declined the plan. The text gives the reason;
+    /// planning is tried again after the duration.
     Unknown(String, Duration),
 }
 
-/// Result of comparing the known state with a goal after its plan was carried out.
+/// Result of comparing the known state with a goal after the plan was executed.
 #[derive(Clone, Debug)]
 pub enum GoalVerdict {
     /// The goal holds.
     Holds,
-    /// A part of the goal does not hold. The text says which.
+    /// A part of the goal does not hold. The text names that part.
     Unmet(String),
-    /// The goal cannot be compared with the state. The text is the reason.
+    /// The goal cannot be compared with the state. The text gives the reason.
     Unusable(String),
-    /// No Domain Maintainer has answered.
+    /// No Domain Maintainer has answered the query for the state.
     Unanswered,
 }
 
-/// Something that the owner of a goal must do.
+/// Command that the owner of a goal must carry out.
 #[derive(Clone, Debug)]
 pub enum GoalCommand {
-    /// Consider the goal again at once.
+    /// Check the goal again at once.
     Consider,
-    /// Consider the goal after this time; a former timer of the goal no longer counts.
+    /// Check the goal after this time. The command replaces an earlier timer of the goal.
     ConsiderAfter(Duration),
     /// Stop the goal's timer.
     StopTimer,
     /// Fetch the domain and the state.
     FetchDomain(Attempt),
-    /// Look for a plan.
+    /// Search for a plan.
     Plan(Attempt),
     /// Find out why there is no plan.
     Explain(Attempt),
@@ -239,29 +247,29 @@ pub enum GoalCommand {
     RejectProposals(&'static str),
     /// Execute the plan that was found.
     Execute(Attempt),
-    /// Ask the Plan Executor for the goal's plan again.
+    /// Request the running plan of the goal from the Plan Executor again.
     RequestExecution(Attempt),
-    /// Replace the goal's plan by the one that the Plan Executor runs.
+    /// Replace the goal's plan by the plan that the Plan Executor runs.
     AdoptRunningPlan,
-    /// Ask the Plan Executor to cancel the goal's plan.
+    /// Request the Plan Executor to cancel the goal's plan.
     CancelExecution,
-    /// Ask the Planning Agent to stop planning.
+    /// Request the Planning Agent to stop planning.
     CancelPlanning,
-    /// Compare the known state with the goal, after this time.
+    /// Compare the known state with the goal after this time.
     Verify(Attempt, Duration),
-    /// Forget the goal's plan: the goal holds.
+    /// Forget the goal's plan, because the goal holds.
     ForgetPlan,
     /// Free the agents that the goal's plan used.
     ReleaseAgents,
-    /// Ask these goals to yield.
+    /// Request these goals to yield.
     Preempt(Vec<ConversationId>),
     /// Plan for the next goal in the queue.
     ScheduleNext,
-    /// Report to the initiator.
+    /// Send this report to the initiator.
     Report(Report),
     /// End the goal with this outcome and reason.
     End(Outcome, String),
-    /// Drop all work for the goal; another replica pursues it.
+    /// Drop all work for the goal, because another replica pursues it.
     Abandon,
 }
 
@@ -297,7 +305,8 @@ impl GoalEvent {
         }
     }
 
-    /// Returns the work that this event ends or tells of; `None` if it is about none.
+    /// Returns the attempt (piece of work) that this event reports on; `None` if the event does not
+    /// belong to an attempt.
     pub fn attempt(&self) -> Option<Attempt> {
         match self {
             GoalEvent::DomainMissing(attempt)

@@ -13,48 +13,49 @@ use crate::event::{
 };
 use crate::transitions::is_lawful;
 
-/// Delay between a change of the world and the next check of the goals. News of one event arrive in
-/// several messages, which one check then covers.
+/// Delay between a change of the world and the next check of the goals. One change causes several
+/// messages, and a single check covers all of them.
 pub const SETTLE_DELAY: Duration = Duration::from_millis(20);
 
-/// Interval at which waiting and holding goals are checked even if no news have come. A broadcast may
-/// be lost.
+/// Interval at which waiting and holding goals are checked even without any message of a change,
+/// because a broadcast may be lost.
 pub const RECHECK_INTERVAL: Duration = Duration::from_secs(10);
 
-/// Number of plans in a row that may fail before a goal that is to be achieved once is given up. Every
-/// failure rules out an action for a while, so this many failures mean that no other way is left.
+/// Number of plans in a row that may fail before a goal that is to be achieved once is given up.
+/// Every failure rules out an action for a while, so this many failures mean that no other way is
+/// left.
 pub const FAILURES_MAX: u32 = 12;
 
-/// Delay before planning again when no plan was found. After this delay the latest announcements of all
-/// agents have arrived here, also on a busy machine.
+/// Delay before planning again when no plan was found. Within this delay the latest announcements
+/// of all agents arrive here, even on a busy machine.
 const ANNOUNCEMENT_DELAY: Duration = Duration::from_millis(100);
 
-/// Delay before a question to another agent is asked again if no answer was received.
+/// Delay before a query to another agent is repeated if no answer was received.
 const ASK_AGAIN: Duration = Duration::from_millis(500);
 
-/// Duration of the warm-up after a fail-over, in which a missing agent does not count as gone. Daemons
-/// that boot together need this long to connect and to announce their models.
+/// Duration of the warm-up after a fail-over, during which a missing agent does not count as gone.
+/// Daemons that boot together need this long to connect and to announce their models.
 const WARM_UP: Duration = Duration::from_secs(10);
 
 /// How long a goal counts as blocked by agents that other goals use, without planning for it again.
 /// After this time planning is tried again, because the state may have changed.
 const STILL_BLOCKED: Duration = Duration::from_secs(5);
 
-/// Maximum number of goals that are listed by name in a message about what blocks a goal.
+/// Maximum number of blocking goals that a message to the initiator lists by name.
 const BLOCKERS_TOLD: usize = 3;
 
-/// Number of checks of the goal before its plan counts as carried out in vain. An agent's last
-/// heartbeat may still be on its way.
+/// Number of checks of the goal before its executed plan counts as ineffective. The last heartbeat
+/// of an agent may arrive after the first check.
 const LOOKS_MAX: u32 = 3;
 
-/// Number of failed plans in a row after which planning again backs off, so that a permanent fault does
-/// not load the machine. The retries before are immediate.
+/// Number of failed plans in a row before replanning backs off, so that a permanent fault does not
+/// load the machine. Up to this number, planning is repeated at once.
 const IMMEDIATE_RETRIES: u32 = 3;
 
 const NO_MAINTAINER: &str = "no Domain Maintainer answers";
 const CANCELLED: &str = "cancelled as asked";
 
-/// Settings that the life of a goal depends on.
+/// Settings that affect the state machine of a goal.
 #[derive(Clone, Copy, Debug)]
 pub struct Policy {
     /// Whether a new plan is made when a plan fails.
@@ -69,7 +70,7 @@ pub struct GoalState {
     keep: Keep,
     phase: GoalPhase,
     attempt: Attempt,
-    /// Reason why the goal waits; empty in every other phase.
+    /// Reason why the goal waits; empty in every phase without waiting.
     waits_because: String,
     rounds: u32,
     /// Number of plans in a row that have failed.
@@ -77,13 +78,13 @@ pub struct GoalState {
     planning_mode: PlanningMode,
     /// Time at which this replica took the goal over; `None` if it has had the goal from the start.
     adopted_at: Option<Duration>,
-    /// The blockers that the initiator was last told of.
+    /// The blockers that the last report to the initiator named, as text.
     blocked_by: String,
-    /// The agents that other goals used when this goal was found to need some of them, and the time
-    /// until which this finding counts. While all these agents are still in use, planning again would
-    /// find nothing new.
+    /// The agents that blocked this goal at the last check because other goals used them, and the
+    /// time until which this result is valid. Planning again is useless while all of them are still
+    /// in use.
     blocked_by_agents: Option<(BTreeSet<AgentId>, Duration)>,
-    /// Reason why the last round of planning found no plan, as the initiator was told.
+    /// Reason why the last round of planning found no plan, as reported to the initiator.
     no_plan_because: String,
     /// Time since which there is no plan for the goal, with no agent joining or leaving in between.
     no_plan_since: Option<Duration>,
@@ -91,14 +92,15 @@ pub struct GoalState {
     outdated_since: Option<Duration>,
     /// Whether agents have joined or left since planning for this goal began.
     is_request_stale: bool,
-    /// Whether the initiator was told that the goal holds, since the goal last did not hold.
+    /// Whether the initiator has received a report that the goal holds, since the goal last did not
+    /// hold.
     is_holding_reported: bool,
     /// Number of checks of the goal since its plan was carried out.
     looks: u32,
     backoffs: ActionBackoffs,
 }
 
-/// Returns the report that a kept goal holds.
+/// Returns the report to the initiator that a kept goal holds.
 pub fn holding() -> Report {
     Report::new(Outcome::Holds, "the goal holds; it is watched")
 }
@@ -131,9 +133,9 @@ impl GoalState {
         }
     }
 
-    /// Returns the state of a goal that this replica takes over, after `rounds` plans of which the last
-    /// `failures` failed, and the commands that resume it. `is_running` says whether a plan of the goal
-    /// runs.
+    /// Returns the state of a goal that this replica takes over, and the commands that resume it.
+    /// `rounds` is the number of plans that earlier replicas executed, `failures` how many of the
+    /// last ones failed in a row, and `is_running` whether a plan of the goal runs now.
     pub fn resumed(
         keep: Keep,
         (rounds, failures): (u32, u32),
@@ -150,18 +152,18 @@ impl GoalState {
         (state, vec![requested, progress("the goal was taken over; its plan goes on")])
     }
 
-    /// Returns the phase.
+    /// Returns the current phase of the goal.
     pub fn phase(&self) -> GoalPhase {
         self.phase
     }
 
-    /// Returns the reason why the goal waits, as text that completes “waiting: ”; empty if it does not
-    /// wait for anything.
+    /// Returns the reason why the goal waits, as text that completes “waiting: ”; empty if the goal
+    /// does not wait.
     pub fn waits_because(&self) -> &str {
         &self.waits_because
     }
 
-    /// Returns the number of the work that was begun last.
+    /// Returns the number of the work that the state machine began last.
     pub fn attempt(&self) -> Attempt {
         self.attempt
     }
@@ -181,24 +183,25 @@ impl GoalState {
         self.planning_mode
     }
 
-    /// Returns the actions that failed in earlier plans.
+    /// Returns the back-off of actions that failed in earlier plans.
     pub fn backoffs(&self) -> &ActionBackoffs {
         &self.backoffs
     }
 
-    /// Returns the actions that failed in earlier plans, to be compared with the present offers.
+    /// Returns the back-off of failed actions for changes, such as a comparison with the present
+    /// offers.
     pub fn backoffs_mut(&mut self) -> &mut ActionBackoffs {
         &mut self.backoffs
     }
 
-    /// Notes that all bids use action models that are known.
+    /// Records that every bid uses an action model that the Domain Maintainer has.
     pub fn note_bids_current(&mut self) {
         self.outdated_since = None;
     }
 
-    /// Changes the state by an event that happened at the time `now`, and returns what must be done
-    /// about it, in this order. An event of earlier work, and an event that the table has no transition
-    /// for, changes nothing.
+    /// Changes the state by an event that happened at the time `now`. Returns the commands that the
+    /// owner must carry out, in this order. Two kinds of events change nothing: those of earlier
+    /// work, and those without a transition in the table.
     pub fn handle(&mut self, event: GoalEvent, now: Duration, policy: Policy) -> Vec<GoalCommand> {
         let (kind, from) = (event.kind(), self.phase);
         let is_of_earlier_work = event.attempt().is_some_and(|attempt| attempt != self.attempt);
@@ -259,7 +262,8 @@ impl GoalState {
         }
     }
 
-    /// Enters a phase. A phase that waits for a reason gets the reason afterwards.
+    /// Enters a phase and clears the reason for waiting. A caller that enters a waiting phase sets
+    /// the reason afterwards.
     fn enter(&mut self, phase: GoalPhase) {
         self.phase = phase;
         self.waits_because.clear();
@@ -270,8 +274,9 @@ impl GoalState {
         self.attempt
     }
 
-    /// Whether the goal was taken over less than [`WARM_UP`] ago. The agents that could reach the goal
-    /// may not be known yet: after a power cut all machines start at once, some of them slowly.
+    /// Whether the goal was taken over less than [`WARM_UP`] ago. The agents that could reach the
+    /// goal may not be known yet: after a power cut all machines start at once, some of them
+    /// slowly.
     fn in_warm_up(&self, now: Duration) -> bool {
         self.adopted_at.is_some_and(|adopted| now < adopted.saturating_add(WARM_UP))
     }
@@ -284,7 +289,7 @@ impl GoalState {
             self.enter(GoalPhase::WaitingForChange);
             self.waits_because.clone_from(&why);
             let told = (!is_told).then(|| progress(format!("waiting: {why}")));
-            // Goals that need no quorum go on.
+            // Other goals may not need the quorum.
             return told.into_iter().chain([GoalCommand::ScheduleNext]).collect();
         }
         if turn.is_planning_busy {
@@ -346,8 +351,8 @@ impl GoalState {
         }
     }
 
-    /// Waits for the newer action models of bidders for a while. After that time the bids count as they
-    /// are.
+    /// Waits for the newer action models of the bidders, up to a limit of time. After the limit no
+    /// command is returned, and the owner uses the bids as they are.
     fn bids_outdated(&mut self, why: String, now: Duration, policy: Policy) -> Vec<GoalCommand> {
         let since = *self.outdated_since.get_or_insert(now);
         if now.saturating_sub(since) >= ANNOUNCEMENT_DELAY.max(policy.grace) {
@@ -391,8 +396,8 @@ impl GoalState {
         }
     }
 
-    /// Continues when the reason for the missing plan is known: tries the next mode of planning, waits
-    /// for other goals, or reports the reason.
+    /// Handles the reason for the missing plan: tries the next mode of planning, waits for other
+    /// goals, or reports the reason.
     fn explained(
         &mut self,
         missing: MissingPlan,
@@ -444,16 +449,16 @@ impl GoalState {
         told.into_iter().chain([GoalCommand::ScheduleNext]).collect()
     }
 
-    /// Makes the goal wait for the time `wait`, and then considers it again. Other goals may be planned
-    /// for meanwhile.
+    /// Makes the goal wait for the time `wait`, after which the goal is checked again. Other goals
+    /// may be planned for during the wait.
     fn wait(&mut self, why: String, wait: Duration) -> Vec<GoalCommand> {
         self.enter(GoalPhase::WaitingForChange);
         self.waits_because = why;
         vec![GoalCommand::ConsiderAfter(wait), GoalCommand::ScheduleNext]
     }
 
-    /// Handles a plan that failed or could not be made: plans for the goal again after the time `wait`,
-    /// or gives the goal up.
+    /// Handles a plan that failed or could not be made: plans for the goal again after the time
+    /// `wait`, or gives the goal up.
     fn retry(&mut self, why: String, wait: Duration, policy: Policy) -> Vec<GoalCommand> {
         self.failures += 1;
         let gives_up = self.keep == Keep::Achieve && self.failures >= FAILURES_MAX;
@@ -468,17 +473,17 @@ impl GoalState {
         commands
     }
 
-    /// Handles that planning found no plan. While news may still be on their way, plans once more. After
-    /// that a goal that is to be achieved once ends; a kept goal waits until the ecosystem changes, or
-    /// until a failed action may be tried again.
+    /// Handles a round of planning without a plan. While messages of recent changes may still
+    /// arrive, plans once more. After that, a goal that is to be achieved once ends; a kept goal
+    /// waits until the ecosystem changes, or until a failed action may be tried again.
     fn no_plan(&mut self, why: String, now: Duration, policy: Policy) -> Vec<GoalCommand> {
         if std::mem::take(&mut self.is_request_stale) {
-            // The search used a state of the world that is out of date.
+            // The search used an outdated state of the world.
             return self.wait(why, SETTLE_DELAY);
         }
         let chance = self.backoffs.next_chance(now);
         if chance.is_none() && policy.is_replanning {
-            // An agent may know facts about itself that have not arrived here yet. An agent that could
+            // A fact that an agent has observed may not have arrived here yet. An agent that could
             // reach the goal may be absent for a moment.
             let patience = ANNOUNCEMENT_DELAY.max(policy.grace);
             let waited = now.saturating_sub(*self.no_plan_since.get_or_insert(now));
@@ -502,8 +507,8 @@ impl GoalState {
 
     // === execution ===
 
-    /// Continues with a plan of the goal that is already running, in place of the plan made here. If the
-    /// former plan was to be cancelled, the running one is.
+    /// Continues with a plan of the goal that already runs, in place of the plan made here. If the
+    /// replaced plan was to be cancelled, the running plan is cancelled.
     fn other_plan_runs(&mut self, round: u32) -> Vec<GoalCommand> {
         self.rounds = self.rounds.max(round);
         let adopted =
@@ -522,7 +527,7 @@ impl GoalState {
         policy: Policy,
     ) -> Vec<GoalCommand> {
         let from = self.phase;
-        // Other goals wait until it is clear whether this goal is reached: their plans might undo it.
+        // Other goals wait until this goal is verified, because their plans might undo it.
         let is_verified_first = from == GoalPhase::Executing
             && self.keep == Keep::Achieve
             && matches!(end, ExecutionEnd::Done);
@@ -530,12 +535,13 @@ impl GoalState {
             (GoalPhase::Cancelling, end) => self.cancelled_in_execution(end),
             (_, ExecutionEnd::Done) if self.keep == Keep::Achieve => self.verify_first(),
             (_, ExecutionEnd::Done) => {
-                // Checked once more before it is reported to hold: an agent may have left meanwhile.
+                // The goal is checked once more before it is reported to hold: an agent may have
+                // left during the execution.
                 self.failures = 0;
                 self.enter(GoalPhase::Holding);
                 vec![GoalCommand::ConsiderAfter(SETTLE_DELAY), GoalCommand::ScheduleNext]
             }
-            // The goal queues for its turn; the goal that it yielded to comes first.
+            // The goal waits in the queue, behind the goal that it yielded to.
             (GoalPhase::Preempted, _) => {
                 self.enter(GoalPhase::Queued);
                 vec![GoalCommand::ScheduleNext]
@@ -606,7 +612,7 @@ impl GoalState {
         }
     }
 
-    /// Ends the goal. If its plan was being verified, its agents are free afterwards.
+    /// Ends the goal. If its plan was being verified, its agents are released, too.
     fn end(&mut self, outcome: Outcome, detail: impl Into<String>) -> Vec<GoalCommand> {
         let released = (self.phase == GoalPhase::Verifying).then_some(GoalCommand::ReleaseAgents);
         self.enter(GoalPhase::Ended);
@@ -616,8 +622,8 @@ impl GoalState {
 
     // === changes of the world ===
 
-    /// Handles a change of the world: a goal that held may not hold now, and a waiting goal may have a
-    /// plan.
+    /// Handles a change of the world. A goal that held may not hold now, and a waiting goal may
+    /// have a plan.
     fn world_changed(
         &mut self,
         joined: &[AgentId],

@@ -1,15 +1,16 @@
-//! The life of a goal as a state machine: events in, commands out. No clock and no I/O.
+//! The progress of a goal as a state machine: events in, commands out. No clock and no I/O.
 //!
-//! A [`GoalState`] has a phase (`acl::content::GoalPhase`). Its only way to another phase is
-//! [`GoalState::handle`], which takes an [`GoalEvent`] and returns the [`GoalCommand`]s that its owner, the
-//! Plan Requester, carries out in their order. [`TRANSITIONS`] lists every lawful transition; the
-//! diagram in `docs/goals.md` is drawn from it, and tests execute it.
+//! A [`GoalState`] has a phase (`acl::content::GoalPhase`), which only [`GoalState::handle`]
+//! changes. This function takes a [`GoalEvent`] and returns [`GoalCommand`]s. The owner of the
+//! state, the Plan Requester, carries the commands out in their order. [`TRANSITIONS`] lists every
+//! valid transition; the diagram in `docs/goals.md` is drawn from this table, and tests check the
+//! state machine against it.
 //!
 //! - Time is a parameter: a `Duration` since an origin that the owner chooses.
-//! - Work that a command begins (a question, a search, an execution) has a number, its [`Attempt`]. An
-//!   event that ends work names the attempt; an event of an earlier attempt changes nothing.
-//! - A goal ends exactly once: [`GoalCommand::End`] leads to the phase `Ended`, in which every event is
-//!   ignored.
+//! - Work that a command begins (a question, a search, an execution) has a number, its [`Attempt`].
+//!   An event that ends work names the attempt; an event of an earlier attempt changes nothing.
+//! - A goal ends exactly once: [`GoalCommand::End`] leads to the phase `Ended`, in which every
+//!   event is ignored.
 //!
 //! Start reading at [`TRANSITIONS`], then `goal_state.rs`.
 

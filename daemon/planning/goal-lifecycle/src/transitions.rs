@@ -1,4 +1,4 @@
-//! The lawful transitions of a goal: which event leads from which phase to which.
+//! The valid transitions of a goal: which event leads from which phase to which.
 
 use acl::content::GoalPhase::{
     self, Cancelling, CollectingProposals, Ended, Executing, Explaining, FetchingDomain, Holding,
@@ -7,24 +7,24 @@ use acl::content::GoalPhase::{
 
 use crate::event::GoalEventKind;
 
-/// The phases in which an event counts.
+/// Set of phases in which an event has an effect.
 #[derive(Clone, Copy, Debug)]
 pub enum PhaseSet {
-    /// These phases.
+    /// Exactly these phases.
     Only(&'static [GoalPhase]),
-    /// All phases but these, in which the goal has not ended.
+    /// All phases except these and `Ended`.
     AllBut(&'static [GoalPhase]),
 }
 
-/// A row of the table: an event, the phases in which it counts, and the phases that it may lead to. An
-/// event that is not listed for a phase changes nothing in that phase.
+/// Row of the table of transitions. An event that no row lists for a phase changes nothing in that
+/// phase.
 #[derive(Clone, Copy, Debug)]
 pub struct GoalTransition {
-    /// The event.
+    /// Kind of the event.
     pub event: GoalEventKind,
-    /// The phases in which the event counts.
+    /// Phases in which the event has an effect.
     pub from: PhaseSet,
-    /// The phases that the event leads to.
+    /// Phases that the event may lead to.
     pub to: &'static [GoalPhase],
     /// Whether the goal may also stay in its phase.
     pub may_stay: bool,
@@ -67,7 +67,7 @@ impl PhaseSet {
     }
 }
 
-/// All lawful transitions of a goal.
+/// All valid transitions of a goal.
 pub const TRANSITIONS: &[GoalTransition] = &[
     may_lead(
         GoalEventKind::Considered,
@@ -118,7 +118,7 @@ pub const TRANSITIONS: &[GoalTransition] = &[
     leads(GoalEventKind::TakenOver, ALIVE, &[Ended]),
 ];
 
-/// Whether the event counts in the phase.
+/// Whether the table has a row for the event in this phase.
 pub(crate) fn is_expected(event: GoalEventKind, phase: GoalPhase) -> bool {
     TRANSITIONS.iter().any(|row| row.event == event && row.from.contains(phase))
 }

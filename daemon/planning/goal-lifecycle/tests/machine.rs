@@ -90,12 +90,12 @@ fn events(attempt: Attempt) -> Vec<GoalEvent> {
     ]
 }
 
-/// What the owner of a goal would see of it: the work that runs, the plans that run, the ends that were
-/// told. It checks every command as it comes.
+/// The owner of a goal in these tests: the running work, the running plans, and the reported ends.
+/// Each command is checked when the owner receives it.
 struct Owner {
     state: GoalState,
     now: Duration,
-    /// Whether a plan of the goal runs at the executor.
+    /// Whether the executor runs a plan of the goal.
     runs: bool,
     /// Whether the executor was asked to cancel that plan.
     is_cancelling: bool,
@@ -117,7 +117,7 @@ impl Owner {
         }
     }
 
-    /// Lets an event happen, and checks what the machine answers.
+    /// Handles an event and checks the commands and the transition.
     fn tell(&mut self, event: GoalEvent, policy: Policy) {
         let (kind, attempt, from) = (event.kind(), event.attempt(), self.state.phase());
         let is_current = attempt.is_none_or(|attempt| attempt == self.state.attempt());
@@ -184,14 +184,15 @@ impl Owner {
         }
     }
 
-    /// Checks what must be true between any two events.
+    /// Checks the invariants that hold between any two events.
     fn check(&self, phase: GoalPhase) {
         let is_with_executor =
             matches!(phase, GoalPhase::Executing | GoalPhase::Preempted | GoalPhase::Cancelling);
         if phase != GoalPhase::Ended {
             assert_eq!(self.runs, is_with_executor, "in {phase:?}");
             assert_eq!(self.is_cancelling, is_with_executor && phase != GoalPhase::Executing);
-            // A goal that waits for a change is looked at again, unless it waits for the quorum.
+            // A goal that waits for a change is checked again later, unless it waits for the
+            // quorum.
             let is_waiting = matches!(phase, GoalPhase::WaitingForChange | GoalPhase::Holding);
             let waits_for_quorum = self.state.waits_because() == "no quorum";
             assert!(!is_waiting || self.has_timer || waits_for_quorum);
@@ -225,7 +226,7 @@ fn one_in_each_phase(keep: Keep) -> Vec<GoalState> {
 }
 
 #[test]
-fn every_event_in_every_phase_does_what_the_table_says() {
+fn every_event_in_every_phase_follows_the_table() {
     let mut seen = BTreeSet::new();
     for keep in [Keep::Achieve, Keep::Maintain] {
         let states = one_in_each_phase(keep);
@@ -259,7 +260,7 @@ fn the_search_reaches_every_phase() {
 }
 
 #[test]
-fn a_goal_ends_after_so_many_failures_and_a_kept_one_does_not() {
+fn an_achieve_goal_ends_after_too_many_failures_and_a_maintain_goal_does_not() {
     for (keep, ends) in [(Keep::Achieve, true), (Keep::Maintain, false)] {
         let mut state = GoalState::new(keep);
         for _ in 0..goal_lifecycle::FAILURES_MAX {
@@ -275,7 +276,7 @@ fn a_goal_ends_after_so_many_failures_and_a_kept_one_does_not() {
 }
 
 #[test]
-fn an_answer_of_earlier_work_changes_nothing() {
+fn a_result_of_an_earlier_attempt_is_ignored() {
     let mut state = GoalState::new(Keep::Achieve);
     state.handle(GoalEvent::Considered(Turn::default()), Duration::ZERO, POLICY);
     let fetching = state.attempt();
@@ -288,8 +289,8 @@ fn an_answer_of_earlier_work_changes_nothing() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 2_000, ..ProptestConfig::default() })]
 
-    /// Whatever happens, in any order and also late: never two running plans, one end, nothing
-    /// forgotten.
+    /// In any order of events, also of late ones: at most one plan runs, the goal ends at most
+    /// once, and a waiting goal is always considered again.
     #[test]
     fn random_events_keep_the_invariants(
         kept in any::<bool>(),

@@ -1,9 +1,9 @@
-//! Verification of confirmed steps: an agent that confirms a change and contradicts it in its next
-//! heartbeat has not made the change.
+//! Verification of confirmed steps. If the next heartbeat of an agent contradicts the change that
+//! the agent confirmed, the change was not made.
 //!
-//! A device updates its heartbeat before it confirms a change, so that its last heartbeat normally
-//! agrees with the change already. The Plan Executor waits for the next heartbeat only if the last one
-//! does not agree.
+//! A device updates its heartbeat before it confirms a change, so the last heartbeat usually agrees
+//! with the change already. The Plan Executor waits for the next heartbeat only if the last one
+//! contradicts the change.
 
 use std::collections::BTreeMap;
 
@@ -24,11 +24,11 @@ struct LastHeartbeat {
 /// A confirmed change that contradicts the last heartbeat of its agent.
 #[derive(Clone, Debug)]
 pub(crate) struct UnverifiedEffect {
-    /// The ground action that the agent confirmed, under the name that the agent uses.
+    /// The ground action that the agent confirmed, under the agent's own name for it.
     pub(crate) action: String,
     change: ChangeState,
-    /// Incarnation and sequence number of the heartbeat that contradicts the change; only a later
-    /// heartbeat decides whether the change was made.
+    /// Incarnation and sequence number of the heartbeat that contradicts the change. Only a later
+    /// heartbeat can verify or refute the change.
     contradicted_by: (Incarnation, u64),
 }
 
@@ -64,10 +64,9 @@ impl LastHeartbeats {
         Some(UnverifiedEffect { action, change: change.clone(), contradicted_by: word.received_as })
     }
 
-    /// Checks an unverified change (`doubt`) against a heartbeat of `agent` that is later than the one
-    /// which contradicted the change. Returns `None` if no later heartbeat has arrived, `Some(None)` if
-    /// the later heartbeat agrees with the change, and otherwise a fact of it that contradicts the
-    /// change.
+    /// Checks an unverified change (`doubt`) against a later heartbeat of `agent` than the
+    /// contradicting one. Returns `None` if no later heartbeat has arrived, `Some(None)` if the
+    /// later heartbeat does not contradict the change, and otherwise a fact in it that does.
     pub(crate) fn check_again(
         &self,
         agent: &AgentId,
@@ -78,9 +77,10 @@ impl LastHeartbeats {
     }
 }
 
-/// Returns a fact in the heartbeat text `said` that contradicts a change. Such a fact is one that the
-/// change made false, or one with another value than a fact that the change made true: `(at robot
-/// here)` contradicts the change to `(at robot there)`.
+/// Returns a fact in the heartbeat text `said` that contradicts a change; `None` if no fact does. A
+/// fact contradicts the change if the change made it false, or made true a fact with the same
+/// predicate and first argument but another value. For example, `(at robot here)` contradicts the
+/// change to `(at robot there)`.
 fn contradiction(said: &str, change: &ChangeState) -> Option<String> {
     let (said, believed, retracted) = (atoms(said), atoms(&change.believe), atoms(&change.retract));
     let about = |atom: &Atom| (atom.predicate.clone(), atom.arguments.first().cloned());
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_to_become_false_and_another_value_deny() {
+    fn a_retracted_fact_and_another_value_contradict_the_change() {
         let (here, there) = ("(at r here)", "(at r there)");
         check(here, there, here, Some(here));
         check(here, there, "", Some(here));
@@ -120,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn what_agrees_and_what_is_about_something_else_does_not() {
+    fn an_equal_or_unrelated_fact_does_not_contradict_the_change() {
         let there = "(at r there)";
         check(there, there, "(at r here)", None);
         check("(at s here) (speed r)", there, "(at r here)", None);

@@ -1,5 +1,5 @@
-//! Execution state of one plan: the order of its steps, their phases, and the state of the world that
-//! follows from the confirmed steps. This module does no I/O.
+//! Execution state of one plan: the order of its steps, their phases, and the state of the world
+//! that follows from the confirmed steps. There is no I/O here.
 
 use acl::AgentId;
 use acl::content::{ChangeState, Execute, Offer, Offers, Snapshot};
@@ -10,8 +10,8 @@ use planner::validate::{Fault, World, cost_from, rest_reaches};
 
 use crate::translate::{ActionRequest, acting_agent, translate};
 
-/// Maximum number of steps that evaluating conditions in the states of one plan takes. Plans of the
-/// largest buildings take some thousands; the limit is reached after some seconds.
+/// Limit on the work of evaluating conditions for one plan, in the validator's steps. Plans of the
+/// largest buildings need some thousands; this limit takes some seconds to reach.
 const EVALUATION_STEPS_MAX: u64 = 20_000_000;
 
 /// A plan that is being executed.
@@ -41,8 +41,8 @@ impl Execution {
     ///
     /// # Errors
     ///
-    /// Returns an error, as text for a person, if a part of the request cannot be parsed or the plan
-    /// does not reach the goal.
+    /// Returns an error, as text for a person, if a part of the request cannot be parsed or the
+    /// plan does not reach the goal.
     pub(crate) fn new(execute: &Execute, knowledge: Knowledge) -> Result<Execution, String> {
         let domain = pddl::parse_domain(&execute.domain).into_result().map_err(first_diagnostic)?;
         let problem =
@@ -73,7 +73,7 @@ impl Execution {
         Ok(execution)
     }
 
-    /// Marks as done a step that another executor completed before this Plan Executor took the plan
+    /// Marks a step as done that another executor completed before this Plan Executor took the plan
     /// over.
     fn take_over(&mut self, step: usize) -> Result<(), String> {
         match self.phases.get(step) {
@@ -83,13 +83,15 @@ impl Execution {
         }
     }
 
-    /// Returns the steps that are done, each with its ground action under the name that its agent uses.
+    /// Returns the steps that are done, each with its ground action under the agent's own name for
+    /// it.
     pub(crate) fn done(&self) -> Vec<(usize, String)> {
         let is_done = |step: &usize| self.phases[*step] == StepPhase::Done;
         (0..self.steps.len()).filter(is_done).map(|step| (step, self.outside(step))).collect()
     }
 
-    /// Returns the steps that have not begun although all steps they depend on are done.
+    /// Returns the steps that can start: they have not begun, and all steps that they depend on are
+    /// done.
     pub(crate) fn ready(&self) -> Vec<usize> {
         let is_done = |step: &usize| self.phases[*step] == StepPhase::Done;
         (0..self.steps.len())
@@ -135,17 +137,17 @@ impl Execution {
         self.phases.iter().all(|phase| *phase == StepPhase::Done)
     }
 
-    /// Returns the part of the goal that does not hold in the state after the confirmed steps; `None`
-    /// if the whole goal holds in that state.
+    /// Returns the part of the goal that does not hold in the state after the confirmed steps;
+    /// `None` if the whole goal holds in that state.
     pub(crate) fn unmet_goal(&self) -> Option<String> {
         let unmet = self.world.failing(&self.problem.goal)?;
         Some(format!("{} does not hold", self.knowledge.original_condition(&unmet)))
     }
 
-    /// Checks the remaining steps against the Domain Maintainer's state and the present action models.
-    /// If these steps still reach the goal and the domain has changed, execution continues with the new
-    /// domain and state. A running step counts as a remaining step, because its effects are not
-    /// confirmed.
+    /// Checks whether the remaining steps still reach the goal, from the Domain Maintainer's state
+    /// and with the present action models. If they do and the domain has changed, execution
+    /// continues with the new domain and state. A running step counts as remaining, because its
+    /// effects are not confirmed.
     ///
     /// # Errors
     ///
@@ -196,11 +198,11 @@ impl Execution {
         Ok(PlanStep { action: offer.schema.as_str().into(), ..step.clone() })
     }
 
-    /// Returns the change after a step that may or may not have been done: every fact that the step
-    /// would have made true or false is unknown.
+    /// Returns the change after a step with an uncertain result: every fact that the step would
+    /// have made true or false becomes unknown.
     pub(crate) fn uncertain(&self, step: usize) -> ChangeState {
         let mut after = self.world.clone();
-        // The step was not applicable, so it changed nothing.
+        // A step that is not applicable has changed nothing.
         if after.apply(&self.steps[step]).is_err() {
             return ChangeState::default();
         }
@@ -228,7 +230,7 @@ impl Execution {
         self.remaining_steps().into_iter().filter_map(|step| acting_agent(&self.steps[step]))
     }
 
-    /// Returns a step as text for a person, with the action name that its agent uses.
+    /// Returns a step as text for a person, with the agent's own name for the action.
     pub(crate) fn step_text(&self, step: usize) -> String {
         format!("`{}`", self.outside(step))
     }
@@ -239,7 +241,7 @@ impl Execution {
     }
 }
 
-/// Returns a fault of a plan, written in the predicates that the goal uses.
+/// Translates the conditions in a fault of a plan back to the predicates that the goal uses.
 fn plain_fault(fault: Fault, knowledge: &Knowledge) -> Fault {
     fault.map(|part| knowledge.original_condition(part))
 }

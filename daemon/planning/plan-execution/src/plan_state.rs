@@ -11,22 +11,22 @@ use crate::execution::Execution;
 use crate::transitions::{ExecutionEventKind, ExecutionPhase, is_expected, is_lawful};
 use crate::translate::ActionRequest;
 
-/// Something that happened to a running plan. Steps are named by their index.
+/// Event that happened to a running plan. Steps are identified by their index.
 #[derive(Clone, Debug)]
 pub enum ExecutionEvent {
-    /// The plan begins, or goes on after a take-over.
+    /// The plan begins, or continues after a take-over.
     Started,
-    /// The agent of a step has reported about it.
+    /// The agent of a step has sent a report about the step.
     StepReported(usize, Report),
     /// The agent of a step has refused it.
     StepRefused(usize, Refusal),
-    /// The agent of a step does not answer. The text is the problem, with the agent's name.
+    /// The agent of a step does not answer. The text describes the problem and names the agent.
     StepLost(usize, String),
-    /// The agent of a cancelled step is absent, so its answer is not waited for.
+    /// The agent of a cancelled step is absent, so its answer is not awaited.
     StepAbandoned(usize),
     /// A heartbeat of the agent has arrived.
     HeartbeatReceived(AgentId),
-    /// The heartbeats that verify the effects are overdue.
+    /// The heartbeats that should verify effects have not arrived in time.
     EffectsOverdue,
     /// The known state or the action models have changed.
     WorldChanged {
@@ -35,24 +35,25 @@ pub enum ExecutionEvent {
         /// Agents that have joined.
         joined: Vec<AgentId>,
     },
-    /// The check that was scheduled with this delay is due.
+    /// The scheduled check with this delay is due.
     CheckDue(CheckDelay),
-    /// The known state has arrived.
+    /// The Domain Maintainer has sent the domain and the known state.
     StateReceived {
         /// The domain and the state.
         snapshot: Box<Snapshot>,
         /// The predicates that the domain uses for unknown facts.
         knowledge: Box<Knowledge>,
-        /// Whether any agent is absent, or was a moment ago: facts that it reported are missing.
+        /// Whether any agent is absent or was absent a moment ago. If so, facts that it reported
+        /// may be missing.
         are_agents_absent: bool,
     },
-    /// The Domain Maintainer has answered about an effect, or cannot be reached.
+    /// The Domain Maintainer has answered a sent effect, or cannot be reached.
     ChangeAnswered,
-    /// The plan is to be cancelled, with this outcome.
+    /// The plan must be cancelled, with this outcome.
     CancelRequested(Report),
 }
 
-/// Something that the owner of a running plan must do.
+/// Command that the owner of a running plan must carry out.
 #[derive(Clone, Debug)]
 pub enum ExecutionCommand {
     /// Request this step from its actuator.
@@ -63,13 +64,13 @@ pub enum ExecutionCommand {
     CloseStep(usize),
     /// Send this effect to the Domain Maintainer. [`ExecutionEvent::ChangeAnswered`] follows.
     SendChange(ChangeState),
-    /// Report to all requesters of the plan.
+    /// Send this report to all requesters of the plan.
     Report(Report),
-    /// Schedule a check of the rest of the plan, in place of one that is scheduled.
+    /// Schedule a check of the remaining steps, in place of an already scheduled check.
     ScheduleCheck(CheckDelay),
-    /// Ask the Domain Maintainer for the known state. [`ExecutionEvent::StateReceived`] follows.
+    /// Query the known state from the Domain Maintainer. [`ExecutionEvent::StateReceived`] follows.
     QueryState,
-    /// Forget the question for the known state, if one is asked.
+    /// Drop the query for the known state, if one is open.
     DropQuery,
     /// Wait for the heartbeats that verify the effects. [`ExecutionEvent::EffectsOverdue`] follows.
     AwaitEffects,
@@ -77,15 +78,15 @@ pub enum ExecutionCommand {
     End(Report),
 }
 
-/// How long a check of the rest of a plan waits.
+/// Delay of a check of the remaining steps.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CheckDelay {
-    /// Until the news of one event have arrived.
+    /// A short delay, until all messages about one change have arrived.
     Settle,
-    /// For the grace, because an agent that the plan needs has left. No news are on their way
-    /// afterwards.
+    /// The grace period, because an agent that the plan needs has left. By then, all messages
+    /// about the departure have arrived.
     GraceAfterDeparture,
-    /// For the grace, because an agent is absent that was not seen to leave.
+    /// The grace period, because an agent is absent that this executor has not seen leave.
     Grace,
 }
 
@@ -95,19 +96,19 @@ pub struct PlanState {
     execution: Execution,
     /// The steps that actuators are carrying out.
     running_steps: BTreeMap<usize, RunningStep>,
-    /// Final report of a plan that is given up; `None` while the plan is not given up.
+    /// Final report of the plan; `None` before the outcome is decided.
     final_report: Option<Report>,
-    /// Number of changes that were sent to the Domain Maintainer and that it has not answered yet.
-    /// While the number is not zero, the Domain Maintainer's state is older than the state known here.
+    /// Number of changes that were sent to the Domain Maintainer and are not answered yet. While
+    /// there are any, the Domain Maintainer's state is older than the state known here.
     unanswered_changes: usize,
     scheduled_check: Option<CheckDelay>,
-    /// Whether the plan has waited for the grace since the last check that succeeded.
+    /// Whether a check has already waited for the grace period since the last successful check.
     is_grace_used: bool,
-    /// Whether the last check has failed. A failed check is repeated once before the plan is given up,
-    /// because news may still be on their way.
+    /// Whether the last check has failed. A failed check is repeated once before the plan is given
+    /// up, because messages of recent changes may not have arrived yet.
     has_check_failed: bool,
-    /// Confirmed changes that contradict the last heartbeat of their agents, kept until the next
-    /// heartbeat of each agent.
+    /// Confirmed changes that contradict the last heartbeat of their agents. Each stays until the
+    /// next heartbeat of its agent.
     unverified_effects: BTreeMap<AgentId, UnverifiedEffect>,
 }
 
@@ -115,9 +116,9 @@ pub struct PlanState {
 #[derive(Clone, Debug)]
 struct RunningStep {
     agent: AgentId,
-    /// The ground action of the step, under the name that its agent uses.
+    /// The ground action of the step, under the agent's own name for it.
     action: String,
-    /// Whether the action counts as failed if the step fails.
+    /// Whether the failure of the step counts as a failure of the action.
     is_blamed: bool,
 }
 
@@ -146,7 +147,7 @@ impl ExecutionEvent {
         }
     }
 
-    /// Returns the step that the event is about; `None` if it is about none.
+    /// Returns the step that the event is about; `None` if the event is about the whole plan.
     fn step(&self) -> Option<usize> {
         match self {
             ExecutionEvent::StepReported(step, _)
@@ -161,13 +162,13 @@ impl ExecutionEvent {
 // === impl PlanState ===
 
 impl PlanState {
-    /// Parses and validates a plan, and computes which of its steps may run side by side. `knowledge`
-    /// has the predicates that the domain uses for unknown facts.
+    /// Parses and validates a plan, and computes which of its steps may run side by side.
+    /// `knowledge` has the predicates that the domain uses for unknown facts.
     ///
     /// # Errors
     ///
-    /// Returns an error, as text for a person, if a part of the request cannot be parsed or the plan
-    /// does not reach the goal.
+    /// Returns an error, as text for a person, if a part of the request cannot be parsed or the
+    /// plan does not reach the goal.
     pub fn new(execute: &Execute, knowledge: Knowledge) -> Result<PlanState, String> {
         Ok(PlanState {
             phase: ExecutionPhase::Running,
@@ -182,12 +183,13 @@ impl PlanState {
         })
     }
 
-    /// Returns the phase.
+    /// Returns the current phase of the execution.
     pub fn phase(&self) -> ExecutionPhase {
         self.phase
     }
 
-    /// Returns the steps that are done, each with its ground action under the name that its agent uses.
+    /// Returns the steps that are done, each with its ground action under the agent's own name for
+    /// it.
     pub fn done(&self) -> Vec<(usize, String)> {
         self.execution.done()
     }
@@ -197,14 +199,14 @@ impl PlanState {
         self.execution.needed()
     }
 
-    /// Whether the next heartbeat of the agent verifies an effect.
+    /// Whether a confirmed change of the agent is unverified until its next heartbeat.
     pub fn awaits_heartbeat(&self, agent: &AgentId) -> bool {
         self.unverified_effects.contains_key(agent)
     }
 
-    /// Changes the state by an event, and returns what must be done about it, in this order.
-    /// `heartbeats` has the last heartbeat of every agent. An event that the table has no transition
-    /// for, and one about a step that does not run, changes nothing.
+    /// Changes the state by an event. Returns the commands that the owner must carry out, in this
+    /// order. `heartbeats` has the last heartbeat of every agent. Two kinds of events change
+    /// nothing: those without a transition in the table, and those about a step that does not run.
     pub fn handle(
         &mut self,
         event: ExecutionEvent,
@@ -260,7 +262,8 @@ impl PlanState {
 
     // === acting ===
 
-    /// Requests every step whose predecessors are all done; ends the plan if no step is left.
+    /// Requests every step that can start, because its predecessors are all done. Ends the plan if
+    /// no step is left.
     fn go_on(&mut self, out: &mut Vec<ExecutionCommand>) {
         if self.final_report.is_some() {
             return self.end_if_idle(out);
@@ -317,8 +320,8 @@ impl PlanState {
         }
     }
 
-    /// Handles a step that is done: applies its effects, sends these effects to the Domain Maintainer,
-    /// and goes on with the plan.
+    /// Handles a step that is done: applies its effects, sends these effects to the Domain
+    /// Maintainer, and continues the plan.
     fn step_done(
         &mut self,
         step: usize,
@@ -345,8 +348,8 @@ impl PlanState {
         self.go_on(out);
     }
 
-    /// Handles a step that may or may not have been done: the facts that the step would have changed
-    /// become unknown. The action does not count as failed if its agent was restarted.
+    /// Handles a step with an uncertain result: the facts that the step would have changed become
+    /// unknown. The action does not count as failed if its agent was restarted.
     fn step_uncertain(
         &mut self,
         step: usize,
@@ -367,7 +370,7 @@ impl PlanState {
 
     fn refused(&mut self, step: usize, refusal: &Refusal, out: &mut Vec<ExecutionCommand>) {
         let Some(running) = self.running_steps.get_mut(&step) else { return };
-        // A busy agent has not failed: it can do the same action a moment later.
+        // A busy agent has not failed, because it can do the same action a moment later.
         running.is_blamed = !matches!(refusal.reason, Reason::Busy | Reason::MailboxFull);
         let problem = format!("`{}` declined: {}", running.agent, refusal.detail);
         self.fail(step, Report { declined: Some(refusal.reason), ..failure(problem) }, out);
@@ -398,8 +401,8 @@ impl PlanState {
 
     // === ending ===
 
-    /// Gives the plan up with this outcome: cancels its running steps. The plan ends when no agent acts
-    /// any more.
+    /// Decides the outcome of the plan and cancels its running steps. The plan ends when no step
+    /// runs any more.
     fn give_up(&mut self, report: Report, out: &mut Vec<ExecutionCommand>) {
         if self.final_report.is_none() {
             self.final_report = Some(report);
@@ -441,9 +444,9 @@ impl PlanState {
         }
     }
 
-    /// Schedules a check of the plan. If an agent that the plan needs has left, the check waits for the
-    /// grace, so that a short interruption of the network does not end the plan. News about agents that
-    /// the plan does not need do not change this wait.
+    /// Schedules a check of the plan. If an agent that the plan needs has left, the check is
+    /// delayed by a grace period, so that a short interruption of the network does not end the
+    /// plan. Changes of other agents do not change this delay.
     fn world_changed(
         &mut self,
         left: &[AgentId],
@@ -468,14 +471,14 @@ impl PlanState {
         out.push(ExecutionCommand::ScheduleCheck(delay));
     }
 
-    /// Asks for the known state, to check the rest of the plan against it.
+    /// Queries the known state, to check the remaining steps against it.
     fn check(&mut self, delay: CheckDelay, out: &mut Vec<ExecutionCommand>) {
         if self.scheduled_check != Some(delay) {
             return;
         }
         self.scheduled_check = None;
         if delay == CheckDelay::GraceAfterDeparture {
-            // No news are on their way any more: one failed check is enough.
+            // All messages have arrived by now, so one failed check is enough.
             (self.has_check_failed, self.is_grace_used) = (true, true);
         }
         if self.unanswered_changes > 0 {
@@ -491,17 +494,17 @@ impl PlanState {
         are_agents_absent: bool,
         out: &mut Vec<ExecutionCommand>,
     ) {
-        // If a step was confirmed after the question was sent, the answer is older than the state known
-        // here.
+        // If a step was confirmed after the query was sent, the answer is older than the state
+        // known here.
         let is_stale = self.unanswered_changes > 0;
         let renewed =
             if is_stale { Ok(()) } else { self.execution.revalidate(snapshot, knowledge) };
         match renewed {
             Ok(()) if !is_stale => (self.has_check_failed, self.is_grace_used) = (false, false),
-            // News have arrived since the question was sent: the next check decides.
+            // Something has changed since the query was sent: the next check decides.
             _ if self.scheduled_check.is_some() => (),
-            // An executor that took the plan over has not seen the needed agent leave, so no grace has
-            // begun yet. If another agent has left, facts that it reported are missing.
+            // An executor that took the plan over has not seen the needed agent leave, so the grace
+            // has not begun. If another agent has left, facts that it reported are missing.
             Err(_) if self.has_check_failed && !self.is_grace_used && are_agents_absent => {
                 self.is_grace_used = true;
                 self.schedule_check(CheckDelay::Grace, out);

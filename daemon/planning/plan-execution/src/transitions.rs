@@ -7,7 +7,7 @@ use self::ExecutionPhase::{AwaitingEffects, Ended, GivingUp, Running};
 pub enum ExecutionPhase {
     /// Steps are being carried out.
     Running,
-    /// Every step is confirmed; heartbeats that verify the effects are awaited.
+    /// Every step is confirmed, and heartbeats that verify the effects are still missing.
     AwaitingEffects,
     /// The outcome is decided; the steps that still run are being cancelled.
     GivingUp,
@@ -15,10 +15,10 @@ pub enum ExecutionPhase {
     Ended,
 }
 
-/// The kind of an event.
+/// Kind of an [`ExecutionEvent`](crate::ExecutionEvent).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum ExecutionEventKind {
-    /// The plan begins, or goes on after a take-over.
+    /// The plan begins, or continues after a take-over.
     Started,
     /// An agent has reported about a step.
     StepReported,
@@ -30,28 +30,28 @@ pub enum ExecutionEventKind {
     StepAbandoned,
     /// A heartbeat has arrived.
     HeartbeatReceived,
-    /// The heartbeats that verify the effects are overdue.
+    /// The heartbeats that should verify effects have not arrived in time.
     EffectsOverdue,
     /// The known state or the action models have changed.
     WorldChanged,
-    /// A check of the rest of the plan is due.
+    /// A scheduled check of the remaining steps is due.
     CheckDue,
     /// The known state has arrived, for a check.
     StateReceived,
-    /// The Domain Maintainer has answered about an effect.
+    /// The Domain Maintainer has answered a sent effect.
     ChangeAnswered,
-    /// The plan is to be cancelled.
+    /// The plan must be cancelled.
     CancelRequested,
 }
 
-/// A row of the table: an event, a phase, and the phases that the event may lead to from there.
+/// Row of the table of transitions.
 #[derive(Clone, Copy, Debug)]
 pub struct ExecutionTransition {
-    /// The event.
+    /// Kind of the event.
     pub event: ExecutionEventKind,
-    /// The phase in which the event counts.
+    /// Phase in which the event has an effect.
     pub from: ExecutionPhase,
-    /// The phases that the event may lead to.
+    /// Phases that the event may lead to.
     pub to: &'static [ExecutionPhase],
 }
 
@@ -63,8 +63,8 @@ const fn leads(
     ExecutionTransition { event, from, to }
 }
 
-/// All lawful transitions of an execution. An event that is not listed for a phase changes nothing in
-/// that phase.
+/// All valid transitions of an execution. An event that is not listed for a phase changes nothing
+/// in that phase.
 pub const TRANSITIONS: &[ExecutionTransition] = &[
     leads(ExecutionEventKind::Started, Running, &[Running, GivingUp, Ended]),
     leads(ExecutionEventKind::StepReported, Running, &[Running, AwaitingEffects, GivingUp, Ended]),
@@ -91,7 +91,7 @@ pub const TRANSITIONS: &[ExecutionTransition] = &[
     leads(ExecutionEventKind::CancelRequested, GivingUp, &[GivingUp]),
 ];
 
-/// Whether the event counts in the phase.
+/// Whether the table has a row for the event in this phase.
 pub(crate) fn is_expected(event: ExecutionEventKind, phase: ExecutionPhase) -> bool {
     TRANSITIONS.iter().any(|row| row.event == event && row.from == phase)
 }

@@ -1,5 +1,5 @@
-//! Translation of a plan step into a method of an actuator (the paper: “transforms these higher level
-//! actions into lower level methods that the specific actuators have access to”).
+//! Translation of a plan step into a method of an actuator. (The paper: “transforms these higher
+//! level actions into lower level methods that the specific actuators have access to”.)
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -13,18 +13,18 @@ use pddl::{Domain, PlanStep};
 pub struct ActionRequest {
     /// The agent that carries the step out.
     pub agent: AgentId,
-    /// The ground action to carry out, under the name that its agent uses.
+    /// The ground action to carry out, under the agent's own name for it.
     pub action: String,
-    /// Name of the method to run.
+    /// Name of the actuator's method to run.
     pub method: String,
-    /// Arguments of the method by name, with values.
+    /// Arguments of the method, by name.
     pub arguments: BTreeMap<String, String>,
     /// Longest time that the method may take.
     pub timeout: Duration,
 }
 
-/// Returns the agent that acts in a step, which is the first argument of the step; `None` if that
-/// argument is not a valid agent name.
+/// Returns the agent that acts in a step: the first argument of the step. Returns `None` if that
+/// argument is missing or is not a valid agent name.
 pub(crate) fn acting_agent(step: &PlanStep) -> Option<AgentId> {
     AgentId::new(step.arguments.first()?.as_str()).ok()
 }
@@ -33,8 +33,8 @@ pub(crate) fn acting_agent(step: &PlanStep) -> Option<AgentId> {
 ///
 /// # Errors
 ///
-/// Returns an error if the agent does not offer the action or if the method of the action does not fit.
-/// The text of the error completes “step `…`: ”.
+/// Returns an error if the agent does not offer the action, or if the method of the action does not
+/// fit the step. The error text completes “step `…`: ”.
 pub(crate) fn translate(
     step: &PlanStep,
     domain: &Domain,
@@ -109,14 +109,14 @@ mod tests {
     }
 
     #[test]
-    fn the_actuator_hears_its_own_name_for_the_action() {
+    fn the_request_uses_the_agents_own_name_for_the_action() {
         let order = order("?TO").expect("offered");
         assert_eq!(order.action, "(move r2 hall office1)");
         assert_eq!(order.arguments["pose"], "office1");
     }
 
     #[test]
-    fn a_variable_the_action_has_not_is_named() {
+    fn the_error_names_an_unknown_variable() {
         let problem = order("?where").expect_err("no such variable");
         assert!(problem.contains("`?where`"), "{problem}");
     }

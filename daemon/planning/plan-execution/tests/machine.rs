@@ -24,7 +24,7 @@ const DOMAIN: &str = "(define (domain office)
     (:action show :parameters (?r - robot ?p - place)
         :precondition (and (at ?r ?p) (lit ?p)) :effect (shown ?p)))";
 
-/// The steps 0 and 1 are independent; step 2 needs both.
+/// A plan in which the steps 0 and 1 are independent, and step 2 needs both.
 const PLAN: &str = "(go robot hall room)\n(light lamp room)\n(show robot room)";
 
 fn agent(name: &str) -> AgentId {
@@ -84,8 +84,8 @@ fn snapshot(facts: &str) -> ExecutionEvent {
     }
 }
 
-/// A running plan with the heartbeats of its agents, as its owner sees it. It checks every command as
-/// it comes.
+/// Owner of a running plan in these tests, with the last heartbeats of the agents. Each command is
+/// checked when the owner receives it.
 struct Owner {
     state: PlanState,
     heartbeats: LastHeartbeats,
@@ -118,7 +118,7 @@ impl Owner {
         }
     }
 
-    /// Lets a heartbeat of the robot arrive.
+    /// Stores a new heartbeat of the robot and returns the event of its arrival.
     fn beat(&mut self, facts: &str) -> ExecutionEvent {
         self.sequence += 1;
         let beat = Heartbeat {
@@ -182,7 +182,7 @@ impl Owner {
         }
     }
 
-    /// Checks what must be true between any two events.
+    /// Checks the invariants that hold between any two events.
     fn check(&self) {
         match self.state.phase() {
             ExecutionPhase::Running => assert!(self.ends.is_empty()),
@@ -249,7 +249,7 @@ fn events(owner: &mut Owner) -> Vec<ExecutionEvent> {
 }
 
 #[test]
-fn independent_steps_run_side_by_side_and_the_last_one_after_both() {
+fn independent_steps_run_in_parallel_and_the_last_one_after_both() {
     let mut owner = Owner::new();
     owner.tell(ExecutionEvent::Started);
     assert_eq!(owner.open, [0, 1].into());
@@ -315,7 +315,7 @@ fn random_events_reach_every_row_of_the_table() {
         seen.insert((ExecutionEvent::Started.kind(), owner.state.phase()));
         owner.tell(ExecutionEvent::Started);
         if round % 4 == 1 {
-            // The robot confirms what its last heartbeat contradicts.
+            // The robot confirms a change that its last heartbeat contradicts.
             let before = owner.beat("(at robot hall)");
             owner.tell(before);
             owner.tell(ExecutionEvent::StepReported(0, done()));
@@ -335,7 +335,7 @@ fn random_events_reach_every_row_of_the_table() {
 }
 
 #[test]
-fn a_check_that_fails_twice_gives_the_plan_up() {
+fn a_check_that_fails_twice_ends_the_plan() {
     let mut owner = Owner::new();
     owner.tell(ExecutionEvent::Started);
     owner.tell(ExecutionEvent::WorldChanged { left: Vec::new(), joined: Vec::new() });
@@ -352,7 +352,7 @@ fn a_check_that_fails_twice_gives_the_plan_up() {
 }
 
 #[test]
-fn a_busy_agent_is_not_blamed_and_an_incapable_one_is() {
+fn an_incapable_agent_is_reported_and_a_busy_one_is_not() {
     for (reason, expected) in [(Reason::Busy, None), (Reason::Incapable, Some("(light lamp room)"))]
     {
         let mut owner = Owner::new();
@@ -368,8 +368,8 @@ fn a_busy_agent_is_not_blamed_and_an_incapable_one_is() {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 1_000, ..ProptestConfig::default() })]
 
-    /// Whatever happens, in any order: no step is requested twice or too early, one end, no step of an
-    /// ended plan runs on.
+    /// In any order of events: no step is requested twice or too early, the plan ends at most once,
+    /// and no step runs after the end.
     #[test]
     fn random_events_keep_the_invariants(
         happenings in prop::collection::vec(0_usize..42, 1..60),

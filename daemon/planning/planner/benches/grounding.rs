@@ -1,12 +1,14 @@
-//! Measures the time and memory of grounding a list of tasks, and their sizes: one line per task.
+//! Measures the time and memory of grounding a list of tasks. Prints one line per task, with the
+//! sizes of the ground problem.
 //!
 //! `cargo bench -p planner --bench grounding -- FOLDER LIST [--seconds S] [--translator COMMAND]`
 //!
 //! - `LIST` has one task per line, `DOMAIN PROBLEM`, relative to `FOLDER`.
-//! - Every task runs in a process of its own, so that its memory is measured separately. Times are
-//!   processor times, or wall-clock times if the system does not provide the former.
-//! - `COMMAND` is Fast Downward's driver with what its translator needs, as for a shell, for example
-//!   `fast-downward.py --translate`; its own reports of time and memory are printed beside ours.
+//! - Every task runs in its own process, so that its memory is measured separately. Times are
+//!   processor times, or wall-clock times if the system does not provide processor times.
+//! - `COMMAND` is a shell command that runs Fast Downward's translator, for example
+//!   `fast-downward.py --translate`; the time and memory that the translator reports are printed
+//!   beside ours.
 
 use std::path::Path;
 use std::process::{Command, ExitCode};
@@ -15,10 +17,10 @@ use std::time::{Duration, Instant};
 
 use planner::{Budget, Cancel, GroundProblem, StopReason, prepare};
 
-/// Cap on the work of finding mutex groups, in units of about ten nanoseconds.
+/// Limit on the work of finding mutex groups, in units of about ten nanoseconds.
 const GROUPS_WORK_MAX: u64 = 100_000_000;
 
-/// Argument by which this process is told to ground a single task.
+/// Command-line argument that makes this process ground a single task.
 const ONE: &str = "--one";
 
 fn main() -> ExitCode {
@@ -35,7 +37,7 @@ fn main() -> ExitCode {
             ExitCode::SUCCESS
         }
         [folder, list, ..] => all(Path::new(folder), list, seconds, option("--translator")),
-        // A run of all benchmarks passes no tasks.
+        // `cargo bench` without arguments runs all benchmarks, this one without tasks.
         _ => {
             eprintln!("usage: grounding FOLDER LIST [--seconds S] [--translator COMMAND]");
             ExitCode::SUCCESS
@@ -60,7 +62,7 @@ fn all(folder: &Path, list: &str, seconds: u64, translator: Option<String>) -> E
     ExitCode::SUCCESS
 }
 
-/// Grounds one task in a process of its own.
+/// Grounds one task in a separate process.
 fn measure_ours(domain: &Path, problem: &Path, seconds: u64) -> String {
     let output = std::env::current_exe().and_then(|this| {
         Command::new(this)
@@ -170,7 +172,7 @@ fn describe(ground: &GroundProblem) -> String {
     )
 }
 
-/// Runs `work` with a flag that a thread sets when the time is over.
+/// Calls `work` with a flag that another thread sets after `limit`.
 fn within<T>(limit: Duration, work: impl FnOnce(&Cancel) -> T) -> T {
     let cancel = Cancel::new();
     let (finished, waiting) = mpsc::channel::<()>();
@@ -181,7 +183,7 @@ fn within<T>(limit: Duration, work: impl FnOnce(&Cancel) -> T) -> T {
         }
     });
     let result = work(&cancel);
-    // The thread with the clock ends in any case; if sending fails, it has already ended.
+    // The clock thread ends in any case; if sending fails, it has already ended.
     let _ = finished.send(());
     let _ = clock.join();
     result

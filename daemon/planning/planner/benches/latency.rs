@@ -1,13 +1,14 @@
-//! Measures how long a building waits for a plan, and for the next one after a change: the median and
-//! the 99th percentile, beside their targets.
+//! Measures the latency of planning for a building, first and after a change. Prints the median and
+//! the 99th percentile beside their targets.
 //!
 //! ```text
 //! cargo bench -p planner --bench latency
 //! ```
 //!
-//! The problems are those of `scenarios`. Cold: from texts to a validated plan. Warm: a planner that
-//! has planned before, after a change: an agent no longer offers anything, is back, or a robot has
-//! moved. Every agent and every place is changed in turn, whether the result is solvable or not.
+//! The problems are those of `scenarios`. “Cold” is the time from the texts to a validated plan.
+//! “Warm” is the time of a planner that has planned before, after one change: an agent offers no
+//! actions any more or offers them again, or a robot has moved. Each agent and each place is
+//! changed in turn, even if that makes the goal unreachable.
 
 use std::time::Instant;
 
@@ -17,12 +18,12 @@ use pddl::Problem;
 use planner::{Cancel, GroundingReuse, Options, Replanner, plan};
 use scenarios::{SCENARIOS, events, parse};
 
-/// Targets in milliseconds: the median, and the 99th percentile.
+/// Targets in milliseconds: the median and the 99th percentile.
 const COLD_AIM: (f64, f64) = (0.5, 2.0);
 const WARM_AIM: (f64, f64) = (0.3, 0.3);
 
 fn main() {
-    // Without `--bench`, Cargo only tests that the benchmark runs.
+    // Without `--bench`, Cargo only checks that the benchmark runs.
     let is_measured = std::env::args().any(|argument| argument == "--bench");
     let rounds = if is_measured { 2_000 } else { 2 };
     for (name, domain, problem) in SCENARIOS {

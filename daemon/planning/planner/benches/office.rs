@@ -1,10 +1,10 @@
-//! Measures how long a building waits for a plan: from texts to a validated plan, and the parts of
-//! that.
+//! Measures the time from texts to a validated plan, and the times of its parts.
 //!
-//! - `office/` is small, and shows the parts: parse, ground, search, validate, deorder.
-//! - `floor` is a task where hill climbing fails: a floor that must be painted in the right order.
-//! - `scenarios` are the goals of the paper's scenarios in a whole office. `replans` are the same after
-//!   a change, by a planner that has planned before. latency.rs measures their 99th percentile.
+//! - `office/` is a small task for measuring the parts: parse, ground, search, validate, deorder.
+//! - `floor` is a task on which hill climbing fails: a floor must be painted in the right order.
+//! - `scenarios` are the goals of the paper's scenarios in a whole office. `replans` are the same
+//!   after a change, with a planner that has planned before. `latency.rs` measures the 99th
+//!   percentiles of both.
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use std::hint::black_box;
@@ -85,8 +85,8 @@ const FLOOR: &str = "(define (domain floor)
     :precondition (and (robot ?r) (at ?r ?x) (clear ?y) (or (up ?x ?y) (up ?y ?x)))
     :effect (and (painted ?y) (not (clear ?y)))))";
 
-/// Returns a task with a floor of this size, where all cells but the first row must be painted. Two
-/// robots paint the cells next to them, and never move onto painted cells.
+/// Returns a task with a floor of this size, in which all cells outside the first row must be
+/// painted. Two robots paint adjacent cells, and cannot move onto painted cells.
 fn floor(rows: usize, columns: usize) -> String {
     let tile = |row: usize, column: usize| format!("t{row}-{column}");
     let (mut objects, mut init, mut goal) = (String::new(), String::new(), String::new());

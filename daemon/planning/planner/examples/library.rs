@@ -1,9 +1,9 @@
-//! The planner as a library: parse, plan, order the steps, plan again, explain.
+//! Uses the planner as a library: parses, plans, orders the steps, replans, and explains.
 //!
 //! `cargo run -p planner --example library`
 //!
-//! The task is the office of the benchmarks: sensors on walls, and two robots that carry sensors. The
-//! planner reads no clock and no file. tasks.rs shows how a caller sets a deadline.
+//! The task is the office of the benchmarks: sensors on walls, and two robots that carry sensors.
+//! The planner uses no clock and no files; `tasks.rs` shows how a caller sets a deadline.
 
 use std::error::Error;
 
@@ -18,7 +18,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let problem = pddl::parse_problem(PROBLEM).into_result().map_err(first)?;
     let (options, cancel) = (Options::default(), Cancel::new());
 
-    // One call: from texts to a plan that the validator has accepted.
+    // One call from texts to a validated plan.
     let outcome = plan(&domain, &problem, &options, &cancel)?;
     let Some(found) = outcome.plan else {
         return Err(format!("no plan: {}", outcome.stop_reason).into());
@@ -27,7 +27,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     println!("proved to be the cheapest: {}\n", outcome.statistics.proven_optimal);
     in_order(&domain, &problem, &found)?;
 
-    // The validator can be used alone, for a plan of any origin.
+    // The validator can be used alone, for a plan from any source.
     let shorter = Plan { steps: found.steps[1..].to_vec(), cost: None };
     let verdict = validate(&domain, &problem, &shorter);
     println!(
@@ -35,7 +35,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         if is_valid(&verdict) { "valid" } else { "not valid" }
     );
 
-    // A planner that keeps the ground task, for a caller that plans again and again.
+    // A `Replanner` keeps the ground problem, for callers that plan repeatedly.
     let mut replanner = Replanner::default();
     replanner.plan(&domain, &problem, &[], &options, &cancel)?;
     let changed = without(&problem, "(located thermo2 office2)");
@@ -46,7 +46,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     );
     println!("{}", replanned.outcome.plan.map(|plan| plan.to_string()).unwrap_or_default());
 
-    // If there is no plan, the reason.
+    // If there is no plan, the planner can explain why.
     let closed = without(&problem, "(connected hall kitchen)");
     let outcome = plan(&domain, &closed, &options, &cancel)?;
     println!("without a door to the kitchen: {}", outcome.stop_reason);
@@ -58,7 +58,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Prints the steps in rounds: the steps of one round can run side by side.
+/// Prints the steps in rounds. The steps of one round can run in parallel.
 fn in_order(domain: &Domain, problem: &Problem, plan: &Plan) -> Result<(), Box<dyn Error>> {
     let world = World::initial(domain, problem).map_err(first)?;
     let order = order::deorder(&world, &plan.steps);

@@ -1,9 +1,10 @@
-//! Plans for a list of tasks and prints one line per task: coverage at a glance.
+//! Plans for a list of tasks, and prints one line per task. The output shows the coverage.
 //!
 //! `cargo run --release -p planner --example tasks -- FOLDER LIST [SECONDS] [EVERY] [OFFSET]`
 //!
-//! `LIST` has one task per line, `DOMAIN PROBLEM`, relative to `FOLDER`; every `EVERY`th is taken.
-//! The clock is here: a thread sets the planner's `Cancel`.
+//! `LIST` has one task per line, `DOMAIN PROBLEM`, relative to `FOLDER`. With `EVERY`, only every
+//! `EVERY`th task is used. The example has the clock, not the planner: a thread sets the planner's
+//! `Cancel` at the deadline.
 
 use std::path::Path;
 use std::sync::mpsc;
@@ -71,7 +72,7 @@ fn attempt(folder: &Path, line: &str, limit: Duration) -> (bool, String) {
     (solved, format!("{:.3} s planning; {report}", parsed.elapsed().as_secs_f64()))
 }
 
-/// Runs `work` with a flag that a thread sets when the time is over.
+/// Calls `work` with a flag that another thread sets after `limit`.
 fn with_deadline<T>(limit: Duration, work: impl FnOnce(&Cancel) -> T) -> T {
     let cancel = Cancel::new();
     let (finished, waiting) = mpsc::channel::<()>();
@@ -82,7 +83,7 @@ fn with_deadline<T>(limit: Duration, work: impl FnOnce(&Cancel) -> T) -> T {
         }
     });
     let result = work(&cancel);
-    // The thread with the clock ends in any case; if sending fails, it has already ended.
+    // The clock thread ends in any case; if sending fails, it has already ended.
     let _ = finished.send(());
     let _ = clock.join();
     result

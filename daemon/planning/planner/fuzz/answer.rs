@@ -1,6 +1,5 @@
-//! Result of planning for any bytes: a domain, a zero byte, and a problem.
-//!
-//! It is used by the fuzz target and by tests, which supply the bytes.
+//! Plans for any bytes (a domain, a zero byte, and a problem) and checks the result. The fuzz
+//! target and the tests supply the bytes.
 
 use pddl::{Document, Domain, Plan, Problem, parse_document, text_from_bytes};
 use planner::{
@@ -8,11 +7,11 @@ use planner::{
     StopReason, Verdict, plan, validate,
 };
 
-/// Enough for a small building; larger tasks end at a limit.
+/// Limits that are sufficient for a small building; larger tasks end at a limit.
 const BUDGET: Budget =
     Budget { expansions_max: 2_000, join_steps_max: 200_000, memory_max_bytes: 64 << 20 };
 
-/// How far the processing of the bytes came.
+/// Stage that the processing of the bytes reached.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Answer {
     /// The bytes are not a domain and a problem.
@@ -25,8 +24,8 @@ pub(crate) enum Answer {
     Planned,
 }
 
-/// Parses, plans and validates. Then plans again with a kept ground problem: with every other fact
-/// removed, and once more with all of them.
+/// Parses, plans and validates. Then replans twice with a kept ground problem: with every second
+/// fact removed, and with all facts again.
 ///
 /// # Panics
 ///
@@ -55,7 +54,7 @@ pub(crate) fn answer(bytes: &[u8]) -> Answer {
     if outcome.plan.is_some() { Answer::Planned } else { Answer::NoPlan }
 }
 
-/// Returns the outcome, after checking any plan in it; `None` if the texts are rejected.
+/// Plans, and checks any plan in the outcome. Returns `None` if the texts are rejected.
 fn planned(domain: &Domain, problem: &Problem, options: &Options) -> Option<PlanningOutcome> {
     judged(domain, problem, plan(domain, problem, options, &Cancel::new()))
 }
@@ -77,7 +76,8 @@ fn judged(
     Some(outcome)
 }
 
-/// Compares a planner that has planned before with one that has not.
+/// Replans with one planner for changed problems, and compares each result with that of a new
+/// planner.
 fn replan(domain: &Domain, problem: &Problem, options: &Options) {
     let mut less = problem.clone();
     let mut place = 0;
@@ -95,7 +95,7 @@ fn replan(domain: &Domain, problem: &Problem, options: &Options) {
             let is_proof = matches!(one.stop_reason, StopReason::Unsolvable { .. });
             assert!(!is_proof || other.plan.is_none(), "a proof and a plan\n{domain}\n{problem}");
         }
-        // As if the first step of the plan had been executed.
+        // Continue as if the first step of the plan had been executed.
         let steps = again.plan.into_iter().flat_map(|plan| plan.steps).skip(1);
         rest.steps = steps.collect();
     }

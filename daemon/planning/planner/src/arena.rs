@@ -1,15 +1,15 @@
-//! How long arrays grow: by a quarter of their length, and with the memory for the growth known
-//! beforehand.
+//! Growth of long arrays: by a quarter of their length, with a function that returns the required
+//! memory in advance.
 //!
-//! While an array grows, the old and the new allocation exist at once. Code that enforces a memory
-//! limit must count both before the growth happens, because an allocation that fails ends the process.
+//! While an array grows, the old and the new allocation exist at the same time. Code that enforces
+//! a memory limit must count both before the growth, because a failed allocation ends the process.
 
-/// Size in bytes from which on an array grows by a quarter instead of doubling: in arrays of this size,
-/// saved memory counts more than saved copying.
+/// Size in bytes from which an array grows by a quarter instead of doubling. At this size, saving
+/// memory is more important than saving copies.
 const LONG: usize = 64 << 20;
 
-/// Makes room for `more` further items. A long array grows by a quarter of its length, or by `more`
-/// items if that is greater; a shorter one grows as [`Vec`] does.
+/// Reserves room for `more` additional items. A long array grows by a quarter of its length, or by
+/// `more` items if that is greater; a shorter one grows as [`Vec`] does.
 #[inline]
 pub(crate) fn make_room<T>(items: &mut Vec<T>, more: usize) {
     if items.len() + more > items.capacity() && is_long(items) {
@@ -17,8 +17,8 @@ pub(crate) fn make_room<T>(items: &mut Vec<T>, more: usize) {
     }
 }
 
-/// Returns the number of bytes that the array takes. If the array has no room for `more` further items,
-/// the size of the array that it will grow to is added.
+/// Returns the number of bytes of the array's allocation. If the array has no room for `more`
+/// additional items, the bytes of the next, larger allocation are added.
 #[inline]
 pub(crate) fn bytes<T>(items: &Vec<T>, more: usize) -> usize {
     let (length, capacity) = (items.len(), items.capacity());
@@ -40,7 +40,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_taken_while_an_array_grows_is_told_before() {
+    fn predicted_bytes_include_both_arrays_while_one_grows() {
         let mut items: Vec<u64> = Vec::new();
         while items.len() < (100 << 20) / size_of::<u64>() {
             let (told, before) = (bytes(&items, 1), items.capacity());

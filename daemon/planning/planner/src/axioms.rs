@@ -1,40 +1,39 @@
 //! Evaluation of axioms: computes the derived facts of a state, stratum by stratum.
 //!
-//! Within a stratum, the evaluator keeps for every axiom the number of body literals that are still
-//! missing, so that each literal is visited once (Dowling and Gallier, 1984).
+//! Within a stratum, the evaluator counts for every axiom the body literals that are still missing.
+//! Each literal is therefore visited once (Dowling and Gallier, 1984).
 
 use crate::rows::Rows;
 use crate::state::{State, holds, is_true, set};
 use crate::task::{FactId, Literal, Task};
 
-/// Evaluator of a task's axioms, which are indexed by the facts in their bodies. Contains scratch
-/// space.
+/// Evaluator of a task's axioms, which are indexed by the facts in their bodies. The evaluator owns
+/// its scratch space.
 #[derive(Debug)]
 pub(crate) struct AxiomEvaluator {
-    /// Index of the first derived fact; this fact and all after it are derived.
+    /// Index of the first derived fact. All facts from this index on are derived.
     first_derived: usize,
-    /// Per stratum: the index of its last axiom, plus one.
+    /// Per stratum: the index after its last axiom.
     strata: Vec<u32>,
     heads: Vec<FactId>,
-    /// Body literals of all axioms in one array. Per axiom, they are the literals that are decided
-    /// before the stratum of the axiom is evaluated. `ends` contains the end of each axiom's literals.
+    /// Per axiom: the body literals that are decided before the axiom's stratum is evaluated. All
+    /// of them are in one array; `ends` contains the end of each axiom's literals.
     known: Vec<Literal>,
     ends: Vec<u32>,
-    /// Per axiom: number of facts in its body that are derived in the axiom's own stratum.
+    /// Per axiom: the number of facts in its body that are derived in the same stratum.
     own: Vec<u32>,
-    /// Per fact: axioms of the fact's own stratum that have it in their body.
+    /// Per fact: the axioms of the same stratum with the fact in their body.
     waiting: Rows,
-    /// Scratch space, per axiom: number of facts in its body that belong to the axiom's own stratum and
-    /// are not derived yet.
+    /// Scratch space. Per axiom: the number of facts in its body that belong to the same stratum
+    /// and are not derived yet.
     missing: Vec<u32>,
     queue: Vec<FactId>,
 }
 
-/// Value of `missing` for an axiom that cannot fire, because one of its literals in `known` does not
-/// hold.
+/// Value of `missing` for an axiom that cannot fire because a literal in `known` does not hold.
 const DEAD: u32 = u32::MAX;
 
-// === impl AxiomComponents ===
+// === impl AxiomEvaluator ===
 
 impl AxiomEvaluator {
     pub(crate) fn new(task: &Task) -> AxiomEvaluator {
@@ -74,7 +73,7 @@ impl AxiomEvaluator {
         axioms
     }
 
-    /// Recomputes the derived facts of a state from its basic facts and comparisons.
+    /// Recomputes the derived facts of a state from its basic facts and its comparisons.
     pub(crate) fn derive(&mut self, state: &mut State) {
         clear_from(state, self.first_derived);
         let mut start = 0;

@@ -1,4 +1,4 @@
-//! Search configurations that a caller can choose by name, defined in one table.
+//! Search configurations, which a caller chooses by name. All are defined in one table.
 
 use crate::heuristic::Admissible;
 use crate::search::lazy::{EXPLORATION_LISTS, List};
@@ -6,14 +6,13 @@ use crate::search::lazy::{EXPLORATION_LISTS, List};
 /// A search configuration; an entry of [`CONFIGURATIONS`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Configuration {
-    /// Name by which a caller chooses the configuration.
+    /// Name for choosing the configuration.
     pub name: &'static str,
-    /// Description of the configuration in one line.
+    /// Description of the configuration, in one line.
     pub summary: &'static str,
-    /// Names of the heuristics that the configuration uses, each an entry of
-    /// [`HEURISTICS`](crate::HEURISTICS).
+    /// Names of the configuration's heuristics, each an entry of [`HEURISTICS`](crate::HEURISTICS).
     pub heuristics: &'static [&'static str],
-    /// Whether the first plan that the search finds is always a cheapest one.
+    /// Whether the first plan that the search finds has the least possible cost.
     pub optimal: bool,
     pub(crate) method: SearchMethod,
 }
@@ -21,15 +20,15 @@ pub struct Configuration {
 /// Search algorithm of a configuration, with its parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum SearchMethod {
-    /// Lazy greedy search with several open lists that alternate. If `climb` is set, enforced hill
-    /// climbing is tried before it.
+    /// Lazy greedy search with several open lists, which are used in turn. If `climb` is set,
+    /// enforced hill climbing is tried first.
     Lists { climb: bool, lists: &'static [List] },
     /// A* with an admissible heuristic.
     AStar { heuristic: Admissible },
 }
 
-/// All configurations, the default first. Each is complete: if its search ends without a plan and
-/// without reaching a limit, no plan exists.
+/// All configurations; the first is the default. Each is complete: if its search ends without a
+/// plan and without reaching a limit, no plan exists.
 pub const CONFIGURATIONS: &[Configuration] = &[
     Configuration {
         name: "althing",
@@ -99,7 +98,7 @@ pub const CONFIGURATIONS: &[Configuration] = &[
     },
 ];
 
-/// Returns the configuration with this name, or `None` if no configuration has it.
+/// Returns the configuration with this name; `None` if there is none.
 pub fn configuration(name: &str) -> Option<&'static Configuration> {
     CONFIGURATIONS.iter().find(|one| one.name == name)
 }
@@ -110,7 +109,7 @@ mod tests {
     use crate::heuristic::HEURISTICS;
 
     #[test]
-    fn every_entry_names_heuristics_that_there_are() {
+    fn every_configuration_names_existing_heuristics() {
         for one in CONFIGURATIONS {
             for name in one.heuristics {
                 assert!(HEURISTICS.iter().any(|heuristic| heuristic.name == *name), "{name}");

@@ -1,8 +1,8 @@
 //! Splits goals into conjuncts, and finds conjuncts that are unreachable.
 //!
-//! A goal may come from outside, and one with many variables stands for more conditions than any memory
-//! holds. So the conditions are counted, and a goal with too many of them is an error that names the
-//! limit.
+//! A goal may come from outside, and a goal with many variables can represent more conditions than
+//! fit into memory. Conditions are therefore counted, and a goal with too many of them is an error
+//! that gives the limit.
 
 use std::ops::ControlFlow;
 
@@ -20,26 +20,27 @@ use crate::validate::World;
 use crate::validate::bindings::Bindings;
 use crate::validate::model::Model;
 
-/// Maximal size of a goal that is split: the number of conditions and terms with every quantifier
-/// written out. Splitting takes a fraction of a second and some tens of megabytes at the limit. The goals
-/// of a building have some thousands.
+/// Maximum size of a goal: the number of its conditions and terms with every quantifier expanded.
+/// At the limit, splitting takes a fraction of a second and some tens of megabytes. Goals of
+/// buildings have some thousands of conditions and terms.
 pub const GOAL_SIZE_MAX: usize = 200_000;
 
-/// A goal that is larger than [`GOAL_SIZE_MAX`].
+/// Error for a goal that is larger than [`GOAL_SIZE_MAX`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GoalTooLarge {
-    /// Maximal number of conditions and terms.
+    /// Maximum number of conditions and terms.
     pub limit: usize,
 }
 
 /// Splits a goal into the conjuncts that must all hold, without duplicates.
 ///
-/// - `forall` is expanded over the objects of the problem, nested conjunctions are flattened, and a
+/// - `forall` is expanded over the objects of the problem, and nested conjunctions are flattened. A
 ///   disjunction stays one conjunct.
-/// - A derived fact stays one conjunct if any one of several conditions is enough to make it true.
-///   Otherwise it is replaced by the conjuncts that it is derived from: “no lamp in the room is on”
-///   becomes one conjunct per lamp, so that different agents can each achieve one.
-/// - Of the state in `world`, only the objects and the static facts (which no action changes) are read.
+/// - A derived fact stays one conjunct if any of several conditions makes it true. Otherwise it is
+///   replaced by the conjuncts that it is derived from: “no lamp in the room is on” becomes one
+///   conjunct per lamp, so that different agents can each achieve one.
+/// - Of the state in `world`, only the objects and the static facts (which no action changes) are
+///   used.
 ///
 /// # Errors
 ///
@@ -49,7 +50,8 @@ pub fn conjuncts(world: &World, goal: &Condition) -> Result<Vec<Condition>, Goal
 }
 
 /// Splits a goal as [`conjuncts`] does, except that a derived fact stays one conjunct if `stays`
-/// returns `true` for it. Callers use this for facts about which they know more than the axioms say.
+/// returns `true` for it. This is for facts that the caller has more knowledge of than the axioms
+/// express.
 ///
 /// # Errors
 ///
@@ -67,9 +69,9 @@ pub fn conjuncts_but(
     }
 }
 
-/// Returns the first conjuncts of a goal, at most `parts_max`, without duplicates, and whether these are
-/// all. If they are not, parts of the goal without quantifiers come first, because a quantifier may
-/// stand for all of the others.
+/// Returns the first conjuncts of a goal without duplicates, at most `parts_max`, and whether they
+/// are complete. If they are incomplete, conjuncts without quantifiers come first, because a single
+/// quantifier may expand to all of the others.
 pub(crate) fn first_conjuncts(
     world: &World,
     goal: &Condition,
@@ -95,7 +97,7 @@ pub(crate) fn first_conjuncts(
             let sorted = before.into_iter().chain(last).cloned().collect();
             (first(&Condition::And(sorted)).0, false)
         }
-        // The first part is too large to be split.
+        // The first part alone is too large to be split.
         _ if parts.is_empty() => (vec![goal.clone()], false),
         _ => (parts, false),
     }
@@ -109,12 +111,12 @@ fn without_duplicates(mut parts: Vec<Condition>) -> Vec<Condition> {
 
 /// Returns the positions of the conditions that no reachable state satisfies.
 ///
-/// Each result is proved by the delete relaxation. A condition may be unreachable although its position
-/// is not returned. If `cancel` is set, the conditions that are left are not looked at.
+/// Each result is proved by the delete relaxation. A condition without a returned position may
+/// still be unreachable. If `cancel` is set, the remaining conditions are not checked.
 ///
 /// # Errors
 ///
-/// Returns [`PlanError::BadInput`] if the texts or a condition contain errors, and
+/// Returns [`PlanError::BadInput`] if the texts or a condition contain mistakes, and
 /// [`PlanError::Unsupported`] if they use a feature that this planner does not support.
 pub fn unreachable(
     domain: &Domain,
@@ -126,8 +128,8 @@ pub fn unreachable(
     unreachable_or_undecided(domain, problem, conditions, options, cancel).map(|(found, _)| found)
 }
 
-/// Does the same as [`unreachable`], and also returns whether every condition was decided, so that all
-/// the others are reachable in the relaxation.
+/// Does the same as [`unreachable`]. Also returns whether every condition was decided; if so, all
+/// other conditions are reachable in the relaxation.
 pub(crate) fn unreachable_or_undecided(
     domain: &Domain,
     problem: &Problem,
@@ -151,8 +153,8 @@ pub(crate) fn unreachable_or_undecided(
     Ok((found, is_decided))
 }
 
-/// Whether no reachable state satisfies the goal of a problem, by the delete relaxation. Returns `None`
-/// if a limit ended grounding, so that nothing is proved.
+/// Whether no reachable state satisfies the goal of a problem, according to the delete relaxation.
+/// Returns `None` if a limit ended grounding, because there is no proof then.
 fn is_unreachable(
     domain: &Domain,
     problem: &Problem,
@@ -167,29 +169,29 @@ fn is_unreachable(
     Ok(Some(evaluator.evaluate(&initial).is_none()))
 }
 
-/// Splits a goal into conjuncts, and ends at a limit of work.
+/// State of splitting a goal into conjuncts within limits.
 struct Splitter<'w> {
     world: &'w World,
     /// Returns `true` for derived facts that stay one conjunct.
     stays: &'w dyn Fn(&Atom) -> bool,
-    /// Number of conditions and terms that may still be made.
+    /// Number of conditions and terms that may still be created.
     left: usize,
-    /// Number of parts beyond which splitting ends.
+    /// Maximum number of parts; splitting ends when it is exceeded.
     parts_max: usize,
 }
 
 // === impl Splitter ===
 
 impl Splitter<'_> {
-    /// Counts conditions and terms as made; breaks if they are beyond the limit.
+    /// Counts newly created conditions and terms. Breaks if they exceed the limit.
     fn spend(&mut self, count: usize) -> ControlFlow<()> {
         let left = self.left.checked_sub(count);
         self.left = left.unwrap_or(0);
         left.map_or(ControlFlow::Break(()), |_| ControlFlow::Continue(()))
     }
 
-    /// Adds the conjuncts of `condition`, or those of its negation if `positive` is false, to `parts`.
-    /// Breaks at the limit of work or of parts.
+    /// Adds the conjuncts of `condition`, or of its negation if `positive` is false, to `parts`.
+    /// Breaks if a limit is exceeded.
     fn split(
         &mut self,
         condition: &Condition,
@@ -221,8 +223,8 @@ impl Splitter<'_> {
         }
     }
 
-    /// Adds a condition, or its negation if `positive` is false, with objects in place of the bound
-    /// variables.
+    /// Adds a condition, or its negation if `positive` is false. Bound variables are replaced by
+    /// their objects.
     fn add_bound(
         &mut self,
         condition: &Condition,
@@ -266,8 +268,8 @@ impl Splitter<'_> {
         ControlFlow::Continue(())
     }
 
-    /// Returns the conjuncts that make a derived atom true, or those that make it false if `positive`
-    /// is false. Returns `None` if the atom itself stays one conjunct. Breaks at the limit of work.
+    /// Returns the conjuncts that make a derived atom true, or false if `positive` is false.
+    /// Returns `None` if the atom itself stays one conjunct. Breaks if a limit is exceeded.
     fn derive(
         &mut self,
         atom: &Atom,
@@ -290,7 +292,7 @@ impl Splitter<'_> {
         }
         let arguments = bindings.objects(&atom.arguments);
         let mut parts = Vec::new();
-        // The parts of an axiom are one part of the goal, or take the place of one.
+        // The parts of an axiom count as one part of the goal.
         let parts_max = std::mem::replace(&mut self.parts_max, usize::MAX);
         for axiom in definitions {
             let mut inner = Bindings::default();
@@ -302,8 +304,8 @@ impl Splitter<'_> {
         self.parts_max = parts_max;
         let open = parts.into_iter().map(|part| fold(world, part)).filter(|part| !part.is_always());
         let open: Vec<Condition> = open.collect();
-        // With exactly one conjunct left, the atom itself is kept, because its name is the one that the
-        // author of the domain chose.
+        // If exactly one conjunct is left, the atom itself is kept, because the author of the
+        // domain chose its name.
         ControlFlow::Continue((open.len() != 1).then_some(open))
     }
 }
@@ -323,7 +325,7 @@ impl std::fmt::Display for GoalTooLarge {
 
 impl std::error::Error for GoalTooLarge {}
 
-/// Returns the number of conditions and terms of a condition, without writing out its quantifiers.
+/// Returns the number of conditions and terms of a condition without expanding its quantifiers.
 fn size(condition: &Condition) -> usize {
     let own = |part: &Condition| match part {
         Condition::Atom(atom) => 1 + atom.arguments.len(),
@@ -343,8 +345,8 @@ fn terms(expression: &Expression) -> usize {
     }
 }
 
-/// Simplifies a closed condition by evaluating its static parts. The empty conjunction stands for true,
-/// the empty disjunction for false.
+/// Simplifies a closed condition by evaluating its static parts. The result is the empty
+/// conjunction if the condition is true, and the empty disjunction if it is false.
 fn fold(world: &World, condition: Condition) -> Condition {
     match condition {
         Condition::Atom(atom) if world.model().is_static(&atom.predicate) => {
@@ -368,7 +370,7 @@ fn fold(world: &World, condition: Condition) -> Condition {
     }
 }
 
-/// Whether a condition mentions only static predicates, which no action changes.
+/// Whether all predicates of a condition are static: no action changes them.
 fn is_static(model: &Model, condition: &Condition) -> bool {
     condition.parts().all(|part| match part {
         Condition::Atom(atom) => model.is_static(&atom.predicate),
@@ -381,8 +383,7 @@ fn truth(is_true: bool) -> Condition {
     if is_true { Condition::And(Vec::new()) } else { Condition::Or(Vec::new()) }
 }
 
-/// Builds a conjunction or disjunction of `parts`, and leaves out the parts that do not affect its
-/// truth.
+/// Builds a conjunction or disjunction of `parts`, without the parts that do not affect its truth.
 fn joined(parts: impl Iterator<Item = Condition>, is_and: bool) -> Condition {
     let mut kept = Vec::new();
     for part in parts {

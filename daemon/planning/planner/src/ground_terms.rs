@@ -1,6 +1,7 @@
-//! Terms of a ground task: indices of objects, facts and operators, literals, and numeric expressions.
+//! Terms of a ground task: indices of objects, facts and operators, literals, and numeric
+//! expressions.
 //!
-//! A [`FactId`] or [`OperatorId`] is valid in one task only. It is never sent in a message.
+//! A [`FactId`] or [`OperatorId`] is valid in one task only, and never sent in a message.
 
 use pddl::{Comparison, Operator as Arithmetic};
 
@@ -8,9 +9,8 @@ use pddl::{Comparison, Operator as Arithmetic};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct ObjectId(u32);
 
-/// Index of a ground fact in one task. The indices of *basic* facts, which operators change, come
-/// first; then those of *comparisons*, which follow from numbers; then those of *derived* facts, which
-/// follow from axioms.
+/// Index of a ground fact in one task. The order is: *basic* facts, which operators change;
+/// *comparisons*, which follow from numbers; *derived* facts, which follow from axioms.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub(crate) struct FactId(pub(crate) u32);
 
@@ -39,7 +39,7 @@ pub(crate) enum GroundExpression {
     Apply(Arithmetic, Vec<GroundExpression>),
 }
 
-/// A comparison of two numeric expressions. Its truth is a fact of the task.
+/// A comparison of two numeric expressions. Its truth value is a fact of the task.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct GroundComparison {
     pub(crate) comparison: Comparison,
@@ -96,8 +96,8 @@ impl Literal {
         Literal(self.0 ^ 1)
     }
 
-    /// Returns the literal with this index: twice the fact's index, plus one if the literal is
-    /// negative.
+    /// Returns the literal with this index: twice the index of its fact, plus one for a negative
+    /// literal.
     pub(crate) fn from_index(index: usize) -> Literal {
         Literal(u32::try_from(index).unwrap_or(u32::MAX))
     }
@@ -110,8 +110,8 @@ impl Literal {
 // === impl GroundExpression ===
 
 impl GroundExpression {
-    /// Returns the value of the expression, given the values of the fluents. The value is NaN if a
-    /// fluent is undefined or a division is by zero.
+    /// Returns the value of the expression for these values of the fluents; NaN if a fluent is
+    /// undefined or a divisor is zero.
     pub(crate) fn evaluate(&self, values: &dyn Fn(u32) -> f64) -> f64 {
         match self {
             GroundExpression::Number(number) => *number,

@@ -1,13 +1,14 @@
-//! A hash table that contains ids only; the caller keeps the values that the ids stand for.
+//! A hash table of ids. The caller stores the values with these ids.
 //!
-//! States and tuples are stored in flat arenas. This table finds the id of an equal state or tuple
-//! without a second copy of it. The table is never iterated over, so no result depends on its order.
+//! States and tuples are stored in flat arenas. With this table, the id of an equal state or tuple
+//! is found without a second copy of it. The table is never iterated over, so its order has no
+//! influence on results.
 
 use std::hash::Hasher;
 
 use rustc_hash::FxHasher;
 
-/// Value of a slot that is free.
+/// Value of a free slot.
 const FREE: u32 = u32::MAX;
 
 /// Hash table of ids with open addressing. At most 7 of 8 slots are occupied.
@@ -20,7 +21,7 @@ pub(crate) struct IdTable {
 // === impl IdTable ===
 
 impl IdTable {
-    /// Returns the id with the hash `hash` for which `is_it` returns `true`; `None` if the table has no
+    /// Returns the id with the hash `hash` for which `is_it` returns `true`; `None` if there is no
     /// such id. `is_it` may also be called for ids with other hashes.
     pub(crate) fn find(&self, hash: u64, mut is_it: impl FnMut(u32) -> bool) -> Option<u32> {
         if self.places.is_empty() {
@@ -37,8 +38,8 @@ impl IdTable {
         }
     }
 
-    /// Adds the id `id`, which must not be in the table yet. `hash_of` returns the hash of an id that
-    /// is in the table; it is called when the table grows.
+    /// Adds the id `id`, which must not be in the table. `hash_of` must return the hash of any id
+    /// in the table; it is called when the table grows.
     pub(crate) fn insert(&mut self, hash: u64, id: u32, hash_of: impl Fn(u32) -> u64) {
         if self.is_full() {
             let grown = self.grown();
@@ -51,8 +52,8 @@ impl IdTable {
         self.count += 1;
     }
 
-    /// Returns the number of bytes that the table takes. If the table is full, the size of the table
-    /// that it will grow to is added.
+    /// Returns the number of bytes of the table. If the table is full, the bytes of the next,
+    /// larger table are added.
     pub(crate) fn bytes(&self) -> usize {
         let grown = if self.is_full() { self.grown() } else { 0 };
         (self.places.len() + grown) * size_of::<u32>()
@@ -75,8 +76,8 @@ impl IdTable {
         self.places[place] = id;
     }
 
-    /// Returns the first slot that is searched for a hash. The slot is taken from the upper bits of a
-    /// product, which are the best mixed.
+    /// Returns the first slot to search for a hash. The upper bits of a product are used, because
+    /// they are mixed best.
     fn home(&self, hash: u64) -> usize {
         let bits = self.places.len().trailing_zeros();
         (hash.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> (64 - bits)) as usize
@@ -95,7 +96,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn finds_what_was_inserted_and_nothing_else() {
+    fn only_inserted_entries_are_found() {
         let things: Vec<u64> = (0..1_000).map(|index| index * 64).collect();
         let hash_of = |id: u32| hash_words([things[id as usize]]);
         let mut table = IdTable::default();

@@ -1,20 +1,20 @@
-//! Planning within the process of the caller: from PDDL texts to validated plans.
+//! The embedded planner: computes validated plans for PDDL texts, in the process of the caller.
 //!
 //! Start reading at [`plan()`], then `task`, then `search`.
 //!
-//! - `normalize` replaces names by numbers and rejects features that are not supported. `ground`
-//!   instantiates the `task`. `state`, `successors`, `heuristic` and `search` solve it.
-//! - [`mod@validate`] checks plans against the PDDL texts themselves. It shares no code with the
-//!   modules above.
-//! - [`order`] computes which steps of a plan must wait for which others. [`goal`] splits goals into
-//!   conjuncts. [`explain`] computes what is missing if there is no plan.
+//! - `normalize` replaces names by numbers and rejects unsupported features. `ground` builds the
+//!   `task`. `state`, `successors`, `heuristic` and `search` solve it.
+//! - [`mod@validate`] checks plans against the PDDL texts. It shares no code with the modules
+//!   above.
+//! - [`order`] computes which steps of a plan must wait for which others. [`goal`] splits goals
+//!   into conjuncts. [`explain`] computes the missing capabilities if there is no plan.
 //!
 //! Other crates compose domains (`capability`), execute plans (the Plan Executor) and run other
 //! planners (`engines`).
 //!
-//! **Invariants:** no async function, no clock, no randomness, no environment variables, no logging.
-//! The same texts and budget give the same answer on every machine. Every plan that is returned has
-//! passed the validator, and a problem is called unsolvable only with a proof.
+//! **Invariants:** This crate has no async function, and uses no clock, randomness, environment
+//! variable or log. The same texts and budget give the same answer on every machine. Every returned
+//! plan has passed the validator, and a problem is called unsolvable only with a proof.
 
 mod plan;
 

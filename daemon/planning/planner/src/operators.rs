@@ -1,31 +1,31 @@
-//! Ground actions in flat arrays, read through small structs of references.
+//! Ground actions in flat arrays, which are read through small structs of references.
 //!
-//! A task may have millions of operators: each takes a few numbers here and has no allocation of its
-//! own. `ground` first fills an operator table over raw facts, and then the operator table of the task.
+//! A task may have millions of operators. Each occupies a few numbers here, without an allocation
+//! of its own. `ground` first fills an operator table over raw facts, and then the operator table
+//! of the task.
 
 use crate::ground_terms::{FactId, Literal, NumericChange, ObjectId};
 
 /// An operator: a ground action, read from the arrays of an [`OperatorTable`].
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct GroundOperator<'t> {
-    /// Index of the action schema that the operator instantiates.
+    /// Index of the operator's action schema.
     pub(crate) schema: u32,
-    /// Objects for the parameters of the schema. If one of them is the agent that executes the action,
-    /// it comes first.
+    /// Objects for the parameters of the schema. If the action has an agent, it comes first.
     pub(crate) arguments: &'t [ObjectId],
-    /// Literals that must hold before the operator is applied, sorted.
+    /// Literals of the precondition, sorted.
     pub(crate) preconditions: &'t [Literal],
-    /// Changes that happen whenever the operator is applied.
+    /// The unconditional effect of the operator.
     pub(crate) effect: Changes<'t>,
-    /// Conditional effects of the operator; all their conditions are evaluated in the state before the
-    /// operator.
+    /// Conditional effects of the operator. All their conditions are evaluated in the state before
+    /// the operator.
     pub(crate) conditional: ConditionalEffects<'t>,
     /// Cost of the operator, in units of [`Task::cost_unit`](crate::task::Task::cost_unit).
     pub(crate) cost: u64,
 }
 
-/// An effect: changes of facts and numbers that happen together. A fact that is both deleted and added
-/// is true afterwards.
+/// An effect: changes of facts and numbers that occur together. A fact that is both deleted and
+/// added becomes true.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Changes<'t> {
     pub(crate) adds: &'t [FactId],
@@ -33,7 +33,8 @@ pub(crate) struct Changes<'t> {
     pub(crate) numeric: &'t [NumericChange],
 }
 
-/// A conditional effect: changes that happen if the conditions hold in the state before the operator.
+/// A conditional effect: changes that occur if the conditions hold in the state before the
+/// operator.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ConditionalEffect<'t> {
     pub(crate) conditions: &'t [Literal],
@@ -51,7 +52,8 @@ pub(crate) struct ConditionalEffects<'t> {
 /// All operators of a task.
 #[derive(Clone, Debug)]
 pub(crate) struct OperatorTable {
-    /// Per operator: the end of its entries in each array. The first row is a sentinel of zeros.
+    /// Per operator: the end of its entries in each array. The first row contains zeros, as the
+    /// start of the first operator.
     rows: Vec<OperatorRow>,
     arguments: Vec<ObjectId>,
     preconditions: Vec<Literal>,
@@ -70,9 +72,10 @@ struct OperatorRow {
 
 #[derive(Clone, Debug)]
 struct ChangesTable {
-    /// Per effect: the end of its entries in each array. The first row is a sentinel of zeros.
+    /// Per effect: the end of its entries in each array. The first row contains zeros, as the start
+    /// of the first effect.
     rows: Vec<ChangesRow>,
-    /// Facts that each effect adds, followed by the facts that it deletes.
+    /// Per effect: the facts that it adds, followed by the facts that it deletes.
     facts: Vec<FactId>,
     numeric: Vec<NumericChange>,
 }
@@ -86,30 +89,31 @@ struct ChangesRow {
 
 #[derive(Clone, Debug)]
 struct ConditionalTable {
-    /// Per conditional effect: the end of its conditions. The first entry is a sentinel of zero.
+    /// Per conditional effect: the end of its conditions. The first entry is zero, the start of the
+    /// first effect.
     ends: Vec<u32>,
     conditions: Vec<Literal>,
     effects: ChangesTable,
 }
 
-/// What [`OperatorTable::renumber`] does: which operators, effects and facts it keeps, and the new
+/// Policy for [`OperatorTable::renumber`]: the operators, effects and facts to keep, and the new
 /// number of each fact.
 pub(crate) trait Renumbering {
-    /// Whether an operator is kept. The facts of `operator` still have their old numbers.
+    /// Whether an operator is kept. Its facts still have their old numbers.
     fn keeps(&self, operator: GroundOperator<'_>) -> bool;
 
-    /// Whether a conditional effect is kept. This is asked only for effects of operators that are kept.
+    /// Whether a conditional effect of a kept operator is kept.
     fn keeps_effect(&self, conditions: &[Literal], effect: Changes<'_>) -> bool;
 
-    /// Returns the literal with its new fact number, or `None` if the literal is dropped because it is
+    /// Returns the literal with its new fact number; `None` if the literal is dropped because it is
     /// always true.
     fn literal(&self, literal: Literal) -> Option<Literal>;
 
-    /// Returns the new number of a fact, or `None` if the fact is dropped because it is irrelevant.
+    /// Returns the new number of a fact; `None` if the fact is dropped because it is irrelevant.
     fn fact(&self, fact: FactId) -> Option<FactId>;
 }
 
-/// How much of a [`ChangesTable`] has been kept so far, while the table is compacted.
+/// Progress of compacting a [`ChangesTable`]: the parts that are kept so far.
 #[derive(Debug)]
 struct CompactionProgress {
     rows: Vec<ChangesRow>,
@@ -123,7 +127,7 @@ impl Default for CompactionProgress {
     }
 }
 
-/// Renumbers literals in place, moves them behind the literals that are kept already, and sorts them.
+/// Renumbers literals in place, moves them behind the already kept literals, and sorts them.
 fn renumber_literals(
     all: &mut [Literal],
     read: std::ops::Range<usize>,
@@ -140,7 +144,8 @@ fn renumber_literals(
     all[start..*kept].sort_unstable();
 }
 
-/// Returns a length as the end of a row. The caps on memory keep lengths below the limit of `u32`.
+/// Returns a length as the end of a row. The limits on memory keep lengths within the range of
+/// `u32`.
 fn end(length: usize) -> u32 {
     u32::try_from(length).unwrap_or(u32::MAX)
 }
@@ -188,7 +193,7 @@ impl OperatorTable {
         (0..self.len()).map(|index| self.get(index))
     }
 
-    /// Adds an operator, for now without effects and with a cost of zero.
+    /// Adds an operator without effects and with the cost zero.
     pub(crate) fn push(
         &mut self,
         schema: u32,
@@ -207,7 +212,8 @@ impl OperatorTable {
         self.costs.push(0);
     }
 
-    /// Adds a copy of an operator of another table, with `preconditions` in place of its own.
+    /// Adds a copy of another table's operator, with `preconditions` instead of its own
+    /// preconditions.
     pub(crate) fn push_with(
         &mut self,
         operator: GroundOperator<'_>,
@@ -229,7 +235,7 @@ impl OperatorTable {
         self.set_cost(operator.cost);
     }
 
-    /// Sets the unconditional effect of the last operator, which must not have one yet.
+    /// Sets the unconditional effect of the last operator. Must be called once for each operator.
     pub(crate) fn set_effect(
         &mut self,
         adds: impl IntoIterator<Item = FactId>,
@@ -269,8 +275,8 @@ impl OperatorTable {
         &mut self.costs
     }
 
-    /// Drops and renumbers operators, effects and facts as `by` decides. The long arrays are compacted
-    /// in place: the write position never overtakes the read position.
+    /// Drops and renumbers operators, effects and facts according to `by`. The long arrays are
+    /// compacted in place, because the write position never overtakes the read position.
     pub(crate) fn renumber(&mut self, by: &impl Renumbering) {
         let mut rows = vec![OperatorRow::default()];
         let (mut effects, mut conditional) =
@@ -316,7 +322,7 @@ impl OperatorTable {
         self.shrink();
     }
 
-    /// Returns the number of bytes that the table takes.
+    /// Returns the number of bytes of the table.
     pub(crate) fn bytes(&self) -> usize {
         let rows = self.rows.capacity() * size_of::<OperatorRow>() + self.costs.capacity() * 8;
         let pools = (self.arguments.capacity() + self.preconditions.capacity()) * 4;
@@ -403,7 +409,7 @@ impl ChangesTable {
         self.rows.push(ChangesRow { adds, deletes, numeric });
     }
 
-    /// Renumbers the effect at `index` and moves it behind the effects that are kept already.
+    /// Renumbers the effect at `index` and moves it behind the already kept effects.
     fn keep(&mut self, index: usize, kept: &mut CompactionProgress, by: &impl Renumbering) {
         let (from, to) = (self.rows[index], self.rows[index + 1]);
         let mut keep = |read: std::ops::Range<u32>| {
@@ -471,7 +477,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_pushed_is_read() {
+    fn pushed_operators_are_read_back() {
         let operators = table();
         assert_eq!(operators.len(), 3);
         let first = operators.get(0);
@@ -486,8 +492,8 @@ mod tests {
         assert_eq!(conditional[1].effect.deletes, facts(&[9]));
     }
 
-    /// A renumbering that drops the first operator, effects that add nothing, and fact 9, and adds 10
-    /// to the numbers of all other facts.
+    /// A renumbering that drops the first operator, effects without adds, and fact 9, and that adds
+    /// 10 to the numbers of all other facts.
     struct Shift;
 
     impl Renumbering for Shift {
@@ -509,7 +515,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_renumbered_keeps_its_place() {
+    fn renumbering_keeps_the_order_of_operators() {
         let mut operators = table();
         operators.renumber(&Shift);
         assert_eq!(operators.len(), 2);

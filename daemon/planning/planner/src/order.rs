@@ -1,25 +1,25 @@
-//! Deordering: computes which steps of a plan must wait for which others, so that the rest can run in
-//! parallel.
+//! Deordering: computes which steps of a plan must wait for which others. All other steps can run
+//! in parallel.
 //!
-//! Two steps keep their order if one of them may write what the other reads or writes (in any branch,
-//! through an axiom, or as a number), or if the same agent executes both. Every linearization that
-//! respects this order leads to the same end state (tests try all linearizations). The order is always
-//! sound, but may contain more waits than a minimal deordering, which is hard to compute.
+//! Two steps keep their order if one of them may write a fact or number that the other reads or
+//! writes (in any branch, or through an axiom), or if the same agent executes both. Every
+//! linearization of this order leads to the same end state; tests try all linearizations. The order
+//! is always sound, but may contain more waits than a minimal deordering, which is hard to compute.
 
 use pddl::PlanStep;
 
 use crate::validate::{Footprint, World};
 
-/// The steps of a plan, each with the steps that it must wait for.
+/// Partial order of the steps of a plan.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PartialOrder {
-    /// Per step, in the order of the plan: the steps that it directly waits for, sorted. A step that is
-    /// already waited for through another one is left out (transitive reduction).
+    /// Per step, in the order of the plan: its direct predecessors, sorted. A step that is already
+    /// an indirect predecessor is omitted (transitive reduction).
     pub predecessors: Vec<Vec<usize>>,
 }
 
-/// Computes the partial order of the steps of a plan. The facts of the state in `world` do not affect
-/// the result.
+/// Computes the partial order of the steps of a plan. The facts of the state in `world` do not
+/// affect the result.
 pub fn deorder(world: &World, steps: &[PlanStep]) -> PartialOrder {
     let footprints: Vec<Footprint> = steps.iter().map(|step| world.footprint(step)).collect();
     let must_wait =
@@ -27,8 +27,8 @@ pub fn deorder(world: &World, steps: &[PlanStep]) -> PartialOrder {
     PartialOrder::reduced(footprints.len(), must_wait)
 }
 
-/// Returns the positions of the first pair of steps, one of each plan, for which the order may matter.
-/// Returns `None` if the two plans can run in parallel, however their steps interleave.
+/// Returns the positions of the first pair of steps, one of each plan, for which the order may
+/// matter. Returns `None` if the two plans can run in parallel with any interleaving.
 pub fn interference(
     world: &World,
     ours: &[PlanStep],
@@ -51,7 +51,7 @@ pub fn interference(
 // === impl PartialOrder ===
 
 impl PartialOrder {
-    /// Returns the steps that can begin: those that are not done and wait only for steps that are done.
+    /// Returns the steps that can begin: they are not done, and all their predecessors are done.
     pub fn ready(&self, done: &[bool]) -> Vec<usize> {
         let is_done = |step: &usize| done.get(*step).copied().unwrap_or(false);
         let steps = 0..self.predecessors.len();
@@ -60,16 +60,17 @@ impl PartialOrder {
             .collect()
     }
 
-    /// Builds the partial order of `count` steps. `must_wait` returns whether a later step must wait
-    /// for an earlier one.
+    /// Builds the partial order of `count` steps. `must_wait(later, earlier)` returns whether a
+    /// later step must wait for an earlier one.
     fn reduced(count: usize, must_wait: impl Fn(usize, usize) -> bool) -> PartialOrder {
-        // Per step: all its predecessors, direct or indirect.
+        // Per step: its direct and indirect predecessors.
         let mut before: Vec<Vec<bool>> = Vec::with_capacity(count);
         let mut predecessors = Vec::with_capacity(count);
         for later in 0..count {
             let mut all = vec![false; count];
             let mut direct = Vec::new();
-            // Nearest first: a step that is already an indirect predecessor need not be added.
+            // The nearest step comes first, so that steps which are already indirect predecessors
+            // are not added.
             for earlier in (0..later).rev() {
                 if !all[earlier] && must_wait(later, earlier) {
                     direct.push(earlier);

@@ -9,23 +9,26 @@ use pddl::{Diagnostic, Plan, Span};
 
 use crate::validate::Fault;
 
-/// The result of one planning call. It always has a stop reason and statistics.
+/// Result of one planning call, with its stop reason and statistics.
 #[derive(Clone, Debug)]
 pub struct PlanningOutcome {
-    /// Plan with its cost, accepted by the independent validator; `None` if the call found no plan.
+    /// Plan with its cost, which the independent validator has accepted; `None` if no plan was
+    /// found.
     pub plan: Option<Plan>,
     /// Reason why the call ended; [`StopReason::GoalReached`] if and only if there is a plan.
     pub stop_reason: StopReason,
-    /// Reason why the plan is not proved to be a cheapest one although [`crate::Effort::Optimal`] was
-    /// asked for: a limit, or [`StopReason::Exhausted`] if the costs allow no proof. `None` if the plan
-    /// is proved to be a cheapest one, if there is no plan, or if no proof was asked for.
+    /// Reason why the plan is not proved to be optimal although [`crate::Effort::Optimal`] was
+    /// requested: a limit, or [`StopReason::Exhausted`] if the costs allow no proof. `None` if the
+    /// plan is proved to be optimal, if there is no plan, or if no proof was requested.
     pub unproven: Option<StopReason>,
-    /// Property of the costs that makes a proof of optimality impossible. Always set if this property
-    /// is why [`PlanningOutcome::unproven`] is [`StopReason::Exhausted`].
+    /// Property of the costs that makes a proof of optimality impossible; `None` if there is no
+    /// such property. Always set if this property is why [`PlanningOutcome::unproven`] is
+    /// [`StopReason::Exhausted`].
     pub unprovable: Option<Unprovable>,
-    /// Work that the planning call did.
+    /// Amount of work of the planning call.
     pub statistics: Statistics,
-    /// Warnings: constructs in the domain or the problem that the author probably did not intend.
+    /// Warnings about constructs in the domain or the problem that the author probably did not
+    /// intend.
     pub warnings: Vec<Diagnostic>,
 }
 
@@ -40,14 +43,14 @@ pub enum PlanningProgress<'n> {
         /// Number of operators, as in [`Statistics::operators`].
         operators: usize,
     },
-    /// The search goes on.
+    /// The search is running; this event is repeated.
     Searching {
-        /// Number of states expanded by the current search. The count begins again with each search;
-        /// there are several searches if better plans are asked for.
+        /// Number of states that the current search has expanded. The count starts again with each
+        /// search; there are several if better plans are requested.
         expansions: u64,
     },
-    /// A validated plan was found that is cheaper than all plans before it. The event occurs more than
-    /// once only if [`crate::Options::effort`] asks for better plans.
+    /// A validated plan was found that is cheaper than all earlier plans. The event occurs more
+    /// than once only if [`crate::Options::effort`] requests better plans.
     Plan(&'n Plan),
 }
 
@@ -59,31 +62,30 @@ pub enum StopReason {
     GoalReached,
     /// No plan exists. This is a proof.
     Unsolvable {
-        /// Whether the delete relaxation of the initial state was already enough to prove that no plan
-        /// exists.
+        /// Whether the delete relaxation of the initial state was enough for the proof.
         before_search: bool,
     },
-    /// No state was left to expand, but pruning or a cost bound had excluded some. This is *not* a
-    /// proof that there is no plan.
+    /// No state was left to expand, but pruning or a cost bound had excluded some states. This is
+    /// *not* a proof that no plan exists.
     Exhausted,
-    /// The cap on expansions was reached.
+    /// The limit on expansions was reached.
     ExpansionLimit {
-        /// Cap on the number of expansions.
+        /// Limit on the number of expansions.
         limit: u64,
     },
-    /// The cap on grounding work was reached.
+    /// The limit on grounding work was reached.
     JoinStepLimit {
-        /// Cap on the number of join steps (candidate tuples).
+        /// Limit on the number of join steps (candidate tuples).
         limit: u64,
     },
-    /// The cap on memory was reached.
+    /// The limit on memory was reached.
     MemoryLimit {
-        /// Cap on memory, in bytes.
+        /// Limit on memory, in bytes.
         limit: usize,
     },
-    /// The cap on the work of validating a plan was reached, so that the plan is not returned.
+    /// The limit on the work of validating a plan was reached, so the plan is not returned.
     ValidationLimit {
-        /// Cap on the number of evaluation steps.
+        /// Limit on the number of evaluation steps.
         limit: u64,
     },
     /// The caller set the [`crate::Cancel`] flag.
@@ -96,24 +98,25 @@ pub enum StopReason {
 pub enum Unprovable {
     /// The metric is not a weighted sum.
     NoSum,
-    /// The cost of some step depends on the state.
+    /// The cost of a step depends on the state.
     Varies,
-    /// Some step has a negative cost, so that a plan with more steps may be cheaper.
+    /// A step has a negative cost, so a plan with more steps may be cheaper.
     NegativeCosts,
-    /// Some cost has more than six decimal places.
+    /// A cost has more than six decimal places.
     TooFine,
     /// Costs are too large to be added without rounding.
     TooLarge,
 }
 
-/// Work that a planning call did. All values are counts, not times: they are the same in every run.
+/// Amount of work of a planning call. All values are counts, not times, and are the same in every
+/// run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Statistics {
     /// Number of facts of the ground task, without facts that cannot change.
     pub facts: usize,
     /// Number of operators of the ground task.
     pub operators: usize,
-    /// Number of candidate tuples that grounding looked at.
+    /// Number of candidate tuples that grounding visited.
     pub join_steps: u64,
     /// Number of states that the first search expanded.
     pub expansions: u64,
@@ -121,21 +124,20 @@ pub struct Statistics {
     pub evaluations: u64,
     /// Number of states that the optimal search expanded after the first search.
     pub optimal_expansions: u64,
-    /// Whether it is proved that no plan is cheaper than the one returned, and that no plan of the same
-    /// cost has fewer steps.
+    /// Whether the search has proved that no plan is cheaper than the returned plan, and that no
+    /// plan of the same cost has fewer steps.
     pub proven_optimal: bool,
 }
 
-/// Error that kept a planning call from producing an outcome.
+/// Error that ended a planning call without an outcome.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum PlanError {
-    /// The texts use a feature that this planner does not support. The planner never ignores such a
-    /// feature.
+    /// The texts use a feature that this planner does not support. Such a feature is never ignored.
     Unsupported(Unsupported),
-    /// The texts contain errors. Errors of the problem are reported only if the domain has none.
+    /// The texts contain mistakes. Those of the problem are reported only if the domain has none.
     BadInput(Vec<Diagnostic>),
-    /// The validator rejected a plan that this planner made: a defect of the planner.
+    /// The validator rejected a plan of this planner, which is a defect of the planner.
     Internal(Box<Fault>),
 }
 
@@ -150,7 +152,7 @@ pub struct Unsupported {
     pub text: InputText,
 }
 
-/// Which of the two input texts is meant.
+/// One of the two input texts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum InputText {
     /// The text of the domain.
@@ -162,10 +164,9 @@ pub enum InputText {
 // === impl PlanningOutcome ===
 
 impl PlanningOutcome {
-    /// Returns the process exit code for the outcome. The codes are those of Fast Downward, with one
-    /// exception: if a plan was found but the proof that it is a cheapest one was asked for and is
-    /// missing, the code is 1 if a memory limit was the reason, 2 if the call was cancelled, and 4
-    /// otherwise.
+    /// Returns the process exit code for the outcome. The codes are those of Fast Downward, except
+    /// for a plan without a requested proof of optimality. In this case the code is 1 if a memory
+    /// limit was the reason, 2 if the call was cancelled, and 4 otherwise.
     pub fn exit_code(&self) -> u8 {
         match self.unproven {
             None => self.stop_reason.exit_code(),
@@ -184,7 +185,7 @@ impl StopReason {
         matches!(self, StopReason::MemoryLimit { .. } | StopReason::JoinStepLimit { .. })
     }
 
-    /// Returns the process exit code for the stop reason, as Fast Downward defines it.
+    /// Returns the process exit code for the stop reason, as in Fast Downward.
     pub fn exit_code(self) -> u8 {
         match self {
             StopReason::GoalReached => 0,
@@ -273,7 +274,7 @@ impl From<Unsupported> for PlanError {
 // === impl Unsupported ===
 
 impl Unsupported {
-    /// Whether the name of the feature is a plural, so that a sentence about the feature needs `are`.
+    /// Whether the name of the feature is a plural, so that a sentence about it uses `are`.
     pub fn is_plural(&self) -> bool {
         let is_one = self.feature.starts_with("a ") || self.feature.starts_with("an ");
         self.feature.ends_with('s') && !is_one

@@ -1,7 +1,7 @@
-//! Entry point of the planner: from PDDL texts to a validated plan.
+//! Entry point of the planner: computes a validated plan for PDDL texts.
 //!
-//! Pipeline: normalize → ground → [`crate::solve`] → validation. Every plan is checked by the
-//! independent validator; a plan that fails the check is reported as a defect of the planner.
+//! The pipeline is: normalize → ground → [`crate::solve`] → validate. The independent validator
+//! checks every plan. A plan that it rejects is reported as a defect of the planner.
 
 use pddl::{Diagnostic, Domain, MetricDirection, Number, Plan, Problem};
 
@@ -19,15 +19,15 @@ use crate::validate::{Fault, FaultPlace, FaultReason, World, cost_from};
 
 /// Searches for a plan for a problem.
 ///
-/// The function is pure: it reads no clock, opens no file and writes nothing. Unless `cancel` is set,
-/// the same texts and budget give the same outcome on every machine. A caller with a deadline sets
-/// `cancel` when the deadline has passed.
+/// The function is pure: it reads no clock, opens no file and writes nothing. Unless `cancel` is
+/// set, the same texts and budget give the same outcome on every machine. A caller with a deadline
+/// sets `cancel` at the deadline.
 ///
 /// # Errors
 ///
-/// Returns [`PlanError::BadInput`] if the texts contain errors, [`PlanError::Unsupported`] if they use a
-/// feature that this planner does not support, and [`PlanError::Internal`] if the validator rejects the
-/// plan. A problem without a plan, and a limit that is reached, are outcomes.
+/// Returns [`PlanError::BadInput`] if the texts contain mistakes, [`PlanError::Unsupported`] if
+/// they use a feature that this planner does not support, and [`PlanError::Internal`] if the
+/// validator rejects the plan. An unsolvable problem and a reached limit are outcomes, not errors.
 pub fn plan(
     domain: &Domain,
     problem: &Problem,
@@ -37,8 +37,8 @@ pub fn plan(
     plan_with_progress(domain, problem, options, cancel, &mut |_| ())
 }
 
-/// Plans as [`plan()`] does, and also calls `tell` with the progress, and with every plan as soon as
-/// the plan is found and validated.
+/// Plans as [`plan()`] does. Calls `tell` with the progress, and with every plan as soon as it is
+/// found and validated.
 ///
 /// # Errors
 ///
@@ -84,9 +84,9 @@ pub fn plan_with_progress(
     judge.outcome(reason, options.effort, statistics, task.unprovable, grounded.warnings)
 }
 
-/// Grounds a task. If the task has wide actions (actions with many parameters) and grounding reaches a
-/// limit, the task is ground again in a form that applies these actions piecewise (one parameter at a
-/// time).
+/// Grounds a task. If the task has wide actions (actions with many parameters) and grounding
+/// reaches a limit, the task is grounded again in a form that applies these actions piecewise, one
+/// parameter at a time.
 fn ground_whole_or_piecewise(
     lifted: &Lifted,
     budget: Budget,
@@ -96,7 +96,7 @@ fn ground_whole_or_piecewise(
     if !is_wide(lifted) {
         return Ok((ground(lifted, budget, cancel, join_steps)?, None));
     }
-    // Half the budget, because the piecewise form is left as a second attempt.
+    // The first attempt uses half the budget, because the piecewise form needs the rest.
     let half = Budget {
         join_steps_max: budget.join_steps_max / 2,
         memory_max_bytes: budget.memory_max_bytes / 2,
@@ -114,8 +114,8 @@ fn ground_whole_or_piecewise(
     }
 }
 
-/// Whether [`plan()`] decomposes actions or conditions of the texts because they have too many
-/// variables, or may do so.
+/// Whether [`plan()`] decomposes, or may decompose, actions or conditions of the texts because they
+/// have too many variables.
 pub(crate) fn is_decomposed(domain: &Domain, problem: &Problem) -> Result<bool, PlanError> {
     let mut lifted = normalize(domain, problem)?;
     let axioms = lifted.axioms.len();
@@ -123,18 +123,18 @@ pub(crate) fn is_decomposed(domain: &Domain, problem: &Problem) -> Result<bool, 
     Ok(lifted.axioms.len() > axioms || is_wide(&lifted))
 }
 
-/// Validates plans against the PDDL texts, and keeps the best of them by the metric.
+/// Validates plans against the PDDL texts, and keeps the best valid plan by the metric.
 pub(crate) struct PlanJudge<'j> {
     domain: &'j Domain,
     problem: &'j Problem,
-    /// Initial state of the problem; `None` until it is needed for the first time.
+    /// Initial state of the problem; `None` before its first use.
     pub(crate) world: Option<World>,
     pub(crate) best: Option<Plan>,
     pub(crate) defect: Option<PlanError>,
-    /// Maximal number of evaluation steps for one plan.
+    /// Maximum number of evaluation steps for one plan.
     work_max: u64,
     cancel: &'j Cancel,
-    /// Why a plan was not validated to the end; `None` if every plan was.
+    /// Reason why the validation of a plan was not completed; `None` if all were completed.
     stopped: Option<StopReason>,
 }
 
@@ -152,11 +152,11 @@ impl<'j> PlanJudge<'j> {
         PlanJudge { domain, problem, world, best, defect, work_max, cancel, stopped }
     }
 
-    /// Validates a plan. If the plan is the best so far, keeps it, calls `found` with it and returns
+    /// Validates a plan. If it is the best so far, stores it, calls `found` with it and returns
     /// `true`.
     pub(crate) fn submit(&mut self, plan: Plan, found: &mut dyn FnMut(&Plan)) -> bool {
         match self.validated(plan) {
-            // Where costs depend on the state, the search may report a plan that is in truth more
+            // If costs depend on the state, the search may report a plan that is actually more
             // expensive.
             Ok(plan) if self.best.as_ref().is_none_or(|best| self.is_better(&plan, best)) => {
                 found(&plan);
@@ -178,7 +178,7 @@ impl<'j> PlanJudge<'j> {
         }
     }
 
-    /// Validates a plan, and returns it with the cost that the validator computes.
+    /// Validates a plan, and returns it with the cost computed by the validator.
     fn validated(&mut self, plan: Plan) -> Result<Plan, PlanError> {
         let world = match self.world.take() {
             Some(world) => world,
@@ -204,7 +204,7 @@ impl<'j> PlanJudge<'j> {
         }
     }
 
-    /// Builds the outcome of a planning call after a search that ended for `reason`.
+    /// Builds the outcome of a planning call after a search that ended with `reason`.
     pub(crate) fn outcome(
         self,
         reason: StopReason,
@@ -222,8 +222,8 @@ impl<'j> PlanJudge<'j> {
                     StopReason::GoalReached => StopReason::Exhausted,
                     limit => limit,
                 });
-                // No single cost forbids a proof, and still there is none: so the sum of the costs is
-                // too large.
+                // No single cost prevents a proof, and still there is none. The sum of the costs is
+                // therefore too large.
                 let is_in_vain = unproven == Some(StopReason::Exhausted);
                 let unprovable = unprovable.or(is_in_vain.then_some(Unprovable::TooLarge));
                 let plan = Some(plan);
@@ -241,19 +241,20 @@ impl<'j> PlanJudge<'j> {
     }
 }
 
-/// Whether a limit or the caller ended the validation, so that the plan may be valid.
+/// Whether a limit or the caller ended the validation; the plan may then be valid.
 fn is_stop(fault: &Fault) -> bool {
     matches!(fault.reason, FaultReason::WorkLimit { .. })
 }
 
-/// Returns an error if one of the texts contains errors. If the domain has errors, only those are
-/// returned, so that all diagnostics of one answer refer to one text.
+/// Returns an error if one of the texts contains mistakes. If the domain has any, only those are
+/// returned, so that all diagnostics of an answer refer to one text.
 pub(crate) fn refuse_mistakes(domain: &Domain, problem: &Problem) -> Result<(), PlanError> {
     refuse(pddl::check_domain(domain))?;
     refuse_mistakes_of_problem(domain, problem)
 }
 
-/// Checks the texts as [`refuse_mistakes`] does, if the domain has been checked before.
+/// Checks the texts as [`refuse_mistakes`] does, without the domain, which must have been checked
+/// before.
 pub(crate) fn refuse_mistakes_of_problem(
     domain: &Domain,
     problem: &Problem,
@@ -261,8 +262,8 @@ pub(crate) fn refuse_mistakes_of_problem(
     refuse(pddl::check_problem(domain, problem))
 }
 
-/// Checks the texts as [`refuse_mistakes`] does, if the domain and the problem have been checked before
-/// with another goal.
+/// Checks the goal only. The domain and the problem must have been checked before with another
+/// goal.
 pub(crate) fn refuse_mistakes_of_goal(domain: &Domain, problem: &Problem) -> Result<(), PlanError> {
     refuse(pddl::check::check_condition(domain, problem, &problem.goal))
 }

@@ -1,9 +1,9 @@
-//! Size of a planning problem: the numbers of facts, operators and axioms that grounding produces. No
-//! search is needed to determine them.
+//! Size of a planning problem: the numbers of facts, operators and axioms after grounding. They are
+//! determined without a search.
 //!
 //! The steps are [`prepare`], [`NormalizedProblem::ground`], then [`GroundProblem::extent`] or
-//! [`GroundProblem::groups`]. They are separate calls so that a caller with a clock can measure the
-//! time of each.
+//! [`GroundProblem::groups`]. They are separate calls, so that a caller with a clock can measure
+//! the time of each.
 
 use pddl::{Domain, Problem};
 
@@ -16,7 +16,8 @@ use crate::outcome::{PlanError, StopReason};
 use crate::plan::refuse_mistakes;
 use crate::task::Task;
 
-/// A domain and a problem after normalization, with numbers in place of names: the input of grounding.
+/// A domain and a problem after normalization, with numbers instead of names: the input of
+/// grounding.
 #[derive(Clone, Debug)]
 pub struct NormalizedProblem(Lifted);
 
@@ -27,22 +28,22 @@ pub struct GroundProblem {
     join_steps: u64,
 }
 
-/// Number and use of the mutex groups of a problem. All values are counts, not times: they are the same
-/// in every run.
+/// Numbers of the mutex groups of a problem. All values are counts, not times, and are the same in
+/// every run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MutexGroupCounts {
-    /// Number of mutex groups: sets of two or more facts of which at most one is true in any reachable
-    /// state.
+    /// Number of mutex groups: sets of two or more facts, at most one of which is true in any
+    /// reachable state.
     pub groups: usize,
-    /// Number of finite-domain variables that suffice to encode all facts, if each variable stands for
-    /// the facts of one mutex group.
+    /// Number of finite-domain variables that are sufficient to encode all facts, if each variable
+    /// encodes the facts of one mutex group.
     pub variables: usize,
 }
 
-/// Size of a ground problem. All values are counts, not times: they are the same in every run.
+/// Size of a ground problem. All values are counts, not times, and are the same in every run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ProblemSize {
-    /// Number of basic facts: those that operators change. Facts that cannot change or are irrelevant
+    /// Number of basic facts, which operators change. Facts that cannot change or are irrelevant
     /// are not counted.
     pub facts: usize,
     /// Number of derived facts, which follow from axioms.
@@ -57,10 +58,10 @@ pub struct ProblemSize {
     pub conditional_effects: usize,
     /// Number of ground axioms.
     pub axioms: usize,
-    /// Number of join steps: candidate tuples that grounding looked at.
+    /// Number of join steps: candidate tuples that grounding visited.
     pub join_steps: u64,
-    /// Reason why grounding ended without a ground problem: a cap, or a proof that no plan exists.
-    /// `None` if there is a ground problem.
+    /// Reason why grounding ended without a ground problem: a limit, or a proof that no plan
+    /// exists. `None` if there is a ground problem.
     pub stop_reason: Option<StopReason>,
 }
 
@@ -68,8 +69,8 @@ pub struct ProblemSize {
 ///
 /// # Errors
 ///
-/// Returns [`PlanError::BadInput`] if the texts contain errors, and [`PlanError::Unsupported`] if they
-/// use a feature that this planner does not support.
+/// Returns [`PlanError::BadInput`] if the texts contain mistakes, and [`PlanError::Unsupported`] if
+/// they use a feature that this planner does not support.
 pub fn prepare(domain: &Domain, problem: &Problem) -> Result<NormalizedProblem, PlanError> {
     refuse_mistakes(domain, problem)?;
     let mut lifted = normalize(domain, problem)?;
@@ -80,8 +81,8 @@ pub fn prepare(domain: &Domain, problem: &Problem) -> Result<NormalizedProblem, 
 // === impl NormalizedProblem ===
 
 impl NormalizedProblem {
-    /// Grounds the problem within `budget`. A limit or a proof of unsolvability is not an error here;
-    /// it becomes the [`ProblemSize::stop_reason`].
+    /// Grounds the problem within `budget`. A reached limit and a proof of unsolvability are not
+    /// errors: they are returned as [`ProblemSize::stop_reason`].
     pub fn ground(&self, budget: Budget, cancel: &Cancel) -> GroundProblem {
         let mut join_steps = 0;
         let task = match ground(&self.0, budget, cancel, &mut join_steps) {
@@ -104,8 +105,8 @@ impl GroundProblem {
         ProblemSize { join_steps: self.join_steps, ..extent }
     }
 
-    /// Searches for the mutex groups with at most `work_max` units of work, and returns their numbers.
-    /// One unit takes about ten nanoseconds.
+    /// Searches for mutex groups with at most `work_max` units of work, and returns their numbers.
+    /// A unit takes about ten nanoseconds.
     pub fn groups(&self, work_max: u64, cancel: &Cancel) -> MutexGroupCounts {
         let Ok(task) = &self.task else { return MutexGroupCounts::default() };
         let found = MutexGroups::find(task, work_max, cancel);
@@ -113,7 +114,7 @@ impl GroundProblem {
     }
 }
 
-// === impl NeighborhoodLimits ===
+// === impl ProblemSize ===
 
 impl ProblemSize {
     fn of(task: &Task) -> ProblemSize {

@@ -6,8 +6,8 @@ use crate::axioms::AxiomEvaluator;
 use crate::state::{State, all_hold, set};
 use crate::task::{Changes, ConditionalEffect, FactId, GroundOperator, Task};
 
-/// Computes successor states: applies operators, then evaluates comparisons and axioms. Contains
-/// scratch space, so each search has a `Progression` of its own.
+/// Computes successor states: applies operators, then evaluates comparisons and axioms. Each search
+/// has its own `Progression`, because it owns scratch space.
 #[derive(Debug)]
 pub(crate) struct Progression<'t> {
     task: &'t Task,
@@ -37,9 +37,9 @@ impl<'t> Progression<'t> {
         state
     }
 
-    /// Writes the successor state of an applicable operator into `to`. Returns `false` if the operator
-    /// cannot be applied after all: a number that it needs is undefined, or it changes one number in
-    /// contradictory ways.
+    /// Writes the successor state of an applicable operator into `to`. Returns `false` if the
+    /// operator cannot be applied after all, because a number that it uses is undefined or its
+    /// changes of a number contradict each other.
     pub(crate) fn apply(
         &mut self,
         operator: GroundOperator<'_>,
@@ -55,7 +55,7 @@ impl<'t> Progression<'t> {
         for fact in changes().flat_map(|changes| changes.deletes) {
             set(to, *fact, false);
         }
-        // After all deletes: a fact both deleted and added is true.
+        // Adds come after all deletes, because a fact that is both deleted and added becomes true.
         for fact in changes().flat_map(|changes| changes.adds) {
             set(to, *fact, true);
         }
@@ -82,7 +82,7 @@ impl<'t> Progression<'t> {
         for group in self.numeric.chunk_by(|left, right| left.0 == right.0) {
             let fluent = group[0].0;
             let Some(new) = combine(value(fluent), group) else { return false };
-            // Zero has two signs in IEEE 754; adding 0.0 makes both the same word.
+            // Adding 0.0 turns `-0.0` into `0.0`, so that equal states have equal words.
             to[self.fact_words + fluent as usize] = (new + 0.0).to_bits();
         }
         true
@@ -100,8 +100,8 @@ impl<'t> Progression<'t> {
     }
 }
 
-/// Returns the value of a fluent after several simultaneous changes; `None` if the changes contradict
-/// each other or the result is not finite.
+/// Returns the value of a fluent after several simultaneous changes; `None` if they contradict each
+/// other or the result is not finite.
 fn combine(old: f64, group: &[(u32, Assignment, f64)]) -> Option<f64> {
     let kind = |assignment: Assignment| match assignment {
         Assignment::Assign => 0,

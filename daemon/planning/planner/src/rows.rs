@@ -1,6 +1,6 @@
-//! Lists of numbers, stored in two flat arrays: like a `Vec<Vec<u32>>`, with fewer allocations.
+//! Lists of numbers in two flat arrays, which replace a `Vec<Vec<u32>>` with fewer allocations.
 
-/// Lists of `u32`; each list has an index.
+/// Numbered lists of `u32`.
 #[derive(Clone, Debug)]
 pub(crate) struct Rows {
     starts: Vec<u32>,
@@ -16,7 +16,7 @@ impl Default for Rows {
 }
 
 impl Rows {
-    /// Builds `count` lists from pairs of list index and item. In each list, the items keep the order
+    /// Builds `count` lists from pairs of list index and item. The items of a list have the order
     /// of their pairs.
     pub(crate) fn collect(count: usize, pairs: impl Iterator<Item = (u32, u32)> + Clone) -> Rows {
         let mut starts = vec![0u32; count + 1];
@@ -36,8 +36,8 @@ impl Rows {
         Rows { starts, items }
     }
 
-    /// Returns the inverse lists: for each item below `count`, the indices of the lists that contain
-    /// it.
+    /// Returns the inverse lists: for each item below `count`, the indices of the lists with this
+    /// item.
     pub(crate) fn inverted(&self, count: usize) -> Rows {
         let rows = 0..self.len() as u32;
         Rows::collect(
@@ -57,7 +57,7 @@ impl Rows {
         self.starts.len() - 1
     }
 
-    /// Returns the number of items in all lists together.
+    /// Returns the total number of items of all lists.
     pub(crate) fn item_count(&self) -> usize {
         self.items.len()
     }
@@ -73,14 +73,14 @@ impl Rows {
         self.items[index]
     }
 
-    /// Returns the range of positions that the items of a list have among the items of all lists.
+    /// Returns the range of a list's items among the items of all lists.
     #[inline]
     pub(crate) fn range(&self, row: u32) -> std::ops::Range<usize> {
         let row = row as usize;
         self.starts[row] as usize..self.starts[row + 1] as usize
     }
 
-    /// Returns the number of bytes that the lists take.
+    /// Returns the number of bytes of the lists.
     pub(crate) fn bytes(&self) -> usize {
         (self.starts.len() + self.items.len()) * size_of::<u32>()
     }
@@ -91,7 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lists_turn_around() {
+    fn inverted_rows_list_the_rows_of_each_item() {
         let mut rows = Rows::default();
         rows.push(&[2, 0]);
         rows.push(&[]);

@@ -1,13 +1,13 @@
-//! Solves a ground task: finds a first plan, then better plans as far as the options ask for them.
+//! Solves a ground task: finds a first plan, and then better plans if the options request them.
 //!
-//! 1. Enforced hill climbing (`search::climbing`), which solves most tasks of a building.
+//! 1. Enforced hill climbing (`search::climbing`), which solves most tasks of buildings.
 //! 2. Pruning of facts and operators that no plan can use (`prune`).
 //! 3. Search with several open lists (`search::lazy`), on one thread or on two in parallel
 //!    (`search::portfolio`).
-//! 4. Removal of steps that the plan does not need (`search::improve`).
-//! 5. On small tasks, search for a cheapest plan (`search::optimal`), with a proof.
-//! 6. If better plans are asked for: searches with smaller and smaller weights, each for a cheaper plan
-//!    than the last, and between them searches for shortcuts (`search::neighborhood`).
+//! 4. Removal of superfluous steps of the plan (`search::improve`).
+//! 5. On small tasks, a search for a cheapest plan (`search::optimal`), with a proof.
+//! 6. If better plans are requested: searches with decreasing weights, each for a cheaper plan than
+//!    before, and between them searches for shortcuts (`search::neighborhood`).
 
 use crate::configuration::SearchMethod;
 use crate::heuristic::{Admissible, FastForward, LandmarkCut, Weights};
@@ -23,25 +23,25 @@ use crate::search::{Search, SearchProgress, improve, neighborhood, portfolio, ru
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
 
-/// Cap on the work of the optimal search that follows a first plan if no proof was asked for. The work
-/// is the number of explorations of the delete relaxation times the size of the relaxation. The cap
-/// allows about a tenth of a second, and suffices for the problems of a building.
+/// Limit on the work of an optimal search without a requested proof, which follows a first plan.
+/// The work is the number of explorations of the delete relaxation times its size. The limit allows
+/// about a tenth of a second, and is sufficient for problems of buildings.
 const OPTIMAL_WORK_MAX: u64 = 5_000_000;
 
-/// Weights of the heuristic in the searches for better plans, in the order of the searches: LAMA's
-/// sequence (Richter and Westphal, 2010). `None` stands for greedy search.
+/// Weights of the heuristic in the consecutive searches for better plans: LAMA's sequence (Richter
+/// and Westphal, 2010). `None` is greedy search.
 const WEIGHTS: [Option<u32>; 5] = [None, Some(5), Some(3), Some(2), Some(1)];
 
-/// Cap on the work of pruning that follows hill climbing, in words of 64 pairs of literals: about half
-/// a second.
+/// Limit on the work of pruning after hill climbing, in words of 64 pairs of literals. Pruning
+/// within this limit takes about half a second.
 const PRUNING_MAX: u64 = 300_000_000;
 
-/// Smallest cap on the expansions of one search for a better plan; the next search begins when the cap
-/// is reached. The cap is greater if the searches so far made more expansions.
+/// Minimum limit on the expansions of one search for a better plan. When it reaches its limit, the
+/// next search begins. The limit is higher if the searches so far made more expansions.
 const STAGE_MIN: u64 = 10_000;
 
-/// Number of steps that the search for shortcuts may make per expansion of the searches before it. Such
-/// a step takes a hundredth of the time of an expansion with its evaluation.
+/// Number of steps of the search for shortcuts per expansion of the previous searches. Such a step
+/// takes a hundredth of the time of an expansion with its evaluation.
 const SHORTCUTS_PER_EXPANSION: u64 = 8;
 
 /// Open lists of the searches for better plans, as in the planner LAMA.
@@ -69,8 +69,8 @@ impl<'t> Solver<'t> {
         Solver { task, generator, options, cancel, statistics }
     }
 
-    /// Runs all stages. Calls `tell` with the progress and with every plan that is an improvement.
-    /// Returns the reason why there is no plan, or no better plan than the last one.
+    /// Runs all stages. Calls `tell` with the progress and with every improved plan. Returns the
+    /// reason why there is no plan, or no better plan than the last one.
     pub(crate) fn run(&mut self, tell: &mut dyn FnMut(SearchProgress<'_>)) -> StopReason {
         let first = match self.climb() {
             ClimbingOutcome::Plan(plan) if self.options.effort == Effort::First => {
@@ -104,7 +104,7 @@ impl<'t> Solver<'t> {
         self.task.unprovable.is_none()
     }
 
-    /// Runs hill climbing if the configuration asks for it; otherwise returns
+    /// Runs hill climbing if the configuration includes it; otherwise returns
     /// [`ClimbingOutcome::GaveUp`].
     fn climb(&mut self) -> ClimbingOutcome {
         if !matches!(self.options.configuration.method, SearchMethod::Lists { climb: true, .. }) {
@@ -118,8 +118,8 @@ impl<'t> Solver<'t> {
         climbed
     }
 
-    /// Continues on the pruned task: searches for a first plan unless `first` is one, then for better
-    /// plans.
+    /// Continues with the pruned task: searches for a first plan unless `first` is one, then for
+    /// better plans.
     fn solve_pruned(
         &mut self,
         first: Option<Vec<OperatorId>>,
@@ -131,7 +131,7 @@ impl<'t> Solver<'t> {
         }
     }
 
-    /// Searches for a first plan by the search method of the configuration.
+    /// Searches for a first plan with the search method of the configuration.
     fn first(
         &mut self,
         tell: &mut dyn FnMut(SearchProgress<'_>),
@@ -154,8 +154,8 @@ impl<'t> Solver<'t> {
             return StopReason::GoalReached;
         }
         let first = improve::eliminate(self.task, first, self.cancel);
-        // If costs are not exact, a plan that seems cheaper may be more expensive. So the validator,
-        // which computes the true costs, gets both plans.
+        // If costs are not exact, a plan that seems cheaper may be more expensive. The validator
+        // computes the true costs and therefore receives both plans.
         let is_told = self.options.effort == Effort::Anytime || !self.is_provable();
         if is_told {
             tell(SearchProgress::Found(&first));
@@ -171,7 +171,7 @@ impl<'t> Solver<'t> {
         }
     }
 
-    /// Searches for a first plan with several open lists that take turns, on one or two threads.
+    /// Searches for a first plan with several open lists, on one or two threads.
     fn search(
         &mut self,
         lists: &'static [List],
@@ -205,16 +205,17 @@ impl<'t> Solver<'t> {
                 self.statistics.proven_optimal = self.is_provable();
                 Ok(plan)
             }
-            // The search has dropped states with costs too great to be counted, so this is no proof.
+            // The search has dropped states with costs that exceed the range of numbers, so this is
+            // no proof.
             Err(StopReason::Exhausted) if search.has_overflowed() => Err(StopReason::Exhausted),
-            // Without a bound the search drops only states that the admissible heuristic proves to be
-            // dead ends.
+            // Without a bound, the search drops only states that the admissible heuristic proves to
+            // be dead ends.
             Err(StopReason::Exhausted) => Err(StopReason::Unsolvable { before_search: false }),
             Err(reason) => Err(reason),
         }
     }
 
-    /// Returns a cheapest plan if such a plan is asked for or can be found with little work; otherwise
+    /// Returns a cheapest plan if it is requested or can be found with little work, and otherwise
     /// `first`. Also returns the reason why the search for a cheapest plan ended.
     fn cheapest(
         &mut self,
@@ -228,7 +229,7 @@ impl<'t> Solver<'t> {
             true => (u64::MAX, self.options.budget.expansions_max),
             false => (OPTIMAL_WORK_MAX / size, self.options.optimal_expansions_max),
         };
-        // A* expands at least the states of a plan, and each evaluation takes about as many cuts as
+        // A* expands at least the states of a plan, and each evaluation needs about as many cuts as
         // there are steps left.
         let needed = (first.len() as u64).saturating_mul(first.len() as u64);
         if expansions_max == 0 || explorations_max < needed.max(1) {
@@ -240,7 +241,7 @@ impl<'t> Solver<'t> {
         let budget = Budget { expansions_max, ..self.options.budget };
         let result = run(&mut search, budget, self.cancel, tell);
         self.statistics.optimal_expansions = search.expansions();
-        // Rounded costs prove nothing about the true ones.
+        // Rounded costs are no basis for a proof.
         let is_exact = self.is_provable() && bound < u64::MAX;
         match result {
             Ok(better) => {
@@ -254,8 +255,8 @@ impl<'t> Solver<'t> {
         }
     }
 
-    /// Searches for shortcuts near the plan, then near each plan that is found, until there are no more
-    /// shortcuts. Calls `tell` with each plan that costs less than the one before it.
+    /// Searches for shortcuts near the plan, and then near each new plan, until there are no more.
+    /// Calls `tell` with each plan that costs less than the previous one.
     fn take_shortcuts(
         &mut self,
         best: &mut Vec<OperatorId>,
@@ -277,13 +278,13 @@ impl<'t> Solver<'t> {
         }
     }
 
-    /// Searches for cheaper and cheaper plans until there is none or a limit is reached.
+    /// Searches for plans of decreasing cost until there is none or a limit is reached.
     fn improve(
         &mut self,
         mut best: Vec<OperatorId>,
         tell: &mut dyn FnMut(SearchProgress<'_>),
     ) -> StopReason {
-        // If all steps cost the same, the first search has already been the greedy stage.
+        // If all steps have the same cost, the first search was already the greedy stage.
         let stages = WEIGHTS.into_iter().cycle().skip(usize::from(self.task.costs_equal));
         for weight in stages {
             let left = STAGE_MIN.max(self.statistics.expansions);
@@ -310,7 +311,7 @@ impl<'t> Solver<'t> {
                 }
                 Err(StopReason::ExpansionLimit { .. }) if makes_room => (),
                 Err(StopReason::Exhausted) => {
-                    // If all steps cost the same, a cheapest plan is a shortest one.
+                    // If all steps have the same cost, a cheapest plan is a shortest plan.
                     self.statistics.proven_optimal = self.task.costs_equal && self.is_provable();
                     return StopReason::GoalReached;
                 }

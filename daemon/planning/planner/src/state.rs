@@ -1,8 +1,8 @@
 //! States, stored as packed bits and numbers in one arena.
 //!
-//! A state is a sequence of words: one bit per fact, then one word per numeric fluent. Comparisons and
-//! derived facts follow from the basic facts and the numbers; they are stored with them so that they
-//! are derived only once.
+//! A state is a sequence of words: one bit per fact, then one word per numeric fluent. Comparisons
+//! and derived facts follow from the basic facts and the numbers. They are also stored, so that
+//! they are computed only once.
 
 use crate::arena;
 use crate::id_table::{IdTable, hash_words};
@@ -15,7 +15,7 @@ pub(crate) struct StateId(pub(crate) u32);
 /// The words of one state: the bits of its facts, then its numbers.
 pub(crate) type State = [u64];
 
-/// Every state that a search has generated, each stored once, with the step that led to it.
+/// All states that a search has generated. Each is stored once, with the transition to it.
 #[derive(Debug)]
 pub(crate) struct StateSpace {
     width: usize,
@@ -24,8 +24,8 @@ pub(crate) struct StateSpace {
     ways: Vec<Transition>,
 }
 
-/// The step that leads to a state: the state before it and the operator. For the initial state these
-/// values have no meaning.
+/// The transition to a state: the state before it, and the operator. The values of the initial
+/// state have no meaning.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Transition {
     pub(crate) parent: StateId,
@@ -93,8 +93,8 @@ impl StateSpace {
         &self.words[start..start + self.width]
     }
 
-    /// Inserts a state unless the space already contains it. Returns the id of the state, and whether
-    /// the state is new.
+    /// Inserts a state unless the space contains it. Returns the id of the state, and whether it is
+    /// new.
     pub(crate) fn insert(
         &mut self,
         state: &State,
@@ -119,17 +119,17 @@ impl StateSpace {
         (StateId(id), true)
     }
 
-    /// Replaces the step that leads to a state: the state before it and the operator.
+    /// Replaces the transition to a state.
     pub(crate) fn reparent(&mut self, id: StateId, parent: StateId, operator: OperatorId) {
         self.ways[id.0 as usize] = Transition { parent, operator };
     }
 
-    /// Returns the step that led to a state; `None` for the initial state.
+    /// Returns the transition to a state; `None` for the initial state.
     pub(crate) fn transition(&self, id: StateId) -> Option<Transition> {
         (id.0 != 0).then(|| self.ways[id.0 as usize])
     }
 
-    /// Returns the operators that lead from the initial state to this state.
+    /// Returns the operators of the path from the initial state to this state.
     pub(crate) fn path(&self, mut id: StateId) -> Vec<OperatorId> {
         let mut path = Vec::new();
         while id.0 != 0 {
@@ -141,8 +141,8 @@ impl StateSpace {
         path
     }
 
-    /// Returns the number of bytes that the space takes, including the bytes that inserting one more
-    /// state may add.
+    /// Returns the number of bytes of the space, including the growth that the next state may
+    /// cause.
     pub(crate) fn bytes(&self) -> usize {
         arena::bytes(&self.words, self.width) + arena::bytes(&self.ways, 1) + self.ids.bytes()
     }

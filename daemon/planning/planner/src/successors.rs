@@ -1,13 +1,12 @@
-//! Successor generator: finds the operators that are applicable in a state without testing all
-//! operators.
+//! Successor generator: finds the applicable operators of a state without testing all operators.
 //!
-//! Every operator is indexed under one of its positive preconditions: the one that the fewest operators
-//! share. Only operators that are indexed under a fact that is true in the state are tested.
+//! Every operator is indexed by one of its positive preconditions: that of the fewest operators.
+//! Only operators with an index fact that is true in the state are tested.
 
 use crate::state::{State, all_hold, true_facts};
 use crate::task::{OperatorId, Task};
 
-/// Index of the operators of a task: each is entered under one of its positive preconditions.
+/// Index of the operators of a task by one positive precondition each.
 #[derive(Debug)]
 pub(crate) struct SuccessorGenerator {
     fact_count: usize,

@@ -1,6 +1,6 @@
 //! The ground planning task: facts, operators, axioms and goal, with the original names.
 //!
-//! - The task is built by `ground` and read by all search code. It is never changed afterwards.
+//! - `ground` builds the task, and all search code reads it. The task never changes afterwards.
 
 pub(crate) use crate::ground_terms::{
     FactId, GroundComparison, GroundExpression, Literal, NumericChange, ObjectId, OperatorId,
@@ -11,7 +11,7 @@ use pddl::{Name, Number, Plan, PlanStep};
 
 use crate::outcome::Unprovable;
 
-/// A ground axiom: the head is true if the body holds.
+/// A ground axiom: if the body holds, the head is true.
 #[derive(Clone, Debug)]
 pub(crate) struct GroundAxiom {
     pub(crate) head: FactId,
@@ -23,7 +23,7 @@ pub(crate) struct GroundAxiom {
 #[derive(Clone, Debug)]
 pub(crate) struct Atoms {
     predicates: Vec<u32>,
-    /// Per fact: the end of its arguments. The first entry is a sentinel of zero.
+    /// Per fact: the end of its arguments. The first entry is zero, the start of the first fact.
     ends: Vec<u32>,
     arguments: Vec<ObjectId>,
 }
@@ -33,11 +33,11 @@ pub(crate) struct Atoms {
 pub(crate) struct Task {
     /// Number of facts of all three kinds: basic facts, comparisons and derived facts.
     pub(crate) fact_count: usize,
-    /// Number of basic facts; their indices are the lowest.
+    /// Number of basic facts, which have the lowest indices.
     pub(crate) basic_count: usize,
     /// Atoms of the basic facts.
     pub(crate) atoms: Atoms,
-    /// Comparisons; the indices of their facts follow those of the basic facts.
+    /// Comparisons. The indices of their facts follow those of the basic facts.
     pub(crate) comparisons: Vec<GroundComparison>,
     pub(crate) operators: OperatorTable,
     /// Axioms, sorted by stratum.
@@ -45,12 +45,12 @@ pub(crate) struct Task {
     pub(crate) goal: Vec<Literal>,
     /// Basic facts that are true in the initial state.
     pub(crate) initial: Vec<FactId>,
-    /// Initial values of the numeric fluents; NaN where a fluent is undefined.
+    /// Initial values of the numeric fluents; NaN for an undefined fluent.
     pub(crate) values: Vec<f64>,
-    /// Size of one unit of [`GroundOperator::cost`], in units of the metric.
+    /// Value of one unit of [`GroundOperator::cost`], in units of the metric.
     pub(crate) cost_unit: f64,
-    /// Reason why the costs allow no proof that a plan is a cheapest one. If `None`, every cost is a
-    /// whole multiple of [`Task::cost_unit`], and no step has a negative cost.
+    /// Reason why the costs allow no proof of optimality. If `None`, every cost is a whole multiple
+    /// of [`Task::cost_unit`], and no step has a negative cost.
     pub(crate) unprovable: Option<Unprovable>,
     /// Whether all operators have the same cost, and this cost is greater than zero.
     pub(crate) costs_equal: bool,
@@ -67,14 +67,14 @@ impl Default for Atoms {
 }
 
 impl Atoms {
-    /// Adds the atom of the fact that follows the last one.
+    /// Adds the atom of the next fact.
     pub(crate) fn push(&mut self, predicate: u32, arguments: &[ObjectId]) {
         self.predicates.push(predicate);
         self.arguments.extend_from_slice(arguments);
         self.ends.push(self.arguments.len() as u32);
     }
 
-    /// Returns the number of facts that have an atom: the basic facts.
+    /// Returns the number of basic facts, which are those with an atom.
     pub(crate) fn len(&self) -> usize {
         self.predicates.len()
     }
@@ -98,7 +98,7 @@ impl Task {
         self.operators.len()
     }
 
-    /// Returns the operator as a step of a plan, with the names that the PDDL texts use.
+    /// Returns the operator as a step of a plan, with the names of the PDDL texts.
     pub(crate) fn step(&self, id: OperatorId) -> PlanStep {
         let operator = self.operator(id);
         let arguments =
@@ -112,7 +112,7 @@ impl Task {
         Plan { steps, cost: Some(Number(self.cost(operators) as f64 * self.cost_unit)) }
     }
 
-    /// Returns a copy of the task with `operators` in place of its own operators.
+    /// Returns a copy of the task with `operators` instead of its own operators.
     pub(crate) fn with_operators(&self, operators: OperatorTable) -> Task {
         Task {
             fact_count: self.fact_count,

@@ -1,4 +1,4 @@
-//! Small tasks, random or written by hand, for unit tests of code that reads ground tasks.
+//! Small tasks, random or written by hand, for unit tests.
 
 use pddl::{Domain, Plan, Problem};
 use proptest::prelude::*;
@@ -59,8 +59,8 @@ pub(crate) fn texts() -> impl Strategy<Value = (Vec<String>, Vec<&'static str>)>
 }
 
 /// Returns the ground task with these action bodies and initial facts; `None` if its goal is
-/// unreachable. The goal is chosen so that every fact is relevant to some part of it, and so that it is
-/// mostly reachable in the delete relaxation.
+/// unreachable. The goal is chosen so that every fact is relevant to a part of it, and so that it
+/// is usually reachable in the delete relaxation.
 pub(crate) fn reached(actions: &[String], initial: &[&str]) -> Option<Task> {
     let goal = "(or (z) (not (z)) (exists (?x ?y) (and (p ?x) (q ?x) (r ?x ?y))))";
     with_goal(actions, initial, goal)
@@ -80,7 +80,7 @@ pub(crate) fn with_goal(actions: &[String], initial: &[&str], goal: &str) -> Opt
     grounded(&domain, &problem)
 }
 
-/// Generates an atom from a small set; its arguments are constants or the parameters `?v0` and `?v1`.
+/// Generates one of a few atoms. Its arguments are constants or the parameters `?v0` and `?v1`.
 fn atom() -> impl Strategy<Value = String> {
     let term = || prop_oneof![Just("?v0"), Just("?v1"), Just("a"), Just("b")];
     prop_oneof![
@@ -96,8 +96,8 @@ fn literal() -> impl Strategy<Value = String> {
         .prop_map(|(atom, not)| if not { format!("(not {atom})") } else { atom })
 }
 
-/// Generates the body of an action. Its unconditional deletes are mostly facts that are among its
-/// preconditions, as if the action moved things.
+/// Generates the body of an action. Its unconditional deletes are usually preconditions, like those
+/// of a moving action.
 fn action() -> impl Strategy<Value = String> {
     let conditional = (literal(), atom(), atom())
         .prop_map(|(when, gone, new)| format!("(when {when} (and (not {gone}) {new}))"));

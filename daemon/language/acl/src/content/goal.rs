@@ -1,4 +1,4 @@
-//! A goal as others see it: its phase and its history.
+//! The status of a goal for other agents and users: its phase and its history.
 
 use std::fmt;
 
@@ -15,17 +15,17 @@ pub struct GoalStatus {
     pub conversation: ConversationId,
     /// The goal: a PDDL condition.
     pub goal: String,
-    /// Whether the goal is to be reached once or kept.
+    /// Whether the goal ends when it is reached, or is kept from then on.
     pub keep: Keep,
     /// Priority of the goal: a goal with a greater number takes precedence.
     pub priority: i32,
     /// The current phase of the goal.
     pub phase: GoalPhase,
-    /// Reason why the goal waits, as text for a person that completes “waiting: ”; empty in every other
-    /// phase.
+    /// Reason why the goal waits, as text for a person that completes “waiting: ”; empty if the
+    /// goal does not wait.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub waits_because: String,
-    /// Number of plans that have been made for the goal so far.
+    /// Number of plans for the goal that were executed so far.
     pub rounds: u32,
     /// Past events of the goal, oldest first; their number is limited.
     pub history: Vec<HistoryEntry>,
@@ -36,13 +36,13 @@ pub struct GoalStatus {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum GoalPhase {
-    /// The goal waits for its turn to be planned for.
+    /// The goal waits until it may be planned for: one goal is planned for at a time.
     Queued,
     /// The goal waits for agents or facts that the plans of other goals use.
     WaitingForAgents,
     /// The goal waits for a capability, or for a change of the known state.
     WaitingForChange,
-    /// The domain and the state are being fetched, to compare the goal with them.
+    /// The Plan Requester is fetching the domain and the state, to compare the goal with them.
     FetchingDomain,
     /// The Planning Agent has been asked for a plan.
     Planning,
@@ -52,12 +52,13 @@ pub enum GoalPhase {
     Explaining,
     /// A plan for the goal is being executed.
     Executing,
-    /// The Plan Executor was asked to cancel the plan, because another goal or a better plan comes
-    /// first.
+    /// The Plan Executor has received the request to cancel the plan, because another goal or a
+    /// better plan takes precedence.
     Preempted,
-    /// The Plan Executor was asked to cancel the plan, because the goal was cancelled.
+    /// The Plan Executor has received the request to cancel the plan, because the goal was
+    /// cancelled.
     Cancelling,
-    /// The plan was carried out; the Plan Requester is checking whether the goal holds.
+    /// The plan was executed; the Plan Requester is checking whether the goal holds.
     Verifying,
     /// The kept goal holds, and the known state is watched for changes.
     Holding,
@@ -68,7 +69,7 @@ pub enum GoalPhase {
 // === impl GoalPhase ===
 
 impl GoalPhase {
-    /// All phases, in the order in which a goal without trouble passes them.
+    /// All phases, in the order of a goal that is reached without failures.
     pub const ALL: [GoalPhase; 13] = [
         GoalPhase::Queued,
         GoalPhase::WaitingForAgents,
@@ -85,19 +86,19 @@ impl GoalPhase {
         GoalPhase::Ended,
     ];
 
-    /// Whether the goal is being planned for. One goal is planned for at a time.
+    /// Whether the goal is being planned for. Only one goal is planned for at a time.
     pub fn is_planning(self) -> bool {
         use GoalPhase::{CollectingProposals, Explaining, FetchingDomain, Planning};
         matches!(self, FetchingDomain | Planning | CollectingProposals | Explaining)
     }
 
-    /// Whether agents are in use by a plan of the goal.
+    /// Whether a plan of the goal uses agents.
     pub fn is_running(self) -> bool {
         use GoalPhase::{Preempted, Verifying};
         self.is_under_way() || matches!(self, Preempted | Verifying)
     }
 
-    /// Whether a replica that takes the goal over also takes over a running plan.
+    /// Whether a replica that takes the goal over must also take over a running plan.
     pub fn is_under_way(self) -> bool {
         matches!(self, GoalPhase::Executing | GoalPhase::Cancelling)
     }
@@ -123,7 +124,7 @@ impl fmt::Display for GoalPhase {
 }
 
 impl GoalStatus {
-    /// Returns the phase as text for a person, with the reason if the goal waits for one.
+    /// Returns the phase as text for a person, followed by the reason if the goal waits.
     pub fn phase_text(&self) -> String {
         match self.waits_because.as_str() {
             "" => self.phase.to_string(),
@@ -132,16 +133,16 @@ impl GoalStatus {
     }
 }
 
-/// Maximum number of entries in the history of a goal: enough to explain the goal's present phase. A Plan
-/// Requester drops the oldest ones.
+/// Maximum number of entries in the history of a goal: enough to explain its present phase. A Plan
+/// Requester drops the oldest entries.
 pub const HISTORY_ENTRIES_MAX: usize = 64;
 
 /// An event in the history of a goal.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct HistoryEntry {
-    /// Time of the event in milliseconds since 1970-01-01 UTC, by the clock of the machine that then
-    /// pursued the goal.
+    /// Time of the event in milliseconds since 1970-01-01 UTC, by the clock of the machine that
+    /// pursued the goal at that time.
     pub at_ms: u64,
     /// Outcome that was sent to the requester with this event; `None` if none was sent.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -1,5 +1,5 @@
-//! Contents about the state: what agents report about themselves, requests to the Domain Maintainer, and
-//! announcements of the Domain Maintainer.
+//! Contents about the state: reports of agents about themselves, requests to the Domain Maintainer,
+//! and its announcements.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use super::{Methods, Offers};
 use crate::{AgentId, Millis};
 
-/// The domain and the state as the Domain Maintainer knows them at one moment.
+/// The domain and the state of one moment, as known to the Domain Maintainer.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Snapshot {
@@ -20,72 +20,73 @@ pub struct Snapshot {
     pub domain: String,
     /// Digest of the text of the composite domain.
     pub digest: String,
-    /// The objects and the state as known, as a PDDL problem without a goal.
+    /// The objects and the known state, as a PDDL problem without a goal.
     pub problem: String,
     /// The actions that each agent offers.
     pub offers: Offers,
-    /// The guard of each action schema of the domain, whether or not any agent offers the schema now.
+    /// The guard of each action schema of the domain, even if no agent offers the schema now.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub guards: BTreeMap<String, Guard>,
-    /// Action schemas that no present agent offers, but that an agent offered in the past or the ontology
-    /// describes. Each is in an action model of its own. They are used for explanations, never for plans.
+    /// Action schemas that no present agent offers, but that an agent offered in the past or the
+    /// ontology describes. Each is an action model with one action. Explanations use them, plans
+    /// never do.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub former: Vec<String>,
-    /// The predicates of the domain that describe what is unknown, by the name of the predicate or
+    /// The predicates of the domain that describe unknown facts, by the name of the predicate or
     /// function that they are about.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub knowledge: BTreeMap<String, Auxiliary>,
-    /// The parts of each agent's model that could not be composed, each with the reason, as text for a
-    /// person.
+    /// Parts of each agent's model that could not be composed, each as text for a person with the
+    /// reason.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub conflicts: BTreeMap<AgentId, Vec<String>>,
 }
 
-/// Predicates that describe what is unknown about one symbol. The composite domain has them in addition
-/// to the predicates of the agents, because planners know only true and false: see `pddl::knowledge`.
+/// Predicates that describe unknown facts of one symbol. The composite domain contains them,
+/// because planners support only true and false; see `pddl::knowledge`.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "of", rename_all = "kebab-case")]
 pub enum Auxiliary {
-    /// The predicates that describe what is unknown about a predicate.
+    /// Predicates that describe unknown facts of a predicate.
     Predicate {
-        /// Name of the predicate that holds if a fact is neither known to be true nor known to be false.
+        /// Name of the predicate that holds if a fact is unknown.
         unknown: String,
-        /// Name of the predicate that holds if an action of a plan has observed the fact; `None` if no
-        /// action observes it.
+        /// Name of the predicate that becomes true when an action of a plan observes the fact;
+        /// `None` if no action observes it.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         found: Option<String>,
     },
-    /// The predicates that describe what is unknown about a function.
+    /// Predicates that describe unknown values of a function.
     Function {
         /// Name of the predicate that holds if the value of the function is known.
         defined: String,
-        /// Name of the predicate that holds if an action of a plan has observed the value; `None` if no
-        /// action observes it.
+        /// Name of the predicate that becomes true when an action of a plan observes the value;
+        /// `None` if no action observes it.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         found: Option<String>,
     },
-    /// The predicates that describe what is unknown about a predicate that axioms derive.
+    /// Predicates that describe unknown facts of a derived predicate.
     Derived {
         /// Name of the predicate that holds if a derived fact may be true.
         maybe: String,
-        /// Name of the predicate that holds if a derived fact may be true because of an agent that has
-        /// left.
+        /// Name of the predicate that holds if a derived fact may be true because of an agent that
+        /// has left.
         unknown: String,
     },
 }
 
-/// The guard of an action schema: it allows only certain agents to use the schema.
+/// The guard of an action schema: only agents with the guard fact may use the schema.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Guard {
-    /// Name of the action as the agents that offer it call it.
+    /// Name of the action that its agents use.
     pub action: String,
     /// Name of the guard predicate, which holds for each agent that offers the action.
     pub predicate: String,
 }
 
-/// The state as the Domain Maintainer believes it, with the origin of each fact.
+/// The believed state of the Domain Maintainer, with the origin of each fact.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BelievedState {
@@ -93,7 +94,8 @@ pub struct BelievedState {
     pub epoch: u64,
     /// The revision: the number of changes of any kind so far.
     pub revision: u64,
-    /// All believed facts in the order of their text, followed by the facts that axioms derive from them.
+    /// All believed facts in the order of their text, and then the facts that axioms derive from
+    /// them.
     pub facts: Vec<BelievedFact>,
 }
 
@@ -110,8 +112,8 @@ pub struct BelievedFact {
     /// Time until the fact expires; `None` if it does not expire.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub known_for: Option<Millis>,
-    /// All claims about the fact. If owners claim different values of a function, all of these claims are
-    /// listed, and the newest is believed.
+    /// All claims about the fact. If owners claim different values of a function, the newest claim
+    /// is believed.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub claims: Vec<Claim>,
 }
@@ -122,7 +124,7 @@ pub struct BelievedFact {
 pub struct Claim {
     /// The owner that makes the claim: an agent, or `the map`.
     pub owner: String,
-    /// The PDDL fact as this owner claims it; if it is about a function, with the claimed value.
+    /// The claimed PDDL fact. A fact about a function has the value that this owner claims.
     pub fact: String,
     /// Origin of the claim: `model`, `heartbeat`, `effect`, `request`, `observation`, `departure`,
     /// `announced`.
@@ -144,8 +146,8 @@ pub struct ChangeState {
     /// PDDL facts that the Domain Maintainer should no longer believe.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub retract: String,
-    /// The owner of the facts: the agent that carried out the confirmed action with these effects. `None`
-    /// means that the sender is the owner.
+    /// The owner of the facts, if they are effects of an action: the agent that confirmed the
+    /// action. `None` if the sender is the owner.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub owner: Option<AgentId>,
 }
@@ -159,14 +161,15 @@ pub struct ChangeMetric {
     pub metric: Option<String>,
 }
 
-/// Request to change which actions can be planned with. Either all of its changes take effect, or none.
+/// Request to change the set of actions that planning may use. Either all changes take effect, or
+/// none.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct ChangeActions {
     /// Actions to withhold from planning.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub withhold: Vec<ActionOf>,
-    /// Withheld actions to give back, each named as it was when it was withheld.
+    /// Withheld actions to give back. Each must be named as in the request that withheld it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub give_back: Vec<ActionOf>,
 }
@@ -175,22 +178,22 @@ pub struct ChangeActions {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct ActionOf {
-    /// Name of the action as the agents that offer it call it.
+    /// Name of the action that its agents use.
     pub action: String,
     /// The agent that offers the action; `None` means all agents that offer it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub agent: Option<AgentId>,
 }
 
-/// Facts that the sender has observed. They are believed as claims of the sender until it reports
-/// otherwise or they expire.
+/// Facts that the sender has observed. They are believed as claims of the sender until they expire
+/// or the sender contradicts them.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Observation {
-    /// The observed PDDL facts, and `(not FACT)` for each fact that is seen to be false.
+    /// The observed PDDL facts, and `(not FACT)` for each fact that was observed to be false.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub facts: String,
-    /// The observed facts that expire, each with the time left.
+    /// Remaining validity of each observed fact that expires.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub known_for: BTreeMap<String, Millis>,
 }
@@ -209,20 +212,20 @@ pub struct ModelAnnouncement {
     pub heartbeat: Heartbeat,
 }
 
-/// The state of an actuator, complete for the facts that the actuator owns: an owned fact that is missing
-/// is false.
+/// The state of an actuator. It lists all true facts that the actuator owns: an owned fact that is
+/// missing is false.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Heartbeat {
     /// Digest of the actuator's action model and methods.
     pub digest: String,
-    /// Number of the heartbeat, from 1 in each incarnation. After a heartbeat has been received, those
-    /// with smaller numbers are ignored.
+    /// Number of the heartbeat, from 1 in each incarnation. A receiver ignores a heartbeat with a
+    /// smaller number than an earlier one.
     pub sequence: u64,
-    /// All PDDL facts that the actuator owns now.
+    /// All true PDDL facts that the actuator owns now.
     #[serde(default)]
     pub facts: String,
-    /// The owned facts that expire, each with the time left.
+    /// Remaining validity of each fact that expires.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub known_for: BTreeMap<String, Millis>,
     /// Longest time until the next heartbeat is sent.
@@ -235,14 +238,14 @@ pub struct Heartbeat {
 pub struct EpochChange {
     /// The epoch after the change: the number of changes of the set of capabilities so far.
     pub epoch: u64,
-    /// The revision after the change: the number of changes of any kind so far. A gap between two
-    /// announcements means that one was lost.
+    /// The revision after the change: the number of changes of any kind so far. A gap between the
+    /// revisions of two announcements means that an announcement was lost.
     pub revision: u64,
     /// Agents with capabilities that have become available.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub joined: Vec<AgentId>,
-    /// Agents with capabilities that are no longer available, because the agents are gone or silent, or
-    /// because their liveliness tokens are lost.
+    /// Agents with capabilities that are no longer available, because the agents are gone or
+    /// silent, or because their liveliness tokens are lost.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub left: Vec<AgentId>,
     /// PDDL facts that have become believed.
@@ -251,8 +254,8 @@ pub struct EpochChange {
     /// PDDL facts that have ceased to be believed.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub retracted: String,
-    /// All changes made by requests, as far as no heartbeat reports them. They are sent when an agent
-    /// joins that has not received them, and once more shortly after a change; otherwise this is `None`.
+    /// All changes made by requests that no heartbeat reports. They are sent when an agent joins
+    /// that lacks them, and once more shortly after a change; otherwise `None`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub requested: Option<Requested>,
     /// The changes made by requests since the last announcement; `None` if they are not announced.
@@ -260,12 +263,12 @@ pub struct EpochChange {
     pub requested_since: Option<RequestedSince>,
 }
 
-/// All changes of the state and of planning that requests have made. A receiver needs no earlier
-/// announcement.
+/// All changes of the state and of planning by requests. The list is complete, so a receiver needs
+/// no earlier announcement.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Requested {
-    /// Facts that were requested and that their owners do not report in heartbeats.
+    /// Requested facts that their owners do not report in heartbeats.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub facts: Vec<RequestedFact>,
     /// PDDL facts of the map that requests have retracted.
@@ -279,16 +282,16 @@ pub struct Requested {
     pub withheld: Vec<ActionOf>,
 }
 
-/// Changes made by requests since the last announcement of such changes. The length depends on these
-/// changes only. A receiver that missed the last announcement may apply this one nevertheless, because
-/// all changes are announced soon after.
+/// Changes made by requests since the last announcement of such changes. The length of this content
+/// depends on these changes only. A receiver that missed the previous announcement may still apply
+/// this one, because an announcement of all changes follows soon.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RequestedSince {
-    /// Requested facts that are new, or that expire at another time than announced before.
+    /// Requested facts that are new or have a new expiry.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub facts: Vec<RequestedFact>,
-    /// Requested facts that are withdrawn; where they are about functions, their values have no meaning.
+    /// Withdrawn requested facts. The value of a function has no meaning here.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub withdrawn: Vec<RequestedFact>,
     /// PDDL facts of the map that requests have retracted.

@@ -1,5 +1,5 @@
-//! Fuzz target for any bytes: parsing ends, the places of all mistakes lie in the text, and a text
-//! without mistakes is printed to a text that parses back to the same tree.
+//! Fuzz target for any bytes. Parsing must end, the places of all mistakes must lie in the text,
+//! and a text without mistakes must be printed to a text that parses to the same tree.
 //!
 //! Run `cargo +nightly fuzz run parse` in this folder.
 

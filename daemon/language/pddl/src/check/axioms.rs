@@ -1,4 +1,4 @@
-//! Derived predicates: their heads, their bodies, and whether they are stratified.
+//! Checks of derived predicates: their heads, their bodies, and stratification.
 
 use foldhash::HashMap;
 
@@ -7,8 +7,8 @@ use crate::diagnostic::Diagnostic;
 use crate::graph::components;
 use crate::tree::{Condition, Derived, Name};
 
-/// A dependency between predicates: an axiom for the predicate `head` has the predicate `body` in its
-/// condition.
+/// A dependency between predicates: an axiom for the predicate `head` uses the predicate `body` in
+/// its condition.
 struct Dependency<'t> {
     head: &'t Name,
     body: &'t Name,
@@ -24,7 +24,8 @@ impl<'t> Checker<'_, 't> {
         self.stratification(axioms);
     }
 
-    /// Checks the head of an axiom, `(PREDICATE VARIABLES)`, against the declaration of the predicate.
+    /// Checks the head of an axiom, `(PREDICATE VARIABLES)`, against the declaration of the
+    /// predicate.
     fn head(&mut self, axiom: &'t Derived) {
         let predicate = &axiom.predicate;
         self.parameters(&axiom.parameters);
@@ -50,7 +51,7 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Checks that no predicate depends on its own negation, directly or through others.
+    /// Checks that no predicate depends on its own negation, directly or through other predicates.
     fn stratification(&mut self, axioms: &'t [Derived]) {
         let mut dependencies = Vec::new();
         for axiom in axioms {
@@ -75,7 +76,8 @@ impl<'t> Checker<'_, 't> {
     }
 }
 
-/// Collects the predicates in `condition`, each with whether it is negated.
+/// Collects the predicates in `condition` as dependencies of `head`, each with whether it is
+/// negated.
 fn collect<'t>(
     head: &'t Name,
     condition: &'t Condition,
@@ -101,7 +103,7 @@ fn collect<'t>(
     }
 }
 
-/// Predicates in groups: predicates that depend on each other are in one group.
+/// Groups of predicates: predicates that depend on each other are in one group.
 struct Layers<'t> {
     index: HashMap<&'t str, usize>,
     components: Vec<usize>,
@@ -125,7 +127,7 @@ impl<'t> Layers<'t> {
         Layers { index, components: components(&bodies) }
     }
 
-    /// Whether `head` and `body` are in one group: each of them depends on the other.
+    /// Whether `head` and `body` depend on each other.
     fn are_one(&self, head: &Name, body: &Name) -> bool {
         let component =
             |name: &Name| self.index.get(name.as_str()).map(|number| self.components[*number]);

@@ -70,8 +70,7 @@ impl<'t> Checker<'_, 't> {
         self.call(&call, &declaration.parameters, || declaration.to_string());
     }
 
-    /// Checks an observed symbol with its arguments, `(SYMBOL TERM*)`, where the symbol is a predicate
-    /// or a function.
+    /// Checks an observed predicate or function with its arguments, `(SYMBOL TERM*)`.
     pub(super) fn observed(&mut self, observed: &'t Atom) {
         let symbols = self.symbols;
         let Some(function) = symbols.function(&observed.predicate) else {
@@ -125,8 +124,8 @@ impl<'t> Checker<'_, 't> {
         self.report(unknown);
     }
 
-    /// Checks arguments against the parameters of a declaration. For a diagnostic, `rule` writes that
-    /// declaration.
+    /// Checks arguments against the parameters of a declaration. `rule` returns the text of the
+    /// declaration for a diagnostic.
     fn call(
         &mut self,
         call: &AppliedSymbol<'t>,
@@ -147,8 +146,8 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Checks the type of an argument. An object must have the required type; for a variable it
-    /// suffices that some objects of its type can have the required type.
+    /// Checks the type of an argument. An object must have the required type. For a variable it
+    /// suffices that some object of its type can have the required type.
     fn argument(
         &mut self,
         argument: &'t Term,
@@ -177,8 +176,8 @@ impl<'t> Checker<'_, 't> {
         self.report(diagnostic.with_rule(rule()));
     }
 
-    /// Whether all alternatives of a type are known. Unknown types are reported where they are
-    /// declared.
+    /// Whether all alternatives of a type are known. Unknown types are reported at their
+    /// declaration.
     pub(super) fn are_types_known(&self, ty: &TypeExpr) -> bool {
         ty.alternatives.iter().all(|name| self.symbols.types.contains(name.as_str()))
     }
@@ -189,7 +188,7 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Returns the type of a term; `None` if it is not known.
+    /// Returns the type of a term; `None` if the variable or object is unknown.
     pub(super) fn term(&mut self, term: &'t Term) -> Option<&'t TypeExpr> {
         match term {
             Term::Variable(name) => self.variable(name),

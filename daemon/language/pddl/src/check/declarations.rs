@@ -1,4 +1,4 @@
-//! Checks of declarations: each name is declared once, and each type is known.
+//! Checks of declarations: each name must be declared once, and each type must be known.
 
 use foldhash::{HashMap, HashSet};
 
@@ -7,7 +7,8 @@ use crate::diagnostic::{Diagnostic, Severity};
 use crate::tree::{ActionSchema, Domain, DurativeAction, Name, TypeExpr, Typed};
 use crate::types::SUPERTYPES_MAX;
 
-/// Requirement flags of PDDL 1.2 to 3.1, PDDL+ and MA-PDDL, and flags that planners commonly accept.
+/// Requirement flags of PDDL 1.2 to 3.1, PDDL+ and MA-PDDL, and flags that planners commonly
+/// accept.
 const REQUIREMENTS: &[&str] = &[
     ":strips",
     ":typing",
@@ -89,8 +90,8 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Checks the hierarchy of types: reports undeclared supertypes, types with too many supertypes,
-    /// and cycles.
+    /// Checks the hierarchy of types: reports undeclared supertypes, types with too many
+    /// supertypes, and cycles.
     pub(super) fn types(&mut self, types: &'t [Typed]) {
         let own = types.iter().chain(self.foreign_types.unwrap_or_default());
         let mut declared: HashSet<&str> = own.map(|typed| typed.name.as_str()).collect();
@@ -127,8 +128,8 @@ impl<'t> Checker<'_, 't> {
         });
     }
 
-    /// Checks for types that are declared more than once: such a type is a subtype of all the
-    /// declared supertypes.
+    /// Reports types that are declared more than once. Such a type is a subtype of all its declared
+    /// supertypes.
     pub(super) fn types_once(&mut self, types: &'t [Typed]) {
         let mut firsts: HashMap<&str, &Typed> = HashMap::default();
         for typed in types {
@@ -146,7 +147,8 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Checks for objects that are declared more than once: such an object belongs to all its types.
+    /// Reports objects that are declared more than once. Such an object belongs to all its declared
+    /// types.
     pub(super) fn objects_once(&mut self, what: &str, objects: impl Iterator<Item = &'t Typed>) {
         let mut firsts: HashMap<&str, &Typed> = HashMap::default();
         for object in objects {
@@ -165,7 +167,8 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Checks for an object that has no type and has the same name as a type: a dash is likely missing.
+    /// Reports an object without a type that has the name of a type, because a dash is probably
+    /// missing.
     fn named_like_a_type(&mut self, object: &'t Typed) {
         let name = object.name.as_str();
         if object.ty.alternatives.is_empty()
@@ -178,8 +181,8 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Checks the declarations of predicates or of functions. Declarations of one name are compared
-    /// without the names of their parameters.
+    /// Checks the declarations of predicates or of functions. Repeated declarations of a name are
+    /// compared without the names of their parameters.
     pub(super) fn signatures(
         &mut self,
         what: &str,
@@ -202,29 +205,29 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Checks the types of the parameters of a predicate or a function. A type that is not declared
-    /// has no objects, which does no harm.
+    /// Checks the types of the parameters of a predicate or function. An undeclared type is only a
+    /// warning, because it has no objects and therefore no effect.
     fn types_of_declaration(&mut self, parameters: &'t [Typed]) {
         self.types_of_list(parameters, Severity::Warning);
     }
 
-    /// Checks the types of variables. An undeclared type has no objects; it is accepted with a warning
-    /// unless it is similar to a declared type.
+    /// Checks the types of variables. An undeclared type has no objects; it is accepted with a
+    /// warning unless it is similar to a declared type.
     fn types_of_variables(&mut self, variables: &'t [Typed]) {
         self.types_of_list(variables, Severity::Error);
     }
 
     fn types_of_list(&mut self, variables: &'t [Typed], severity: Severity) {
         for (index, typed) in variables.iter().enumerate() {
-            // `?x ?y - typo` is one mistake, not two.
+            // In `?x ?y - typo`, the type is one mistake, not two.
             if index == 0 || typed.ty != variables[index - 1].ty {
                 self.types_if_any(typed, severity);
             }
         }
     }
 
-    /// Reports the unknown types of a variable. The report has `severity` if another type was likely
-    /// meant; otherwise it is a warning.
+    /// Reports the unknown types of a variable. The report has the given `severity` if a similar
+    /// type exists; otherwise it is a warning.
     fn types_if_any(&mut self, variable: &'t Typed, severity: Severity) {
         let symbols = self.symbols;
         let names = variable.ty.alternatives.iter();
@@ -240,7 +243,7 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Checks for names that are declared more than once.
+    /// Reports names that are declared more than once.
     pub(super) fn unique(&mut self, what: &str, names: impl Iterator<Item = &'t Name>) {
         let mut firsts: HashMap<&str, &Name> = HashMap::default();
         for name in names {
@@ -254,8 +257,8 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Checks the variables of a quantifier. If two variables have one name, the second hides the
-    /// first.
+    /// Checks the variables of a quantifier. Of two variables with the same name, the second hides
+    /// the first, which is a warning.
     pub(super) fn quantified(&mut self, variables: &'t [Typed]) {
         self.parameters_once(variables, Severity::Warning);
         self.types_in_place(variables);
@@ -287,10 +290,10 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Checks the types of objects, and of variables of actions, axioms and quantifiers.
+    /// Checks the types of objects, and of the variables of actions, axioms and quantifiers.
     pub(super) fn types_of(&mut self, list: &'t [Typed]) {
         for (index, typed) in list.iter().enumerate() {
-            // `a b c - typo` is one mistake, not three.
+            // In `a b c - typo`, the type is one mistake, not three.
             if index == 0 || typed.ty != list[index - 1].ty {
                 self.type_expr(&typed.ty);
             }

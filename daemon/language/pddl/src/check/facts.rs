@@ -1,4 +1,4 @@
-//! Checks of problems: objects, facts, goal, metric.
+//! Checks of problems: objects, facts, goal and metric.
 
 use foldhash::HashMap;
 
@@ -8,14 +8,14 @@ use crate::tree::{
     Atom, Domain, FluentTerm, InitElement, Number, ObjectDeclaration, Problem, Span,
 };
 
-/// Treatment of facts and values of undeclared symbols, and of a second value for one function.
+/// Treatment of facts and values of undeclared symbols, and of a second value of one function.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum UndeclaredSymbols {
-    /// Facts and values of undeclared symbols are warnings, and so is a second value: competition
-    /// problems contain values that their domain does not declare, and state some numbers twice.
+    /// Facts and values of undeclared symbols are warnings, and so is a second value. Competition
+    /// problems contain values of undeclared functions and give some numbers twice.
     Spare,
-    /// A fact of an undeclared predicate and a second value are errors; a value of an undeclared
-    /// function is a warning. This treatment is for the map of a building.
+    /// Treatment for the map of a building: a fact of an undeclared predicate and a second value
+    /// are errors, but a value of an undeclared function is a warning.
     Map,
     /// Facts and values of undeclared symbols are errors, and so is a second value.
     Declared,
@@ -41,14 +41,15 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Checks the objects of a problem or an action model, together with the constants of the domain.
+    /// Checks the objects of a problem or an action model, together with the constants of the
+    /// domain.
     pub(super) fn objects(&mut self, domain: &'t Domain, objects: &'t [ObjectDeclaration]) {
         self.objects_once("object", objects.iter().map(|declaration| &declaration.object));
         let constants: HashMap<&str, _> =
             domain.constants.iter().map(|typed| (typed.name.as_str(), typed)).collect();
         for (index, declaration) in objects.iter().enumerate() {
             let object = &declaration.object;
-            // `a b c - typo` is one mistake, not three.
+            // In `a b c - typo`, the type is one mistake, not three.
             if index == 0 || object.ty != objects[index - 1].object.ty {
                 self.type_expr(&object.ty);
             }
@@ -79,8 +80,8 @@ impl<'t> Checker<'_, 't> {
         self.contradictions(elements);
     }
 
-    /// Checks for facts that are stated both to be true and to be false. Such a fact counts as true, as
-    /// after an action that both adds and deletes it.
+    /// Reports facts that are stated both to be true and to be false. Such a fact is true, as after
+    /// an action that both adds and deletes it.
     fn contradictions(&mut self, elements: &'t [InitElement]) {
         let mut denied: HashMap<&Atom, &Atom> = HashMap::default();
         for element in elements {
@@ -111,8 +112,8 @@ impl<'t> Checker<'_, 't> {
                 self.report_spare_fact(atom);
             }
             InitElement::Atom(atom) | InitElement::Not(atom) => self.fact(atom),
-            // Derived facts may be unknown too: an agent that has left knew the facts that they are
-            // derived from.
+            // Derived facts may also be unknown, because an agent that has left may have known the
+            // facts that they are derived from.
             InitElement::Unknown(atom) => self.atom(atom),
             InitElement::Assign(fluent, _) => match values {
                 UndeclaredSymbols::Spare | UndeclaredSymbols::Map if self.is_spare(fluent) => {
@@ -135,8 +136,8 @@ impl<'t> Checker<'_, 't> {
             && self.nearest(name.as_str(), symbols.function_names()).is_none()
     }
 
-    /// Whether the domain has no symbol with the name of this fact's predicate. Then nothing else in
-    /// the task can use the fact either, as that would be reported as a mistake of its own.
+    /// Whether the domain has no symbol with the name of this fact's predicate. No other part of
+    /// the task can then use the fact, because every use would be reported.
     fn is_spare_fact(&self, atom: &Atom) -> bool {
         self.symbols.predicate(&atom.predicate).is_none()
             && self.symbols.function(&atom.predicate).is_none()
@@ -169,8 +170,8 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Checks that a function has only one value in the initial state. In competition problems the last
-    /// value counts.
+    /// Checks that a function has only one value in the initial state. In competition problems, the
+    /// last value is used.
     fn one_value(
         &mut self,
         fluent: &'t FluentTerm,

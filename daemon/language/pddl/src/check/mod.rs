@@ -1,11 +1,12 @@
-//! Semantic checks: names, arities, types, and the few rules that PDDL has beyond its grammar.
+//! Semantic checks: names, numbers of arguments, types, and the rules of PDDL that its grammar does
+//! not express.
 //!
-//! - Each check takes a tree of the parser, and returns every mistake in it in the order of the text.
-//! - Each function checks one text against others that were checked before: `check_problem` does
-//!   not report mistakes of the domain.
-//! - The checks are lenient where real files require it: requirements need not be declared, and facts
-//!   may be repeated.
-//! - Whether a goal can be reached or a plan works is left to the planner.
+//! - Each check takes a syntax tree, and returns all its mistakes in the order of the text.
+//! - Each function checks one text against other texts that were checked before: `check_problem`
+//!   does not report mistakes of the domain.
+//! - The checks are lenient where existing files require it: requirements need not be declared, and
+//!   facts may be repeated.
+//! - The planner decides whether a goal can be reached and whether a plan is valid.
 
 mod symbols;
 
@@ -31,7 +32,7 @@ use crate::nearest::nearest;
 use crate::tree::{ActionModel, Condition, Domain, FluentTerm, InitElement, Plan, Problem, Typed};
 use symbols::Symbols;
 
-/// Checks a domain, which needs no other text.
+/// Checks a domain by itself.
 pub fn check_domain(domain: &Domain) -> Vec<Diagnostic> {
     let symbols = Symbols::of_domain(domain);
     let mut checker = Checker::new(&symbols);
@@ -47,8 +48,8 @@ pub fn check_problem(domain: &Domain, problem: &Problem) -> Vec<Diagnostic> {
     checker.problems.into_sorted()
 }
 
-/// Checks the map of a building against its domain. A fact of an unknown predicate is an error here,
-/// unlike in competition problems.
+/// Checks the map of a building against its domain. A fact of an unknown predicate is an error
+/// here, but not in [`check_problem`].
 pub fn check_map(domain: &Domain, map: &Problem) -> Vec<Diagnostic> {
     let symbols = Symbols::of_problem(domain, map);
     let mut checker = Checker::new(&symbols);
@@ -58,8 +59,8 @@ pub fn check_map(domain: &Domain, map: &Problem) -> Vec<Diagnostic> {
 
 /// Checks an action model against the ontology that it builds on.
 ///
-/// Objects that neither the model nor the ontology declares are accepted with a hint: the map or
-/// another agent may bring them.
+/// Objects that neither the model nor the ontology declares are accepted with a hint, because the
+/// map or another agent may declare them.
 pub fn check_action_model(ontology: &Domain, model: &ActionModel) -> Vec<Diagnostic> {
     let symbols = Symbols::of_model(ontology, model);
     let mut checker = Checker::new(&symbols);
@@ -67,8 +68,9 @@ pub fn check_action_model(ontology: &Domain, model: &ActionModel) -> Vec<Diagnos
     checker.problems.into_sorted()
 }
 
-/// Checks that every function which the metric of a problem reads gets a value, in `:init` or by an
-/// action. In a running ecosystem the value may come later, so [`check_problem`] does not require it.
+/// Checks that every function in the metric of a problem has a value, from `:init` or from an
+/// action. In a running ecosystem the value may come later, so [`check_problem`] does not require
+/// it.
 pub fn check_metric_values(domain: &Domain, problem: &Problem) -> Vec<Diagnostic> {
     let Some(metric) = &problem.metric else { return Vec::new() };
     if !domain.durative_actions.is_empty() {
@@ -91,7 +93,7 @@ pub fn check_metric_values(domain: &Domain, problem: &Problem) -> Vec<Diagnostic
     mistakes.collect()
 }
 
-/// Checks a condition that is not part of a problem, such as a goal from a user.
+/// Checks a condition outside a problem, such as a goal from a user.
 pub fn check_condition(
     domain: &Domain,
     problem: &Problem,
@@ -103,7 +105,7 @@ pub fn check_condition(
     checker.problems.into_sorted()
 }
 
-/// Checks facts that are not part of a problem, such as a change of the state by a user.
+/// Checks facts outside a problem, such as a change of the state by a user.
 pub fn check_init_elements(
     domain: &Domain,
     problem: &Problem,
@@ -115,8 +117,8 @@ pub fn check_init_elements(
     checker.problems.into_sorted()
 }
 
-/// Checks the names in a plan, and the number and types of the arguments of its steps. It does not
-/// check whether the plan works.
+/// Checks the names in a plan, and the number and types of the arguments of its steps. Whether the
+/// plan is valid is not checked.
 pub fn check_plan(domain: &Domain, problem: &Problem, plan: &Plan) -> Vec<Diagnostic> {
     let symbols = Symbols::of_problem(domain, problem);
     let mut checker = Checker::new(&symbols);
@@ -124,21 +126,22 @@ pub fn check_plan(domain: &Domain, problem: &Problem, plan: &Plan) -> Vec<Diagno
     checker.problems.into_sorted()
 }
 
-/// Maximal number of names that are compared with unknown names. Beyond it no suggestions are made. A
-/// text full of unknown words must not cost the square of its length.
+/// Maximum number of name comparisons for suggestions in one text. After that no suggestions are
+/// made, so that the time does not grow with the square of a text full of unknown words.
 const COMPARISONS_MAX: usize = 100_000;
 
-/// Walks over trees and collects mistakes.
+/// State of a check: visits a tree and collects mistakes.
 struct Checker<'s, 't> {
     symbols: &'s Symbols<'t>,
     problems: DiagnosticList,
     /// Variables in scope, the outermost first.
     scope: Vec<&'t Typed>,
-    /// For each name: the positions in `scope` of the variables with this name, the outermost first.
+    /// For each name: the positions in `scope` of the variables with this name, the outermost
+    /// first.
     bound: HashMap<&'t str, Vec<usize>>,
-    /// Types of another text on which the checked text builds.
+    /// Types of the other text on which the checked text builds.
     foreign_types: Option<&'t [Typed]>,
-    /// Objects that other agents have to bring and that have been reported already.
+    /// Unknown objects that other agents must declare and that have been reported already.
     reported_objects: HashSet<&'t str>,
     comparisons_left: usize,
 }
@@ -162,7 +165,8 @@ impl<'s, 't> Checker<'s, 't> {
         self.problems.push(diagnostic);
     }
 
-    /// Returns the candidate that `word` was likely meant to be, as long as the search is affordable.
+    /// Returns the candidate that `word` most likely misspells; `None` if no candidate is near
+    /// enough or the limit on comparisons is reached.
     fn nearest<'a>(
         &mut self,
         word: &str,
@@ -190,7 +194,7 @@ impl<'s, 't> Checker<'s, 't> {
         }
     }
 
-    /// Returns the innermost variable in scope with this name.
+    /// Returns the innermost variable in scope with this name; `None` if there is none.
     fn variable_in_scope(&self, name: &str) -> Option<&'t Typed> {
         self.bound.get(name)?.last().map(|index| self.scope[*index])
     }

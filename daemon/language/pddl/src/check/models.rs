@@ -50,8 +50,8 @@ impl<'t> Checker<'_, 't> {
         self.report(Diagnostic::warning(name.span(), message).with_rule(shared));
     }
 
-    /// Checks that the model of an agent declares the agent as an object, because an agent acts as an
-    /// object with its own name.
+    /// Checks that the model of an agent with actions declares the agent as an object, because the
+    /// agent is an argument of its actions.
     fn has_itself(&mut self, model: &'t ActionModel) {
         let acts = model.actions.iter().any(|action| action.agent.is_some())
             || model.durative_actions.iter().any(|action| action.agent.is_some());

@@ -1,4 +1,4 @@
-//! Checks of plans: actions and objects are known, and types are right.
+//! Checks of plans: actions and objects must be known, and types must match.
 
 use foldhash::HashMap;
 
@@ -6,7 +6,7 @@ use super::{Checker, count};
 use crate::diagnostic::Diagnostic;
 use crate::tree::{Domain, Name, Plan, PlanStep, Typed};
 
-/// An action that a step of a plan can name.
+/// An action that a step of a plan can use.
 struct Callable<'t> {
     name: &'t Name,
     parameters: Vec<&'t Typed>,

@@ -1,4 +1,4 @@
-//! Symbols of a task, collected from the texts that declare them.
+//! The symbols of a task, collected from the texts that declare them.
 
 use std::cell::{Cell, OnceCell};
 
@@ -10,7 +10,7 @@ use crate::tree::{
 };
 use crate::types::Types;
 
-/// Symbols to which a text may refer. If a symbol is declared twice, the first declaration counts.
+/// Symbols that a text may use. If a symbol is declared twice, the first declaration is used.
 pub(super) struct Symbols<'t> {
     pub(super) types: Types,
     predicates: DeclarationTable<'t, PredicateDeclaration>,
@@ -18,17 +18,17 @@ pub(super) struct Symbols<'t> {
     objects: DeclarationTable<'t, Typed>,
     derived: HashSet<&'t str>,
     actions: &'t [ActionSchema],
-    /// Whether other agents may bring objects besides those that are listed here.
+    /// Whether other agents may declare further objects.
     pub(super) is_open: bool,
-    /// Whether the constants of the domain are known here, but not the objects of problems.
+    /// Whether only the constants of the domain are known, and not the objects of problems.
     pub(super) is_of_domain: bool,
 }
 
 /// Declarations in the order of the text, which can be looked up by name.
 struct DeclarationTable<'t, T> {
     order: Vec<&'t T>,
-    /// Index of the declarations by name. It is created only when it pays: a goal names one or two of
-    /// the many objects of a large building.
+    /// Index of the declarations by name. It is created only after several look-ups, because a goal
+    /// mentions only one or two of the many objects of a large building.
     index: OnceCell<HashMap<&'t str, usize>>,
     /// Number of look-ups that were made without the index.
     scans: Cell<u8>,
@@ -91,7 +91,8 @@ impl<'t> Symbols<'t> {
         self.objects.get(name.as_str())
     }
 
-    /// Whether one of the declarations of an object, which may have several, gives it this type.
+    /// Whether any declaration of an object gives it this type. An object may have several
+    /// declarations.
     pub(super) fn is_also(&self, object: &Name, wanted: &TypeExpr) -> bool {
         let mut named = self.objects.order.iter().filter(|one| one.name == *object);
         named.any(|one| self.types.accepts(wanted, &one.ty))

@@ -21,8 +21,8 @@ const DERIVED: &str = "(:derived (PREDICATE VARIABLES) CONDITION)";
 const AGENT: &str = ":agent VARIABLE - TYPE";
 const PARAMETER_LIST: &str = ":parameters (VARIABLES)";
 
-/// Parses an action: `(:action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)] [:precondition
-/// CONDITION] [:effect EFFECT] [:observe OBSERVED])`, with the parts in any order.
+/// Parses an action: `(:action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)]
+/// [:precondition CONDITION] [:effect EFFECT] [:observe OBSERVED])`, with the parts in any order.
 pub(super) fn action<'f>(
     reader: &mut GrammarReader<'f>,
     items: Items<'f>,
@@ -56,8 +56,9 @@ pub(super) fn action<'f>(
     Some(action)
 }
 
-/// Parses a durative action: `(:durative-action NAME [:agent VARIABLE - TYPE] [:parameters (VARIABLES)]
-/// :duration DURATION [:condition TIMED] [:effect TIMED])`, with the parts in any order.
+/// Parses a durative action: `(:durative-action NAME [:agent VARIABLE - TYPE] [:parameters
+/// (VARIABLES)] :duration DURATION [:condition TIMED] [:effect TIMED])`, with the parts in any
+/// order.
 pub(super) fn durative_action<'f>(
     reader: &mut GrammarReader<'f>,
     items: Items<'f>,
@@ -109,8 +110,8 @@ pub(super) fn derived<'f>(
     Some(Derived { predicate, parameters, condition: condition?, span })
 }
 
-/// Parses what an action observes: `(SYMBOL TERM*) | (and (SYMBOL TERM*)*)`, where a symbol is a
-/// predicate or a function.
+/// Parses the observed symbols of an action: `(SYMBOL TERM*) | (and (SYMBOL TERM*)*)`. A symbol is
+/// a predicate or a function.
 fn observed<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Vec<Atom> {
     let Some(mut items) = reader.expect_list(node, "what is observed", OBSERVE) else {
         return Vec::new();
@@ -127,7 +128,7 @@ fn observed<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Vec<Ato
 
 const AGENT_KEY: &str = ":agent";
 const PARAMETERS: &str = ":parameters";
-/// Key of further parameters of an action in PDDL 1.2.
+/// Key of additional parameters of an action in PDDL 1.2.
 const VARS: &str = ":vars";
 const PRECONDITION: &str = ":precondition";
 const DURATION: &str = ":duration";
@@ -135,7 +136,7 @@ const CONDITION: &str = ":condition";
 const EFFECT: &str = ":effect";
 const OBSERVE_KEY: &str = ":observe";
 
-/// Reader of the parts of an action: `NAME (KEY VALUE)*`.
+/// Iterator over the parts of an action: `NAME (KEY VALUE)*`.
 struct ActionParts<'f> {
     name: Name,
     items: Items<'f>,
@@ -155,8 +156,8 @@ impl<'f> ActionParts<'f> {
         Some(ActionParts { name, items, seen: Vec::new(), rule })
     }
 
-    /// Returns the next key and the node after it. The key is one of `:agent`, `:parameters` and
-    /// `keys`. Unknown and repeated parts are reported and skipped.
+    /// Returns the next key and the node after it; `None` at the end. The key is one of `:agent`,
+    /// `:parameters` and `keys`. Unknown and repeated parts are reported and skipped.
     fn next(
         &mut self,
         reader: &mut GrammarReader<'f>,
@@ -164,7 +165,7 @@ impl<'f> ActionParts<'f> {
     ) -> Option<(&'static str, SyntaxNode<'f>)> {
         while let Some(node) = self.items.next() {
             let Some(word) = node.symbol().filter(|word| word.starts_with(':')) else {
-                // What touches the name of the action is no condition.
+                // A list that touches the name of the action is not a condition.
                 let is_call = !self.seen.is_empty() && reader.is_call(node);
                 if !is_call && !reader.is_already_reported(node) {
                     self.report_stranger(reader, node);
@@ -185,7 +186,7 @@ impl<'f> ActionParts<'f> {
             }
             match key {
                 Some(key) if self.is_first(reader, key, node.span()) => return Some((key, value)),
-                // An agent is up to three nodes; all are skipped.
+                // An agent consists of up to three nodes, which are all skipped.
                 Some(AGENT_KEY) => drop(self.opt_agent(reader)),
                 _ => {}
             }
@@ -193,8 +194,8 @@ impl<'f> ActionParts<'f> {
         None
     }
 
-    /// Reports a node that is at a place where a key is expected. After a condition or an effect, the
-    /// node is likely a second one, to be joined with the first by an `and`.
+    /// Reports a node in the place of a key. After a condition or an effect, the node is probably a
+    /// second one, which should be joined with the first by an `and`.
     fn report_stranger(&self, reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) {
         let after = self.seen.last().map(|(key, _)| *key);
         let what = match after {
@@ -216,8 +217,8 @@ impl<'f> ActionParts<'f> {
         });
     }
 
-    /// Returns the node after a key. If the key is `:agent`, the node is not consumed, but left for
-    /// [`ActionParts::opt_agent`].
+    /// Returns the node after a key. After the key `:agent`, the node is not consumed, because
+    /// [`ActionParts::opt_agent`] reads it.
     fn value(
         &mut self,
         reader: &mut GrammarReader<'f>,
@@ -249,13 +250,13 @@ impl<'f> ActionParts<'f> {
         false
     }
 
-    /// Parses parameters: `(VARIABLES)`; `node` is the first node after the key.
+    /// Parses parameters: `(VARIABLES)`. `node` is the first node after the key.
     fn parameters(&mut self, reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Vec<Typed> {
         let is_key = |node: SyntaxNode<'_>| node.symbol().is_some_and(|word| word.starts_with(':'));
         names::listed_variables(reader, node, &mut self.items, is_key, PARAMETER_LIST)
     }
 
-    /// Parses the agent of an action: `VARIABLE [- TYPE]`, with or without parentheses around it.
+    /// Parses the agent of an action: `VARIABLE [- TYPE]`, optionally in parentheses.
     fn opt_agent(&mut self, reader: &mut GrammarReader<'f>) -> Option<Typed> {
         let node = self.items.peek()?;
         let Some(mut inner) = node.list() else {

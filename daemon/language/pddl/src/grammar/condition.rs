@@ -16,8 +16,8 @@ const QUANTIFIED: &str = "(exists|forall (VARIABLES) CONDITION)";
 const COMPARE: &str = "(COMPARISON EXPRESSION EXPRESSION)";
 const EQUAL: &str = "(= TERM TERM) | (= EXPRESSION EXPRESSION)";
 
-/// Parses a condition: `() | (PREDICATE TERM*) | (= TERM TERM) | (COMPARISON EXPRESSION EXPRESSION) |
-/// (not CONDITION) | (and CONDITION*) | (or CONDITION*) | (imply CONDITION CONDITION) | (exists
+/// Parses a condition: `() | (PREDICATE TERM*) | (= TERM TERM) | (COMPARISON EXPRESSION EXPRESSION)
+/// | (not CONDITION) | (and CONDITION*) | (or CONDITION*) | (imply CONDITION CONDITION) | (exists
 /// (VARIABLES) CONDITION) | (forall (VARIABLES) CONDITION)`.
 pub(crate) fn condition<'f>(
     reader: &mut GrammarReader<'f>,
@@ -45,7 +45,8 @@ pub(crate) fn condition<'f>(
         "<=" => compare(reader, Comparison::LessOrEqual, items, node.span()),
         ">=" => compare(reader, Comparison::GreaterOrEqual, items, node.span()),
         ">" => compare(reader, Comparison::Greater, items, node.span()),
-        // A predicate may have this name: a preference has a condition, which is a list.
+        // A preference contains a condition, which is a list. Without a list, `preference` is the
+        // name of a predicate.
         "preference" if items.into_iter().any(|item| item.list().is_some()) => {
             preference(reader, node, items)
         }
@@ -81,8 +82,7 @@ pub(super) fn atom<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> 
     Some(Atom { predicate, arguments, span: node.span() })
 }
 
-/// Returns advice on what to write in PDDL in place of an operator of another language; `None` for any
-/// other word.
+/// Returns advice to replace an operator of another language by PDDL; `None` for any other word.
 fn foreign(word: &str) -> Option<&'static str> {
     Some(match word {
         "!=" | "<>" | "/=" | "~=" => "write `(not (= … …))`",
@@ -98,7 +98,7 @@ fn foreign(word: &str) -> Option<&'static str> {
     })
 }
 
-/// Words that begin conditions and effects and that take arguments other than terms.
+/// Keywords of conditions and effects with arguments that are not terms.
 const KEYWORDS: &[&str] = &[
     "and",
     "or",
@@ -114,7 +114,7 @@ const KEYWORDS: &[&str] = &[
     "scale-down",
 ];
 
-/// Reports a predicate that has a list as an argument. If the predicate is similar to a keyword, the
+/// Reports a predicate with a list as an argument. If the predicate is similar to a keyword, the
 /// keyword is proposed.
 fn nested<T>(
     reader: &mut GrammarReader<'_>,
@@ -139,12 +139,12 @@ fn nested<T>(
 pub(super) enum Headed<'f> {
     /// The empty list `()`.
     Empty,
-    /// The list `(WORD …)`: the word, and the items after it.
+    /// A list `(WORD …)`: the word, and the items after it.
     By(&'f str, Items<'f>),
 }
 
-/// Splits the list `()` or `(WORD …)` after its first word. For any other node, reports that `what` is
-/// expected.
+/// Splits the list `()` or `(WORD …)` after its first word. For any other node, reports that `what`
+/// is expected.
 pub(super) fn headed<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -176,7 +176,7 @@ pub(super) fn headed<'f>(
     }
 }
 
-/// Reports a feature of PDDL that this crate does not support.
+/// Reports a PDDL feature that this crate does not support. Returns `None`.
 pub(super) fn unsupported<T>(
     reader: &mut GrammarReader<'_>,
     node: SyntaxNode<'_>,
@@ -186,8 +186,8 @@ pub(super) fn unsupported<T>(
     None
 }
 
-/// Parses `(preference [NAME] CONDITION)` to find mistakes in it, then reports the preference as
-/// unsupported.
+/// Parses `(preference [NAME] CONDITION)` to find mistakes in the condition, then reports the
+/// preference as unsupported.
 fn preference<'f, T>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -202,7 +202,7 @@ fn preference<'f, T>(
     unsupported(reader, node, "preferences")
 }
 
-/// Reports a node that is at the wrong place.
+/// Reports a node in the wrong place. Returns `None`.
 pub(super) fn misplaced<T>(
     reader: &mut GrammarReader<'_>,
     node: SyntaxNode<'_>,
@@ -218,7 +218,7 @@ fn conditions<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>) -> Vec<Condi
     items.filter_map(|node| condition(reader, node)).collect()
 }
 
-/// Parses a negation: `(not CONDITION)`. The keyword has been read; `items` are the rest.
+/// Parses a negation, `(not CONDITION)`; `items` are the items after the keyword.
 fn not<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Condition> {
     let node = reader.expect(&mut items, "condition", NOT)?;
     let inner = condition(reader, node);
@@ -226,8 +226,7 @@ fn not<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Condi
     inner.map(|inner| Condition::Not(Box::new(inner)))
 }
 
-/// Parses an implication: `(imply CONDITION CONDITION)`. The keyword has been read; `items` are the
-/// rest.
+/// Parses an implication, `(imply CONDITION CONDITION)`; `items` are the items after the keyword.
 fn imply<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Condition> {
     let premise = reader.expect(&mut items, "condition", IMPLY)?;
     let premise = condition(reader, premise);
@@ -237,7 +236,7 @@ fn imply<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Con
     Some(Condition::Imply(Box::new(premise?), Box::new(conclusion?)))
 }
 
-/// Parses the part of a quantifier after its keyword: `(VARIABLES) CONDITION`.
+/// Parses a quantifier after its keyword: `(VARIABLES) CONDITION`.
 fn quantified<'f>(
     reader: &mut GrammarReader<'f>,
     mut items: Items<'f>,
@@ -250,15 +249,14 @@ fn quantified<'f>(
     Some((variables, Box::new(body)))
 }
 
-/// Whether an item after the variables of a quantifier is what the quantifier is about, and not a type.
+/// Whether an item after the variables of a quantifier is the quantified body, and not a type.
 pub(super) fn is_body(node: SyntaxNode<'_>) -> bool {
     node.list().is_some() && !node.head().is_some_and(|word| word.eq_ignore_ascii_case("either"))
 }
 
 /// Parses an equation: `(= TERM TERM) | (= EXPRESSION EXPRESSION)`.
 ///
-/// If both sides are words, they are terms. A list or a number on either side makes the equation a
-/// comparison of numbers.
+/// Two words are terms. If either side is a list or a number, the equation compares numbers.
 fn equal<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>, span: Span) -> Option<Condition> {
     if items.into_iter().any(|node| is_numeric(reader, node)) {
         return compare(reader, Comparison::Equal, items, span);

@@ -42,8 +42,8 @@ pub(super) fn types<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>) -> Vec
     names::typed_list(reader, items, ListEntryKind::Names)
 }
 
-/// Parses constants: `(NAME* [- TYPE])*`. A block `(:private …)` is accepted with a warning, and its
-/// privacy is dropped, as constants have no privacy.
+/// Parses constants: `(NAME* [- TYPE])*`. In a block `(:private …)`, the privacy is dropped with a
+/// warning, because constants have no privacy.
 pub(super) fn constants<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>) -> Vec<Typed> {
     let declared = objects(reader, items);
     if let Some(private) = declared.iter().find(|object| object.privacy != Privacy::Public) {
@@ -109,8 +109,8 @@ fn number_type<'f>(reader: &mut GrammarReader<'f>, items: &mut Items<'f>, dash: 
     }
 }
 
-/// Returns the declarations at `node`: the node itself, or, for a block `(:private …)`, the content of
-/// the block. Also returns the privacy.
+/// Returns the declarations at `node` and their privacy. For a block `(:private …)`, the
+/// declarations are the content of the block; otherwise they are the node itself.
 fn public_or_private<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -169,14 +169,14 @@ pub(super) fn signature<'f>(
     Some((name, names::variables(reader, items)))
 }
 
-/// Parses the objects of a problem or an action model: `((NAME* [- TYPE])* | (:private [NAME] (NAME* [-
-/// TYPE])*))*`.
+/// Parses the objects of a problem or an action model: `((NAME* [- TYPE])* | (:private [NAME]
+/// (NAME* [- TYPE])*))*`.
 pub(super) fn objects<'f>(
     reader: &mut GrammarReader<'f>,
     items: Items<'f>,
 ) -> Vec<ObjectDeclaration> {
     let mut declared = Vec::new();
-    // Several blocks occur only in a text that describes several agents.
+    // Several private blocks occur only in a text that describes several agents.
     let has_owners = items.filter(|node| is_private(*node)).nth(1).is_some();
     let mut from = items;
     let mut public = items.until(is_private);
@@ -200,9 +200,9 @@ fn with_privacy(typed: Vec<Typed>, privacy: &Privacy) -> impl Iterator<Item = Ob
 
 /// Parses a block of private objects: `(:private [NAME] (NAME* [- TYPE])*)`.
 ///
-/// The owner of the block is written like an object. The first word of the block counts as the owner if
-/// the word has no type and is declared elsewhere in the section (agents are objects too), or if it has
-/// no type and the section has several blocks with owners.
+/// The owner of the block is written like an object. The first word of the block is the owner if it
+/// has no type and one of two conditions holds: the word is declared elsewhere in the section
+/// (agents are also objects), or the section has several blocks with owners.
 fn private_objects<'f>(
     reader: &mut GrammarReader<'f>,
     block: SyntaxNode<'f>,

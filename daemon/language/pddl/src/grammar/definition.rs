@@ -9,7 +9,7 @@ use crate::tree::{Document, Name, Span};
 
 const DEFINE: &str = "(define (domain|problem|agent NAME) SECTION*)";
 
-/// The kinds of files.
+/// Kind of a file.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum DocumentKind {
     Domain,
@@ -17,7 +17,7 @@ pub(crate) enum DocumentKind {
     ActionModel,
 }
 
-/// Parses a file of the kind that is expected, or of any kind:
+/// Parses a file of the expected kind, or of any kind if `expected` is `None`:
 /// `(define (domain NAME) …) | (define (problem NAME) …) | (define (agent NAME) …)`.
 pub(crate) fn document<'f>(
     reader: &mut GrammarReader<'f>,
@@ -38,7 +38,7 @@ pub(crate) fn single<'f, T>(
         reader.report(Diagnostic::error(roots.end(), format!("the text holds no {what}")));
         return None;
     };
-    // Files of 1998 begin with the name of a Lisp package.
+    // Files from 1998 begin with the name of a Lisp package.
     while let (Some(word), Some(next)) = (node.head(), roots.peek())
         && word.eq_ignore_ascii_case("in-package")
     {
@@ -98,13 +98,13 @@ fn title_of<'f>(
     let name = reader.expect(&mut items, "name", DEFINE);
     let name = name.and_then(|node| names::name(reader, node, "a name"));
     reader.expect_end(items, "the name", DEFINE);
-    // Without a valid name the rest is still parsed.
+    // The rest is parsed even without a valid name.
     let name = name.unwrap_or_else(|| reader.intern("unnamed", node.span()));
     Some((kind, name))
 }
 
-/// Parses the kind of a file: `domain | problem | agent`. For a misspelled word, returns the kind that
-/// was likely meant.
+/// Parses the kind of a file: `domain | problem | agent`. A misspelled word is reported, and the
+/// most similar kind is returned.
 fn kind<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Option<DocumentKind> {
     const KINDS: &[&str] = &["domain", "problem", "agent"];
     let word = Keyword::of(node.symbol().unwrap_or(""));
@@ -132,7 +132,7 @@ impl DocumentKind {
     }
 }
 
-/// Reader of the sections of a definition, in the order of the text.
+/// Iterator over the sections of a definition, in the order of the text.
 pub(super) struct Sections<'f> {
     items: Items<'f>,
     /// Keywords of the sections that this kind of file may have.
@@ -150,11 +150,11 @@ pub(super) struct Section<'f> {
 /// Keywords of sections that may occur any number of times.
 const REPEATED: &[&str] = &[":action", ":durative-action", ":derived"];
 
-/// Keywords of sections that are lists. Two sections with one of these keywords count as one list.
+/// Keywords of sections that are lists. Two sections with the same of these keywords are joined.
 const JOINED: &[&str] =
     &[":requirements", ":types", ":constants", ":objects", ":predicates", ":functions", ":init"];
 
-/// Keywords of sections that are valid in PDDL or its extensions but not supported here, with their
+/// Keywords of sections that are valid in PDDL or its extensions but unsupported here, with their
 /// names for a message.
 const UNSUPPORTED: &[(&str, &str)] = &[
     (":constraints", "constraints on trajectories (`:constraints`)"),
@@ -170,7 +170,7 @@ const UNSUPPORTED: &[(&str, &str)] = &[
     (":htn", "task networks (`:htn`)"),
 ];
 
-/// Keywords of all sections, with the kinds of files that may have them.
+/// Keywords of all sections, with the kinds of files that may contain them.
 const ELSEWHERE: &[(&str, &str)] = &[
     (":types", "domains and action models"),
     (":constants", "domains"),
@@ -191,13 +191,13 @@ impl<'f> Sections<'f> {
         Sections { items, known, seen: Vec::new() }
     }
 
-    /// Returns the place at which to report a missing section.
+    /// Returns the place where a missing section is reported: the end of the definition.
     pub(super) fn end(&self) -> Span {
         self.items.end()
     }
 
-    /// Returns the next section. Nodes that are not sections, unknown sections, and sections that may
-    /// not be repeated are reported and skipped.
+    /// Returns the next section; `None` at the end. Nodes that are not sections, unknown sections,
+    /// and forbidden repetitions are reported and skipped.
     pub(super) fn next(&mut self, reader: &mut GrammarReader<'f>) -> Option<Section<'f>> {
         while let Some(node) = self.items.next() {
             let Some(mut items) = reader.expect_list(node, "a section", "(:KEYWORD …)") else {
@@ -219,8 +219,8 @@ impl<'f> Sections<'f> {
         None
     }
 
-    /// Whether a section is read. A section with the keyword of an earlier one is read only if sections
-    /// of this kind are joined and the contents of the two differ.
+    /// Whether a section must be parsed. A section with the keyword of an earlier one is parsed
+    /// only if sections of this kind are joined and the two have different contents.
     fn is_read(
         &mut self,
         reader: &mut GrammarReader<'f>,

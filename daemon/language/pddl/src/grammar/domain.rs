@@ -17,8 +17,8 @@ const SECTIONS: &[&str] = &[
     ":durative-action",
 ];
 
-/// Parses a domain: `(define (domain NAME) [REQUIREMENTS] [TYPES] [CONSTANTS] [PREDICATES] [FUNCTIONS]
-/// (DERIVED | ACTION | DURATIVE-ACTION)*)`, with the sections in any order.
+/// Parses a domain: `(define (domain NAME) [REQUIREMENTS] [TYPES] [CONSTANTS] [PREDICATES]
+/// [FUNCTIONS] (DERIVED | ACTION | DURATIVE-ACTION)*)`, with the sections in any order.
 pub(super) fn domain<'f>(reader: &mut GrammarReader<'f>, name: Name, items: Items<'f>) -> Domain {
     let mut domain = Domain::named(name);
     let mut sections = Sections::new(items, SECTIONS);

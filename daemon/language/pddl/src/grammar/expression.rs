@@ -64,7 +64,7 @@ pub(super) fn fluent<'f>(
     Some(FluentTerm { function, arguments, span: node.span() })
 }
 
-/// Parses an expression of one word: `NUMBER | FUNCTION | ?duration | #t | total-time`.
+/// Parses an expression that is a single word: `NUMBER | FUNCTION | ?duration | #t | total-time`.
 fn word_expression<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -73,7 +73,7 @@ fn word_expression<'f>(
     if let Some(number) = names::numeral(reader, node) {
         return Some(Expression::Number(number));
     }
-    // A function without parentheses is printed with them, which is one level more.
+    // A function is printed with parentheses, which adds a level of nesting.
     if node.is_deepest() {
         reader.report(too_deep(node.span()));
         return None;

@@ -30,7 +30,7 @@ pub(crate) fn init_element<'f>(
     let head = reader.expect(&mut items, "predicate", ELEMENT)?;
     match Keyword::of(head.symbol().unwrap_or("")).as_str() {
         "not" => about(reader, items, "`not`").map(InitElement::Not),
-        // A predicate of that name has objects as arguments, not a list.
+        // A predicate with this name has objects as arguments, not a list.
         "unknown" if items.peek().is_some_and(|node| node.list().is_some()) => {
             about(reader, items, "`unknown`").map(InitElement::Unknown)
         }
@@ -48,7 +48,7 @@ pub(crate) fn init_element<'f>(
     }
 }
 
-/// Parses the one fact that follows `word`, which is `not` or `unknown`.
+/// Parses the single fact after `word`, which is `not` or `unknown`.
 fn about<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>, word: &str) -> Option<Atom> {
     let inner = reader.expect(&mut items, "fact", ELEMENT)?;
     reader.expect_end(items, word, ELEMENT);
@@ -56,8 +56,8 @@ fn about<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>, word: &str) -
     ground(reader, &atom.arguments).then_some(atom)
 }
 
-/// Whether the word `at` begins a timed literal: a time and an element follow, and not the arguments of
-/// a predicate.
+/// Whether the word `at` begins a timed literal: the next items are a time and a list, and not the
+/// arguments of a predicate.
 fn is_timed(mut items: Items<'_>) -> bool {
     let time = items.next().and_then(SyntaxNode::symbol).and_then(names::number);
     time.is_some() && items.next().is_some_and(|node| node.list().is_some())
@@ -105,7 +105,7 @@ fn init_number<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Opti
     number
 }
 
-/// Whether all arguments are objects. Variables are reported.
+/// Whether all arguments are objects. Variables among them are reported.
 fn ground(reader: &mut GrammarReader<'_>, arguments: &[Term]) -> bool {
     let mut ground = true;
     for argument in arguments {

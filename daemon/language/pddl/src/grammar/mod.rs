@@ -1,10 +1,11 @@
-//! The grammar: turns the tree of parentheses into the syntax tree, with one function for each
+//! The grammar: converts the tree of parentheses to the syntax tree, with one function for each
 //! production.
 //!
-//! - Each function quotes its production. `NAME` is a symbol, `VARIABLE` is `?NAME`, `X*` is any
-//!   number of `X`, `[X]` is an optional `X`.
+//! - The documentation of each function contains its production. `NAME` is a symbol, `VARIABLE` is
+//!   `?NAME`, `X*` is any number of `X`, `[X]` is an optional `X`.
 //! - A function that finds a mistake reports it and returns `None`; its caller continues.
-//! - Whether a word has a meaning (is `conected` a predicate?) is left to `check`.
+//! - The grammar does not check whether a name is declared (is `conected` a predicate?); `check`
+//!   does.
 
 mod names;
 

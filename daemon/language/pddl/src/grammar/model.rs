@@ -22,8 +22,8 @@ const SECTIONS: &[&str] = &[
 ];
 
 /// Parses an action model: `(define (agent NAME) (:domain NAME) [REQUIREMENTS] [TYPES] [OBJECTS]
-/// [PREDICATES] [FUNCTIONS] [INIT] (DERIVED | ACTION | DURATIVE-ACTION)*)`, with the sections in any
-/// order. `:constants` are read as objects.
+/// [PREDICATES] [FUNCTIONS] [INIT] (DERIVED | ACTION | DURATIVE-ACTION)*)`, with the sections in
+/// any order. A section `:constants` is parsed as objects.
 pub(super) fn action_model<'f>(
     reader: &mut GrammarReader<'f>,
     agent: Name,

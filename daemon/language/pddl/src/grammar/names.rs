@@ -7,11 +7,12 @@ use crate::tree::{Name, Number, Span, Term, TypeExpr, Typed};
 
 const NAME: &str = "NAME = a letter or digit, then letters, digits, `-` and `_`";
 const VARIABLE: &str = "VARIABLE = ?NAME";
-/// Maximal number of alternatives of a type. Every name of a typed list has its own copy of the type,
-/// and types are compared pairwise. A short text must not turn into many large types.
+/// Maximum number of alternatives of a type. Every name of a typed list has its own copy of the
+/// type, and types are compared pairwise. With the limit, a short text cannot become many large
+/// types.
 const ALTERNATIVES_MAX: usize = 16;
 
-/// Maximal number of words that are repeated when their parentheses are missing.
+/// Maximum number of words without parentheses that a message quotes.
 const BARE_WORDS_MAX: usize = 12;
 
 const TYPE: &str = "TYPE = NAME | (either NAME+)";
@@ -23,7 +24,7 @@ pub(super) enum ListEntryKind {
     Names,
 }
 
-/// Whether a word has a fixed meaning in places where a predicate or a function may occur.
+/// Whether a word is a keyword in places where a predicate or a function may occur.
 pub(super) fn is_reserved(word: &str) -> bool {
     if word.len() > "scale-down".len() {
         return false;
@@ -56,7 +57,7 @@ pub(super) fn is_reserved(word: &str) -> bool {
     )
 }
 
-/// Parses a `NAME`. In messages, `what` describes what the name is for.
+/// Parses a `NAME`. In messages, `what` describes the purpose of the name.
 pub(super) fn name<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -73,8 +74,7 @@ pub(super) fn name<'f>(
     }
 }
 
-/// Parses the `NAME` of a predicate or a function with arguments, which is neither a keyword nor a
-/// number.
+/// Parses the `NAME` of a predicate or function with arguments. Keywords and numbers are reported.
 pub(super) fn applied<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -95,8 +95,8 @@ pub(super) fn variable<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>)
     variable_after(reader, node, false)
 }
 
-/// Parses a variable: `?NAME`. If the word has no `?` and follows a variable without a type, the word
-/// is likely a type with a missing dash.
+/// Parses a variable: `?NAME`. A word without `?` after a variable without a type is probably a
+/// type with a missing dash.
 fn variable_after<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -150,8 +150,8 @@ pub(super) fn number(word: &str) -> Option<Number> {
     word.parse().ok().filter(|value: &f64| value.is_finite()).map(Number)
 }
 
-/// Parses a number whose value matters, and warns if it has more digits than are kept; `None` if the
-/// node is not a number.
+/// Parses a number, with a warning if it has more digits than are stored; `None` if the node is not
+/// a number.
 pub(super) fn numeral<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> Option<Number> {
     let word = node.symbol()?;
     let value = number(word)?;
@@ -163,7 +163,8 @@ pub(super) fn numeral<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) 
     Some(value)
 }
 
-/// Whether the value of a number has all its digits. Fifteen are always kept, and more of most numbers.
+/// Whether the stored value has all digits of a number. Fifteen digits are always stored, and often
+/// more.
 fn keeps_digits(word: &str, value: Number) -> bool {
     /// Number of digits that every 64-bit binary number preserves.
     const KEPT: usize = 15;
@@ -174,8 +175,8 @@ fn keeps_digits(word: &str, value: Number) -> bool {
     written.len() <= KEPT || written == significant_digits(&value.to_string())
 }
 
-/// Returns the digits of a number without its sign, point and exponent, and without the zeros around
-/// them.
+/// Returns the significant digits of a number, without sign, point, exponent, leading zeros and
+/// trailing zeros.
 fn significant_digits(word: &str) -> String {
     let mantissa = word.split(['e', 'E']).next().unwrap_or("");
     let digits: String = mantissa.chars().filter(char::is_ascii_digit).collect();
@@ -187,11 +188,11 @@ pub(super) fn variables<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>) ->
     typed_list(reader, items, ListEntryKind::Variables)
 }
 
-/// Parses variables in parentheses: `(VARIABLES)`. `node` is the first node, and `rest` are the items
-/// after it.
+/// Parses variables in parentheses: `(VARIABLES)`. `node` is the first node, and `rest` are the
+/// items after it.
 ///
-/// If the parentheses are missing, this is reported, and the variables are those before the first item
-/// for which `is_end` returns `true`.
+/// Missing parentheses are reported. In this case the variables end before the first item for which
+/// `is_end` returns `true`.
 pub(super) fn listed_variables<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -238,7 +239,7 @@ pub(super) fn typed_list<'f>(
             }
         };
         if let Some(ty) = ty {
-            // Only the last entry of a group gets the type itself; the others get copies.
+            // The last entry of a group takes the type itself; the other entries get copies.
             for entry in &mut typed[untyped_from..] {
                 entry.ty.clone_from(&ty);
             }
@@ -248,7 +249,7 @@ pub(super) fn typed_list<'f>(
     typed
 }
 
-/// Parses the `TYPE` that follows a dash; `dash` is the node of the dash.
+/// Parses the `TYPE` after a dash; `dash` is the node of the dash.
 pub(super) fn opt_type<'f>(
     reader: &mut GrammarReader<'f>,
     items: &mut Items<'f>,
@@ -262,7 +263,7 @@ pub(super) fn opt_type<'f>(
     type_expr(reader, node)
 }
 
-/// Parses `-TYPE`, and reports that a space is missing after the dash.
+/// Parses `-TYPE`, and reports the missing space after the dash.
 fn glued_type<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -299,8 +300,8 @@ pub(super) fn type_expr<'f>(
     Some(TypeExpr { alternatives })
 }
 
-/// Returns `bare` as a name if it is valid, and reports it otherwise. `word` is the form in which the
-/// text has it.
+/// Returns `bare` as a name if it is valid, and otherwise reports it. `word` is the spelling in the
+/// text.
 fn checked_name<'f>(
     reader: &mut GrammarReader<'f>,
     bare: &'f str,
@@ -308,7 +309,7 @@ fn checked_name<'f>(
     span: Span,
     what: &str,
 ) -> Option<Name> {
-    // Nearly all names have only letters, digits, `-` and `_`: no further check is needed.
+    // Fast path: nearly all names have only letters, digits, `-` and `_`.
     let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'-' | b'_');
     if bare.bytes().all(is_plain) && bare.bytes().next().is_some_and(|byte| byte != b'-') {
         return Some(reader.intern(bare, span));
@@ -335,13 +336,13 @@ fn checked_name<'f>(
     None
 }
 
-/// Whether a character that is not allowed in names is visible in a message.
+/// Whether a forbidden character would be visible in a message.
 fn is_visible(c: char) -> bool {
     !c.is_control() && c != '\u{feff}'
 }
 
-/// Whether a character is one of those that are not allowed in names even though parsing is lenient:
-/// punctuation of other languages, and invisible characters.
+/// Whether a character is forbidden in names, even though the parser is lenient: punctuation of
+/// other languages, and invisible characters.
 fn is_strange(c: char) -> bool {
     match c {
         '?' | '"' | '\'' | '`' | '[' | ']' | '{' | '}' | ',' | '\\' | '\u{feff}' => true,

@@ -14,8 +14,8 @@ use crate::tree::{Number, PlanStep};
 
 const STEP: &str = "[TIME:] (ACTION NAME*) [[DURATION]]";
 
-/// Parses the steps of a plan: `([TIME:] STEP [[DURATION]])*`, in which the brackets around a duration
-/// are part of the text.
+/// Parses the steps of a plan: `([TIME:] STEP [[DURATION]])*`. The text has brackets around a
+/// duration.
 pub(crate) fn plan_steps<'f>(reader: &mut GrammarReader<'f>, roots: Items<'f>) -> Vec<PlanStep> {
     let mut steps: Vec<PlanStep> = Vec::new();
     let mut time = None;
@@ -60,8 +60,8 @@ pub(crate) fn plan_step<'f>(
     complete.then_some(PlanStep { action, arguments, time: None, duration: None, span })
 }
 
-/// Returns the number in a comment `; cost = NUMBER …` of a plan, if there is one. If there are
-/// several, the last counts.
+/// Returns the number in a comment `; cost = NUMBER …` of a plan; `None` if there is no such
+/// comment. Of several comments, the last is used.
 pub(crate) fn plan_cost(text: &str) -> Option<Number> {
     let comments = text.lines().filter_map(|line| line.split_once(';'));
     comments.filter_map(|(_, comment)| cost(comment).ok()).map(|(_, cost)| cost).next_back()

@@ -47,11 +47,11 @@ pub(super) fn domain_name<'f>(
     let node = reader.expect(&mut items, "name", DOMAIN)?;
     reader.expect_end(items, "`:domain`", DOMAIN);
     let name = names::name(reader, node, "a name");
-    // A wrong name is not reported as missing too.
+    // A wrong name was reported already; it must not be reported as missing, too.
     Some(name.unwrap_or_else(|| reader.intern("unnamed", node.span())))
 }
 
-/// Reports that the name of the domain is missing. Returns a name that no domain has.
+/// Reports that the name of the domain is missing. Returns the placeholder `unnamed`.
 pub(super) fn missing_domain(reader: &mut GrammarReader<'_>, end: Span) -> Name {
     reader.report(Diagnostic::error(end, "missing `(:domain NAME)`").with_rule(DOMAIN));
     reader.intern("unnamed", end)

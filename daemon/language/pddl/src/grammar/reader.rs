@@ -1,5 +1,5 @@
-//! State that all productions of the grammar share: the mistakes and the names found so far, and the
-//! kind of expression that is being parsed.
+//! State that all productions of the grammar share: the mistakes and the names found so far, and
+//! the place of the current expression.
 
 use std::borrow::Cow;
 
@@ -13,23 +13,24 @@ use crate::tree::{Name, Span};
 
 /// State of the parser for one text.
 pub(crate) struct GrammarReader<'f> {
-    /// Names by spelling. Each spelling is allocated once, however often the text contains it.
+    /// Names by spelling. Each spelling is allocated once, even if it occurs several times.
     names: HashMap<&'f str, Name>,
     problems: DiagnosticList,
     place: ExpressionPlace,
     copies_left: usize,
-    /// Start of a list that was reported together with the word before it, and is to be skipped.
+    /// Start of a list that was reported together with the word before it and must be skipped;
+    /// `None` if there is none.
     passed_over: Option<u32>,
 }
 
-/// Maximal number of words of a call in another language's notation that are quoted in advice.
+/// Maximum number of words in advice that rewrites a call of another language.
 const CALL_WORDS_MAX: usize = 6;
 
-/// Maximal number of variables that may be copied when `forall` is flattened; see
+/// Maximum number of variables that may be copied when `forall`s are flattened; see
 /// [`GrammarReader::afford_copies`].
 const COPIES_MAX: usize = 100_000;
 
-/// Kind of place at which an expression occurs. It determines which special terms are allowed.
+/// Place of an expression, which determines the special terms that are allowed there.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum ExpressionPlace {
     /// The expression is in an action, a goal or a fact.
@@ -40,8 +41,8 @@ pub(super) enum ExpressionPlace {
     Metric,
 }
 
-/// A word in lower case. It is borrowed from the text if the text has it in lower case, as nearly every
-/// word is.
+/// A word in lower case. It is borrowed from the text if the text has it in lower case, which is
+/// the usual case.
 pub(super) struct Keyword<'f>(Cow<'f, str>);
 
 // === impl GrammarReader ===
@@ -49,7 +50,7 @@ pub(super) struct Keyword<'f>(Cow<'f, str>);
 impl<'f> GrammarReader<'f> {
     /// Creates the state for a text with `node_count` words and lists.
     pub(crate) fn new(problems: DiagnosticList, node_count: usize) -> GrammarReader<'f> {
-        // In the text of a building one node in ten is a new spelling.
+        // In the text of a building, about one node in ten has a new spelling.
         let names = HashMap::with_capacity_and_hasher(node_count / 10, RandomState::default());
         GrammarReader {
             names,
@@ -78,8 +79,8 @@ impl<'f> GrammarReader<'f> {
         name.at(span)
     }
 
-    /// Whether `count` more variables may be copied. The number of copies is limited, so that a short
-    /// text does not become a tree that does not fit into memory.
+    /// Whether `count` more variables may be copied. The number of copies is limited, so that a
+    /// short text cannot become a tree that exceeds the memory.
     pub(super) fn afford_copies(&mut self, count: usize) -> bool {
         let left = self.copies_left.checked_sub(count);
         self.copies_left = left.unwrap_or(0);
@@ -90,7 +91,7 @@ impl<'f> GrammarReader<'f> {
         self.place
     }
 
-    /// Runs `production` with the special terms of `place` allowed.
+    /// Runs `production` with the special terms of `place`.
     pub(super) fn within<T>(
         &mut self,
         place: ExpressionPlace,
@@ -102,7 +103,8 @@ impl<'f> GrammarReader<'f> {
         value
     }
 
-    /// Returns the next item of a list. If there is none, reports that `what` is missing.
+    /// Returns the next item of a list. If there is none, reports that `what` is missing and
+    /// returns `None`.
     pub(super) fn expect(
         &mut self,
         items: &mut Items<'f>,
@@ -117,7 +119,8 @@ impl<'f> GrammarReader<'f> {
         node
     }
 
-    /// Returns the items of a list. For any other node, reports that `what` is expected.
+    /// Returns the items of a list. For any other node, reports that `what` is expected and returns
+    /// `None`.
     pub(super) fn expect_list(
         &mut self,
         node: SyntaxNode<'f>,
@@ -137,7 +140,7 @@ impl<'f> GrammarReader<'f> {
         }
     }
 
-    /// Reports the next item of a list, if there is one, because no more items are allowed.
+    /// Reports the next item of a list, if there is one, as one too many.
     pub(super) fn expect_end(&mut self, mut items: Items<'f>, what: &str, rule: &'static str) {
         if let Some(node) = items.find(|node| !self.is_call(*node)) {
             let message = format!("{what} ends before `{}`", excerpt(node));
@@ -150,8 +153,8 @@ impl<'f> GrammarReader<'f> {
         }
     }
 
-    /// Reports a word that touches the list after it, as other languages write calls: `at(r1, hall)`.
-    /// The list is skipped. Returns whether the word was of this kind.
+    /// Reports a word that touches the list after it, like a call in other languages: `at(r1,
+    /// hall)`. The list is skipped. Returns whether the word touches a list.
     pub(super) fn report_call(&mut self, word: SyntaxNode<'f>) -> bool {
         let Some(list) = word.touching_list() else { return false };
         if self.is_already_reported(list) {
@@ -172,8 +175,8 @@ impl<'f> GrammarReader<'f> {
         true
     }
 
-    /// Whether a node is a list that touches the word before it. If so, the two are reported by
-    /// [`GrammarReader::report_call`], unless they have been reported before.
+    /// Whether a node is a list that touches the word before it. If so,
+    /// [`GrammarReader::report_call`] reports the two, unless they have been reported already.
     pub(super) fn is_call(&mut self, node: SyntaxNode<'f>) -> bool {
         let Some(word) = node.touched_word() else { return false };
         self.report_call(word)
@@ -184,8 +187,8 @@ impl<'f> GrammarReader<'f> {
         self.passed_over == Some(node.span().start)
     }
 
-    /// Returns the candidate that a word was likely meant to be; `None` once no more mistakes are
-    /// listed.
+    /// Returns the candidate that a word most likely misspells; `None` if no candidate is near
+    /// enough or no more mistakes are listed.
     pub(super) fn nearest(
         &self,
         word: &str,
@@ -194,7 +197,7 @@ impl<'f> GrammarReader<'f> {
         if self.problems.is_full() { None } else { nearest(word, candidates) }
     }
 
-    /// Reports a word that is not among `known`, and proposes the one of them that was likely meant.
+    /// Reports a word that is not among `known`, and proposes the most similar of these words.
     pub(super) fn unknown(&mut self, node: SyntaxNode<'f>, what: &str, known: &[&'static str]) {
         let word = excerpt(node);
         let near = self.nearest(&word, known.iter().copied());

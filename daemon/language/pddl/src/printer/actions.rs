@@ -25,8 +25,7 @@ pub(super) fn action(action: &ActionSchema) -> PrintLayout<'_> {
     PrintLayout::list(2, parts)
 }
 
-/// Lays out the beginning of an action: `KEYWORD NAME [:agent VARIABLE - TYPE] :parameters
-/// (VARIABLES)`.
+/// Lays out the head of an action: `KEYWORD NAME [:agent VARIABLE - TYPE] :parameters (VARIABLES)`.
 fn head<'t>(
     keyword: &'static str,
     name: &'t Name,
@@ -61,7 +60,7 @@ pub(super) fn durative_action(action: &DurativeAction) -> PrintLayout<'_> {
     PrintLayout::list(2, parts)
 }
 
-/// Lays out items as `()`, as the one item `X`, or as `(and X X+)`.
+/// Lays out no item as `()`, a single item as itself, and several items as `(and X X+)`.
 fn one_or_and<'t, T>(items: &'t [T], layout: impl Fn(&'t T) -> PrintLayout<'t>) -> PrintLayout<'t> {
     match items {
         [] => PrintLayout::list(0, Vec::new()),

@@ -17,7 +17,7 @@ struct DefinitionWriter<'f, 'g> {
 }
 
 impl<'f, 'g> DefinitionWriter<'f, 'g> {
-    /// Writes the beginning of a definition: `(define (KIND NAME)`.
+    /// Begins a definition and writes `(define (KIND NAME)`.
     fn begin(
         f: &'f mut fmt::Formatter<'g>,
         kind: &str,
@@ -27,7 +27,7 @@ impl<'f, 'g> DefinitionWriter<'f, 'g> {
         Ok(DefinitionWriter { f })
     }
 
-    /// Writes a section: `(KEYWORD ITEM*)`. Writes nothing if there is no item.
+    /// Writes a section, `(KEYWORD ITEM*)`; a section without items is omitted.
     fn section<'t>(&mut self, keyword: &'static str, items: Vec<PrintLayout<'t>>) -> fmt::Result {
         if items.is_empty() {
             return Ok(());
@@ -126,7 +126,8 @@ fn objects(list: &[ObjectDeclaration]) -> Vec<PrintLayout<'_>> {
             }
         }
     }
-    // A single owner that is not an object here would be read as an object; a second block prevents that.
+    // A single owner that is not an object here would be parsed as an object. A second block
+    // prevents this.
     if let [owner] = owners[..]
         && list.iter().all(|declaration| declaration.object.name != owner.name)
     {
@@ -135,8 +136,8 @@ fn objects(list: &[ObjectDeclaration]) -> Vec<PrintLayout<'_>> {
     items
 }
 
-/// Groups objects by type. If `first_alone` is true, the first object does not share its type with
-/// others, so that it is not read as the owner of the block.
+/// Groups objects by type. If `first_alone` is true, the first object has a group of its own, so
+/// that it is not parsed as the owner of the block.
 fn object_groups(block: &[ObjectDeclaration], first_alone: bool) -> Vec<PrintLayout<'_>> {
     let mut groups = Vec::new();
     let (first, mut rest) = block.split_at(usize::from(first_alone));

@@ -1,22 +1,22 @@
 //! Line breaks of printed texts.
 //!
-//! A list is printed on one line if it fits. Otherwise its first items stay on the line, and each
-//! other item has a line of its own, indented by two more spaces.
+//! A list is printed on one line if it fits. Otherwise its first items stay on the first line, and
+//! each other item is on a line of its own, indented by two more spaces.
 
 use std::fmt::{self, Write};
 
 use crate::tree::Name;
 
-/// Maximal number of characters of a line; a longer line is broken. Like in the examples of the
-/// literature, the limit is exceeded where a line cannot be broken.
+/// Maximum number of characters of a line; a longer line is broken. A line without a possible break
+/// may be longer, as in the examples of the literature.
 const COLUMNS_MAX: usize = 100;
 
-/// Number of spaces by which each level is indented.
+/// Number of spaces of indentation for each level.
 const INDENT: usize = 2;
 
 /// A piece of text with the structure that decides where its lines break.
 pub(super) struct PrintLayout<'t> {
-    /// Number of characters of the text when it is on one line.
+    /// Number of characters of the text on one line.
     width: usize,
     kind: LayoutKind<'t>,
 }
@@ -30,7 +30,7 @@ enum LayoutKind<'t> {
         kept: usize,
         items: Vec<PrintLayout<'t>>,
     },
-    /// Items without parentheses. Their lines break like those of prose.
+    /// Items without parentheses, with lines that break like those of prose.
     Group(Vec<PrintLayout<'t>>),
 }
 
@@ -57,12 +57,13 @@ impl<'t> PrintLayout<'t> {
         PrintLayout { width: written.chars().count(), kind: LayoutKind::Written(written) }
     }
 
-    /// Creates `(items…)`. If the lines break, the first `kept` items stay on the first line.
+    /// Creates the list `(items…)`. If its lines break, the first `kept` items stay on the first
+    /// line.
     pub(super) fn list(kept: usize, items: Vec<PrintLayout<'t>>) -> PrintLayout<'t> {
         PrintLayout { width: width(&items) + 2, kind: LayoutKind::List { kept, items } }
     }
 
-    /// Creates `(word items…)`.
+    /// Creates the list `(word items…)`.
     pub(super) fn headed(
         word: &'t str,
         items: impl IntoIterator<Item = PrintLayout<'t>>,
@@ -71,7 +72,7 @@ impl<'t> PrintLayout<'t> {
         PrintLayout::list(1, head.chain(items).collect())
     }
 
-    /// Creates `items…` without parentheses, kept together.
+    /// Creates a group `items…` without parentheses, which stays on one line if possible.
     pub(super) fn group(items: Vec<PrintLayout<'t>>) -> PrintLayout<'t> {
         PrintLayout { width: width(&items), kind: LayoutKind::Group(items) }
     }
@@ -94,7 +95,7 @@ impl<'t> PrintLayout<'t> {
         }
     }
 
-    /// Writes the text from column `indent` on, on as many lines as necessary.
+    /// Writes the text, starting at column `indent`, on as many lines as necessary.
     pub(super) fn write(&self, indent: usize, out: &mut dyn Write) -> fmt::Result {
         if indent + self.width <= COLUMNS_MAX {
             return self.write_flat(out);
@@ -114,7 +115,7 @@ impl<'t> PrintLayout<'t> {
     }
 }
 
-/// Ends the line, and begins the next line at column `indent`.
+/// Ends the line, and indents the next one by `indent` spaces.
 pub(super) fn write_newline(indent: usize, out: &mut dyn Write) -> fmt::Result {
     write!(out, "\n{:indent$}", "")
 }
@@ -156,7 +157,7 @@ fn write_group(items: &[PrintLayout<'_>], indent: usize, out: &mut dyn Write) ->
     for (index, item) in items.iter().enumerate() {
         if index > 0 {
             column += 1;
-            // A label (`:effect`) and its value share a line, whatever the length of the value.
+            // A label (`:effect`) and its value begin on the same line, even if the value is long.
             let breaks =
                 column + item.width > COLUMNS_MAX && !matches!(item.kind, LayoutKind::List { .. });
             if breaks {

@@ -12,13 +12,14 @@ pub(super) enum PrintedEntryKind {
     Names,
 }
 
-/// Writes `layout` in the form that the format string requests: with `{}` on one line, with `{:#}` on
-/// several lines if it is long.
+/// Writes `layout` as the format string requests: on one line for `{}`, and with breaks in long
+/// lines for `{:#}`.
 pub(super) fn write(layout: &PrintLayout<'_>, f: &mut fmt::Formatter<'_>) -> fmt::Result {
     if f.alternate() { layout.write(0, f) } else { layout.write_flat(f) }
 }
 
-/// Lays out a type: `NAME | (either NAME NAME+)`. A type without alternatives is printed as `object`.
+/// Lays out a type: `NAME | (either NAME NAME+)`. A type without alternatives is printed as
+/// `object`.
 pub(super) fn type_expr(ty: &TypeExpr) -> PrintLayout<'_> {
     match &ty.alternatives[..] {
         [] => PrintLayout::word("object"),
@@ -33,7 +34,7 @@ pub(super) fn typed_list(list: &[Typed], entries: PrintedEntryKind) -> Vec<Print
     let mut from = 0;
     for group in list.chunk_by(|left, right| left.ty == right.ty) {
         from += group.len();
-        // A type applies to all untyped names before it, so only the last group may be without one.
+        // A type applies to all untyped names before it, so only the last group may be untyped.
         let is_typed = !group[0].ty.alternatives.is_empty() || from < list.len();
         groups.push(typed_group(group, is_typed, entries));
     }

@@ -1,6 +1,7 @@
-//! Tests of mistakes that beginners make: each costs one message, and the message has the cure.
+//! Tests of mistakes that beginners make. Each mistake gives one message, which contains the
+//! correction.
 
-/// Returns the errors of a text, one a line.
+/// Returns the errors of a text, one on each line.
 fn errors(text: &str) -> String {
     let diagnostics = pddl::parse_document(text).diagnostics;
     let errors = diagnostics.iter().filter(|diagnostic| diagnostic.is_error());
@@ -8,7 +9,7 @@ fn errors(text: &str) -> String {
 }
 
 #[test]
-fn a_word_before_its_parentheses_is_one_mistake_wherever_it_stands() {
+fn a_word_before_its_parentheses_is_one_error_in_any_place() {
     let problem = |parts: &str| format!("(define (problem p) (:domain d) {parts})");
     let action = |parts: &str| format!("(define (domain d) (:action a {parts}))");
     for text in [
@@ -42,14 +43,14 @@ fn a_word_before_its_parentheses_is_one_mistake_wherever_it_stands() {
     // Lists may touch keywords and operators.
     let tight = problem("(:init(= (f)5)) (:goal(and(not(q))(>(-(f)1)2)(imply(q)(q))))");
     assert_eq!(errors(&tight), "");
-    // The second condition of a goal is still one too many.
+    // The second condition of a goal is reported as one too many.
     let told = errors(&problem("(:goal at(r1) at(r2))"));
     assert_eq!(told.lines().count(), 2, "{told}");
     assert!(told.contains("a goal is one condition, `at` is another"), "{told}");
 }
 
 #[test]
-fn variables_without_parentheses_are_one_mistake_with_its_cure() {
+fn variables_without_parentheses_are_one_error_with_a_correction() {
     let action = |parts: &str| format!("(define (domain d) (:action a {parts}))");
     for (text, cure) in [
         (action(":parameters ?r - room :effect (q)"), "write `(?r - room)`"),
@@ -69,18 +70,18 @@ fn variables_without_parentheses_are_one_mistake_with_its_cure() {
 }
 
 #[test]
-fn a_number_before_its_function_is_turned_round() {
+fn a_number_before_its_function_gets_a_correction() {
     let told = errors("(define (problem p) (:domain d) (:init (= 5 (f a)) (q)) (:goal (q)))");
     assert_eq!(told.lines().count(), 1, "{told}");
     assert!(told.contains("the number `5` stands before its function"), "{told}");
     assert!(told.contains("write `(= (f a) 5)`"), "{told}");
-    // A condition compares in either order.
+    // In a condition, both orders are valid.
     let told = errors("(define (problem p) (:domain d) (:goal (= 5 (f a))))");
     assert_eq!(told, "");
 }
 
 #[test]
-fn the_name_of_a_lisp_package_is_passed_over_in_any_case() {
+fn the_name_of_a_lisp_package_is_ignored_in_any_case() {
     for word in ["in-package", "IN-PACKAGE", "In-Package", "In-package"] {
         let text = format!("({word} \"PDDL\")\n(define (domain d) (:predicates (p)))");
         let parsed = pddl::parse_document(&text);
@@ -92,7 +93,7 @@ fn the_name_of_a_lisp_package_is_passed_over_in_any_case() {
 }
 
 #[test]
-fn a_number_with_more_digits_than_are_kept_is_warned_of() {
+fn a_number_with_too_many_digits_causes_a_warning() {
     for (number, read) in [
         ("9007199254740993", Some("9007199254740992")),
         ("9007199254740992", None),

@@ -1,4 +1,4 @@
-//! Strategies that generate trees with everything that a text can contain.
+//! Strategies that generate trees with all elements of the language.
 
 use std::sync::Arc;
 
@@ -7,8 +7,8 @@ use proptest::collection::vec;
 use proptest::option;
 use proptest::prelude::*;
 
-/// Generates names with letters of any case. None is a PDDL keyword, because a keyword is not allowed
-/// as a name everywhere.
+/// Generates names with letters of any case. No name is a PDDL keyword, because a keyword is not
+/// allowed as a name everywhere.
 fn name() -> impl Strategy<Value = Name> {
     let word = prop_oneof!["[a-c]", "[A-Za-zäß][a-z0-9_-]{0,6}x"];
     word.prop_map(|word| Name::new(&word))
@@ -60,7 +60,8 @@ fn fluent(term: impl Strategy<Value = Term>) -> impl Strategy<Value = FluentTerm
     })
 }
 
-/// Generates expressions with the terms in `special`, which are allowed in some places only.
+/// Generates expressions with the special terms in `special`, which are allowed in some places
+/// only.
 fn expression(special: Vec<Expression>) -> BoxedStrategy<Expression> {
     let number = number().prop_map(Expression::Number);
     let fluent = fluent(term()).prop_map(Expression::Fluent);
@@ -254,7 +255,7 @@ fn function() -> impl Strategy<Value = FunctionDeclaration> {
         .prop_map(|(name, parameters, privacy)| FunctionDeclaration { name, parameters, privacy })
 }
 
-/// Generates objects. If an object has an owner, only the name of the owner is ever written.
+/// Generates objects. The owner of an object has no type, because only its name is printed.
 fn objects() -> impl Strategy<Value = Vec<ObjectDeclaration>> {
     let owner = name().prop_map(|name| Typed { name, ty: TypeExpr::default() });
     let object = (typed(), privacy(owner));

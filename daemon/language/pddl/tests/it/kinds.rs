@@ -1,5 +1,5 @@
-//! Tests of texts that are reported as unsupported, of texts that are accepted with a warning, and of
-//! texts that are valid but use unusual names.
+//! Tests of texts that are reported as unsupported, of texts that are accepted with a warning, and
+//! of texts that are valid but use unusual names.
 
 use pddl::{Diagnostic, Parsed, check_domain, check_metric_values};
 
@@ -15,7 +15,7 @@ fn refused_by_name(parts: &str, word: &str) {
 }
 
 #[test]
-fn effects_that_are_not_certain_are_refused_by_name() {
+fn nondeterministic_effects_are_rejected_by_name() {
     for effect in [
         "(oneof (p) (not (p)))",
         "(and (p) (OneOf (and) (p)))",
@@ -29,7 +29,7 @@ fn effects_that_are_not_certain_are_refused_by_name() {
 }
 
 #[test]
-fn nesting_beyond_the_bound_is_a_limit_and_no_mistake() {
+fn nesting_beyond_the_limit_is_reported_as_a_limit() {
     let deep = |depth: usize| {
         let condition = "(not ".repeat(depth) + "(p)" + &")".repeat(depth);
         format!("(:action a :precondition {condition} :effect (p))")
@@ -40,7 +40,7 @@ fn nesting_beyond_the_bound_is_a_limit_and_no_mistake() {
 }
 
 #[test]
-fn predicates_may_be_called_as_what_is_not_supported() {
+fn predicates_may_have_the_names_of_unsupported_keywords() {
     for name in ["preference", "always", "oneof", "probabilistic"] {
         let text = format!(
             "(define (domain d) (:predicates ({name}) (of ?x))
@@ -69,7 +69,7 @@ fn a_quantifier_may_have_one_variable_twice() {
 }
 
 #[test]
-fn a_stranger_in_a_name_is_shown_as_it_is_written() {
+fn an_invalid_character_in_a_name_is_shown_as_written() {
     for (name, shown) in [("o'clock", "`'`"), ("\"a\"", "`\"`"), ("a\u{feff}b", "U+FEFF")] {
         let text = format!("(define (domain {name}))");
         let found = pddl::parse_domain(&text).diagnostics;
@@ -79,7 +79,7 @@ fn a_stranger_in_a_name_is_shown_as_it_is_written() {
 }
 
 #[test]
-fn nothing_is_said_to_be_unread_that_is_read() {
+fn a_used_fact_is_not_reported_as_unread() {
     let text = "(define (domain d) (:action a :precondition (ready) :effect (increase (fuel) 1)))";
     let domain = pddl::parse_domain(text).value.expect("a domain");
     let problem = "(define (problem p) (:domain d) (:init (ready) (= (fuel) 1)) (:goal (and)))";
@@ -91,7 +91,7 @@ fn nothing_is_said_to_be_unread_that_is_read() {
 }
 
 #[test]
-fn a_metric_over_what_has_no_value_is_a_mistake() {
+fn a_metric_over_an_undefined_function_is_an_error() {
     let check = |action: &str, init: &str| {
         let text = format!("(define (domain d) (:functions (n) (m)) (:action a :effect {action}))");
         let domain = pddl::parse_domain(&text).value.expect("a domain");

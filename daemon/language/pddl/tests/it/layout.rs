@@ -2,7 +2,7 @@
 
 use expect_test::{Expect, expect};
 
-/// Checks how a condition is printed: on one line, then on several lines if it is long.
+/// Checks the printed form of a condition: first on one line, then with breaks in long lines.
 #[track_caller]
 fn check(text: &str, expected: Expect) {
     let condition = pddl::parse_condition(text).into_result().expect("the text is right");
@@ -75,7 +75,7 @@ fn spelling_is_kept() {
 }
 
 #[test]
-fn many_objects_of_a_type_flow() {
+fn many_objects_of_a_type_are_wrapped() {
     let names: Vec<_> = (0..40).map(|number| format!("office{number}")).collect();
     let text = format!("(define (problem p) (:domain d) (:objects {} - room k))", names.join(" "));
     let problem = pddl::parse_problem(&text).into_result().expect("the text is right");

@@ -1,4 +1,4 @@
-//! Tests of the semantic checks: trees that have no meaning, and valid trees that look odd.
+//! Tests of the semantic checks: trees with semantic mistakes, and valid trees that are unusual.
 
 use expect_test::{Expect, expect};
 use pddl::Diagnostic;
@@ -36,14 +36,14 @@ fn report(text: &str, diagnostics: &[Diagnostic], expected: &Expect) {
     expected.assert_eq(&lines);
 }
 
-/// Checks a domain, which needs no other text.
+/// Checks a domain by itself.
 #[track_caller]
 fn check(text: &str, expected: Expect) {
     let domain = pddl::parse_domain(text).into_result().expect("the form is right");
     report(text, &pddl::check_domain(&domain), &expected);
 }
 
-/// Checks a problem with these sections, which uses the domain and objects of the office.
+/// Checks a problem with these sections against the domain of the office.
 #[track_caller]
 fn check_problem(sections: &str, expected: Expect) {
     let text = format!("(define (problem p) (:domain office) {sections})");
@@ -51,7 +51,7 @@ fn check_problem(sections: &str, expected: Expect) {
     report(&text, &pddl::check_problem(&domain(), &problem), &expected);
 }
 
-/// Checks the action model of an agent with these sections, which uses the domain of the office.
+/// Checks an action model with these sections against the domain of the office.
 #[track_caller]
 fn check_model(sections: &str, expected: Expect) {
     let text = format!("(define (agent bot) (:domain office) {sections})");
@@ -74,7 +74,7 @@ fn check_plan(text: &str, expected: Expect) {
 }
 
 #[test]
-fn the_office_is_right() {
+fn the_office_has_no_errors() {
     check(
         DOMAIN,
         expect![[r#"
@@ -87,7 +87,7 @@ fn the_office_is_right() {
 }
 
 #[test]
-fn unknown_words_are_offered_their_likeness() {
+fn similar_names_are_suggested_for_unknown_words() {
     check_goal(
         "(conected dock hall)",
         expect![[r#"
@@ -181,7 +181,7 @@ fn arguments_fit_in_number_and_type() {
 }
 
 #[test]
-fn predicates_and_functions_are_two_things() {
+fn predicates_and_functions_are_distinguished() {
     check_goal(
         "(and (distance dock hall) (< (at bot dock) 1))",
         expect![[r#"
@@ -192,7 +192,7 @@ fn predicates_and_functions_are_two_things() {
 }
 
 #[test]
-fn a_variable_without_its_mark_is_seen() {
+fn a_variable_without_its_question_mark_is_recognized() {
     check_goal(
         "(exists (?place - location) (at bot place))",
         expect![[r#"
@@ -202,7 +202,7 @@ fn a_variable_without_its_mark_is_seen() {
 }
 
 #[test]
-fn a_domain_that_names_an_object_is_told_where_it_may() {
+fn an_object_in_a_domain_must_be_a_constant() {
     check(
         "(define (domain d) (:constants hall) (:predicates (p ?x))
            (:action act :precondition (and (p hall) (p kitchen) (p hal))))",
@@ -243,7 +243,7 @@ fn nothing_is_declared_twice() {
 }
 
 #[test]
-fn types_are_known_and_form_no_circle() {
+fn types_must_be_declared_and_form_no_cycle() {
     check(
         "(define (domain d) (:types a - b b - c c - a d - thing))",
         expect![[r#"
@@ -270,7 +270,7 @@ fn types_are_known_and_form_no_circle() {
 }
 
 #[test]
-fn types_stand_on_a_bounded_tower() {
+fn the_depth_of_types_is_limited() {
     let tower: Vec<_> = (0..300).map(|level| format!("t{} - t{level}", level + 1)).collect();
     check(
         &format!("(define (domain d) (:types t0 - object {}))", tower.join(" ")),
@@ -281,7 +281,7 @@ fn types_stand_on_a_bounded_tower() {
 }
 
 #[test]
-fn derived_predicates_only_follow() {
+fn derived_predicates_cannot_be_set() {
     check(
         "(define (domain d) (:predicates (p) (q) (r ?x)) (:derived (p) (q))
            (:derived (r ?x ?y) (q)) (:derived (s) (q)) (:action a :effect (and (p) (not (p)))))",
@@ -301,7 +301,7 @@ fn derived_predicates_only_follow() {
 }
 
 #[test]
-fn axioms_have_layers() {
+fn axioms_must_have_layers() {
     check(
         "(define (domain d) (:predicates (p) (q) (r) (s)) (:derived (p) (not (q)))
            (:derived (q) (or (r) (s))) (:derived (r) (imply (p) (s))) (:derived (s) (and (s) (not (s)))))",
@@ -319,7 +319,7 @@ fn axioms_have_layers() {
 }
 
 #[test]
-fn costs_only_grow() {
+fn costs_may_only_increase() {
     check(
         "(define (domain d) (:action a :effect (increase (total-cost) 1)))",
         expect![[r#"
@@ -381,7 +381,7 @@ fn facts_from_a_user_are_checked_more_strictly() {
 }
 
 #[test]
-fn models_build_on_the_ontology() {
+fn models_are_checked_against_the_ontology() {
     check_model(
         "(:types waffle - turtlebot dog - animal) (:predicates (connected ?x ?y - location) (at ?r - robot))
            (:objects bot - waffle) (:init (at bot kitchen))
@@ -405,7 +405,7 @@ fn models_build_on_the_ontology() {
 }
 
 #[test]
-fn durative_actions_are_looked_into() {
+fn durative_actions_are_checked() {
     check(
         "(define (domain d) (:predicates (p)) (:durative-action a :parameters (?x) :duration (= ?duration (f))
            :condition (at start (q ?y)) :effect (and (forall (?z) (at end (r ?z))) (increase (g) (* #t 1))
@@ -422,7 +422,7 @@ fn durative_actions_are_looked_into() {
 }
 
 #[test]
-fn looking_for_likely_names_costs_no_more_than_it_may() {
+fn the_search_for_similar_names_is_limited() {
     let objects: Vec<_> = (0..3_000).map(|number| format!("object-number-{number}")).collect();
     let facts: Vec<_> =
         (0..3_000).map(|number| format!("(at nothing-like-{number} dock)")).collect();
@@ -433,7 +433,7 @@ fn looking_for_likely_names_costs_no_more_than_it_may() {
 }
 
 #[test]
-fn an_object_that_has_the_name_of_a_type_is_told() {
+fn an_object_named_like_a_type_is_reported() {
     let domain = "(define (domain d) (:types room) (:predicates (p ?x - room)))";
     let problem = "(define (problem p) (:domain d) (:objects hall attic room) (:goal (p hall)))";
     let domain = pddl::parse_domain(domain).into_result().unwrap();

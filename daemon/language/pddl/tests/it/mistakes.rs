@@ -1,10 +1,10 @@
-//! Tests of texts with mistakes in their form. Each mistake is reported once, at its place, with a
-//! proposal for a correction.
+//! Tests of syntax mistakes. Each mistake is reported once, at its place, with a proposal for a
+//! correction.
 
 use expect_test::{Expect, expect};
 
-/// Checks everything that is reported about a text, one diagnostic per line with its notes indented,
-/// and then the tree that was made of the text.
+/// Compares the diagnostics of a text, one on each line with its notes indented, and then the
+/// resulting tree with `expected`.
 #[track_caller]
 fn check(text: &str, expected: Expect) {
     let parsed = pddl::parse_document(text);
@@ -22,7 +22,7 @@ fn check(text: &str, expected: Expect) {
 }
 
 #[test]
-fn an_unclosed_section_costs_one_message() {
+fn an_unclosed_section_causes_one_message() {
     check(
         "(define (domain d)\n (:predicates (p) (q)\n (:action a\n  :effect (p)))",
         expect![[r#"
@@ -58,7 +58,7 @@ fn an_unclosed_condition_ends_before_the_effect() {
 }
 
 #[test]
-fn a_parenthesis_too_many_does_not_lose_the_rest() {
+fn an_extra_parenthesis_does_not_lose_the_rest() {
     check(
         "(define (domain d)\n (:predicates (p)))\n (:action a))",
         expect![[r#"
@@ -96,7 +96,7 @@ fn an_unclosed_file_points_at_the_opening() {
 }
 
 #[test]
-fn what_is_missing_at_the_end_is_marked_on_a_character() {
+fn a_missing_part_at_the_end_is_marked_at_a_character() {
     check(
         "(define (problem p) (:domain d) (:goal (imply ä",
         expect![[r#"
@@ -115,7 +115,7 @@ fn what_is_missing_at_the_end_is_marked_on_a_character() {
 }
 
 #[test]
-fn sections_are_named_like_this() {
+fn errors_in_sections() {
     check(
         "(define (domain d) (:predicats (p)) (:init (p)) (:foo) (:length 3) (:constraints) stray ()
            (:types a) (:types b))",
@@ -144,7 +144,7 @@ fn sections_are_named_like_this() {
 }
 
 #[test]
-fn parts_of_actions_are_named_like_this() {
+fn errors_in_parts_of_actions() {
     check(
         "(define (domain d) (:action a :parameter (?x) :effect (p) stray :effect (q)
            :agent ?x - t :agent ?y - t :precondition :vars (?z)) (:action (b)))",
@@ -175,7 +175,7 @@ fn parts_of_actions_are_named_like_this() {
 }
 
 #[test]
-fn files_are_of_three_kinds() {
+fn errors_in_definitions() {
     check(
         "(define (domian d) (:predicates (p)))",
         expect![[r#"
@@ -234,7 +234,7 @@ fn files_are_of_three_kinds() {
 }
 
 #[test]
-fn conditions_are_made_like_this() {
+fn errors_in_conditions() {
     check(
         "(define (problem p) (:domain d) (:goal (and p (not) (not (p) (q)) (imply (p)) (frall (?x) (p))
            ((p)) (p (q)) (exists (x) (p)) (exists ?x (p)) (= a) (< 1) (when (p) (q)) (p ?)
@@ -286,7 +286,7 @@ fn conditions_are_made_like_this() {
 }
 
 #[test]
-fn effects_are_made_like_this() {
+fn errors_in_effects() {
     check(
         "(define (domain d) (:action a :effect (and p (not (not (p))) (or (p)) (imply (p) (q))
            (= (f) 1) (increase (f)) (incrase (f) 1) (forall (?x)) (assign 5 (f)) (assign (+ 1 2) 3))))",
@@ -319,7 +319,7 @@ fn effects_are_made_like_this() {
 }
 
 #[test]
-fn durative_actions_say_when() {
+fn conditions_of_durative_actions_need_a_time() {
     check(
         "(define (domain d) (:durative-action a :duration (and (= 5 ?duration) (< ?duration 5))
            :condition (and (p) (at noon (p)) (over any (p))) :effect (and (q) (over all (p)))))",
@@ -349,7 +349,7 @@ fn durative_actions_say_when() {
 }
 
 #[test]
-fn declarations_are_made_like_this() {
+fn errors_in_declarations() {
     check(
         "(define (domain d) (:requirements typing (x)) (:types a - (either) b - c -d e -)
            (:predicates p (and ?x) (q x) (:private ?a ?b (r))) (:functions (f) - integer (f)))",
@@ -383,7 +383,7 @@ fn declarations_are_made_like_this() {
 }
 
 #[test]
-fn facts_are_about_objects_and_numbers() {
+fn errors_in_facts() {
     check(
         "(define (problem p) (:domain d) (:init (p ?x) (= (f) x) (= (f ?y) 1) (and (p)) (at 5 (at 6 (p))))
            (:goal (p) (q)) (:metric minimise (f)))",
@@ -420,7 +420,7 @@ fn facts_are_about_objects_and_numbers() {
 }
 
 #[test]
-fn names_hold_no_strange_characters() {
+fn names_contain_no_invalid_characters() {
     check(
         "(define (domain d\u{a0}e) (:predicates (\"p\") (:q) (?r) (ö)))",
         expect![[r#"
@@ -438,7 +438,7 @@ fn names_hold_no_strange_characters() {
     );
 }
 
-/// Checks the mistakes that are reported about a plan.
+/// Compares the diagnostics of a plan with `expected`.
 #[track_caller]
 fn check_plan(text: &str, expected: Expect) {
     let lines: Vec<_> =
@@ -447,7 +447,7 @@ fn check_plan(text: &str, expected: Expect) {
 }
 
 #[test]
-fn plans_are_made_like_this() {
+fn errors_in_plans() {
     check_plan(
         "move a b\n(move ?x)\n((a))\n[1.0]\n(a) [x]\n()\n1: 2: (a)",
         expect![[r#"
@@ -465,7 +465,7 @@ fn plans_are_made_like_this() {
 }
 
 #[test]
-fn mistakes_are_listed_up_to_a_number() {
+fn the_number_of_listed_errors_is_limited() {
     let text = "(define (domain d) ".to_owned() + &"x ".repeat(5_000) + ")";
     let diagnostics = pddl::parse_document(&text).diagnostics;
     assert_eq!(diagnostics.len(), 1_001);
@@ -473,7 +473,7 @@ fn mistakes_are_listed_up_to_a_number() {
 }
 
 #[test]
-fn several_conditions_want_an_and() {
+fn several_conditions_need_an_and() {
     check(
         "(define (domain d) (:predicates (p) (q)) (:action a :parameters ()
            :precondition (p) (q) :effect (p) (not (q))) (:derived (p) (q) (q)))",
@@ -523,7 +523,7 @@ fn several_conditions_want_an_and() {
 }
 
 #[test]
-fn words_stand_inside_their_parentheses() {
+fn words_must_be_inside_their_parentheses() {
     check(
         "(define (problem p) (:domain d) (:init at(r1, hall) (q)) (:goal (and at(r1, attic) (q))))",
         expect![[r#"
@@ -586,7 +586,7 @@ fn comments_begin_with_a_semicolon() {
 }
 
 #[test]
-fn operators_are_words() {
+fn symbols_for_operators_are_corrected() {
     check(
         "(define (domain d) (:predicates (p ?x) (q)) (:action a :parameters (?x ?y)
            :precondition (and (!= ?x ?y) (== ?x ?y) (! (q)) (&& (q) (q)) (-> (q) (q)))
@@ -614,7 +614,7 @@ fn operators_are_words() {
 }
 
 #[test]
-fn a_type_wants_its_dash() {
+fn a_type_needs_a_dash() {
     check(
         "(define (domain d) (:types room) (:predicates (p ?x room)) (:action a :parameters (?x room ?y)))",
         expect![[r#"

@@ -1,18 +1,18 @@
 //! Tests of texts that are nested deeper than a stack allows, and of short texts that would become
-//! large trees. Every operation ends, on a thread with a small stack.
+//! large trees. Every operation must end on a thread with a small stack.
 
 use pddl::{NESTING_MAX, Parsed};
 
-/// Size of the stack in bytes, for a debug build: half of what a thread of the standard library has.
+/// Size of the stack in bytes in a debug build: half the size of a standard thread's stack.
 const STACK_BYTES: usize = 1 << 20;
 
-/// Runs everything that recurses over a tree: parsing, printing, comparing, hashing, dropping.
+/// Runs all operations that recurse over a tree: parsing, printing, comparing, hashing, dropping.
 fn check(text: String, is_ok: bool) {
     let everything = move || {
         let parsed = pddl::parse_document(&text);
         assert_eq!(parsed.is_ok(), is_ok, "{:?}", parsed.diagnostics.first());
         let Parsed { value, diagnostics } = parsed;
-        // A text can have any number of mistakes, but not one for each of its parentheses.
+        // The number of mistakes must not grow with the number of parentheses.
         assert!(diagnostics.len() < 2_000);
         if let Some(document) = value {
             assert_eq!(document.clone(), document);
@@ -40,8 +40,8 @@ fn nested(open: &str, inner: &str, depth: usize) -> String {
 }
 
 #[test]
-fn the_deepest_condition_that_is_let_in_is_safe() {
-    // The definition, the action and the innermost atom are one level each.
+fn the_deepest_accepted_condition_is_safe() {
+    // The definition, the action and the innermost atom add one level each.
     for open in ["(not ", "(and ", "(imply (p) ", "(forall (?x) ", "(when (p) "] {
         check(domain(&nested(open, "(p)", NESTING_MAX - 3)), !open.starts_with("(when"));
     }
@@ -52,12 +52,12 @@ fn the_deepest_condition_that_is_let_in_is_safe() {
 }
 
 #[test]
-fn one_deeper_is_a_mistake() {
+fn one_level_deeper_is_rejected() {
     check(domain(&nested("(not ", "(p)", NESTING_MAX - 2)), false);
 }
 
 #[test]
-fn a_hundred_thousand_parentheses_are_survived() {
+fn a_hundred_thousand_parentheses_do_not_overflow_the_stack() {
     check("(".repeat(100_000), false);
     check(")".repeat(100_000), false);
     check(nested("(", "", 100_000), false);
@@ -66,7 +66,7 @@ fn a_hundred_thousand_parentheses_are_survived() {
 }
 
 #[test]
-fn a_short_text_is_no_large_tree() {
+fn a_short_text_cannot_become_a_large_tree() {
     let many = |word: &str| format!("{word} ").repeat(2_000);
     let alternatives =
         format!("(define (domain d) (:types {} - (either {})))", many("t"), many("s"));

@@ -1,11 +1,11 @@
-//! Tests of properties that every tree and every text has.
+//! Tests of properties that all trees and all texts have.
 
 use pddl::{Diagnostic, Document, text_from_bytes};
 use proptest::prelude::*;
 
 use crate::generate;
 
-/// Words that have a meaning in PDDL, and some words that must do no harm.
+/// Words with a meaning in PDDL, and some unusual words.
 const WORDS: &[&str] = &[
     "(",
     ")",
@@ -78,8 +78,8 @@ const WORDS: &[&str] = &[
     "\0",
 ];
 
-/// Checks any text: the places of its mistakes lie in the text, and a text without mistakes is printed
-/// to a text that parses back to the same tree.
+/// Checks any text. The places of its mistakes must lie in the text, and a text without mistakes
+/// must be printed to a text that parses to the same tree.
 fn check_text(text: &str) -> Result<(), TestCaseError> {
     let document = pddl::parse_document(text);
     check_spans(text, &document.diagnostics)?;
@@ -116,7 +116,8 @@ fn check_spans(text: &str, diagnostics: &[Diagnostic]) -> Result<(), TestCaseErr
     Ok(())
 }
 
-/// Runs the semantic checks on what was parsed: no panic occurs, and every place lies in the text.
+/// Runs the semantic checks on the parsed tree. No check may panic, and every place must lie in the
+/// text.
 fn check_meaning(text: &str) -> Result<(), TestCaseError> {
     let home = pddl::Domain::named("home");
     let diagnostics = match pddl::parse_document(text).value {
@@ -130,7 +131,7 @@ fn check_meaning(text: &str) -> Result<(), TestCaseError> {
 
 proptest! {
     #[test]
-    fn what_is_printed_comes_back(document in generate::document()) {
+    fn printed_texts_parse_to_the_same_value(document in generate::document()) {
         let printed = document.to_string();
         let parsed = pddl::parse_document(&printed);
         prop_assert!(parsed.is_ok(), "{:?}\n{}", parsed.diagnostics, printed);
@@ -139,31 +140,33 @@ proptest! {
     }
 
     #[test]
-    fn a_goal_comes_back_flat_and_broken(goal in generate::goal()) {
+    fn a_printed_goal_parses_to_the_same_value_on_one_or_several_lines(goal in generate::goal()) {
         for printed in [format!("{goal}"), format!("{goal:#}")] {
             prop_assert_eq!(pddl::parse_condition(&printed).into_result(), Ok(goal.clone()));
         }
     }
 
     #[test]
-    fn a_plan_comes_back(plan in generate::plan()) {
+    fn a_printed_plan_parses_to_the_same_value(plan in generate::plan()) {
         let printed = plan.to_string();
         prop_assert_eq!(pddl::parse_plan(&printed).into_result(), Ok(plan), "{}", printed);
     }
 
     #[test]
-    fn any_bytes_are_survived(bytes in proptest::collection::vec(any::<u8>(), 0..200)) {
+    fn any_bytes_are_parsed_without_a_panic(
+        bytes in proptest::collection::vec(any::<u8>(), 0..200),
+    ) {
         check_text(&text_from_bytes(&bytes))?;
     }
 
     #[test]
-    fn any_text_is_survived(text in ".{0,60}") {
+    fn any_text_is_parsed_without_a_panic(text in ".{0,60}") {
         check_text(&text)?;
         check_text(&format!("(define (domain d) {text})"))?;
     }
 
     #[test]
-    fn any_words_are_survived(
+    fn any_words_are_parsed_without_a_panic(
         words in proptest::collection::vec(proptest::sample::select(WORDS), 0..60),
         glue in prop_oneof![Just(" "), Just("")],
     ) {
@@ -173,7 +176,7 @@ proptest! {
     }
 
     #[test]
-    fn a_slip_anywhere_is_survived(
+    fn a_mutated_text_is_parsed_without_a_panic(
         document in generate::document(),
         at in any::<prop::sample::Index>(),
         word in proptest::sample::select(WORDS),

@@ -1,4 +1,4 @@
-//! Tests of valid texts with everything that the language has. Each text is parsed and printed.
+//! Tests of valid texts with all features of the language. Each text is parsed and printed.
 
 use expect_test::{Expect, expect};
 
@@ -14,7 +14,7 @@ fn check(text: &str, expected: Expect) {
 }
 
 #[test]
-fn sections_stand_in_any_order_and_case() {
+fn sections_may_be_in_any_order_and_case() {
     check(
         "(DEFINE (Problem Tower)\r\n(:METRIC Minimize TOTAL-COST); ümläut\r\n(:goal())
            (:init(On ?)(= total-cost 0))(:objects ? A B)(:domain Blocks))"
@@ -113,7 +113,7 @@ fn effects_have_every_form() {
 }
 
 #[test]
-fn axioms_and_empty_actions() {
+fn axioms_and_empty_actions_are_parsed() {
     check(
         "(define (domain d) (:derived (reach ?a ?b - l) (or (= ?a ?b) (exists (?c - l) (reach ?a ?c))))
            (:action idle :parameters () :precondition () :effect ()) (:action bare))",
@@ -186,7 +186,7 @@ fn facts_may_be_negative_numeric_and_timed() {
 }
 
 #[test]
-fn a_model_says_what_an_agent_brings_and_does() {
+fn a_model_declares_names_and_actions_of_an_agent() {
     check(
         "(define (agent turtlebot-1) (:domain smart-office) (:requirements :typing :multi-agent)
            (:types turtlebot - mobile-base) (:predicates (open) (:private (docked ?r - turtlebot)))
@@ -215,7 +215,7 @@ fn a_model_says_what_an_agent_brings_and_does() {
 }
 
 #[test]
-fn unfactored_privacy_has_an_owner() {
+fn unfactored_private_sections_name_an_owner() {
     check(
         "(define (domain d) (:requirements :unfactored-privacy) (:predicates (p)
            (:private ?a - driver (driving ?a - driver ?t) (rested ?a)) (:private ?t (empty ?t))))",
@@ -245,7 +245,7 @@ fn unfactored_privacy_has_an_owner() {
 }
 
 #[test]
-fn factored_privacy_has_none() {
+fn factored_private_sections_name_no_owner() {
     check(
         "(define (problem p) (:domain d) (:objects depot0 - depot (:private hoist0 hoist1 - hoist)))",
         expect![[r#"
@@ -291,7 +291,7 @@ fn plans_have_costs_times_and_durations() {
     check_plan("", expect![[r#""#]]);
 }
 
-/// Prints a part of a file that was parsed as a text by itself.
+/// Prints the result of parsing a part of a file, or the first diagnostic.
 #[track_caller]
 fn check_part<T: std::fmt::Display>(parsed: pddl::Parsed<T>, expected: Expect) {
     let value = parsed.into_result().map(|value| value.to_string());
@@ -299,7 +299,7 @@ fn check_part<T: std::fmt::Display>(parsed: pddl::Parsed<T>, expected: Expect) {
 }
 
 #[test]
-fn parts_stand_alone() {
+fn parts_are_parsed_alone() {
     check_part(
         pddl::parse_condition("; now\n(forall (?r - room) (known-temperature ?r))"),
         expect!["(forall (?r - room) (known-temperature ?r))"],
@@ -319,7 +319,7 @@ fn parts_stand_alone() {
 }
 
 #[test]
-fn bytes_that_are_not_utf8_are_latin_1() {
+fn bytes_that_are_not_utf8_are_read_as_latin_1() {
     assert_eq!(pddl::text_from_bytes(b"; Thi\xe9baux\n(p)"), "; Thiébaux\n(p)");
     assert_eq!(pddl::text_from_bytes("; Thiébaux".as_bytes()), "; Thiébaux");
     check_part(pddl::parse_condition("\u{feff}(p)"), expect!["(p)"]);

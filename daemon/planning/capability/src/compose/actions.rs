@@ -1,5 +1,5 @@
-//! Selects the actions of the composite: equal actions of several agents become one schema with several
-//! offerers.
+//! Selects the actions of the composite. Equal actions of several agents become one schema that all
+//! these agents offer.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -14,13 +14,12 @@ use crate::conflict::{ModelPart, ModelPartKind};
 use crate::model_summary::ModelAction;
 use crate::names::{ActionNames, ActionVariants};
 
-/// The selected action schemas, by the name that agents gave the action and by its canonical text.
+/// The selected action schemas, by the agents' own name for the action and by its canonical text.
 pub(super) type SelectedSchemas<'a> = BTreeMap<(&'a Name, &'a CanonicalText), SelectedSchema<'a>>;
 
 /// A selected action schema, with the agents that offer it.
 pub(super) struct SelectedSchema<'a> {
-    /// The action schema as it is written by the first of the agents that offer it, in the order of their
-    /// names.
+    /// The action schema as written by the first offering agent in the order of names.
     pub(super) tree: &'a Arc<ActionSchema>,
     pub(super) uses: &'a UsedSymbols,
     /// The agents that offer the action, sorted by name.
@@ -91,8 +90,8 @@ fn lost_declaration(
     Some(format!("it uses the {subject}, which another agent declares differently"))
 }
 
-/// Checks that an agent is itself an object of the type that `:agent` requires. Returns the fault, or
-/// `None` if there is none.
+/// Checks that an agent is an object of the type that `:agent` requires. Returns the mistake as
+/// text for a person; `None` if the agent has this type.
 fn wrong_agent(
     party: &Contribution<'_>,
     offer: &ModelAction,
@@ -107,7 +106,7 @@ fn wrong_agent(
         .then(|| format!("its agent is a `{}`, and `{name}` is a `{ty}`", agent.ty))
 }
 
-/// Returns the name that every selected schema has inside the composite domain.
+/// Returns the name in the composite domain for each selected schema.
 pub(super) fn name<'a>(
     schemas: &SelectedSchemas<'a>,
     parties: &[Contribution<'a>],
@@ -125,7 +124,7 @@ pub(super) fn name<'a>(
     names.assign(&variants)
 }
 
-// === impl FormerSchema ===
+// === impl SelectedSchema ===
 
 impl<'a> SelectedSchema<'a> {
     fn new(offer: &'a ModelAction) -> SelectedSchema<'a> {

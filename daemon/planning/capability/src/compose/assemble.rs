@@ -26,7 +26,7 @@ pub(super) fn assemble(
     (secrets, unknowable): (PrivateFacts, &BTreeSet<Name>),
 ) -> Composite {
     let mut domain = Domain::clone(&shared.ontology);
-    // No agent can carry out an action that only the ontology describes.
+    // No agent offers the actions of the ontology itself.
     domain.actions.clear();
     domain.durative_actions.clear();
     require(&mut domain, parties);
@@ -64,8 +64,7 @@ fn by_name_inside<'a>(
     { schemas.iter() }.filter_map(|(at, schema)| Some((inside.get(at)?, (*at, schema)))).collect()
 }
 
-/// Collects the PDDL requirements of the composite domain: first those of the ontology in their order,
-/// then those of the agents in the order of the agents' names.
+/// Adds the PDDL requirements of the agents to those of the ontology, in the order of their names.
 fn require(domain: &mut Domain, parties: &[Contribution<'_>]) {
     let theirs = parties.iter().filter(|party| party.trusted);
     let theirs: BTreeSet<&Name> = theirs.flat_map(|party| &party.manifest.requirements).collect();
@@ -101,8 +100,8 @@ fn declare(
     }
 }
 
-/// Returns the objects that selected schemas name directly. These objects must be constants of the
-/// domain.
+/// Returns the objects that selected schemas mention directly. These objects must be constants of
+/// the domain.
 fn named_objects<'a>(
     standing: &SelectedDeclarations<'a>,
     schemas: &SelectedSchemas<'a>,
@@ -112,8 +111,8 @@ fn named_objects<'a>(
     in_actions.chain(in_axioms).collect()
 }
 
-/// Writes an action schema into the domain under the name `inside`. The guard is added to its
-/// precondition, so that it is grounded only for the agents that offer it.
+/// Writes an action schema into the domain under the name `inside`. The guard is added to the
+/// precondition, so that the action is grounded only for the agents that offer it.
 fn write(domain: &mut Domain, inside: &Name, guard: &Name, schema: &SelectedSchema<'_>) {
     let ActionSchema { name: _, agent, parameters, precondition, effect, observe, span } =
         &**schema.tree;

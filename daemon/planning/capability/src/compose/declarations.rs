@@ -1,5 +1,5 @@
 //! Selects the declarations of the composite. The ontology takes precedence over all agents. Equal
-//! declarations count once. If two agents disagree, the declaration that was in force before takes
+//! declarations count once. If two agents disagree, the declaration that is already in force takes
 //! precedence.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -13,7 +13,8 @@ use crate::conflict::{ModelPart, ModelPartKind};
 use crate::model_summary::{Declaration, DeclaredItem, ModelAxiom};
 use crate::vocabulary::{DomainVocabulary, Signature};
 
-/// The selected declarations of the agents, and the vocabulary of the domain that results from them.
+/// The selected declarations of the agents, and the vocabulary of the domain that results from
+/// them.
 #[derive(Default)]
 pub(super) struct SelectedDeclarations<'a> {
     pub(super) kept: Vec<SelectedDeclaration<'a>>,
@@ -21,25 +22,24 @@ pub(super) struct SelectedDeclarations<'a> {
     pub(super) vocabulary: DomainVocabulary,
 }
 
-/// A selected declaration and what the agents that make it have in common.
+/// A selected declaration, and properties of all the agents that make this declaration.
 #[derive(Clone, Copy)]
 pub(super) struct SelectedDeclaration<'a> {
-    /// The declaration as it is written by the first of the agents that make it, in the order of their
-    /// names.
+    /// The declaration as written by the first declaring agent in the order of names.
     pub(super) declaration: &'a Declaration,
     by: Contribution<'a>,
-    /// Whether all agents that make the declaration declare it private.
+    /// Whether all declaring agents declare the part private.
     pub(super) private: bool,
-    /// Whether the whole model of one of the agents that make the declaration is used, so that the axioms
-    /// are known.
+    /// Whether the whole model of at least one declaring agent is used, so that the axioms are
+    /// known.
     trusted: bool,
 }
 
 /// The declaration that one agent makes of a part, with the agent's contribution.
 type ContributedDeclaration<'a> = (Contribution<'a>, &'a Declaration);
 
-/// Signature and axioms of a declaration, as canonical texts: two declarations are equal if both are
-/// equal.
+/// Signature and axioms of a declaration, as canonical texts. Two declarations of a part are equal
+/// if both are equal.
 pub(super) type DeclarationVariant = (CanonicalText, Vec<CanonicalText>);
 
 pub(super) fn select_declarations<'a>(
@@ -49,7 +49,7 @@ pub(super) fn select_declarations<'a>(
     report: &mut ConflictReport<'a>,
 ) -> SelectedDeclarations<'a> {
     let (words, mut kept, mut variants) = (words_of(parties), Vec::new(), Vec::new());
-    // A merge join in the order of subjects: both sequences are long.
+    // This is a merge join in the order of subjects, because both sequences are long.
     let mut stood = std::mem::take(incumbents).into_iter().peekable();
     for words in words.chunk_by(|(_, one), (_, other)| one.subject == other.subject) {
         let subject = &words[0].1.subject;
@@ -71,7 +71,7 @@ pub(super) fn select_declarations<'a>(
     stand(shared, parties, kept, report)
 }
 
-/// Returns all declarations of agents that are visible in this composition, sorted by the declared part
+/// Returns all declarations of agents that are visible in this composition, sorted by declared part
 /// and then by agent.
 fn words_of<'a>(parties: &[Contribution<'a>]) -> Vec<ContributedDeclaration<'a>> {
     let known = |party: &Contribution<'a>| {
@@ -110,8 +110,8 @@ fn yield_to_ontology(
     }
 }
 
-/// Chooses which declaration of one part is in force. Reports a conflict for each agent that declares the
-/// part differently.
+/// Chooses the declaration in force for one part. Reports a conflict for each agent with a
+/// different declaration.
 fn choose<'a>(
     subject: &'a ModelPart,
     words: &[ContributedDeclaration<'a>],
@@ -168,8 +168,8 @@ fn shown(declaration: &Declaration) -> String {
     }
 }
 
-/// Leaves out declarations that use undeclared types or form circles, and computes the vocabulary and the
-/// axioms of the remaining declarations.
+/// Leaves out declarations that use undeclared types or form cycles. Computes the vocabulary and
+/// the axioms of the remaining declarations.
 fn stand<'a>(
     shared: &'a SharedModel,
     parties: &[Contribution<'a>],
@@ -200,7 +200,7 @@ fn unknown_type<'a>(types: &Types, declaration: &'a Declaration) -> Option<&'a N
     { used }.find(|name| !types.contains(name.as_str()))
 }
 
-/// Leaves out types that are their own supertypes, directly or through others.
+/// Leaves out types that are their own supertypes, directly or through other types.
 fn without_circles<'a>(
     ontology: &Domain,
     kept: Vec<SelectedDeclaration<'a>>,
@@ -267,13 +267,14 @@ fn vocabulary_of(
             }
         }
     }
-    // Built in one step: there is an object per device, and inserting them one by one would be slow.
+    // The map is built in one step: with an object per device, one insertion after the other is
+    // slow.
     vocabulary.objects = objects.into_iter().collect();
     vocabulary
 }
 
-/// Returns the axioms of agents that are valid: each derives a predicate that its agent declares, and
-/// uses declared symbols only.
+/// Returns the valid axioms of agents. An axiom is valid if it derives a predicate that its agent
+/// declares and uses declared symbols only.
 fn axioms_of<'a>(
     parties: &[Contribution<'a>],
     kept: &[SelectedDeclaration<'a>],

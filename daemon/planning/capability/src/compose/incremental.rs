@@ -1,10 +1,10 @@
-//! Adds one agent to an existing composite without composing anew, if the agent adds only its own objects
-//! and offers.
+//! Adds one agent to an existing composite without a new composition, if the agent adds only
+//! objects of its own and offers.
 //!
-//! Most agents that join are of a known type: they bring new objects, and offer actions that others offer
-//! already. Then all selected declarations and actions stay as they are, and only the new model is read,
-//! even if there are a thousand others. All other cases are left to [`compose`](super::compose), which
-//! gives the same result.
+//! Most agents that join are of a known type: they add objects, and offer actions that other agents
+//! offer already. All selected declarations and actions then stay the same, and only the new model
+//! is read, even beside a thousand others. All other cases are left to [`compose`](super::compose),
+//! which gives the same result.
 
 use std::sync::Arc;
 
@@ -17,13 +17,13 @@ use crate::model_summary::{Declaration, DeclaredItem, ModelAction, ModelSummary}
 /// Objects and offers that an agent adds.
 struct AgentAdditions<'p> {
     objects: Vec<(&'p Name, &'p ObjectDeclaration)>,
-    /// The action schemas that the agent offers: the name that the agent gave the action, and the index
+    /// The action schemas that the agent offers: the agent's name for the action, and the index
     /// among the selected schemas of that name.
     offers: Vec<(&'p Name, usize)>,
 }
 
-/// Adds an agent to a composite in which nothing was left out and all models are used whole. Returns the
-/// objects that were added, or `None` if everything has to be composed anew.
+/// Adds an agent to a composite in which all models are used whole and no part was left out.
+/// Returns the objects that were added, or `None` if a new composition is needed.
 pub(crate) fn join<'p>(
     shared: &SharedModel,
     composite: &mut Arc<Composite>,
@@ -56,7 +56,7 @@ pub(crate) fn join<'p>(
     Some(objects.into_iter().map(|(name, _)| name).collect())
 }
 
-/// Returns the objects and offers that an agent adds; `None` if the agent changes more than that.
+/// Returns the objects and offers that an agent adds; `None` if the agent changes anything else.
 fn additions<'p>(
     shared: &SharedModel,
     composite: &Composite,
@@ -85,8 +85,8 @@ fn additions<'p>(
     Some(AgentAdditions { objects, offers })
 }
 
-/// Returns the declared object and its name; `None` if the declaration is not that of a new object of a
-/// known type.
+/// Returns the name and the declaration of a new object of a known type; `None` for any other
+/// declaration.
 fn new_object<'p>(
     composite: &Composite,
     declaration: &'p Declaration,
@@ -99,9 +99,9 @@ fn new_object<'p>(
     (is_new && is_typed).then_some((name, declared))
 }
 
-/// Returns the index of the offered schema among the selected schemas of the same name. Returns `None` if
-/// there is no such schema, if the agent may not offer it, or if adding the agent would change how the
-/// schema is written.
+/// Returns the index of the offered schema among the selected schemas of the same name. Returns
+/// `None` if there is no such schema, if the agent may not offer it, or if the new agent would
+/// change the text of the schema.
 fn stands(
     composite: &Composite,
     objects: &[(&Name, &ObjectDeclaration)],

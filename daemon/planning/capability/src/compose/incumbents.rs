@@ -1,9 +1,9 @@
-//! Tracks which declaration of each part is in force, without composing. This is used by maintainers that
-//! receive many models and compose only on request.
+//! Tracks the declaration in force for each part of the models, without composing. Maintainers that
+//! receive many models and compose only on request use this.
 //!
-//! The order of arrivals decides which declaration is in force, so tracking cannot be postponed to the
-//! composition. But each part is independent of the others: if an agent joins or leaves, only the parts
-//! that it declares are checked.
+//! The order of arrival decides which declaration is in force, so the tracking cannot wait for the
+//! composition. However, each part is independent of the others: if an agent joins or leaves, only
+//! the parts that it declares are checked.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -15,9 +15,9 @@ use crate::model_summary::{Declaration, ModelSummary};
 /// The declaration that is in force for each declared part of the models.
 pub(crate) type DeclarationsInForce = BTreeMap<ModelPart, DeclarationVariant>;
 
-/// Updates the declarations in force, after the model of one agent changed from `former` to `now`.
-/// `parties` are all present agents; `trusted` tells whether their whole models are used, or only the
-/// public parts.
+/// Updates the declarations in force, after the model of one agent has changed from `former` to
+/// `now`. `parties` are all present agents. If `trusted` is true, their whole models are used, and
+/// otherwise only the public parts.
 pub(super) fn update<'a, P: Iterator<Item = Contribution<'a>>>(
     incumbents: &mut DeclarationsInForce,
     former: Option<&ModelSummary>,
@@ -41,9 +41,9 @@ pub(super) fn update<'a, P: Iterator<Item = Contribution<'a>>>(
     }
 }
 
-/// Chooses the declaration in force again, after the agent that made it has ceased to make it. It stays
-/// in force if another agent makes it too. Otherwise the declaration by the agent that has been present
-/// longest comes into force.
+/// Chooses the declaration in force again, after an agent has ceased to make the current one. If
+/// another agent also makes the current declaration, nothing changes. Otherwise the declaration of
+/// the agent that has been present longest comes into force.
 fn choose_again<'a>(
     incumbents: &mut DeclarationsInForce,
     subject: &ModelPart,

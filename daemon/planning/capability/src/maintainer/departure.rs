@@ -1,9 +1,9 @@
 //! Facts that become unknown when an agent leaves.
 //!
-//! The objects and facts of an agent are removed with the agent. A fact that the agent was responsible
-//! for may also be about things that stay, for example whether a room is lit. Such a fact is then neither
-//! true nor false but unknown, until the agent returns, another agent becomes responsible for the fact,
-//! or an observation or a request sets it.
+//! The objects and facts of an agent are removed with the agent. A fact that the agent was
+//! responsible for may also be about objects that remain, for example whether a room is lit. Such a
+//! fact then becomes unknown. It stays unknown until the agent returns, another agent becomes
+//! responsible for it, or an observation or a request sets it.
 
 use std::collections::BTreeSet;
 
@@ -18,8 +18,8 @@ use crate::limits;
 use crate::timestamp::Timestamp;
 
 impl Maintainer {
-    /// Returns the facts that become unknown when `agent` leaves. Must be called while the agent is still
-    /// present.
+    /// Returns the facts that become unknown when `agent` leaves. Must be called while the agent is
+    /// still present.
     pub(super) fn facts_to_become_unknown(&self, agent: &AgentId) -> Vec<FactKey> {
         let Some(member) = self.roster.get(agent) else { return Vec::new() };
         let owner = Owner::Agent(agent.clone());
@@ -67,15 +67,14 @@ impl Maintainer {
         }
     }
 
-    /// Removes the claims that facts are unknown which were made because `agent` had left.
+    /// Removes the marks of unknown facts that were made when `agent` left.
     pub(super) fn forget_departed(&mut self, agent: &AgentId) {
         let is_left = |_: &FactKey, claim: &FactClaim| claim.source == ClaimSource::Departure;
         self.beliefs.withdraw_where(&Owner::Agent(agent.clone()), is_left);
     }
 
-    /// Returns the predicates that record that something has been found out: only observing actions make
-    /// facts of them true. If the agent that found something out leaves, these facts are false, not
-    /// unknown.
+    /// Returns the predicates that record a discovery: only observing actions make their facts
+    /// true. If the agent with the discovery leaves, these facts become false, not unknown.
     fn findings(&self) -> BTreeSet<&Name> {
         let schemas = || self.composite.schemas.values().flatten().map(|stands| &*stands.tree);
         let (mut found, mut made) = (BTreeSet::new(), BTreeSet::new());
@@ -87,7 +86,8 @@ impl Maintainer {
     }
 }
 
-/// Whether the condition of an axiom uses a predicate of which the agent's heartbeats are complete.
+/// Whether the condition of an axiom uses a predicate of which the agent's heartbeats list all true
+/// facts.
 fn rests_on(axiom: &Derived, member: &Member) -> bool {
     axiom
         .condition
@@ -95,7 +95,8 @@ fn rests_on(axiom: &Derived, member: &Member) -> bool {
         .any(|atom| member.reports_symbol(FactSymbolKind::Predicate, &atom.predicate))
 }
 
-/// Returns the facts that an axiom may derive from `fact`, if `fact` determines all their arguments.
+/// Returns the facts that an axiom may derive from `fact`, if `fact` determines all their
+/// arguments.
 pub(super) fn heads(axiom: &Derived, fact: &FactKey) -> Vec<FactKey> {
     let same = axiom
         .condition

@@ -1,10 +1,10 @@
-//! Facts of agents that the ecosystem file names and that have not joined yet.
+//! Facts of agents that the ecosystem file names but that have not joined yet.
 //!
-//! Such an agent may be a lamp that is on: its daemon starts later, or died before the Domain Maintainer
-//! was restarted. The facts that the agent will answer for are read from its model: states that its
-//! actions observe or can make both true and false, and facts that follow from them by axioms. As long as
-//! the agent has not joined, these facts are unknown, if they are about things that are there without the
-//! agent.
+//! Such an agent may be a lamp that is on: its daemon starts later, or died before the Domain
+//! Maintainer was restarted. The agent's model determines the facts that it will be responsible
+//! for: states that its actions observe or can make both true and false, and facts that axioms
+//! derive from them. Until the agent joins, these facts are unknown, unless they are about the
+//! agent's own objects.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -25,16 +25,17 @@ use crate::timestamp::Timestamp;
 type Binding = BTreeMap<Name, Name>;
 
 impl Maintainer {
-    /// Marks as unknown the facts that agents will answer for which are expected to join: `models` are
-    /// their models as far as the ecosystem file determines them. An agent that has joined already, and a
-    /// model that exceeds a limit, are skipped. The marks of an agent end when the agent joins.
+    /// Marks the facts as unknown that agents which have not joined yet will be responsible for.
+    /// `models` are the models of these agents, as far as the ecosystem file determines them.
+    /// Agents that have joined already, and models that exceed a limit, are skipped. The marks of
+    /// an agent end when the agent joins.
     pub fn expect_agents(
         &mut self,
         models: impl IntoIterator<Item = ActionModel>,
         now: Timestamp,
     ) -> DomainChange {
-        // The leader decides which marks are still in force, so that those of a standby count as
-        // announced by it.
+        // The leader decides which marks are still in force. On a standby, the marks therefore
+        // count as announced by the leader.
         let source = match self.follows {
             true => ClaimSource::Announced,
             false => ClaimSource::Departure,
@@ -57,8 +58,9 @@ impl Maintainer {
         self.take_change(now)
     }
 
-    /// Whether requests, observations or departures have changed anything that is in force, apart from
-    /// the marks of [`expect_agents`](Maintainer::expect_agents), which follow from the ecosystem file.
+    /// Whether any change by a request, an observation or a departure is in force. The marks of
+    /// [`expect_agents`](Maintainer::expect_agents) do not count, because they follow from the
+    /// ecosystem file.
     pub fn has_requests(&self, now: Timestamp) -> bool {
         let is_request = |of: &&(FactKey, Owner)| match (&of.1, self.beliefs.claim_of(&of.0, &of.1))
         {
@@ -75,7 +77,8 @@ impl Maintainer {
             || self.shared.manifest.init.iter().any(is_gone)
     }
 
-    /// Returns the facts about things that stay for which an agent with this model will answer.
+    /// Returns the facts about remaining objects that an agent with this model will be responsible
+    /// for.
     fn answers_of(&self, manifest: &ModelSummary) -> BTreeSet<FactKey> {
         let states = states_of(manifest, |name| self.is_function(manifest, name));
         let told = manifest.init.iter().map(|(fact, _)| fact);
@@ -108,10 +111,10 @@ impl Maintainer {
     }
 }
 
-/// Returns the predicates of the states that an agent with this model answers for: its actions observe
-/// them or can make them both true and false, or the model states that a fact of them is unknown. A
-/// predicate that actions only make true, such as `known-temperature`, records what was done, and is
-/// false before.
+/// Returns the predicates of the states that an agent with this model is responsible for. Its
+/// actions observe these states or can make them both true and false, or the model contains an
+/// unknown fact of the predicate. A predicate that actions only make true, such as
+/// `known-temperature`, is excluded: it records a past action, and is false before.
 fn states_of(manifest: &ModelSummary, is_function: impl Fn(&Name) -> bool) -> BTreeSet<Name> {
     let schemas = || manifest.offers.iter().map(|offer| &*offer.schema);
     let observed = schemas().flat_map(|schema| &schema.observe).map(|atom| &atom.predicate);
@@ -132,8 +135,8 @@ fn deleted(effect: &Effect) -> impl Iterator<Item = &Atom> {
     })
 }
 
-/// Returns the facts of `states` that an action observes or changes, as far as the facts `told` of the
-/// model, which no action changes, determine the objects.
+/// Returns the facts of `states` that an action observes or changes. The objects are determined by
+/// the facts `told` of the model, which no action changes.
 fn instances(
     schema: &ActionSchema,
     told: &BTreeSet<FactKey>,
@@ -167,7 +170,7 @@ fn instances(
         .collect()
 }
 
-/// Returns the atoms that must hold for a condition to hold.
+/// Returns atoms that a condition requires: the atom itself, or the atoms of a conjunction.
 fn required(condition: &Condition) -> Vec<&Atom> {
     match condition {
         Condition::Atom(atom) => vec![atom],
@@ -176,7 +179,7 @@ fn required(condition: &Condition) -> Vec<&Atom> {
     }
 }
 
-/// Returns `binding`, extended so that `atom` is `fact`; `None` if that is not possible.
+/// Returns `binding`, extended so that `atom` becomes `fact`; `None` if the two do not match.
 fn matched(atom: &Atom, fact: &FactKey, mut binding: Binding) -> Option<Binding> {
     if atom.arguments.len() != fact.arguments().len() {
         return None;

@@ -19,19 +19,19 @@ use crate::timestamp::Timestamp;
 // === impl Maintainer ===
 
 impl Maintainer {
-    /// Applies a heartbeat. A heartbeat is complete for the facts that its agent owns: facts that the
-    /// agent's model states and its actions can change, and facts with symbols that the agent's
-    /// heartbeats have ever contained. An owned fact that is missing is false; an owned fact that is
-    /// reported as `(unknown FACT)` is unknown. For facts that the agent is responsible for, the
+    /// Applies a heartbeat, which lists all true facts that its agent owns. The agent owns the
+    /// facts that its model states and its actions can change, and all facts with symbols that its
+    /// heartbeats have ever contained. An owned fact that is missing is false; an owned fact that
+    /// is reported as `(unknown FACT)` is unknown. For facts that the agent is responsible for, the
     /// heartbeat overrides requests and the effects of other agents' actions.
     ///
-    /// A new incarnation of an agent does not have to announce its model again if the model is unchanged.
+    /// A new incarnation of an agent need not announce its model again if the model is unchanged.
     ///
     /// # Errors
     ///
-    /// Returns an error if the heartbeat is late, that is, of a former incarnation or overtaken by a
-    /// newer one; if the agent, or this incarnation of it, has not announced its model; or if it has
-    /// too many facts.
+    /// Returns an error in three cases: the heartbeat is late, because it is of a former
+    /// incarnation or a newer one has arrived; this incarnation of the agent has not announced its
+    /// model; or there are too many facts.
     pub fn apply_heartbeat(
         &mut self,
         beat: ParsedHeartbeat,
@@ -80,7 +80,7 @@ impl Maintainer {
         for (key, claim) in claims {
             self.beliefs.claim(key, &owner, FactClaim { incarnation, sequence, ..claim });
         }
-        // The map's claim must be withdrawn last, because it is never made again.
+        // The claim of the map must be withdrawn last, because the map never makes it again.
         denied.iter().for_each(|key| self.beliefs.withdraw(key, &Owner::Map));
         self.override_others(&agent, &owner);
         if lasts {
@@ -89,10 +89,10 @@ impl Maintainer {
         Ok(self.take_change(now))
     }
 
-    /// Applies a heartbeat that equals the last one, without parsing it (fast path): each second, nearly
-    /// all of a thousand agents repeat what they reported before. Returns `None` if the heartbeat must be
-    /// parsed nevertheless, because the last heartbeat received here was a different one, or because the
-    /// agent's claims have changed since.
+    /// Applies a heartbeat that equals the last one, without parsing it (fast path). Each second,
+    /// nearly all of a thousand agents send such heartbeats. Returns `None` if the heartbeat must
+    /// be parsed, because the last heartbeat received here was a different one or the agent's
+    /// claims have changed since.
     pub fn believe_repeated(
         &mut self,
         repeated: &RepeatedHeartbeat<'_>,
@@ -114,10 +114,10 @@ impl Maintainer {
         Some(self.take_change(now))
     }
 
-    /// Withdraws claims about facts that `agent` is responsible for and does not report itself, if they
-    /// come from requests or from effects of other agents' actions. A claim by another agent that is
-    /// responsible for the fact, too, stays: the next heartbeat of that agent decides. Of two
-    /// thermometers in a room, one may have measured and the other not.
+    /// Withdraws claims about facts that `agent` is responsible for and does not report itself, if
+    /// they come from requests or from effects of other agents' actions. If the claiming agent is
+    /// also responsible for the fact, its claim stays until its next heartbeat: of two thermometers
+    /// in a room, only one may have measured.
     fn override_others(&mut self, agent: &AgentId, owner: &Owner) {
         let Some(member) = self.roster.get(agent) else { return };
         let mut over = Vec::new();
@@ -142,7 +142,7 @@ impl Maintainer {
         self.roster.get(agent).is_some_and(|member| member.is_responsible_for(fact))
     }
 
-    /// Makes sure that the next heartbeats of all agents that are responsible for `fact` are parsed,
+    /// Ensures that the next heartbeats of all agents that are responsible for `fact` are parsed,
     /// because the fact was requested or follows from another agent's action.
     pub(super) fn wake_answering(&mut self, fact: &FactKey) {
         for agent in self.roster.answering(fact) {
@@ -160,9 +160,9 @@ impl Maintainer {
         }
     }
 
-    /// Applies the effects of an action that `agent` confirmed. The effects hold until the agent's own
-    /// heartbeats override them. Claims about facts that become false are withdrawn, whatever their
-    /// owners, until the owners make them again.
+    /// Applies the effects of an action that `agent` confirmed. The effects hold until the agent's
+    /// own heartbeats override them. All claims about facts that become false are withdrawn until
+    /// their owners make them again.
     ///
     /// # Errors
     ///
@@ -184,14 +184,14 @@ impl Maintainer {
         Ok(self.take_change(now))
     }
 
-    /// Changes the state by request. The requested facts become claims of `owner`, which need not be an
-    /// agent with a model.
+    /// Changes the state by request. The requested facts become claims of `owner`, which may be an
+    /// agent without a model.
     ///
     /// # Errors
     ///
-    /// Returns an error if a present agent that is responsible for one of the facts reports otherwise;
-    /// if the cost of plans would become negative; or if the owner, or all owners together, would
-    /// exceed a limit.
+    /// Returns an error if a present agent that is responsible for one of the facts contradicts the
+    /// request, if the cost of plans would become negative, or if the owner or all owners together
+    /// would exceed a limit.
     pub fn apply_request(
         &mut self,
         owner: &Owner,
@@ -228,8 +228,8 @@ impl Maintainer {
         Ok(())
     }
 
-    /// Returns the reason to decline a requested change of a fact: a present agent is responsible for the
-    /// fact and reports otherwise. Returns `None` if there is no such agent.
+    /// Returns the reason to decline a requested change of a fact: a present agent is responsible
+    /// for the fact and contradicts the request. Returns `None` if no agent does.
     fn contradicted(
         &self,
         speaker: &Owner,
@@ -247,7 +247,7 @@ impl Maintainer {
         };
         let said: Vec<_> = here.map(said).collect();
         let agrees = |(_, said): &(Owner, Option<FactValue>)| *said == value;
-        // One owner is enough to confirm a fact; to deny it, all owners must agree.
+        // One owner is enough to confirm a fact. All owners must agree to deny it.
         if value.is_some() && said.iter().any(agrees) {
             return None;
         }
@@ -257,8 +257,8 @@ impl Maintainer {
         Some(Declined::Owned { fact, owner: owner.to_string(), says })
     }
 
-    /// Returns a fact with the same symbol and the same first object as `key` that `owner` claims; `None`
-    /// if there is none.
+    /// Returns a fact that `owner` claims and that has the same symbol and the same first object as
+    /// `key`; `None` if there is no such fact.
     fn about(&self, key: &FactKey, owner: &Owner) -> Option<InitElement> {
         let is_alike = |(other, _): &(&FactKey, &FactClaim)| {
             other.is_of(key.space(), key.symbol())
@@ -269,9 +269,10 @@ impl Maintainer {
         alike.map(|(other, claim)| other.element(claim.value))
     }
 
-    /// Applies an observation of an agent. The observed facts become claims of the agent, until they
-    /// expire, or the agent's observations or heartbeats report otherwise. All claims about facts that
-    /// the agent saw to be false are withdrawn, until an owner makes them again.
+    /// Applies an observation of an agent. The observed facts become claims of the agent, until
+    /// they expire or a later observation or heartbeat of the agent contradicts them. All claims
+    /// about facts that the agent observed to be false are withdrawn until an owner makes them
+    /// again.
     ///
     /// # Errors
     ///
@@ -304,7 +305,7 @@ impl Maintainer {
         Ok(self.take_change(now))
     }
 
-    /// Withdraws all claims about `facts`, until an owner makes them again.
+    /// Withdraws all claims about `facts` until an owner makes them again.
     pub fn retract(&mut self, facts: &[InitElement], now: Timestamp) -> DomainChange {
         for fact in facts {
             self.disbelieve(fact);
@@ -322,10 +323,11 @@ impl Maintainer {
         if !believe.is_empty() {
             self.beliefs.has_room(owner, believe.len())?;
         }
-        // Derived facts are not claimed. Of the symbols that planning adds to the domain, only those
-        // that say that a fact has become known have a meaning here.
+        // Derived facts cannot be claimed. Of the symbols that planning adds to the domain, only
+        // those that mark a fact as known have a meaning here.
         let composite = Arc::clone(&self.composite);
-        // An unknown derived fact can be retracted: it was left behind by an agent that left.
+        // An unknown derived fact can be retracted, because an agent that has left may have left it
+        // behind.
         let is_left = |fact: &InitElement| matches!(fact, InitElement::Unknown(_));
         for fact in retract.iter().filter(|fact| is_left(fact) || !composite.derives(fact)) {
             self.disbelieve(fact);
@@ -338,7 +340,7 @@ impl Maintainer {
         };
         let facts = believe.iter().filter(|fact| !composite.derives(fact)).filter(is_fact);
         let statements: Vec<FactStatement> = facts.map(FactStatement::of).collect();
-        // As in PDDL, a fact that is both deleted and added is true.
+        // As in PDDL, a fact that is both deleted and added becomes true.
         for statement in &statements {
             if let FactStatement::Not(key) = statement {
                 self.beliefs.withdraw_all(key);
@@ -365,7 +367,7 @@ impl Maintainer {
         }
     }
 
-    /// Handles that an action has made a fact known: withdraws all claims that this fact is unknown.
+    /// Withdraws all claims that `fact` is unknown, because an action has made the fact known.
     fn withdraw_unknown(&mut self, fact: &Atom) {
         let FactStatement::Is(key, _) = FactStatement::of(&InitElement::Unknown(fact.clone()))
         else {
@@ -379,8 +381,8 @@ impl Maintainer {
         }
     }
 
-    /// Claims the facts of an agent's model, except those for which the agent's heartbeats are complete
-    /// already.
+    /// Claims the facts of an agent's model, except those that the agent's heartbeats already
+    /// cover.
     pub(super) fn believe_model(&mut self, owner: &Owner, member: &Member, now: Timestamp) {
         let claim = FactClaim::new(FactValue::True, ClaimSource::Model, now);
         let claim = FactClaim { incarnation: member.incarnation, ..claim };

@@ -1,6 +1,6 @@
-//! Requests that change more than facts: they change the metric, or which actions can be planned with.
-//! This module also passes all requested changes on to the maintainers of actuators, which receive
-//! heartbeats only, and merges the changes of two central maintainers after a partition.
+//! Requests that change the metric of plans or the actions that planning may use. This module also
+//! announces all requested changes to the maintainers of actuators, which otherwise receive only
+//! heartbeats, and merges the changes of two central maintainers after a partition.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -28,13 +28,14 @@ type ActionOfAgent = (Name, Option<AgentId>);
 // === impl Maintainer ===
 
 impl Maintainer {
-    /// Withholds an action by request: of one agent, or of all agents if `agent` is `None`. The action
-    /// schema stays in the domain, but no plan lets these agents use it. `action` is the name that the
-    /// agents gave the action.
+    /// Withholds an action from planning by request: for one agent, or for all agents if `agent` is
+    /// `None`. The action schema stays in the domain, but no plan uses it with these agents.
+    /// `action` is the agents' own name for the action.
     ///
     /// # Errors
     ///
-    /// Returns an error if no agent concerned offers the action, or if too many actions are withheld.
+    /// Returns an error if none of the agents offers the action, or if too many actions are
+    /// withheld.
     pub fn disable_action(
         &mut self,
         action: Name,
@@ -44,7 +45,7 @@ impl Maintainer {
         self.change_actions(&[(action, agent)], &[], now)
     }
 
-    /// Gives back an action that was withheld by [`disable_action`](Maintainer::disable_action). The
+    /// Gives back an action that [`disable_action`](Maintainer::disable_action) withheld. The
     /// arguments must be the same as in that call.
     ///
     /// # Errors
@@ -59,12 +60,13 @@ impl Maintainer {
         self.change_actions(&[], &[(action, agent)], now)
     }
 
-    /// Withholds some actions and gives others back. Either all of these changes take effect, or none.
+    /// Withholds some actions and gives others back. Either all of these changes take effect, or
+    /// none.
     ///
     /// # Errors
     ///
-    /// Returns an error if no agent concerned offers one of the actions to withhold, if one of the
-    /// actions to give back is not withheld, or if too many actions would be withheld.
+    /// Returns an error if none of the agents offers an action to withhold, if an action to give
+    /// back is not withheld, or if too many actions would be withheld.
     pub fn change_actions(
         &mut self,
         withhold: &[ActionOfAgent],
@@ -108,13 +110,13 @@ impl Maintainer {
         Ok(())
     }
 
-    /// Sets the metric of plans by request; `None` restores the metric of the map, or the total cost if
-    /// the map has none. If the metric differs from the one before, begins a new epoch, because the costs
-    /// of earlier plans may no longer be right.
+    /// Sets the metric of plans by request. `None` restores the metric of the map, or the total
+    /// cost if the map has none. A different metric begins a new epoch, because the costs of
+    /// earlier plans may no longer be right.
     ///
     /// # Errors
     ///
-    /// Returns an error if the metric has no meaning in the composite domain.
+    /// Returns an error if the metric does not fit the composite domain.
     pub fn set_metric(
         &mut self,
         metric: Option<Metric>,
@@ -138,8 +140,8 @@ impl Maintainer {
         Ok(self.take_change(now))
     }
 
-    /// Returns all changes by requests that no heartbeat reports. They are announced to agents that
-    /// otherwise receive heartbeats only.
+    /// Returns all changes by requests that no heartbeat reports. They must be announced to agents
+    /// that otherwise receive only heartbeats.
     pub fn requested(&self, now: Timestamp) -> Requested {
         let mut facts = Vec::new();
         for (fact, claims) in self.beliefs.claims() {
@@ -165,10 +167,10 @@ impl Maintainer {
         }
     }
 
-    /// Returns the changes by requests since this was called last, without the metric and the withheld
-    /// actions, which only [`requested`](Maintainer::requested) contains. Returns `None` if all of
-    /// [`requested`](Maintainer::requested) must be announced instead: at the first call, if facts of the
-    /// map hold again, or if very many facts have changed.
+    /// Returns the changes by requests since the last call, without the metric and the withheld
+    /// actions. Returns `None` if all of [`requested`](Maintainer::requested) must be announced
+    /// instead: at the first call, if facts of the map hold again, or if very many facts have
+    /// changed.
     pub fn requested_since(&mut self, now: Timestamp) -> Option<RequestedSince> {
         let PendingChanges::These(untold) = self.beliefs.take_untold() else { return None };
         let is_back = |(fact, owner): &(FactKey, Owner)| {
@@ -180,8 +182,8 @@ impl Maintainer {
         Some(self.announced_claims(&untold, now))
     }
 
-    /// Returns the current claims about these facts by these owners, in the form in which they are
-    /// announced.
+    /// Returns the current claims about these facts by these owners, in the form of an
+    /// announcement.
     fn announced_claims(&self, of: &BTreeSet<(FactKey, Owner)>, now: Timestamp) -> RequestedSince {
         let mut since = RequestedSince::default();
         let (mut told, mut gone) = (Vec::new(), Vec::new());
@@ -190,7 +192,7 @@ impl Maintainer {
             match (owner, claim) {
                 (Owner::Map, Some(_)) => (),
                 (Owner::Map, None) => gone.push(fact.element(any_value(fact))),
-                // These are not announced by requests: the heartbeats of the owner report them.
+                // The heartbeats of the owner report these facts, so they are not announced.
                 (Owner::Agent(agent), _) if self.is_reported_by(agent, fact) => (),
                 (Owner::Agent(agent), claim) => {
                     let word = claim.and_then(|(stamp, claim)| {
@@ -207,7 +209,7 @@ impl Maintainer {
                 }
             }
         }
-        // In the order in which the claims were made: of two numbers the later one is believed.
+        // The order is that of the claims, because the later of two numbers is believed.
         told.sort_by_key(|(stamp, _)| *stamp);
         since.facts = told.into_iter().map(|(_, told)| told).collect();
         since.retracted = text_of(&gone);
@@ -216,27 +218,27 @@ impl Maintainer {
 
     // === partition and heal of several leaders ===
 
-    /// Marks the start of a possible partition, in which another leader may be active elsewhere. From now
-    /// on, the maintainer records which claims are changed by requests, so that they can be merged when
-    /// the partition heals.
+    /// Marks the start of a possible partition, in which another leader may be active. From now on,
+    /// the maintainer records the claims that requests change, so that they can be merged when the
+    /// partition heals.
     pub fn begin_partition_log(&mut self) {
         self.beliefs.begin_partition_log();
     }
 
-    /// Ends the recording that a possible partition began, without a merge: every replica that could have
-    /// been the leader elsewhere is connected again, and has no changes to merge.
+    /// Ends the recording of a possible partition without a merge: every replica that could have
+    /// been the other leader is connected again, and has no changes to merge.
     pub fn drop_partition_log(&mut self) {
         self.beliefs.take_partition_log();
     }
 
-    /// Makes this maintainer a standby after a partition has healed. Returns the changes by requests
-    /// since [`begin_partition_log`](Maintainer::begin_partition_log), which the surviving leader merges.
-    /// From now on, the announcements of that leader are authoritative.
+    /// Makes this maintainer a standby after a partition has healed. Returns the changes by
+    /// requests since [`begin_partition_log`](Maintainer::begin_partition_log), for a merge by the
+    /// surviving leader. From now on, this maintainer adopts the announcements of that leader.
     pub fn stand_down(&mut self, now: Timestamp) -> RequestedSince {
         let changed = match self.beliefs.take_partition_log() {
             None => RequestedSince::default(),
             Some(PendingChanges::These(changed)) => self.announced_claims(&changed, now),
-            // Too many claims have changed: all are returned, except withdrawn ones.
+            // Too many claims have changed: all current claims are returned, but no withdrawn ones.
             Some(PendingChanges::All) => {
                 let Requested { facts, retracted, .. } = self.requested(now);
                 RequestedSince { facts, retracted, withdrawn: Vec::new() }
@@ -246,12 +248,12 @@ impl Maintainer {
         changed
     }
 
-    /// Merges the changes that requests made at the other leader during a partition; this maintainer is
-    /// the surviving leader. Of claims that were changed at both, the claim of this maintainer is kept.
+    /// Merges the changes that requests made at the other leader during a partition. This
+    /// maintainer is the surviving leader: of claims that were changed at both, it keeps its own.
     ///
     /// # Errors
     ///
-    /// Returns an error if a limit is exceeded; the changes that were merged before that take effect.
+    /// Returns an error if a limit is exceeded. The changes before the failing one take effect.
     pub fn merge_partition_log(
         &mut self,
         changed: &RequestedChangesSince,
@@ -288,9 +290,8 @@ impl Maintainer {
         Ok(self.take_change(now))
     }
 
-    /// Returns a claim in the form in which it is announced. Returns `None` if the claim need not be
-    /// announced, because the owner's model or heartbeats report the fact, or because the claim has
-    /// expired.
+    /// Returns a claim in the form of an announcement. Returns `None` if the owner's model or
+    /// heartbeats report the fact, or if the claim has expired.
     pub(super) fn announced_claim(
         &self,
         owner: &AgentId,
@@ -309,20 +310,20 @@ impl Maintainer {
         })
     }
 
-    /// Whether the heartbeats of `agent`, if it is known, report whether `fact` holds.
+    /// Whether `agent` is known and its heartbeats report whether `fact` holds.
     fn is_reported_by(&self, agent: &AgentId, fact: &FactKey) -> bool {
         self.roster.get(agent).is_some_and(|member| member.owns(fact))
     }
 
-    /// Whether this maintainer adopts the changes by requests that another maintainer announces. If not,
-    /// these announcements need not be parsed.
+    /// Whether this maintainer adopts the changes by requests that another maintainer announces. If
+    /// not, the caller need not parse these announcements.
     pub fn is_follower(&self) -> bool {
         self.follows
     }
 
-    /// Adopts all changes by requests that the central maintainer announces, in place of those announced
-    /// before. Claims of owners that send heartbeats to this maintainer take precedence. Does nothing if
-    /// this maintainer does not follow another, because it is the leader itself.
+    /// Adopts all changes by requests that the central maintainer announces, in place of those
+    /// announced before. Claims of owners with heartbeats to this maintainer take precedence. Has
+    /// no effect on a maintainer that does not follow another one.
     ///
     /// # Errors
     ///
@@ -338,8 +339,8 @@ impl Maintainer {
         self.adopt(requests, now)
     }
 
-    /// Adopts the changes by requests that the central maintainer has made since its last announcement;
-    /// changes that were announced before are kept.
+    /// Adopts the changes by requests that the central maintainer has made since its last
+    /// announcement. Earlier announced changes stay.
     ///
     /// # Errors
     ///
@@ -363,14 +364,15 @@ impl Maintainer {
             }
         }
         for (agent, known) in facts {
-            // The announcement lists changed facts only, so that each of them is news.
+            // The announcement lists changed facts only, so each of them is new.
             self.claim_announced(agent, known, |_, _| true, now)?;
         }
         Ok(self.take_change(now))
     }
 
     /// Sets whether this central maintainer is a standby, which adopts the changes that the leader
-    /// announces. When it becomes the leader, the adopted changes count as requested of this maintainer.
+    /// announces. When it becomes the leader, the adopted changes count as its own requested
+    /// changes.
     pub fn set_standby(&mut self, stands_by: bool) {
         self.follows = stands_by;
         if !stands_by {
@@ -378,7 +380,7 @@ impl Maintainer {
         }
     }
 
-    /// Restores the changes by requests that were kept in the Journals; they count as requested of this
+    /// Restores the changes by requests that the Journals kept. They count as requested from this
     /// maintainer.
     ///
     /// # Errors
@@ -421,8 +423,8 @@ impl Maintainer {
         }
     }
 
-    /// Claims a fact that another maintainer announced, unless this maintainer receives the heartbeats of
-    /// its owner.
+    /// Claims a fact that another maintainer announced, unless this maintainer receives the
+    /// heartbeats of the fact's owner.
     fn claim_announced(
         &mut self,
         agent: &AgentId,
@@ -447,8 +449,8 @@ impl Maintainer {
     }
 }
 
-/// Whether the announced claim `told` differs from the claim `known`. Equal claims must be skipped:
-/// making a claim again would make it newer than those of other owners.
+/// Whether the announced claim `told` differs from the claim `known`. Equal claims must be skipped,
+/// because a repeated claim would become newer than those of other owners.
 fn is_other(known: &FactClaim, told: &FactClaim) -> bool {
     let is_same_end = match (known.until, told.until) {
         (Some(known), Some(told)) => known.0.abs_diff(told.0) < SAME_END_MS,

@@ -1,5 +1,5 @@
-//! Outputs of the Domain Maintainer: snapshots to plan in, and the believed state with the origin of each
-//! fact.
+//! Outputs of the Domain Maintainer: snapshots for planning, and the believed state with the origin
+//! of each fact.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -26,11 +26,11 @@ use crate::timestamp::Timestamp;
 /// A claimed fact, whether it holds, and all claims about it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Provenance {
-    /// The claimed fact. If it is about a function, it has the believed value, or the first claimed value
+    /// The claimed fact. A fact about a function has the believed value, or the first claimed value
     /// if none is believed.
     pub fact: InitElement,
-    /// The reason, as text for a person, why the fact does not hold although it is claimed; `None` if it
-    /// holds.
+    /// Reason, as text for a person, why the fact does not hold although it is claimed; `None` if
+    /// the fact holds.
     pub left_out: Option<String>,
     /// All claims about the fact; never empty.
     pub claims: Vec<OwnerClaim>,
@@ -41,15 +41,16 @@ pub struct Provenance {
 pub struct OwnerClaim {
     /// The owner that makes the claim.
     pub owner: Owner,
-    /// The claimed fact; if it is about a function, with the value that this owner claims.
+    /// The claimed fact. A fact about a function has the value that this owner claims.
     pub said: InitElement,
     /// Incarnation of the owner when it made the claim; 0 for the map and for requests.
     pub incarnation: Incarnation,
-    /// Number of the owner's latest heartbeat that contains the claim; 0 if no heartbeat has made it.
+    /// Number of the owner's latest heartbeat that contains the claim; 0 if no heartbeat has made
+    /// it.
     pub sequence: u64,
     /// The origin of the claim.
     pub source: ClaimSource,
-    /// Time since the claim was made last.
+    /// Time since the owner last made or repeated the claim.
     pub age: Duration,
     /// Time until the claim expires; `None` if it does not expire.
     pub left: Option<Duration>,
@@ -58,9 +59,9 @@ pub struct OwnerClaim {
 /// State of a known agent, for display.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AgentView {
-    /// Name of the known agent.
+    /// Name of the agent.
     pub agent: AgentId,
-    /// Incarnation of the known agent.
+    /// Current incarnation of the agent.
     pub incarnation: Incarnation,
     /// Digest of the agent's model and methods.
     pub digest: String,
@@ -70,12 +71,12 @@ pub struct AgentView {
     pub is_silent: bool,
     /// Time since the last heartbeat of the agent was received.
     pub age: Duration,
-    /// The actions for which planning may use this agent, under the agent's own names for them.
+    /// Actions of the agent that planning may use, under the agent's own names.
     pub actions: Vec<Name>,
 }
 
-/// Cache of the composite that was made for the last snapshot. The composite is reused until a model
-/// changes. One cache may be used with one maintainer and its clones only.
+/// Cache of the composite of the last snapshot. The composite is reused until a model changes. A
+/// cache must be used with one maintainer and its clones only.
 #[derive(Clone, Debug, Default)]
 pub struct CompositionCache(Option<CachedComposition>);
 
@@ -90,7 +91,7 @@ struct CachedComposition {
 // === impl Maintainer ===
 
 impl Maintainer {
-    /// Returns a snapshot: the domain and the problem at `now`, to plan in.
+    /// Returns a snapshot for planning: the domain and the problem at `now`.
     pub fn snapshot(&self, now: Timestamp) -> DomainSnapshot {
         match self.scope {
             MaintainerScope::Everything => {
@@ -101,8 +102,8 @@ impl Maintainer {
         }
     }
 
-    /// Returns the details of a claim. The age of a claim by a heartbeat is counted from the last
-    /// heartbeat received, including equal heartbeats that were not parsed.
+    /// Returns the details of a claim. The age of a claim by a heartbeat counts from the last
+    /// received heartbeat, including equal heartbeats that were not parsed.
     fn claimed_by(
         &self,
         fact: &FactKey,
@@ -123,7 +124,7 @@ impl Maintainer {
         }
     }
 
-    /// Returns the current composite; it is composed now if necessary.
+    /// Returns the current composite. With public scope, this call composes it.
     pub(super) fn composed(&self) -> Arc<Composite> {
         match self.scope {
             MaintainerScope::Everything => Arc::clone(&self.composite),
@@ -133,18 +134,18 @@ impl Maintainer {
         }
     }
 
-    /// Returns the snapshot of an actuator that acts for the agents in `whole`: itself and those it
-    /// carries. The whole models of these agents are used. Of all other agents, only the public parts are
-    /// used, without actions.
+    /// Returns the snapshot of an actuator that acts for the agents in `whole`: itself and the
+    /// agents that it carries. The snapshot contains the whole models of these agents. Of all other
+    /// agents, it contains only the public parts, without actions.
     ///
-    /// The snapshot is composed at each call, because one maintainer serves all actuators that receive
-    /// the same messages.
+    /// Each call composes anew, because one maintainer serves all actuators that receive the same
+    /// messages.
     pub fn snapshot_for(&self, whole: &BTreeSet<AgentId>, now: Timestamp) -> DomainSnapshot {
         self.snapshot_again(&mut CompositionCache::default(), whole, now)
     }
 
-    /// Returns the same as [`snapshot_for`](Maintainer::snapshot_for), but composes only if the models
-    /// differ from those in the cache `sight`.
+    /// Returns the same as [`snapshot_for`](Maintainer::snapshot_for), but composes only if the
+    /// models have changed since the composition in the cache `sight`.
     pub fn snapshot_again(
         &self,
         sight: &mut CompositionCache,
@@ -166,8 +167,8 @@ impl Maintainer {
         self.shown(&composite, &is_whole, self.beliefs.judged(&composite, now))
     }
 
-    /// Returns a snapshot with the facts `believed`, in the domain of `composite`, with the methods of
-    /// the agents for which `trusts` returns `true`.
+    /// Returns a snapshot with the domain of `composite` and the facts `believed`. It includes the
+    /// methods of the agents for which `trusts` returns `true`.
     fn shown(
         &self,
         composite: &Arc<Composite>,
@@ -273,8 +274,8 @@ impl Maintainer {
             .collect()
     }
 
-    /// Returns the reason, as text for a person, why a fact cannot hold in the composite even if it is
-    /// claimed; `None` if it can.
+    /// Returns the reason, as text for a person, why a fact cannot hold in the composite even if it
+    /// is claimed; `None` if it can hold.
     pub fn misfit(&self, fact: &InitElement) -> Option<String> {
         match FactStatement::of(fact) {
             FactStatement::Is(key, value) => self.composed().misfit(&key, value),
@@ -283,8 +284,9 @@ impl Maintainer {
         }
     }
 
-    /// Returns the claims of owners other than `speaker` that contradict `fact`: if `fact`
-    /// gives a function a number, claims of another number; if `fact` is a denial, claims that it denies.
+    /// Returns the claims of owners other than `speaker` that contradict `fact`. If `fact` gives a
+    /// function a number, these are claims of another number. If `fact` is a denial, these are
+    /// claims of the denied fact.
     pub fn contradicting(&self, fact: &InitElement, speaker: &Owner) -> Vec<(Owner, InitElement)> {
         let (key, value) = match FactStatement::of(fact) {
             FactStatement::Is(key, value @ FactValue::Number(_)) => (key, Some(value)),
@@ -299,7 +301,7 @@ impl Maintainer {
             .collect()
     }
 
-    /// Returns the known agents, sorted by name.
+    /// Returns the state of each known agent, sorted by name.
     pub fn agents(&self, now: Timestamp) -> Vec<AgentView> {
         let composite = self.composed();
         { self.roster.iter() }
@@ -318,9 +320,9 @@ impl Maintainer {
             .collect()
     }
 
-    /// Returns an agent and the agents that it carries, directly or through others. An agent is carried
-    /// by another if its model contains a fact about the two that its own actions do not change. The
-    /// predicate can be any, for example `(mounted-on ir-1 turtlebot-1)`.
+    /// Returns an agent and the agents that it carries, directly or through other agents. An agent
+    /// is carried if its model contains a fact about itself and the carrier that its own actions do
+    /// not change, with any predicate, as in `(mounted-on ir-1 turtlebot-1)`.
     pub fn with_carried(&self, agent: &AgentId) -> BTreeSet<AgentId> {
         let mut carried = BTreeSet::from([agent.clone()]);
         let mut added = vec![agent.clone()];
@@ -334,13 +336,14 @@ impl Maintainer {
         carried
     }
 
-    /// Whether the agent's capabilities count for new plans: the agent has announced its model, its
-    /// liveliness token is not lost, and its heartbeats arrive.
+    /// Whether new plans may use the agent's capabilities: the agent has announced its model, has
+    /// its liveliness token, and sends heartbeats.
     pub fn is_present(&self, agent: &AgentId) -> bool {
         self.roster.get(agent).is_some_and(Member::is_present)
     }
 
-    /// Returns the incarnation of a known agent, present or not; `None` if the agent is unknown.
+    /// Returns the incarnation of a known agent, even if it is not present; `None` if the agent is
+    /// unknown.
     pub fn incarnation(&self, agent: &AgentId) -> Option<Incarnation> {
         self.roster.get(agent).map(|member| member.incarnation)
     }
@@ -369,8 +372,8 @@ impl Maintainer {
     }
 }
 
-/// Converts a fact to the facts that a planner reads. That a fact is unknown, or that a function has a
-/// value, becomes a separate fact.
+/// Converts a fact to facts for a planner. “Unknown” and “has a value” become separate facts, with
+/// auxiliary predicates.
 fn planner_facts(knowledge: &Knowledge, element: InitElement) -> [Option<InitElement>; 2] {
     match element {
         InitElement::Unknown(atom) => [knowledge.unknown(&atom).map(InitElement::Atom), None],

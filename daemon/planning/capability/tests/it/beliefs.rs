@@ -11,7 +11,7 @@ fn robots() -> Office {
 }
 
 #[test]
-fn a_heartbeat_is_complete_for_what_its_agent_owns() {
+fn a_fact_missing_in_a_heartbeat_is_false_if_its_agent_owns_it() {
     let mut office = robots();
     let at = "(at turtlebot-1 office2)";
     let change = office.beat("turtlebot-1", (1, 1), at, "").expect("a heartbeat");
@@ -21,8 +21,8 @@ fn a_heartbeat_is_complete_for_what_its_agent_owns() {
         - (at turtlebot-1 corridor)
     "#]]
     .assert_eq(&told(&change));
-    // The model contains its speed, and no action changes that, so a missing speed is not false. A
-    // missing position is.
+    // The robot's model contains its speed, which no action changes, so a missing speed is not
+    // false. A missing position is false.
     let change = office.beat("turtlebot-1", (1, 2), "", "").expect("a heartbeat");
     expect![[r#"
         epoch 2, revision 4
@@ -30,7 +30,7 @@ fn a_heartbeat_is_complete_for_what_its_agent_owns() {
     "#]]
     .assert_eq(&told(&change));
     assert_eq!(office.known("speed"), "(= (speed turtlebot-1) 0.3)\n(= (speed turtlebot-2) 0.3)");
-    // Once a heartbeat has contained its speed, its heartbeats are complete for speeds too.
+    // After the first heartbeat with the speed, a missing speed is false, too.
     office.beat("turtlebot-1", (1, 3), "(= (speed turtlebot-1) 0.1)", "").expect("a heartbeat");
     assert_eq!(office.known("speed"), "(= (speed turtlebot-1) 0.1)\n(= (speed turtlebot-2) 0.3)");
     office.beat("turtlebot-1", (1, 4), "", "").expect("a heartbeat");
@@ -38,7 +38,7 @@ fn a_heartbeat_is_complete_for_what_its_agent_owns() {
 }
 
 #[test]
-fn late_reports_are_not_believed() {
+fn late_reports_are_declined() {
     let mut office = robots();
     office.beat("turtlebot-1", (1, 7), "(at turtlebot-1 office2)", "").expect("a heartbeat");
     let late = office.beat("turtlebot-1", (1, 7), "(at turtlebot-1 corridor)", "");
@@ -64,12 +64,12 @@ fn late_reports_are_not_believed() {
 }
 
 #[test]
-fn a_new_life_with_the_same_model_needs_no_model() {
+fn a_new_incarnation_with_the_same_model_sends_no_model() {
     let mut office = robots();
     office.beat("turtlebot-1", (1, 9), "(at turtlebot-1 office2)", "").expect("a heartbeat");
     let change = office.beat("turtlebot-1", (2, 1), "(docked turtlebot-1)", "");
-    // Of the new incarnation, only the model's facts are known, except those that the heartbeat leaves
-    // out.
+    // Of the new incarnation, the facts of the model are known, except those that the heartbeat
+    // omits.
     expect![[r#"
         epoch 2, revision 4
         - (at turtlebot-1 office2)
@@ -80,7 +80,7 @@ fn a_new_life_with_the_same_model_needs_no_model() {
 }
 
 #[test]
-fn effects_are_believed_until_the_owner_speaks() {
+fn effects_are_believed_until_the_next_heartbeat_of_the_owner() {
     let mut office = robots().with([thermometer("t-1")]);
     let now = office.now;
     let moved = effects("(not (at turtlebot-1 corridor)) (at turtlebot-1 office2)");
@@ -98,7 +98,7 @@ fn effects_are_believed_until_the_owner_speaks() {
         - (at turtlebot-1 office2)
     "#]]
     .assert_eq(&told(&change.expect("a heartbeat")));
-    // The thermometer's heartbeats never contain what it measured: that fact stays.
+    // No heartbeat of the thermometer contains the measured fact, so this fact stays.
     let measured = effects("(known-temperature office2)");
     office.maintainer.apply_effects(&id("t-1"), None, &measured, now).expect("it is here");
     office.beat("t-1", (1, 1), "(located t-1 office2)", "").expect("a heartbeat");
@@ -106,19 +106,19 @@ fn effects_are_believed_until_the_owner_speaks() {
 }
 
 #[test]
-fn another_owner_of_a_fact_does_not_override_an_effect_that_its_own_agent_answers_for() {
+fn another_owner_does_not_override_an_effect_of_a_responsible_agent() {
     let mut office = office().with([thermometer("t-1"), thermometer("t-2")]);
     let (known, not_known) = ("(known-temperature office2)", "(not (known-temperature office2))");
     office.beat("t-1", (1, 1), not_known, "").expect("a heartbeat");
     office.beat("t-2", (1, 1), not_known, "").expect("a heartbeat");
-    // `t-1` measures, says so, and the Plan Executor reports the effect of its action.
+    // `t-1` measures and reports it, and the Plan Executor reports the effect of the action.
     office.beat("t-1", (1, 2), known, "").expect("a heartbeat");
     let now = office.now;
     office.maintainer.apply_effects(&id("t-1"), None, &effects(known), now).expect("it is here");
-    // `t-2` repeats what it said before: that it has not measured.
+    // `t-2` repeats its earlier heartbeat: it has not measured.
     office.beat("t-2", (1, 2), not_known, "").expect("a heartbeat");
     assert_eq!(office.known("known-temperature"), known);
-    // The word of `t-1` itself counts.
+    // The heartbeat of `t-1` itself overrides the effect.
     office.beat("t-1", (1, 3), not_known, "").expect("a heartbeat");
     assert_eq!(office.known("known-temperature"), "");
 }
@@ -130,12 +130,12 @@ fn facts_can_be_known_for_a_while() {
     office.beat("t-1", (1, 1), "", known).expect("a heartbeat");
     office.now = Timestamp(2_000);
     office.beat("t-2", (1, 1), "", known).expect("a heartbeat");
-    // The claim of one owner has expired, that of the other has not.
+    // The claim of one owner has expired; that of the other owner has not.
     office.now = Timestamp(11_000);
     assert_eq!(office.known("known-temperature"), known);
     assert_eq!(told(&office.maintainer.expire(office.now)).matches("known").count(), 0);
     office.now = Timestamp(12_000);
-    // A snapshot does not contain it, even before `expire` is called.
+    // A snapshot omits the expired fact even before `expire` is called.
     assert_eq!(office.known("known-temperature"), "");
     let change = office.maintainer.expire(office.now);
     assert_eq!(change.retracted, facts(known));
@@ -154,7 +154,7 @@ fn several_owners_may_claim_one_fact() {
 }
 
 #[test]
-fn a_persons_word_about_what_an_agent_answers_for_is_refused() {
+fn a_request_against_the_fact_of_a_responsible_agent_is_refused() {
     let mut office = robots();
     let at = |place: &str| format!("(at turtlebot-1 {place})");
     let refused = |office: &mut Office, fact: &str| match office.set("keyboard", fact) {
@@ -168,8 +168,8 @@ fn a_persons_word_about_what_an_agent_answers_for_is_refused() {
     );
     assert!(refused(&mut office, "(not (at turtlebot-1 corridor))").contains("it says"));
     assert!(refused(&mut office, "(= (speed turtlebot-1) 3)").contains("turtlebot-1) 0.3)`"));
-    // The agent's own fact may be requested again; a fact that no agent is responsible for may be
-    // requested by any owner.
+    // A request may repeat the agent's own fact. Any owner may request a fact that no agent is
+    // responsible for.
     assert!(office.set("keyboard", &at("corridor")).expect("it is so").is_empty());
     office.set("keyboard", "(known-temperature office2)").expect("no agent answers for it");
     // A silent or masked agent is not responsible for any fact.
@@ -182,22 +182,22 @@ fn a_persons_word_about_what_an_agent_answers_for_is_refused() {
 }
 
 #[test]
-fn the_word_of_who_answers_ends_what_anyone_else_made_believed() {
+fn the_claim_of_a_responsible_agent_ends_all_other_claims() {
     let mut office = office().with([turtlebot("turtlebot-1"), thermometer("t-1")]);
     let known = "(known-temperature office2)";
     let now = office.now;
-    // The robot claims a fact about a room that the thermometer's heartbeats have never contained.
+    // The robot claims a fact about a room that no heartbeat of the thermometer has contained.
     office.maintainer.apply_effects(&id("turtlebot-1"), None, &effects(known), now).expect("here");
     office.beat("t-1", (1, 1), "(located t-1 office2)", "").expect("a heartbeat");
     assert_eq!(office.known("known-temperature"), known);
-    // From now on the thermometer is responsible for the fact, and it is false if a heartbeat leaves it
-    // out.
+    // From now on the thermometer is responsible for the fact, which is false if a heartbeat omits
+    // it.
     office.beat("t-1", (1, 2), &format!("(located t-1 office2) {known}"), "").expect("a beat");
     assert_eq!(office.known("known-temperature"), known);
     office.beat("t-1", (1, 3), "(located t-1 office2)", "").expect("a heartbeat");
     assert_eq!(office.known("known-temperature"), "");
     assert!(office.set("keyboard", known).is_err());
-    // The map's claim is withdrawn when an agent denies the fact explicitly.
+    // The claim of the map is withdrawn when an agent denies the fact explicitly.
     office.beat("t-1", (1, 4), "(not (connected corridor office2))", "").expect("a heartbeat");
     assert_eq!(office.known("connected"), "");
 }
@@ -215,7 +215,7 @@ fn a_cost_below_zero_is_refused() {
 }
 
 #[test]
-fn a_cost_below_zero_is_believed_of_nobody() {
+fn a_claimed_cost_below_zero_is_ignored() {
     let mut office = robots();
     office.beat("turtlebot-1", (1, 1), "(= (distance corridor office2) -5)", "").expect("a beat");
     assert_eq!(office.known("distance"), "(= (distance corridor office2) 6)", "the map's fact");
@@ -226,10 +226,10 @@ fn a_cost_below_zero_is_believed_of_nobody() {
 }
 
 #[test]
-fn what_one_says_is_so_is_not_taken_back_because_another_is_silent() {
+fn a_missing_fact_does_not_override_the_claim_of_another_owner() {
     let mut office = office().with([thermometer("t-1"), thermometer("t-2")]);
     let known = "(known-temperature office2)";
-    // The heartbeats of both have contained the fact, so both are responsible for it.
+    // The heartbeats of both agents have contained the fact, so both are responsible for it.
     office.beat("t-2", (1, 1), known, "").expect("a heartbeat");
     office.beat("t-2", (1, 2), "", "").expect("a heartbeat");
     office.beat("t-1", (1, 1), known, "").expect("a heartbeat");
@@ -238,7 +238,7 @@ fn what_one_says_is_so_is_not_taken_back_because_another_is_silent() {
 }
 
 #[test]
-fn of_a_number_the_newest_claim_is_believed() {
+fn the_newest_claim_of_a_number_is_believed() {
     let mut office = robots();
     let meters = |number: u32| format!("(= (distance corridor office2) {number})");
     assert_eq!(office.known("distance"), meters(6));
@@ -251,7 +251,7 @@ fn of_a_number_the_newest_claim_is_believed() {
 }
 
 #[test]
-fn heartbeats_that_contradict_each_other_do_not_take_turns() {
+fn contradicting_heartbeats_do_not_alternate() {
     let mut office = robots();
     let speed = |office: &Office| office.known("speed").lines().next().map(str::to_owned);
     let word = |number: &str| format!("(= (speed turtlebot-1) {number})");
@@ -273,7 +273,7 @@ fn heartbeats_that_contradict_each_other_do_not_take_turns() {
 }
 
 #[test]
-fn the_map_changes_by_request() {
+fn a_request_changes_the_map() {
     let mut office = office();
     let now = office.now;
     let door = facts("(connected corridor office2)");
@@ -286,7 +286,7 @@ fn the_map_changes_by_request() {
 }
 
 #[test]
-fn facts_wait_for_their_words() {
+fn facts_are_left_out_until_their_names_are_declared() {
     let mut office = office();
     let bad = "(at turtlebot-1 corridor) (at corridor corridor) (at corridor) (flying corridor)";
     assert!(office.set("keyboard", bad).expect("a request").is_empty());

@@ -122,7 +122,7 @@ fn equal_means_modulo_variable_names_and_nesting() {
 }
 
 #[test]
-fn unequal_actions_of_one_name_are_told_apart() {
+fn different_actions_with_the_same_name_are_qualified() {
     let models = [thermometer("thermometer-office2"), ir_sensor("ir-1", "turtlebot-1")];
     let office = office().with(models).with([turtlebot("turtlebot-1")]);
     check_domain(
@@ -248,7 +248,7 @@ fn an_object_named_in_an_action_becomes_a_constant() {
 }
 
 #[test]
-fn a_guard_takes_no_name_of_others() {
+fn a_guard_gets_an_unused_name() {
     let sections = "(:predicates (offers-move ?r - mobile-base) (offers-move-2))";
     let office = office().with([model("impostor", sections), turtlebot("turtlebot-1")]);
     assert_eq!(office.known("offers-move-3"), "(offers-move-3 turtlebot-1)");
@@ -289,7 +289,7 @@ fn axioms_come_with_their_predicate() {
 }
 
 #[test]
-fn an_action_withheld_by_request_keeps_its_schema() {
+fn a_disabled_action_keeps_its_schema() {
     let mut office = office().with([turtlebot("turtlebot-1"), turtlebot("turtlebot-2")]);
     let now = office.now;
     let one = Some(crate::office::id("turtlebot-1"));
@@ -304,7 +304,7 @@ fn an_action_withheld_by_request_keeps_its_schema() {
 }
 
 #[test]
-fn a_goal_is_measured_by_its_cost_unless_asked_otherwise() {
+fn the_metric_is_the_total_cost_by_default() {
     let mut office = office().with([thermometer("thermometer-office2")]);
     let goal = || pddl::parse_condition("(known-temperature office2)").value.expect("a goal");
     let problem = office.snapshot().with_goal(&goal(), None);

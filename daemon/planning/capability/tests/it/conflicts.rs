@@ -1,12 +1,12 @@
-//! Tests that a part of a model that cannot be composed is left out and named, and does not affect other
-//! parts.
+//! Tests that a part of a model that cannot be composed is left out and reported, without an effect
+//! on other parts.
 
 use expect_test::{Expect, expect};
 
 use crate::office::{model, office, turtlebot};
 
-/// Admits models of the agents `a`, `b`, …, each with one of these sections; then checks the conflicts
-/// and the actions.
+/// Admits models of the agents `a`, `b`, …, each with one of these sections; then checks the
+/// conflicts and the actions.
 #[track_caller]
 fn check<const N: usize>(sections: [&str; N], expected: Expect) {
     let names = ["a", "b", "c"];
@@ -16,7 +16,7 @@ fn check<const N: usize>(sections: [&str; N], expected: Expect) {
 }
 
 #[test]
-fn the_ontology_wins() {
+fn the_ontology_takes_precedence() {
     check(
         ["(:types room - sensor) (:predicates (at ?b - mobile-base))
           (:objects corridor - room a - sensor)
@@ -53,7 +53,7 @@ fn a_conflict_of_two_agents_names_both() {
 }
 
 #[test]
-fn who_was_here_first_stays_after_a_change_of_its_model() {
+fn the_first_declaration_keeps_precedence_after_a_model_change() {
     let mut office = office()
         .with([model("b", "(:predicates (lit ?r - room))"), model("a", "(:predicates (lit))")]);
     let admission = office.admit(&model("b", "(:predicates (lit ?r - room) (dark))"));
@@ -61,10 +61,10 @@ fn who_was_here_first_stays_after_a_change_of_its_model() {
     expect![[r#"
         predicate `lit` of `b` and `a`: `b` declares `(lit ?r - room)`, which is used; `(lit)` of `a` is left out
     "#]].assert_eq(&office.conflicts());
-    // The agent with the declaration in force has left: now the declaration of the other is in force.
+    // The agent with the declaration in force has left, so the other declaration comes into force.
     office.remove("b");
     assert_eq!(office.conflicts(), "");
-    // It stays in force.
+    // The declaration of `a` stays in force when `b` returns.
     office.admit(&model("b", "(:predicates (lit ?r - room))"));
     expect![[r#"
         predicate `lit` of `a` and `b`: `a` declares `(lit)`, which is used; `(lit ?r - room)` of `b` is left out
@@ -72,7 +72,7 @@ fn who_was_here_first_stays_after_a_change_of_its_model() {
 }
 
 #[test]
-fn nobody_can_execute_an_action_without_an_agent() {
+fn an_action_without_an_agent_is_left_out() {
     check(
         ["(:objects a - sensor)
           (:action think :effect (known-temperature office2))
@@ -87,7 +87,7 @@ fn nobody_can_execute_an_action_without_an_agent() {
 }
 
 #[test]
-fn an_agent_acts_as_itself() {
+fn the_acting_agent_must_be_an_object_of_the_right_type() {
     check(
         [
             "(:action think :agent ?a - sensor :effect (known-temperature office2))",
@@ -103,7 +103,7 @@ fn an_agent_acts_as_itself() {
 }
 
 #[test]
-fn types_cannot_go_in_circles() {
+fn types_cannot_form_a_cycle() {
     check(
         ["(:types x - y z - x)", "(:types y - x)"],
         expect![[r#"
@@ -115,7 +115,7 @@ fn types_cannot_go_in_circles() {
 }
 
 #[test]
-fn objects_of_two_types_are_of_the_first() {
+fn an_object_of_two_types_has_the_first() {
     check(
         ["(:objects thing - room)", "(:objects thing - sensor)"],
         expect![[r#"
@@ -126,7 +126,7 @@ fn objects_of_two_types_are_of_the_first() {
 }
 
 #[test]
-fn what_nobody_declares_cannot_be_used() {
+fn undeclared_names_cannot_be_used() {
     check(
         ["(:objects a - sensor box - crate) (:predicates (in ?x - crate ?y - bag))
           (:action fly :agent ?a - sensor :effect (flown ?a))
@@ -146,7 +146,7 @@ fn what_nobody_declares_cannot_be_used() {
 }
 
 #[test]
-fn only_who_declares_a_predicate_derives_it() {
+fn only_the_declaring_model_may_derive_a_predicate() {
     check(
         [
             "(:derived (known-temperature ?r - room) (connected ?r ?r))",
@@ -163,7 +163,7 @@ fn only_who_declares_a_predicate_derives_it() {
 }
 
 #[test]
-fn a_conflict_is_told_once() {
+fn a_conflict_is_reported_once() {
     let mut office = office().with([model("a", "(:predicates (lit ?r - room))")]);
     let clash = model("b", "(:predicates (lit))");
     let admission = office.admit(&clash);

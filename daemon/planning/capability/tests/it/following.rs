@@ -1,4 +1,5 @@
-//! Tests that a copy of the state that follows announced changes equals the state of the maintainer.
+//! Tests that a copy of the state that follows announced changes equals the state of the
+//! maintainer.
 
 use acl::content::EpochChange;
 use capability::{DomainChange, FollowError, Follower, Timestamp};
@@ -18,7 +19,7 @@ fn sorted(facts: impl IntoIterator<Item = InitElement>) -> Vec<String> {
 }
 
 #[test]
-fn a_copy_follows_and_knows_when_it_cannot() {
+fn a_copy_applies_changes_and_detects_gaps() {
     let mut office = office().with([turtlebot("turtlebot-1")]);
     let mut follower = copy(&office);
     let mut told: Vec<DomainChange> = Vec::new();
@@ -50,7 +51,7 @@ fn a_copy_follows_and_knows_when_it_cannot() {
 }
 
 #[test]
-fn what_is_no_pddl_changes_nothing() {
+fn an_unreadable_change_changes_nothing() {
     let mut follower = copy(&office());
     let before = follower.clone();
     let bad = EpochChange { revision: 1, believed: "(at (".to_owned(), ..EpochChange::default() };

@@ -77,7 +77,7 @@ fn agents_are_bounded() {
 }
 
 #[test]
-fn a_model_speaks_for_its_sender_and_of_the_ontology() {
+fn a_model_must_describe_its_sender_and_use_the_ontology() {
     let mut office = office();
     let mut stolen = announcement(&thermometer("t-1"), 1);
     stolen.agent = AgentId::new("t-2").expect("a name");

@@ -1,12 +1,12 @@
-//! Tests that a maintainer that composes on request and one that composes at each input give the same
-//! result.
+//! Tests that a maintainer that composes on request gives the same result as one that composes at
+//! each input.
 
 use proptest::prelude::*;
 
 use crate::office::{Office, announcement, model, office, office_of, thermometer, turtlebot};
 
-/// Sections of models that contradict each other. No part of them is private, so that both kinds of
-/// maintainer show the same.
+/// Sections of models that contradict each other. No part is private, so that both kinds of
+/// maintainer show the same result.
 const WORDS: [&str; 9] = [
     "",
     "(:types drone - mobile-base) (:predicates (aloft ?d - drone))",
@@ -19,7 +19,8 @@ const WORDS: [&str; 9] = [
     "(:objects pole - location)",
 ];
 
-/// One of four agents announces one of these models, or leaves; or a snapshot is requested.
+/// An event: one of four agents announces one of these models or leaves, or a snapshot is
+/// requested.
 #[derive(Clone, Debug)]
 enum Event {
     Says(usize, usize),
@@ -50,7 +51,8 @@ fn tell(office: &mut Office, event: &Event) {
     }
 }
 
-/// Configuration without files of seeds: a failure prints its case, which then becomes a test of its own.
+/// Configuration without seed files: a failure prints its case, which should become a test of its
+/// own.
 fn config() -> ProptestConfig {
     ProptestConfig { cases: 512, failure_persistence: None, ..ProptestConfig::default() }
 }
@@ -59,7 +61,7 @@ proptest! {
     #![proptest_config(config())]
 
     #[test]
-    fn who_composes_late_composes_the_same(events in prop::collection::vec(event(), 1..24)) {
+    fn late_composition_gives_the_same_result(events in prop::collection::vec(event(), 1..24)) {
         let (mut at_once, mut late) = (office(), office_of("nobody"));
         for event in &events {
             tell(&mut at_once, event);
@@ -72,7 +74,7 @@ proptest! {
     }
 
     #[test]
-    fn models_that_are_composed_together_compose_the_same(
+    fn composing_models_together_gives_the_same_result(
         events in prop::collection::vec(event(), 1..24)
     ) {
         let (mut at_once, mut together) = (office(), office());
@@ -104,7 +106,7 @@ proptest! {
     }
 }
 
-/// Returns models of an agent `name`: several of the same type of agent, and some of other types.
+/// Returns several models of an agent `name`: some of the same agent type and some of other types.
 fn kinds(name: &str) -> Vec<String> {
     let flies = |parameter: &str| {
         format!(
@@ -137,10 +139,12 @@ fn kind() -> impl Strategy<Value = (usize, Option<usize>)> {
 proptest! {
     #![proptest_config(config())]
 
-    /// Compares a maintainer with one that never adds agents incrementally: in that one, each agent joins
-    /// with an empty model, and then changes the model.
+    /// Compares a maintainer with one that never adds agents incrementally, because each agent
+    /// joins with an empty model and then changes it.
     #[test]
-    fn who_is_added_is_composed_the_same(events in prop::collection::vec(kind(), 1..16)) {
+    fn adding_an_agent_incrementally_gives_the_same_result(
+        events in prop::collection::vec(kind(), 1..16),
+    ) {
         let (mut added, mut anew) = (office(), office());
         let mut here = std::collections::BTreeSet::new();
         for (agent, kind) in events {
@@ -172,10 +176,10 @@ proptest! {
 proptest! {
     #![proptest_config(config())]
 
-    /// Several agents join at once, and some of them cannot be added incrementally. The agents added
-    /// before these are then composed together with the rest.
+    /// Several agents join at once, and some of them cannot be added incrementally. The agents that
+    /// were added before are then composed together with the rest.
     #[test]
-    fn who_are_added_together_are_composed_the_same(
+    fn adding_agents_together_gives_the_same_result(
         first in prop::collection::vec(0_usize..12, 1..4),
         then in prop::collection::vec(0_usize..12, 1..5),
     ) {
@@ -203,7 +207,7 @@ proptest! {
 }
 
 #[test]
-fn what_is_taken_changes_nothing_until_it_is_composed() {
+fn an_added_model_changes_nothing_until_it_is_composed() {
     let mut office = office();
     let (one, two) = (thermometer("t-1"), thermometer("t-2"));
     office.maintainer.add_model(announcement(&one, 1), office.now).expect("a good model");
@@ -218,13 +222,13 @@ fn what_is_taken_changes_nothing_until_it_is_composed() {
 }
 
 #[test]
-fn what_stood_stands_while_anyone_says_it_though_nobody_looked() {
+fn precedence_is_tracked_without_composition() {
     let mut office = office_of("nobody");
     for event in [
         Event::Says(0, 8),
         Event::Says(1, 5),
         Event::Says(2, 8),
-        // Of the two that remain, the other one has been present longer.
+        // Of the two remaining agents, the other one has been present longer.
         Event::Goes(0),
     ] {
         tell(&mut office, &event);

@@ -9,12 +9,12 @@ fn sensors() -> Office {
 const BOTH: &str = "report-temperature--ir-1 report-temperature--t-1";
 
 #[test]
-fn a_variant_is_named_after_who_brought_it() {
+fn a_variant_is_named_after_its_first_agent() {
     assert_eq!(sensors().actions(), BOTH);
 }
 
 #[test]
-fn a_name_outlives_the_leave_of_its_agent() {
+fn a_name_remains_after_its_agent_has_left() {
     let mut office = sensors();
     office.remove("t-1");
     assert_eq!(office.actions(), BOTH);
@@ -25,7 +25,7 @@ fn a_name_outlives_the_leave_of_its_agent() {
 }
 
 #[test]
-fn a_qualified_name_outlives_the_other_variant_but_not_its_own() {
+fn a_qualified_name_remains_while_its_variant_exists() {
     let mut office = sensors();
     office.remove("ir-1");
     assert_eq!(office.actions(), "report-temperature--t-1");
@@ -36,7 +36,7 @@ fn a_qualified_name_outlives_the_other_variant_but_not_its_own() {
 }
 
 #[test]
-fn steps_cross_the_border_both_ways() {
+fn steps_are_translated_in_both_directions() {
     let snapshot = sensors().snapshot();
     for (outside, inside) in [
         ("(report-temperature t-0 office2)", "(report-temperature--t-1 t-0 office2)"),
@@ -63,8 +63,8 @@ fn names_are_unique_whatever_agents_call_their_actions() {
         act("c", "look", "(and)"),
     ]);
     assert_eq!(office.actions(), "look--a look--a-2 look--c");
-    // An action with the plain name `look--c` joins: it is qualified, because another already has that
-    // name.
+    // An action with the name `look--c` joins. It is qualified, because another action already has
+    // that name.
     let office = office.with([act("d", "look--c", "(and)")]);
     assert_eq!(office.actions(), "look--a look--a-2 look--c look--c--d");
 }

@@ -1,4 +1,4 @@
-//! An office that the tests use: its ontology, its map, its agents, and short functions for inputs.
+//! An office for the tests: its ontology, its map, its agents, and short functions for inputs.
 
 use std::collections::BTreeSet;
 
@@ -29,7 +29,7 @@ const MAP: &str = "
 pub(crate) struct Office {
     pub(crate) maintainer: Maintainer,
     pub(crate) now: Timestamp,
-    /// Agents of which the snapshots use the whole models; `None` for all agents.
+    /// Agents with whole models in the snapshots; `None` for all agents.
     pub(crate) eyes: Option<BTreeSet<AgentId>>,
 }
 
@@ -37,7 +37,8 @@ pub(crate) fn office() -> Office {
     scoped(MaintainerScope::Everything, None)
 }
 
-/// Creates an office with a maintainer of public scope; its snapshots are those of the actuator `own`.
+/// Creates an office with a maintainer of public scope. Its snapshots are those of the actuator
+/// `own`.
 pub(crate) fn office_of(own: &str) -> Office {
     scoped(MaintainerScope::Public, Some([id(own)].into()))
 }
@@ -56,13 +57,13 @@ pub(crate) fn facts(text: &str) -> Vec<InitElement> {
     pddl::parse_init_elements(text).into_result().expect("facts")
 }
 
-/// Returns effects that make these facts believed; `(not FACT)` retracts a fact.
+/// Returns effects that make these facts believed; a `(not FACT)` retracts the fact.
 pub(crate) fn effects(believe: &str) -> Effects {
     Effects { believe: facts(believe), retract: Vec::new() }
 }
 
-/// Returns the model of a TurtleBot: the example of docs/design.md, “Action models”, with a private
-/// object.
+/// Returns the model of a TurtleBot, the example in docs/design.md under “Action models”, with a
+/// private object.
 pub(crate) fn turtlebot(name: &str) -> String {
     format!(
         "(define (agent {name}) (:domain smart-office)
@@ -98,7 +99,7 @@ pub(crate) fn ir_sensor(name: &str, base: &str) -> String {
     )
 }
 
-/// Returns a model of the agent `name` that has these sections only.
+/// Returns a model of the agent `name` with only these sections.
 pub(crate) fn model(name: &str, sections: &str) -> String {
     format!("(define (agent {name}) (:domain smart-office) {sections})")
 }
@@ -114,7 +115,7 @@ pub(crate) fn announcement(model: &str, incarnation: u64) -> Announcement {
 // === impl Office ===
 
 impl Office {
-    /// Admits these models, one after the other, each in the first incarnation of its agent.
+    /// Admits the models one after the other, each in the first incarnation of its agent.
     pub(crate) fn with<S: AsRef<str>>(mut self, models: impl IntoIterator<Item = S>) -> Office {
         for model in models {
             self.admit(model.as_ref());
@@ -135,8 +136,8 @@ impl Office {
         self.maintainer.admit(announcement(model, incarnation), self.now)
     }
 
-    /// Applies a heartbeat with the facts in `facts_`, and with those in `brief`, which are known for ten
-    /// seconds.
+    /// Applies a heartbeat with the facts in `facts_`, and with the facts in `brief`, which expire
+    /// after ten seconds.
     pub(crate) fn beat(
         &mut self,
         agent: &str,

@@ -31,7 +31,8 @@ fn check(order: &[String], reference: &Office, office: Office) -> Result<(), Tes
     Ok(())
 }
 
-/// Configuration without files of seeds: a failure prints its case, which then becomes a test of its own.
+/// Configuration without seed files: a failure prints its case, which should become a test of its
+/// own.
 fn config() -> ProptestConfig {
     ProptestConfig { cases: 64, failure_persistence: None, ..ProptestConfig::default() }
 }
@@ -45,15 +46,18 @@ proptest! {
     }
 
     #[test]
-    fn any_order_composes_the_same_for_one(order in Just(models()).prop_shuffle()) {
+    fn any_order_composes_the_same_for_one_actuator(order in Just(models()).prop_shuffle()) {
         let own = || office_of("turtlebot-2");
         check(&order, &own().with(models()), own())?;
     }
 
-    /// After any agents have joined and left, the remaining ones are composed as if they had always been
-    /// alone. Only qualified names may be kept.
+    /// After some agents have left, the composition of the rest is the same as if they had always
+    /// been alone, except for qualified names.
     #[test]
-    fn who_left_leaves_nothing(order in Just(models()).prop_shuffle(), stay in 0_usize..8) {
+    fn an_agent_that_left_leaves_no_trace(
+        order in Just(models()).prop_shuffle(),
+        stay in 0_usize..8,
+    ) {
         let mut office = office().with(&order);
         for gone in order.iter().skip(stay) {
             let name = gone.split(')').next().and_then(|head| head.split(' ').nth(2));

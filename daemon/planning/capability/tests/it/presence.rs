@@ -7,7 +7,7 @@ use expect_test::expect;
 use crate::office::{id, office, thermometer, told, turtlebot};
 
 #[test]
-fn masking_takes_the_offer_and_nothing_else() {
+fn masking_removes_only_the_offers() {
     let mut office = office().with([turtlebot("turtlebot-1"), turtlebot("turtlebot-2")]);
     let before = office.snapshot();
     expect![[r#"
@@ -30,7 +30,7 @@ fn masking_takes_the_offer_and_nothing_else() {
 }
 
 #[test]
-fn removing_takes_actions_objects_and_facts() {
+fn removal_removes_actions_objects_and_facts() {
     let mut office = office();
     let before = office.snapshot();
     let joined = office.admit(&turtlebot("turtlebot-1")).change;
@@ -64,7 +64,7 @@ fn a_masked_agent_leaves_once() {
 }
 
 #[test]
-fn silence_masks_until_the_next_heartbeat() {
+fn a_silent_agent_is_masked_until_its_next_heartbeat() {
     let mut office = office().with([thermometer("t-1")]);
     office.beat("t-1", (1, 1), "", "").expect("a heartbeat");
     assert_eq!(office.maintainer.next_expiry(), Some(Timestamp(4_500)));
@@ -74,13 +74,13 @@ fn silence_masks_until_the_next_heartbeat() {
     assert_eq!(office.maintainer.expire(office.now).left, [id("t-1")]);
     assert_eq!(office.maintainer.next_expiry(), None);
     assert_eq!(office.beat("t-1", (1, 2), "", "").expect("a heartbeat").joined, [id("t-1")]);
-    // A heartbeat that was under way does not undo the loss of a token.
+    // A heartbeat that was sent before the loss of a token does not undo the loss.
     office.mask("t-1");
     assert!(office.beat("t-1", (1, 3), "", "").expect("a heartbeat").joined.is_empty());
 }
 
 #[test]
-fn a_known_model_changes_nothing_and_a_changed_one_makes_an_epoch() {
+fn a_known_model_changes_nothing_and_a_changed_one_starts_an_epoch() {
     let mut office = office();
     let first = office.admit(&thermometer("t-1")).change;
     assert!(office.admit(&thermometer("t-1")).change.is_empty());
@@ -91,7 +91,7 @@ fn a_known_model_changes_nothing_and_a_changed_one_makes_an_epoch() {
 }
 
 #[test]
-fn the_token_of_a_former_life_does_not_count() {
+fn the_token_of_an_earlier_incarnation_is_ignored() {
     let mut office = office().with([thermometer("t-1")]);
     office.admit_life(&thermometer("t-1"), 2).expect("a new incarnation");
     assert!(office.mask("t-1").is_empty());

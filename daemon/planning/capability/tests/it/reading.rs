@@ -18,7 +18,7 @@ fn heartbeat(facts: &str) -> Heartbeat {
 }
 
 #[test]
-fn a_heartbeat_is_read_against_the_clock() {
+fn the_expiry_of_facts_is_relative_to_the_time_of_receipt() {
     let read =
         |text| ParsedHeartbeat::read(id("t-1"), Incarnation(1), &heartbeat(text), Timestamp(500));
     let beat = read("(located t-1 office2)").expect("a heartbeat");
@@ -29,7 +29,7 @@ fn a_heartbeat_is_read_against_the_clock() {
 }
 
 #[test]
-fn a_request_is_read_whole_or_not_at_all() {
+fn a_request_is_read_as_a_whole_or_rejected() {
     let change = |believe: &str, retract: &str| ChangeState {
         believe: believe.to_owned(),
         retract: retract.to_owned(),
@@ -41,7 +41,7 @@ fn a_request_is_read_whole_or_not_at_all() {
 }
 
 #[test]
-fn who_hears_the_same_need_not_read_it_again() {
+fn a_parsed_model_is_reused_by_another_maintainer() {
     let one = office().with([thermometer("t-1"), thermometer("t-2")]);
     let digest = model_digest(&thermometer("t-1"), &Methods::new());
     let read = |incarnation, digest| {
@@ -111,7 +111,7 @@ fn a_model_comes_with_its_methods_and_leaves_with_the_snapshot() {
 }
 
 #[test]
-fn the_digest_of_a_problem_is_of_its_objects_and_facts_and_not_of_its_goal() {
+fn the_digest_of_a_problem_covers_objects_and_facts_but_not_the_goal() {
     let read = |objects: &str, facts: &str, goal: &str| {
         let text = format!(
             "(define (problem p) (:domain d) (:objects {objects}) (:init {facts}) (:goal {goal}))"

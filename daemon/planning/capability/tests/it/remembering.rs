@@ -14,7 +14,7 @@ fn former(office: &Office) -> Vec<String> {
 }
 
 #[test]
-fn what_the_last_agent_could_do_is_remembered_until_one_offers_it_again() {
+fn actions_of_the_last_agent_are_remembered_until_offered_again() {
     let mut office = office().with([turtlebot("t"), thermometer("one"), thermometer("two")]);
     assert!(former(&office).is_empty());
     office.remove("one");
@@ -44,7 +44,7 @@ fn what_the_last_agent_could_do_is_remembered_until_one_offers_it_again() {
 }
 
 #[test]
-fn an_agent_that_takes_an_action_out_of_its_model_is_remembered_with_it() {
+fn an_action_removed_from_a_model_is_remembered() {
     let mut office = office().with([thermometer("one")]);
     office.admit(&model("one", "(:objects one - temperature-sensor)"));
     expect![[r#"
@@ -56,7 +56,7 @@ fn an_agent_that_takes_an_action_out_of_its_model_is_remembered_with_it() {
 }
 
 #[test]
-fn guards_are_told_of_those_who_cannot_act_now_too() {
+fn guards_of_masked_agents_are_published() {
     let mut office = office().with([turtlebot("t")]);
     office.mask("t");
     let content = office.snapshot().to_content();
@@ -66,14 +66,14 @@ fn guards_are_told_of_those_who_cannot_act_now_too() {
 }
 
 #[test]
-fn an_actuators_own_remembers_nothing_of_others() {
+fn an_actuators_maintainer_remembers_no_other_agents() {
     let mut office = office_of("one").with([turtlebot("t"), thermometer("one")]);
     office.remove("t");
     assert!(former(&office).is_empty());
 }
 
 #[test]
-fn memory_is_bounded_and_forgets_the_oldest() {
+fn memory_is_bounded_and_drops_the_oldest() {
     let mut office = office();
     for number in 0..capability::limits::REMEMBERED_MAX + 3 {
         let action = format!(

@@ -1,5 +1,5 @@
-//! Tests that skipping a heartbeat that equals the one before it gives the same result as parsing every
-//! heartbeat.
+//! Tests that skipping heartbeats that equal the previous one gives the same result as parsing
+//! every heartbeat.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -12,8 +12,8 @@ use crate::office::{Office, effects, facts, id, office, office_of, thermometer, 
 
 const AGENTS: [&str; 3] = ["turtlebot-1", "turtlebot-2", "thermometer-1"];
 
-/// The facts of the heartbeats in the tests: about the sending agents themselves, about each other, more
-/// or fewer.
+/// The facts of the heartbeats in the tests: about the sending agents themselves or about each
+/// other, more or fewer.
 const WORDS: [&str; 8] = [
     "",
     "(at turtlebot-1 corridor) (= (speed turtlebot-1) 0.3)",
@@ -27,7 +27,7 @@ const WORDS: [&str; 8] = [
 
 #[derive(Clone, Debug)]
 enum Deed {
-    /// An agent sends a heartbeat, which usually equals the one before it.
+    /// An agent sends a heartbeat, which usually equals its previous one.
     Beat {
         who: usize,
         word: Option<usize>,
@@ -142,7 +142,7 @@ fn play(deeds: &[Deed], new: impl Fn() -> Office) -> Result<u32, TestCaseError> 
                 let (sequence, word) = (before + 1, word.unwrap_or(last));
                 said.insert(who, (sequence, word, !passes));
                 if passes {
-                    // Facts that expire: such a heartbeat never counts as equal.
+                    // A heartbeat with facts that expire never counts as a repetition.
                     let beat = |house: &mut House| {
                         house.office.beat(AGENTS[who], (1, sequence), "", WORDS[word]).ok()
                     };
@@ -155,8 +155,8 @@ fn play(deeds: &[Deed], new: impl Fn() -> Office) -> Result<u32, TestCaseError> 
             }
             _ => [&mut reading, &mut repeating].map(|house| house.other(deed)),
         };
-        // With a public scope, the revision also counts changes that may not be visible, and so depends
-        // on the number of parsed heartbeats.
+        // With a public scope, the revision also counts invisible changes, so it depends on the
+        // number of parsed heartbeats.
         let counted = reading.office.eyes.is_none();
         let [read, repeated] = changes.map(|change| {
             let change = change?;
@@ -178,14 +178,16 @@ proptest! {
     })]
 
     #[test]
-    fn nobody_can_tell(deeds in prop::collection::vec(deed(), 1..60)) {
+    fn skipping_repeated_heartbeats_changes_no_result(
+        deeds in prop::collection::vec(deed(), 1..60),
+    ) {
         play(&deeds, office)?;
         play(&deeds, || office_of("turtlebot-2"))?;
     }
 }
 
 #[test]
-fn in_quiet_times_nothing_is_read_twice() {
+fn repeated_heartbeats_are_not_parsed_again() {
     let says = |word| Deed::Beat { who: 0, word, passes: false };
     let quiet: Vec<_> = [says(Some(1))].into_iter().chain((0..9).map(|_| says(None))).collect();
     assert_eq!(play(&quiet, office).expect("no difference"), 9);

@@ -1,4 +1,5 @@
-//! Tests of changes by requests at run time, and of passing them on to the maintainers of actuators.
+//! Tests of changes by requests at run time, and of their announcement to the maintainers of
+//! actuators.
 
 use acl::content::{Observation, Requested, RequestedSince};
 use acl::{AgentId, Millis};
@@ -19,7 +20,7 @@ fn observed(office: &mut Office, who: &str, facts: &str, known_for: &[(&str, u64
     office.maintainer.apply_observation(&id(who), &known, office.now).expect("room");
 }
 
-/// Passes all requested changes of the maintainer in `central` on to the actuator's maintainer in
+/// Announces all requested changes of the maintainer in `central` to the actuator's maintainer in
 /// `local`.
 fn tell(central: &Office, local: &mut Office) -> Requested {
     let told = central.maintainer.requested(central.now);
@@ -28,8 +29,8 @@ fn tell(central: &Office, local: &mut Office) -> Requested {
     told
 }
 
-/// Passes the requested changes since the last call on to the actuator's maintainer, or all of them if
-/// that is necessary.
+/// Announces the requested changes since the last call to the actuator's maintainer, or all of them
+/// if that is necessary.
 fn tell_news(central: &mut Office, local: &mut Office) -> Option<RequestedSince> {
     let Some(since) = central.maintainer.requested_since(central.now) else {
         tell(central, local);
@@ -45,7 +46,7 @@ fn metric(text: &str) -> Option<pddl::Metric> {
 }
 
 #[test]
-fn an_observation_is_its_observers_word_for_its_time() {
+fn an_observation_is_a_claim_of_its_observer_until_it_expires() {
     let mut office = office().with([thermometer("t-1")]);
     observed(&mut office, "ann", "", &[("(known-temperature office2)", 10_000)]);
     assert_eq!(office.known("known-temperature"), "(known-temperature office2)");
@@ -61,7 +62,7 @@ fn an_observation_is_its_observers_word_for_its_time() {
 }
 
 #[test]
-fn observers_who_contradict_each_other_are_all_seen_and_the_newest_is_believed() {
+fn all_contradicting_observations_are_kept_and_the_newest_is_believed() {
     let ontology_has = "(= (distance corridor office2) 6)";
     let mut office = office();
     observed(&mut office, "ann", "(= (distance corridor office2) 7)", &[]);
@@ -86,7 +87,7 @@ fn observers_who_contradict_each_other_are_all_seen_and_the_newest_is_believed()
     let fact = &facts(ontology_has)[0];
     let others = office.maintainer.contradicting(fact, &Owner::Map);
     assert_eq!(others.len(), 2);
-    // An observed `(not FACT)` is contradicted by all owners that claim the fact.
+    // All owners that claim a fact contradict an observed `(not FACT)`.
     let not = &facts("(not (connected corridor office2))")[0];
     let others = office.maintainer.contradicting(not, &Owner::Agent(id("ann")));
     assert_eq!(others[0].0, Owner::Map);
@@ -95,7 +96,7 @@ fn observers_who_contradict_each_other_are_all_seen_and_the_newest_is_believed()
 }
 
 #[test]
-fn the_owners_word_goes_before_an_observation() {
+fn a_heartbeat_of_the_owner_overrides_an_observation() {
     let mut office = office().with([turtlebot("t")]);
     observed(&mut office, "ann", "(= (speed t) 9)", &[]);
     assert_eq!(office.known("speed"), "(= (speed t) 9)");
@@ -104,7 +105,7 @@ fn the_owners_word_goes_before_an_observation() {
 }
 
 #[test]
-fn actions_are_changed_together_or_not_at_all() {
+fn actions_are_changed_atomically() {
     let mut office = office().with([turtlebot("t"), thermometer("one")]);
     let of = |action: &str, agent: Option<AgentId>| (action.into(), agent);
     let now = office.now;
@@ -124,7 +125,7 @@ fn actions_are_changed_together_or_not_at_all() {
 }
 
 #[test]
-fn a_metric_has_to_mean_something() {
+fn a_meaningless_metric_is_declined() {
     let mut office = office().with([turtlebot("t")]);
     let now = office.now;
     let nonsense = metric("(:metric minimize (joy t))");
@@ -141,7 +142,7 @@ fn a_metric_has_to_mean_something() {
 }
 
 #[test]
-fn what_requests_changed_reaches_an_actuators_own_maintainer() {
+fn changes_by_requests_reach_an_actuators_maintainer() {
     let mut central = office().with([turtlebot("t"), thermometer("one")]);
     let mut local = office_of("one").with([turtlebot("t"), thermometer("one")]);
     assert_eq!(tell(&central, &mut local), Requested::default());
@@ -161,12 +162,13 @@ fn what_requests_changed_reaches_an_actuators_own_maintainer() {
     assert_eq!(local.known("known-temperature"), "(known-temperature office2)");
     assert_eq!(local.snapshot().problem.metric, slow);
     assert!(local.snapshot().offers().is_empty());
-    // Announcing the same again changes nothing.
+    // A repeated announcement changes nothing.
     let told = RequestedChanges::read(&central.maintainer.requested(central.now), local.now);
     let change =
         local.maintainer.apply_leader_requests(&told.expect("PDDL"), local.now).expect("room");
     assert!(change.is_empty(), "{change:?}");
-    // A fact that is no longer announced is withdrawn; one that is announced again keeps its expiry.
+    // A fact that is no longer announced is withdrawn. A fact that is announced again keeps its
+    // expiry.
     central
         .maintainer
         .apply_request(&ann, &effects("(not (connected office2 corridor))"), now)
@@ -180,7 +182,7 @@ fn what_requests_changed_reaches_an_actuators_own_maintainer() {
     assert_eq!(local.known("known-temperature"), "");
 }
 
-/// A change of requested facts, and whether it is announced to the actuators afterwards.
+/// A change of requested facts, and whether the change is announced to the actuators afterwards.
 #[derive(Clone, Copy, Debug)]
 struct Step {
     what: u8,
@@ -204,7 +206,7 @@ fn steps() -> impl Strategy<Value = Vec<Step>> {
     vec(step, 1..60)
 }
 
-/// Applies a step to the central maintainer. A heartbeat or a step of time is also applied to the
+/// Applies a step to the central maintainer. Heartbeats and steps of time are also applied to the
 /// maintainers of the actuators.
 fn happen(step: Step, beat: u64, central: &mut Office, locals: [&mut Office; 2]) {
     let Step { what, who, fact, number, .. } = step;
@@ -250,7 +252,7 @@ fn claims(office: &Office) -> Vec<String> {
 
 proptest! {
     #[test]
-    fn news_of_requests_leave_an_actuators_maintainer_knowing_what_all_of_it_would(
+    fn incremental_request_updates_equal_full_updates(
         steps in steps(),
     ) {
         let house = || [turtlebot("t"), thermometer("one"), thermometer("two")];
@@ -270,7 +272,7 @@ proptest! {
 }
 
 #[test]
-fn news_of_requests_are_as_long_as_what_is_new() {
+fn incremental_request_updates_contain_only_the_changes() {
     let mut central = office().with([turtlebot("t"), thermometer("one")]);
     let mut local = office_of("one").with([turtlebot("t"), thermometer("one")]);
     let ann = Owner::Agent(id("ann"));
@@ -300,7 +302,7 @@ fn news_of_requests_are_as_long_as_what_is_new() {
 }
 
 #[test]
-fn what_an_agent_says_itself_is_no_news() {
+fn facts_in_an_agents_own_heartbeats_are_not_announced() {
     let mut central = office().with([turtlebot("t")]);
     let now = central.now;
     let _ = central.maintainer.requested_since(now);
@@ -312,7 +314,7 @@ fn what_an_agent_says_itself_is_no_news() {
 }
 
 #[test]
-fn of_several_words_the_last_is_told_last() {
+fn the_last_of_several_claims_is_announced_last() {
     let mut central = office().with([turtlebot("t")]);
     let mut local = office_of("one").with([turtlebot("t"), thermometer("one")]);
     let _ = central.maintainer.requested_since(central.now);
@@ -326,7 +328,7 @@ fn of_several_words_the_last_is_told_last() {
 }
 
 #[test]
-fn a_word_that_is_told_does_not_go_before_what_an_owner_says_itself() {
+fn an_announced_claim_does_not_override_the_owners_heartbeat() {
     let mut central = office().with([turtlebot("t")]);
     let mut local = office_of("one").with([turtlebot("t"), thermometer("one")]);
     // An effect is not announced if the robot's own heartbeats report such facts.
@@ -338,12 +340,13 @@ fn a_word_that_is_told_does_not_go_before_what_an_owner_says_itself() {
     observed(&mut central, "t", "(at t office2)", &[]);
     tell(&central, &mut local);
     assert_eq!(local.known("at"), "(at t corridor)");
-    // An effect on facts that its heartbeats do not report is announced.
+    // An effect on facts outside the robot's heartbeats is announced.
     let opened = effects("(connected office2 corridor)");
     central.maintainer.apply_effects(&id("t"), None, &opened, now).expect("it is here");
     tell(&central, &mut local);
     assert!(local.known("connected").contains("(connected office2 corridor)"));
-    // A number that is announced again does not override that of the agent responsible for it.
+    // An announced number does not override the number of the agent that is responsible for the
+    // fact.
     observed(&mut central, "ann", "(= (speed t) 9)", &[]);
     tell(&central, &mut local);
     for office in [&mut central, &mut local] {
@@ -354,7 +357,7 @@ fn a_word_that_is_told_does_not_go_before_what_an_owner_says_itself() {
 }
 
 #[test]
-fn the_central_maintainer_follows_nobody() {
+fn the_central_maintainer_ignores_announced_requests() {
     let mut central = office();
     let told =
         Requested { retracted: "(connected corridor office2)".into(), ..Requested::default() };

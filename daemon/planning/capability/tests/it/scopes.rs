@@ -1,19 +1,19 @@
-//! Tests of what an actuator sees of other agents, and of what it does not see.
+//! Tests of the parts of other agents' models that an actuator's snapshot shows or hides.
 
 use capability::text_of;
 use expect_test::expect;
 
 use crate::office::{Office, id, ir_sensor, model, office_of, thermometer, turtlebot};
 
-/// Returns the office as the actuator `turtlebot-1` sees it. This robot can carry `ir-1`, and there is
-/// another robot.
+/// Returns the office in the scope of the actuator `turtlebot-1`. This robot can carry `ir-1`, and
+/// there is another robot.
 fn local() -> Office {
     let ir = ir_sensor("ir-1", "turtlebot-1");
     office_of("turtlebot-1").with([turtlebot("turtlebot-1"), turtlebot("turtlebot-2"), ir])
 }
 
 #[test]
-fn others_keep_their_actions_and_their_secrets() {
+fn a_snapshot_hides_the_actions_and_private_facts_of_others() {
     let office = local();
     let problem = office.snapshot().problem;
     expect![[r#"
@@ -46,7 +46,7 @@ fn others_keep_their_actions_and_their_secrets() {
 }
 
 #[test]
-fn what_is_carried_is_known_whole() {
+fn carried_agents_are_fully_visible() {
     let office = Office { eyes: Some([id("turtlebot-1"), id("ir-1")].into()), ..local() };
     assert_eq!(office.actions(), "move report-temperature");
     assert_eq!(office.known("offers-report-temperature"), "(offers-report-temperature ir-1)");
@@ -55,9 +55,9 @@ fn what_is_carried_is_known_whole() {
     assert_eq!(other.known("offers-move"), "(offers-move turtlebot-2)");
 }
 
-/// An agent is found to be carried if its model contains a fact that says so, with any predicate.
+/// An agent is carried if its model contains such a fact, with any predicate.
 #[test]
-fn what_is_carried_is_found_whatever_says_so() {
+fn carried_agents_are_detected_with_any_predicate() {
     for (declared, fact, is_carried) in [
         ("(arm-on ?a - arm ?b - mobile-base)", "(arm-on arm-1 turtlebot-1)", true),
         ("(carries ?b - mobile-base ?a - arm)", "(carries turtlebot-1 arm-1)", true),
@@ -66,7 +66,8 @@ fn what_is_carried_is_found_whatever_says_so() {
             "(fixed-to arm-1 turtlebot-1 front)",
             true,
         ),
-        // A fact about a third thing that also names the two, and one that its own actions change.
+        // A fact about a third object that also names the two, and a fact that the agent's own
+        // actions change.
         (
             "(between ?s - side ?b - mobile-base ?a - arm)",
             "(between front turtlebot-1 arm-1)",
@@ -98,7 +99,7 @@ fn what_is_carried_is_found_whatever_says_so() {
 }
 
 #[test]
-fn what_is_shared_has_nobodys_actions() {
+fn the_shared_snapshot_contains_no_actions() {
     let office = local();
     let shared = office.maintainer.snapshot(office.now);
     assert!(shared.domain.actions.is_empty() && shared.methods.is_empty());
@@ -106,14 +107,14 @@ fn what_is_shared_has_nobodys_actions() {
 }
 
 #[test]
-fn an_action_unknown_is_no_reason_to_qualify() {
+fn an_invisible_action_does_not_qualify_names() {
     let office = local().with([thermometer("t-1")]);
     let office = Office { eyes: Some([id("turtlebot-1"), id("ir-1")].into()), ..office };
     assert_eq!(office.actions(), "move report-temperature");
 }
 
 #[test]
-fn private_facts_of_others_are_never_told() {
+fn private_facts_of_others_are_never_shown() {
     let mut office = local();
     let said = "(docked turtlebot-2) (at turtlebot-2 dock-of-turtlebot-2)
         (connected corridor dock-of-turtlebot-2)";

@@ -1,4 +1,5 @@
-//! Tests of unknown facts: in the state, in the domain, and after the agent that knew them has left.
+//! Tests of unknown facts: in the state, in the domain, and after the agent that reported them has
+//! left.
 
 use expect_test::expect;
 use pddl::Condition;
@@ -48,7 +49,7 @@ fn unknown(office: &Office, symbol: &str) -> bool {
 }
 
 #[test]
-fn an_agent_says_that_it_does_not_know() {
+fn an_agent_can_report_a_fact_as_unknown() {
     let mut office = office().with([lamp("a")]);
     assert!(unknown(&office, "shining"), "its model says so");
     office.beat("a", (1, 1), "(shining a)", "").expect("a heartbeat");
@@ -64,7 +65,7 @@ fn an_agent_says_that_it_does_not_know() {
 }
 
 #[test]
-fn one_who_knows_is_enough_and_a_number_that_nobody_says_has_no_value() {
+fn one_known_claim_suffices_and_an_unclaimed_number_is_undefined() {
     let mut office = office().with([motion("m"), motion("n")]);
     office.beat("m", (1, 1), "(motion office2)", "").expect("a heartbeat");
     office.beat("n", (1, 1), "(unknown (motion office2))", "").expect("a heartbeat");
@@ -78,7 +79,7 @@ fn one_who_knows_is_enough_and_a_number_that_nobody_says_has_no_value() {
 }
 
 #[test]
-fn the_domain_has_words_for_it_and_goals_are_put_in_them() {
+fn the_domain_has_predicates_for_unknown_facts_and_goals_use_them() {
     let office = office().with([lamp("a"), motion("m")]);
     let snapshot = office.snapshot();
     let problem =
@@ -96,7 +97,7 @@ fn the_domain_has_words_for_it_and_goals_are_put_in_them() {
 }
 
 #[test]
-fn the_words_stay_when_it_becomes_known() {
+fn the_predicates_for_unknown_facts_remain_when_a_fact_becomes_known() {
     let mut office = office().with([lamp("a")]);
     let before = office.snapshot().digest().to_owned();
     office.beat("a", (1, 1), "(shining a)", "").expect("a heartbeat");
@@ -106,8 +107,8 @@ fn the_words_stay_when_it_becomes_known() {
 }
 
 #[test]
-fn what_only_one_who_left_could_know_is_unknown() {
-    // The heartbeats of the other sensor have not contained facts about the room.
+fn a_fact_that_only_a_departed_agent_observed_is_unknown() {
+    // No heartbeat of the other sensor has contained facts about the room.
     let mut office = office().with([lamp("a"), lamp("b"), motion("m"), motion("n")]);
     office.beat("a", (1, 1), "(not (shining a))", "").expect("a heartbeat");
     office.beat("b", (1, 1), "(shining b)", "").expect("a heartbeat");
@@ -123,7 +124,7 @@ fn what_only_one_who_left_could_know_is_unknown() {
     let told = office.maintainer.requested(office.now);
     let facts: Vec<_> = told.facts.iter().map(|told| told.fact.as_str()).collect();
     assert_eq!(facts, ["(unknown (lit office2))", "(unknown (motion office2))"]);
-    // The agent that returns knows the fact again; for the other one, a request sets it.
+    // The returning agent reports the fact again. The other fact is set by a request.
     office.admit_life(&motion("m"), 2).expect("it is back");
     assert!(!unknown(&office, "motion"));
     let now = office.now;
@@ -137,7 +138,7 @@ fn what_only_one_who_left_could_know_is_unknown() {
 }
 
 #[test]
-fn what_an_agent_of_the_file_will_answer_for_is_unknown_until_it_comes() {
+fn facts_of_an_expected_agent_are_unknown_until_it_joins() {
     let mut office = office().with([lamp("a"), motion("n")]);
     office.beat("a", (1, 1), "(not (shining a))", "").expect("a heartbeat");
     office.beat("n", (1, 1), "(not (motion office2))", "").expect("a heartbeat");
@@ -154,7 +155,7 @@ fn what_an_agent_of_the_file_will_answer_for_is_unknown_until_it_comes() {
     assert!(!unknown(&office, "light"), "a number without a value needs no mark");
     assert_eq!(office.known("located"), "(located n office2)");
     assert!(!office.maintainer.has_requests(now), "nothing that a Journal has to keep");
-    // The others are told, because they do not read the file.
+    // Other maintainers must be informed, because they do not read the ecosystem file.
     assert_eq!(office.maintainer.requested(now).facts.len(), 2);
     office.admit(&lamp("b"));
     office.beat("b", (1, 1), "(not (shining b))", "").expect("a heartbeat");
@@ -166,9 +167,10 @@ fn what_an_agent_of_the_file_will_answer_for_is_unknown_until_it_comes() {
     assert!(!unknown(&office, "motion"), "a person has looked");
 }
 
-/// Nothing is known of roads, of what was done, and of where a robot that has not come will be.
+/// The models determine no facts about roads, about past actions, and about the position of a robot
+/// that has not joined.
 #[test]
-fn what_nobody_will_answer_for_stays_false() {
+fn facts_that_no_expected_agent_determines_stay_false() {
     let mut office = office();
     let models = [
         crate::office::turtlebot("turtlebot-1"),
@@ -183,7 +185,7 @@ fn what_nobody_will_answer_for_stays_false() {
 }
 
 #[test]
-fn a_mark_that_the_leader_has_taken_away_does_not_come_back_with_a_standby() {
+fn a_mark_removed_by_the_leader_does_not_return_with_a_standby() {
     let mut office = office();
     office.maintainer.set_standby(true);
     let now = office.now;
@@ -196,7 +198,7 @@ fn a_mark_that_the_leader_has_taken_away_does_not_come_back_with_a_standby() {
 }
 
 #[test]
-fn an_actuator_plans_with_what_is_unknown_to_others() {
+fn an_actuators_maintainer_keeps_unknown_facts_of_other_agents() {
     let mut local = office_of("a").with([lamp("a"), motion("m")]);
     local.beat("a", (1, 1), "(unknown (shining a))", "").expect("a heartbeat");
     local.beat("m", (1, 1), "(unknown (motion office2))", "").expect("a heartbeat");

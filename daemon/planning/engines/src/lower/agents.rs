@@ -1,5 +1,5 @@
-//! Translation of MA-PDDL: the acting agent becomes the first parameter of an action, because it is the
-//! first argument of a plan's step. Privacy is removed, because it does not matter to engines.
+//! Translation of MA-PDDL. The acting agent becomes the first parameter of an action, because it is
+//! the first argument of a plan's step. Privacy is removed, because engines do not have it.
 
 use std::sync::Arc;
 

@@ -1,11 +1,13 @@
-//! Costs as Fast Downward reads them: `(increase (total-cost) N)` or `(… (f ?x))`, once for each
-//! action, where N and the values of `f` are whole numbers that are not negative.
+//! Costs in the form that Fast Downward supports: one effect `(increase (total-cost) N)` or
+//! `(increase (total-cost) (f ?x))` for each action. N and the values of `f` are whole numbers and
+//! not negative.
 //!
-//! - Several costs of one action, sums, weights and fractions become one static function. The values of
-//!   this function are listed for all objects that they depend on, and scaled to whole numbers.
-//! - Numbers that neither a condition nor the metric reads are left out. A change of such a number
-//!   still requires that it has a value; that requirement becomes a static predicate.
-//! - Costs that depend on the state are refused: they would need numeric planning.
+//! - Several costs of one action, sums, weights and fractions become one static function. The
+//!   values of this function are listed for all objects that they depend on, and scaled to whole
+//!   numbers.
+//! - Numbers that neither a condition nor the metric uses are removed. A change of such a number
+//!   still requires that it has a value; this requirement becomes a static predicate.
+//! - Costs that depend on the state are refused, because they require numeric planning.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -21,20 +23,20 @@ use super::task_parts;
 
 const TOTAL_COST: &str = "total-cost";
 
-/// Maximum number of values that the cost function of one action may have. Each value is a line of
-/// `:init`.
+/// Maximum number of values of one action's cost function. Each value is a line of `:init`.
 const TABLE_MAX: usize = 1_000_000;
 
-/// Largest cost of a step that fractions are scaled up to. The sum of two thousand such costs fits into
-/// the 31 bits with which Fast Downward counts.
+/// Largest cost of a step after fractions are scaled up. The sum of two thousand such costs fits
+/// into the 31 bits that Fast Downward uses for costs.
 const SCALED_MAX: f64 = 1e6;
 
-/// Largest cost of a step if all costs are whole numbers, so that no scaling is needed.
+/// Largest cost of a step without scaling, if all costs are whole numbers.
 const WHOLE_MAX: f64 = 1e9;
 
 type FluentValues = BTreeMap<(Name, Vec<Name>), f64>;
 
-/// Removes all numbers except costs from a task. Returns whether costs compare exactly as in the task.
+/// Removes all numbers except costs from a task. Returns whether the costs of plans still compare
+/// exactly as in the original task.
 pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> Result<bool, Unsupported> {
     let facts = FunctionProperties::of(domain, problem)?;
     let mut tables = Vec::new();
@@ -68,18 +70,19 @@ pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> Result<bool, 
 
 /// The functions of the task and their properties.
 struct FunctionProperties {
-    /// Cost of one unit of each function, as the metric gives it; empty if there is no metric.
+    /// Cost of one unit of each function, according to the metric; empty without a metric.
     weights: BTreeMap<Name, f64>,
     /// Functions that an action changes.
     changed: BTreeSet<Name>,
-    /// Functions that an action sets to a value that does not depend on the function's former value.
+    /// Functions that an action sets to a value that does not depend on the function's former
+    /// value.
     assigned: BTreeSet<Name>,
     values: FluentValues,
     objects: BTreeMap<Name, TypeExpr>,
     types: Types,
 }
 
-/// The numeric part of one action: its costs, and the values that it needs.
+/// The numeric part of one action: its costs, and the fluents that it requires to have a value.
 #[derive(Default)]
 struct ActionNumbers {
     /// The costs of the action, each with its weight in the metric and its value.
@@ -88,14 +91,14 @@ struct ActionNumbers {
     needs: Vec<FluentTerm>,
 }
 
-/// What an effect is nested in: a `when`, a `forall`, both or neither.
+/// Constructs around an effect: a `when`, a `forall`, both or neither.
 #[derive(Clone, Copy, Default)]
 struct Nesting {
     when: bool,
     forall: bool,
 }
 
-/// The costs of one action: one value for each combination of objects that its variables may stand for.
+/// The costs of one action, with one value for each combination of objects for its variables.
 struct CostTable {
     variables: Vec<Name>,
     values: BTreeMap<Vec<Name>, f64>,
@@ -127,7 +130,7 @@ impl FunctionProperties {
         })
     }
 
-    /// Returns an effect without its numeric changes, which are added to `numbers`.
+    /// Returns an effect without its numeric changes. The changes are added to `numbers`.
     fn strip(
         &self,
         effect: Effect,
@@ -158,7 +161,7 @@ impl FunctionProperties {
         }
     }
 
-    /// Adds a change of a function that the metric contains to the costs of the action.
+    /// Adds a change of a function in the metric to the costs of the action.
     fn cost(
         &self,
         assign: &Assign,
@@ -190,8 +193,8 @@ impl FunctionProperties {
         Ok(())
     }
 
-    /// Handles a change of a function that is never read. Such a change must be possible, because
-    /// otherwise its action is not applicable, but it has no other effect.
+    /// Handles a change of a function that nothing uses. The only effect of such a change is that
+    /// the action is not applicable while the function has no value.
     fn idle(
         &self,
         assign: &Assign,
@@ -213,7 +216,8 @@ impl FunctionProperties {
         Ok(())
     }
 
-    /// Adds `fluent` to `needs`, except `total-cost`, which always has a value.
+    /// Adds `fluent` to `needs`. The fluent `total-cost` is not added, because it always has a
+    /// value.
     fn need(&self, fluent: &FluentTerm, needs: &mut Vec<FluentTerm>) {
         let is_total_cost = fluent.function == TOTAL_COST && fluent.arguments.is_empty();
         if !is_total_cost && !needs.contains(fluent) {
@@ -229,7 +233,8 @@ impl FunctionProperties {
     ) -> Result<CostTable, Unsupported> {
         let mut fluents: Vec<&FluentTerm> =
             costs.iter().flat_map(|(_, value)| value.fluents()).collect();
-        // The fluent with the most arguments comes first, so that the others are only looked up.
+        // The fluent with the most arguments comes first, so that its arguments bind those of the
+        // others.
         fluents.sort_by_key(|fluent| std::cmp::Reverse(fluent.arguments.len()));
         let mut variables: Vec<Name> = Vec::new();
         for term in fluents.iter().flat_map(|fluent| &fluent.arguments) {
@@ -246,8 +251,8 @@ impl FunctionProperties {
         Ok(table)
     }
 
-    /// Declares the predicate `(has'FUNCTION …)` for each function that must have a value for some
-    /// action, and adds it to `:init` for all objects for which the function has a value.
+    /// Declares the predicate `(has'FUNCTION …)` for each function that an action requires to have
+    /// a value. Adds this predicate to `:init` for all objects for which the function has a value.
     fn declare_needs(&self, domain: &mut Domain, problem: &mut Problem) {
         let mut needed = BTreeMap::new();
         for action in &domain.actions {
@@ -281,7 +286,7 @@ fn has(function: &Name) -> Name {
     Name::new(&format!("{HAS}{function}"))
 }
 
-/// Adds `(has'FUNCTION …)` to the precondition of an action, for each fluent in `needs`.
+/// Adds `(has'FUNCTION …)` to the precondition of an action for each fluent in `needs`.
 fn require(action: &mut ActionSchema, needs: &[FluentTerm]) {
     if needs.is_empty() {
         return;
@@ -306,8 +311,8 @@ fn divides(expression: &Expression) -> bool {
     })
 }
 
-/// Adds to the weights of the functions those of a metric, which must be a weighted sum of functions
-/// without arguments.
+/// Adds the weights of the functions in a metric to `weights`. The metric must be a weighted sum of
+/// functions without arguments.
 fn add_weights(
     expression: &Expression,
     weight: f64,
@@ -346,7 +351,7 @@ fn add_weights(
     }
 }
 
-/// Context for filling the cost table of one action.
+/// Inputs of the computation of one action's cost table.
 struct Filling<'f> {
     facts: &'f FunctionProperties,
     action: &'f ActionSchema,
@@ -357,8 +362,8 @@ struct Filling<'f> {
 
 impl Filling<'_> {
     /// Binds the variables of the first fluent in turn to all objects for which this fluent has a
-    /// value. For each binding, continues with the other fluents; the last one enters a cost into
-    /// `table`.
+    /// value. For each binding, the remaining fluents are handled in the same way. When all are
+    /// bound, a cost is entered into `table`.
     fn fill(
         &self,
         fluents: &[&FluentTerm],
@@ -419,14 +424,15 @@ impl Filling<'_> {
             .costs
             .iter()
             .map(|(weight, value)| Some(weight * evaluate(value, binding, &self.facts.values)?));
-        // Without a value, for example after a division by zero, the action is not applicable.
+        // If the cost has no value, for example because of a division by zero, the action is not
+        // applicable.
         let sum = |all: f64, one: Option<f64>| Some(Operator::Add.apply(all, one?));
         let Some(cost) = { values }.try_fold(0.0, sum) else { return Ok(()) };
         if cost < 0.0 {
             return refuse(format!("a negative cost of `{name}`"));
         }
         let key = table.variables.iter().map(|it| binding[it].clone()).collect();
-        // This also removes the sign of a negative zero.
+        // This also turns `-0` into `0`.
         table.values.insert(key, if cost > 0.0 { cost } else { 0.0 });
         if table.values.len() > TABLE_MAX {
             return refuse(format!("the cost of `{name}`: more than {TABLE_MAX} values"));
@@ -461,7 +467,7 @@ fn evaluate(
     value.is_finite().then_some(value)
 }
 
-/// The factor by which costs are multiplied to make them whole numbers.
+/// Factor that turns costs into whole numbers, and whether the result is exact.
 struct Scale {
     factor: f64,
     is_exact: bool,
@@ -470,11 +476,11 @@ struct Scale {
 // === impl Scale ===
 
 impl Scale {
-    /// Returns the smallest power of ten that makes all costs whole numbers. If there is none, returns
-    /// the largest factor with which all costs stay small enough; the costs are then rounded.
+    /// Returns the smallest power of ten that makes all costs whole numbers. If there is none,
+    /// returns the largest factor that keeps all costs within the limit, and the costs are rounded.
     fn of(costs: impl Iterator<Item = f64> + Clone) -> Scale {
         let largest = costs.clone().fold(0.0, f64::max);
-        // Allow rounding errors only: a small cost must not become 0.
+        // Only rounding errors are tolerated: a small cost must not become 0.
         let is_whole = |cost: f64| (cost - cost.round()).abs() <= 4.0 * f64::EPSILON * cost;
         if costs.clone().all(is_whole) && largest <= WHOLE_MAX {
             return Scale { factor: 1.0, is_exact: true };
@@ -492,7 +498,8 @@ impl Scale {
     }
 }
 
-/// Adds to an action the effect with its cost, and declares the cost function that this effect needs.
+/// Adds the effect with the cost to an action, and declares the cost function that this effect
+/// uses.
 fn declare_cost(
     domain: &mut Domain,
     problem: &mut Problem,

@@ -1,18 +1,21 @@
-//! Translates a task to the engine's dialect: a smaller language with other names, but the same plans.
+//! Translates a task to the engine's dialect: a smaller language with other names, in which the
+//! task has the same plans.
 //!
 //! Each pass removes something that an engine cannot read:
 //!
-//! 1. `refuse`: refuses what no pass can remove, with its name and place;
-//! 2. `agents`: makes the acting agent the first parameter of an action, and removes privacy (MA-PDDL);
-//! 3. `costs` (Fast Downward): removes numbers, except for one whole, non-negative cost of each action;
-//!    `numbers` (Metric-FF): keeps the arithmetic that Metric-FF reads, and merges the changes of one
-//!    fluent;
-//! 4. `types`: removes `either` and several supertypes;
-//! 5. `names`: renames everything to `a-move`, `o-office1`, …, and can translate names back;
+//! 1. `refuse`: refuses features that no pass can remove, with their name and place;
+//! 2. `agents`: makes the acting agent the first parameter of an action, and removes privacy
+//!    (MA-PDDL);
+//! 3. `costs` (Fast Downward): removes numbers, except for one whole, non-negative cost of each
+//!    action; `numbers` (Metric-FF): converts arithmetic to the form that Metric-FF supports, and
+//!    merges the changes of one fluent;
+//! 4. `types`: removes `either` and multiple supertypes;
+//! 5. `names`: renames everything to `a-move`, `o-office1`, …, and keeps a table to translate plans
+//!    back;
 //! 6. `size_limits` (Metric-FF): checks the sizes that Metric-FF is compiled for.
 //!
-//! Names that passes invent contain a `'`, which is not allowed in the names of a task. The pass
-//! `names` removes it.
+//! Names that passes introduce contain a `'`, which cannot occur in the names of a task. The pass
+//! `names` removes this character.
 
 mod agents;
 mod costs;
@@ -31,10 +34,10 @@ pub(crate) use names::EngineNames;
 /// The dialect of PDDL that an engine reads.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Dialect {
-    /// The requirements that are declared for every task. An engine refuses requirement flags that it
-    /// does not know, but accepts more flags than a task needs.
+    /// Requirements that are declared for every task. An engine refuses requirement flags that it
+    /// does not support, but accepts flags that the task does not need.
     requirements: &'static [&'static str],
-    /// Whether the engine supports numbers in addition to costs.
+    /// Whether the engine supports numbers other than costs.
     has_numbers: bool,
     /// Whether the engine supports derived predicates.
     has_axioms: bool,
@@ -47,10 +50,10 @@ pub(crate) struct Dialect {
 pub(crate) struct Lowered {
     pub(crate) domain: String,
     pub(crate) problem: String,
-    /// Names of the task in the dialect. They translate a plan back to the task's own names.
+    /// Names of the task in the dialect, which translate a plan back to the task's own names.
     pub(crate) names: EngineNames,
     pub(crate) has_metric: bool,
-    /// Whether the costs of plans compare exactly as in the original task, because no cost was rounded.
+    /// Whether the costs of plans compare exactly as in the original task: no cost was rounded.
     pub(crate) costs_exact: bool,
 }
 
@@ -71,7 +74,7 @@ impl Dialect {
 
 /// Translates a task to a dialect. Returns an error if a part of the task has no translation.
 ///
-/// The texts of the task must have passed `check`.
+/// The domain and the problem must have passed `check`.
 pub(crate) fn lower(
     domain: &Domain,
     problem: &Problem,
@@ -101,8 +104,8 @@ pub(crate) fn lower(
     })
 }
 
-/// Returns the text of a problem. If the problem has no facts, adds an empty `:init`, which the printer
-/// leaves out but engines require.
+/// Returns the text of a problem. The printer omits an empty `:init`, but engines require it, so it
+/// is added here.
 fn with_init(problem: &Problem) -> String {
     let text = problem.to_string();
     if problem.init.is_empty() { text.replacen("(:goal", "(:init)\n  (:goal", 1) } else { text }

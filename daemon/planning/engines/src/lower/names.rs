@@ -1,12 +1,12 @@
-//! Names that every engine can read, and their translation back.
+//! Names that every engine can read, and the translation back to the task's own names.
 //!
-//! The object `Büro@2` becomes `o-b-ro-2`; the action `move` becomes `a-move`. The letter before the
-//! name separates kinds of names that engines confuse (types and predicates), and keeps all names
-//! different from the engines' keywords. The case of letters is lost, because some engines print lower
-//! case and some upper case. If two names become equal, they are numbered.
+//! The object `Büro@2` becomes `o-b-ro-2`; the action `move` becomes `a-move`. The letter before
+//! the name separates kinds of names that engines confuse, such as types and predicates, and avoids
+//! the engines' keywords. All names are in lower case, because some engines print lower case and
+//! others upper case. Names that become equal are numbered.
 //!
-//! In addition, every variable gets a name of its own, so that no variable hides another; nested
-//! effects are moved out of conditional effects; and repeated facts are removed.
+//! This pass also makes three other changes. Every variable gets a unique name, so that no variable
+//! hides another. Effects nested in conditional effects are moved out. Repeated facts are removed.
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::sync::Arc;
@@ -18,13 +18,13 @@ use pddl::{
 
 use super::task_parts;
 
-/// The function for costs: the only name that has a meaning to engines, and that is therefore kept.
+/// The cost function: the only name that has a meaning for engines, and is therefore kept.
 const TOTAL_COST: &str = "total-cost";
 
-/// Number of characters that are kept of a name that is longer.
+/// Number of characters that are kept of a long name.
 const LENGTH_MAX: usize = 40;
 
-/// The kind of a thing that has a name. Things of different kinds may have the same name.
+/// Kind of a named element. Elements of different kinds may have the same name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum SymbolKind {
     Type,
@@ -38,8 +38,8 @@ enum SymbolKind {
 #[derive(Debug, Default)]
 pub(crate) struct EngineNames {
     forth: BTreeMap<(SymbolKind, Name), Name>,
-    /// The task's own names of actions and objects, which occur in plans, by their names in the
-    /// dialect.
+    /// The task's own names of actions and objects, by their names in the dialect. Only these names
+    /// occur in plans.
     back: BTreeMap<String, Name>,
     taken: BTreeSet<String>,
 }
@@ -77,8 +77,8 @@ pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> EngineNames {
     names
 }
 
-/// Renames the parameters of a declared predicate or function to `x1`, `x2`, …: only the number of
-/// parameters matters.
+/// Renames the parameters of a declared predicate or function to `x1`, `x2`, …, because only their
+/// number matters.
 fn plain(parameters: &mut [Typed]) {
     for (index, parameter) in parameters.iter_mut().enumerate() {
         parameter.name = Name::new(&format!("x{}", index + 1));
@@ -88,8 +88,7 @@ fn plain(parameters: &mut [Typed]) {
 // === impl EngineNames ===
 
 impl EngineNames {
-    /// Returns a plan with the task's own names. If a name in the plan is not known, returns that name
-    /// as an error.
+    /// Returns a plan with the task's own names. Returns an unknown name in the plan as an error.
     pub(crate) fn restore_names(&self, plan: Plan) -> Result<Plan, String> {
         let raise = |name: &Name| {
             self.back.get(name.as_str()).cloned().ok_or_else(|| name.spelled().to_owned())
@@ -119,7 +118,7 @@ impl EngineNames {
         }
     }
 
-    /// Returns a name for the dialect that no other thing has, made from the task's own `name`.
+    /// Returns a new unique name for the dialect, derived from the task's own `name`.
     fn fresh(&mut self, kind: SymbolKind, name: &Name) -> Name {
         let letter = match kind {
             SymbolKind::Type => 't',
@@ -155,10 +154,10 @@ impl EngineNames {
         TypeExpr { alternatives }
     }
 
-    /// Returns an action with new names. Returns `None` if the action changes nothing: no plan needs
-    /// such an action, and engines fail on it.
+    /// Returns an action with new names; `None` if the action changes nothing, because no plan
+    /// needs such an action and engines fail on it.
     fn action(&mut self, action: &ActionSchema) -> Option<ActionSchema> {
-        // Actions with the same name get different ones.
+        // Actions with the same name get different names.
         let name = self.fresh(SymbolKind::Action, &action.name);
         let mut scope = VariableScope::new(self);
         let parameters = scope.declare(&action.parameters);
@@ -178,8 +177,8 @@ impl EngineNames {
         Derived { predicate, parameters, condition, span: axiom.span }
     }
 
-    /// Returns the elements of `:init` with new names: the true facts, each once, and the assigned
-    /// fluents, each with its last value.
+    /// Returns the elements of `:init` with new names: each true fact once, and each assigned
+    /// fluent with its last value.
     fn init(&mut self, problem: &Problem) -> Vec<InitElement> {
         let values = task_parts::values(problem);
         let mut said = HashSet::new();
@@ -208,7 +207,7 @@ fn is_change(effect: &Effect) -> bool {
     }
 }
 
-/// The variables that are in scope at one place of a task.
+/// Variables that are in scope at one place of a task.
 struct VariableScope<'n> {
     names: &'n mut EngineNames,
     visible: Vec<(Name, Name)>,
@@ -348,9 +347,9 @@ impl<'n> VariableScope<'n> {
     }
 }
 
-/// Returns an effect without nesting within `when`: a conjunction of literals and numeric changes,
-/// grouped by the `forall`s and `when`s around them. The grammar of PDDL allows no nesting within
-/// `when`, and some engines enforce that.
+/// Returns an effect without nesting in `when`. The result is a conjunction of literals and numeric
+/// changes, grouped by the `forall`s and `when`s around them. The grammar of PDDL forbids nesting
+/// in `when`, and some engines enforce this rule.
 fn flat(effect: Effect) -> Effect {
     let mut groups = Vec::new();
     flatten(effect, &mut Vec::new(), &mut Vec::new(), &mut groups);

@@ -1,5 +1,5 @@
-//! Arithmetic as Metric-FF reads it: linear, with two operands for each operator, and at most one
-//! change of each fluent in an action.
+//! Arithmetic in the form that Metric-FF supports: linear, two operands for each operator, and at
+//! most one change of each fluent in an action.
 
 use std::collections::BTreeSet;
 
@@ -14,7 +14,8 @@ use super::task_parts;
 
 const TOTAL_COST: &str = "total-cost";
 
-/// Rewrites the arithmetic of a task for Metric-FF. Returns an error for arithmetic that is not linear.
+/// Rewrites the arithmetic of a task for Metric-FF. Returns an error for arithmetic that is not
+/// linear.
 pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) -> Result<(), Unsupported> {
     refuse_nonlinear(domain, problem)?;
     start_total_cost(domain, problem);
@@ -59,8 +60,8 @@ fn refuse_nonlinear(domain: &Domain, problem: &Problem) -> Result<(), Unsupporte
     first.map_or(Ok(()), Err)
 }
 
-/// Returns the degree of an expression in the functions `changed`, which actions change: 0 if the value
-/// is constant while a plan runs, 1 if the expression is linear, 2 otherwise.
+/// Returns the degree of an expression in the functions `changed`, which actions change: 0 if the
+/// value never changes, 1 if the expression is linear, 2 otherwise.
 fn degree(expression: &Expression, changed: &BTreeSet<&Name>) -> u8 {
     let of = |one: &Expression| degree(one, changed);
     match expression {
@@ -80,8 +81,8 @@ fn degree(expression: &Expression, changed: &BTreeSet<&Name>) -> u8 {
     }
 }
 
-/// If `total-cost` is used, declares it where it is not declared, and gives it the value 0 if it has
-/// none.
+/// Declares `total-cost` and sets it to 0, if the task uses this function without a declaration or
+/// without an initial value.
 fn start_total_cost(domain: &mut Domain, problem: &mut Problem) {
     let is_used = task_parts::assigns(domain).iter().any(|it| it.fluent.function == TOTAL_COST);
     let metric =
@@ -162,7 +163,7 @@ fn condition(from: Condition) -> Condition {
     }
 }
 
-/// Flattens the conjunctions in an effect, so that changes of one fluent become neighbours.
+/// Flattens the conjunctions in an effect, so that changes of one fluent are next to each other.
 fn effect(from: Effect) -> Effect {
     match from {
         Effect::Add(_) | Effect::Delete(_) => from,

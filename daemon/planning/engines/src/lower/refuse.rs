@@ -1,18 +1,18 @@
-//! Refuses what no pass can remove from a task, with the name and the place of the feature, before an
-//! engine is started.
+//! Refuses features of a task that no pass can remove, with their name and place, before an engine
+//! is started.
 
 use pddl::{Condition, Domain, Expression, Problem, Span};
 use planner::{InputText, Unsupported};
 
 use super::{Dialect, task_parts};
 
-/// Creates the refusal of a task because of a feature that is at the place `span` of one of its texts.
+/// Returns the refusal of a task because of a feature at the place `span` of one of its texts.
 pub(super) fn unsupported(feature: impl Into<String>, span: Span, text: InputText) -> Unsupported {
     Unsupported { feature: feature.into(), span, text }
 }
 
-/// Returns an error if the task has time, which neither engine supports, or a feature that the dialect
-/// of the engine lacks.
+/// Returns an error if the task has time, which neither engine supports, or a feature that the
+/// dialect of the engine lacks.
 pub(super) fn refuse(
     domain: &Domain,
     problem: &Problem,

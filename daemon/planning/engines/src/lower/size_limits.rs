@@ -1,7 +1,8 @@
-//! The sizes that Metric-FF 2.1 is compiled for. For a larger task Metric-FF prints “increase
-//! MAX_PREDICATES” and ends, or fails in a worse way; so such a task is refused before Metric-FF is started.
+//! Size limits that are compiled into Metric-FF 2.1. For a larger task, Metric-FF prints “increase
+//! MAX_PREDICATES” and ends, or crashes. Such a task is therefore refused before Metric-FF is
+//! started.
 //!
-//! The limits on the ground task (150,000 facts, 500 steps) can only be checked by Metric-FF itself.
+//! Only Metric-FF itself can check its limits on the ground task (150,000 facts, 500 steps).
 
 use pddl::{Domain, Name, Problem, Span};
 use planner::{InputText, Unsupported};

@@ -1,4 +1,4 @@
-//! Read-only iteration over the parts of a task.
+//! Functions that iterate over the parts of a task without changing it.
 
 use pddl::{Assign, Condition, Domain, Effect, FluentTerm, InitElement, Problem};
 use planner::InputText;
@@ -13,8 +13,8 @@ pub(super) fn assigns(domain: &Domain) -> Vec<&Assign> {
     assigns.collect()
 }
 
-/// Calls `look` for every condition of the task, including the goal, together with the text (domain or
-/// problem) that contains it.
+/// Calls `look` for every condition of the task, including the goal. The second argument of `look`
+/// is the text that contains the condition (domain or problem).
 pub(super) fn all_conditions<'t>(
     domain: &'t Domain,
     problem: &'t Problem,
@@ -34,8 +34,8 @@ pub(super) fn all_conditions<'t>(
     problem.goal.parts().for_each(|part| look(part, InputText::Problem));
 }
 
-/// Returns the values that `:init` gives to ground fluents. If `:init` gives a fluent several values,
-/// the last one counts, as it does for the validator.
+/// Returns the values that `:init` gives to ground fluents. If a fluent has several values, the
+/// last one is used, as in the validator.
 pub(super) fn values(
     problem: &Problem,
 ) -> std::collections::BTreeMap<(pddl::Name, Vec<pddl::Name>), f64> {

@@ -7,8 +7,8 @@ use super::{Dialect, lower};
 const FAST_DOWNWARD: Dialect = Dialect::FAST_DOWNWARD;
 const METRIC_FF: Dialect = Dialect::METRIC_FF;
 
-/// Translates the sections of a domain and a problem to a dialect, and checks the result: both texts,
-/// or the refusal and its place.
+/// Translates a domain and a problem with these sections to a dialect. Compares both resulting
+/// texts, or the refusal and its place, with `expected`.
 #[track_caller]
 fn check(dialect: Dialect, domain: &str, problem: &str, expected: Expect) {
     let domain_text = format!("(define (domain x) {domain})");
@@ -37,7 +37,7 @@ fn check(dialect: Dialect, domain: &str, problem: &str, expected: Expect) {
 }
 
 #[test]
-fn names_become_readable_and_stay_apart() {
+fn names_become_readable_and_stay_unique() {
     check(
         FAST_DOWNWARD,
         "(:requirements :strips :typing :multi-agent) (:types Büro@2 a)
@@ -148,7 +148,7 @@ fn several_supertypes_make_predicates_of_all_types() {
 }
 
 #[test]
-fn several_costs_become_one_and_fractions_whole() {
+fn several_costs_become_one_and_fractions_become_integers() {
     check(
         FAST_DOWNWARD,
         "(:types room) (:constants hall - room) (:predicates (at ?x - room))
@@ -219,7 +219,7 @@ fn a_weighted_sum_becomes_total_cost() {
 }
 
 #[test]
-fn without_a_metric_numbers_only_say_what_applies() {
+fn without_a_metric_numbers_only_decide_applicability() {
     check(
         FAST_DOWNWARD,
         "(:predicates (at ?x) (known ?x))
@@ -250,7 +250,7 @@ fn without_a_metric_numbers_only_say_what_applies() {
 }
 
 #[test]
-fn costs_that_are_no_tenths_are_rounded() {
+fn costs_finer_than_the_scale_are_rounded() {
     check(
         FAST_DOWNWARD,
         "(:predicates (q)) (:functions (total-cost))
@@ -278,7 +278,7 @@ fn costs_that_are_no_tenths_are_rounded() {
 }
 
 #[test]
-fn nothing_hides_and_nothing_is_nested_in_when() {
+fn variables_are_unique_and_conditional_effects_are_not_nested() {
     check(
         FAST_DOWNWARD,
         "(:predicates (p ?x) (q ?x))
@@ -346,7 +346,7 @@ fn metric_ff_keeps_numbers() {
 }
 
 #[test]
-fn fast_downward_is_not_given_what_it_cannot_do() {
+fn tasks_beyond_fast_downward_are_rejected() {
     let refused = |domain: &str, problem: &str, expected| {
         check(FAST_DOWNWARD, domain, problem, expected);
     };
@@ -435,7 +435,7 @@ fn fast_downward_is_not_given_what_it_cannot_do() {
 }
 
 #[test]
-fn metric_ff_is_not_given_what_it_cannot_do() {
+fn tasks_beyond_metric_ff_are_rejected() {
     let refused = |domain: &str, problem: &str, expected| {
         check(METRIC_FF, domain, problem, expected);
     };
@@ -495,7 +495,7 @@ fn metric_ff_is_not_given_what_it_cannot_do() {
 }
 
 #[test]
-fn plans_come_back_in_the_authors_names() {
+fn plans_use_the_authors_names() {
     let domain = "(define (domain x) (:predicates (in ?r)) (:action Enter :parameters (?r)
         :effect (in ?r)) (:action enter :parameters (?r ?s) :effect (in ?r)))";
     let problem =

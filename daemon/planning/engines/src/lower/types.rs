@@ -1,9 +1,9 @@
-//! Removes `either` and several supertypes: engines allow only one supertype for each type. Other type
-//! expressions become static predicates that hold for the objects of these types.
+//! Removes `either` and multiple supertypes, because engines allow only one supertype for each
+//! type. Other type expressions become static predicates that hold for the objects of these types.
 //!
-//! `?x - (either a b)` becomes `?x` with `(is'1 ?x)` in the precondition, under the quantifier, or
-//! before the effect. If a type has several supertypes, or an object several types, all types become
-//! predicates.
+//! `?x - (either a b)` becomes `?x` with the additional condition `(is'1 ?x)` in the precondition,
+//! under the quantifier, or before the effect. If a type has several supertypes, or an object
+//! several types, all types become predicates.
 
 use std::sync::Arc;
 
@@ -12,8 +12,8 @@ use pddl::{
     Span, Term, TypeExpr, Typed, Types,
 };
 
-/// Changes the task so that each type has at most one supertype, each object one type, and no `either`
-/// is left.
+/// Changes the task so that each type has at most one supertype, each object has one type, and no
+/// `either` remains.
 pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) {
     let types = Types::of(domain);
     let hierarchy = hierarchy(domain, problem, &types);
@@ -30,8 +30,8 @@ pub(super) fn lower(domain: &mut Domain, problem: &mut Problem) {
         axiom.condition = both(guarding, guards.condition(condition));
     }
     problem.goal = guards.condition(std::mem::take(&mut problem.goal));
-    // Predicates and functions get no types: no engine needs them, and some reject types without
-    // objects.
+    // The parameters of predicates and functions become untyped: no engine needs their types, and
+    // some engines reject types without objects.
     let signatures = domain.predicates.iter_mut().map(|it| &mut it.parameters);
     for parameters in signatures.chain(domain.functions.iter_mut().map(|it| &mut it.parameters)) {
         parameters.iter_mut().for_each(|parameter| parameter.ty = TypeExpr::default());
@@ -68,7 +68,7 @@ fn hierarchy(domain: &Domain, problem: &Problem, types: &Types) -> Option<Vec<Ty
         .collect()
 }
 
-/// The type expressions that have become predicates.
+/// Type expressions that have become predicates.
 struct TypeGuards {
     has_types: bool,
     seen: Vec<TypeExpr>,
@@ -77,8 +77,8 @@ struct TypeGuards {
 // === impl TypeGuards ===
 
 impl TypeGuards {
-    /// Removes from `variables` the types that cannot be kept, and returns the conditions that replace
-    /// these types.
+    /// Removes the types that cannot be kept from `variables`. Returns the conditions that replace
+    /// them.
     fn of(&mut self, variables: &mut [Typed]) -> Vec<Condition> {
         let mut guarding = Vec::new();
         for variable in variables {
@@ -155,7 +155,7 @@ impl TypeGuards {
         }
     }
 
-    /// Declares the predicates that replace types, and adds to `:init` the objects for which they hold.
+    /// Declares the predicates that replace types, and adds their facts to `:init`.
     fn declare(&self, domain: &mut Domain, problem: &mut Problem, types: &Types) {
         let declared = problem.objects.iter().map(|it| &it.object);
         let objects: Vec<Typed> = domain.constants.iter().chain(declared).cloned().collect();
@@ -179,7 +179,7 @@ fn name(index: usize) -> Name {
     Name::new(&format!("is'{}", index + 1))
 }
 
-/// Returns `(and GUARD* CONDITION)`, where each GUARD is a condition that replaces a type.
+/// Returns `(and GUARD* CONDITION)`; each GUARD is a condition that replaces a type.
 fn both(mut guarding: Vec<Condition>, condition: Condition) -> Condition {
     if guarding.is_empty() {
         return condition;

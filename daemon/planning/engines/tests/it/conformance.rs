@@ -82,7 +82,7 @@ fn for_unified_planning(feature: &Feature) -> (String, String) {
 }
 
 #[test]
-fn fast_downward_follows_the_plans_that_no_other_validator_can_read() {
+fn fast_downward_executes_the_plans_that_no_other_validator_can_read() {
     let Some(installation) = fast_downward() else { return };
     let options = EngineOptions::default();
     for feature in FEATURES.iter().filter(|feature| feature.by == Judges::FastDownward) {

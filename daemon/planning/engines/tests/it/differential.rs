@@ -1,7 +1,7 @@
-//! Tests on generated small tasks that the embedded planner and Fast Downward agree.
+//! Compares the embedded planner with Fast Downward on small generated tasks.
 //!
-//! They must agree on solvability, and on the cost if it is proved to be the least. Every task is
-//! generated from its number, so that a failure can be reproduced.
+//! Both planners must agree on solvability, and on the cost if it is proved to be the least. Every
+//! task is generated from its number, so that a failure can be reproduced.
 
 use std::fmt::Write as _;
 
@@ -10,7 +10,7 @@ use planner::{Cancel, StopReason};
 
 use crate::support::{PATIENCE, fast_downward, parse, run};
 
-/// Number of tasks; a quarter of them has each kind of features.
+/// Number of tasks. Each kind of features occurs in a quarter of them.
 const TASKS: u64 = 40;
 
 /// Features that a generated task has in addition to STRIPS.
@@ -28,8 +28,8 @@ enum Kind {
 
 const KINDS: [Kind; 4] = [Kind::Strips, Kind::Adl, Kind::Conditional, Kind::Derived];
 
-/// Generator of tasks: random numbers that follow from a seed (splitmix64), and the number of objects
-/// of the task.
+/// Generator of tasks: random numbers from a seed (splitmix64), and the number of objects of the
+/// task.
 struct Dice {
     state: u64,
     objects: u64,
@@ -39,7 +39,7 @@ struct Dice {
 
 impl Dice {
     /// Creates a generator for a task with one to four objects. With one object, every variable has
-    /// only one value, which tests tasks that are almost ground.
+    /// only one value, which tests nearly ground tasks.
     fn new(seed: u64) -> Dice {
         let mut dice = Dice { state: seed, objects: 1 };
         dice.objects = 1 + dice.below(4);
@@ -58,7 +58,7 @@ impl Dice {
         self.below(bound) == 0
     }
 
-    /// Returns one of the variables, or sometimes an object.
+    /// Returns a random variable, or sometimes an object.
     fn term(&mut self, variables: u64) -> String {
         if variables > 0 && !self.one_in(4) {
             format!("?v{}", self.below(variables))
@@ -175,9 +175,9 @@ impl Dice {
     }
 }
 
-/// Returns the task of a number: the first one of a series of generated tasks that the embedded planner
-/// solves with more than one step. For every third number, returns the first task of the series whether
-/// it has a plan or not; most generated tasks have none.
+/// Returns the task with a number: the first of a series of generated tasks that the embedded
+/// planner solves with more than one step. For every third number, returns the first task of the
+/// series even without a plan, which most of them lack.
 fn task(number: u64, kind: Kind) -> (String, String) {
     let wants_steps = !number.is_multiple_of(3);
     let tasks = (0..40).map(|attempt| Dice::new(number * 1_000 + attempt).task(kind));
@@ -231,7 +231,8 @@ fn fast_downward_and_the_embedded_planner_agree() {
     agree(0..TASKS);
 }
 
-/// Takes an hour or two: `cargo test --release -p engines --test it ten_thousand -- --ignored --nocapture`.
+/// This test takes one or two hours: `cargo test --release -p engines --test it ten_thousand --
+/// --ignored --nocapture`.
 #[test]
 #[ignore = "takes an hour or two"]
 fn fast_downward_and_the_embedded_planner_agree_on_ten_thousand_tasks() {
@@ -243,7 +244,7 @@ fn agree(numbers: std::ops::Range<u64>) {
     let Some(installation) = fast_downward() else { return };
     let tasks = usize::try_from(numbers.end - numbers.start).expect("small");
     let answers: Vec<_> = numbers.map(|number| compare(&installation, number)).collect();
-    // Tasks that are all trivial or all unsolvable would prove nothing.
+    // The test is only meaningful if not all tasks are trivial or unsolvable.
     let solvable = answers.iter().flatten().count();
     let long = answers.iter().flatten().filter(|(_, steps)| *steps > 1).count();
     let figures = format!("{solvable} of {tasks} solvable, {long} in more than one step");

@@ -11,7 +11,7 @@ const GOAL: &str = "(define (problem y) (:domain x) (:init) (:goal (q))
     (:metric minimize (total-cost)))";
 
 #[test]
-fn it_solves_what_the_embedded_planner_solves() {
+fn fast_downward_solves_the_same_task_as_the_embedded_planner() {
     let Some(installation) = fast_downward() else { return };
     let domain = "(define (domain office) (:requirements :typing)
         (:types room robot) (:predicates (at ?r - robot ?x - room) (door ?x ?y - room)
@@ -44,7 +44,7 @@ fn it_solves_what_the_embedded_planner_solves() {
 }
 
 #[test]
-fn it_plans_for_the_buildings_as_the_embedded_planner_does() {
+fn fast_downward_plans_for_a_building_without_numbers() {
     let Some(installation) = fast_downward() else { return };
     let texts = |building: &str| {
         let text =
@@ -71,10 +71,11 @@ fn it_plans_for_the_buildings_as_the_embedded_planner_does() {
 }
 
 #[test]
-fn what_has_no_plan_is_proven() {
+fn unsolvable_tasks_are_proved_unsolvable() {
     let Some(installation) = fast_downward() else { return };
     for domain in [
-        // No plan reaches the goal; one would if the action did not delete its own precondition.
+        // In the first domain no action makes `(q)` or `(r)` true. In the second, `go` and `come`
+        // exclude each other.
         "(define (domain x) (:predicates (p) (q) (r)) (:action go :effect (p)))",
         "(define (domain x) (:predicates (p) (q) (r)) (:action start :effect (p))
            (:action go :precondition (and (p) (not (r))) :effect (q))
@@ -88,7 +89,7 @@ fn what_has_no_plan_is_proven() {
 }
 
 #[test]
-fn costs_are_recomputed_and_not_believed() {
+fn costs_are_recomputed_by_the_validator() {
     let stand_in = |code, plan, better| {
         fake(ExternalEngine::FastDownward, "fast-downward.sh", &[code, plan, better])
     };
@@ -98,16 +99,16 @@ fn costs_are_recomputed_and_not_believed() {
         assert!(!outcome.proven_optimal);
         outcome.plan.and_then(|plan| plan.cost).map(|cost| cost.0)
     };
-    // Fast Downward counts only the last of two cost effects, and costs are multiplied by ten here.
+    // Fast Downward uses only the last of two cost effects, and costs are multiplied by ten here.
     assert_eq!(cost(&stand_in("0", "(a-go )\n; cost = 5 (general cost)\n", "")), Some(2.5));
-    // Of numbered plans, the last is the best; if that is incomplete, the one before it is used.
+    // Of numbered plans, the last is the best. If it is incomplete, the previous one is used.
     assert_eq!(cost(&stand_in("2", "", "(A-WAIT)\n")), Some(9.0));
     assert_eq!(cost(&stand_in("3", "(a-wait)\n", "(a-go)")), Some(2.5));
     assert_eq!(cost(&stand_in("3", "(a-wait)\n", "(a-go")), Some(9.0));
 }
 
 #[test]
-fn what_it_brings_is_not_believed() {
+fn wrong_and_unreadable_plans_are_errors() {
     let err = |code, plan| {
         let installation =
             fake(ExternalEngine::FastDownward, "fast-downward.sh", &[code, plan, ""]);
@@ -128,7 +129,7 @@ fn what_it_brings_is_not_believed() {
 }
 
 #[test]
-fn exit_codes_say_how_it_ended() {
+fn exit_codes_determine_the_ending() {
     for (code, expected) in [
         ("10", Ending::Unsolvable { before_search: true }),
         ("11", Ending::Unsolvable { before_search: false }),

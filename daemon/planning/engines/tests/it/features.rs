@@ -17,14 +17,14 @@ pub(crate) struct Feature {
 pub(crate) enum Judges {
     /// Both programs: unified-planning accepts the plan, and Fast Downward finds one.
     Both,
-    /// Both programs, but unified-planning can only read the texts in the form in which Althing prints
-    /// them.
+    /// Both programs, but unified-planning can only read the texts in the form in which Althing
+    /// prints them.
     Printed,
     /// Only unified-planning, because Fast Downward does not support numbers.
     Validator,
-    /// Only Fast Downward, because unified-planning cannot read the task. Fast Downward's cheapest plan
-    /// has the same cost as the plan of the embedded planner; and if the steps of the latter are its
-    /// only choice, Fast Downward reaches the goal (`following.rs`).
+    /// Only Fast Downward, because unified-planning cannot read the task. Fast Downward's cheapest
+    /// plan must cost as much as the embedded planner's plan. If Fast Downward may only use the
+    /// steps of that plan (`following.rs`), it must reach the goal.
     FastDownward,
     /// Both programs, but unified-planning reads the domain given here instead, which has the same
     /// meaning.
@@ -181,7 +181,7 @@ pub(crate) const FEATURES: &[Feature] = &[
     ),
     feature(
         "sums of several cost effects",
-        // unified-planning treats `total-cost` specially, and then does not find its value.
+        // unified-planning treats `total-cost` specially and does not find its value here.
         FastDownward,
         12.0,
         "(:requirements :strips :action-costs) (:predicates (q ?x))

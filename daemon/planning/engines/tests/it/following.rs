@@ -1,14 +1,15 @@
-//! Uses a planner as a validator: makes a task in which a given plan is the only way to the goal.
+//! Uses a planner as a validator, by a task in which a given plan is the only way to the goal.
 //!
 //! Each step of the plan becomes an action with fixed arguments that is possible only once, in the
-//! order of the plan. The goal can be reached exactly if the plan is valid by the planner's semantics.
+//! order of the plan. The goal can be reached exactly if the plan is valid by the planner's
+//! semantics.
 
 use pddl::{Atom, Condition, Domain, Effect, Name, PlanStep, Problem, Span, Term};
 
 /// Returns the texts of a domain and a problem that allow the given steps only, in their order.
 pub(crate) fn task((domain, problem): &(Domain, Problem), steps: &[PlanStep]) -> (String, String) {
     let (mut domain, mut problem) = (domain.clone(), problem.clone());
-    // Steps name objects, so that the domain must declare them.
+    // Steps mention objects, so the domain must declare them.
     let objects = std::mem::take(&mut problem.objects);
     domain.constants.extend(objects.iter().map(|declared| declared.object.clone()));
     let schemas = std::mem::take(&mut domain.actions);

@@ -1,4 +1,4 @@
-//! Tests that an engine leaves no process and no file, in whatever way it is ended.
+//! Tests that an engine leaves no process and no file, however it ends.
 
 use std::fs::File;
 use std::io::{BufRead as _, BufReader, Read as _};
@@ -15,8 +15,8 @@ use crate::support::{PATIENCE, fake, fast_downward, parse, run};
 const DOMAIN: &str = "(define (domain x) (:predicates (q)) (:action go :effect (q)))";
 const PROBLEM: &str = "(define (problem y) (:domain x) (:init) (:goal (q)))";
 
-/// Returns a task that no engine solves in the time of a test: thirty lights, with an action for each
-/// combination that has to be passed, which makes 2^30 states.
+/// Returns a task that no engine solves in the time of a test: a counter of thirty bits that must
+/// pass through all 2^30 states.
 fn endless() -> (String, String) {
     let mut domain = "(define (domain x) (:predicates".to_owned();
     let mut actions = String::new();
@@ -33,15 +33,15 @@ fn endless() -> (String, String) {
     (format!("{domain}){actions})"), problem)
 }
 
-/// A named pipe, through which a test is told when the engine hangs and when its processes have ended.
+/// A named pipe, which shows a test when the engine hangs and when its processes have ended.
 struct Confession {
     _folder: tempfile::TempDir,
     pipe: PathBuf,
     told: mpsc::Receiver<Told>,
 }
 
-/// Message of the thread that reads the pipe: the first line that is written, then the closing of the
-/// pipe by the last writer.
+/// Message of the thread that reads the pipe: the first line, then the closing of the pipe by the
+/// last writer.
 enum Told {
     Line(String),
     AllDead,
@@ -88,7 +88,7 @@ impl Confession {
     }
 }
 
-/// Waits until a condition holds. Used for conditions that send no event when they begin to hold.
+/// Waits until a condition holds. Used for conditions without an event.
 #[track_caller]
 fn eventually(what: &str, holds: impl Fn() -> bool) {
     let deadline = Instant::now() + PATIENCE;
@@ -98,7 +98,7 @@ fn eventually(what: &str, holds: impl Fn() -> bool) {
     }
 }
 
-/// Returns the processes of a process group that still run; zombies do not count.
+/// Returns the processes of a process group that still run, without zombies.
 fn alive(group: &str) -> Vec<String> {
     let all = std::fs::read_dir("/proc").expect("/proc").filter_map(Result::ok);
     let stats = all.filter_map(|entry| std::fs::read_to_string(entry.path().join("stat")).ok());
@@ -113,7 +113,7 @@ fn alive(group: &str) -> Vec<String> {
 }
 
 #[test]
-fn time_is_up_for_all_of_it() {
+fn a_timeout_ends_all_processes_of_an_engine() {
     let confession = Confession::new();
     let options =
         EngineOptions { time_limit: Some(Duration::from_millis(500)), ..EngineOptions::default() };
@@ -125,7 +125,7 @@ fn time_is_up_for_all_of_it() {
 }
 
 #[test]
-fn a_cancelled_engine_ends_and_leaves_nothing() {
+fn a_cancelled_engine_ends_and_leaves_no_files() {
     let confession = Confession::new();
     let (domain, problem) = parse(DOMAIN, PROBLEM);
     let cancel = Cancel::new();
@@ -156,10 +156,10 @@ fn a_process_that_plans() {
 }
 
 #[test]
-fn a_process_that_is_killed_takes_its_engine_along() {
+fn a_killed_process_ends_its_engine() {
     for signal in ["KILL", "TERM", "INT"] {
         let confession = Confession::new();
-        // A shell may let tests in the background ignore interrupts.
+        // A shell may make tests in the background ignore interrupts.
         let mut process = Command::new("env")
             .arg("--default-signal=INT")
             .arg(std::env::current_exe().expect("this program"))
@@ -179,14 +179,15 @@ fn a_process_that_is_killed_takes_its_engine_along() {
     }
 }
 
-/// Returns the real engine, started by a script that writes the number of its process group to a file.
+/// Returns the real engine, started by a script that writes the number of its process group to a
+/// file.
 fn traced(installation: &[&str], file: &Path) -> Installation {
     let file = file.display().to_string();
     fake(ExternalEngine::FastDownward, "traced.sh", &[&[file.as_str()], installation].concat())
 }
 
 #[test]
-fn fast_downward_is_held_to_its_limits() {
+fn fast_downward_stays_within_its_limits() {
     let Some(installation) = fast_downward() else { return };
     let command: Vec<String> =
         installation.command().iter().map(|part| part.to_string_lossy().into_owned()).collect();
@@ -216,7 +217,7 @@ fn fast_downward_is_held_to_its_limits() {
 }
 
 #[test]
-fn too_little_memory_to_begin_with_is_told_as_such() {
+fn too_little_memory_to_start_is_reported_as_out_of_memory() {
     let Some(installation) = fast_downward() else { return };
     for mebibytes in [1, 8, 24] {
         let options =

@@ -1,5 +1,5 @@
-//! Tests of external engines from a user's point of view: the real Fast Downward if it is installed,
-//! and stand-ins that answer, hang and return wrong results.
+//! Tests of external engines from a user's point of view: the real Fast Downward if it is
+//! installed, and stand-ins that answer, hang and return wrong results.
 
 mod conformance;
 mod differential;

@@ -1,6 +1,6 @@
 //! Tests of the adapter of Metric-FF, on recorded outputs.
 //!
-//! No package registry has Metric-FF, so that a stand-in replays its output. The format is that of
+//! No package registry has Metric-FF, so a stand-in replays its output. The format is that of
 //! published logs of version 2.1, with the names of the task below.
 
 use engines::{Ending, EngineError, EngineOptions, ExternalEngine, Installation};
@@ -28,8 +28,8 @@ fn problem_for(goal: &str, metric: bool) -> String {
     )
 }
 
-/// Returns a stand-in for Metric-FF that prints one output when costs are respected and another when
-/// they are ignored, and exits with `code`.
+/// Returns a stand-in for Metric-FF that prints one output with costs and another without costs,
+/// and exits with `code`.
 fn ff(with_costs: &str, without_costs: &str, code: &str) -> Installation {
     fake(ExternalEngine::MetricFf, "replay.sh", &[with_costs, without_costs, code])
 }
@@ -45,23 +45,23 @@ fn solved(installation: &Installation, metric: bool) -> (String, f64) {
 }
 
 #[test]
-fn a_plan_comes_back_in_the_tasks_names_with_a_cost_of_our_own() {
+fn a_plan_has_the_names_of_the_task_and_a_recomputed_cost() {
     let steps = "(Move Büro Halle) (paint Halle)";
     let (plan, cost) = solved(&ff("none", "plan.txt", "0"), false);
     assert_eq!((plan.as_str(), cost), (steps, 2.0), "two steps; `REACH-GOAL` is none");
-    // The output says 99, in single precision.
+    // The recorded output has the cost 99, in single precision.
     let (plan, cost) = solved(&ff("plan-with-cost.txt", "none", "0"), true);
     assert_eq!((plan.as_str(), cost), (steps, 3.5));
 }
 
 #[test]
-fn a_metric_it_does_not_like_is_left_out() {
+fn a_rejected_metric_is_left_out() {
     let (_, cost) = solved(&ff("metric-refused.txt", "plan.txt", "1"), true);
     assert_eq!(cost, 3.5, "ours all the same");
 }
 
 #[test]
-fn endings_are_read_off_its_words() {
+fn the_output_determines_the_ending() {
     for (said, code, expected) in [
         ("goal-false.txt", "1", Ending::Unsolvable { before_search: true }),
         ("proven.txt", "0", Ending::Unsolvable { before_search: false }),
@@ -76,7 +76,7 @@ fn endings_are_read_off_its_words() {
 }
 
 #[test]
-fn a_building_with_batteries_is_not_beyond_it() {
+fn a_building_with_batteries_is_supported() {
     let text = |file| {
         repository(&format!("daemon/planning/planner/benches/scenarios/1-temperatures/{file}.pddl"))
     };
@@ -86,7 +86,7 @@ fn a_building_with_batteries_is_not_beyond_it() {
 }
 
 #[test]
-fn an_empty_plan_is_a_plan_where_the_validator_agrees() {
+fn an_empty_plan_is_accepted_if_the_validator_accepts_it() {
     let satisfied = problem_for("(at Büro)", false);
     let outcome =
         run(&ff("none", "goal-true.txt", "1"), DOMAIN, &satisfied, &EngineOptions::default());
@@ -98,7 +98,7 @@ fn an_empty_plan_is_a_plan_where_the_validator_agrees() {
 }
 
 #[test]
-fn what_is_beyond_it_and_what_breaks_it_is_told() {
+fn exceeded_limits_and_crashes_are_reported() {
     let told = |said| {
         let outcome =
             run(&ff("none", said, "1"), DOMAIN, &problem(false), &EngineOptions::default());
@@ -113,7 +113,7 @@ fn what_is_beyond_it_and_what_breaks_it_is_told() {
 }
 
 #[test]
-fn a_program_that_is_not_there_is_told() {
+fn a_missing_program_is_reported() {
     let installation = Installation::of(ExternalEngine::MetricFf, ["/nowhere/ff"]);
     let err = run(&installation, DOMAIN, &problem(false), &EngineOptions::default());
     let err = err.expect_err("nothing is there");

@@ -33,8 +33,8 @@ pub(crate) fn fast_downward() -> Option<Installation> {
     }
 }
 
-/// Returns a Python that has unified-planning, if there is one. With `CI=true` the test fails if there
-/// is none.
+/// Returns a Python that has unified-planning, if there is one. With `CI=true` the test fails if
+/// there is none.
 #[track_caller]
 pub(crate) fn unified_planning() -> Option<PathBuf> {
     let has_it = std::process::Command::new("python3")
@@ -62,7 +62,8 @@ pub(crate) fn run(
     plan(installation, &domain, &problem, options, &Cancel::new())
 }
 
-/// Returns a stand-in for an engine: a shell script in the folder `tests/fake`, with these arguments.
+/// Returns a stand-in for an engine: a shell script in the folder `tests/fake`, with these
+/// arguments.
 pub(crate) fn fake(engine: ExternalEngine, script: &str, arguments: &[&str]) -> Installation {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fake");
     let script: [OsString; 2] = ["sh".into(), folder.join(script).into()];

@@ -1,17 +1,17 @@
-//! Goals of the paper's scenarios, in a whole office: two robots with a sensor each (one with a battery
-//! and a dock, one with a screen where people log in), thermometers, a CO₂ sensor, a camera, a screen,
-//! and a video-collaboration robot.
+//! Tasks of the paper's scenarios, in a whole office: two robots with a sensor each (one with a
+//! battery and a dock, one with a screen where people log in), thermometers, a CO₂ sensor, a
+//! camera, a screen, and a video-collaboration robot.
 //!
-//! Domain and problem are what `althing domain` prints there, without the sensors that have failed and
-//! with the goal added.
+//! Domain and problem are the output of `althing domain` in that office, without the sensors that
+//! have failed and with the goal added.
 
 use pddl::{Domain, InitElement, Problem, Term};
 
-/// The allocator of the daemon: a quarter of the time depends on it.
+/// The allocator that the daemon uses; the measured times depend on it by a quarter.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-/// Name, domain and problem of a scenario.
+/// Expands to the name, domain and problem of a scenario.
 macro_rules! scenario {
     ($name:literal) => {
         (
@@ -22,7 +22,7 @@ macro_rules! scenario {
     };
 }
 
-/// All scenarios.
+/// Name, domain and problem of every scenario.
 pub(crate) const SCENARIOS: [(&str, &str, &str); 5] = [
     scenario!("1-temperatures"),
     scenario!("2-two-robots"),
@@ -31,14 +31,14 @@ pub(crate) const SCENARIOS: [(&str, &str, &str); 5] = [
     scenario!("4-video-robot"),
 ];
 
-/// Parses both texts.
+/// Parses a domain and a problem.
 pub(crate) fn parse(domain: &str, problem: &str) -> (Domain, Problem) {
     let domain = pddl::parse_domain(domain).into_result().expect("it parses");
     (domain, pddl::parse_problem(problem).into_result().expect("it parses"))
 }
 
-/// Returns the problem after each possible change: an agent no longer offers anything, is back, or a
-/// robot has moved.
+/// Returns one problem per possible change: an agent offers no actions any more or offers them
+/// again, or a robot has moved.
 pub(crate) fn events(problem: &Problem) -> Vec<Problem> {
     let mut events = vec![problem.clone()];
     let (mut agents, mut places) = (Vec::new(), Vec::new());

@@ -1,8 +1,8 @@
-//! Fuzz target: any bytes, read as a domain, a zero byte and a problem. Planning must end within its
-//! limits, and every plan must be valid.
+//! Fuzz target: any bytes, read as a domain, a zero byte and a problem. Planning must end within
+//! its limits, and every plan must be valid.
 //!
-//! Run `cargo +nightly fuzz run plan -- -timeout=10` in this folder. The texts of `../benches` are good
-//! seeds: a domain and its problem per file, with a zero byte between them.
+//! Run `cargo +nightly fuzz run plan -- -timeout=10` in this folder. The texts in `../benches` are
+//! good seeds: one file per task, with a domain, a zero byte and a problem.
 
 #![no_main]
 

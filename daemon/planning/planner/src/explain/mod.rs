@@ -1,19 +1,20 @@
 //! Explanations: which parts of a goal are unreachable, and which capabilities are missing.
 //!
-//! A missing capability is *supposed*: it is assumed that a present agent offers an action that it does
-//! not offer, or that there is a new agent of the right type with that action, at a place that the
-//! action's precondition requires. Every such supposition is an operator of a relaxed task (`suppose`).
-//! The smallest sets of suppositions under which a part of the goal is reachable are computed in one
-//! pass (`support`).
+//! A missing capability is *supposed*: a present agent is assumed to offer an additional action, or
+//! a new agent of the right type is assumed to offer the action, at a place that the precondition
+//! of the action requires. Every such supposition is an operator of a relaxed task (`suppose`). One
+//! pass computes the smallest sets of suppositions that make a part of the goal reachable
+//! (`support`).
 //!
 //! For plain PDDL without agents, [`why_unsolvable`] explains which facts no action makes true.
 //!
-//! - The results are hints for people; no plan is based on what would suffice in the relaxation.
-//! - A part of the goal that is listed as an obstacle is proved to be unreachable. A part that is not
-//!   listed is not proved to be reachable.
-//! - Work is counted. If a cap ends it, [`Explanation::is_complete`] is `false`.
-//! - Suppositions ignore numbers: an action is assumed to be possible whatever its numeric conditions
-//!   are.
+//! - The results are hints for people. Plans never use them, because they are only sufficient in
+//!   the relaxation.
+//! - A part of the goal that is listed as an obstacle is proved to be unreachable. A part that is
+//!   not listed may still be unreachable.
+//! - Work is limited. If a limit ends it, [`Explanation::is_complete`] is `false`.
+//! - Suppositions ignore numbers: a supposed action is assumed to be applicable whatever its
+//!   numeric conditions are.
 
 mod places;
 mod plain;
@@ -36,42 +37,40 @@ use crate::normalize::normalize;
 use crate::options::Options;
 use crate::outcome::PlanError;
 
-/// Maximal number of alternatives that are computed and shown for one part of a goal. More alternatives
-/// would be no help to a person.
+/// Maximum number of alternatives for one part of the goal. More would not help a person.
 const ALTERNATIVES_MAX: usize = 3;
 
-/// Data from which a goal is explained.
+/// Inputs of an explanation.
 #[derive(Clone, Copy, Debug)]
 pub struct ExplanationInput<'a> {
     /// Composite domain of all agents that are present.
     pub domain: &'a Domain,
     /// Problem with the objects and the present state.
     pub problem: &'a Problem,
-    /// Guard of each action that only agents offering it may use, by the name of the action in
-    /// `domain`.
+    /// Guard of each guarded action, by the name of the action in `domain`.
     pub guards: &'a BTreeMap<Name, ActionGuard>,
-    /// Action models of agents that were present earlier and no longer offer their actions.
+    /// Action models with actions that agents offered earlier and no present agent offers.
     pub former: &'a [ActionModel],
 }
 
-/// Guard of an action: the fact that an agent needs to use the action.
+/// Guard of an action: a fact that allows an agent to use the action.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ActionGuard {
     /// Name of the guarded action in the agents' own models.
     pub outside: Name,
-    /// Predicate that is true of the agents that offer the guarded action.
+    /// Guard predicate, which is true for the agents that offer the action.
     pub predicate: Name,
 }
 
-/// Why a goal is unreachable, and what is missing.
+/// Reasons why a goal is unreachable, and the missing capabilities.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Explanation {
-    /// Unreachable parts of the goal, in the given order. If the list is empty, each part is reachable
-    /// by itself, as far as the relaxation shows.
+    /// Unreachable parts of the goal, in the given order. If the list is empty, each part alone is
+    /// reachable in the relaxation.
     pub obstacles: Vec<Obstacle>,
-    /// Number of parts of the goal that were to be explained.
+    /// Number of parts of the goal that the explanation covers.
     pub parts: usize,
-    /// Whether the work was finished before one of its caps was reached.
+    /// Whether the computation finished before it reached a limit.
     pub is_complete: bool,
 }
 
@@ -80,12 +79,12 @@ pub struct Explanation {
 pub struct Obstacle {
     /// The part of the goal that is unreachable.
     pub conjunct: Condition,
-    /// Unreachable facts in the part; empty if numbers or negated facts are the reason.
+    /// Unreachable facts in the part; empty if the reason is a number or a negated fact.
     pub unreachable: Vec<Atom>,
-    /// Actions that could make the unreachable facts true, by their names in the agents' own models.
+    /// Actions that could make the unreachable facts true, under the agents' own names for them.
     pub actions: Vec<Name>,
-    /// Sets of missing capabilities, each of which would suffice to reach the part; the smallest set
-    /// comes first.
+    /// Sets of missing capabilities, the smallest set first. Each set alone would suffice to reach
+    /// the part.
     pub alternatives: Vec<Alternative>,
     /// Whether the part would be reachable without numeric conditions.
     pub is_numeric: bool,
@@ -103,13 +102,13 @@ pub struct Alternative {
 pub struct MissingCapability {
     /// Name of the missing action in the agents' own models.
     pub action: Name,
-    /// Agent that would have to offer the action.
+    /// The agent that would have to offer the action.
     pub agent: SupposedObject,
-    /// Places where the agent would have to be if it is new, one entry for each relevant fact about it.
+    /// Required places of the agent if it is new, one entry for each relevant fact about it.
     pub places: Vec<Placement>,
 }
 
-/// An agent or another object.
+/// A present agent or object, or a new agent.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum SupposedObject {
     /// An agent or object that is present, with this name.
@@ -123,29 +122,30 @@ pub enum SupposedObject {
 pub struct Placement {
     /// Predicate of the fact.
     pub predicate: Name,
-    /// Whether the new agent is the last argument of the fact: another agent is on the new agent,
-    /// instead of the new agent on another one.
+    /// Whether the new agent is the last argument of the fact. If so, another agent is on the new
+    /// agent; otherwise the new agent is on another one.
     pub is_reversed: bool,
-    /// Place that the fact assigns to the new agent.
+    /// Required place of the new agent in this fact.
     pub place: RequiredPlace,
 }
 
-/// Places where a new agent would have to be.
+/// Required place of a new agent.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum RequiredPlace {
     /// Any place suffices.
     Anywhere,
-    /// Each of these places suffices. A place is given as the arguments of the fact other than the new
-    /// agent.
+    /// Each of these places suffices. A place is a list of the arguments of the fact other than the
+    /// new agent.
     At(Vec<Vec<SupposedObject>>),
 }
 
-/// Explains which of `parts`, the ground conjuncts of a goal, are unreachable, and which capabilities
-/// are missing.
+/// Explains which of `parts`, the ground conjuncts of a goal, are unreachable, and which
+/// capabilities are missing.
 ///
 /// # Errors
 ///
-/// Returns an error if the texts contain errors or use a feature that this planner does not support.
+/// Returns an error if the texts contain mistakes or use a feature that this planner does not
+/// support.
 pub fn explain(
     known: ExplanationInput<'_>,
     parts: &[Condition],
@@ -156,7 +156,7 @@ pub fn explain(
     let lifted = normalize(&supposed.domain, &supposed.problem)?;
     let task = match ground(&lifted, options.budget, cancel, &mut 0) {
         Ok(grounded) => grounded.task,
-        // A limit ended grounding, so that nothing is proved and nothing can be explained.
+        // A limit ended grounding, so there is no proof and no explanation.
         Err(_) => {
             return Ok(Explanation {
                 obstacles: Vec::new(),
@@ -196,8 +196,8 @@ pub fn explain(
     Ok(explanation)
 }
 
-/// Returns the parts of the goal that are reachable if numeric conditions are ignored, but unreachable
-/// otherwise.
+/// Returns the parts of the goal that are unreachable, but would be reachable without numeric
+/// conditions.
 fn reached_but_for_numbers(
     known: ExplanationInput<'_>,
     parts: &[Condition],

@@ -1,8 +1,8 @@
-//! Turns sets of suppositions into alternatives: the agents that would have to be there, and their
-//! places.
+//! Converts sets of suppositions to alternatives: the agents that would have to be present, and
+//! their places.
 //!
-//! The places of a new agent are found by trial: the relaxed task is explored once for each place, with
-//! all other places of the agent removed.
+//! The places of a new agent are found by trial: the relaxed task is explored once for each place,
+//! without all other places of the agent.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -14,13 +14,14 @@ use super::{
     ALTERNATIVES_MAX, Alternative, MissingCapability, Placement, RequiredPlace, SupposedObject,
 };
 
-/// Maximal number of places that are tried for one fact about one new agent.
+/// Maximum number of places that are tried for one fact about one new agent.
 const PLACES_MAX: usize = 128;
 
-/// Cap on the number of rules visited in all explorations together, which takes about a second.
+/// Limit on the number of rules visited in all explorations together. Visiting this many takes
+/// about a second.
 const STEPS_MAX: u64 = 50_000_000;
 
-/// Alternatives that were found, for each part of the goal.
+/// The alternatives for each part of the goal.
 pub(super) struct FoundAlternatives {
     pub(super) of: BTreeMap<usize, Vec<Alternative>>,
     pub(super) is_complete: bool,
@@ -33,7 +34,7 @@ struct PlacementSearch<'a> {
     is_complete: bool,
 }
 
-/// Computes the alternatives for those parts of the goal that `asked` lists.
+/// Computes the alternatives for the parts of the goal in `asked`.
 pub(super) fn places(
     rules: &SuppositionRules,
     support: &Support,
@@ -58,7 +59,7 @@ pub(super) fn places(
         for set in &sets {
             let placements = placements(set).map_or(&[] as &[_], Vec::as_slice);
             let alternative = search.alternative(set, placements);
-            // Two action models may call different actions alike.
+            // Two action models may use the same name for different actions.
             if !alternatives.contains(&alternative) {
                 alternatives.push(alternative);
             }
@@ -72,9 +73,9 @@ pub(super) fn places(
 // === impl PlacementSearch ===
 
 impl PlacementSearch<'_> {
-    /// Selects the first few of `sets`. Small sets come before large ones, and sets with present agents
-    /// before sets with new agents. Sets that suppose the same agents with actions of the same names
-    /// count as one, because they may become equal alternatives.
+    /// Selects the first few of `sets`. Small sets come before large ones, and sets with present
+    /// agents before sets with new agents. Of sets with the same agents and the same action names,
+    /// one is selected, because they may become equal alternatives.
     fn choose(&self, sets: &[SuppositionSet]) -> Vec<SuppositionSet> {
         let new = |set: &&SuppositionSet| {
             let agents = set.members().iter().map(|member| self.who(*member));
@@ -146,7 +147,7 @@ impl PlacementSearch<'_> {
             for part in wanting {
                 let fits = fits.get(&part).map_or(&[] as &[usize], Vec::as_slice);
                 let possible = self.possible(set, group, tried);
-                // If no single place suffices, the agent has to be in several places; these are not
+                // If no single place suffices, the agent must be in several places, which are not
                 // listed.
                 let is_anywhere = fits.is_empty() || possible > 1 && fits.len() >= possible;
                 let place =
@@ -159,8 +160,8 @@ impl PlacementSearch<'_> {
         placed
     }
 
-    /// Returns how many of the first `tried` places of a group are possible: places on new agents that
-    /// the set does not suppose are not counted.
+    /// Returns the number of possible places among the first `tried` places of a group. Places on
+    /// new agents that are not in the set are impossible.
     fn possible(&self, set: &SuppositionSet, group: &PlaceGroup, tried: usize) -> usize {
         let is_there = |object| match self.supposed.who(object) {
             SupposedObject::Here(_) => true,
@@ -179,7 +180,8 @@ impl PlacementSearch<'_> {
         RequiredPlace::At(values.iter().map(who).collect())
     }
 
-    /// Returns the supposition of the set to which a group of places belongs; `None` if there is none.
+    /// Returns the supposition in the set that a group of places belongs to; `None` if there is
+    /// none.
     fn owner(&self, set: &SuppositionSet, group: &PlaceGroup) -> Option<u32> {
         let capability = self.supposed.placements[group.placement].capability;
         set.members().iter().copied().find(|member| {
@@ -188,8 +190,8 @@ impl PlacementSearch<'_> {
         })
     }
 
-    /// Returns the parts of the goal that are reachable with the suppositions of a set. Of the places
-    /// in `group`, only the place `only` is allowed; if that is `None`, no place is.
+    /// Returns the parts of the goal that are reachable with the suppositions of a set. Of the
+    /// places in `group`, only the place `only` is allowed; `None` allows no place.
     fn reached(&mut self, set: &SuppositionSet, group: usize, only: Option<usize>) -> Vec<usize> {
         if self.steps >= STEPS_MAX {
             self.is_complete = false;

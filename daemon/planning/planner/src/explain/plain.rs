@@ -1,13 +1,13 @@
-//! Explains why a problem of plain PDDL has no plan: which part of the goal is unreachable, and which
-//! conditions are missing for the actions that could achieve it, down to a fact that no action makes
+//! Explains why a problem of plain PDDL has no plan: the unreachable part of the goal, and the
+//! missing conditions of the actions that could achieve it, down to a fact that no action makes
 //! true.
 //!
-//! - The lifted texts are evaluated with the delete relaxation, separately for each part of the goal: a
-//!   part that is called unreachable is proved to be so.
-//! - If every part is reachable in the relaxation, a plan for each part alone is searched for, within a
-//!   small budget.
-//! - The numbers of parts and of links in a chain of reasons are limited; parts that are left out are
-//!   counted.
+//! - The delete relaxation is evaluated separately for each part of the goal, so a part that is
+//!   reported as unreachable is proved to be so.
+//! - If every part is reachable in the relaxation, a plan is searched for each part alone, with
+//!   little effort.
+//! - The number of explained parts and the length of a chain of reasons are limited; omitted parts
+//!   are counted.
 
 use pddl::{
     Atom, Condition, Domain, Effect, FluentTerm, InitElement, Name, Problem, Term, TypeExpr, Typed,
@@ -21,44 +21,48 @@ use crate::options::Options;
 use crate::outcome::{PlanError, StopReason};
 use crate::validate::World;
 
-/// Maximal number of parts of the goal that are checked. Each of them is ground separately.
+/// Maximum number of parts of the goal that are checked. Each of them is grounded separately.
 const PARTS_MAX: usize = 64;
 
-/// Maximal number of unreachable parts that are explained; further ones are only counted.
+/// Maximum number of unreachable parts that are explained; further ones are only counted.
 const EXPLAINED_PARTS_MAX: usize = 3;
 
-/// Maximal number of links in a chain from a part of the goal to a fact that no action makes true.
+/// Maximum number of links in a chain from a part of the goal to a fact that no action makes true.
 const LINKS_MAX: usize = 6;
 
-/// Maximal number of achievers of one fact (actions and axioms that could make it true) that are named.
+/// Maximum number of achievers of one fact (actions and axioms that could make it true) that are
+/// named.
 const ACHIEVERS_MAX: usize = 3;
 
-/// Maximal number of characters up to which a condition is shown in full.
+/// Maximum number of characters of a condition that are shown.
 const TEXT_CHARS_MAX: usize = 120;
 
-/// What is said if no reason is found: only that there is no plan.
+/// Text for a problem without a known reason.
 const UNEXPLAINED: &str = "no sequence of steps reaches all parts of the goal";
 
-/// Cap on the work for one check, which takes a fraction of a second.
+/// Limits on the work for one check, which takes a fraction of a second.
 const JOIN_STEPS_MAX: u64 = 5_000_000;
 const EXPANSIONS_MAX: u64 = 5_000;
 
-/// Why a problem has no plan.
+/// Reasons why a problem has no plan.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Unsolvability {
-    /// The first few parts of the goal that are unreachable even alone, each with the reason.
+    /// The first few parts of the goal that are unreachable even alone, each with the reason as
+    /// text.
     pub parts: Vec<(Condition, String)>,
     /// Number of unreachable parts of the goal beyond those in `parts`.
     pub more: usize,
-    /// Reason why the parts of the goal are unreachable together, if each of them is reachable alone.
+    /// Reason why the parts of the goal are unreachable together although each alone is reachable;
+    /// `None` otherwise.
     pub together: Option<String>,
 }
 
-/// Explains why a problem has no plan, as far as that can be found with bounded work.
+/// Explains why a problem has no plan. The work is bounded, so the explanation may be incomplete.
 ///
 /// # Errors
 ///
-/// Returns an error if the texts contain errors or use a feature that this planner does not support.
+/// Returns an error if the texts contain mistakes or use a feature that this planner does not
+/// support.
 pub fn why_unsolvable(
     domain: &Domain,
     problem: &Problem,
@@ -87,7 +91,7 @@ pub fn why_unsolvable(
     Ok(found)
 }
 
-/// Texts and limits from which an explanation is made.
+/// Inputs of an explanation, with its limits.
 struct UnsolvabilityExplainer<'w> {
     domain: &'w Domain,
     problem: &'w Problem,
@@ -100,16 +104,17 @@ struct UnsolvabilityExplainer<'w> {
 struct Achiever {
     name: Name,
     is_axiom: bool,
-    /// Conjuncts of the achiever's conditions, with the objects of the fact. Free variables are
+    /// Conjuncts of the achiever's conditions, with the objects of the fact. Other variables are
     /// existentially quantified.
     needs: Vec<Condition>,
-    /// All conditions of the achiever as one condition, for the same objects.
+    /// Conjunction of all conditions of the achiever, for the same objects.
     whole: Condition,
-    /// A parameter of the achiever with a type that has no objects; `None` if every type has objects.
+    /// A parameter of the achiever without an object of its type; `None` if every parameter has
+    /// one.
     vacant: Option<Typed>,
 }
 
-/// Terms for which variables stand.
+/// Terms that replace variables.
 type TermBindings = Vec<(Name, Term)>;
 
 // === impl UnsolvabilityExplainer ===
@@ -119,8 +124,8 @@ impl UnsolvabilityExplainer<'_> {
         unreachable(self.domain, self.problem, conditions, &self.options, self.cancel)
     }
 
-    /// Searches for a plan for each part of the goal alone, and explains the parts that have none.
-    /// `is_whole` says whether these are all parts.
+    /// Searches for a plan for each part of the goal alone, and explains the parts without a plan.
+    /// `is_whole` is true if `parts` are all parts of the goal.
     fn explain_parts_alone(
         &self,
         parts: &[Condition],
@@ -155,8 +160,8 @@ impl UnsolvabilityExplainer<'_> {
     }
 
     /// Explains why no sequence of steps reaches a part of the goal that is reachable in the
-    /// relaxation. If no number is involved, the only possible reason is that steps undo conditions of
-    /// other steps.
+    /// relaxation. Without numbers, the only possible reason is that steps undo conditions of other
+    /// steps.
     fn explain_obstruction(&self, part: &Condition) -> String {
         if let Some(undefined) = self.undefined(part) {
             return undefined;
@@ -172,8 +177,8 @@ impl UnsolvabilityExplainer<'_> {
         }
     }
 
-    /// Explains that a condition compares a fluent that is undefined and that no action assigns; `None`
-    /// if it does not compare such a fluent.
+    /// Explains that a condition compares an undefined fluent that no action assigns; `None` if
+    /// there is no such fluent.
     fn undefined(&self, condition: &Condition) -> Option<String> {
         let is_missing = |fluent: &&FluentTerm| {
             let is_told = |element: &InitElement| match element {
@@ -190,7 +195,7 @@ impl UnsolvabilityExplainer<'_> {
         Some(format!("`{missing}` has no value, and no action assigns it one"))
     }
 
-    /// Returns the chain of reasons from a condition down to a fact that no action makes true, as a
+    /// Returns the chain of reasons from a condition to a fact that no action makes true, as a
     /// clause of a sentence.
     fn chain(&self, condition: &Condition) -> Result<String, PlanError> {
         let mut links: Vec<String> = Vec::new();
@@ -217,8 +222,8 @@ impl UnsolvabilityExplainer<'_> {
         Ok(links.join("; "))
     }
 
-    /// Explains why no action makes an atom true: either no action adds the predicate of the atom, or
-    /// actions add it only for other objects.
+    /// Explains why no action makes an atom true: either no action adds its predicate, or actions
+    /// add the predicate only for other objects.
     fn nothing_makes(&self, atom: &Atom, subject: &str) -> String {
         let name = &atom.predicate;
         let mut is_changed = self.domain.derived.iter().any(|axiom| axiom.predicate == *name);
@@ -233,7 +238,7 @@ impl UnsolvabilityExplainer<'_> {
         }
     }
 
-    /// Describes the conditions that are missing for the achievers of one fact. Also returns the first
+    /// Describes the missing conditions of the achievers of one fact. Also returns the first
     /// missing condition.
     fn link(
         &self,
@@ -276,7 +281,7 @@ impl UnsolvabilityExplainer<'_> {
         Ok((words.join(", and "), next))
     }
 
-    /// Explains why an achiever is never applicable, although each of its conditions alone is
+    /// Explains why an achiever is never applicable although each of its conditions alone is
     /// reachable.
     fn why_not(&self, achiever: &Achiever) -> Result<String, PlanError> {
         if let Some(Typed { name, ty }) = &achiever.vacant {
@@ -289,7 +294,7 @@ impl UnsolvabilityExplainer<'_> {
         })
     }
 
-    /// Returns the first parameter that is unbound and has a type without objects.
+    /// Returns the first unbound parameter without an object of its type; `None` if there is none.
     fn vacant(&self, bindings: &TermBindings, parameters: &[&Typed]) -> Option<Typed> {
         let free =
             parameters.iter().filter(|one| !bindings.iter().any(|(name, _)| *name == one.name));
@@ -336,8 +341,8 @@ impl UnsolvabilityExplainer<'_> {
         achievers
     }
 
-    /// Returns the bindings of `parameters` under which an effect with the arguments `own` equals an
-    /// atom with the arguments `wanted`; `None` if there are none.
+    /// Returns the bindings of `parameters` that make an effect with the arguments `own` equal to
+    /// an atom with the arguments `wanted`; `None` if there are none.
     fn unify(&self, own: &[Term], wanted: &[Term], parameters: &[&Typed]) -> Option<TermBindings> {
         if own.len() != wanted.len() {
             return None;
@@ -370,8 +375,8 @@ impl UnsolvabilityExplainer<'_> {
         all.any(|one| one.name == *object && self.types.accepts(ty, &one.ty))
     }
 
-    /// Returns the conjuncts of conditions, with bound variables replaced by their terms, and free
-    /// variables quantified.
+    /// Returns the conjuncts of conditions. Bound variables are replaced by their terms, and free
+    /// variables are quantified.
     fn needs<'c>(
         &self,
         conditions: impl Iterator<Item = &'c Condition>,
@@ -416,7 +421,7 @@ impl std::fmt::Display for Unsolvability {
     }
 }
 
-/// Returns the text of a condition in quotes, shortened if it is long.
+/// Returns the text of a condition in quotation marks, shortened if it is long.
 fn quoted(condition: &Condition) -> String {
     let text = condition.to_string();
     let mut short: String = text.chars().take(TEXT_CHARS_MAX).collect();
@@ -426,7 +431,7 @@ fn quoted(condition: &Condition) -> String {
     format!("`{}`", short.split_whitespace().collect::<Vec<_>>().join(" "))
 }
 
-/// Returns the atom that a condition consists of, perhaps inside an `exists`; `None` for other
+/// Returns the atom of a condition that is an atom, or an `exists` over an atom; `None` for other
 /// conditions.
 fn wanted(condition: &Condition) -> Option<&Atom> {
     match condition {
@@ -443,7 +448,7 @@ fn flatten<'c>(condition: &'c Condition, parts: &mut Vec<&'c Condition>) {
     }
 }
 
-/// Calls `visit` for every atom that an effect adds, with the conditions of the enclosing `when`s.
+/// Calls `visit` for every atom that an effect adds, with the conditions of the `when`s around it.
 fn added<'e>(
     effect: &'e Effect,
     conditions: &mut Vec<&'e Condition>,
@@ -453,8 +458,8 @@ fn added<'e>(
         Effect::And(parts) => parts.iter().for_each(|part| added(part, conditions, visit)),
         Effect::Add(atom) => visit(atom, conditions),
         Effect::Delete(_) | Effect::Assign(_) => (),
-        // The variables of the `forall` are not distinguished from others, so conditions on them are
-        // left out.
+        // The variables of the `forall` could be confused with others, so conditions that use them
+        // are omitted.
         Effect::Forall(_, inner) => {
             let mut none = Vec::new();
             added(inner, &mut none, &mut |atom, _| visit(atom, &[]));
@@ -475,15 +480,14 @@ fn substituted(condition: &Condition, bindings: &TermBindings) -> Condition {
     names.substitute(condition)
 }
 
-/// Whether a condition mentions a variable. If it does, substituting the variable changes the
-/// condition.
+/// Whether a condition contains a variable. If so, substituting the variable changes the condition.
 fn mentions(condition: &Condition, variable: &Name) -> bool {
     let mut names = crate::validate::bindings::Bindings::default();
     names.bind(variable, Name::new(""));
     names.substitute(condition) != *condition
 }
 
-/// Returns the conjunction of all conditions, so that they are tested for the same objects together.
+/// Returns the conjunction of all conditions, so that they are checked for the same objects.
 fn whole<'c>(
     conditions: impl Iterator<Item = &'c Condition>,
     bindings: &TermBindings,
@@ -498,7 +502,7 @@ fn whole<'c>(
     }
 }
 
-/// Whether an effect changes numbers other than the cost, or has a condition on numbers.
+/// Whether an effect changes numbers other than the total cost, or has a numeric condition.
 fn changes_numbers(effect: &Effect) -> bool {
     match effect {
         Effect::And(parts) => parts.iter().any(changes_numbers),

@@ -8,12 +8,12 @@ use super::{
     Alternative, Explanation, MissingCapability, Obstacle, Placement, RequiredPlace, SupposedObject,
 };
 
-/// Maximal number of similar things that are named in a list; further ones are counted.
+/// Maximum number of similar items that a list names; further ones are counted.
 const NAMED_MAX: usize = 3;
 
 impl fmt::Display for Explanation {
-    /// Writes one sentence for each group of parts of the goal that lack the same capabilities, without
-    /// the final period.
+    /// Writes one sentence, without a period, for each group of parts of the goal with the same
+    /// missing capabilities.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut sentences: Vec<(String, Vec<String>, String)> = Vec::new();
         for obstacle in &self.obstacles {
@@ -45,8 +45,9 @@ impl fmt::Display for Explanation {
 // === impl Obstacle ===
 
 impl Obstacle {
-    /// Returns three strings: the beginning of the sentence (which parts of the goal that lack the same
-    /// capabilities share), the name of this part, and what would suffice.
+    /// Returns three parts of a sentence: the beginning, which is the same for all parts of the
+    /// goal with the same missing capabilities; the name of this part; and the capabilities that
+    /// would suffice.
     fn sentence(&self) -> (String, String, String) {
         let there = self.there();
         let (lead, subject) = match (self.actions.as_slice(), self.unreachable.as_slice()) {
@@ -99,14 +100,14 @@ impl Obstacle {
         }
     }
 
-    /// Returns the objects that this part of the goal is about.
+    /// Returns the objects in the unreachable facts of this part of the goal.
     fn there(&self) -> Vec<&Name> {
         let terms = self.unreachable.iter().flat_map(|atom| &atom.arguments);
         terms.map(text).collect()
     }
 
-    /// Whether a new agent would have to be at one of the objects in `there`, which this part of the
-    /// goal is about.
+    /// Whether a new agent would have to be at one of the objects in `there`, the objects of this
+    /// part of the goal.
     fn is_place(&self, there: &[&Name]) -> bool {
         let missing = self.alternatives.iter().flat_map(|alternative| &alternative.missing);
         missing.flat_map(|missing| &missing.places).any(|placement| placement.is_there(there))
@@ -116,8 +117,8 @@ impl Obstacle {
 // === impl Alternative ===
 
 impl Alternative {
-    /// Describes the alternative in words. `known` is the action that the sentence has already named;
-    /// `there` has the objects that the part of the goal is about.
+    /// Describes the alternative in words. `known` is the action that the sentence has already
+    /// named. `there` has the objects of the part of the goal.
     fn words(&self, known: Option<&Name>, there: &[&Name]) -> String {
         let mut missing: Vec<&MissingCapability> = self.missing.iter().collect();
         missing.sort_by_key(|missing| known != Some(&missing.action));
@@ -159,8 +160,7 @@ impl MissingCapability {
         words
     }
 
-    /// Whether this agent, which is new, has to be placed on the agent of `other`, which is new as
-    /// well.
+    /// Whether this capability's agent must be placed on the new agent of `other`.
     fn is_placed_on(&self, other: &MissingCapability) -> bool {
         let is_other = |place: &Vec<SupposedObject>| *place == [other.agent.clone()];
         matches!(other.agent, SupposedObject::New(_))

@@ -1,5 +1,6 @@
-//! Computes under which suppositions each literal of the supposed task is reachable. The result is the
-//! smallest sets of at most two suppositions. They are propagated along the operators to a fixpoint.
+//! Computes the suppositions that make each literal of the supposed task reachable. The result for
+//! a literal is its smallest sets of at most two suppositions. The sets are propagated along the
+//! operators to a fixpoint.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -8,17 +9,18 @@ use pddl::Name;
 use super::suppose::{OperatorMeaning, SupposedTask};
 use crate::task::{Changes, Literal, Task};
 
-/// Maximal number of sets of suppositions for one literal. More sets would not be shown to the user.
+/// Maximum number of sets of suppositions for one literal. More would not be shown to the user.
 const SETS_MAX: usize = 12;
 
-/// Cap on the work, counted as literals of rule bodies times the sets of each literal. It takes about a
-/// second for a building of hundreds of rooms.
+/// Limit on the work: the sum, over the literals of rule bodies, of the number of their sets. For a
+/// building of hundreds of rooms, this takes about a second.
 const STEPS_MAX: u64 = 20_000_000;
 
-/// A set of at most two suppositions. If the set is empty, no supposition is needed.
+/// A set of at most two suppositions. The empty set means that no supposition is needed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct SuppositionSet {
-    /// Number of suppositions in the set. It is the first field, so that smaller sets are sorted first.
+    /// Number of suppositions in the set. This field comes first, so that smaller sets are sorted
+    /// first.
     count: u8,
     members: [u32; 2],
 }
@@ -26,11 +28,11 @@ pub(super) struct SuppositionSet {
 /// Origin of a rule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum RuleOrigin {
-    /// An action that some agent offers, or an axiom: no supposition is needed.
+    /// An action that an agent offers, or an axiom: no supposition is needed.
     World,
-    /// A supposition, given by its number.
+    /// A supposition with this number.
     Suppose(u32),
-    /// A fact about a new agent, given by the number of its group of alternative places and the
+    /// A fact about a new agent, given by the number of its group of alternative places and its
     /// position in the group.
     Place(usize, usize),
 }
@@ -46,11 +48,12 @@ struct SuppositionRule {
 #[derive(Default)]
 pub(super) struct SuppositionRules {
     rules: Vec<SuppositionRule>,
-    /// For each literal: the rules that have it in their body.
+    /// For each literal: the rules with the literal in their body.
     readers: Vec<Vec<usize>>,
     /// Literals that hold in the initial state.
     initial: Vec<usize>,
-    /// For each supposition: number of the supposed capability, and the agent that would offer it.
+    /// For each supposition: the number of the supposed capability, and the agent that would offer
+    /// it.
     pub(super) suppositions: Vec<(usize, Name)>,
     /// Alternative places, grouped by kind of placement and by new agent.
     pub(super) groups: Vec<PlaceGroup>,
@@ -58,23 +61,23 @@ pub(super) struct SuppositionRules {
     touches: BTreeMap<(usize, usize), usize>,
 }
 
-/// Alternative places for one fact about one new agent. A place is the list of the other arguments of
-/// the fact.
+/// Alternative places in one fact about one new agent. A place is the list of the other arguments
+/// of the fact.
 pub(super) struct PlaceGroup {
     pub(super) placement: usize,
     pub(super) agent: Name,
     pub(super) values: Vec<Vec<Name>>,
 }
 
-/// Result of the computation: for each part of the goal and each fact in it, the suppositions under
-/// which it is reachable.
+/// Result of the computation: for each part of the goal, the sets of suppositions that make it
+/// reachable; for each fact in a part, whether it is reachable without suppositions.
 pub(super) struct Support {
     parts: BTreeMap<usize, Vec<SuppositionSet>>,
     touches: BTreeMap<(usize, usize), bool>,
     pub(super) is_complete: bool,
 }
 
-// === impl LiteralSet ===
+// === impl SuppositionSet ===
 
 impl SuppositionSet {
     fn of(one: u32) -> SuppositionSet {
@@ -85,7 +88,7 @@ impl SuppositionSet {
         &self.members[..usize::from(self.count)]
     }
 
-    /// Returns the union of two sets of suppositions; `None` if the union would have more than two
+    /// Returns the union of two sets of suppositions; `None` if it would have more than two
     /// members.
     fn with(self, other: SuppositionSet) -> Option<SuppositionSet> {
         let mut both = self;
@@ -107,7 +110,7 @@ impl SuppositionSet {
     }
 }
 
-/// Adds a set to `sets`, unless a subset of it is there already. Returns whether `sets` changed.
+/// Adds a set to `sets`, unless `sets` contains a subset of it. Returns whether `sets` has changed.
 fn insert(sets: &mut Vec<SuppositionSet>, set: SuppositionSet, is_complete: &mut bool) -> bool {
     if sets.iter().any(|known| known.is_within(&set)) {
         return false;
@@ -116,7 +119,7 @@ fn insert(sets: &mut Vec<SuppositionSet>, set: SuppositionSet, is_complete: &mut
     let at = sets.partition_point(|known| *known < set);
     if sets.len() >= SETS_MAX {
         *is_complete = false;
-        // Only a smaller set may replace a larger one, so that the iteration terminates.
+        // Only a smaller set may replace a larger one, which ensures termination.
         if sets.last().is_none_or(|last| last.count <= set.count) {
             return false;
         }
@@ -175,7 +178,7 @@ impl SuppositionRules {
     }
 
     /// Adds the literals that hold in the initial state. Negated derived facts and comparisons are
-    /// assumed to hold, so that too much rather than too little counts as reachable.
+    /// assumed to hold, so that no reachable literal is missed.
     fn begin(&mut self, task: &Task) {
         let mut holds = vec![false; task.fact_count];
         task.initial.iter().for_each(|fact| holds[fact.index()] = true);
@@ -198,7 +201,7 @@ impl SuppositionRules {
         self.rules.push(rule);
     }
 
-    /// Adds a literal that stands for no fact of the task, and returns its number.
+    /// Adds a literal that represents no fact of the task. Returns its number.
     fn goal(&mut self) -> usize {
         self.readers.push(Vec::new());
         self.readers.len() - 1
@@ -224,7 +227,7 @@ impl SuppositionRules {
         RuleOrigin::Place(group, values.len() - 1)
     }
 
-    /// Returns the parts of the goal that are reachable by the allowed rules. The work is added to
+    /// Returns the parts of the goal that are reachable by the allowed rules. Adds the work to
     /// `steps`.
     pub(super) fn reached(
         &self,
@@ -314,13 +317,13 @@ impl Support {
         self.touches.get(&(part, atom)).copied().unwrap_or(false)
     }
 
-    /// Returns the smallest sets of suppositions under which a part of the goal is reachable.
+    /// Returns the smallest sets of suppositions that make a part of the goal reachable.
     pub(super) fn sets(&self, part: usize) -> &[SuppositionSet] {
         self.parts.get(&part).map_or(&[], Vec::as_slice)
     }
 }
 
-/// Returns the smallest sets of suppositions under which the whole body of a rule is reachable.
+/// Returns the smallest sets of suppositions that make the whole body of a rule reachable.
 fn body_sets(
     rule: &SuppositionRule,
     sets: &[Vec<SuppositionSet>],

@@ -1,10 +1,13 @@
 //! Builds the relaxed task with supposed capabilities, as a domain and a problem.
 //!
-//! Every action that an agent offers, or has offered, has a guard (the fact that lets an agent use the
-//! action). An operator `suppose` makes the guard true for one agent, which is present or new. An
-//! operator `place` makes a fact about a new agent true that the agent's action requires, or puts an
-//! agent without a place onto a new agent. The operators `reach` and `touch` stand for a part of the
-//! goal and for a fact in such a part.
+//! Every action that an agent offers, or has offered, has a guard: a fact that allows an agent to
+//! use the action. The task has four kinds of auxiliary operators:
+//!
+//! - `suppose` makes the guard true for one agent, which is present or new.
+//! - `place` makes a fact about a new agent true that its action requires, or puts an agent without
+//!   a place onto a new agent.
+//! - `reach` represents that a part of the goal is reached.
+//! - `touch` represents that a fact in such a part is reached.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -16,37 +19,39 @@ use pddl::{
 
 use super::{ActionGuard, ExplanationInput, SupposedObject};
 
-/// Maximal number of models of former agents that are used. Each model is checked separately.
+/// Maximum number of models of former agents that are used. Each model is checked separately.
 const FORMER_MAX: usize = 64;
 
-/// Name of an auxiliary predicate. PDDL does not allow such names, so they cannot collide with names in
-/// the texts.
+/// Name of an auxiliary predicate. PDDL does not allow such names, so they are different from all
+/// names in the texts.
 const THERE: &str = "%there";
 const NEW: &str = "%new";
 const EXPLAINED: &str = "%explained";
 
-/// Meaning of an operator of the supposed task. Operators are found by the name of their schema.
+/// Meaning of an auxiliary operator of the supposed task. An operator is identified by the name of
+/// its schema.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum OperatorMeaning {
-    /// Some agent offers this capability.
+    /// An agent offers the capability with this index.
     Suppose(usize),
-    /// A fact about a new agent is true: the one with this index in [`SupposedTask::placements`].
+    /// The fact about a new agent with this index in [`SupposedTask::placements`] is true.
     Place(usize),
     /// The part of the goal with this number is reached.
     Reach(usize),
-    /// A fact in a part of the goal is reached. The numbers are those of the part and of the fact.
+    /// A fact in a part of the goal is reached. The first number is that of the part, the second
+    /// that of the fact.
     Touch(usize, usize),
 }
 
 /// A fact about a new agent that can be supposed.
 pub(super) struct SupposableFact {
     pub(super) predicate: Name,
-    /// Capability that requires the fact about its new agent; `None` if a capability of another agent
-    /// requires the fact.
+    /// Capability that requires the fact of its new agent; `None` if a capability of another agent
+    /// requires it.
     pub(super) capability: Option<usize>,
 }
 
-/// The supposed task, with the meanings of the operators in it.
+/// The supposed task, with the meanings of its auxiliary operators.
 pub(super) struct SupposedTask {
     pub(super) domain: Domain,
     pub(super) problem: Problem,
@@ -91,8 +96,8 @@ impl SupposedTask {
         supposed
     }
 
-    /// Returns the actions that could make one of `atoms` true, by their names in the agents' own
-    /// models.
+    /// Returns the actions that could make one of `atoms` true, under the agents' own names for
+    /// them.
     pub(super) fn adding(&self, atoms: &[Atom]) -> Vec<Name> {
         let adds = |name: &Name| {
             let action = self.domain.actions.iter().find(|action| action.name == *name);
@@ -113,7 +118,7 @@ impl SupposedTask {
         names.into_iter().collect()
     }
 
-    /// Returns whether an object is present or new, in the form that explanations use.
+    /// Returns the object as a present object or as a new agent of its type.
     pub(super) fn who(&self, object: &Name) -> SupposedObject {
         match self.new.get(object) {
             Some(ty) => SupposedObject::New(ty.clone()),
@@ -138,8 +143,8 @@ impl SupposedTask {
         ]);
     }
 
-    /// Adds a new agent for every type of agent that has actions. A new agent takes part in no action
-    /// until it is supposed to be there.
+    /// Adds a new agent for every type of agent with actions. A new agent takes part in no action
+    /// until an operator supposes that it is present.
     fn add_new_agents(&mut self, acting: &[(ActionSchema, ActionGuard)]) {
         let objects = self.problem.objects.iter().map(|declared| &declared.object);
         let here: Vec<Name> =
@@ -173,8 +178,8 @@ impl SupposedTask {
         }
     }
 
-    /// Adds the operator by which an agent is supposed to offer an action, and the operators that make
-    /// true the facts about a new agent that the action requires.
+    /// Adds the operator that supposes an action of an agent, and the operators for the facts about
+    /// a new agent that the action requires.
     fn add_offer_operator(
         &mut self,
         action: &ActionSchema,
@@ -213,8 +218,8 @@ impl SupposedTask {
         }
     }
 
-    /// Adds operators that put a present agent without a place onto a new agent. An example is a sensor
-    /// after the robot that carried it has left.
+    /// Adds operators that put a present agent without a place onto a new agent. Such an agent is,
+    /// for example, a sensor after the departure of its robot.
     fn add_placing_operators(
         &mut self,
         acting: &[(ActionSchema, ActionGuard)],
@@ -281,8 +286,8 @@ impl SupposedTask {
         self.place(said.clone(), vec![other, agent.clone()], wanted, None);
     }
 
-    /// Adds an operator that makes a fact about a new agent true. The new agent is the first of
-    /// `parameters`.
+    /// Adds an operator that makes a fact about a new agent true. The new agent must be the first
+    /// of `parameters`.
     fn place(
         &mut self,
         said: Atom,
@@ -334,7 +339,7 @@ impl SupposedTask {
     }
 }
 
-/// Adds the actions of a former agent's model, if they are compatible with the present domain.
+/// Adds the actions of a former agent's model that are compatible with the present domain.
 fn add_former_model(
     domain: &mut Domain,
     guards: &mut BTreeMap<Name, ActionGuard>,
@@ -378,8 +383,8 @@ fn add_former_model(
 }
 
 /// Calls `visit` for the atoms that a condition requires to be true, with the quantified variables
-/// around each atom. Only conjunctions, disjunctions, `exists` and atoms are considered; other
-/// conditions are ignored.
+/// around each atom. Conditions other than conjunctions, disjunctions, `exists` and atoms are
+/// ignored.
 fn positive(condition: &Condition, scope: &mut Vec<Typed>, visit: &mut dyn FnMut(&Atom, &[Typed])) {
     match condition {
         Condition::Atom(atom) => visit(atom, scope),
@@ -405,7 +410,7 @@ pub(super) fn has_comparison(condition: &Condition) -> bool {
     condition.parts().any(|part| matches!(part, Condition::Compare(_)))
 }
 
-/// Replaces each comparison by the truth value that makes the condition easier to satisfy.
+/// Replaces each comparison by the truth value that is easier to satisfy.
 fn without_numbers(condition: &Condition, positive: bool) -> Condition {
     let all = |parts: &[Condition]| {
         parts.iter().map(|part| without_numbers(part, positive)).collect::<Vec<_>>()

@@ -1,7 +1,9 @@
-//! Conditions, split into literals that are ground directly and parts that are ground as trees.
+//! Conditions, split into literals, which are grounded directly, and other parts, which are
+//! grounded as trees.
 //!
-//! Most conditions are conjunctions of literals; their ground literals are written straight into an
-//! array. Only disjunctions, quantifiers and comparisons of numbers become a [`GroundFormula`].
+//! Most conditions are conjunctions of literals, and their ground literals are written directly
+//! into an array. Only disjunctions, quantifiers and numeric comparisons become a
+//! [`GroundFormula`].
 
 use super::formula_template::{FormulaGrounder, FormulaTemplate, LiteralTruth};
 use super::ground_formula::GroundFormula;
@@ -11,7 +13,7 @@ use crate::normalize::lifted::{Formula, LiftedAtom, LiftedTerm, TypeIndex};
 use crate::outcome::StopReason;
 use crate::task::{Literal, ObjectId};
 
-/// A condition that is prepared for grounding: its literals, and its other parts.
+/// A condition that is prepared for grounding: its literals and its other parts.
 #[derive(Debug, Default)]
 pub(super) struct ConjunctionTemplate {
     equalities: Vec<(bool, LiftedTerm, LiftedTerm)>,
@@ -22,7 +24,7 @@ pub(super) struct ConjunctionTemplate {
 // === impl ConjunctionTemplate ===
 
 impl ConjunctionTemplate {
-    /// Prepares a formula for grounding. `is_joined` means that a join has already tested the
+    /// Prepares a formula for grounding. If `is_joined` is true, a join has already tested the
     /// equalities and static literals in the formula.
     pub(super) fn compile(
         catalog: &mut Catalog<'_>,
@@ -60,9 +62,8 @@ impl ConjunctionTemplate {
         }
     }
 
-    /// Grounds the condition under a binding. Writes its literals to `literals`, sorted, and returns
-    /// the parts that are not literals. Returns [`GroundFormula::False`] if the condition can never
-    /// hold.
+    /// Grounds the condition under a binding. Writes its sorted literals to `literals`, and returns
+    /// the other parts. Returns [`GroundFormula::False`] if the condition can never hold.
     #[inline]
     pub(super) fn ground(
         &self,
@@ -109,11 +110,11 @@ impl ConjunctionTemplate {
     }
 }
 
-/// Sorts literals and removes duplicates. Returns `false` if one of the literals is the negation of
-/// another.
+/// Sorts literals and removes duplicates. Returns `false` if two of the literals contradict each
+/// other.
 pub(super) fn tidy(literals: &mut Vec<Literal>) -> bool {
     literals.sort_unstable();
     literals.dedup();
-    // The literals of one fact are adjacent, the positive one first.
+    // The literals of one fact are next to each other, the positive one first.
     !literals.windows(2).any(|pair| pair[0].negated() == pair[1])
 }

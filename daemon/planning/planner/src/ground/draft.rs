@@ -1,17 +1,17 @@
-//! A draft of the operators that one binding of a schema gives.
+//! A draft of the operators that result from one binding of a schema.
 
 use rustc_hash::FxHashMap;
 
 use crate::task::{FactId, Literal, NumericChange, ObjectId, OperatorTable};
 
-/// Preconditions, effects and cost of the current binding, as far as they have been collected. One
-/// draft is used for all bindings, so that its buffers are used again.
+/// Preconditions, effects and cost of the current binding that have been collected so far. One
+/// draft is used for all bindings, so that its buffers are reused.
 #[derive(Default)]
 pub(super) struct OperatorDraft {
     pub(super) preconditions: Vec<Literal>,
     pub(super) always: ChangesDraft,
     conditional: Vec<(Vec<Literal>, ChangesDraft)>,
-    /// Position of each condition in `conditional`; filled only if there are more than
+    /// Position of each condition in `conditional`; empty while there are at most
     /// [`FEW_CONDITIONS`].
     positions: FxHashMap<Vec<Literal>, usize>,
     pub(super) cost: f64,
@@ -26,7 +26,7 @@ pub(super) struct ChangesDraft {
     pub(super) numeric: Vec<NumericChange>,
 }
 
-/// Maximal number of conditions that are compared one by one; if there are more, they are hashed.
+/// Maximum number of conditions that are compared one by one; more are hashed.
 const FEW_CONDITIONS: usize = 8;
 
 // === impl OperatorDraft ===
@@ -40,8 +40,8 @@ impl OperatorDraft {
         self.cost = 0.0;
     }
 
-    /// Returns the changes that happen under a condition, given as sorted literals. The empty condition
-    /// stands for the unconditional effect.
+    /// Returns the changes under a condition, which is given as sorted literals. The empty
+    /// condition is that of the unconditional effect.
     pub(super) fn under(&mut self, conditions: &[Literal]) -> &mut ChangesDraft {
         if conditions.is_empty() {
             return &mut self.always;
@@ -59,8 +59,8 @@ impl OperatorDraft {
         &mut self.conditional[position].1
     }
 
-    /// Fills `positions` as soon as the number of conditions exceeds [`FEW_CONDITIONS`], and keeps the
-    /// map complete from then on.
+    /// Fills `positions` when the number of conditions exceeds [`FEW_CONDITIONS`], and keeps it
+    /// complete afterwards.
     fn note_positions(&mut self) {
         let count = self.conditional.len();
         let new = match count.cmp(&(FEW_CONDITIONS + 1)) {
@@ -73,8 +73,7 @@ impl OperatorDraft {
         }
     }
 
-    /// Adds an operator with exactly these preconditions, and with the effects and the cost of the
-    /// draft.
+    /// Adds an operator with these preconditions and with the effects and the cost of the draft.
     pub(super) fn operator(
         &mut self,
         schema: u32,
@@ -83,8 +82,8 @@ impl OperatorDraft {
         operators: &mut OperatorTable,
     ) {
         let OperatorDraft { always, conditional, combined, .. } = self;
-        // Conditions that the precondition implies are dropped; effects that it contradicts cannot
-        // happen.
+        // Conditions that the precondition implies are dropped. Effects with conditions that the
+        // precondition contradicts are dropped, because they cannot occur.
         let is_known = |literal: &Literal| preconditions.binary_search(literal).is_ok();
         let cannot =
             |conditions: &[Literal]| conditions.iter().any(|literal| is_known(&literal.negated()));
@@ -110,7 +109,8 @@ impl OperatorDraft {
             }
         }
         let ChangesDraft { adds, deletes, numeric } = combined;
-        // Facts that already hold need not be added, and facts that do not hold need not be deleted.
+        // Facts that already hold need not be added, and facts that do not hold need not be
+        // deleted.
         adds.retain(|fact| !is_known(&Literal::new(*fact, true)));
         deletes.retain(|fact| !is_known(&Literal::new(*fact, false)));
         operators.set_effect(adds.drain(..), deletes.drain(..), numeric.drain(..));
@@ -118,7 +118,7 @@ impl OperatorDraft {
     }
 }
 
-// === impl StepChanges ===
+// === impl ChangesDraft ===
 
 impl ChangesDraft {
     fn clear(&mut self) {
@@ -137,8 +137,8 @@ impl ChangesDraft {
         self.adds.is_empty() && self.deletes.is_empty() && self.numeric.is_empty()
     }
 
-    /// Sorts the changes, and drops deletes of facts that the effect also adds. The facts in `added`
-    /// are added by another effect in any case, so the adds of these facts are dropped as well.
+    /// Sorts the changes, and drops deletes of facts that the effect also adds. Adds of the facts
+    /// in `added` are dropped, too, because another effect always adds these facts.
     fn tidy(&mut self, added: &[FactId]) {
         self.adds.retain(|fact| added.binary_search(fact).is_err());
         self.adds.sort_unstable();

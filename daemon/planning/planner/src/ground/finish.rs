@@ -1,5 +1,6 @@
-//! Builds the task from raw facts: constant facts are removed from all conditions, facts and operators
-//! that are irrelevant to the goal are dropped, and the remaining facts are numbered without gaps.
+//! Builds the task from raw facts. Constant facts are removed from all conditions, facts and
+//! operators that are irrelevant to the goal are dropped, and the remaining facts are numbered
+//! without gaps.
 
 use super::ground_fluents::GroundFluents;
 use super::grounding_meter::GroundingMeter;
@@ -11,12 +12,12 @@ use crate::operators::{OperatorTable, Renumbering};
 use crate::outcome::{StopReason, Unprovable};
 use crate::task::{Changes, FactId, GroundAxiom, GroundOperator, Literal, Task};
 
-/// Greatest cost that is represented exactly. It leaves room for searches, which multiply costs by
+/// Greatest cost that is represented exactly. The bound allows searches to multiply costs by
 /// [`STEPS_PER_COST`] and add them up.
 const COST_MAX: f64 = (u64::MAX / STEPS_PER_COST / 2) as f64;
 
-/// Value to which the greatest cost is scaled down if some cost exceeds [`COST_MAX`]. A million costs
-/// of this value can still be added up.
+/// Value to which the greatest cost is scaled down if a cost exceeds [`COST_MAX`]. The sum of a
+/// million costs of this value is still representable.
 const COST_ROUNDED_MAX: f64 = COST_MAX / 1e6;
 
 /// Initial state of the task, with raw fact numbers.
@@ -25,7 +26,7 @@ pub(super) struct RawInitialState {
     pub(super) initial: Vec<bool>,
     /// Per dense index: whether the fact is known to be false in every reachable state.
     pub(super) never: Vec<bool>,
-    /// Initial values of the numeric fluents; NaN where a fluent is undefined.
+    /// Initial values of the numeric fluents; NaN for an undefined fluent.
     pub(super) values: Vec<f64>,
 }
 
@@ -82,7 +83,7 @@ pub(super) fn finish(
         }
     }
     task.axioms.sort_by_key(|axiom| axiom.stratum);
-    // An operator that is irrelevant to the goal may still improve the metric.
+    // An operator with a negative cost may improve the metric even if it is irrelevant to the goal.
     let pays = raw.has_negative_cost || facts.pays(&raw.operators);
     raw.operators.renumber(&numbering);
     task.operators = raw.operators;
@@ -98,8 +99,9 @@ pub(super) fn finish(
     Ok(Some(task))
 }
 
-/// Converts the costs, which are bits of `f64` values, into whole multiples of one unit. The unit is
-/// the largest power of ten, from one down to a millionth, of which all costs are multiples.
+/// Converts the costs, which are stored as the bits of `f64` values, to whole multiples of one
+/// unit. The unit is the largest power of ten, from one down to a millionth, that divides all
+/// costs.
 fn set_costs(task: &mut Task, is_unit: bool) {
     task.cost_unit = 1.0;
     let all = task.operators.costs_mut();
@@ -108,13 +110,13 @@ fn set_costs(task: &mut Task, is_unit: bool) {
         task.costs_equal = true;
         return;
     }
-    // Only rounding errors are tolerated, so that a very small cost is not taken for zero.
+    // Only rounding errors are tolerated, because a very small cost must not become zero.
     let is_whole = |value: f64| (value - value.round()).abs() <= 4.0 * f64::EPSILON * value.abs();
     let scales = [1.0, 10.0, 100.0, 1e3, 1e4, 1e5, 1e6];
     let fits = |scale: &&f64| all.iter().all(|cost| is_whole(f64::from_bits(*cost) * **scale));
     let scale = scales.iter().find(fits).copied();
-    // If some costs are negative, all costs are raised by the same amount so that none is. Steps with
-    // the lowest costs are still preferred, but no plan can be proved a cheapest one.
+    // If some costs are negative, all costs are raised by the same amount so that none is negative.
+    // Steps with the lowest costs are still preferred, but no plan can be proved to be optimal.
     let lowest = all.iter().map(|cost| f64::from_bits(*cost)).fold(0.0, f64::min);
     let has_negative = lowest < 0.0;
     if has_negative {
@@ -124,16 +126,16 @@ fn set_costs(task: &mut Task, is_unit: bool) {
     task.unprovable = unprovable;
     task.cost_unit = 1.0 / scale;
     for cost in all.iter_mut() {
-        // The conversion saturates.
+        // The conversion to `u64` saturates.
         *cost = (f64::from_bits(*cost) * scale).round() as u64;
     }
     let first = all.first().copied().unwrap_or(1);
     task.costs_equal = first > 0 && !has_negative && all.iter().all(|cost| *cost == first);
 }
 
-/// Returns the factor by which costs are multiplied to become whole numbers. Also returns the reason
-/// why the conversion loses precision, if it does. `exact` is a factor that makes all costs whole
-/// numbers, if there is one.
+/// Returns the factor that converts costs to whole numbers. Also returns the reason for a loss of
+/// precision, if there is one. `exact` is a factor that makes all costs whole numbers, if one
+/// exists.
 fn countable(exact: Option<f64>, costs: &[u64]) -> (f64, Option<Unprovable>) {
     let largest = costs.iter().map(|cost| f64::from_bits(*cost)).fold(0.0, f64::max);
     let scale = exact.unwrap_or(1e6);
@@ -144,8 +146,8 @@ fn countable(exact: Option<f64>, costs: &[u64]) -> (f64, Option<Unprovable>) {
     (scale, exact.is_none().then_some(Unprovable::TooFine))
 }
 
-/// Properties of every raw fact. Their dense indices number first the rows of relations, then
-/// comparisons, then auxiliary facts.
+/// Properties of every raw fact. The dense indices begin with the rows of relations, followed by
+/// comparisons and auxiliary facts.
 struct RawFacts<'l> {
     layout: &'l FactLayout,
     /// Dense index after the last row of a relation.
@@ -164,7 +166,7 @@ struct RawFacts<'l> {
 // === impl RawInitialState ===
 
 impl RawInitialState {
-    /// Returns the initial state from which the relations were filled.
+    /// Returns the initial state that the relations were filled from.
     pub(super) fn initial(
         lifted: &Lifted,
         relations: &[Relation],
@@ -210,8 +212,8 @@ impl<'l> RawFacts<'l> {
         facts
     }
 
-    /// Finds the constant facts: basic facts that are true in the initial state and that no operator
-    /// deletes.
+    /// Finds the constant facts: basic facts that are true in the initial state and never deleted
+    /// by an operator.
     fn find_constant(&mut self, operators: &OperatorTable) {
         let holds = self.initial.iter().zip(&self.derived);
         self.always = holds.map(|(initial, derived)| *initial && !derived).collect();
@@ -227,7 +229,7 @@ impl<'l> RawFacts<'l> {
         operator.preconditions.iter().any(|literal| self.is_impossible(*literal))
     }
 
-    /// Whether some operator that may be applicable has a negative cost.
+    /// Whether an operator that may be applicable has a negative cost.
     fn pays(&self, operators: &OperatorTable) -> bool {
         let mut paying = operators.iter().filter(|one| f64::from_bits(one.cost) < 0.0);
         paying.any(|operator| !self.never_applies(operator))
@@ -244,8 +246,8 @@ impl<'l> RawFacts<'l> {
         self.always[index] || self.never[index]
     }
 
-    /// Removes literals that hold in every state. Returns `None` if one of the literals is false in
-    /// every state.
+    /// Removes the literals that hold in every state. Returns `None` if a literal is false in every
+    /// state.
     fn fold(&self, literals: &[Literal]) -> Option<Vec<Literal>> {
         let mut kept = Vec::with_capacity(literals.len());
         for &literal in literals {
@@ -265,8 +267,7 @@ fn all_changes(operator: GroundOperator<'_>) -> impl Iterator<Item = Changes<'_>
     std::iter::once(operator.effect).chain(operator.conditional.iter().map(|one| one.effect))
 }
 
-/// Relevance analysis, backwards from the goal: finds the relevant facts, which are marked by dense
-/// index.
+/// Relevance analysis, backwards from the goal. Relevant facts are marked by dense index.
 struct Relevance {
     facts: Vec<bool>,
     waiting: Vec<usize>,
@@ -331,14 +332,14 @@ impl Relevance {
     }
 }
 
-/// Per fact: the axioms and the operators that can change it. An operator can change a comparison if it
+/// Per fact: the axioms and operators that can change it. An operator can change a comparison if it
 /// changes a number that the comparison depends on.
 struct Changers {
     axioms: ChangerRows,
     operators: ChangerRows,
 }
 
-/// Lists of `u32`, one per fact, in one array.
+/// Lists of `u32` in one array, one list per fact.
 struct ChangerRows {
     starts: Vec<u32>,
     items: Vec<u32>,
@@ -362,8 +363,8 @@ impl Changers {
                         visit(fact.index(), index as u32);
                     }
                     for change in changes.numeric {
-                        // Other fluents may be set from this one, and those count as well. To be safe
-                        // at little cost, every comparison counts as depending on it.
+                        // Other fluents may depend on this one. As a safe and cheap approximation,
+                        // every comparison is assumed to depend on it if none reads it directly.
                         let own = &readers[change.fluent as usize];
                         let comparisons = if own.is_empty() { &all } else { own };
                         comparisons.iter().for_each(|one| visit(*one, index as u32));
@@ -378,7 +379,7 @@ impl Changers {
     }
 }
 
-/// Returns, per numeric fluent, the indices of the comparisons that read it.
+/// Returns, per numeric fluent, the indices of the comparisons that use it.
 fn readers(facts: &RawFacts<'_>, raw: &RawTask) -> Vec<Vec<usize>> {
     let mut readers: Vec<Vec<usize>> = Vec::new();
     let mut note = |fluent: u32, comparison: Option<usize>| {
@@ -400,8 +401,8 @@ fn readers(facts: &RawFacts<'_>, raw: &RawTask) -> Vec<Vec<usize>> {
 // === impl ChangerRows ===
 
 impl ChangerRows {
-    /// Builds the lists from pairs of list index and item. `each` passes all pairs to its argument, one
-    /// by one; `each` is called twice and must pass the same pairs each time.
+    /// Builds the lists from pairs of list index and item. `each` passes all pairs to its argument,
+    /// one by one. It is called twice and must pass the same pairs each time.
     fn new(count: usize, each: impl Fn(&mut dyn FnMut(usize, u32))) -> ChangerRows {
         let mut starts = vec![0u32; count + 1];
         each(&mut |key, _| starts[key] += 1);
@@ -411,7 +412,8 @@ impl ChangerRows {
             *start = sum;
         }
         let mut items = vec![0; sum as usize];
-        // Each list is filled from its end; afterwards its start is right.
+        // Each list is filled from its end, so that `starts` has the starts of the lists at the
+        // end.
         each(&mut |key, item| {
             starts[key] -= 1;
             items[starts[key] as usize] = item;
@@ -424,12 +426,12 @@ impl ChangerRows {
     }
 }
 
-/// New numbers of the facts that are kept: basic facts first, then comparisons, then derived facts.
+/// New numbers of the kept facts: basic facts first, then comparisons, then derived facts.
 struct Numbering<'f> {
     facts: &'f RawFacts<'f>,
     fact_count: usize,
     basic_count: usize,
-    /// Per dense index: the new number of the fact; `None` for facts that are dropped.
+    /// Per dense index: the new number of the fact; `None` for dropped facts.
     ids: Vec<Option<FactId>>,
 }
 
@@ -453,7 +455,7 @@ impl<'f> Numbering<'f> {
         Numbering { facts, fact_count, basic_count, ids }
     }
 
-    /// Renumbers literals, and drops the literals of irrelevant facts.
+    /// Renumbers literals, without those of irrelevant facts.
     fn literals(&self, literals: &[Literal]) -> Vec<Literal> {
         literals.iter().filter_map(|literal| self.literal(*literal)).collect()
     }
@@ -465,7 +467,7 @@ impl<'f> Numbering<'f> {
 }
 
 impl Renumbering for Numbering<'_> {
-    /// Whether an operator is kept: it may be applicable and changes something relevant.
+    /// Whether an operator is kept: it may be applicable and changes a relevant fact or number.
     fn keeps(&self, operator: GroundOperator<'_>) -> bool {
         let mut conditional = operator.conditional.iter();
         (self.matters(operator.effect)

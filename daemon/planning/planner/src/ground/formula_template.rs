@@ -1,7 +1,6 @@
-//! Lifted conditions, compiled for grounding: every quantifier gets a join plan.
-//!
-//! To ground an `exists`, only objects are visited for which the facts that it requires can hold; to
-//! ground a `forall`, only objects for which its body can fail.
+//! Lifted conditions, compiled for grounding. Every quantifier has a join plan: grounding an
+//! `exists` visits only objects for which the required facts can hold, and grounding a `forall`
+//! only objects for which its body can fail.
 
 use pddl::Comparison;
 use rustc_hash::FxHashMap;
@@ -30,7 +29,7 @@ pub(super) enum FormulaTemplate {
     Quantified { existential: bool, plan: JoinPlan, inner: Box<FormulaTemplate> },
 }
 
-/// Context for the grounding of conditions: the data that is read, and the comparisons found so far.
+/// Context for grounding conditions: the input data, and the comparisons found so far.
 pub(super) struct FormulaGrounder<'g> {
     pub(super) lifted: &'g Lifted,
     pub(super) relations: &'g [Relation],
@@ -38,7 +37,7 @@ pub(super) struct FormulaGrounder<'g> {
     /// Per relation: the number of the raw fact of its first row.
     pub(super) offsets: &'g [usize],
     pub(super) values: &'g mut GroundFluents,
-    /// Comparisons found so far; their raw fact numbers begin at `comparison_offset`.
+    /// Comparisons found so far. Their raw fact numbers begin at `comparison_offset`.
     pub(super) comparisons: &'g mut Comparisons,
     pub(super) comparison_offset: usize,
 }
@@ -51,20 +50,20 @@ pub(super) struct Comparisons {
     known: FxHashMap<String, usize>,
 }
 
-/// Truth of a ground literal.
+/// Truth value of a ground literal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum LiteralTruth {
     True,
     False,
-    /// The truth of this literal depends on the state.
+    /// The truth value depends on the state.
     Open(Literal),
 }
 
-/// Number of raw fact numbers that are reserved for comparisons, as the number of comparisons is not
-/// known in advance.
+/// Number of raw fact numbers that are reserved for comparisons, because their number is unknown in
+/// advance.
 pub(super) const COMPARISONS_MAX: usize = 1 << 24;
 
-// === impl CompiledCondition ===
+// === impl FormulaTemplate ===
 
 impl FormulaTemplate {
     pub(super) fn compile(
@@ -133,9 +132,9 @@ impl FormulaTemplate {
     }
 }
 
-/// Plans a join that binds `slots` to all objects for which the truth of `formula` is open. Objects are
-/// skipped if the formula is certainly false for them (for an `exists` or a `when`, with `existential`)
-/// or certainly true (for a `forall`).
+/// Plans a join that binds `slots` to all objects for which the truth of `formula` is open. With
+/// `existential` (for an `exists` or a `when`), objects are skipped if the formula is certainly
+/// false for them. Otherwise (for a `forall`), they are skipped if it is certainly true.
 pub(super) fn enumeration(
     catalog: &mut Catalog<'_>,
     frame: &[TypeIndex],
@@ -150,9 +149,9 @@ pub(super) fn enumeration(
     JoinPlan::compile(catalog, frame, parts, &[], slots, bound)
 }
 
-/// Collects atoms that restrict the objects to visit: with `existential`, atoms that must be true for a
-/// conjunction to be true; otherwise (for a `forall`), atoms that must be true for a disjunction to be
-/// false.
+/// Collects atoms that restrict the objects to visit. With `existential`, these are atoms that must
+/// be true for a conjunction to be true. Otherwise (for a `forall`), they are atoms that must be
+/// true for a disjunction to be false.
 fn collect_guards(
     formula: &Formula,
     existential: bool,
@@ -236,7 +235,7 @@ impl FormulaGrounder<'_> {
         })
     }
 
-    /// Grounds a condition under each binding that a join finds.
+    /// Grounds a condition under each binding that a join returns.
     fn instances(
         &mut self,
         plan: &JoinPlan,
@@ -254,8 +253,8 @@ impl FormulaGrounder<'_> {
         Ok(trees)
     }
 
-    /// Appends all bindings that a join finds to `found`, one after the other. `binding` must have at
-    /// least one entry, even if there is no variable.
+    /// Appends all bindings that a join returns to `found`, one after the other. `binding` must
+    /// have at least one entry, even without variables.
     pub(super) fn bindings(
         &self,
         plan: &JoinPlan,
@@ -338,7 +337,7 @@ impl FormulaGrounder<'_> {
 // === impl Comparisons ===
 
 impl Comparisons {
-    /// Returns the index of a comparison. Adds the comparison if it is not known yet.
+    /// Returns the index of a comparison, which is added if it is new.
     fn index(&mut self, comparison: GroundComparison) -> usize {
         let Comparisons { all, known } = self;
         *known.entry(format!("{comparison:?}")).or_insert_with(|| {

@@ -1,5 +1,5 @@
-//! Functions during grounding: static functions are replaced by their values, numeric fluents become
-//! part of the state.
+//! Functions during grounding. Static functions are replaced by their values; numeric fluents
+//! become part of the state.
 
 use pddl::Operator as Arithmetic;
 
@@ -9,13 +9,13 @@ use crate::normalize::lifted::{
 };
 use crate::task::{GroundComparison, GroundExpression, ObjectId};
 
-/// The values that `:init` gives to functions, and the numeric fluents found so far.
+/// Initial values of functions, and the numeric fluents found so far.
 #[derive(Debug)]
 pub(super) struct GroundFluents {
-    /// Per function: the table of its tuples and values.
+    /// Per function: its argument tuples with their values.
     tables: Vec<FunctionTable>,
     fluent_functions: Vec<bool>,
-    /// Initial values of the numeric fluents; NaN where a fluent is undefined.
+    /// Initial values of the numeric fluents; NaN for an undefined fluent.
     pub(super) fluents: Vec<f64>,
 }
 
@@ -23,7 +23,7 @@ pub(super) struct GroundFluents {
 #[derive(Debug)]
 struct FunctionTable {
     tuples: Relation,
-    /// Per tuple: the initial value of the function; NaN if there is none.
+    /// Per tuple: the initial value of the function; NaN without a value.
     values: Vec<f64>,
     /// Per tuple: the number of its numeric fluent; `None` if the tuple is not a fluent.
     fluents: Vec<Option<u32>>,
@@ -40,7 +40,7 @@ pub(super) enum ExpressionValue {
     Varying(GroundExpression),
 }
 
-// === impl FunctionValues ===
+// === impl GroundFluents ===
 
 impl GroundFluents {
     pub(super) fn new(lifted: &Lifted) -> GroundFluents {
@@ -63,9 +63,9 @@ impl GroundFluents {
         values
     }
 
-    /// Adds the function values of an extended task. Returns `false` if they do not fit what was ground
-    /// before: a function gets a first value for a tuple of old objects (the first `objects` objects),
-    /// or a function becomes or ceases to be a numeric fluent.
+    /// Adds the function values of an extended task. Returns `false` if they contradict the
+    /// existing grounding: a tuple of old objects (the first `objects` objects) has its first
+    /// value, or a function becomes or ceases to be a numeric fluent.
     pub(super) fn add_values(&mut self, lifted: &Lifted, objects: usize) -> bool {
         for (function, arguments, value) in &lifted.values {
             let table = &mut self.tables[*function];
@@ -88,9 +88,9 @@ impl GroundFluents {
             .all(|(function, arguments, _)| self.tables[*function].tuples.find(arguments).is_some())
     }
 
-    /// Whether all ground expressions stay valid if the functions have these values for the objects
-    /// that are `present`: the same tuples of numeric fluents are defined as before, and all other
-    /// relevant functions have the same values as before.
+    /// Whether all ground expressions stay valid if the functions have these values for the
+    /// `present` objects. The same tuples of numeric fluents must be defined as before, and all
+    /// other relevant functions must have the same values as before.
     pub(super) fn keeps_expressions_valid(
         &self,
         lifted: &Lifted,
@@ -118,7 +118,7 @@ impl GroundFluents {
         let tables = self.tables.iter().enumerate().filter(|(function, _)| matters(*function));
         let known = tables.map(|(function, table)| {
             let count = (0..table.tuples.len()).filter(|row| is_here(table, *row)).count();
-            // The total cost is zero if it is not mentioned.
+            // A total cost without a value is zero.
             let is_implied = is_total_cost(lifted, function)
                 && !values.iter().any(|(other, ..)| *other == function);
             count - usize::from(is_implied)
@@ -126,7 +126,7 @@ impl GroundFluents {
         known.sum::<usize>() == told
     }
 
-    /// Returns the values of the numeric fluents in a state.
+    /// Returns the values of the numeric fluents in a state with these function values.
     pub(super) fn fluent_values(
         &self,
         lifted: &Lifted,
@@ -149,7 +149,7 @@ impl GroundFluents {
         all
     }
 
-    /// Returns the value of a function in the initial state; `None` if the function has no value there.
+    /// Returns the value of a function in the initial state; `None` if it has no value there.
     pub(super) fn initially(&self, fluent: &LiftedFluent, binding: &[ObjectId]) -> Option<f64> {
         let table = &self.tables[fluent.function];
         let row = table.tuples.find_terms(&fluent.arguments, binding)?;
@@ -204,7 +204,7 @@ impl GroundFluents {
         value.is_finite().then_some(value)
     }
 
-    /// Returns the number of a numeric fluent. Numbers the fluent if it is new.
+    /// Returns the number of a numeric fluent. A new fluent gets the next number.
     pub(super) fn fluent(&mut self, fluent: &LiftedFluent, binding: &[ObjectId]) -> u32 {
         let table = &mut self.tables[fluent.function];
         let row = table.tuples.find_terms(&fluent.arguments, binding).unwrap_or_else(|| {
@@ -245,7 +245,7 @@ impl GroundFluents {
     }
 }
 
-/// Returns the function that counts the total cost, if there is one.
+/// Returns the function `total-cost`; `None` if the task has none.
 fn total_cost(lifted: &Lifted) -> Option<FunctionIndex> {
     (0..lifted.functions.len()).find(|index| is_total_cost(lifted, *index))
 }
@@ -255,10 +255,10 @@ fn is_total_cost(lifted: &Lifted, function: FunctionIndex) -> bool {
     *arity == 0 && name == "total-cost"
 }
 
-// === impl TupleTable ===
+// === impl FunctionTable ===
 
 impl FunctionTable {
-    /// Sets the value of a tuple, and returns the tuple's row. A later value replaces an earlier one.
+    /// Sets the value of a tuple, replacing an earlier value. Returns the row of the tuple.
     fn set(&mut self, arguments: &[ObjectId], value: f64) -> usize {
         if let Some(row) = self.tuples.find(arguments) {
             self.values[row] = value;
@@ -272,7 +272,7 @@ impl FunctionTable {
 }
 
 impl GroundComparison {
-    /// Whether the comparison holds, given the values of the fluents; `false` if one of its sides is
+    /// Whether the comparison holds for these values of the fluents; `false` if one of its sides is
     /// undefined.
     pub(crate) fn holds(&self, values: &dyn Fn(u32) -> f64) -> bool {
         self.comparison.holds(self.left.evaluate(values), self.right.evaluate(values))

@@ -1,15 +1,15 @@
-//! Ground conditions as trees: simplified while they are built, then expanded into conjunctions of
-//! literals.
+//! Ground conditions as trees. They are simplified while they are built, and then expanded into
+//! conjunctions of literals.
 //!
-//! A disjunction is multiplied out while the result stays small; beyond that, the disjunction becomes
-//! an auxiliary fact, derived by one axiom per alternative. Equal disjunctions share one fact.
+//! A disjunction is multiplied out if the result is small. Otherwise it becomes an auxiliary fact,
+//! which one axiom per alternative derives. Equal disjunctions share one fact.
 
 use rustc_hash::FxHashMap;
 
 use crate::task::{FactId, Literal};
 
-/// A ground condition. `And` and `Or` have at least two parts; no part of an `And` is an `And`, and no
-/// part of an `Or` is an `Or`.
+/// A ground condition. `And` and `Or` have at least two parts. No part of an `And` is an `And`, and
+/// no part of an `Or` is an `Or`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(super) enum GroundFormula {
     True,
@@ -27,7 +27,7 @@ pub(super) struct RawAxiom {
     pub(super) stratum: usize,
 }
 
-/// Auxiliary facts, which stand for disjunctions, and the axioms that derive them.
+/// Auxiliary facts, which represent disjunctions, and the axioms that derive them.
 #[derive(Debug)]
 pub(super) struct Auxiliaries {
     known: FxHashMap<(usize, Vec<GroundFormula>), FactId>,
@@ -108,8 +108,8 @@ impl GroundFormula {
 // === impl Auxiliaries ===
 
 impl Auxiliaries {
-    /// Creates an empty set of auxiliary facts. The facts that are added to it are numbered from `next`
-    /// on.
+    /// Creates an empty set of auxiliary facts. `next` is the number of the first fact that is
+    /// added.
     pub(super) fn new(next: usize) -> Auxiliaries {
         Auxiliaries { known: FxHashMap::default(), next, axioms: Vec::new() }
     }
@@ -133,9 +133,9 @@ impl Auxiliaries {
         self.axioms.dedup_by(|left, right| key(left) == key(right) && left.body == right.body);
     }
 
-    /// Expands a tree into at most `alternatives_max` conjunctions. The tree holds exactly where at
-    /// least one of the conjunctions holds. Axioms that are made for this purpose get the stratum
-    /// `stratum`.
+    /// Expands a tree into at most `alternatives_max` conjunctions. The tree holds exactly if at
+    /// least one of the conjunctions holds. Auxiliary axioms that the expansion needs get the
+    /// stratum `stratum`.
     pub(super) fn conjunctions(
         &mut self,
         tree: &GroundFormula,
@@ -147,7 +147,7 @@ impl Auxiliaries {
             literals.sort_unstable();
             literals.dedup();
         }
-        // The literals of one fact are adjacent, the positive one first.
+        // The literals of one fact are next to each other, the positive one first.
         all.retain(|literals| !literals.windows(2).any(|pair| pair[0].negated() == pair[1]));
         all
     }
@@ -182,7 +182,7 @@ impl Auxiliaries {
         }
     }
 
-    /// Returns the auxiliary fact of a disjunction. Creates the fact if there is none yet.
+    /// Returns the auxiliary fact of a disjunction, which is created if there is none.
     fn fact(&mut self, parts: &[GroundFormula], stratum: usize) -> Literal {
         let key = (stratum, parts.to_vec());
         if let Some(&fact) = self.known.get(&key) {
@@ -200,11 +200,11 @@ impl Auxiliaries {
     }
 }
 
-/// Maximal number of parts of a formula that are compared pairwise; if there are more, they are hashed.
+/// Maximum number of parts of a formula that are compared pairwise; more are hashed.
 const FEW_PARTS: usize = 8;
 
-/// Maximal number of conjunctions into which one part of a disjunction is expanded; beyond it,
-/// disjunctions inside that part get auxiliary facts of their own.
+/// Maximum number of conjunctions that one part of a disjunction is expanded into. If there would
+/// be more, disjunctions inside that part get auxiliary facts of their own.
 const AUXILIARY_ALTERNATIVES_MAX: usize = 4;
 
 #[cfg(test)]
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn large_ones_become_facts_that_equal_ones_share() {
+    fn large_disjunctions_become_facts_shared_by_equal_ones() {
         check(&pairs(10), 8, 14);
         check(&GroundFormula::and([pairs(10), pairs(10)]), 8, 14);
     }

@@ -1,18 +1,18 @@
-//! Counts the work of grounding, and stops grounding at the limits.
+//! Counts the work of grounding, and stops grounding at its limits.
 
 use crate::limits::{Budget, Cancel};
 use crate::outcome::StopReason;
 
 /// Counter of the work and the memory of grounding, with the limits.
 pub(super) struct GroundingMeter<'c> {
-    /// Number of join steps so far: candidate tuples looked at.
+    /// Number of join steps so far. A join step visits one candidate tuple.
     pub(super) steps: u64,
     budget: Budget,
     cancel: &'c Cancel,
-    /// Number of the join step at which the limits are checked next.
+    /// Number of the join step at which the limits are checked again.
     next_look: u64,
     breaths: u32,
-    /// Number of bytes of data structures that are finished and kept.
+    /// Number of bytes of finished data structures.
     held: usize,
 }
 
@@ -20,11 +20,11 @@ pub(super) struct GroundingMeter<'c> {
 /// nanoseconds.
 const STEPS_BETWEEN_CANCEL_CHECKS: u64 = 1 << 14;
 
-/// Number of units of other work between two checks of the caller's [`Cancel`] flag. A unit takes about
-/// a hundred nanoseconds.
+/// Number of units of other work between two checks of the caller's [`Cancel`] flag. A unit takes
+/// about a hundred nanoseconds.
 const UNITS_BETWEEN_CANCEL_CHECKS: u32 = 1 << 12;
 
-// === impl WorkBudget ===
+// === impl GroundingMeter ===
 
 impl<'c> GroundingMeter<'c> {
     pub(super) fn new(budget: Budget, cancel: &'c Cancel) -> GroundingMeter<'c> {
@@ -37,8 +37,8 @@ impl<'c> GroundingMeter<'c> {
         if self.steps < self.next_look { Ok(()) } else { self.check_limits() }
     }
 
-    /// Checks the limits at once. Called regularly by `step`, and also during work that is not counted
-    /// in join steps.
+    /// Checks the limits now. `step` calls this function regularly, and so does work that is not
+    /// counted in join steps.
     #[cold]
     pub(super) fn check_limits(&mut self) -> Result<(), StopReason> {
         let limit = self.budget.join_steps_max;
@@ -50,8 +50,8 @@ impl<'c> GroundingMeter<'c> {
         if self.cancel.is_set() { Err(StopReason::Cancelled) } else { Ok(()) }
     }
 
-    /// Notes one unit of work that is no join, such as one operator or axiom, and checks the caller's
-    /// [`Cancel`] flag once in a while. Such units do not count towards the limits.
+    /// Counts one unit of work other than a join step, such as one operator or axiom. Checks the
+    /// caller's [`Cancel`] flag regularly. These units do not count towards the limits.
     #[inline]
     pub(super) fn count_unit(&mut self) -> Result<(), StopReason> {
         self.breaths = self.breaths.wrapping_add(1);
@@ -61,12 +61,13 @@ impl<'c> GroundingMeter<'c> {
         Ok(())
     }
 
-    /// Adds the bytes of data that is finished and kept; `check_memory` includes them from now on.
+    /// Adds the bytes of a finished data structure, which `check_memory` includes from now on.
     pub(super) fn add_finished_bytes(&mut self, bytes: usize) {
         self.held += bytes;
     }
 
-    /// Returns an error if `bytes`, together with the bytes of finished data, exceed the memory limit.
+    /// Returns an error if `bytes`, together with the bytes of finished data, exceed the memory
+    /// limit.
     #[inline]
     pub(super) fn check_memory(&self, bytes: usize) -> Result<(), StopReason> {
         let limit = self.budget.memory_max_bytes;

@@ -1,9 +1,10 @@
 //! Horn rules of the delete relaxation.
 //!
-//! - [`rules`] makes one rule per disjunct of a condition. A part of a condition that has no Horn form
-//!   is assumed to hold: facts may be called reachable by mistake, but never unreachable.
-//! - [`HornRule::narrow`] uses static facts to restrict the objects that a variable can stand for. A
-//!   variable with a single object left is replaced by this object, and atoms that only expressed the
+//! - [`rules`] creates one rule per disjunct of a condition. A part of a condition without a Horn
+//!   form is assumed to hold. A fact may therefore be called reachable by mistake, but never
+//!   unreachable.
+//! - [`HornRule::narrow`] uses static facts to restrict the objects of a variable. A variable with
+//!   a single possible object is replaced by this object, and atoms that only express the
 //!   restriction are dropped.
 
 use super::action_relation;
@@ -14,22 +15,22 @@ use super::relation::Relation;
 use crate::normalize::lifted::{Formula, Lifted, LiftedAtom, LiftedTerm, SlotIndex, TypeIndex};
 use crate::task::ObjectId;
 
-/// Maximal number of alternatives that one condition is expanded into. Beyond it, a disjunction is
-/// assumed to hold.
+/// Maximum number of alternatives that one condition is expanded into. If there would be more, a
+/// disjunction is assumed to hold.
 const DISJUNCTS_MAX: usize = 8;
 
-/// Cap on the rows of static facts that narrowing reads for all rules together: about a tenth of a
-/// second.
+/// Limit on the rows of static facts that narrowing reads for all rules together. Reading them
+/// takes about a tenth of a second.
 pub(super) const NARROWING_ROWS_MAX: u64 = 20_000_000;
 
-/// Maximal number of narrowing passes over the atoms of a rule.
+/// Maximum number of narrowing passes over the atoms of a rule.
 const NARROWING_PASSES_MAX: usize = 4;
 
-/// A Horn rule, `head(terms) :- body`: the head is reachable if everything in the body is.
+/// A Horn rule, `head(terms) :- body`: the head is reachable if the whole body is reachable.
 #[derive(Clone, Debug)]
 pub(super) struct HornRule {
     pub(super) head: LiftedAtom,
-    /// Per slot (variable): the set of objects that it ranges over.
+    /// Per slot (variable): the set of objects that it may be bound to.
     pub(super) frame: Vec<TypeIndex>,
     pub(super) body: Conjunct,
     /// Variables that must be bound even if no atom of the body contains them.
@@ -43,7 +44,7 @@ pub(super) struct Conjunct {
     pub(super) filters: Vec<JoinFilter>,
 }
 
-/// Context for narrowing rules: the data that is read, and the store to which object sets are added.
+/// Context for narrowing rules: the input data, and the store for new object sets.
 pub(super) struct Narrowing<'g> {
     pub(super) lifted: &'g Lifted,
     pub(super) relations: &'g mut [Relation],
@@ -53,7 +54,7 @@ pub(super) struct Narrowing<'g> {
 }
 
 /// Returns the rules of all schemas, conditional effects and axioms. Unconditional effects need no
-/// rules; their facts follow directly from the tuples of their schema.
+/// rules, because their facts follow directly from the tuples of their schema.
 pub(super) fn rules(lifted: &Lifted) -> Vec<HornRule> {
     let mut rules = Vec::new();
     for (index, schema) in lifted.schemas.iter().enumerate() {
@@ -84,7 +85,7 @@ pub(super) fn rules(lifted: &Lifted) -> Vec<HornRule> {
     rules
 }
 
-/// Returns rule bodies of which at least one holds wherever the formula can hold.
+/// Returns rule bodies, at least one of which holds whenever the formula can hold.
 pub(super) fn relax(lifted: &Lifted, formula: &Formula) -> Vec<Conjunct> {
     match formula {
         Formula::Constant(true) | Formula::Forall(..) => vec![Conjunct::default()],
@@ -126,8 +127,8 @@ fn relax_literal(lifted: &Lifted, positive: bool, atom: &LiftedAtom) -> Conjunct
 
 fn relax_all(lifted: &Lifted, parts: &[Formula]) -> Vec<Conjunct> {
     let mut whole = vec![Conjunct::default()];
-    // Nested conjunctions are flattened. Grounding does not test again what a join has tested, so such
-    // conditions must never be left out together with a disjunction beside them.
+    // Nested conjunctions are flattened. Grounding does not repeat the tests of a join, so such
+    // tests must not be dropped together with a disjunction next to them.
     let mut flat = Vec::new();
     flatten(parts, &mut flat);
     for part in flat {
@@ -178,11 +179,10 @@ impl Conjunct {
     }
 }
 
-// === impl AxiomRule ===
+// === impl HornRule ===
 
 impl HornRule {
-    /// Narrows the sets of objects that the variables range over. Returns `false` if the rule can never
-    /// fire.
+    /// Narrows the sets of objects for the variables. Returns `false` if the rule can never fire.
     pub(super) fn narrow(&mut self, known: &mut Narrowing<'_>) -> bool {
         self.merge_equal(known);
         for _ in 0..NARROWING_PASSES_MAX {
@@ -238,8 +238,8 @@ impl HornRule {
         }
     }
 
-    /// Replaces variables that have a single object left by that object, and removes atoms that become
-    /// duplicates.
+    /// Replaces variables with a single possible object by that object, and removes atoms that
+    /// become duplicates.
     fn put_single_objects(&mut self, known: &Narrowing<'_>) {
         let mut slots = Vec::new();
         self.slots(&mut |slot| {
@@ -271,8 +271,8 @@ impl HornRule {
         self.wanted.iter().for_each(|slot| visit(*slot));
     }
 
-    /// Narrows the variables by each static atom. Atoms with at most one variable are then implied, and
-    /// are dropped. Returns `false` if the rule can never fire.
+    /// Narrows the variables by each static atom. Atoms with at most one variable are then
+    /// redundant and dropped. Returns `false` if the rule can never fire.
     fn narrow_by_atoms(&mut self, known: &mut Narrowing<'_>) -> bool {
         let mut position = 0;
         while position < self.body.atoms.len() {
@@ -303,7 +303,7 @@ impl HornRule {
         true
     }
 
-    /// Adds the variables of an atom that is dropped to `wanted`, if a filter still uses them.
+    /// Adds the variables of a dropped atom to `wanted`, if a filter still uses them.
     fn want(&mut self, variables: &[SlotIndex]) {
         for slot in variables {
             let mut is_used = false;
@@ -315,7 +315,7 @@ impl HornRule {
         }
     }
 
-    /// Narrows the variables by the filters that have at most one variable, and drops these filters.
+    /// Narrows the variables by the filters with at most one variable, and drops these filters.
     /// Returns `false` if the rule can never fire.
     fn narrow_by_filters(&mut self, known: &mut Narrowing<'_>) -> bool {
         let mut binding = vec![ObjectId::from_index(0); self.frame.len()];
@@ -375,7 +375,7 @@ pub(super) fn variables(atom: &LiftedAtom) -> Vec<SlotIndex> {
 
 impl Narrowing<'_> {
     /// Returns, per variable of a static atom, the set of objects that the facts of the atom allow.
-    /// Returns `None` if one of the sets is empty, or if the atom has no variables and is false.
+    /// Returns `None` if a set is empty, or if the atom has no variables and is false.
     fn supported(
         &mut self,
         atom: &LiftedAtom,

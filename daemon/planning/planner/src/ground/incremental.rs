@@ -1,11 +1,12 @@
-//! Incremental grounding: a ground problem that is kept while its texts change. Objects and actions
-//! that are removed are masked; only additions are ground.
+//! Incremental grounding: a ground problem that is kept while its texts change. Removed objects and
+//! actions are masked, and only additions are grounded.
 //!
-//! - No fact is static here, as the world may change any fact, and nothing is dropped as irrelevant.
-//!   [`IncrementalGrounding::task`] simplifies the problem for one state and goal, in one pass.
+//! - No fact is static here, because the world may change any fact, and nothing is dropped as
+//!   irrelevant. [`IncrementalGrounding::task`] simplifies the problem for one state and goal, in
+//!   one pass.
 //! - Objects, predicates and schemas keep their numbers; new ones get the next higher numbers.
-//!   cannot be made by masks and additions, the result is [`NeedsRegrounding`], and the caller grounds
-//!   the texts afresh.
+//! - If a change cannot be represented by masks and additions, the result is [`NeedsRegrounding`],
+//!   and the caller grounds the texts again.
 
 use pddl::{Atom, InitElement, Term};
 
@@ -39,14 +40,13 @@ pub(crate) struct IncrementalGrounding {
     instances: RawInstances,
     relaxation_index: Option<RelaxationIndex>,
     relevance_index: Option<RelevanceIndex>,
-    /// Whether some condition quantifies over objects. If so, objects cannot be masked.
+    /// Whether a condition quantifies over objects. If so, objects cannot be masked.
     is_quantified: bool,
-    /// Number of comparisons and auxiliary facts that the texts need; those that goals need are
-    /// numbered after them.
+    /// Number of comparisons and auxiliary facts of the texts. Those of goals have higher numbers.
     invented_facts: usize,
 }
 
-/// Mask that says which objects, schemas and predicates exist now.
+/// Mask of the objects, schemas and predicates that exist now.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct PresenceMask {
     /// Per object: whether the object exists.
@@ -57,7 +57,7 @@ pub(crate) struct PresenceMask {
     pub(crate) predicates: Vec<bool>,
 }
 
-/// Initial state of a problem (`:init`), with numbers in place of names.
+/// Initial state of a problem (`:init`), with numbers instead of names.
 #[derive(Debug, Default)]
 pub(crate) struct InitialState {
     /// Facts that are true, each as a predicate and a row of the predicate's relation.
@@ -65,24 +65,25 @@ pub(crate) struct InitialState {
     values: Vec<(usize, Vec<ObjectId>, f64)>,
 }
 
-/// Error: the change cannot be made by masks and additions, so the problem must be ground afresh.
+/// Error for a change that cannot be represented by masks and additions, so that the problem must
+/// be grounded again.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct NeedsRegrounding;
 
 /// Number of spare facts per predicate, in addition to twice the present number of its facts.
 const ROOM: usize = 8;
 
-/// Cap on comparisons, disjunctions and types that earlier goals have left behind; beyond it, the
-/// problem is ground afresh. Without the cap, a caller with ever new goals could fill the memory.
+/// Limit on comparisons, disjunctions and types that earlier goals have added. If it is exceeded,
+/// the problem is grounded again, so that a caller with ever new goals cannot exhaust the memory.
 const LEFTOVERS_MAX: usize = 1_000;
 
-/// Number of spare facts for all predicates together that are declared later.
+/// Number of spare facts for all later declared predicates together.
 const ROOM_FOR_PREDICATES: usize = 512;
 
 // === impl IncrementalGrounding ===
 
 impl IncrementalGrounding {
-    /// Grounds a lifted task. `join_steps` is set to the work that was done, even if grounding fails.
+    /// Grounds a lifted task. Sets `join_steps` to the work that was done, even if grounding fails.
     pub(crate) fn new(
         mut lifted: Lifted,
         symbols: SymbolTable,
@@ -127,19 +128,19 @@ impl IncrementalGrounding {
         &self.instances.warnings
     }
 
-    /// Whether objects can be masked, which requires that no condition quantifies over objects.
+    /// Whether objects can be masked, which requires that no condition quantifies over them.
     pub(crate) fn can_mask_objects(&self) -> bool {
         !self.is_quantified
     }
 
-    /// Whether all function values in `:init` belong to functions and objects that also had a value
-    /// when the problem was ground.
+    /// Whether all function values in `:init` are of functions and objects that also had a value
+    /// when the problem was grounded.
     pub(crate) fn has_known_values(&self, now: &InitialState) -> bool {
         self.values.has_tuples(&now.values)
     }
 
-    /// Converts `:init` into numbers. Returns `None` if `:init` contains facts or values that are
-    /// unknown here.
+    /// Converts the names in `:init` to numbers. Returns `None` if `:init` contains unknown facts
+    /// or values.
     pub(crate) fn convert_initial_state(
         &mut self,
         problem: &pddl::Problem,
@@ -147,7 +148,7 @@ impl IncrementalGrounding {
         let (symbols, relations) = (&mut self.symbols, &self.reached.relations);
         let mut facts = Vec::with_capacity(problem.init.len());
         let mut objects = Vec::new();
-        // Facts of one predicate are mostly adjacent.
+        // Facts of the same predicate are usually next to each other.
         let mut last: Option<(&Atom, PredicateIndex)> = None;
         for element in &problem.init {
             let InitElement::Atom(atom) = element else { continue };
@@ -171,7 +172,7 @@ impl IncrementalGrounding {
         symbols.take_problems().is_empty().then_some(InitialState { facts, values })
     }
 
-    /// Whether the operators are still valid with the function values of `now`: numeric fluents may
+    /// Whether the operators are still valid with the function values of `now`. Numeric fluents may
     /// have new values, but must be defined for the same objects; all other functions must have the
     /// same values as before.
     pub(crate) fn keeps_operators_valid(&self, now: &InitialState, present: &PresenceMask) -> bool {
@@ -179,7 +180,7 @@ impl IncrementalGrounding {
             && self.values.keeps_expressions_valid(&self.lifted, &now.values, &present.objects)
     }
 
-    /// Grounds what was added to the texts. `lifted` repeats the known parts in the same order,
+    /// Grounds the additions to the texts. `lifted` repeats the known parts in the same order,
     /// followed by the new ones.
     pub(crate) fn extend(
         &mut self,
@@ -243,9 +244,9 @@ impl IncrementalGrounding {
         Ok(Ok(()))
     }
 
-    /// Builds the task of one state and goal. Returns `None` if the goal can never hold. Returns
-    /// [`NeedsRegrounding`] if the goal reads functions that have no place in the state, or if earlier
-    /// goals have left too much behind.
+    /// Builds the task for one state and goal. Returns `None` if the goal can never hold. Returns
+    /// [`NeedsRegrounding`] if the goal uses functions that are not part of the state, or if
+    /// earlier goals have added too much.
     pub(crate) fn task(
         &mut self,
         now: &InitialState,
@@ -288,8 +289,8 @@ impl IncrementalGrounding {
         finish(&self.lifted, relations, start, raw, &mut work).map(Ok)
     }
 
-    /// Returns, for each of `facts`, whether it is reachable in the delete relaxation. Unknown facts
-    /// are not.
+    /// Returns, for each of `facts`, whether it is reachable in the delete relaxation; `false` for
+    /// unknown facts.
     pub(crate) fn reaches(
         &mut self,
         now: &InitialState,
@@ -304,7 +305,7 @@ impl IncrementalGrounding {
         facts.iter().map(can).collect()
     }
 
-    /// Converts a condition that is a single fact into a predicate number and object numbers. Returns
+    /// Converts a condition that is a single fact to a predicate number and object numbers. Returns
     /// `None` for other conditions and for unknown names.
     pub(crate) fn fact(&mut self, condition: &pddl::Condition) -> Option<(usize, Vec<ObjectId>)> {
         let pddl::Condition::Atom(atom) = condition else { return None };
@@ -318,8 +319,8 @@ impl IncrementalGrounding {
         Some((predicate?, objects))
     }
 
-    /// Returns the layout of the fact numbers, the facts that hold (by raw fact number), and what is
-    /// reachable from them in the delete relaxation.
+    /// Returns the layout of the fact numbers, the true facts (by raw fact number), and the facts
+    /// and operators that are reachable from them in the delete relaxation.
     fn possible(
         &mut self,
         now: &InitialState,
@@ -357,8 +358,8 @@ impl IncrementalGrounding {
         chosen(operators, wanted.into_iter())
     }
 
-    /// Whether some operator that is applicable in the delete relaxation has a negative cost. Operators
-    /// that are irrelevant to the goal are included.
+    /// Whether an operator that is applicable in the delete relaxation has a negative cost, even if
+    /// it is irrelevant to the goal.
     fn pays(&self, possible: &RelaxedReachable) -> bool {
         let mut all = self.instances.operators.iter().zip(&possible.operators);
         all.any(|(operator, can)| *can && f64::from_bits(operator.cost) < 0.0)
@@ -386,8 +387,8 @@ impl IncrementalGrounding {
         drawn
     }
 
-    /// Returns, per operator, whether the operator is masked: its schema or one of its objects no
-    /// longer exists.
+    /// Returns, per operator, whether it is masked: its schema or one of its objects no longer
+    /// exists.
     fn masked(&self, present: &PresenceMask) -> Vec<bool> {
         let is_here = |object: &ObjectId| present.objects[object.index()];
         let all = self.instances.operators.iter();
@@ -398,7 +399,7 @@ impl IncrementalGrounding {
     }
 }
 
-/// Returns the maximal number of facts that are planned for a predicate with `facts` facts now.
+/// Returns the number of facts that are reserved for a predicate with `facts` facts now.
 fn room(facts: usize) -> usize {
     2 * facts + ROOM
 }
@@ -419,18 +420,19 @@ fn chosen(operators: &OperatorTable, numbers: impl Iterator<Item = usize>) -> Op
     chosen
 }
 
-/// Whether an axiom may fire: all facts that it requires to be true are marked as reachable in `facts`.
+/// Whether an axiom may fire: all facts in its positive literals are marked as reachable in
+/// `facts`.
 fn is_possible(layout: &FactLayout, facts: &[bool], axiom: &RawAxiom) -> bool {
     let mut asked = axiom.body.iter().filter(|literal| literal.is_positive());
     asked.all(|literal| facts[layout.dense(literal.fact())])
 }
 
-/// Whether the operators that are ground for a schema are still right after some predicates, and
-/// perhaps the set of objects, have grown.
+/// Whether the ground operators of a schema are still correct after some predicates, and possibly
+/// the set of objects, have grown.
 ///
-/// When a tuple of the schema was found, the facts that its precondition requires and the facts that it
-/// adds existed already. Facts in negative or conditional parts, and facts that the tuple deletes, may
-/// be new.
+/// When a tuple of the schema was found, the facts that its precondition requires and the facts
+/// that it adds already existed. Facts in negative or conditional parts, and facts that the tuple
+/// deletes, may be new.
 fn is_settled(schema: &LiftedSchema, grew: &[bool], objects_grew: bool) -> bool {
     let mut required = Vec::new();
     let mut is_settled = settled_conjunct(&schema.precondition, grew, objects_grew, &mut required);
@@ -450,8 +452,8 @@ fn is_settled(schema: &LiftedSchema, grew: &[bool], objects_grew: bool) -> bool 
     is_settled && !(objects_grew && is_universal)
 }
 
-/// Decides what [`is_settled`] decides, for a part of a precondition. Collects the atoms that this part
-/// requires in any case.
+/// Does the same as [`is_settled`] for a part of a precondition. Collects the atoms that this part
+/// always requires.
 fn settled_conjunct<'s>(
     formula: &'s Formula,
     grew: &[bool],
@@ -487,7 +489,7 @@ fn ranges(formula: &Formula) -> bool {
     }
 }
 
-/// Whether some quantifier of the task could refer to an object that no longer exists.
+/// Whether a quantifier of the task could refer to a removed object.
 fn is_quantified(lifted: &Lifted) -> bool {
     let in_schema = |schema: &LiftedSchema| {
         let mut effects = schema.effects.iter();

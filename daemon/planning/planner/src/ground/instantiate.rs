@@ -1,5 +1,5 @@
-//! Instantiation: each tuple of a schema becomes an operator, and each binding of an axiom's variables
-//! becomes a ground axiom.
+//! Instantiation: each tuple of a schema becomes an operator, and each binding of an axiom's
+//! variables becomes a ground axiom.
 
 use std::sync::Arc;
 
@@ -19,15 +19,15 @@ use crate::normalize::lifted::{
 use crate::outcome::StopReason;
 use crate::task::{FactId, GroundExpression, Literal, NumericChange, ObjectId, OperatorTable};
 
-/// Maximal number of conjunctions that a precondition is expanded into. Beyond it, disjunctions in the
-/// precondition become auxiliary facts.
+/// Maximum number of conjunctions that a precondition is expanded into. If there would be more,
+/// disjunctions in the precondition become auxiliary facts.
 const PRECONDITION_ALTERNATIVES_MAX: usize = 8;
 
-/// Maximal number of conjunctions that the condition of an effect is expanded into; the effect is
-/// repeated for each conjunction. Beyond it, disjunctions in the condition become auxiliary facts.
+/// Maximum number of conjunctions that the condition of an effect is expanded into; the effect is
+/// repeated for each. If there would be more, disjunctions in the condition become auxiliary facts.
 const CONDITION_ALTERNATIVES_MAX: usize = 4;
 
-/// State of the instantiation: the inputs, the outputs, and buffers that are used again.
+/// State of the instantiation: the inputs, the outputs, and reused buffers.
 pub(super) struct Instantiation<'g, 'w, 'c> {
     pub(super) grounder: FormulaGrounder<'g>,
     pub(super) auxiliaries: &'g mut Auxiliaries,
@@ -37,14 +37,14 @@ pub(super) struct Instantiation<'g, 'w, 'c> {
     pub(super) work: &'w mut GroundingMeter<'c>,
     /// Stratum of the auxiliary facts of preconditions: one above the strata of all axioms.
     pub(super) top: usize,
-    /// Number of bytes that the ground axioms take.
+    /// Number of bytes of the ground axioms.
     pub(super) bytes: usize,
     pub(super) draft: OperatorDraft,
     pub(super) literals: Vec<Literal>,
     pub(super) bindings: Vec<ObjectId>,
 }
 
-/// Callback that is called for every binding of the variables of an effect.
+/// Callback for each binding of the variables of an effect.
 type BindingCallback<'f, I> = &'f mut dyn FnMut(&mut I, &mut [ObjectId]) -> Result<(), StopReason>;
 
 /// An action schema, compiled for instantiation.
@@ -56,21 +56,20 @@ pub(super) struct SchemaTemplate<'s> {
     numeric: Vec<EffectTemplate<'s, LiftedNumeric>>,
 }
 
-/// A part of a schema's effect, with the condition under which it happens.
+/// A part of a schema's effect, with its condition.
 struct EffectTemplate<'s, T> {
-    /// Join that binds the variables of the effect's own quantifiers; `None` if the effect has no
-    /// quantifiers.
+    /// Join that binds the variables of the effect's own quantifiers; `None` without quantifiers.
     plan: Option<JoinPlan>,
     condition: ConjunctionTemplate,
     part: &'s T,
 }
 
-/// One alternative of an axiom's body, compiled. Each binding of the axiom's parameters and the
+/// One compiled alternative of an axiom's body. Each binding of the axiom's parameters and of the
 /// outermost `exists` gives a ground axiom.
 pub(super) struct AxiomTemplate {
     head: usize,
     parameter_count: usize,
-    /// Types of the variables; shared by all alternatives of one axiom.
+    /// Types of the variables, shared by all alternatives of one axiom.
     frame: Arc<[TypeIndex]>,
     plan: JoinPlan,
     body: ConjunctionTemplate,
@@ -78,7 +77,7 @@ pub(super) struct AxiomTemplate {
 }
 
 /// Compiles every disjunct of every axiom's body as an alternative. The outermost `exists` of the
-/// disjunct is removed, so that a join binds its variables.
+/// disjunct is removed, and a join binds its variables instead.
 pub(super) fn ready_axioms(catalog: &mut Catalog<'_>) -> Vec<AxiomTemplate> {
     let mut ready = Vec::new();
     for axiom in &catalog.lifted.axioms {
@@ -107,9 +106,9 @@ pub(super) fn ready_axioms(catalog: &mut Catalog<'_>) -> Vec<AxiomTemplate> {
     ready
 }
 
-/// Removes the `exists` from a formula that is an `exists`, or the first `exists` from a conjunction.
-/// Returns the variables of the `exists` and the formula without it. If there is no `exists`, returns
-/// no variables and the formula itself.
+/// Removes the `exists` from a formula that is an `exists`, or the first `exists` from a
+/// conjunction. Returns its variables and the formula without it; without an `exists`, returns no
+/// variables and the formula itself.
 fn open(formula: &Formula) -> (Vec<SlotIndex>, Formula) {
     match formula {
         Formula::Exists(slots, inner) => (slots.clone(), inner.as_ref().clone()),
@@ -129,7 +128,7 @@ fn open(formula: &Formula) -> (Vec<SlotIndex>, Formula) {
     }
 }
 
-// === impl PreparedGrounding ===
+// === impl SchemaTemplate ===
 
 impl<'s> SchemaTemplate<'s> {
     pub(super) fn new(
@@ -215,7 +214,8 @@ impl Instantiation<'_, '_, '_> {
             self.numeric(guarded, ready, binding, draft, &mut rest)?;
         }
         if self.grounder.lifted.costs.varies {
-            // In the initial state the step may even have a negative cost. Its cost later is unknown.
+            // In the initial state the step may even have a negative cost, and its later cost is
+            // unknown.
             draft.cost = draft.cost.max(0.0);
         }
         let schema = ready.index as u32;
@@ -271,8 +271,7 @@ impl Instantiation<'_, '_, '_> {
         })
     }
 
-    /// Grounds a condition. The literals are left in `self.literals`; the parts that are not literals
-    /// are returned.
+    /// Grounds a condition. Stores its literals in `self.literals` and returns its other parts.
     fn condition(
         &mut self,
         condition: &ConjunctionTemplate,
@@ -296,7 +295,7 @@ impl Instantiation<'_, '_, '_> {
         let EffectTemplate { plan, condition, part: change } = guarded;
         let frame = &ready.schema.frame;
         let function = change.fluent.function;
-        // Two changes of one fluent may contradict each other, so both must be kept as numeric changes.
+        // Two changes of one fluent may contradict each other, so both must stay numeric changes.
         let rivals = ready.numeric.iter().filter(|other| other.part.fluent.function == function);
         let is_fluent = lifted.functions[function].is_numeric_fluent();
         let is_followed = is_fluent || rivals.count() > 1;
@@ -346,7 +345,8 @@ impl Instantiation<'_, '_, '_> {
                 let fluent = this.grounder.values.fluent(&change.fluent, binding);
                 let change = NumericChange { fluent, assignment: change.assignment, value };
                 let whole = this.whole(tree);
-                // One conjunction only: with several, the amount could be added more than once.
+                // There must be one conjunction only, because the amount could otherwise be added
+                // several times.
                 for conditions in this.auxiliaries.conjunctions(&whole, 1, this.top) {
                     draft.under(&conditions).numeric.push(change.clone());
                 }
@@ -355,8 +355,8 @@ impl Instantiation<'_, '_, '_> {
         })
     }
 
-    /// Returns the condition that was ground last, as one tree. Its literals are taken from
-    /// `self.literals`; `rest` contains its other parts.
+    /// Returns the last grounded condition as one tree. Its literals are in `self.literals`; `rest`
+    /// contains its other parts.
     fn whole(&self, rest: GroundFormula) -> GroundFormula {
         let literals = self.literals.iter().map(|literal| GroundFormula::Literal(*literal));
         GroundFormula::and(literals.chain([rest]))
@@ -383,7 +383,7 @@ impl Instantiation<'_, '_, '_> {
 
     pub(super) fn axiom(&mut self, axiom: &AxiomTemplate) -> Result<(), StopReason> {
         let relation = &self.grounder.relations[axiom.head];
-        // The binding has at least one entry, so that even a join without variables yields a chunk.
+        // The binding has at least one entry, so that a join without variables also yields a chunk.
         let mut binding = vec![ObjectId::from_index(0); axiom.frame.len().max(1)];
         let mut bindings = Vec::new();
         let AxiomTemplate { plan, body, frame, stratum, .. } = axiom;
@@ -439,9 +439,9 @@ impl Instantiation<'_, '_, '_> {
     }
 }
 
-/// Whether repeating a change by a fixed amount can exceed the range of `f64` within a plan that fits
-/// into memory. If so, the value of the fluent must be part of the state, because an operator is not
-/// applicable if its result is undefined.
+/// Whether repeating a change by a fixed amount can exceed the range of `f64` in a plan that fits
+/// into memory. If so, the fluent must be part of the state, because an operator with an undefined
+/// result is not applicable.
 fn may_outgrow(assignment: Assignment, amount: &ExpressionValue) -> bool {
     let &ExpressionValue::Fixed(amount) = amount else { return false };
     match assignment {
@@ -452,8 +452,8 @@ fn may_outgrow(assignment: Assignment, amount: &ExpressionValue) -> bool {
     }
 }
 
-/// Returns how much a change of a fluent by `amount` adds to the cost of a plan; zero for assignments
-/// and scalings.
+/// Returns the cost that a change of a fluent by `amount` adds to a plan; zero for assignments and
+/// scalings.
 fn cost(
     lifted: &Lifted,
     fluent: &LiftedFluent,

@@ -1,9 +1,9 @@
-//! Joins: find all bindings of variables under which a set of atoms holds, without enumerating all
+//! Joins, which find all bindings of variables that satisfy a set of atoms, without enumerating all
 //! combinations of objects.
 //!
-//! - [`JoinPlan::compile`] fixes the order in which atoms are joined: first atoms with all arguments
-//!   bound, then those that leave few choices. The objects of a type are enumerated only for variables
-//!   that no atom binds.
+//! - [`JoinPlan::compile`] fixes the order of the atoms: first those with all arguments bound, then
+//!   those with few matches. The objects of a type are enumerated only for variables that no atom
+//!   binds.
 //! - [`Join::run`] executes the plan, and counts every candidate tuple in the [`GroundingMeter`].
 
 use super::ground_fluents::GroundFluents;
@@ -24,7 +24,7 @@ pub(super) enum JoinFilter {
         left: LiftedTerm,
         right: LiftedTerm,
     },
-    /// Tests that an atom is false in the initial state. Such a test is sufficient because no action
+    /// Tests that an atom is false in the initial state. This test is sufficient, because no action
     /// deletes facts of the atom's predicate.
     NotInitially(LiftedAtom),
     /// Tests a comparison of static functions.
@@ -42,14 +42,14 @@ pub(super) struct JoinPlan {
 
 #[derive(Clone, Debug)]
 enum JoinStep {
-    /// Binds variables from the rows of a relation that match the arguments bound so far.
+    /// Binds variables from the rows of a relation that match the bound arguments.
     Probe(IndexProbe),
-    /// Tests whether a tuple with all arguments bound is in the relation.
+    /// Tests whether a fully bound tuple is in the relation.
     Contains {
         atom: LiftedAtom,
         is_new_to: bool,
     },
-    /// Binds a variable to every object of its object set in turn.
+    /// Binds a variable to each object of its object set.
     Enumerate(SlotIndex),
     Check(JoinFilter),
 }
@@ -68,37 +68,37 @@ struct IndexProbe {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct JoinAtom<'r> {
     pub(super) atom: &'r LiftedAtom,
-    /// Whether the tuple that triggered the join is excluded for this atom. The bindings in which this
-    /// atom matches the tuple are found by another join, which the same tuple triggers at this atom.
+    /// Whether the tuple that triggered the join is excluded for this atom. Bindings with this
+    /// tuple are found by another join, which the same tuple triggers at this atom.
     pub(super) is_new_to: bool,
 }
 
-/// Data that a join reads.
+/// Inputs of a join.
 #[derive(Clone, Copy)]
 pub(super) struct Join<'g> {
     pub(super) relations: &'g [Relation],
     pub(super) sets: &'g ObjectSets,
     pub(super) values: &'g GroundFluents,
-    /// Per slot (variable): the set of objects that it ranges over.
+    /// Per slot (variable): the set of objects that it may be bound to.
     pub(super) frame: &'g [TypeIndex],
-    /// Relation and row of the tuple that triggered the join; `None` if no tuple did.
+    /// Relation and row of the tuple that triggered the join; `None` for a join without a trigger.
     pub(super) cause: Option<(usize, usize)>,
 }
 
-/// Data that is read while a join is planned.
+/// Inputs of planning a join.
 pub(super) struct Catalog<'g> {
     pub(super) lifted: &'g Lifted,
     pub(super) relations: &'g mut [Relation],
     pub(super) sets: &'g ObjectSets,
-    /// Whether the relations are complete. Only then do their sizes serve as estimates.
+    /// Whether the relations are complete, so that their sizes are valid estimates.
     pub(super) is_complete: bool,
 }
 
 // === impl JoinPlan ===
 
 impl JoinPlan {
-    /// Plans a join over the atoms in `parts` that binds all slots in `wanted`. `bound` says which
-    /// slots are bound before the join, and is updated.
+    /// Plans a join over the atoms in `parts` that binds all slots in `wanted`. `bound` marks the
+    /// slots that are bound before the join, and is updated.
     pub(super) fn compile<'r>(
         catalog: &mut Catalog<'_>,
         frame: &[TypeIndex],
@@ -128,8 +128,7 @@ impl JoinPlan {
         plan
     }
 
-    /// Appends the filters that have all their variables bound to the plan, and removes them from
-    /// `filters`.
+    /// Appends the filters with all variables bound to the plan, and removes them from `filters`.
     fn check_ready(&mut self, filters: &mut Vec<&JoinFilter>, bound: &[bool]) {
         filters.retain(|filter| {
             let mut is_ready = true;
@@ -149,7 +148,7 @@ fn is_bound(term: &LiftedTerm, bound: &[bool]) -> bool {
     }
 }
 
-/// Estimates the number of rows that an atom matches, given which slots are bound.
+/// Estimates the number of rows that match an atom, for the slots that are `bound`.
 fn estimate(catalog: &Catalog<'_>, frame: &[TypeIndex], atom: &LiftedAtom, bound: &[bool]) -> f64 {
     let open = atom.arguments.iter().enumerate().filter_map(|(column, term)| match term {
         LiftedTerm::Variable(slot) if !bound[*slot as usize] => Some((column, *slot)),
@@ -158,7 +157,8 @@ fn estimate(catalog: &Catalog<'_>, frame: &[TypeIndex], atom: &LiftedAtom, bound
     let size = |slot: SlotIndex| catalog.sets.get(frame[slot as usize]).members.len() as f64;
     let relation = &catalog.relations[atom.predicate];
     if !catalog.is_complete && !is_static(catalog.lifted, atom.predicate) {
-        // The relation of a fluent predicate still grows; in the end most combinations may be in it.
+        // The relation of a fluent predicate still grows, and may contain most combinations in the
+        // end.
         let mut combinations = 1.0;
         let mut seen = Vec::new();
         for (_, slot) in open {
@@ -183,7 +183,7 @@ fn estimate(catalog: &Catalog<'_>, frame: &[TypeIndex], atom: &LiftedAtom, bound
     if is_open { rows } else { 0.0 }
 }
 
-/// Whether a relation belongs to a static predicate, of which no action changes the facts.
+/// Whether the relation is that of a static predicate, which no action changes.
 pub(super) fn is_static(lifted: &Lifted, relation: usize) -> bool {
     lifted.predicates.get(relation).is_some_and(|predicate| predicate.is_static())
 }
@@ -247,7 +247,8 @@ impl JoinFilter {
         }
     }
 
-    /// Whether a binding satisfies the filter. All variables of the filter must be bound.
+    /// Whether a binding satisfies the filter. The binding must include all variables of the
+    /// filter.
     pub(super) fn passes(
         &self,
         relations: &[Relation],
@@ -275,7 +276,7 @@ impl JoinFilter {
 // === impl Join ===
 
 impl Join<'_> {
-    /// Whether an object belongs to the set of objects that a slot ranges over.
+    /// Whether a slot may be bound to an object.
     #[inline]
     pub(super) fn fits(&self, slot: SlotIndex, object: ObjectId) -> bool {
         self.sets.get(self.frame[slot as usize]).contains(object)

@@ -1,11 +1,12 @@
-//! Grounding: from the lifted task to facts and operators.
+//! Grounding: converts the lifted task to facts and operators.
 //!
-//! 1. [`horn_rules`] builds the Horn rules of the delete relaxation. [`reach`] finds every tuple that
-//!    is reachable in the relaxation, by joins.
-//! 2. [`instantiate`] turns each tuple of an action into operators; [`raw_instances`] stores them.
-//!    goal.
+//! 1. [`horn_rules`] builds the Horn rules of the delete relaxation. [`reach`] finds all reachable
+//!    tuples in the relaxation, by joins.
+//! 2. [`instantiate`] converts each tuple of an action to operators; [`raw_instances`] stores them.
+//! 3. [`finish`] builds the task from the facts and operators that are relevant to the goal.
 //!
-//! Work is counted in join steps, so the same task reaches a limit at the same point on every machine.
+//! Work is counted in join steps, so the same task reaches a limit at the same point on every
+//! machine.
 
 mod conjunction_template;
 mod draft;
@@ -39,16 +40,17 @@ use crate::normalize::lifted::Lifted;
 use crate::outcome::StopReason;
 use crate::task::Task;
 
-/// A ground task, and warnings about constructs that the author of the texts probably did not intend.
+/// A ground task, and warnings about constructs that the author of the texts probably did not
+/// intend.
 pub(crate) struct Grounded {
-    /// Ground task; `None` if the goal is unreachable in the delete relaxation, which proves that there
-    /// is no plan.
+    /// Ground task; `None` if the goal is unreachable in the delete relaxation, which proves that
+    /// no plan exists.
     pub(crate) task: Option<Task>,
     pub(crate) warnings: Vec<Diagnostic>,
 }
 
-/// Grounds a lifted task. Returns the stop reason if a cap is reached or the caller cancels.
-/// `join_steps` is set to the work that was done, even if grounding fails.
+/// Grounds a lifted task. Returns the stop reason if a limit is reached or the caller cancels. Sets
+/// `join_steps` to the work that was done, even if grounding fails.
 pub(crate) fn ground(
     lifted: &Lifted,
     budget: Budget,

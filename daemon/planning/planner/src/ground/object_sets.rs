@@ -1,11 +1,11 @@
-//! Sets of objects that variables range over. Equal sets are stored once.
+//! Sets of objects that variables may be bound to. Equal sets are stored once.
 
 use rustc_hash::FxHashMap;
 
 use crate::normalize::lifted::{Lifted, TypeIndex, TypeSet};
 
-/// Store of object sets: first the sets of all types, under their type numbers, then the smaller sets
-/// that narrowing by static facts produces.
+/// Store of object sets: first the sets of all types, with their type numbers, then the smaller
+/// sets that result from narrowing by static facts.
 #[derive(Debug)]
 pub(super) struct ObjectSets {
     sets: Vec<TypeSet>,
@@ -30,7 +30,7 @@ impl ObjectSets {
         &self.sets[index]
     }
 
-    /// Returns the number of the set with these bits. Adds the set if it is new.
+    /// Returns the number of the set with these bits, which is added if it is new.
     pub(super) fn intern(&mut self, bits: Vec<u64>) -> TypeIndex {
         if let Some(&known) = self.known.get(&bits) {
             return known;
@@ -40,7 +40,7 @@ impl ObjectSets {
         self.sets.len() - 1
     }
 
-    /// Returns the number of the intersection of two sets. Adds the intersection if it is new.
+    /// Returns the number of the intersection of two sets, which is added if it is new.
     pub(super) fn both(&mut self, left: TypeIndex, right: TypeIndex) -> TypeIndex {
         let (left, right) = (self.get(left).bits(), self.get(right).bits());
         let bits = left.iter().zip(right).map(|(left, right)| left & right).collect();

@@ -1,5 +1,5 @@
-//! Ground operators and axioms with raw fact numbers, made from reachable tuples. More operators and
-//! axioms can be added later.
+//! Ground operators and axioms with raw fact numbers, created from reachable tuples. Further
+//! operators and axioms can be added later.
 //!
 //! A *raw* fact is a row of a relation, a comparison, or an auxiliary fact. `finish` keeps the raw
 //! facts that are relevant to the goal, and renumbers them.
@@ -23,33 +23,34 @@ use crate::task::{FactId, GroundComparison, Literal, OperatorTable};
 
 /// The ground task, with raw fact numbers.
 pub(super) struct RawTask {
-    /// Ground operators. Their costs are stored as the bits of `f64` values, in units of the metric.
+    /// Ground operators. Their costs are stored as the bits of `f64` values, in units of the
+    /// metric.
     pub(super) operators: OperatorTable,
     pub(super) axioms: Vec<RawAxiom>,
     pub(super) comparisons: Vec<GroundComparison>,
     /// Literals of the goal; `None` if the goal can never hold.
     pub(super) goal: Option<Vec<Literal>>,
     pub(super) layout: FactLayout,
-    /// Whether an operator has a negative cost among those that are not in `operators` because they are
+    /// Whether an operator with a negative cost was omitted from `operators` because it is
     /// irrelevant to the goal.
     pub(super) has_negative_cost: bool,
     pub(super) warnings: Vec<Diagnostic>,
 }
 
-/// Layout of the raw fact numbers: where the rows of each predicate, the comparisons and the auxiliary
-/// facts begin and end.
+/// Layout of the raw fact numbers: the ranges of each predicate's rows, of the comparisons and of
+/// the auxiliary facts.
 pub(super) struct FactLayout {
     /// Per predicate: the raw fact number of its first row. The last entry is the end of all rows.
     pub(super) offsets: Vec<usize>,
     pub(super) comparison_offset: usize,
     pub(super) auxiliary_offset: usize,
-    /// Raw fact number after the last auxiliary fact.
+    /// The raw fact number after the last auxiliary fact.
     pub(super) end: usize,
-    /// Number of comparisons that exist so far.
+    /// Number of comparisons so far.
     pub(super) comparisons: usize,
 }
 
-/// Operators and axioms that have been ground so far. The numbers of raw facts never change here.
+/// Operators and axioms that have been grounded so far. The numbers of raw facts never change here.
 #[derive(Debug)]
 pub(super) struct RawInstances {
     pub(super) operators: OperatorTable,
@@ -85,13 +86,13 @@ impl FactLayout {
         self.comparison_offset + self.comparisons
     }
 
-    /// Returns the dense index after the last raw fact of any kind.
+    /// Returns the dense index after the last raw fact.
     pub(super) fn dense_end(&self) -> usize {
         self.comparison_end() + (self.end - self.auxiliary_offset)
     }
 
-    /// Returns the dense index of a raw fact: the raw fact number without the gap that is reserved for
-    /// more comparisons.
+    /// Returns the dense index of a raw fact: its number without the reserved gap for further
+    /// comparisons.
     #[inline]
     pub(super) fn dense(&self, fact: FactId) -> usize {
         let index = fact.index();
@@ -106,8 +107,8 @@ impl FactLayout {
 // === impl RawInstances ===
 
 impl RawInstances {
-    /// Creates an empty set of instances. `room` gives the maximal number of facts of each predicate;
-    /// `spare` is the maximal number of facts of all predicates together that are added later.
+    /// Creates an empty set of instances. `room` gives the maximum number of facts of each
+    /// predicate; `spare` is the maximum number of facts of all later predicates together.
     pub(super) fn new(room: impl Iterator<Item = usize>, spare: usize) -> RawInstances {
         let mut offsets = vec![0];
         offsets.extend(room.scan(0, |end, room| {
@@ -126,8 +127,8 @@ impl RawInstances {
         }
     }
 
-    /// Whether each predicate has room for its number of facts in `facts`. A new predicate gets as much
-    /// room as `room` returns for its number of facts.
+    /// Whether each predicate has room for its number of facts in `facts`. The room of a new
+    /// predicate is the result of `room` for its number of facts.
     pub(super) fn has_room(
         &mut self,
         facts: impl Iterator<Item = usize>,
@@ -145,7 +146,7 @@ impl RawInstances {
         self.offsets.last().is_some_and(|end| *end <= self.comparison_offset)
     }
 
-    /// Grounds the new tuples of each schema, which begin at the row that `rows` gives, and grounds all
+    /// Grounds the new tuples of each schema, beginning at its row in `rows`, and grounds all
     /// axioms again.
     pub(super) fn add_instances(
         &mut self,
@@ -228,7 +229,7 @@ impl RawInstances {
         }
     }
 
-    /// Returns the number of raw facts that are not rows of relations: comparisons and auxiliary facts.
+    /// Returns the number of comparisons and auxiliary facts, which are not rows of relations.
     pub(super) fn invented_fact_count(&self) -> usize {
         self.comparisons.all.len() + self.auxiliaries.len()
     }

@@ -1,8 +1,7 @@
 //! Relaxed reachability: finds all facts and applicable actions of the delete relaxation.
 //!
 //! Every new tuple is joined once with the tuples found before it (semi-naive evaluation of the
-//! [`super::horn_rules`]). For a rule without variables, only the atoms that are still missing are
-//! counted.
+//! [`super::horn_rules`]). For a rule without variables, only the missing atoms are counted.
 
 use super::action_relation;
 use super::ground_fluents::GroundFluents;
@@ -19,7 +18,8 @@ use crate::task::ObjectId;
 /// All tuples that are reachable in the delete relaxation.
 #[derive(Debug)]
 pub(super) struct ReachableTuples {
-    /// Relations of the predicates, followed by one relation per schema with its applicable bindings.
+    /// Relations of the predicates, followed by one relation per schema with its applicable
+    /// bindings.
     pub(super) relations: Vec<Relation>,
     pub(super) sets: ObjectSets,
 }
@@ -36,14 +36,14 @@ struct Reachability<'g, 'w, 'c> {
     sets: ObjectSets,
     rules: Vec<HornRule>,
     triggers: Triggers,
-    /// Per schema: the atoms that the schema adds unconditionally.
+    /// Per schema: the atoms in its unconditional add effects.
     adds: Vec<Vec<&'g LiftedAtom>>,
     binding: Vec<ObjectId>,
-    /// Buffer for the tuples that one evaluation of a rule finds for its head.
+    /// Buffer for the head's tuples of one evaluation of a rule.
     found: Relation,
-    /// Number of bytes of all relations when they were last counted.
+    /// Number of bytes of all relations at the last check.
     bytes: usize,
-    /// Buffer for the triggers that the current tuple may match.
+    /// Buffer for the triggers that match the current tuple.
     due: Vec<usize>,
 }
 
@@ -76,9 +76,9 @@ pub(super) fn reach(
     reach.finish()
 }
 
-/// Continues an earlier evaluation after additions to the task. New facts are in `relations`, not yet
-/// indexed; new objects and schemas follow the old ones in `lifted`; no fact is static. Rules are not
-/// narrowed, because narrowed rules could not be widened later.
+/// Continues an earlier evaluation after additions to the task. New facts are in `relations`
+/// without an index entry, new objects and schemas follow the old ones in `lifted`, and no fact is
+/// static. Rules are not narrowed, because a narrowed rule could not be widened later.
 pub(super) fn reach_on(
     lifted: &Lifted,
     values: &GroundFluents,
@@ -92,7 +92,7 @@ pub(super) fn reach_on(
     reach.finish()
 }
 
-/// Numbers of objects and schemas in the earlier evaluation that is continued.
+/// Numbers of objects and schemas in the continued earlier evaluation.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct PreviousCounts {
     pub(super) objects: usize,
@@ -116,7 +116,7 @@ pub(super) fn initial_relations(lifted: &Lifted) -> Vec<Relation> {
     relations
 }
 
-/// Marks the schemas for which no tuple can be found twice, which are those with one rule in which all
+/// Marks the schemas with tuples that cannot be found twice: they have one rule, in which all
 /// variables are parameters. Their relations need no duplicate check.
 fn set_distinct(lifted: &Lifted, rules: &[HornRule], relations: &mut [Relation]) {
     let mut counts = vec![0; relations.len()];
@@ -173,7 +173,7 @@ impl<'g, 'w, 'c> Reachability<'g, 'w, 'c> {
         Ok(ReachableTuples { relations: self.relations, sets: self.sets })
     }
 
-    /// Registers the triggers of each rule, and fires the rules of which all atoms are static.
+    /// Registers the triggers of each rule, and fires the rules with static atoms only.
     fn start(&mut self) -> Result<(), StopReason> {
         for index in 0..self.rules.len() {
             let rule = &self.rules[index];
@@ -189,8 +189,8 @@ impl<'g, 'w, 'c> Reachability<'g, 'w, 'c> {
         Ok(())
     }
 
-    /// Registers the triggers of each rule. Fires the rules that may draw further conclusions from
-    /// tuples that are indexed already: new rules, and old rules with variables that range over new
+    /// Registers the triggers of each rule. Fires the rules that may have further conclusions from
+    /// already indexed tuples: new rules, and old rules with variables that may be bound to new
     /// objects.
     fn resume(&mut self, before: PreviousCounts) -> Result<(), StopReason> {
         let first_new = action_relation(self.lifted, before.schemas);
@@ -227,7 +227,7 @@ impl<'g, 'w, 'c> Reachability<'g, 'w, 'c> {
         self.fire(rule, &plan, None)
     }
 
-    /// Processes the tuples that are not indexed yet, until none is left.
+    /// Processes the tuples that are not indexed until there are none.
     fn saturate(&mut self) -> Result<(), StopReason> {
         let mut is_waiting = true;
         while is_waiting {
@@ -252,7 +252,7 @@ impl<'g, 'w, 'c> Reachability<'g, 'w, 'c> {
         self.work.check_memory(self.bytes)
     }
 
-    /// Draws all conclusions from a tuple together with the tuples that were indexed before it.
+    /// Draws all conclusions from a tuple and the tuples that were indexed before it.
     fn conclude(&mut self, relation: usize, row: usize) -> Result<(), StopReason> {
         let schema = relation.checked_sub(self.lifted.predicates.len());
         if let Some(adds) = schema.map(|schema| &self.adds[schema]) {
@@ -295,7 +295,8 @@ impl<'g, 'w, 'c> Reachability<'g, 'w, 'c> {
                 let tuple = self.relations[relation].row(row);
                 let fits =
                     unify(&self.sets, frame, &body.atoms[position], tuple, &mut self.binding);
-                // Most triggers of a large domain never fire, so join plans are made on demand.
+                // Join plans are created on demand, because most triggers of a large domain never
+                // fire.
                 let plan = match plan {
                     None if !fits => return Ok(()),
                     None => Box::new(self.plan(rule, Some(position))),
@@ -309,8 +310,9 @@ impl<'g, 'w, 'c> Reachability<'g, 'w, 'c> {
         }
     }
 
-    /// Whether the tests and the static atoms of a rule without variables hold. No trigger counts these
-    /// parts of the rule. They remain in a rule if the last narrowing pass removed their variables.
+    /// Whether the tests and the static atoms of a rule without variables hold. Triggers do not
+    /// count these parts, which remain in a rule if the last narrowing pass removed their
+    /// variables.
     fn passes(&self, rule: usize) -> bool {
         let Conjunct { atoms, filters } = &self.rules[rule].body;
         let is_static = |atom: &&LiftedAtom| is_static(self.lifted, atom.predicate);
@@ -321,13 +323,13 @@ impl<'g, 'w, 'c> Reachability<'g, 'w, 'c> {
             && filters.iter().all(|filter| {
                 let mut is_ground = true;
                 filter.slots(&mut |_| is_ground = false);
-                // Joins also leave out a test with a variable that nothing binds.
+                // Joins also skip a test with an unbound variable.
                 !is_ground || filter.passes(&self.relations, self.values, &[])
             })
     }
 
-    /// Plans the join of a rule's body. The atom at the position `cause` is left out, because its
-    /// variables are bound already.
+    /// Plans the join of a rule's body without the atom at the position `cause`, because its
+    /// variables are already bound.
     fn plan(&mut self, rule: usize, cause: Option<usize>) -> JoinPlan {
         let HornRule { frame, body, wanted, .. } = &self.rules[rule];
         let mut bound = vec![false; frame.len()];
@@ -349,7 +351,7 @@ impl<'g, 'w, 'c> Reachability<'g, 'w, 'c> {
         JoinPlan::compile(&mut catalog, frame, parts, &body.filters, wanted, &mut bound)
     }
 
-    /// Adds a tuple of the rule's head for every binding that the join finds.
+    /// Adds a tuple of the rule's head for every binding that the join returns.
     fn fire(
         &mut self,
         rule: usize,
@@ -358,8 +360,8 @@ impl<'g, 'w, 'c> Reachability<'g, 'w, 'c> {
     ) -> Result<(), StopReason> {
         let head = self.rules[rule].head.predicate;
         if head >= self.lifted.predicates.len() {
-            // The body of such a rule does not read the relation of its own action, and there may be
-            // millions of tuples: they are written into the relation directly.
+            // The body of such a rule does not use the relation of its own action, and there may be
+            // millions of tuples. The tuples are therefore written directly into the relation.
             let mut tuples = std::mem::replace(&mut self.relations[head], Relation::new(0));
             let result = self.collect(rule, plan, cause, &mut tuples);
             self.relations[head] = tuples;
@@ -375,8 +377,8 @@ impl<'g, 'w, 'c> Reachability<'g, 'w, 'c> {
         result
     }
 
-    /// Runs a join and writes the tuples of the rule's head into `found`, a relation that no atom of
-    /// the join reads.
+    /// Runs a join and writes the tuples of the rule's head into `found`. No atom of the join may
+    /// use this relation.
     fn collect(
         &mut self,
         rule: usize,

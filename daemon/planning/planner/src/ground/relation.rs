@@ -16,19 +16,19 @@ pub(super) struct Relation {
     arity: usize,
     flat: Vec<ObjectId>,
     count: usize,
-    /// Set of all tuples, which prevents duplicates; `None` if the source of the tuples cannot produce
-    /// duplicates.
+    /// Set of all tuples, for detecting duplicates; `None` if the source of the tuples cannot
+    /// produce duplicates.
     set: Option<IdTable>,
     indices: Vec<Index>,
-    /// Number of rows that have been entered into the indices. Later rows have not been processed yet.
+    /// Number of rows in the indices. The rows after them have not been processed yet.
     indexed: usize,
-    /// Number of rows that hold in the initial state; these rows come first.
+    /// Number of rows that hold in the initial state, which come first.
     pub(super) initial: usize,
-    /// Per column: the number of different values in it; computed on first use.
+    /// Per column: the number of different values; computed at the first use.
     distinct: Vec<OnceCell<usize>>,
 }
 
-/// An index over some columns: lists of the rows that have the same values in these columns.
+/// An index over some columns: lists of the rows with the same values in these columns.
 #[derive(Clone, Debug)]
 struct Index {
     columns: Vec<usize>,
@@ -56,14 +56,14 @@ impl Relation {
         }
     }
 
-    /// Creates a relation that does not check for duplicates. The caller must not add a tuple twice,
-    /// and tuples cannot be looked up.
+    /// Creates a relation that does not check for duplicates. The caller must not add a tuple
+    /// twice, and tuples cannot be looked up by value.
     pub(super) fn of_distinct(arity: usize) -> Relation {
         Relation { set: None, ..Relation::new(arity) }
     }
 
-    /// Removes all tuples, and sets the number of columns to `arity`. Only for a relation without set
-    /// and indices.
+    /// Removes all tuples, and sets the number of columns to `arity`. The relation must have no set
+    /// and no indices.
     pub(super) fn clear(&mut self, arity: usize) {
         self.arity = arity;
         self.flat.clear();
@@ -83,8 +83,8 @@ impl Relation {
         self.count
     }
 
-    /// Returns the number of bytes that the relation takes, including the bytes that one more tuple may
-    /// add. Small fixed parts are not counted.
+    /// Returns the number of bytes of the relation, including the growth that the next tuple may
+    /// cause. Small fixed parts are not counted.
     pub(super) fn bytes(&self) -> usize {
         let indices =
             self.indices.iter().map(|index| index.heads.bytes() + arena::bytes(&index.next, 1));
@@ -97,16 +97,16 @@ impl Relation {
         &self.flat[row * self.arity..(row + 1) * self.arity]
     }
 
-    /// Returns the row of a tuple; `None` if the relation does not contain the tuple, or cannot look it
-    /// up because it has no set.
+    /// Returns the row of a tuple; `None` if the relation does not contain the tuple or has no set
+    /// for look-ups.
     pub(super) fn find(&self, tuple: &[ObjectId]) -> Option<usize> {
         let key = hash(tuple.iter().copied());
         let found = self.set.as_ref()?.find(key, |id| self.row(id as usize) == tuple);
         found.map(|id| id as usize)
     }
 
-    /// Returns the row of the tuple that `terms` stand for under a binding; `None` if the relation does
-    /// not contain the tuple, or has no set.
+    /// Returns the row of the tuple that results from `terms` under a binding; `None` if the
+    /// relation does not contain the tuple or has no set for look-ups.
     #[inline]
     pub(super) fn find_terms(&self, terms: &[LiftedTerm], binding: &[ObjectId]) -> Option<usize> {
         let key = hash(terms.iter().map(|term| term.object(binding)));
@@ -119,7 +119,7 @@ impl Relation {
         row.zip(terms).all(|(object, term)| *object == term.object(binding))
     }
 
-    /// Adds a tuple, unless the relation already contains it.
+    /// Adds a tuple, unless the relation contains it.
     pub(super) fn insert(&mut self, tuple: &[ObjectId]) {
         debug_assert_eq!(tuple.len(), self.arity);
         if self.set.is_some() {
@@ -145,7 +145,7 @@ impl Relation {
         });
     }
 
-    /// Adds the tuple that `terms` stand for under a binding, unless the relation already contains it.
+    /// Adds the tuple that results from `terms` under a binding, unless the relation contains it.
     #[inline]
     pub(super) fn insert_terms(&mut self, terms: &[LiftedTerm], binding: &[ObjectId]) {
         if self.set.is_some() {
@@ -164,7 +164,7 @@ impl Relation {
         self.count += 1;
     }
 
-    /// Enters the row that is about to be added into the set of tuples. `key` is the hash of the row.
+    /// Adds the row that is about to be stored to the set of tuples. `key` is the hash of the row.
     fn note(&mut self, key: u64) {
         let Relation { arity, flat, set, count, .. } = self;
         let row_hash =
@@ -174,7 +174,7 @@ impl Relation {
         }
     }
 
-    /// Whether the relation contains the tuple that `terms` stand for, and has already indexed it.
+    /// Whether the relation contains the tuple of the constant `terms` and has already indexed it.
     pub(super) fn has_indexed(&self, terms: &[LiftedTerm]) -> bool {
         self.find_terms(terms, &[]).is_some_and(|row| self.is_indexed(row))
     }
@@ -190,12 +190,12 @@ impl Relation {
         row < self.indexed
     }
 
-    /// Returns the first row that is not indexed yet; `None` if all rows are.
+    /// Returns the first row that is not indexed; `None` if all rows are indexed.
     pub(super) fn next_unindexed(&self) -> Option<usize> {
         (self.indexed < self.count).then_some(self.indexed)
     }
 
-    /// Enters the first row that is not indexed yet into the indices.
+    /// Adds the first row that is not indexed to the indices.
     pub(super) fn index_next(&mut self) {
         let row = self.indexed;
         self.indexed += 1;
@@ -204,14 +204,14 @@ impl Relation {
         }
     }
 
-    /// Enters all rows that are not indexed yet into the indices.
+    /// Adds all rows that are not indexed to the indices.
     pub(super) fn index_all(&mut self) {
         while self.next_unindexed().is_some() {
             self.index_next();
         }
     }
 
-    /// Returns the number of the index over these columns. Builds the index if there is none yet.
+    /// Returns the number of the index over these columns, which is built if there is none.
     pub(super) fn index(&mut self, columns: &[usize]) -> IndexId {
         if let Some(found) = self.indices.iter().position(|index| index.columns == columns) {
             return found;
@@ -223,8 +223,8 @@ impl Relation {
         self.indices.len() - 1
     }
 
-    /// Returns the rows that have the values `key`, under a binding, in the indexed columns: first the
-    /// row that was indexed first, then the others in reverse order.
+    /// Returns the rows with the values `key`, under a binding, in the indexed columns. The row
+    /// that was indexed first comes first; the others follow in reverse order.
     #[inline]
     pub(super) fn matching(
         &self,
@@ -242,7 +242,7 @@ impl Relation {
         Matching { index, next: first.unwrap_or(END) }
     }
 
-    /// Returns the number of different values in a column. Only for relations that no longer grow.
+    /// Returns the number of different values in a column. The relation must be complete.
     pub(super) fn distinct(&self, column: usize) -> usize {
         *self.distinct[column].get_or_init(|| {
             let all = (0..self.count).map(|row| self.row(row)[column]);
@@ -285,7 +285,8 @@ impl Index {
             |id: u32| columns.iter().all(|one| column(id as usize, *one) == column(row, *one));
         let row_hash = key_hash(row as u32);
         match heads.find(row_hash, same) {
-            // The head stays, because the table refers to it; the new row is inserted right behind it.
+            // The head of the list stays, because the table refers to it. The new row is inserted
+            // right after it.
             Some(head) => {
                 next.push(next[head as usize]);
                 next[head as usize] = row as u32;
@@ -298,8 +299,8 @@ impl Index {
     }
 }
 
-/// Returns a cheap hash of a tuple. A better one is not needed, because the hash table multiplies the
-/// hash once more.
+/// Returns a cheap hash of a tuple. This is sufficient, because the hash table multiplies the hash
+/// again.
 #[inline]
 fn hash(objects: impl Iterator<Item = ObjectId>) -> u64 {
     objects.fold(0, |hash: u64, object| {
@@ -320,7 +321,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_are_found_by_columns_once_they_had_their_turn() {
+    fn rows_are_found_by_column_after_they_are_indexed() {
         let mut relation = Relation::new(2);
         let first = relation.index(&[0]);
         for pair in [[1, 2], [1, 3], [2, 3]] {

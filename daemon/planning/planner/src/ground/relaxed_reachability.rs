@@ -1,9 +1,9 @@
-//! Reachability from a state in the delete relaxation, by operators that have been ground before, with
+//! Reachability from a state in the delete relaxation, with operators that were grounded before and
 //! raw fact numbers.
 //!
-//! For every operator, conditional effect and axiom, the preconditions that are not reached yet are
-//! counted (Dowling and Gallier, 1984), so each literal is visited once per query. The index is built
-//! once and used for many states.
+//! For every operator, conditional effect and axiom, the unreached preconditions are counted
+//! (Dowling and Gallier, 1984), so that a query visits each literal once. The index is built once
+//! and used for many states.
 
 use super::ground_formula::RawAxiom;
 use super::raw_instances::FactLayout;
@@ -11,8 +11,8 @@ use crate::operators::OperatorTable;
 use crate::rows::Rows;
 use crate::task::{FactId, Literal};
 
-/// Index of the delete relaxation. Contains the facts that each step (operator, conditional effect or
-/// axiom) requires and adds.
+/// Index of the delete relaxation: the facts that each step (operator, conditional effect or axiom)
+/// requires and adds.
 #[derive(Debug)]
 pub(super) struct RelaxationIndex {
     /// Per fact: the steps that require the fact.
@@ -21,7 +21,7 @@ pub(super) struct RelaxationIndex {
     needs: Vec<u32>,
     /// Per step: the facts that the step adds.
     adds: Rows,
-    /// Per step: the operator that the step belongs to, or [`NO_OPERATOR`] if the step is an axiom.
+    /// Per step: the operator that the step belongs to, or [`NO_OPERATOR`] for an axiom.
     operators: Vec<u32>,
     facts: usize,
     operator_count: usize,
@@ -29,14 +29,13 @@ pub(super) struct RelaxationIndex {
 
 const NO_OPERATOR: u32 = u32::MAX;
 
-/// What is reachable in the delete relaxation: per fact (by dense index) and per operator, whether it
-/// is.
+/// Facts (by dense index) and operators that are reachable in the delete relaxation.
 pub(super) struct RelaxedReachable {
     pub(super) facts: Vec<bool>,
     pub(super) operators: Vec<bool>,
 }
 
-/// The steps of a [`RelaxationIndex`] that is being built.
+/// Steps of a [`RelaxationIndex`] that is being built.
 struct StepIndexBuilder<'l> {
     layout: &'l FactLayout,
     preconditions: Rows,
@@ -85,13 +84,13 @@ impl RelaxationIndex {
         }
     }
 
-    /// Whether the index still covers all facts and operators, so that it need not be built again.
+    /// Whether the index covers all facts and operators, and need not be built again.
     pub(super) fn covers(&self, layout: &FactLayout, operators: &OperatorTable) -> bool {
         self.facts == layout.dense_end() && self.operator_count == operators.len()
     }
 
-    /// Computes the facts and operators that are reachable from a state in the delete relaxation,
-    /// without the operators that are `masked`.
+    /// Computes the facts and operators that are reachable from a state in the delete relaxation.
+    /// Operators that are `masked` are not used.
     pub(super) fn relaxed_reachable(
         &self,
         layout: &FactLayout,

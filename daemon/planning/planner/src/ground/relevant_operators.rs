@@ -1,8 +1,9 @@
-//! Relevance analysis of operators that have been ground before, with raw fact numbers. It goes
-//! backwards from a goal through the steps that [`super::relaxed_reachability`] goes forwards through.
+//! Relevance analysis of operators that were grounded before, with raw fact numbers. The analysis
+//! goes backwards from a goal, through the same steps as [`super::relaxed_reachability`].
 //!
-//! `finish` also drops irrelevant operators, and recognises more of them, but visits every operator
-//! that is passed to it. Of a thousand actions of a building, a goal may need one.
+//! `finish` also drops irrelevant operators, and detects more of them, but visits every operator in
+//! its input. This analysis comes first, because a goal may need one of a thousand actions of a
+//! building.
 
 use super::ground_formula::RawAxiom;
 use super::raw_instances::FactLayout;
@@ -10,16 +11,16 @@ use crate::operators::OperatorTable;
 use crate::rows::Rows;
 use crate::task::{FactId, Literal};
 
-/// Index for relevance: contains which steps change each fact, and which facts each step has in its
-/// conditions.
+/// Index for the relevance analysis: the steps that change each fact, and the facts in the
+/// conditions of each step.
 #[derive(Debug)]
 pub(super) struct RelevanceIndex {
     /// Per fact, by dense index: the steps that change the fact.
     changers: Rows,
     /// Per step (first the operators, then the axioms): the facts in all conditions of the step.
     asked: Rows,
-    /// Operators that change numbers. Such operators are always relevant: a comparison, a cost or
-    /// another numeric change may depend on the number, or on whether the number is defined.
+    /// Operators that change numbers. These are always relevant: a comparison, a cost or another
+    /// numeric change may depend on the number, or on whether it is defined.
     counting: Vec<u32>,
     operator_count: usize,
 }
@@ -61,13 +62,13 @@ impl RelevanceIndex {
         RelevanceIndex { changers, asked, counting, operator_count: operators.len() }
     }
 
-    /// Whether the index still covers all facts and operators, so that it need not be built again.
+    /// Whether the index covers all facts and operators, and need not be built again.
     pub(super) fn covers(&self, layout: &FactLayout, operators: &OperatorTable) -> bool {
         self.changers.len() == layout.dense_end() && self.operator_count == operators.len()
     }
 
-    /// Returns the operators that are relevant to a goal, in ascending order. Only operators for which
-    /// `can` is true are considered: those that are applicable in the delete relaxation.
+    /// Returns the operators that are relevant to a goal, in ascending order. `can` marks the
+    /// operators that are applicable in the delete relaxation; only these are considered.
     pub(super) fn wanted(&self, layout: &FactLayout, goal: &[Literal], can: &[bool]) -> Vec<usize> {
         let mut facts = vec![false; self.changers.len()];
         let mut steps = vec![false; self.asked.len()];

@@ -1,4 +1,4 @@
-//! Triggers: which Horn rules have to be evaluated for a new tuple.
+//! Triggers: they determine the Horn rules that must be evaluated for a new tuple.
 
 use rustc_hash::FxHashMap;
 
@@ -7,22 +7,22 @@ use super::join::JoinPlan;
 use crate::normalize::lifted::LiftedTerm;
 use crate::task::ObjectId;
 
-/// A trigger: which rule to evaluate for a new tuple of some relation, and how.
+/// A trigger: a rule that must be evaluated for a new tuple of some relation.
 #[derive(Debug)]
 pub(super) struct Trigger {
     pub(super) rule: usize,
-    /// Position in the rule's body of the atom that the new tuple matches.
+    /// Position of the atom in the rule's body that the new tuple matches.
     pub(super) position: usize,
     pub(super) action: TriggerAction,
 }
 
-/// How a rule is evaluated when a tuple for one of its atoms is found.
+/// Method of evaluating a rule for a new tuple of one of its atoms.
 #[derive(Debug)]
 pub(super) enum TriggerAction {
-    /// Evaluates the rule by a join over its other atoms. The join is planned when it is first needed.
+    /// Evaluates the rule by a join over its other atoms. The join is planned at its first use.
     Join(Option<Box<JoinPlan>>),
-    /// Counts the rule's atoms that are found. The rule has no variables, and fires when all its atoms
-    /// have been found.
+    /// Counts the atoms of the rule that are found. The rule has no variables, and fires when all
+    /// its atoms are found.
     Count,
 }
 
@@ -39,11 +39,11 @@ pub(super) struct Triggers {
 /// The triggers of one relation.
 #[derive(Debug, Default)]
 struct RelationTriggers {
-    /// Triggers that require no certain object in any column.
+    /// Triggers without a fixed object in any column.
     open: Vec<usize>,
-    /// Columns in which some trigger requires a certain object.
+    /// Columns with a fixed object in some trigger.
     columns: Vec<usize>,
-    /// Triggers that require a certain object in a column; the key is the column and the object.
+    /// Triggers with a fixed object in a column; the key is the column and the object.
     fixed: FxHashMap<(usize, ObjectId), Vec<usize>>,
 }
 
@@ -102,8 +102,8 @@ impl Triggers {
         }
     }
 
-    /// Counts one atom of a rule without variables as found. Returns whether it was the last atom
-    /// missing.
+    /// Counts one atom of a rule without variables as found. Returns whether all its atoms are
+    /// found now.
     pub(super) fn count_down(&mut self, rule: usize) -> bool {
         let Some(missing) = self.missing.get_mut(&rule) else { return false };
         *missing -= 1;

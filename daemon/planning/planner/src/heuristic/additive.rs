@@ -1,6 +1,6 @@
-//! The additive heuristic h_add: in the delete relaxation, a conjunction costs the sum of the costs of
-//! its parts (Bonet and Geffner, 2001). The heuristic is not admissible; here it chooses the best
-//! supporters for the FF heuristic.
+//! The additive heuristic h_add: in the delete relaxation, the cost of a conjunction is the sum of
+//! the costs of its parts (Bonet and Geffner, 2001). The heuristic is not admissible. Its use here
+//! is to select the best supporters for the FF heuristic.
 //!
 //! A search spends almost all its time in this module, so data that is used together is stored
 //! together.
@@ -12,55 +12,52 @@ use super::relaxation::Relaxation;
 use crate::rows::Rows;
 use crate::state::State;
 
-/// Cost value of a proposition that is not reached.
+/// Cost of an unreached proposition.
 const UNREACHED: u32 = u32::MAX;
 
-/// Greatest cost of a proposition; greater costs are set to this value, so that the sum of two costs
-/// does not overflow.
+/// Greatest cost of a proposition. Greater costs are reduced to this value, so that the sum of two
+/// costs does not overflow.
 const COST_MAX: u32 = 1 << 30;
 
-/// Supporter value of propositions that hold in the state, and are thus reached without a relaxed
-/// operator.
+/// Supporter of a proposition that holds in the state and needs no relaxed operator.
 pub(super) const NO_SUPPORTER: u32 = u32::MAX;
 
 const NOT_YET: ReachedCost = ReachedCost { cost: UNREACHED, supporter: NO_SUPPORTER };
 
-/// Costs and best supporters of propositions, for the state that was explored last. Contains scratch
-/// space.
+/// Costs and best supporters of propositions in the last explored state, with scratch space.
 #[derive(Debug)]
 pub(super) struct AdditiveHeuristic {
     reached: Vec<ReachedCost>,
-    /// Per proposition: the relaxed operators that have it as their only precondition.
+    /// Per proposition: the relaxed operators with this proposition as their only precondition.
     alone: Rows,
-    /// Per proposition: the clique that contains it, if one does.
+    /// Clique of each proposition that is in one.
     cliques: Cliques,
-    /// Per proposition: the counters of the relaxed operators that have the proposition as one of
+    /// Per proposition: the counters of the relaxed operators with this proposition as one of
     /// several preconditions.
     among: Rows,
-    /// Per counter: the relaxed operator that it belongs to.
+    /// Per counter: its relaxed operator.
     counted: Vec<u32>,
     counters: Vec<Counter>,
     /// Initial values of the counters, before any proposition is reached.
     fresh: Vec<Counter>,
     base_costs: Vec<u32>,
     is_goal: Vec<bool>,
-    /// Per numeric step: how often its operator must be repeated. Empty if the relaxation has no
-    /// numeric steps.
+    /// Per numeric step: the required number of repetitions of its operator. Empty if the
+    /// relaxation has no numeric steps.
     repetitions: Vec<u32>,
     initial: Vec<u32>,
     queue: CostQueue,
 }
 
-/// Lowest cost at which a proposition is reached, and the relaxed operator that reaches it at this
-/// cost.
+/// Lowest cost of reaching a proposition, and the relaxed operator that reaches it at this cost.
 #[derive(Clone, Copy, Debug)]
 struct ReachedCost {
     cost: u32,
     supporter: u32,
 }
 
-/// Counter of a relaxed operator: the number of its preconditions that are not reached, and the sum of
-/// the operator's cost and the costs of the preconditions that are.
+/// Counter of a relaxed operator: the number of its unreached preconditions, and the sum of the
+/// operator's cost and the costs of its reached preconditions.
 #[derive(Clone, Copy, Debug)]
 struct Counter {
     missing: u32,
@@ -102,26 +99,26 @@ impl AdditiveHeuristic {
         }
     }
 
-    /// Returns the number of bytes that the tables take.
+    /// Returns the number of bytes of the tables.
     pub(super) fn bytes(&self) -> usize {
         let rows = self.alone.bytes() + self.among.bytes() + self.base_costs.len() * 4;
         self.reached.len() * 9 + self.counters.len() * 16 + rows
     }
 
-    /// Returns the cost of a proposition.
+    /// Returns the cost of a proposition; [`UNREACHED`] if it is unreachable.
     #[inline]
     pub(super) fn cost(&self, proposition: u32) -> u32 {
         self.reached[proposition as usize].cost
     }
 
-    /// Returns the best supporter of a proposition: the relaxed operator that reaches it at the lowest
-    /// cost.
+    /// Returns the best supporter of a proposition: the relaxed operator that reaches it at the
+    /// lowest cost.
     #[inline]
     pub(super) fn supporter(&self, proposition: u32) -> u32 {
         self.reached[proposition as usize].supporter
     }
 
-    /// Returns how often the best supporter must be repeated to make the proposition true.
+    /// Returns the number of repetitions of the best supporter that make the proposition true.
     pub(super) fn repetitions(&self, relaxation: &Relaxation, proposition: u32) -> u32 {
         if self.repetitions.is_empty() {
             return 1;
@@ -131,8 +128,8 @@ impl AdditiveHeuristic {
         adds.find(|(added, _)| *added == proposition).map_or(1, |(_, times)| times)
     }
 
-    /// Computes the costs of propositions until all goal propositions are reached. Returns `false` if
-    /// some goal proposition is unreachable.
+    /// Computes the costs of propositions until all goal propositions are reached. Returns `false`
+    /// if a goal proposition is unreachable.
     pub(super) fn explore(&mut self, relaxation: &Relaxation, state: &State) -> bool {
         if relaxation.has_numbers() {
             relaxation.repetitions(state, &mut self.repetitions);
@@ -184,8 +181,8 @@ impl AdditiveHeuristic {
         false
     }
 
-    /// Counts a reached proposition for the relaxed operators that have it as a precondition, and fires
-    /// the operators of which all preconditions are now reached.
+    /// Counts a reached proposition for the relaxed operators with this precondition, and fires the
+    /// operators with all preconditions reached.
     #[inline]
     fn open<const NUMBERS: bool>(&mut self, relaxation: &Relaxation, proposition: u32, cost: u32) {
         if self.cliques.enter(proposition) {
@@ -241,7 +238,8 @@ fn reach(
     }
 }
 
-/// Returns, per proposition, the relaxed operators that have it as their only precondition.
+/// Returns, per proposition, the relaxed operators with this proposition as their only
+/// precondition.
 fn alone(relaxation: &Relaxation) -> Rows {
     let all = 0..relaxation.relaxed_count() as u32;
     let pairs = all.filter_map(|relaxed| match relaxation.preconditions(relaxed) {
@@ -251,8 +249,8 @@ fn alone(relaxation: &Relaxation) -> Rows {
     Rows::collect(relaxation.proposition_count(), pairs)
 }
 
-/// Returns, per proposition, the counters of the relaxed operators that have it as one of several
-/// preconditions.
+/// Returns, per proposition, the counters of the relaxed operators with this proposition as one of
+/// several preconditions.
 fn among(relaxation: &Relaxation, counted: &[u32]) -> Rows {
     let pairs = counted.iter().zip(0..).flat_map(|(relaxed, index)| {
         relaxation.preconditions(*relaxed).iter().map(move |one| (*one, index))
@@ -260,13 +258,13 @@ fn among(relaxation: &Relaxation, counted: &[u32]) -> Rows {
     Rows::collect(relaxation.proposition_count(), pairs)
 }
 
-/// Cliques: sets of propositions in which each proposition leads to all others at the same cost, such
-/// as places that are all adjacent. Once one proposition of a clique is reached, the others need not
-/// fire their operators: what these operators add has been reached from the first proposition, at no
+/// Cliques: sets of propositions in which each proposition leads to all others at the same cost,
+/// such as places that are all adjacent. After one proposition of a clique is reached, the others
+/// need not fire their operators, because the first one has reached the same propositions at no
 /// greater cost.
 #[derive(Debug)]
 struct Cliques {
-    /// Per proposition: the clique that contains it, or [`NO_CLIQUE`].
+    /// Per proposition: its clique, or [`NO_CLIQUE`].
     of: Vec<u32>,
     entered: Vec<bool>,
 }
@@ -279,7 +277,7 @@ impl Cliques {
     fn new(relaxation: &Relaxation, alone: &Rows, base_costs: &[u32]) -> Cliques {
         let mut of = vec![NO_CLIQUE; relaxation.proposition_count()];
         if relaxation.has_numbers() {
-            // With numbers, additions of one operator differ in cost.
+            // With numbers, the costs of the propositions that one operator adds differ.
             return Cliques { of, entered: Vec::new() };
         }
         let mut known: FxHashMap<(u32, Vec<u32>), u32> = FxHashMap::default();
@@ -293,8 +291,8 @@ impl Cliques {
         Cliques { of, entered: vec![false; known.len()] }
     }
 
-    /// Whether operators of a reached proposition must fire: the proposition is in no clique, or is the
-    /// first of its clique to be reached. Records that the clique is reached.
+    /// Whether the operators of a reached proposition must fire: the proposition is in no clique,
+    /// or the first reached one of its clique. Records that the clique is reached.
     #[inline]
     fn enter(&mut self, proposition: u32) -> bool {
         match self.of[proposition as usize] {
@@ -304,9 +302,9 @@ impl Cliques {
     }
 }
 
-/// Returns the common cost of the relaxed operators that have `proposition` as their only precondition,
-/// and the set of `proposition` and all propositions that they add. Returns `None` if there is no such
-/// operator or the costs differ.
+/// Returns the common cost of the relaxed operators with `proposition` as their only precondition,
+/// and the set of `proposition` and all propositions that they add. Returns `None` if there is no
+/// such operator or the costs differ.
 fn members(
     relaxation: &Relaxation,
     alone: &Rows,

@@ -1,17 +1,17 @@
-//! A priority queue for Dijkstra's algorithm, for costs that are mostly small.
+//! A priority queue for Dijkstra's algorithm with mostly small costs.
 //!
-//! Small costs have a bucket each; large costs share a heap. A cost that is pushed must not be smaller
-//! than the cost that was popped last. After the queue has been found empty, it must be cleared before
-//! the next push.
+//! Each small cost has a bucket; large costs share a heap. A pushed cost must not be smaller than
+//! the last popped cost. After `pop` has returned `None`, the queue must be cleared before the next
+//! push.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Costs below this value have buckets. Relaxed plans of a hundred thousand steps are rare.
+/// Number of costs with a bucket of their own. Relaxed plans of a hundred thousand steps are rare.
 const BUCKETS_MAX: u64 = 100_000;
 
-/// Value in place of [`BUCKETS_MAX`] for tasks with mostly great costs, where creating and scanning
-/// many empty buckets would waste time.
+/// Value used instead of [`BUCKETS_MAX`] for tasks with mostly great costs, because creating and
+/// scanning many empty buckets takes time.
 const BUCKETS_WHERE_COSTS_ARE_GREAT_MAX: u64 = 1_000;
 
 #[derive(Debug)]
@@ -19,7 +19,7 @@ pub(super) struct CostQueue {
     buckets_max: u64,
     buckets: Vec<Vec<u32>>,
     current: usize,
-    /// Number of buckets up to the highest one that was filled since the queue was last cleared.
+    /// Number of buckets up to the highest filled one since the queue was last cleared.
     filled: usize,
     large: BinaryHeap<Reverse<(u64, u32)>>,
 }
@@ -39,13 +39,13 @@ impl Default for CostQueue {
 // === impl CostQueue ===
 
 impl CostQueue {
-    /// Creates a queue for costs that are mostly great.
+    /// Creates a queue for mostly great costs.
     pub(super) fn of_great_costs() -> CostQueue {
         CostQueue { buckets_max: BUCKETS_WHERE_COSTS_ARE_GREAT_MAX, ..CostQueue::default() }
     }
 
     pub(super) fn clear(&mut self) {
-        // Buckets below `current` are empty already.
+        // Buckets below `current` are already empty.
         for bucket in self.buckets.iter_mut().take(self.filled).skip(self.current) {
             bucket.clear();
         }
@@ -88,10 +88,10 @@ mod tests {
     use super::*;
 
     proptest! {
-        /// Items are popped by ascending cost; among equal costs, the item that was pushed last comes
-        /// first. This also holds after the queue was cleared with items in it.
+        /// Items are popped by ascending cost. Of items with equal costs, the last pushed one is
+        /// popped first. This also holds after a non-empty queue was cleared.
         #[test]
-        fn it_is_a_stack_for_each_cost(
+        fn items_of_equal_cost_are_popped_last_in_first_out(
             rounds in prop::collection::vec(
                 prop::collection::vec((prop::option::weighted(0.6, 0..1_500_u64), 0..9_u32), 0..60),
                 1..4,
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn great_costs_come_after_the_small_ones() {
+    fn large_costs_are_popped_after_small_ones() {
         for (mut queue, max) in [
             (CostQueue::default(), BUCKETS_MAX),
             (CostQueue::of_great_costs(), BUCKETS_WHERE_COSTS_ARE_GREAT_MAX),

@@ -1,5 +1,5 @@
-//! The FF heuristic: the cost of a plan for the delete relaxation (Hoffmann and Nebel, 2001), with best
-//! supporters chosen by h_add (Keyder and Geffner, 2008).
+//! The FF heuristic: the cost of a plan for the delete relaxation (Hoffmann and Nebel, 2001). The
+//! best supporters are those of h_add (Keyder and Geffner, 2008).
 
 use super::Evaluator;
 use super::additive::{AdditiveHeuristic, NO_SUPPORTER};
@@ -7,13 +7,14 @@ use super::relaxation::{Relaxation, Weights};
 use crate::state::{State, all_hold};
 use crate::task::{OperatorId, Task};
 
-/// Maximal length of the relaxed plan that is stored. A longer one could hardly be executed as it is.
+/// Maximum length of the stored relaxed plan. A longer plan is unlikely to be executable.
 const PLAN_MAX: usize = 10_000;
 
-/// How often an operator occurs in a relaxed plan.
+/// Number of occurrences of an operator in a relaxed plan.
 #[derive(Clone, Copy, Debug, Default)]
 struct OperatorMark {
-    /// Number of the evaluation that set the mark; a mark of an earlier evaluation counts as zero.
+    /// Number of the evaluation that set the mark. The mark of an earlier evaluation is treated as
+    /// zero.
     evaluation: u32,
     times: u32,
 }
@@ -25,9 +26,9 @@ pub(crate) struct FastForward<'t> {
     relaxation: Relaxation,
     additive: AdditiveHeuristic,
     preferred: Vec<OperatorId>,
-    /// Last relaxed plan, unordered. An operator occurs in it as often as it must be repeated.
+    /// Last relaxed plan, unordered. An operator that must be repeated occurs several times.
     plan: Vec<OperatorId>,
-    /// Per proposition: number of the last evaluation that visited the proposition.
+    /// Per proposition: the number of the last evaluation that visited it.
     marks: Vec<u32>,
     operator_marks: Vec<OperatorMark>,
     evaluation: u32,
@@ -52,12 +53,12 @@ impl<'t> FastForward<'t> {
         }
     }
 
-    /// Returns the size of the relaxation, as a measure of the work of one evaluation.
+    /// Returns the size of the relaxation, which is a measure of the work of one evaluation.
     pub(crate) fn size(&self) -> usize {
         self.relaxation.size()
     }
 
-    /// Returns the delete relaxation of which the heuristic computes plans.
+    /// Returns the delete relaxation that this heuristic plans in.
     pub(crate) fn relaxation(&self) -> &Relaxation {
         &self.relaxation
     }
@@ -74,8 +75,8 @@ impl<'t> FastForward<'t> {
         marked.map(|one| one as u32).filter(|one| !self.is_given(*one)).collect()
     }
 
-    /// Returns the h_add cost of the most expensive positive precondition of an operator. Operators
-    /// that are sorted by this cost form an ordered relaxed plan.
+    /// Returns the h_add cost of the most expensive positive precondition of an operator. Sorting
+    /// operators by this cost gives an ordered relaxed plan.
     pub(crate) fn depth(&self, operator: OperatorId) -> u64 {
         let preconditions = self.task.operator(operator).preconditions.iter();
         let costs = preconditions
@@ -92,8 +93,8 @@ impl<'t> FastForward<'t> {
         }
     }
 
-    /// Extracts the relaxed plan backwards from the goal, and returns its cost. Operators of the plan
-    /// that are applicable in `state` become the preferred operators.
+    /// Extracts the relaxed plan backwards from the goal, and returns its cost. The plan's
+    /// operators that are applicable in `state` become the preferred operators.
     fn extract(&mut self, state: &State) -> u64 {
         let mut size: u64 = 0;
         self.evaluation += 1;
@@ -128,7 +129,7 @@ impl<'t> FastForward<'t> {
         size
     }
 
-    /// Whether a proposition holds in the evaluated state, so that it needs no supporter.
+    /// Whether a proposition holds in the evaluated state and needs no supporter.
     fn is_given(&self, proposition: u32) -> bool {
         self.additive.supporter(proposition) == NO_SUPPORTER
     }

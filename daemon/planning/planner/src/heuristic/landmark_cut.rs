@@ -1,13 +1,13 @@
-//! LM-cut: the sum of the costs of disjunctive action landmarks, which are sets of operators of which
-//! every plan contains at least one (Helmert and Domshlak, 2009). The heuristic is admissible. Unlike
-//! h_max, it adds up the costs of several goals.
+//! LM-cut: the sum of the costs of disjunctive action landmarks (Helmert and Domshlak, 2009). Such
+//! a landmark is a set of operators of which every plan contains at least one. The heuristic is
+//! admissible. Unlike h_max, it adds the costs of several goals.
 //!
-//! A landmark of a state is also a landmark of a successor state, unless it contains the operator that
-//! leads to the successor. Most landmarks of an evaluation are thus taken over from the parent state
-//! (Pommerening and Helmert, 2013).
+//! A landmark of a state is also a landmark of a successor state, unless it contains the operator
+//! that leads to the successor. Most landmarks of an evaluation are therefore copied from the
+//! parent state (Pommerening and Helmert, 2013).
 //!
-//! Relaxed operators that come from one operator share the cost of this operator, so that an action
-//! with several conditional effects is not charged twice for one application.
+//! Relaxed operators that come from one operator share its cost, so that an action with several
+//! conditional effects is charged only once for one application.
 
 use super::cost_queue::CostQueue;
 use super::relaxation::{Relaxation, UNREACHED, Weights};
@@ -18,25 +18,25 @@ use crate::rows::Rows;
 use crate::state::{State, StateId, Transition};
 use crate::task::Task;
 
-/// The LM-cut heuristic of a task. Cost counts first; the number of steps decides between equal costs.
-/// Contains scratch space.
+/// The LM-cut heuristic of a task, with scratch space. Plans are compared by cost, and plans of
+/// equal cost by the number of steps.
 #[derive(Debug)]
 pub(crate) struct LandmarkCut {
     relaxation: Relaxation,
     /// Per proposition: the relaxed operators that add it.
     adding: Rows,
-    /// Per operator: its cost minus what earlier cuts were charged for.
+    /// Per operator: its cost minus the costs that earlier cuts have charged.
     remaining: Vec<u64>,
     costs: Vec<u64>,
     missing: Vec<u32>,
-    /// Per relaxed operator: its supporter, which is the precondition with the greatest h_max cost.
+    /// Per relaxed operator: its supporter, the precondition with the greatest h_max cost.
     supporters: Vec<u32>,
     /// Per relaxed operator: the h_max cost of its supporter.
     supported: Vec<u64>,
     /// Per relaxed operator: the operator that it comes from, with which it shares the cost. Axioms
-    /// share an additional entry of cost zero.
+    /// share an additional entry with the cost zero.
     origins: Vec<u32>,
-    /// Per operator: the relaxed operators that come from it.
+    /// Per operator: its relaxed operators.
     parts: Rows,
     charged: Vec<u32>,
     queue: CostQueue,
@@ -50,36 +50,36 @@ pub(crate) struct LandmarkCut {
     known: LandmarkStore,
 }
 
-/// Landmarks of evaluated states, as far as the cap on memory allows keeping them.
+/// Stored landmarks of evaluated states, up to a limit on memory.
 #[derive(Debug, Default)]
 struct LandmarkStore {
     /// Per state: the range of its landmarks in `prices`.
     ranges: Vec<(u32, u32)>,
-    /// Per landmark: its cost, and the end of its operators in `operators`. They begin where the
-    /// operators of the previous landmark end.
+    /// Per landmark: its cost, and the end of its operators in `operators`. Their start is the end
+    /// of the previous landmark's operators.
     prices: Vec<(u64, u32)>,
     operators: Vec<u32>,
 }
 
-/// Cap on the number of operators in all stored landmarks together: about 64 MiB. When the cap is
-/// reached, the landmarks of later states are not stored.
+/// Limit on the number of operators in all stored landmarks: about 64 MiB. When it is reached, the
+/// landmarks of later states are not stored.
 const KEPT_MAX: usize = 1 << 24;
 
-/// Zone that a proposition belongs to in the justification graph, relative to a cut.
+/// Zone of a proposition in the justification graph, relative to a cut.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Zone {
     Unseen,
-    /// Goal zone: from the proposition, the goal is reached at no further cost.
+    /// Goal zone: the goal is reachable from the proposition at no further cost.
     Goal,
-    /// Before zone: the proposition is reached from the state without crossing the cut.
+    /// Before zone: the proposition is reachable from the state without crossing the cut.
     Before,
 }
 
-/// Cap on the number of cuts in one evaluation. It far exceeds the number of goals in a task that is
+/// Limit on the number of cuts in one evaluation, far above the number of goals in a task that is
 /// small enough for LM-cut.
 const CUTS_MAX: u64 = 500;
 
-/// Supporter value of relaxed operators without preconditions.
+/// Supporter of a relaxed operator without preconditions.
 const NOTHING: u32 = u32::MAX;
 
 // === impl LandmarkCut ===
@@ -98,12 +98,12 @@ impl LandmarkCut {
             origins,
             charged: Vec::new(),
             adding: relaxation.adding(),
-            // The last entry belongs to the axioms.
+            // The last entry is that of the axioms.
             remaining: vec![0; operators + 1],
             costs: Vec::new(),
             missing: Vec::new(),
             supporters: vec![NOTHING; relaxation.relaxed_count()],
-            // With these weights a single cost is already greater than most plan lengths.
+            // With these weights, a single cost is already greater than the length of most plans.
             queue: CostQueue::of_great_costs(),
             initial: Vec::new(),
             zones: vec![Zone::Unseen; relaxation.proposition_count()],
@@ -117,7 +117,7 @@ impl LandmarkCut {
         }
     }
 
-    /// Returns the size of the relaxation, as a measure of the work of one exploration.
+    /// Returns the size of the relaxation, which is a measure of the work of one exploration.
     pub(crate) fn size(&self) -> usize {
         self.relaxation.size()
     }
@@ -126,7 +126,7 @@ impl LandmarkCut {
         self.remaining[self.origins[relaxed as usize] as usize]
     }
 
-    /// Computes the h_max costs of all propositions, with the remaining costs of the operators.
+    /// Computes the h_max costs of all propositions from the remaining costs of the operators.
     fn explore(&mut self) {
         self.costs.clear();
         self.costs.resize(self.relaxation.proposition_count(), UNREACHED);
@@ -156,8 +156,8 @@ impl LandmarkCut {
         }
     }
 
-    /// Updates the h_max costs after some operators have become cheaper: only propositions that become
-    /// cheaper are visited.
+    /// Updates the h_max costs after the remaining costs of some operators have decreased. Only
+    /// propositions with decreasing costs are visited.
     fn explore_again(&mut self) {
         self.queue.clear();
         for index in 0..self.charged.len() {
@@ -183,7 +183,8 @@ impl LandmarkCut {
         }
     }
 
-    /// Chooses a new supporter for a relaxed operator, after its old supporter has become cheaper.
+    /// Chooses the supporter of a relaxed operator again, after the cost of the old supporter has
+    /// decreased.
     fn support_again(&mut self, relaxed: u32) {
         let preconditions = self.relaxation.preconditions(relaxed).iter();
         let dearest = preconditions.map(|one| (self.costs[*one as usize], *one)).max();
@@ -209,14 +210,14 @@ impl LandmarkCut {
         }
     }
 
-    /// Returns the greatest h_max cost of a goal proposition, and this proposition. Returns `None` if
-    /// there is no goal.
+    /// Returns the goal proposition with the greatest h_max cost, after this cost; `None` without a
+    /// goal.
     fn most_expensive_goal(&self) -> Option<(u64, u32)> {
         let goal = self.relaxation.goal().iter();
         goal.map(|goal| (self.costs[*goal as usize], *goal)).max()
     }
 
-    /// Marks the goal zone: the propositions from which `goal` is reached at no cost.
+    /// Marks the goal zone: the propositions from which `goal` is reachable at no cost.
     fn mark_goal_zone(&mut self, goal: u32) {
         self.zones.fill(Zone::Unseen);
         self.zones[goal as usize] = Zone::Goal;
@@ -275,8 +276,8 @@ impl LandmarkCut {
         }
     }
 
-    /// Subtracts the cost of the cut, which is the cost of its cheapest operator, from the remaining
-    /// cost of each of its operators. Returns the cost of the cut.
+    /// Subtracts the cost of the cut from the remaining cost of each operator in the cut. Returns
+    /// the cost of the cut, which is that of its cheapest operator.
     fn charge(&mut self) -> u64 {
         let price = self.cut.iter().map(|relaxed| self.cost(*relaxed)).min().unwrap_or(0);
         self.charged.clear();
@@ -289,13 +290,13 @@ impl LandmarkCut {
         price
     }
 
-    /// Finds cuts with the remaining costs until the goal costs nothing, and adds the costs of the cuts
-    /// to `total`. Returns the sum, or `None` for a dead end.
+    /// Finds cuts with the remaining costs until the goal costs nothing, and adds their costs to
+    /// `total`. Returns the sum, or `None` for a dead end.
     fn cuts(&mut self, mut total: u64) -> Option<u64> {
         self.explorations = 0;
         loop {
             if self.explorations >= self.explorations_max {
-                // Leaving out further cuts only lowers the estimate, so it stays admissible.
+                // Without the remaining cuts the estimate is lower, so it stays admissible.
                 return Some(total);
             }
             self.explorations += 1;
@@ -307,7 +308,7 @@ impl LandmarkCut {
             match self.most_expensive_goal() {
                 Some((UNREACHED, _)) => return None,
                 None | Some((0, _)) => return Some(total),
-                // The remaining h_max cost is a lower bound of what later cuts would add.
+                // The remaining h_max cost is a lower bound of the costs of later cuts.
                 Some((rest, _)) if total.saturating_add(rest) >= self.enough => {
                     return Some(total.saturating_add(rest));
                 }
@@ -316,7 +317,8 @@ impl LandmarkCut {
             self.find_cut();
             let price = self.charge();
             if price == 0 {
-                // This cannot happen with finite costs; to stop here keeps the estimate admissible.
+                // A cut with finite costs never costs zero. Stopping here keeps the estimate
+                // admissible.
                 return Some(total);
             }
             total = total.saturating_add(price);
@@ -324,15 +326,15 @@ impl LandmarkCut {
         }
     }
 
-    /// Prepares the evaluation of a state: every operator has its full cost again.
+    /// Prepares the evaluation of a state: resets the costs of all operators.
     fn start(&mut self, state: &State) {
         self.initial.clear();
         self.relaxation.initial(state, &mut self.initial);
         self.relaxation.weights(&mut self.remaining);
     }
 
-    /// Takes over the landmarks of the parent state that do not contain the operator of `way`, the step
-    /// from the parent state. Returns the sum of their costs.
+    /// Copies the landmarks of the parent state that do not contain the operator of `way`, the
+    /// transition from the parent state. Returns the sum of their costs.
     fn inherit(&mut self, way: Transition) -> u64 {
         let mut total: u64 = 0;
         for landmark in self.known.of(way.parent) {
@@ -388,7 +390,7 @@ impl Evaluator for LandmarkCut {
 // === impl LandmarkStore ===
 
 impl LandmarkStore {
-    /// Returns the range of a state's landmarks; empty if the landmarks of the state are not stored.
+    /// Returns the range of a state's landmarks; empty if they are not stored.
     fn of(&self, state: StateId) -> Range<usize> {
         let (start, end) = self.ranges.get(state.0 as usize).copied().unwrap_or((0, 0));
         start as usize..end as usize
@@ -399,7 +401,7 @@ impl LandmarkStore {
         (self.prices[landmark].0, &self.operators[self.place(landmark)])
     }
 
-    /// Returns the range that a landmark's operators have in `operators`.
+    /// Returns the range of a landmark's operators in `operators`.
     fn place(&self, landmark: usize) -> Range<usize> {
         let start = landmark.checked_sub(1).map_or(0, |before| self.prices[before].1);
         start as usize..self.prices[landmark].1 as usize
@@ -416,8 +418,8 @@ impl LandmarkStore {
         self.prices.push((self.prices[landmark].0, self.operators.len() as u32));
     }
 
-    /// Assigns the landmarks with the index `first` and all after it to a state. If the cap is
-    /// exceeded, drops these landmarks instead.
+    /// Assigns all landmarks from the index `first` on to a state. If the limit is exceeded, drops
+    /// them instead.
     fn keep(&mut self, state: StateId, first: u32) {
         if self.operators.len() > KEPT_MAX {
             self.prices.truncate(first as usize);

@@ -1,13 +1,14 @@
-//! h_max: the cost of the most expensive goal proposition in the delete relaxation, where a conjunction
-//! costs as much as its most expensive part (Bonet and Geffner, 2001). The heuristic is admissible and
-//! consistent.
+//! h_max: the cost of the most expensive goal proposition in the delete relaxation (Bonet and
+//! Geffner, 2001). The cost of a conjunction is that of its most expensive part. The heuristic is
+//! admissible and consistent.
 
 use super::Evaluator;
 use super::relaxation::{Exploration, Relaxation, Weights};
 use crate::state::State;
 use crate::task::Task;
 
-/// The h_max heuristic of a task. Cost counts first; the number of steps decides between equal costs.
+/// The h_max heuristic of a task. Plans are compared by cost, and plans of equal cost by the number
+/// of steps.
 #[derive(Debug)]
 pub(crate) struct MaxHeuristic {
     relaxation: Relaxation,

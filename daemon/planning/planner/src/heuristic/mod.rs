@@ -1,7 +1,7 @@
 //! Heuristics: estimates of the distance from a state to the goal.
 //!
 //! All heuristics here use the delete relaxation. If the relaxation has no plan, the task has none
-//! either, so a dead end that is found here is a proof.
+//! either, so a detected dead end is proved.
 
 mod additive;
 mod cost_queue;
@@ -24,13 +24,12 @@ use crate::task::{OperatorId, Task};
 
 /// An evaluator: estimates the cost from a state to the nearest goal state.
 pub(crate) trait Evaluator {
-    /// Returns an estimate of the cost from `state` to the goal. Returns `None` for a dead end: no plan
-    /// passes through `state`.
+    /// Returns an estimate of the cost from `state` to the goal; `None` if no plan passes through
+    /// `state`.
     fn evaluate(&mut self, state: &State) -> Option<u64>;
 
-    /// Estimates the cost as [`Evaluator::evaluate`] does, for a state that was reached by the step
-    /// `transition`. `id` identifies the state in later calls. Findings about the parent state may be
-    /// used again.
+    /// Estimates the cost as [`Evaluator::evaluate`] does, for a state after the given transition.
+    /// `id` identifies the state in later calls. Results for the parent state may be reused.
     fn evaluate_after(
         &mut self,
         state: &State,
@@ -40,28 +39,29 @@ pub(crate) trait Evaluator {
         self.evaluate(state)
     }
 
-    /// Limits the next evaluation to `explorations_max` explorations of the relaxation. The evaluation
-    /// may also stop as soon as the estimate is at least `enough`. Fewer explorations give a lower
-    /// estimate.
+    /// Limits the next evaluation to `explorations_max` explorations of the relaxation. The
+    /// evaluation may also stop when the estimate is at least `enough`. Fewer explorations give a
+    /// lower estimate.
     fn limit(&mut self, _explorations_max: u64, _enough: u64) {}
 
-    /// Returns how often the last evaluation explored the relaxation, which is the measure of its work.
+    /// Returns the number of explorations of the relaxation in the last evaluation, which is the
+    /// measure of its work.
     fn explorations(&self) -> u64 {
         1
     }
 
-    /// Returns the preferred operators of the state that was evaluated last.
+    /// Returns the preferred operators of the last evaluated state.
     fn preferred(&self) -> &[OperatorId] {
         &[]
     }
 
-    /// Returns roughly the number of bytes that the evaluator takes.
+    /// Returns the approximate number of bytes of the evaluator.
     fn bytes(&self) -> usize {
         0
     }
 }
 
-/// A heuristic that A* can use, because it never overestimates the cost to the goal.
+/// A heuristic for A*: it never overestimates the cost to the goal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Admissible {
     Blind,
@@ -70,7 +70,7 @@ pub(crate) enum Admissible {
 }
 
 impl Admissible {
-    /// Returns the name of the heuristic's entry in [`HEURISTICS`].
+    /// Returns the name of this heuristic in [`HEURISTICS`].
     #[cfg(test)]
     pub(crate) fn name(self) -> &'static str {
         match self {
@@ -93,14 +93,14 @@ impl Admissible {
 /// Description of a heuristic; an entry of [`HEURISTICS`].
 #[derive(Clone, Copy, Debug)]
 pub struct Heuristic {
-    /// Name of the heuristic, as search configurations refer to it.
+    /// Name of the heuristic in search configurations.
     pub name: &'static str,
     /// Description of the heuristic in one line.
     pub summary: &'static str,
     /// Whether the heuristic is admissible: it never overestimates the cost to the goal.
     pub admissible: bool,
-    /// Whether the heuristic is consistent: along a step, its estimate never drops by more than the
-    /// cost of the step.
+    /// Whether the heuristic is consistent: its estimate never decreases along a step by more than
+    /// the step's cost.
     pub consistent: bool,
 }
 

@@ -1,19 +1,19 @@
-//! Novelty of a state: the size of the smallest set of the state's facts that no earlier state of the
-//! same partition had (Lipovetzky and Geffner, 2012; partitions: 2017).
+//! Novelty of a state: the size of the smallest set of its facts that no earlier state of the same
+//! partition contains (Lipovetzky and Geffner, 2012; partitions: 2017).
 
 use rustc_hash::FxHashMap;
 
 use crate::state::{State, is_true, true_facts};
 use crate::task::Task;
 
-/// Maximal number of facts of a task for which pairs of facts are checked as well. Beyond it, the table
-/// of pairs and the time to check them grow too large.
+/// Maximum number of facts of a task for which pairs of facts are checked, too. For more facts, the
+/// table of pairs and the time to check them are too large.
 const PAIR_FACTS_MAX: usize = 700;
 
-/// Cap on the bytes of all tables. When the cap is reached, new partitions share the last table.
+/// Limit on the bytes of all tables. When it is reached, new partitions share the last table.
 const BYTES_MAX: usize = 256 << 20;
 
-/// Facts and pairs of facts that have been seen so far, per partition.
+/// Facts and pairs of facts that have occurred so far, per partition.
 #[derive(Debug)]
 pub(crate) struct Novelty {
     fact_count: usize,
@@ -27,9 +27,9 @@ pub(crate) struct Novelty {
 
 #[derive(Debug)]
 struct NoveltyTable {
-    /// Facts that have been seen: one bit per fact.
+    /// Facts that have occurred: one bit per fact.
     single: Vec<u64>,
-    /// Pairs of facts that have been seen: one bit per pair, with the lower fact first.
+    /// Pairs of facts that have occurred: one bit per pair, with the lower fact first.
     pairs: Vec<u64>,
 }
 
@@ -51,9 +51,9 @@ impl Novelty {
         }
     }
 
-    /// Returns 1 if a fact of the state is new in the partition, 2 if only a pair of facts is new, and
-    /// [`NOT_NOVEL`] otherwise. If the parent state is in the same partition, only facts that the
-    /// parent state lacks are checked.
+    /// Returns 1 if a fact of the state is new in the partition, 2 if only a pair of facts is new,
+    /// and [`NOT_NOVEL`] otherwise. If the parent state is in the same partition, only facts that
+    /// it lacks are checked.
     pub(crate) fn evaluate(
         &mut self,
         state: &State,
@@ -93,7 +93,7 @@ impl Novelty {
         novelty
     }
 
-    /// Returns the table of a partition, and whether the table was created by this call.
+    /// Returns the table of a partition, and whether this call created it.
     fn table(&mut self, partition: u32) -> (usize, bool) {
         if let Some(&table) = self.of_partition.get(&partition) {
             return (table, false);
@@ -113,13 +113,13 @@ impl Novelty {
         (table, is_new)
     }
 
-    /// Returns the number of bytes that the tables take.
+    /// Returns the number of bytes of the tables.
     pub(crate) fn bytes(&self) -> usize {
         self.bytes
     }
 }
 
-/// Sets the bit at `index`. Returns whether the bit was not set before.
+/// Sets the bit at `index`. Returns whether it was zero before.
 fn set(bits: &mut [u64], index: usize) -> bool {
     let (word, bit) = (&mut bits[index / 64], 1 << (index % 64));
     let is_new = *word & bit == 0;

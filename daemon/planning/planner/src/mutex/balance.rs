@@ -1,19 +1,19 @@
-//! Balance check: whether every operator keeps the number of true facts of a set at one or less.
+//! Balance check: whether every operator preserves that at most one fact of a set is true.
 //!
-//! The proof is by induction: at most one fact of the set is true before an operator. An effect that
-//! adds a fact of the set must then require another fact of the set and delete it, or require the fact
-//! that it adds. Two effects that add different facts of the set must not happen together.
+//! The proof is by induction: at most one fact of the set is true before an operator. An effect
+//! that adds a fact of the set must then require and delete another fact of the set, or require the
+//! fact that it adds. Two effects that add different facts of the set must not occur together.
 
 use crate::task::{FactId, GroundOperator, Literal, Task};
 
 /// Checks sets of facts against all operators of a task.
 pub(super) struct BalanceCheck<'t> {
     task: &'t Task,
-    /// Per fact: start of its operators in `adders`.
+    /// Per fact: the start of its operators in `adders`.
     starts: Vec<u32>,
-    /// Operators that may add each fact: the lists of all facts, in one array.
+    /// Operators that may add each fact. The lists of all facts are in one array.
     adders: Vec<u32>,
-    /// Work done so far, as the number of effect parts visited.
+    /// Work so far, in visited effect parts.
     pub(super) work: u64,
 }
 
@@ -21,21 +21,21 @@ pub(super) struct BalanceCheck<'t> {
 #[derive(Debug)]
 pub(super) enum BalanceResult {
     Holds,
-    /// Some operator may add two facts of the set at the same time.
+    /// An operator may add two facts of the set at the same time.
     TooHeavy,
-    /// Some operator adds a fact of the set and deletes none. `deleted` contains all facts, whether in
-    /// the set or not, that the effect requires and deletes.
+    /// An operator adds a fact of the set and deletes none. `deleted` contains all facts, inside
+    /// and outside the set, that the effect requires and deletes.
     Unbalanced {
         deleted: Vec<FactId>,
     },
 }
 
-/// An effect of an operator that adds a fact of the set under check.
+/// An effect of an operator that adds a fact of the checked set.
 struct Addition<'t> {
     fact: FactId,
     /// Conditions of the effect, in addition to the operator's precondition.
     conditions: &'t [Literal],
-    /// Facts that the effect deletes, in addition to those that the unconditional effect deletes.
+    /// Facts that the effect deletes, in addition to those of the unconditional effect.
     deletes: &'t [FactId],
 }
 
@@ -66,7 +66,7 @@ impl<'t> BalanceCheck<'t> {
         BalanceCheck { task, starts, adders, work: 0 }
     }
 
-    /// Checks the set of the facts in `facts`. They are the facts with the value `instance` in
+    /// Checks the set of facts `facts`, which are the facts with the value `instance` in
     /// `instance_of`.
     pub(super) fn check(
         &mut self,
@@ -91,8 +91,8 @@ impl<'t> BalanceCheck<'t> {
     }
 }
 
-/// Finds the effects of an operator that add a fact of the set. Returns the number of effect parts
-/// visited.
+/// Finds the effects of an operator that add a fact of the set. Returns the number of visited
+/// effect parts.
 fn collect<'t>(
     operator: GroundOperator<'t>,
     is_in: &impl Fn(FactId) -> bool,
@@ -118,7 +118,8 @@ fn judge(
     additions: &[Addition<'_>],
     is_in: &impl Fn(FactId) -> bool,
 ) -> BalanceResult {
-    // Facts of the set that an addition requires. Two different ones are never true together.
+    // The facts of the set that an addition requires. Two different facts of the set are never both
+    // true.
     let asked = |addition: &Addition<'_>| {
         let all = operator.preconditions.iter().chain(addition.conditions);
         let positive = all.filter(|literal| literal.is_positive() && is_in(literal.fact()));
@@ -151,7 +152,7 @@ fn judge(
     BalanceResult::Holds
 }
 
-/// The facts of the set under check that an addition requires: none, one, or at least two.
+/// Facts of the checked set that an addition requires: none, one, or at least two.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum RequiredFacts {
     Nothing,
@@ -159,8 +160,8 @@ enum RequiredFacts {
     Two,
 }
 
-/// Whether two additions cannot happen together, because they require different facts of the set under
-/// check.
+/// Whether two additions cannot occur together, because they require different facts of the checked
+/// set.
 fn excludes(left: RequiredFacts, right: RequiredFacts) -> bool {
     match (left, right) {
         (RequiredFacts::One(left), RequiredFacts::One(right)) => left != right,
@@ -173,8 +174,8 @@ fn contradict(left: &[Literal], right: &[Literal]) -> bool {
     left.iter().any(|literal| right.contains(&literal.negated()))
 }
 
-/// Whether `fact` is deleted whenever the addition happens. The fact may be added again by another
-/// effect, but that effect is then checked as an addition of its own.
+/// Whether `fact` is deleted whenever the addition occurs. Another effect may add the fact again,
+/// but is then checked as an addition of its own.
 fn is_deleted(operator: GroundOperator<'_>, addition: &Addition<'_>, fact: FactId) -> bool {
     let follows = |literal: &Literal| {
         addition.conditions.contains(literal) || operator.preconditions.contains(literal)
@@ -187,7 +188,7 @@ fn is_deleted(operator: GroundOperator<'_>, addition: &Addition<'_>, fact: FactI
             .any(|one| one.effect.deletes.contains(&fact) && one.conditions.iter().all(follows))
 }
 
-/// Returns the facts that an addition requires and that are deleted whenever the addition happens.
+/// Returns the facts that an addition requires and that are deleted whenever it occurs.
 fn deleted(operator: GroundOperator<'_>, addition: &Addition<'_>) -> Vec<FactId> {
     let all = operator.preconditions.iter().chain(addition.conditions);
     let positive = all.filter(|literal| literal.is_positive()).map(|literal| literal.fact());

@@ -1,14 +1,15 @@
-//! Mutex groups: sets of facts of which at most one is true in any state that is reachable from the
+//! Mutex groups: sets of facts with at most one true fact in any state that is reachable from the
 //! initial state.
 //!
-//! Candidates are lifted invariants (Helmert, 2009): atoms that share parameters, each with at most one
-//! counted argument. Helmert's synthesis proves a candidate on the schemas, for all instances at once.
-//! Here, [`balance`] proves each instance on the ground operators: an instance that fails does not
-//! invalidate the others, and static facts are taken into account. If an operator adds a fact of an
-//! instance without deleting another one, its other deletes suggest which atom to add to the candidate.
+//! Candidates are lifted invariants (Helmert, 2009): atoms with common parameters, each with at
+//! most one counted argument. Helmert's synthesis proves a candidate on the schemas, for all
+//! instances at once. In contrast, [`balance`] proves each instance on the ground operators, so
+//! that a failing instance does not invalidate the others, and static facts are used. If an
+//! operator adds a fact of an instance without deleting another one, its other deletes suggest an
+//! atom to add to the candidate.
 //!
-//! Groups hold for states that are reachable from the initial state. A state that comes from elsewhere,
-//! such as a report from outside, may violate them.
+//! Groups hold only for states that are reachable from the initial state. A state from another
+//! source, such as a report from outside, may violate them.
 
 mod balance;
 mod candidate;
@@ -25,28 +26,28 @@ use crate::task::{FactId, Task};
 /// Mutex groups of a task.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct MutexGroups {
-    /// All mutex groups that were found; none is a subset of another.
+    /// All known mutex groups. No group is a subset of another.
     groups: Vec<Vec<FactId>>,
-    /// A partition of the basic facts into subsets of mutex groups. The subsets are chosen greedily,
-    /// the largest first; each fact that remains is a group of its own.
+    /// A partition of the basic facts into subsets of mutex groups. The subsets are chosen
+    /// greedily, the largest first; each remaining fact is a group of its own.
     variables: Vec<Vec<FactId>>,
 }
 
-/// Maximal number of candidate invariants to check.
+/// Maximum number of candidate invariants to check.
 const CANDIDATES_MAX: usize = 2_000;
 
-/// Maximal number of atoms in one candidate invariant.
+/// Maximum number of atoms in one candidate invariant.
 const PARTS_MAX: usize = 16;
 
-/// Value for facts that belong to no instance of the candidate.
+/// Value for facts in no instance of the candidate.
 const NONE: u32 = u32::MAX;
 
 // === impl MutexGroups ===
 
 impl MutexGroups {
-    /// Searches for mutex groups until all candidates are checked or `work_max` effect parts have been
-    /// visited; a visit takes about ten nanoseconds. If the search ends early, the groups found so far
-    /// are valid.
+    /// Searches for mutex groups until all candidates are checked or `work_max` effect parts have
+    /// been visited. A visit takes about ten nanoseconds. The groups that are found before the
+    /// limit are valid.
     pub(crate) fn find(task: &Task, work_max: u64, cancel: &Cancel) -> MutexGroups {
         let mut finder = MutexGroupSearch::new(task, work_max, cancel);
         finder.search();
@@ -55,12 +56,12 @@ impl MutexGroups {
         MutexGroups { groups, variables }
     }
 
-    /// Returns all mutex groups that were found. Each is sorted; none is a subset of another.
+    /// Returns all known mutex groups. Each group is sorted, and no group is a subset of another.
     pub(crate) fn groups(&self) -> &[Vec<FactId>] {
         &self.groups
     }
 
-    /// Returns a partition of the basic facts into sorted mutex groups, many of which have one fact
+    /// Returns a partition of the basic facts into sorted mutex groups. Many of them have one fact
     /// only.
     pub(crate) fn variables(&self) -> &[Vec<FactId>] {
         &self.variables
@@ -125,8 +126,8 @@ impl<'t> MutexGroupSearch<'t> {
         }
     }
 
-    /// Keeps the instances of a candidate that are proved, and queues refined candidates for those that
-    /// are not.
+    /// Stores the instances of a candidate that are proved, and queues refined candidates for the
+    /// other instances.
     fn examine(&mut self, candidate: &InvariantCandidate) {
         let mut keys = FxHashMap::default();
         let mut instances: Vec<Vec<FactId>> = Vec::new();
@@ -166,7 +167,7 @@ impl<'t> MutexGroupSearch<'t> {
                 BalanceResult::Unbalanced { .. } => (),
             }
         }
-        // Sorted, so that the cap admits the same candidates in every run.
+        // The candidates are sorted, so that the limit selects the same ones in every run.
         let mut refined: Vec<InvariantCandidate> = refined.into_iter().collect();
         refined.sort_unstable();
         self.waiting.extend(refined);
@@ -192,8 +193,8 @@ fn without_parts(mut groups: Vec<Vec<FactId>>, facts: usize) -> Vec<Vec<FactId>>
     kept
 }
 
-/// Partitions the facts greedily: repeatedly takes the mutex group with the most facts that are in no
-/// part of the partition yet.
+/// Partitions the facts greedily: repeatedly takes the mutex group with the most facts outside all
+/// previous parts.
 fn cover(groups: &[Vec<FactId>], facts: usize) -> Vec<Vec<FactId>> {
     let mut of: Vec<Vec<usize>> = vec![Vec::new(); facts];
     for (index, group) in groups.iter().enumerate() {

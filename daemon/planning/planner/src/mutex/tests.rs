@@ -1,5 +1,5 @@
-//! Tests with small, well-known tasks: their mutex groups are as expected, and random walks never
-//! violate a group.
+//! Tests with small, well-known tasks: their mutex groups must be as expected, and no random walk
+//! may violate a group.
 
 use proptest::prelude::*;
 
@@ -38,17 +38,18 @@ const GRIPPER: &str = "(define (domain gripper) (:predicates (room ?r) (ball ?b)
     :effect (and (at ?b ?r) (free ?g) (not (carry ?b ?g)))))";
 
 #[test]
-fn balls_are_somewhere_or_in_a_hand_and_hands_hold_one() {
+fn each_ball_has_one_place_and_each_hand_holds_at_most_one_ball() {
     let problem = "(define (problem p) (:domain gripper) (:objects a b x y z l r)
       (:init (room a) (room b) (ball x) (ball y) (ball z) (hand l) (hand r) (robot a)
         (at x a) (at y a) (at z a) (free l) (free r))
       (:goal (and (at x b) (at y b) (at z b))))";
-    // Each ball: two rooms, two hands. Each hand: three balls, or free. The robot: two rooms.
+    // Each ball is in one of two rooms or two hands. Each hand holds one of three balls or is free.
+    // The robot is in one of two rooms.
     check(GRIPPER, problem, &[4, 4, 4, 4, 4, 2], 6);
 }
 
 #[test]
-fn conditional_moves_of_a_thing_keep_it_in_one_place() {
+fn conditional_moves_keep_a_thing_in_one_place() {
     let domain = "(define (domain d) (:predicates (at ?x ?p) (next ?p ?q))
       (:action turn :effect (forall (?x ?p ?q) (when (and (at ?x ?p) (next ?p ?q))
         (and (not (at ?x ?p)) (at ?x ?q))))))";
@@ -58,7 +59,7 @@ fn conditional_moves_of_a_thing_keep_it_in_one_place() {
 }
 
 #[test]
-fn an_instance_that_fails_does_not_spoil_the_others() {
+fn a_failing_instance_does_not_affect_the_others() {
     let domain =
         "(define (domain d) (:constants mud) (:predicates (at ?x ?p) (thing ?x) (place ?p))
       (:action go :parameters (?x ?p ?q)
@@ -72,7 +73,7 @@ fn an_instance_that_fails_does_not_spoil_the_others() {
 }
 
 #[test]
-fn facts_added_together_are_no_group() {
+fn facts_added_together_form_no_group() {
     let domain = "(define (domain d) (:predicates (a) (b) (c))
       (:action one :precondition (c) :effect (and (not (c)) (a) (b))))";
     let problem = "(define (problem p) (:domain d) (:init (c)) (:goal (and (a) (b))))";

@@ -1,5 +1,5 @@
-//! Flattens effects: turns the syntax tree of an effect into a list of conditional literals and numeric
-//! changes.
+//! Flattens effects: converts the syntax tree of an effect to a list of conditional literals and
+//! numeric changes.
 
 use pddl::{ActionSchema, Assign, Effect};
 
@@ -7,15 +7,15 @@ use super::formula::FormulaScope;
 use super::lifted::{Formula, LiftedEffect, LiftedNumeric, LiftedSchema, SlotIndex};
 use super::symbols::SymbolTable;
 
-/// Context of an effect: the variables of the enclosing `forall`s and the conditions of the enclosing
-/// `when`s.
+/// Context of an effect: the variables of the `forall`s and the conditions of the `when`s around
+/// it.
 #[derive(Clone, Default)]
 struct EffectContext {
     variables: Vec<SlotIndex>,
     conditions: Vec<Formula>,
 }
 
-/// Normalizes an action: returns its precondition and effects over numbered symbols.
+/// Normalizes an action: converts its precondition and effects to numbered symbols.
 pub(super) fn schema(symbols: &mut SymbolTable, action: &ActionSchema) -> LiftedSchema {
     let mut scope = FormulaScope::new(symbols, action.all_parameters());
     let parameter_count = scope.frame.len();

@@ -8,15 +8,15 @@ use super::lifted::{
 };
 use super::symbols::SymbolTable;
 
-/// Scope of a conversion: the variables that are visible at this place, and the frame with the slots of
-/// all variables.
+/// Scope of a conversion: the variables that are visible at this place, and the frame with the
+/// slots of all variables.
 pub(super) struct FormulaScope<'s> {
     pub(super) symbols: &'s mut SymbolTable,
     pub(super) frame: Vec<TypeIndex>,
     visible: Vec<(Name, SlotIndex)>,
 }
 
-// === impl CompilationScope ===
+// === impl FormulaScope ===
 
 impl<'s> FormulaScope<'s> {
     pub(super) fn new<'p>(
@@ -36,8 +36,7 @@ impl<'s> FormulaScope<'s> {
         self.symbols.rearranging.rearrange(formula)
     }
 
-    /// Converts a condition to negation normal form. If `positive` is false, converts the negation of
-    /// the condition.
+    /// Converts a condition to negation normal form. If `positive` is false, converts its negation.
     pub(super) fn formula(&mut self, condition: &Condition, positive: bool) -> Formula {
         match condition {
             Condition::Atom(atom) => match self.atom(atom) {
@@ -73,14 +72,15 @@ impl<'s> FormulaScope<'s> {
         }
     }
 
-    /// Brings variables into scope. Returns a number to pass to [`CompilationScope::leave`], and the
+    /// Adds variables to the scope. Returns a number to pass to [`FormulaScope::leave`], and the
     /// slots of the variables.
     pub(super) fn enter(&mut self, variables: &[Typed]) -> (usize, Vec<SlotIndex>) {
         let outside = self.visible.len();
         (outside, variables.iter().map(|variable| self.declare(variable)).collect())
     }
 
-    /// Removes the variables that the matching call of [`CompilationScope::enter`] brought into scope.
+    /// Removes the variables from the scope that the matching call of [`FormulaScope::enter`]
+    /// added.
     pub(super) fn leave(&mut self, outside: usize) {
         self.visible.truncate(outside);
     }
@@ -168,8 +168,8 @@ impl<'s> FormulaScope<'s> {
     }
 }
 
-/// Returns a comparison, or its negation as a comparison. If a side is undefined, neither the
-/// comparison nor its negation holds.
+/// Returns a comparison, or its negation if `positive` is false. If a side is undefined, neither of
+/// them holds.
 fn comparison(
     comparison: Comparison,
     positive: bool,

@@ -1,7 +1,8 @@
-//! The normalized lifted task: numbers for names, negation at the leaves, effects in a flat list.
+//! The normalized lifted task: names are replaced by numbers, negations occur at the leaves only,
+//! and effects are in a flat list.
 //!
-//! Variables of one schema, those of its quantifiers included, are slots of one *frame*, so that a
-//! binding is an array and no quantifier hides another.
+//! All variables of a schema, including those of its quantifiers, are slots of one *frame*. A
+//! binding is therefore an array, and no quantifier hides a variable of another.
 
 use pddl::{Assignment, Comparison, Name, Operator as Arithmetic, Span};
 
@@ -16,7 +17,7 @@ pub(crate) type PredicateIndex = usize;
 /// Index of a function.
 pub(crate) type FunctionIndex = usize;
 
-/// Index of a set of objects for which a type expression stands.
+/// Index of the set of objects of a type expression.
 pub(crate) type TypeIndex = usize;
 
 /// A variable or an object.
@@ -62,7 +63,7 @@ pub(crate) enum Formula {
         left: LiftedTerm,
         right: LiftedTerm,
     },
-    /// A comparison of two numbers. It does not hold if one of the numbers is undefined.
+    /// A comparison of two numbers. It is false if one of the numbers is undefined.
     Compare {
         comparison: Comparison,
         sides: Box<(LiftedExpression, LiftedExpression)>,
@@ -73,15 +74,15 @@ pub(crate) enum Formula {
     Forall(Vec<SlotIndex>, Box<Formula>),
 }
 
-/// An action, normalized, with variables for its parameters.
+/// A normalized action with variables for its parameters.
 #[derive(Clone, Debug)]
 pub(crate) struct LiftedSchema {
     pub(crate) name: Name,
-    /// Name of the action in the text if this schema is only one piece of that action (see
+    /// Name of the action in the text, if this schema is only one piece of that action (see
     /// [`Piecewise`](super::Piecewise)); otherwise `None`.
     pub(crate) piece_of: Option<Name>,
-    /// Number of parameters. The parameters are the first slots of the frame; the agent, if the action
-    /// has one, is the first parameter.
+    /// Number of parameters, which are the first slots of the frame. If the action has an agent, it
+    /// is the first parameter.
     pub(crate) parameter_count: usize,
     pub(crate) frame: Vec<TypeIndex>,
     pub(crate) precondition: Formula,
@@ -99,7 +100,8 @@ pub(crate) struct LiftedEffect {
     pub(crate) atom: LiftedAtom,
 }
 
-/// A conditional effect on a number: `(forall (variables) (when condition (assignment fluent value)))`.
+/// A conditional effect on a number: `(forall (variables) (when condition (assignment fluent
+/// value)))`.
 #[derive(Clone, Debug)]
 pub(crate) struct LiftedNumeric {
     pub(crate) variables: Vec<SlotIndex>,
@@ -127,7 +129,7 @@ pub(crate) struct Closed {
     pub(crate) formula: Formula,
 }
 
-/// The set of objects that a type expression stands for.
+/// The set of objects of a type expression.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct TypeSet {
     pub(crate) members: Vec<ObjectId>,
@@ -135,7 +137,7 @@ pub(crate) struct TypeSet {
     bits: Vec<u64>,
 }
 
-/// A predicate, and what can change the facts of that predicate.
+/// A predicate, and whether actions or axioms can change its facts.
 #[derive(Clone, Debug)]
 pub(crate) struct PredicateUse {
     pub(crate) name: Name,
@@ -145,27 +147,26 @@ pub(crate) struct PredicateUse {
     pub(crate) derived: bool,
 }
 
-/// A function, and whether the values of the function must be part of the state.
+/// A function, and whether its values must be part of the state.
 #[derive(Clone, Debug)]
 pub(crate) struct FunctionUse {
     pub(crate) name: Name,
     pub(crate) arity: usize,
-    /// Whether some effect changes the function.
+    /// Whether an effect changes the function.
     pub(crate) changed: bool,
-    /// Whether some condition reads the function, directly or through a value that depends on the
-    /// function.
+    /// Whether a condition depends on the function, directly or through another value.
     pub(crate) read: bool,
 }
 
-/// How the cost of a plan is computed, derived from the metric.
+/// Computation of the cost of a plan, as given by the metric.
 #[derive(Clone, Debug)]
 pub(crate) struct Costs {
-    /// Weight of each ground fluent in the cost of a plan; `None` means that every step costs one.
+    /// Weight of each ground fluent in the cost of a plan; `None` if every step costs one.
     pub(crate) weights: Option<Vec<(FunctionIndex, Vec<ObjectId>, f64)>>,
-    /// Additional cost of every step: the weight of `total-time` in the metric, because a sequential
-    /// plan takes one unit of time per step.
+    /// Additional cost of every step: the weight of `total-time` in the metric. A sequential plan
+    /// takes one unit of time per step.
     pub(crate) per_step: f64,
-    /// Whether the cost of some step depends on the state.
+    /// Whether the cost of any step depends on the state.
     pub(crate) varies: bool,
     /// Whether the metric is a weighted sum of fluents.
     pub(crate) is_sum: bool,
@@ -205,7 +206,7 @@ impl TypeSet {
         TypeSet { members, bits }
     }
 
-    /// Returns the set of the objects for which `bits` has a one.
+    /// Returns the set of the objects with a one in `bits`.
     pub(crate) fn from_bits(bits: Vec<u64>) -> TypeSet {
         let all = (0..bits.len() * 64).filter(|index| bits[index / 64] >> (index % 64) & 1 == 1);
         TypeSet { members: all.map(ObjectId::from_index).collect(), bits }
@@ -225,8 +226,8 @@ impl TypeSet {
 // === impl PredicateUse ===
 
 impl PredicateUse {
-    /// Whether no action and no axiom changes facts of this predicate, so that they stay as in the
-    /// initial state.
+    /// Whether the facts of this predicate never change, because no action and no axiom changes
+    /// them.
     pub(crate) fn is_static(&self) -> bool {
         !self.added && !self.deleted && !self.derived
     }
@@ -235,7 +236,7 @@ impl PredicateUse {
 // === impl FunctionUse ===
 
 impl FunctionUse {
-    /// Whether anything depends on the values of this function.
+    /// Whether an effect changes the function or a condition depends on it.
     pub(crate) fn matters(&self) -> bool {
         self.changed || self.read
     }
@@ -249,7 +250,7 @@ impl FunctionUse {
 // === impl LiftedTerm ===
 
 impl LiftedTerm {
-    /// Returns the object that the term stands for under `binding`, which has an object for each slot.
+    /// Returns the object of the term under `binding`, which must have an object for each slot.
     #[inline]
     pub(crate) fn object(self, binding: &[ObjectId]) -> ObjectId {
         match self {
@@ -259,7 +260,7 @@ impl LiftedTerm {
     }
 }
 
-/// Returns the objects that terms stand for under `binding`, which has an object for each slot.
+/// Returns the objects of terms under `binding`, which must have an object for each slot.
 pub(crate) fn objects<'a>(
     terms: &'a [LiftedTerm],
     binding: &'a [ObjectId],
@@ -268,14 +269,14 @@ pub(crate) fn objects<'a>(
 }
 
 impl LiftedSchema {
-    /// Returns the name that the action has in the text, also for a piece of an action.
+    /// Returns the name of the action in the text, even if this schema is only a piece of it.
     pub(crate) fn action(&self) -> &Name {
         self.piece_of.as_ref().unwrap_or(&self.name)
     }
 }
 
 impl LiftedEffect {
-    /// Whether the effect always happens when its action is applied.
+    /// Whether the effect occurs whenever its action is applied.
     pub(crate) fn is_unconditional(&self) -> bool {
         self.variables.is_empty() && self.condition.is_true()
     }
@@ -288,7 +289,7 @@ impl Default for Formula {
 }
 
 impl Formula {
-    /// Whether the formula trivially holds.
+    /// Whether the formula is trivially true.
     pub(crate) fn is_true(&self) -> bool {
         match self {
             Formula::Constant(truth) => *truth,
@@ -297,8 +298,8 @@ impl Formula {
         }
     }
 
-    /// Calls `visit` for every literal of the formula, with its atom and whether the literal is
-    /// positive.
+    /// Calls `visit` for every literal of the formula, with `true` for a positive literal and with
+    /// its atom.
     pub(crate) fn literals(&self, visit: &mut dyn FnMut(bool, &LiftedAtom)) {
         match self {
             Formula::Literal { positive, atom } => visit(*positive, atom),
@@ -336,7 +337,7 @@ impl Formula {
         free
     }
 
-    /// Calls `visit` for every occurrence of a variable in the formula, including those that
+    /// Calls `visit` for every occurrence of a variable in the formula, including variables that
     /// quantifiers bind.
     pub(crate) fn slots_mut(&mut self, visit: &mut dyn FnMut(&mut SlotIndex)) {
         let mut term = |term: &mut LiftedTerm| {
@@ -362,7 +363,7 @@ impl Formula {
         }
     }
 
-    /// Calls `visit` for every function that the formula reads.
+    /// Calls `visit` for every function in the formula.
     pub(crate) fn functions(&self, visit: &mut dyn FnMut(FunctionIndex)) {
         match self {
             Formula::Compare { sides, .. } => {
@@ -413,7 +414,7 @@ impl LiftedExpression {
         }
     }
 
-    /// Calls `visit` for every function that the expression reads.
+    /// Calls `visit` for every function in the expression.
     pub(crate) fn functions(&self, visit: &mut dyn FnMut(FunctionIndex)) {
         match self {
             LiftedExpression::Number(_) => (),

@@ -1,9 +1,10 @@
-//! Costs: reads the metric as a weighted sum of fluents, plus a constant amount for each step.
+//! Costs: converts the metric to a weighted sum of fluents, plus a constant amount for each step.
 //!
-//! A metric is additive if it is linear, and every effect on its fluents is an unconditional increase
-//! or decrease by an amount that no step changes. Planning then looks for a cheapest plan. With any
-//! other metric, planning uses the costs that steps have in the initial state: the plans are valid, but
-//! not proved to be cheapest. The validator computes the true cost of a plan.
+//! A metric is additive if it is linear and every effect on its fluents is an unconditional
+//! increase or decrease by an amount that no step changes. With such a metric, planning searches
+//! for a cheapest plan. With any other metric, planning uses the costs of steps in the initial
+//! state: the plans are valid, but not proved to be cheapest. The validator computes the true cost
+//! of a plan.
 
 use pddl::{
     Assignment, Diagnostic, Expression, FluentTerm, InitElement, Metric, MetricDirection,
@@ -16,7 +17,7 @@ use super::symbols::SymbolTable;
 use crate::outcome::{PlanError, Unsupported};
 use crate::task::ObjectId;
 
-/// Returns the costs that the metric defines; unit costs if there is no metric.
+/// Returns the costs that the metric defines. Without a metric, every step costs one.
 pub(super) fn costs(
     symbols: &mut SymbolTable,
     problem: &Problem,
@@ -28,7 +29,7 @@ pub(super) fn costs(
     let mut linear = LinearMetric { weights: Vec::new(), per_step: 0.0, is_linear: true };
     linear.add(&metric.expression, sign)?;
     if !linear.is_linear {
-        // The cost of a step is unknown: all steps count the same.
+        // The cost of a step is unknown, so all steps have the same cost.
         return Ok(Costs { weights: Some(Vec::new()), per_step: 1.0, varies: true, is_sum: false });
     }
     let (mut weights, per_step) = (Vec::new(), linear.per_step);
@@ -45,8 +46,8 @@ pub(super) fn costs(
     Ok(Costs { weights: Some(weights), per_step, varies: false, is_sum: true })
 }
 
-/// Sets `varies` if the cost of a step depends on the state: if fluents of the metric are assigned or
-/// scaled, are changed under conditions, or are changed by amounts that are not constant.
+/// Sets `varies` if the cost of any step depends on the state. This is so if a fluent of the metric
+/// is assigned, scaled, changed under a condition, or changed by an amount that is not constant.
 pub(super) fn note_variation(
     costs: &mut Costs,
     schemas: &[LiftedSchema],
@@ -65,7 +66,7 @@ pub(super) fn note_variation(
     costs.varies = varies;
 }
 
-/// Reports fluents of the metric that have no value in the initial state and that no action assigns.
+/// Reports fluents of the metric without a value in the initial state that no action assigns.
 fn refuse_what_has_no_value(
     symbols: &mut SymbolTable,
     problem: &Problem,
@@ -95,7 +96,7 @@ fn refuse_what_has_no_value(
     }
 }
 
-/// Collects all fluents of an expression.
+/// Collects all fluents in an expression.
 fn collect<'e>(expression: &'e Expression, fluents: &mut Vec<&'e FluentTerm>) {
     match expression {
         Expression::Fluent(fluent) => fluents.push(fluent),
@@ -111,7 +112,7 @@ fn collect<'e>(expression: &'e Expression, fluents: &mut Vec<&'e FluentTerm>) {
 /// A weighted sum of fluents. Constants are dropped, because they do not distinguish plans.
 struct LinearMetric<'m> {
     weights: Vec<(&'m FluentTerm, f64)>,
-    /// The weight of `total-time`: what each step adds to the cost.
+    /// The weight of `total-time`, which is the cost of each step.
     per_step: f64,
     /// Whether the whole metric is a weighted sum of fluents.
     is_linear: bool,
@@ -159,8 +160,8 @@ impl<'m> LinearMetric<'m> {
         }
     }
 
-    /// Adds `(* NUMBER E)`, `(* E NUMBER)` or `(/ E NUMBER)` to the sum. Other products and quotients
-    /// are not linear.
+    /// Adds `(* NUMBER E)`, `(* E NUMBER)` or `(/ E NUMBER)` to the sum. Marks the metric as not
+    /// linear for other products and quotients.
     fn scale(
         &mut self,
         operator: Arithmetic,

@@ -1,9 +1,10 @@
-//! Normalization: from syntax trees to the lifted task that grounding reads.
+//! Normalization: converts syntax trees to the lifted task, which is the input of grounding.
 //!
-//! - Names become numbers, conditions are put into negation normal form, effects into flat lists.
-//! - Features that this planner does not support are rejected here, by name and place, before any work.
-//! - Left to `ground`: static facts, quantifiers and disjunctions, because they need the reachable
-//!   facts.
+//! - Names become numbers, conditions are converted to negation normal form, and effects to flat
+//!   lists.
+//! - Features that this planner does not support are rejected here, with name and place.
+//! - `ground` handles static facts, quantifiers and disjunctions, because these require the
+//!   reachable facts.
 
 mod effects;
 mod formula;
@@ -25,8 +26,8 @@ pub(crate) use self::wide::split_wide;
 use crate::outcome::{InputText, PlanError, Unsupported};
 use crate::task::ObjectId;
 
-/// Normalizes a domain and a problem. Returns an error if they use an unsupported feature or contain
-/// mistakes.
+/// Normalizes a domain and a problem. Returns an error if they use an unsupported feature or
+/// contain mistakes.
 pub(crate) fn normalize(domain: &Domain, problem: &Problem) -> Result<Lifted, PlanError> {
     let mut symbols = SymbolTable::default();
     let lifted = lift(&mut symbols, domain, problem)?;
@@ -34,7 +35,7 @@ pub(crate) fn normalize(domain: &Domain, problem: &Problem) -> Result<Lifted, Pl
     Ok(Lifted { objects, predicates, functions, types, ..lifted })
 }
 
-/// Does the same as [`normalize`], and also returns the symbol table, so that later texts can be
+/// Does the same as [`normalize`]. Also returns the symbol table, so that later texts can be
 /// converted with the same numbers.
 pub(crate) fn normalize_named(
     domain: &Domain,
@@ -46,7 +47,7 @@ pub(crate) fn normalize_named(
     Ok((Lifted { objects, predicates, functions, types, ..lifted }, symbols))
 }
 
-/// Normalizes everything except what the symbol table holds already.
+/// Normalizes all parts of a task, except those that stay in the symbol table.
 fn lift(
     symbols: &mut SymbolTable,
     domain: &Domain,
@@ -81,9 +82,9 @@ fn lift(
     Ok(Lifted { schemas, axioms, goal, init, values, costs, ..Lifted::default() })
 }
 
-/// Maximal number of variables of one action, axiom or goal, including the variables of its
-/// quantifiers. Every binding has an entry for each variable. Texts written by people have less than a
-/// hundredth of this number.
+/// Maximum number of variables of one action, axiom or goal, including those of its quantifiers.
+/// Every binding has an entry for each variable. Texts written by people have less than a hundredth
+/// of this number.
 const VARIABLES_MAX: usize = 10_000;
 
 fn bound_frame(
@@ -107,13 +108,13 @@ pub(crate) fn closed(symbols: &mut SymbolTable, condition: &pddl::Condition) -> 
     Closed { frame: scope.frame, formula }
 }
 
-/// Checks that the texts use no feature that neither this planner nor the engines support: durative
+/// Checks that the texts use no feature that both this planner and the engines lack: durative
 /// actions, timed initial literals, observations, or unknown facts. In a running ecosystem,
 /// observations and unknown facts are compiled away before planning (`pddl::knowledge`).
 ///
 /// # Errors
 ///
-/// Returns the first such feature.
+/// Returns the first such feature as an error.
 pub fn refuse_nonclassical(domain: &Domain, problem: &Problem) -> Result<(), Unsupported> {
     if let Some(action) = domain.durative_actions.first() {
         return Err(Unsupported::in_domain("durative actions", action.span));
@@ -155,8 +156,8 @@ fn mark_predicates(symbols: &mut SymbolTable, schemas: &[LiftedSchema], axioms: 
     }
 }
 
-/// Finds the functions that change, and the functions with values that must be part of the state. The
-/// latter are the functions that conditions read, and the functions from which effects compute the
+/// Finds the functions that change, and the functions with values that must be part of the state.
+/// The latter are the functions in conditions, and the functions from which effects compute the
 /// values of these.
 fn mark_functions(
     symbols: &mut SymbolTable,
@@ -178,14 +179,14 @@ fn mark_functions(
             schema.effects.iter().for_each(|effect| effect.condition.functions(&mut visit));
             for change in &schema.numeric {
                 change.condition.functions(&mut visit);
-                // An action is applicable only if the value is defined.
+                // An action is applicable only if this value is defined.
                 change.value.functions(&mut visit);
             }
         }
     }
     read.into_iter().for_each(|function| functions[function].read = true);
-    // One action assigns the fluent and another increases it: whether it is defined is part of the
-    // state.
+    // One action assigns the fluent and another increases it, so whether it is defined is part of
+    // the state.
     let changes = || schemas.iter().flat_map(|schema| &schema.numeric);
     for defining in changes().filter(|one| one.assignment == Assignment::Assign) {
         let function = defining.fluent.function;
@@ -196,11 +197,11 @@ fn mark_functions(
     }
 }
 
-/// Returns the facts that `:init` states to be true.
+/// Returns the true facts of `:init`.
 fn initial_facts(symbols: &mut SymbolTable, problem: &Problem) -> Vec<(usize, Vec<ObjectId>)> {
     let mut scope = FormulaScope::new(symbols, []);
     let fact = |element: &InitElement| match element {
-        // Unknown predicates are skipped, as unknown functions are below.
+        // Facts of unknown predicates are skipped, like values of unknown functions.
         InitElement::Atom(atom) if scope.symbols.has_predicate(&atom.predicate) => {
             scope.atom(atom).map(|atom| (atom.predicate, ground(&atom.arguments)))
         }
@@ -209,15 +210,14 @@ fn initial_facts(symbols: &mut SymbolTable, problem: &Problem) -> Vec<(usize, Ve
     problem.init.iter().filter_map(fact).collect()
 }
 
-/// Returns the values that `:init` gives to functions.
+/// Returns the initial values of functions in `:init`.
 pub(crate) fn initial_values(
     symbols: &mut SymbolTable,
     problem: &Problem,
 ) -> Vec<(usize, Vec<ObjectId>, f64)> {
     let mut scope = FormulaScope::new(symbols, []);
     let value = |element: &InitElement| match element {
-        // Competition problems contain values of functions that the domain does not declare; `check`
-        // warns of them.
+        // Competition problems contain values of undeclared functions, about which `check` warns.
         InitElement::Assign(fluent, number) if scope.symbols.has_function(&fluent.function) => {
             let fluent = scope.fluent(fluent)?;
             Some((fluent.function, ground(&fluent.arguments), number.0))
@@ -227,7 +227,7 @@ pub(crate) fn initial_values(
     problem.init.iter().filter_map(value).collect()
 }
 
-/// Returns the objects of an argument list that contains no variable.
+/// Returns the objects of an argument list without variables.
 fn ground(terms: &[LiftedTerm]) -> Vec<ObjectId> {
     let object = |term: &LiftedTerm| match term {
         LiftedTerm::Object(object) => Some(*object),

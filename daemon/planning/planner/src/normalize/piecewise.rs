@@ -1,16 +1,16 @@
-//! Piecewise application of wide actions: the parameters are chosen one after the other, then the
-//! effects happen.
+//! Piecewise application of wide actions: the parameters are chosen one after the other, and then
+//! the effects occur.
 //!
-//! An action with thirty parameters has more ground instances than fit into memory, though few of them
-//! are applicable in any one state. Here each parameter becomes an action of its own, which tests the
-//! part of the precondition that is about it and the parameters chosen before. A last action has the
-//! effects, each under the condition that its objects are the chosen ones. No other action is
-//! applicable between the pieces, so the plans are the same as before, with more steps (after Areces,
-//! Bustos, Dominguez and Hoffmann, 2014, “Optimizing Planning Domains by Automatic Action Schema
-//! Splitting”, where the effects are split, too).
+//! An action with thirty parameters has more ground instances than fit into memory, although few of
+//! them are applicable in any one state. Here each parameter becomes an action of its own, which
+//! tests the part of the precondition about this parameter and those chosen before. A last action
+//! has the effects, each under the condition that its objects are the chosen ones. No other action
+//! is applicable between the pieces, so the plans are the same as before, with more steps. (The
+//! method follows Areces, Bustos, Dominguez and Hoffmann, 2014, “Optimizing Planning Domains by
+//! Automatic Action Schema Splitting”, where the effects are also split.)
 //!
-//! The drawback is weaker guidance: the relaxation of a choice knows little of the choices before it.
-//! So this is used only for tasks that cannot be ground otherwise.
+//! The drawback is weaker guidance, because the relaxation loses the connection between choices.
+//! This method is therefore used only for tasks that cannot be grounded otherwise.
 
 use pddl::{Name, Plan, PlanStep};
 use rustc_hash::FxHashMap;
@@ -21,51 +21,49 @@ use super::lifted::{
 };
 use super::wide::{renumber, scope};
 
-/// Number of parameters at or above which an action is expected to have too many ground instances.
+/// Number of parameters from which an action is expected to have too many ground instances.
 const WIDE: usize = 8;
 
-/// Maximal number of parameters of an action that is not split. The limit is small: the relaxation
-/// knows less about how chosen objects are related than about parameters, so more facts are relaxed
-/// reachable, and joins of four of them are too large.
+/// Maximum number of parameters of an action that is not split. The limit is small because the
+/// relaxation loses relations between chosen objects. More facts are therefore relaxed reachable,
+/// and joins of four variables over them are too large.
 const WHOLE_MAX: usize = 3;
 
-/// Number of parameters that one piece mentions, unless a single test mentions more.
+/// Maximum number of parameters in one piece, unless a single test needs more.
 const PIECE_MAX: usize = 2;
 
 /// A lifted task with its wide actions split into pieces.
 #[derive(Debug)]
 pub(crate) struct Piecewise {
     pub(crate) lifted: Lifted,
-    /// Role of each piece, by the name of the piece. These names contain spaces, so they cannot occur
-    /// in a text.
+    /// Role of each piece, by the name of the piece. These names contain spaces, so they differ
+    /// from all names in a text.
     roles: FxHashMap<Name, PieceRole>,
 }
 
 /// Role of a piece of an action.
 #[derive(Clone, Debug)]
 enum PieceRole {
-    /// The piece chooses the object of this parameter. That object is the first argument of the piece.
+    /// The piece chooses the object of this parameter, which is the first argument of the piece.
     Chooses(usize),
     /// The piece only tests conditions or adds cost.
     Tests,
-    /// The piece has the effects of the action of this name.
+    /// The piece has the effects of the action with this name.
     Applies(Name),
 }
 
-/// A part of an action's precondition, over the frame of the action, with the parameters that the part
-/// mentions.
+/// A part of an action's precondition over the frame of the action, with the parameters in it.
 #[derive(Debug, Default)]
 struct Piece {
     chooses: Option<SlotIndex>,
-    /// Parameters that the piece mentions. If the piece chooses a parameter, that parameter is the
-    /// first.
+    /// Parameters in the piece. A parameter that the piece chooses comes first.
     scope: Vec<SlotIndex>,
     tests: Vec<Formula>,
     costs: Vec<LiftedNumeric>,
 }
 
-/// Whether the task contains an action that can be split and has so many parameters that grounding may
-/// fail.
+/// Whether the task contains an action that can be split and has so many parameters that grounding
+/// may fail.
 pub(crate) fn is_wide(lifted: &Lifted) -> bool {
     let is_one =
         |schema: &LiftedSchema| schema.parameter_count >= WIDE && can_be_split(lifted, schema);
@@ -85,17 +83,17 @@ fn can_be_split(lifted: &Lifted, schema: &LiftedSchema) -> bool {
 // === impl Piecewise ===
 
 impl Piecewise {
-    /// Splits all actions that have more than [`WHOLE_MAX`] parameters.
+    /// Splits all actions with more than [`WHOLE_MAX`] parameters.
     pub(crate) fn new(lifted: &Lifted) -> Piecewise {
         Piecewise::above(lifted, WHOLE_MAX)
     }
 
-    /// Does the same as [`Piecewise::new`], for actions with more than `whole_max` parameters.
+    /// Does the same as [`Piecewise::new`] for actions with more than `whole_max` parameters.
     fn above(lifted: &Lifted, whole_max: usize) -> Piecewise {
         let mut whole = lifted.clone();
         let schemas = std::mem::take(&mut whole.schemas);
         if whole.costs.weights.is_none() {
-            // Every action costs one, but not every piece.
+            // Every action costs one, but only one of its pieces has this cost.
             whole.costs.weights = Some(Vec::new());
             whole.costs.per_step = 1.0;
         }
@@ -115,7 +113,7 @@ impl Piecewise {
         Piecewise { lifted: made, roles }
     }
 
-    /// Translates a plan whose steps are pieces back into a plan of the actions in the text.
+    /// Translates a plan of pieces to a plan of the actions in the text.
     pub(crate) fn whole(&self, plan: Plan) -> Plan {
         let mut chosen: Vec<Option<Name>> = Vec::new();
         let mut steps = Vec::new();
@@ -139,7 +137,7 @@ impl Piecewise {
 
 /// State of the splitting of all actions of a task.
 struct ActionSplitter {
-    /// Predicate of the fact that no action is partly applied.
+    /// Predicate of the fact that no action is in progress.
     idle: PredicateIndex,
     made: Lifted,
     roles: FxHashMap<Name, PieceRole>,
@@ -148,7 +146,7 @@ struct ActionSplitter {
 // === impl ActionSplitter ===
 
 impl ActionSplitter {
-    /// Adds an auxiliary predicate, for facts that only pieces add and delete.
+    /// Adds an auxiliary predicate, with facts that only pieces add and delete.
     fn predicate(&mut self, name: &str, arity: usize) -> PredicateIndex {
         let name = Name::new(name);
         let (added, deleted, derived) = (true, true, false);
@@ -156,7 +154,8 @@ impl ActionSplitter {
         self.made.predicates.len() - 1
     }
 
-    /// Keeps an action whole; it is applicable only while no other action is partly applied.
+    /// Adds an action without splitting it. The action is applicable only while no other action is
+    /// in progress.
     fn keep(&mut self, mut schema: LiftedSchema) {
         let precondition = std::mem::take(&mut schema.precondition);
         schema.precondition = Formula::And(vec![holds(self.idle, &[]), precondition]);
@@ -165,7 +164,7 @@ impl ActionSplitter {
 
     fn split_action(&mut self, schema: &LiftedSchema) {
         let name = schema.name.as_str();
-        // Per parameter: a predicate that an object is the chosen one.
+        // Per parameter: a predicate that is true for the chosen object.
         let chosen: Vec<PredicateIndex> = (0..schema.parameter_count)
             .map(|parameter| self.predicate(&format!("{name} chosen {parameter}"), 1))
             .collect();
@@ -178,8 +177,7 @@ impl ActionSplitter {
         self.last(schema, &chosen, stage);
     }
 
-    /// Adds one piece of an action, which leads from one stage of applying that action to the next
-    /// stage.
+    /// Adds one piece of an action. The piece leads from one stage of the action to the next.
     fn piece(
         &mut self,
         schema: &LiftedSchema,
@@ -207,7 +205,7 @@ impl ActionSplitter {
             effects.push(happens(true, chosen[slot as usize], &[0]));
             role = PieceRole::Chooses(slot as usize);
         }
-        // Names in a text contain no spaces.
+        // Names in a text contain no spaces, so this name is unique.
         let name = Name::new(&format!("{} {number}", schema.name));
         self.roles.insert(name.clone(), role);
         self.made.schemas.push(LiftedSchema {
@@ -222,8 +220,8 @@ impl ActionSplitter {
         });
     }
 
-    /// Adds the last piece of an action, which has the effects. It has no parameters, because all
-    /// objects have been chosen.
+    /// Adds the last piece of an action, which has the effects. This piece has no parameters,
+    /// because all objects are already chosen.
     fn last(&mut self, schema: &LiftedSchema, chosen: &[PredicateIndex], stage: PredicateIndex) {
         let is_parameter = |slot: &SlotIndex| (*slot as usize) < schema.parameter_count;
         let mut effects: Vec<LiftedEffect> = Vec::new();
@@ -263,8 +261,8 @@ impl ActionSplitter {
     }
 }
 
-/// Determines the order in which parameters are chosen and conditions are tested. As in a join, the
-/// parameter with the most conditions over parameters that are already chosen comes first.
+/// Determines the order of choosing parameters and testing conditions. As in a join, the parameter
+/// with the most conditions over already chosen parameters comes first.
 fn pieces(schema: &LiftedSchema, chosen: &[PredicateIndex]) -> Vec<Piece> {
     let mut open = Vec::new();
     conjuncts(&schema.precondition, &mut open);
@@ -294,7 +292,7 @@ fn pieces(schema: &LiftedSchema, chosen: &[PredicateIndex]) -> Vec<Piece> {
         }
         for part in different {
             let other = unequal_to(&part, slot).filter(|other| !piece.scope.contains(other));
-            // That the object was chosen for the other parameter can be tested without a further
+            // A test that the object was chosen for the other parameter needs no additional
             // parameter.
             let test = other.map(|other| not(holds(chosen[other as usize], &[slot])));
             piece.tests.push(test.unwrap_or(part));
@@ -320,8 +318,8 @@ fn pieces(schema: &LiftedSchema, chosen: &[PredicateIndex]) -> Vec<Piece> {
     pieces
 }
 
-/// Returns the parameter to choose next, given the chosen parameters `bound` and the conditions `open`
-/// that are still to be tested.
+/// Returns the parameter to choose next. `bound` are the chosen parameters, and `open` the
+/// conditions that are not tested yet.
 fn next(schema: &LiftedSchema, bound: &[SlotIndex], open: &[Formula]) -> SlotIndex {
     let parameters = (0..schema.parameter_count as SlotIndex).filter(|slot| !bound.contains(slot));
     let atoms = || {
@@ -336,14 +334,14 @@ fn next(schema: &LiftedSchema, bound: &[SlotIndex], open: &[Formula]) -> SlotInd
         let joined = atoms().filter(speaks).filter(is_joined).count();
         (joined, atoms().filter(speaks).count())
     };
-    // Among parameters of equal worth, the first in the text.
+    // Of equally good parameters, the first in the text is chosen.
     parameters.rev().max_by_key(worth).unwrap_or_default()
 }
 
 // === impl Piece ===
 
 impl Piece {
-    /// Whether a test can be added to this piece without the piece mentioning too many parameters.
+    /// Whether a test fits into this piece within the limit on parameters.
     fn has_room_for(&self, test: &Formula) -> bool {
         let mut scope = self.scope.clone();
         extend(&mut scope, test);
@@ -373,7 +371,7 @@ fn conjuncts(formula: &Formula, parts: &mut Vec<Formula>) {
     }
 }
 
-/// Returns the two variables that a formula requires to be different; `None` for other formulas.
+/// Returns the two variables that a formula requires to be different; `None` for any other formula.
 fn unequal(part: &Formula) -> Option<(SlotIndex, SlotIndex)> {
     match part {
         Formula::Equal {
@@ -385,8 +383,8 @@ fn unequal(part: &Formula) -> Option<(SlotIndex, SlotIndex)> {
     }
 }
 
-/// Returns the variable that must differ from `slot`, if `part` requires that `slot` and another
-/// variable differ.
+/// Returns the variable that `part` requires to differ from `slot`; `None` if `part` is not such a
+/// requirement.
 fn unequal_to(part: &Formula, slot: SlotIndex) -> Option<SlotIndex> {
     let (left, right) = unequal(part)?;
     if left == slot { Some(right) } else { Some(left) }
@@ -412,7 +410,7 @@ fn happens(adds: bool, predicate: PredicateIndex, slots: &[SlotIndex]) -> Lifted
     LiftedEffect { variables, condition, adds, atom: atom(predicate, slots) }
 }
 
-/// Replaces a variable in `term` by the position of that variable in `slots`.
+/// Replaces a variable in `term` by its position in `slots`.
 fn renumber_term(term: &mut LiftedTerm, slots: &[SlotIndex]) {
     if let LiftedTerm::Variable(slot) = term
         && let Some(place) = slots.iter().position(|one| one == slot)
@@ -454,7 +452,7 @@ mod tests {
     }
 
     /// Generates an effect of the action with the parameters ?a to ?d. A fact that one step both
-    /// deletes and adds is true afterwards.
+    /// deletes and adds becomes true.
     fn effect() -> impl Strategy<Value = String> {
         prop_oneof![
             3 => (variable(), variable()).prop_map(|(one, two)| format!("(not (r {one} {two}))")),
@@ -477,7 +475,7 @@ mod tests {
         })]
 
         #[test]
-        fn plans_are_those_of_the_whole(
+        fn piecewise_plans_cost_the_same_and_are_valid(
             parts in proptest::collection::vec(part(), 1..5),
             effects in proptest::collection::vec(effect(), 1..5),
             facts in proptest::collection::vec((0..3usize, 0..3usize, 0..4usize), 5..16),
@@ -535,9 +533,9 @@ mod tests {
         }
     }
 
-    /// Checks which actions count as wide, and which can be split.
+    /// Checks which actions are wide, and which can be split.
     #[test]
-    fn what_is_wide_and_what_can_be_taken_apart() {
+    fn wide_actions_are_split_unless_they_change_compared_numbers() {
         let task = |parameters: &str, effect: &str| {
             let domain = format!(
                 "(define (domain d) (:predicates (r ?x ?y) (won)) (:functions (left))
@@ -550,7 +548,7 @@ mod tests {
         };
         assert!(!is_wide(&task("?a ?b ?c ?d ?e ?f ?g", "")));
         assert!(is_wide(&task("?a ?b ?c ?d ?e ?f ?g ?h", "")));
-        // Conditions would read numbers that change between the pieces.
+        // Conditions would use numbers that change between the pieces.
         let numeric = task("?a ?b ?c ?d ?e ?f ?g ?h", "(decrease (left) 1)");
         assert!(!is_wide(&numeric));
         assert_eq!(Piecewise::new(&numeric).lifted.schemas.len(), 1, "it stays whole");

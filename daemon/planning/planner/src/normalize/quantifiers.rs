@@ -1,26 +1,26 @@
-//! Rearranges quantifiers, so that each ranges over as few variables and conditions as possible.
+//! Rearranges quantifiers, so that each has as few variables and conditions as possible.
 //!
-//! - `exists` moves into `or`, `forall` into `and`. Parts that do not mention a variable are moved out
-//!   of its quantifier. Variables that no part connects get separate quantifiers.
-//! - A disjunction inside an `exists` is multiplied out while that stays small, so that a join can use
-//!   the facts of each alternative; dually for `forall`.
+//! - `exists` moves into `or`, and `forall` into `and`. Parts without a variable of a quantifier
+//!   are moved out of it. Variables without a common part get separate quantifiers.
+//! - A disjunction inside an `exists` is multiplied out if the result is small, so that a join can
+//!   use the facts of each alternative. A conjunction inside a `forall` is treated in the dual way.
 //!
-//! All rules are valid for empty types as well. For large and deep conditions, which an external text
-//! may have, this costs more than it saves. So the parts that are visited and copied are counted, and
-//! when the cap is reached the rest stays as it is.
+//! All rules are also valid for empty types. For large and deep conditions, which an external text
+//! may contain, the cost of this exceeds the benefit. The visited and copied parts are therefore
+//! counted, and when the limit is reached, the rest stays as it is.
 
 use rustc_hash::FxHashMap;
 
 use super::lifted::{Formula, LiftedTerm, SlotIndex};
 
-/// Maximal number of alternatives into which one quantifier is split.
+/// Maximum number of alternatives that one quantifier is split into.
 const ALTERNATIVES_MAX: usize = 8;
 
-/// Cap on the number of parts of conditions that are visited and copied in total. It takes a fraction
-/// of a second, and a fraction of a gigabyte.
+/// Limit on the number of visited and copied parts of conditions. Reaching it takes a fraction of a
+/// second and a fraction of a gigabyte.
 const WORK_MAX: u64 = 3_000_000;
 
-/// Rearrangement of the conditions of one task, with a cap on work.
+/// Rearrangement of the conditions of one task, with a limit on work.
 #[derive(Clone, Debug)]
 pub(super) struct QuantifierRearrangement {
     work_left: u64,
@@ -60,7 +60,7 @@ impl QuantifierRearrangement {
         }
     }
 
-    /// Rearranges a quantifier over a formula that has been rearranged already.
+    /// Rearranges a quantifier over an already rearranged formula.
     fn quantified(
         &mut self,
         mut slots: Vec<SlotIndex>,
@@ -125,17 +125,17 @@ impl QuantifierRearrangement {
         }
     }
 
-    /// Multiplies out a conjunction into a disjunction of a few conjunctions, or a disjunction into a
-    /// conjunction of a few disjunctions. Returns `None` if there is nothing to multiply out, or if the
-    /// result would be too large.
+    /// Multiplies out a conjunction into a disjunction of a few conjunctions, or a disjunction into
+    /// a conjunction of a few disjunctions. Returns `None` if this changes nothing or the result is
+    /// too large.
     fn alternatives(
         &mut self,
         slots: &[SlotIndex],
         parts: &[Formula],
         existential: bool,
     ) -> Option<Vec<Formula>> {
-        // The number of alternatives is computed first: most conditions are not split, and copies are
-        // expensive.
+        // The number of alternatives is computed first, because copies are expensive and most
+        // conditions are not split.
         let mut choices: Vec<&[Formula]> = Vec::new();
         let (mut count, mut is_split) = (1, false);
         for part in parts {
@@ -172,15 +172,15 @@ impl QuantifierRearrangement {
         Some(all.into_iter().map(|parts| junction(parts, existential)).collect())
     }
 
-    /// Returns one quantifier for each group of variables that common parts connect. Parts that mention
-    /// none of the variables stay outside of the quantifiers.
+    /// Returns one quantifier for each group of variables with common parts. Parts without any of
+    /// the variables stay outside the quantifiers.
     fn components(
         &mut self,
         slots: Vec<SlotIndex>,
         parts: Vec<Formula>,
         existential: bool,
     ) -> Formula {
-        // Slots that occur in the same part form one group (union-find).
+        // Slots in the same part form one group (union-find).
         let places: FxHashMap<SlotIndex, usize> =
             slots.iter().enumerate().map(|(place, slot)| (*slot, place)).collect();
         let mut leader: Vec<usize> = (0..slots.len()).collect();
@@ -232,7 +232,7 @@ impl QuantifierRearrangement {
         self.work_left = self.work_left.saturating_sub(work);
     }
 
-    /// Whether a formula mentions at least one of these variables.
+    /// Whether a formula contains at least one of these variables.
     fn mentions(&mut self, formula: &Formula, slots: &[SlotIndex]) -> bool {
         let mut is_mentioned = false;
         let work = each_slot(formula, &mut |slot| is_mentioned |= slots.contains(&slot));
@@ -241,8 +241,8 @@ impl QuantifierRearrangement {
     }
 }
 
-/// Joins the parts into one conjunction, or one disjunction if `conjunction` is false. A part that is
-/// itself a formula of this kind is replaced by its own parts.
+/// Joins the parts into one conjunction, or one disjunction if `conjunction` is false. A part of
+/// the same kind is replaced by its own parts.
 fn junction(parts: impl IntoIterator<Item = Formula>, conjunction: bool) -> Formula {
     let mut flat = Vec::new();
     for part in parts {
@@ -259,7 +259,7 @@ fn junction(parts: impl IntoIterator<Item = Formula>, conjunction: bool) -> Form
     }
 }
 
-/// Returns a quantifier over `inner` without rearranging it.
+/// Returns a quantifier over `inner` without rearrangement.
 fn as_it_is(slots: Vec<SlotIndex>, inner: Formula, existential: bool) -> Formula {
     let inner = Box::new(inner);
     if existential { Formula::Exists(slots, inner) } else { Formula::Forall(slots, inner) }
@@ -279,8 +279,8 @@ fn size(formula: &Formula) -> u64 {
     each_slot(formula, &mut |_| ())
 }
 
-/// Calls `visit` for every occurrence of a variable in a formula. Returns the number of parts of the
-/// formula.
+/// Calls `visit` for every occurrence of a variable in a formula. Returns the number of parts of
+/// the formula.
 fn each_slot(formula: &Formula, visit: &mut dyn FnMut(SlotIndex)) -> u64 {
     let mut variable = |term: &LiftedTerm| {
         if let LiftedTerm::Variable(slot) = term {
@@ -348,7 +348,7 @@ mod tests {
     }
 
     #[test]
-    fn exists_goes_into_disjunctions_and_leaves_out_what_is_free_of_it() {
+    fn exists_is_distributed_and_excludes_parts_without_its_variables() {
         let or = Formula::Or(vec![atom(1, &[7]), atom(2, &[8])]);
         let inner = Formula::And(vec![atom(0, &[7]), or, atom(3, &[9])]);
         check(
@@ -358,7 +358,7 @@ mod tests {
     }
 
     #[test]
-    fn unconnected_variables_part() {
+    fn unconnected_variables_are_quantified_separately() {
         let inner = Formula::And(vec![atom(0, &[1]), atom(1, &[2]), atom(2, &[1, 5])]);
         check(
             Formula::Exists(vec![1, 2], Box::new(inner)),
@@ -367,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn a_forall_inside_a_disjunction_joins_the_one_around_it() {
+    fn a_forall_inside_a_disjunction_is_merged_into_the_outer_one() {
         let inner = Formula::Forall(vec![2], Box::new(atom(0, &[1, 2])));
         let or = Formula::Or(vec![inner, atom(1, &[1])]);
         check(Formula::Forall(vec![1], Box::new(or)), "(A[1, 2] (or p11 p012))");

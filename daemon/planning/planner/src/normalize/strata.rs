@@ -18,7 +18,7 @@ pub(super) fn assign(axioms: &mut [LiftedAxiom], domain: &Domain) -> Result<(), 
             }
         });
     }
-    // A stratum higher than the number of axioms can only come from a cycle through a negation.
+    // Only a cycle through a negation can give a stratum higher than the number of axioms.
     for _ in 0..=axioms.len() * axioms.len() {
         let mut changed = false;
         for &(index, other, step) in &dependencies {

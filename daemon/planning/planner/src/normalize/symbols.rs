@@ -1,5 +1,4 @@
-//! Symbol table: gives a number to each name of an object, type, predicate or function of one domain
-//! and problem.
+//! Symbol table: numbers the objects, types, predicates and functions of one domain and problem.
 
 use pddl::{Diagnostic, Domain, Name, Problem, TypeExpr, Typed, Types};
 use rustc_hash::FxHashMap;
@@ -8,7 +7,7 @@ use super::lifted::{FunctionUse, PredicateUse, TypeIndex, TypeSet};
 use super::quantifiers::QuantifierRearrangement;
 use crate::task::ObjectId;
 
-/// Symbol table: numbers of names, and the errors found while names were resolved.
+/// Symbol table: the numbers of names, and the errors found during their resolution.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct SymbolTable {
     pub(super) objects: Vec<Name>,
@@ -18,8 +17,8 @@ pub(crate) struct SymbolTable {
     pub(super) problems: Vec<Diagnostic>,
     object_ids: FxHashMap<Name, ObjectId>,
     object_types: Vec<TypeExpr>,
-    /// Further types of objects that are declared several times with different types. An object belongs
-    /// to all types that are declared for it.
+    /// Additional types of objects with several declared types. An object belongs to all its
+    /// declared types.
     more_types: FxHashMap<ObjectId, Vec<TypeExpr>>,
     predicate_ids: FxHashMap<Name, usize>,
     function_ids: FxHashMap<Name, usize>,
@@ -57,7 +56,7 @@ impl SymbolTable {
         for function in &domain.functions {
             symbols.declare_function(&function.name, function.parameters.len());
         }
-        // Some domains do not declare it; `check` warns of that.
+        // Some domains do not declare this function; `check` warns about them.
         symbols.declare_function(&Name::new("total-cost"), 0);
         symbols
     }
@@ -70,18 +69,18 @@ impl SymbolTable {
         found
     }
 
-    /// Returns the object with this name. If there is none, reports no error and returns `None`.
+    /// Returns the object with this name; `None` if there is none, without reporting an error.
     pub(crate) fn known_object(&self, name: &Name) -> Option<ObjectId> {
         self.object_ids.get(name).copied()
     }
 
-    /// Returns the errors that were reported since the last call of this function.
+    /// Returns the errors that were reported since the last call.
     pub(crate) fn take_problems(&mut self) -> Vec<Diagnostic> {
         std::mem::take(&mut self.problems)
     }
 
-    /// Returns the number of the predicate with this name. If there is none with this number of
-    /// arguments, reports an error and returns `None`.
+    /// Returns the number of the predicate with this name and number of arguments. If there is
+    /// none, reports an error and returns `None`.
     pub(crate) fn predicate(&mut self, name: &Name, arity: usize) -> Option<usize> {
         let found = self.predicate_ids.get(name).copied();
         match found {
@@ -91,14 +90,14 @@ impl SymbolTable {
         found.filter(|index| self.predicates[*index].arity == arity)
     }
 
-    /// Does the same as [`SymbolTable::predicate`], but reports no error for an unknown name.
+    /// Does the same as [`SymbolTable::predicate`], without reporting an error.
     pub(crate) fn known_predicate(&self, name: &Name, arity: usize) -> Option<usize> {
         let found = self.predicate_ids.get(name).copied();
         found.filter(|index| self.predicates[*index].arity == arity)
     }
 
-    /// Returns the number of the function with this name. If there is none with this number of
-    /// arguments, reports an error and returns `None`.
+    /// Returns the number of the function with this name and number of arguments. If there is none,
+    /// reports an error and returns `None`.
     pub(super) fn function(&mut self, name: &Name, arity: usize) -> Option<usize> {
         let found = self.function_ids.get(name).copied();
         match found {
@@ -116,12 +115,12 @@ impl SymbolTable {
         self.function_ids.contains_key(name)
     }
 
-    /// Returns the number of the set of objects that a type expression stands for.
+    /// Returns the number of the set of objects of a type expression.
     pub(super) fn type_set(&mut self, ty: &TypeExpr) -> TypeIndex {
         if let Some(&index) = self.type_ids.get(ty) {
             return index;
         }
-        // Cached per type, because many objects share few types.
+        // The result is cached per type, because many objects have the same few types.
         let mut accepted = FxHashMap::<&TypeExpr, bool>::default();
         let mut members = Vec::new();
         for (index, own) in self.object_types.iter().enumerate() {

@@ -1,11 +1,11 @@
 //! Splits wide conditions: an `exists` over many variables becomes several over few.
 //!
-//! `exists ?x ?y ?z: (p ?a ?x), (q ?x ?y), (r ?y ?z)` is a join of four variables. But ?z occurs only
-//! in `r`: with a derived predicate for `exists ?z: (r ?y ?z)` three variables are left, and so on,
-//! like a tree decomposition of the join (Helmert, 2009, section 6.3; Corrêa and others, 2023). The
-//! work is then a sum of small products instead of the product of all types.
+//! `exists ?x ?y ?z: (p ?a ?x), (q ?x ?y), (r ?y ?z)` is a join of four variables. However, ?z
+//! occurs only in `r`. With a derived predicate for `exists ?z: (r ?y ?z)`, three variables are
+//! left, and so on, like a tree decomposition of the join (Helmert, 2009, section 6.3; Corrêa and
+//! others, 2023). The work is then a sum of small products instead of the product of all types.
 //!
-//! Only conditions are split: the parameters of an action are all part of a plan's steps.
+//! Only conditions are split, because all parameters of an action occur in the steps of plans.
 
 use pddl::Name;
 
@@ -14,22 +14,23 @@ use super::lifted::{
     TypeSet,
 };
 
-/// Number of bindings above which a join is split; joining so many takes about a second. Smaller joins
-/// are not split, because a derived predicate adds work to every state of a search.
+/// Number of bindings above which a join is split. Joining this many takes about a second. Smaller
+/// joins are not split, because a derived predicate adds work to every state of a search.
 const BINDINGS_MAX: f64 = 10_000_000.0;
 
 /// Number of bindings below which a join is not split any further.
 const BINDINGS_FEW: f64 = 10_000.0;
 
-/// Minimal factor by which the bindings of a part must be fewer than those of the whole join.
+/// Minimum ratio between the number of bindings of the whole join and that of a part. With a
+/// smaller ratio, a split is not worthwhile.
 const GAIN_MIN: f64 = 10.0;
 
-/// Splits every condition of an action or axiom that has too many bindings.
+/// Splits every condition of an action or axiom with too many bindings.
 pub(crate) fn split_wide(lifted: &mut Lifted) {
     split_above(lifted, BINDINGS_MAX, GAIN_MIN);
 }
 
-/// Does the same as [`split_wide`], with the given limits.
+/// Does the same as [`split_wide`] with the given limits.
 fn split_above(lifted: &mut Lifted, bindings_max: f64, gain_min: f64) {
     let Lifted { schemas, axioms, predicates, types, init, .. } = lifted;
     let mut rows = vec![0; predicates.len()];
@@ -66,12 +67,12 @@ fn split_above(lifted: &mut Lifted, bindings_max: f64, gain_min: f64) {
 
 struct ConditionSplitter<'l> {
     types: &'l [TypeSet],
-    /// For each predicate: the number of its facts in the initial state.
+    /// Per predicate: the number of its facts in the initial state.
     rows: Vec<usize>,
-    /// For each predicate: its stratum, which is 0 if the predicate is not derived.
+    /// Per predicate: its stratum; 0 for a predicate that is not derived.
     strata: Vec<usize>,
     predicates: &'l mut Vec<PredicateUse>,
-    /// Axioms added by the splitting.
+    /// Axioms that the splitting has added.
     axioms: Vec<LiftedAxiom>,
     bindings_max: f64,
     gain_min: f64,
@@ -85,8 +86,8 @@ impl ConditionSplitter<'_> {
             Formula::And(parts) | Formula::Or(parts) => {
                 parts.iter_mut().for_each(|part| self.formula(part, frame));
             }
-            // To split a `forall` would require a derived predicate for its negation, and so a new
-            // negated condition.
+            // A `forall` is not split, because that would require a derived predicate for its
+            // negation, and a new negated condition.
             Formula::Forall(_, inner) => self.formula(inner, frame),
             Formula::Exists(slots, inner) => {
                 self.formula(inner, frame);
@@ -98,8 +99,8 @@ impl ConditionSplitter<'_> {
         }
     }
 
-    /// Eliminates variables of an `exists`, the cheapest first, until few bindings are left or nothing
-    /// more is gained.
+    /// Eliminates variables of an `exists`, the cheapest first, until few bindings are left or the
+    /// gain is too small.
     fn exists(
         &mut self,
         slots: &mut Vec<SlotIndex>,
@@ -133,7 +134,7 @@ impl ConditionSplitter<'_> {
     }
 
     /// Adds a derived predicate with the meaning “there is an object for `slot` such that the parts
-    /// hold”. Returns the literal of that predicate.
+    /// hold”. Returns its literal.
     fn derive(
         &mut self,
         slot: SlotIndex,
@@ -152,7 +153,7 @@ impl ConditionSplitter<'_> {
         let mut slots = parameters.clone();
         renumber(&mut body, &mut slots);
         self.predicates.push(PredicateUse {
-            // Names in a text contain no spaces.
+            // Names in a text contain no spaces, so this name is unique.
             name: Name::new(&format!("exists {head}")),
             arity: parameters.len(),
             added: false,
@@ -173,8 +174,8 @@ impl ConditionSplitter<'_> {
     }
 
     /// Returns an upper bound on the number of bindings of a conjunction. If a static predicate has
-    /// fewer facts than the product of the types of its variables, the number of facts is used for
-    /// these variables.
+    /// fewer facts than the product of the types of its variables, the number of facts is used
+    /// instead of this product.
     fn bindings<'f>(
         &self,
         scope: &[SlotIndex],
@@ -198,7 +199,7 @@ impl ConditionSplitter<'_> {
     }
 }
 
-/// Returns the variables that occur free in any of the formulas, sorted, without duplicates.
+/// Returns the free variables of the formulas, sorted and without duplicates.
 pub(super) fn scope<'f>(parts: impl Iterator<Item = &'f Formula>) -> Vec<SlotIndex> {
     let mut scope = Vec::new();
     parts.for_each(|part| scope.extend(part.free_slots()));
@@ -207,7 +208,7 @@ pub(super) fn scope<'f>(parts: impl Iterator<Item = &'f Formula>) -> Vec<SlotInd
     scope
 }
 
-/// Replaces each variable by its position in `slots`. A variable that is missing in `slots` is appended
+/// Replaces each variable by its position in `slots`. A variable that is not in `slots` is appended
 /// there.
 pub(super) fn renumber(formula: &mut Formula, slots: &mut Vec<SlotIndex>) {
     formula.slots_mut(&mut |slot| {
@@ -231,7 +232,8 @@ mod tests {
     use crate::limits::{Budget, Cancel};
     use crate::test_tasks::{cheapest, lifted};
 
-    /// Returns a task with a chain of four joins, which starts at an object that an action can change.
+    /// Returns a task with a chain of four joins that begins at an object which an action can
+    /// change.
     fn chain(objects: usize) -> Lifted {
         let mut problem = String::from("(define (problem p) (:domain d) (:objects");
         (0..objects).for_each(|one| write!(problem, " o{one}").expect("it fits"));
@@ -250,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn a_chain_costs_the_sum_of_its_links() {
+    fn splitting_a_chain_saves_grounding_steps() {
         let steps = |lifted: &Lifted| {
             let mut steps = 0;
             let ground = ground(lifted, Budget::default(), &Cancel::new(), &mut steps);
@@ -265,11 +267,11 @@ mod tests {
     }
 
     #[test]
-    fn what_is_narrow_stays_as_it_is() {
+    fn narrow_conditions_stay_unchanged() {
         let mut narrow = chain(25);
         split_wide(&mut narrow);
         assert!(narrow.axioms.is_empty());
-        // As wide, but each object is related to only two others.
+        // The chain has as many variables, but each object is related to only two others.
         let mut sparse = chain(40);
         sparse.init.truncate(80);
         split_wide(&mut sparse);
@@ -279,7 +281,7 @@ mod tests {
         assert!(!wide.axioms.is_empty());
     }
 
-    /// Generates a part of a condition over the variables ?a to ?d, of which ?a is free.
+    /// Generates a part of a condition over the variables ?a to ?d. The variable ?a is free.
     fn part() -> impl Strategy<Value = String> {
         let term = || prop_oneof![Just("?a"), Just("?b"), Just("?c"), Just("?d")];
         prop_oneof![
@@ -303,7 +305,7 @@ mod tests {
         })]
 
         #[test]
-        fn plans_cost_what_they_did(
+        fn splitting_keeps_the_costs_of_plans(
             parts in proptest::collection::vec(part(), 2..6),
             again in proptest::collection::vec(part(), 2..5),
             facts in proptest::collection::vec((0..3, 0..3), 0..6),

@@ -1,5 +1,5 @@
-//! Backward h²: finds the pairs of literals that can be true together in a state from which the goal is
-//! reachable.
+//! Backward h²: finds the pairs of literals that can be true together in a state from which the
+//! goal is reachable.
 
 use super::fixpoint::{AnalysisDirection, ReachablePairs, extend_to_fixpoint};
 use super::operator_views::OperatorView;
@@ -7,12 +7,12 @@ use super::pairs::{LiteralPairs, LiteralSet};
 use super::{Prune, WorkBudget, WorkExceeded};
 use crate::task::Literal;
 
-/// Backward direction of the analysis: regression from the goal, through pairs that are forward
-/// reachable.
+/// Backward direction of the analysis: regression from the goal, restricted to forward reachable
+/// pairs.
 pub(super) struct Backward<'a>(pub(super) &'a LiteralPairs);
 
-/// Computes the pairs from which the goal is reachable, among the pairs in `reached`, which are forward
-/// reachable. Returns `None` if the goal is unreachable from the initial state.
+/// Computes the pairs from which the goal is reachable. Only the forward reachable pairs in
+/// `reached` are considered. Returns `None` if the goal is unreachable from the initial state.
 pub(super) fn reach(
     prune: &Prune<'_>,
     reached: &LiteralPairs,
@@ -44,7 +44,7 @@ impl AnalysisDirection for Backward<'_> {
         if !before.contains_all(operator.after) {
             return None;
         }
-        // Facts that the operator changes may have had another value before it.
+        // A fact that the operator changes may have had either value before.
         for touched in operator.sure.iter().chain(operator.possible) {
             before.remove(*touched);
             before.remove(touched.negated());

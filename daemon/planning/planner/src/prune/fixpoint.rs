@@ -8,7 +8,7 @@ use crate::task::Literal;
 /// Result of the reachability analysis in one direction.
 pub(super) struct ReachablePairs {
     pub(super) pairs: LiteralPairs,
-    /// Per operator: whether it can be used in a plan, as far as this direction shows.
+    /// Per operator: whether a plan may use it, according to this direction.
     pub(super) fired: Vec<bool>,
 }
 
@@ -17,32 +17,34 @@ pub(super) trait AnalysisDirection {
     /// Returns the pairs of literals that the analysis may add.
     fn allowed(&self) -> &LiteralPairs;
 
-    /// Returns the literals that an operator requires in this direction. The operator can add nothing
-    /// new until the pairs of one of these literals change.
+    /// Returns the literals that an operator requires in this direction. The operator can add no
+    /// new pair until the pairs of one of these literals change.
     fn needed<'v>(&self, operator: &OperatorView<'v>) -> &'v [Literal];
 
-    /// Returns the literals that may be true on the far side of an operator: after it in the forward
-    /// direction, before it in the backward direction. Returns `None` if the operator cannot be used.
+    /// Returns the literals that may be true on the other side of an operator: after it in the
+    /// forward direction, before it in the backward direction. Returns `None` if no plan can use
+    /// the operator.
     fn reachable_literals(
         &self,
         operator: &OperatorView<'_>,
         pairs: &LiteralPairs,
     ) -> Option<LiteralSet>;
 
-    /// Returns the literals that an operator may change in this direction. Pairs are added for these
-    /// literals only.
+    /// Returns the literals that an operator may change in this direction. Only pairs with one of
+    /// these literals are added.
     fn changed<'v>(&self, operator: &OperatorView<'v>) -> impl Iterator<Item = &'v Literal>;
 }
 
-/// Logical clock: contains when the pairs of each literal last changed, and when each operator was last
-/// applied.
+/// Logical clock: the last time at which the pairs of each literal changed, and at which each
+/// operator was applied.
 struct Clock {
     now: u64,
     changed: Vec<u64>,
     looked: Vec<Option<u64>>,
 }
 
-/// Extends `pairs` to the fixpoint under all useful operators, which are applied in the given `order`.
+/// Extends `pairs` to the fixpoint under all useful operators, which are applied in the order
+/// `order`.
 pub(super) fn extend_to_fixpoint(
     prune: &Prune<'_>,
     direction: &impl AnalysisDirection,
@@ -68,7 +70,7 @@ pub(super) fn extend_to_fixpoint(
                     pairs.insert(*literal, &beyond, allowed, |one| clock.change(one));
                 }
             }
-            // Rows are read, and each new pair is written into two of them.
+            // The work is that of reading the rows, and of writing each new pair into two of them.
             work.spend((pairs.width() * operator.size()) as u64 + clock.now - before)?;
         }
         if clock.now == begun {
@@ -80,9 +82,9 @@ pub(super) fn extend_to_fixpoint(
 // === impl Clock ===
 
 impl Clock {
-    /// Whether `operator` must be applied again, because the pairs of one of `literals` have changed
-    /// since it was last applied; if `literals` is empty, because any pair has changed. If so, records
-    /// that the operator is applied now.
+    /// Whether `operator` must be applied again, because the pairs of one of `literals` have
+    /// changed since its last application. Without literals, a change of any pair is enough. If so,
+    /// records the present application.
     fn must_reapply(&mut self, operator: usize, literals: &[Literal]) -> bool {
         let changed = literals.iter().map(|one| self.changed[one.index()]).max();
         let changed = changed.unwrap_or(self.now);
@@ -93,7 +95,7 @@ impl Clock {
         must
     }
 
-    /// Records that a literal has become part of a new pair.
+    /// Records that a literal is in a new pair.
     fn change(&mut self, literal: Literal) {
         self.now += 1;
         self.changed[literal.index()] = self.now;

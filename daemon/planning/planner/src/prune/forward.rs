@@ -6,8 +6,8 @@ use super::pairs::{LiteralPairs, LiteralSet};
 use super::{Prune, WorkBudget, WorkExceeded};
 use crate::task::Literal;
 
-/// Forward direction of the analysis: progression from the initial state, through pairs that are alive
-/// (that may be true together on the way to the goal).
+/// Forward direction of the analysis: progression from the initial state, restricted to pairs that
+/// are alive (that may be true together in a state from which the goal is reachable).
 struct Forward<'a>(&'a LiteralPairs);
 
 /// Computes the pairs that are reachable through alive pairs. Returns `None` if the goal is
@@ -44,8 +44,7 @@ impl AnalysisDirection for Forward<'_> {
         }
         operator.sure.iter().for_each(|made| after.remove(made.negated()));
         self.changed(operator).for_each(|made| after.insert(*made));
-        // Removes literals that are impossible after the operator, because the goal is unreachable from
-        // there.
+        // Literals from which the goal is unreachable after the operator are removed.
         after.intersect(&self.0.with_all(operator.after));
         after.contains_all(operator.after).then_some(after)
     }

@@ -1,16 +1,18 @@
-//! Pruning: computes a smaller task with the same plans. Operators that no plan can use are removed.
-//! Facts that always hold when a plan uses an operator are added to the operator's precondition.
+//! Pruning: computes a smaller task with the same plans. Operators that no plan can use are
+//! removed. Facts that always hold when a plan uses an operator are added to the operator's
+//! precondition.
 //!
-//! 1. [`forward`]: the pairs of literals that can be true together in a reachable state. This is the
-//!    fixpoint of h² (Haslum and Geffner, “Admissible Heuristics for Optimal Planning”, 2000).
-//! 2. [`backward`]: among these pairs, those from which the goal is reachable.
+//! 1. [`forward`] computes the pairs of literals that can be true together in a reachable state.
+//!    They are the fixpoint of h² (Haslum and Geffner, “Admissible Heuristics for Optimal
+//!    Planning”, 2000).
+//! 2. [`backward`] computes those of these pairs from which the goal is reachable.
 //!
 //! The method is that of Alcázar and Torralba, “A Reminder about the Importance of Computing and
-//! Exploiting Invariants in Planning” (2015), with literals in place of finite-domain values. A fact
+//! Exploiting Invariants in Planning” (2015), with literals instead of finite-domain values. A fact
 //! `f` is implied if `not f` is impossible.
 //!
-//! Derived facts and comparisons are not analysed, and a conditional effect counts as one that may or
-//! may not happen. Less is pruned for these reasons, but the result is sound.
+//! Derived facts and comparisons are not analysed, and a conditional effect is assumed to be
+//! optional. Less is pruned for these reasons, but the result is sound.
 
 mod backward;
 mod fixpoint;
@@ -26,45 +28,46 @@ use self::fixpoint::AnalysisDirection as _;
 use self::operator_views::OperatorViews;
 use self::pairs::{LiteralPairs, LiteralSet};
 
-/// Maximal number of rounds of forward and backward analysis. The second round usually finds the last
-/// changes.
+/// Maximum number of rounds of forward and backward analysis. The second round usually finds the
+/// last changes.
 const ROUNDS_MAX: usize = 8;
 
 /// Result of pruning.
 #[derive(Debug)]
 pub(crate) enum Pruned {
-    /// The whole task remains: nothing was pruned, or the task is too large for the limits.
+    /// The whole task remains: no part was pruned, or the task is too large for the limits.
     Everything,
-    /// A smaller task remains, which has the same plans.
+    /// A smaller task with the same plans.
     Smaller(Box<PrunedTask>),
-    /// Nothing remains, because no plan exists; this is a proof.
+    /// No plan exists, which is proved.
     Nothing,
 }
 
-/// A task with the same plans as the original task, but with fewer operators or stronger preconditions.
+/// A task with the same plans as the original task, but with fewer operators or stronger
+/// preconditions.
 #[derive(Debug)]
 pub(crate) struct PrunedTask {
     pub(crate) task: Task,
-    /// Per operator of this task: its id in the original task.
+    /// Per operator of this task: its number in the original task.
     origins: Vec<OperatorId>,
 }
 
-/// Work that pruning may still do, in words of 64 pairs of literals.
+/// Remaining work of pruning, in words of 64 pairs of literals.
 #[derive(Debug)]
 pub(super) struct WorkBudget<'c> {
     left: u64,
     cancel: &'c Cancel,
 }
 
-/// Error: the cap on work is exceeded, or the call was cancelled.
+/// Error of a call that exceeded the limit on work or was cancelled.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct WorkExceeded;
 
-/// Maximal number of sets of pairs that exist at the same time.
+/// Maximum number of sets of pairs that exist at the same time.
 const SETS: u64 = 4;
 
-/// Prunes a task, with at most `bytes_max` bytes of memory and `work_max` units of work. A unit is a
-/// word of 64 pairs and takes a nanosecond or two.
+/// Prunes a task, with at most `bytes_max` bytes of memory and `work_max` units of work. A unit is
+/// a word of 64 pairs, and takes one or two nanoseconds.
 pub(crate) fn prune(task: &Task, work_max: u64, bytes_max: usize, cancel: &Cancel) -> Pruned {
     let words = LiteralPairs::words(task.basic_count).saturating_mul(SETS);
     if words > work_max / 2 || words.saturating_mul(8) > bytes_max as u64 {
@@ -78,23 +81,23 @@ pub(crate) fn prune(task: &Task, work_max: u64, bytes_max: usize, cancel: &Cance
 struct Prune<'t> {
     task: &'t Task,
     view: OperatorViews,
-    /// Per operator: whether a plan may use it, as far as is known so far.
+    /// Per operator: whether a plan may use it, according to the analysis so far.
     is_useful: Vec<bool>,
-    /// Pairs of literals that may be true together in a state on the way to the goal, as far as is
-    /// known so far.
+    /// Pairs of literals that may be true together in a reachable state from which the goal is
+    /// reachable, according to the analysis so far.
     alive: LiteralPairs,
 }
 
-// === impl Smaller ===
+// === impl PrunedTask ===
 
 impl PrunedTask {
-    /// Translates a plan of this task into operators of the original task.
+    /// Translates a plan of this task to operators of the original task.
     pub(crate) fn original(&self, plan: &[OperatorId]) -> Vec<OperatorId> {
         plan.iter().map(|id| self.origins[id.index()]).collect()
     }
 
-    /// Translates a plan of the original task into operators of this task. Returns `None` if this task
-    /// lacks one of the plan's operators.
+    /// Translates a plan of the original task to operators of this task; `None` if this task lacks
+    /// one of them.
     pub(crate) fn translate(&self, plan: &[OperatorId]) -> Option<Vec<OperatorId>> {
         let place = |id: &OperatorId| self.origins.binary_search(id).ok();
         plan.iter().map(|id| place(id).map(|place| OperatorId(place as u32))).collect()
@@ -104,7 +107,7 @@ impl PrunedTask {
 // === impl WorkBudget ===
 
 impl WorkBudget<'_> {
-    /// Subtracts `words` of work, before the work is done. Returns an error if the cap is exceeded or
+    /// Subtracts `words` of work before they are done. Returns an error if the limit is exceeded or
     /// the call is cancelled.
     fn spend(&mut self, words: u64) -> Result<(), WorkExceeded> {
         let left = self.left.checked_sub(words).filter(|_| !self.cancel.is_set());
@@ -169,8 +172,8 @@ impl<'t> Prune<'t> {
         Pruned::Smaller(Box::new(PrunedTask { task, origins }))
     }
 
-    /// Returns the facts that are true whenever a plan uses the operator. Its preconditions are left
-    /// out, and so are facts that these imply in every reachable state.
+    /// Returns the facts that are true whenever a plan uses the operator. Its preconditions, and
+    /// facts that these imply in every reachable state, are omitted.
     fn implied(&self, operator: usize, reached: &LiteralPairs, alive: &LiteralSet) -> Vec<Literal> {
         let view = self.view.operator(operator);
         let Some(mut before) = Backward(reached).reachable_literals(&view, &self.alive) else {
@@ -178,7 +181,7 @@ impl<'t> Prune<'t> {
         };
         before.intersect(&self.alive.with_all(view.preconditions));
         let with = reached.with_all(view.preconditions);
-        // A fact that is always true on the way to the goal is left out.
+        // A fact that is true in all states that matter is omitted.
         let is_news = |not: &Literal| !not.is_positive() && alive.contains(*not);
         let gone = with.without(&before).filter(is_news);
         gone.map(Literal::negated).filter(|fact| before.contains(*fact)).collect()

@@ -1,5 +1,5 @@
-//! Views of operators for the forward and the backward analysis: the literals of basic facts before and
-//! after each operator.
+//! Views of operators for the forward and the backward analysis: the literals of basic facts before
+//! and after each operator.
 
 use crate::task::{FactId, GroundOperator, Literal, Task};
 
@@ -8,7 +8,8 @@ use crate::task::{FactId, GroundOperator, Literal, Task};
 pub(super) struct OperatorViews {
     fact_count: usize,
     literals: Vec<Literal>,
-    /// Per operator: the ends of its lists of literals. The first row is a sentinel of zeros.
+    /// Per operator: the ends of its lists of literals. The first row contains zeros, as the start
+    /// of the first operator.
     rows: Vec<ViewRow>,
     pub(super) initial: Vec<Literal>,
     pub(super) goal: Vec<Literal>,
@@ -26,21 +27,21 @@ struct ViewRow {
 /// View of one operator: lists of literals of basic facts.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct OperatorView<'v> {
-    /// Literals that must hold before the operator is applied.
+    /// Literals of the precondition.
     pub(super) preconditions: &'v [Literal],
-    /// Literals that the operator makes true whenever it is applied.
+    /// Literals that every application of the operator makes true.
     pub(super) sure: &'v [Literal],
-    /// Literals that the operator may make true, by conditional effects.
+    /// Literals that conditional effects of the operator may make true.
     pub(super) possible: &'v [Literal],
-    /// Literals that hold after the operator: those in `sure`, and preconditions that it does not
-    /// change.
+    /// Literals that hold after the operator: those in `sure`, and the preconditions that it does
+    /// not change.
     pub(super) after: &'v [Literal],
-    /// For each fact that the operator may change and that is not in its precondition: the fact and its
-    /// negation. Either may hold before the operator.
+    /// Positive and negative literals of all facts that the operator may change and that are not in
+    /// its precondition. Either literal of such a fact may hold before the operator.
     pub(super) free: &'v [Literal],
 }
 
-// === impl WorldView ===
+// === impl OperatorViews ===
 
 impl OperatorViews {
     pub(super) fn of(task: &Task) -> OperatorViews {
@@ -100,8 +101,8 @@ impl OperatorViews {
     }
 }
 
-/// Returns two sorted lists: the literals that an operator makes true whenever it is applied, and the
-/// literals that it may make true.
+/// Returns two sorted lists: the literals that every application of an operator makes true, and the
+/// literals that an application may make true.
 fn outcomes(operator: GroundOperator<'_>) -> (Vec<Literal>, Vec<Literal>) {
     let literals = |facts: &[FactId], positive| -> Vec<Literal> {
         facts.iter().map(|fact| Literal::new(*fact, positive)).collect()
@@ -135,8 +136,8 @@ fn outcomes(operator: GroundOperator<'_>) -> (Vec<Literal>, Vec<Literal>) {
 // === impl OperatorView ===
 
 impl OperatorView<'_> {
-    /// Returns roughly the number of rows of pairs that one application of the operator reads and
-    /// writes.
+    /// Returns the approximate number of rows of pairs that one application of the operator reads
+    /// and writes.
     pub(super) fn size(&self) -> usize {
         self.preconditions.len() + self.after.len() + self.possible.len() + self.free.len() + 2
     }

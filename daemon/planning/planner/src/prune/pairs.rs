@@ -8,20 +8,20 @@ use crate::task::Literal;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct LiteralSet(FixedBitSet);
 
-/// A symmetric set of pairs of literals. Per literal, it contains the set of its partners. A literal
-/// that can be true at all is its own partner.
+/// A symmetric set of pairs of literals. Each literal has a set of partners. A literal that can be
+/// true is its own partner.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct LiteralPairs(Vec<LiteralSet>);
 
 // === impl LiteralSet ===
 
 impl LiteralSet {
-    /// Returns the empty set, for literals with indices below `count`.
+    /// Returns the empty set for literals with indices below `count`.
     fn none(count: usize) -> LiteralSet {
         LiteralSet(FixedBitSet::with_capacity(count))
     }
 
-    /// Returns the set of `literals`, all of which have indices below `count`.
+    /// Returns the set of `literals`, which must have indices below `count`.
     fn of(literals: impl IntoIterator<Item = Literal>, count: usize) -> LiteralSet {
         let mut set = LiteralSet::none(count);
         literals.into_iter().for_each(|literal| set.insert(literal));
@@ -64,15 +64,15 @@ impl LiteralSet {
 // === impl LiteralPairs ===
 
 impl LiteralPairs {
-    /// Returns the size of a set of pairs over the literals of `fact_count` facts, in words of 64
+    /// Returns the size of a set of pairs of the literals of `fact_count` facts, in words of 64
     /// pairs.
     pub(super) fn words(fact_count: usize) -> u64 {
         let count = 2 * fact_count as u64;
         count * count.div_ceil(64)
     }
 
-    /// Returns all pairs of the literals of `fact_count` facts, except the pairs of a literal with its
-    /// own negation.
+    /// Returns all pairs of the literals of `fact_count` facts, except each literal with its own
+    /// negation.
     pub(super) fn full(fact_count: usize) -> LiteralPairs {
         let count = 2 * fact_count;
         let all = (0..count).map(Literal::from_index);
@@ -84,7 +84,7 @@ impl LiteralPairs {
         LiteralPairs(rows.collect())
     }
 
-    /// Returns the pairs of the given literals with each other that are also in `allowed`.
+    /// Returns those pairs of the given literals that are in `allowed`.
     pub(super) fn among(
         literals: impl IntoIterator<Item = Literal>,
         allowed: &LiteralPairs,
@@ -100,7 +100,7 @@ impl LiteralPairs {
         pairs
     }
 
-    /// Returns the number of words in one row, which is the work of reading a row.
+    /// Returns the number of words in one row, which is the work of reading the row.
     pub(super) fn width(&self) -> usize {
         self.0.len().div_ceil(64)
     }
@@ -110,14 +110,14 @@ impl LiteralPairs {
         self.0.iter().map(|row| row.0.count_ones(..)).sum()
     }
 
-    /// Returns the literals that can be true at all: those that are their own partners.
+    /// Returns the literals that can be true: they are their own partners.
     pub(super) fn possible(&self) -> LiteralSet {
         let all = (0..self.0.len()).map(Literal::from_index);
         LiteralSet::of(all.filter(|one| self.0[one.index()].contains(*one)), self.0.len())
     }
 
-    /// Returns the literals that are partners of each of the given `literals`. The result includes
-    /// `literals` themselves if they can all be true together.
+    /// Returns the literals that are partners of all `literals`. The result includes `literals`
+    /// themselves if they can all be true together.
     pub(super) fn with_all(&self, literals: &[Literal]) -> LiteralSet {
         let Some((first, rest)) = literals.split_first() else { return self.possible() };
         let mut with = self.0[first.index()].clone();
@@ -125,8 +125,8 @@ impl LiteralPairs {
         with
     }
 
-    /// Adds the pairs of `literal` with the literals of a set, except pairs that are not in `allowed`.
-    /// Calls `changed` for each literal that gets a new partner.
+    /// Adds the pairs of `literal` with the literals of a set, if they are in `allowed`. Calls
+    /// `changed` for each literal with a new partner.
     pub(super) fn insert(
         &mut self,
         literal: Literal,

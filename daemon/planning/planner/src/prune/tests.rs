@@ -13,7 +13,7 @@ fn pruned(task: &Task) -> Pruned {
     prune(task, u64::MAX, usize::MAX, &Cancel::new())
 }
 
-/// Returns a shortest plan of a task, found by breadth-first search over all states.
+/// Returns a shortest plan of a task, by breadth-first search over all states.
 fn shortest(task: &Task) -> Option<Vec<OperatorId>> {
     let mut progression = Progression::new(task);
     let mut space = StateSpace::new(&progression.initial());
@@ -36,7 +36,7 @@ fn shortest(task: &Task) -> Option<Vec<OperatorId>> {
     None
 }
 
-/// A domain in which a robot paints the floor next to it, and never moves onto painted floor.
+/// A domain with a robot that paints the floor next to it and never moves onto painted floor.
 const FLOOR: &str =
     "(define (domain floor) (:predicates (at ?x) (clear ?x) (painted ?x) (up ?x ?y))
   (:action walk-up :parameters (?x ?y) :precondition (and (at ?x) (up ?x ?y) (clear ?y))
@@ -49,7 +49,7 @@ const FLOOR: &str =
     :effect (and (painted ?y) (not (clear ?y)))))";
 
 #[test]
-fn what_shuts_the_way_to_the_goal_is_left_out() {
+fn operators_that_block_the_goal_are_pruned() {
     let problem = "(define (problem p) (:domain floor) (:objects a b c d)
       (:init (up a b) (up b c) (up c d) (at a) (clear b) (clear c) (clear d))
       (:goal (and (painted b) (painted c) (painted d))))";
@@ -60,7 +60,7 @@ fn what_shuts_the_way_to_the_goal_is_left_out() {
         all.map(|id| task.step(id).to_string()).filter(|step| step.contains("paint")).collect()
     };
     assert_eq!(steps(&task).len(), 6);
-    // The robot walks backwards while it paints: each cell is painted from below.
+    // The robot moves backwards while it paints: each cell is painted from below.
     assert_eq!(steps(&smaller.task), ["(paint-up a b)", "(paint-up b c)", "(paint-up c d)"]);
     let last = smaller.task.operators.iter().find(|one| smaller_step(&smaller.task, *one, "a b"));
     let asked = last.expect("it is painted").preconditions.len();
@@ -75,7 +75,7 @@ fn smaller_step(task: &Task, operator: crate::task::GroundOperator<'_>, argument
 }
 
 #[test]
-fn a_goal_that_shuts_itself_out_is_proven_to_be_out_of_reach() {
+fn a_goal_that_blocks_itself_is_proved_unreachable() {
     let domain = "(define (domain d) (:predicates (a) (b) (c))
       (:action one :precondition (c) :effect (and (not (c)) (a)))
       (:action other :precondition (c) :effect (and (not (c)) (b))))";
@@ -84,7 +84,7 @@ fn a_goal_that_shuts_itself_out_is_proven_to_be_out_of_reach() {
 }
 
 #[test]
-fn too_much_work_is_not_begun() {
+fn pruning_stops_at_its_limits() {
     let problem = "(define (problem p) (:domain floor) (:objects a b)
       (:init (up a b) (at a) (clear b)) (:goal (painted b)))";
     let task = task(FLOOR, problem);
@@ -98,7 +98,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 600, ..ProptestConfig::default() })]
 
     #[test]
-    fn the_shortest_plan_stays(
+    fn pruning_keeps_a_shortest_plan(
         (actions, initial) in texts(),
         goal in prop_oneof![
             Just("(z)"), Just("(not (z))"), Just("(and (p b) (q a))"), Just("(and (z) (r a a))"),

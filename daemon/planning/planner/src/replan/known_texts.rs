@@ -1,5 +1,5 @@
-//! The known texts of a [`super::Replanner`]: everything that has been in its texts since the last full
-//! grounding, in the order in which it was added.
+//! The known texts of a [`super::Replanner`]: all parts of its texts since the last full grounding,
+//! in the order of their addition.
 
 use std::sync::Arc;
 
@@ -11,15 +11,16 @@ use crate::ground::{IncrementalGrounding, PresenceMask};
 /// Union of the known texts: one domain, and the objects of all problems.
 #[derive(Debug)]
 pub(super) struct KnownTexts {
-    /// Union of the domains, without constants, which are in `objects`.
+    /// Union of the domains, without constants; these are in `objects`.
     domain: Domain,
     objects: Arc<Vec<ObjectDeclaration>>,
     metric: Option<pddl::Metric>,
-    /// Result of the last comparison of objects. It is reused as long as the objects stay the same.
+    /// Result of the last comparison of objects. It is reused while the objects stay the same;
+    /// `None` if there is no valid result.
     seen: Option<ComparedObjects>,
 }
 
-/// Objects of a text, and which of the known objects are among these.
+/// Objects of a text, and a mark for each known object that is among them.
 #[derive(Debug)]
 struct ComparedObjects {
     constants: Vec<Typed>,
@@ -35,13 +36,13 @@ pub(super) struct TextAdditions {
     objects: Vec<ObjectDeclaration>,
 }
 
-/// A difference from the known texts that additions cannot express: in types, functions, axioms, the
-/// metric, or the meaning of a name.
+/// A difference from the known texts that cannot be expressed by additions: in types, functions,
+/// axioms, the metric, or the meaning of a name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct StructuralDifference;
 
-/// Number of known objects or actions that may be absent, in addition to half of all, before all texts
-/// are ground afresh.
+/// Number of known objects or actions that may be absent, in addition to half of all. If more are
+/// absent, all texts are grounded again.
 const GONE_MAX: usize = 16;
 
 // === impl KnownTexts ===
@@ -58,15 +59,15 @@ impl KnownTexts {
         known
     }
 
-    /// Adds those of the given objects that are not known.
+    /// Adds those of the given objects that are not known yet.
     fn add(&mut self, objects: impl Iterator<Item = ObjectDeclaration>) {
         let mut seen = FxHashSet::default();
         let new = objects.filter(|one| seen.insert(one.object.name.clone()));
         Arc::make_mut(&mut self.objects).extend(new);
     }
 
-    /// Compares the texts with the known texts. Returns the additions, and which of the known parts are
-    /// present.
+    /// Compares the texts with the known texts. Returns the additions, and the mask of the known
+    /// parts that are present.
     pub(super) fn compare(
         &mut self,
         domain: &Domain,
@@ -97,7 +98,7 @@ impl KnownTexts {
         Ok((additions, present))
     }
 
-    /// Returns for each known object whether the texts declare it. New objects are put into
+    /// Returns, for each known object, whether the texts declare it. Adds new objects to
     /// `additions`.
     fn compare_objects(
         &mut self,
@@ -120,7 +121,8 @@ impl KnownTexts {
                 None => additions.objects.push(declaration(object)),
             }
         }
-        // The result is not cached if there are new objects, because they have not been learned yet.
+        // The result is not cached if there are new objects, because they are not among the known
+        // texts yet.
         self.seen = additions.objects.is_empty().then(|| ComparedObjects {
             constants: domain.constants.clone(),
             objects: Arc::clone(&problem.objects),
@@ -129,8 +131,8 @@ impl KnownTexts {
         Ok(present)
     }
 
-    /// Compares the actions of the texts with the known ones. Texts mostly keep their order, so the
-    /// search for each action starts after the last match.
+    /// Compares the actions of the texts with the known actions. Texts usually keep their order, so
+    /// the search for each action starts after the last match.
     fn compare_actions(
         &self,
         domain: &Domain,
@@ -184,7 +186,7 @@ impl KnownTexts {
         present.objects.resize(self.objects.len(), true);
     }
 
-    /// Returns the union of the domains, and a problem that has all known objects and the state of
+    /// Returns the union of the domains, and a problem with all known objects and the state of
     /// `problem`.
     pub(super) fn texts(&self, problem: &Problem) -> (&Domain, Problem) {
         (&self.domain, Problem { objects: Arc::clone(&self.objects), ..problem.clone() })

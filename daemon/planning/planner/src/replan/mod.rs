@@ -1,12 +1,12 @@
-//! Replanning: a planner that keeps its ground problem between calls, and reuses an old plan where it
-//! can.
+//! Replanning: a planner that keeps its ground problem between calls, and reuses an old plan where
+//! possible.
 //!
-//! - Removed objects and actions are masked, additions are ground, and the rest is kept
-//!   ([`crate::ground::IncrementalGrounding`]). If that is not possible, the texts are ground afresh.
-//!   [`GroundingReuse`] in the result tells which of these happened.
-//! - The rest of the old plan is checked from the present state. If it fails, the search may use the
-//!   suffixes of that rest as macro operators (`repair`), besides all other operators.
-//! - The result is the same as from [`crate::plan()`], except that a different one of several equally
+//! - Removed objects and actions are masked, additions are grounded, and the rest is kept
+//!   ([`crate::ground::IncrementalGrounding`]). If this is not possible, the texts are grounded
+//!   again. [`GroundingReuse`] in the result shows which of these happened.
+//! - The rest of the old plan is checked from the present state. If it fails, the search may use
+//!   its suffixes as macro operators (`repair`), in addition to all other operators.
+//! - The result is the same as that of [`crate::plan()`], except that another of several equally
 //!   good plans may be returned. Every plan is validated against the present texts.
 
 mod known_texts;
@@ -29,7 +29,7 @@ use crate::solve::Solver;
 use crate::task::Task;
 use crate::validate::World;
 
-/// A planner for texts that change little from one call to the next.
+/// A planner for texts that differ little from one call to the next.
 ///
 /// ```
 /// let domain = pddl::parse_domain(
@@ -37,7 +37,8 @@ use crate::validate::World;
 ///        (:action push :parameters (?door) :effect (open ?door)))",
 /// ).into_result().unwrap();
 /// let problem = |objects: &str| pddl::parse_problem(&format!(
-///     "(define (problem p) (:domain d) (:objects {objects}) (:goal (forall (?door) (open ?door))))",
+///     "(define (problem p) (:domain d) (:objects {objects})
+///        (:goal (forall (?door) (open ?door))))",
 /// )).into_result().unwrap();
 /// let mut replanner = planner::Replanner::default();
 /// let mut plan = |objects| {
@@ -55,40 +56,40 @@ pub struct Replanner {
     retained: Option<RetainedState>,
 }
 
-/// Result of one call of the replanner, and how the result was found.
+/// Result of one call of the replanner, with the reused parts.
 #[derive(Clone, Debug)]
 pub struct Replanned {
-    /// Outcome of planning, as [`crate::plan()`] returns it.
+    /// Outcome of planning, as in [`crate::plan()`].
     pub outcome: PlanningOutcome,
-    /// How much of the old plan is in the new plan.
+    /// Use of the old plan in the new plan.
     pub plan_reuse: PlanReuse,
-    /// How much of the kept ground problem was reused.
+    /// Use of the kept ground problem.
     pub grounding_reuse: GroundingReuse,
 }
 
-/// How much of the old plan is in the new plan.
+/// Use of the old plan in the new plan.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PlanReuse {
     /// The new plan is the rest of the old plan.
     Kept,
     /// The new plan ends with steps of the old plan.
     Repaired {
-        /// Number of steps of the old plan with which the new plan ends.
+        /// Number of steps of the old plan at the end of the new plan.
         kept: usize,
     },
-    /// Nothing of the old plan is in the result: there is no old plan, there is no new plan, or the two
-    /// plans differ in the last step.
+    /// No step of the old plan is reused: one of the plans does not exist, or they differ in the
+    /// last step.
     Planned,
 }
 
-/// How much of the ground problem from earlier calls was reused.
+/// Use of the ground problem from earlier calls.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GroundingReuse {
-    /// The whole ground problem was reused; parts of it may be masked.
+    /// The whole ground problem was reused; some of its parts may be masked.
     Kept,
-    /// The whole ground problem was reused, and additions were ground.
+    /// The whole ground problem was reused, and additions were grounded.
     Extended,
-    /// Nothing was reused: there was no ground problem, or it could not be used.
+    /// All texts were grounded, because there was no ground problem or it was not usable.
     Full,
     /// No ground problem was needed for the result.
     Unneeded,
@@ -99,22 +100,22 @@ pub enum GroundingReuse {
 struct RetainedState {
     known: KnownTexts,
     incremental: IncrementalGrounding,
-    /// Goal that was checked last and found free of errors, with the mask of that time.
+    /// Last goal without mistakes, with the mask of its check; `None` if there is none.
     checked: Option<(Condition, PresenceMask)>,
-    /// Mask of the last call, and the initial state of that call.
+    /// Mask and initial state of the last call; `None` if there is none.
     last: Option<(PresenceMask, World)>,
 }
 
-/// Difference between the present texts and the kept state.
+/// Difference between the present texts and the state kept by the replanner.
 struct TextDifference {
     additions: TextAdditions,
     present: PresenceMask,
-    /// Initial state of the problem; `None` if there are additions, or if the kept ground problem lacks
-    /// some fact of this state.
+    /// Initial state of the problem; `None` if there are additions, or if the kept ground problem
+    /// lacks a fact of this state.
     now: Option<InitialState>,
 }
 
-/// A ground problem, ready for planning from one initial state.
+/// A ground problem for planning from one initial state.
 struct PreparedGrounding {
     now: InitialState,
     present: PresenceMask,
@@ -134,10 +135,10 @@ struct ReplanningCall<'c> {
 // === impl Replanner ===
 
 impl Replanner {
-    /// Plans for the present texts. `rest` is the rest of the plan that is being executed. A caller
-    /// that prefers the best plan to that plan passes an empty `rest`.
+    /// Plans for the present texts. `rest` is the rest of the plan that is being executed, and is
+    /// returned if it still reaches the goal. With an empty `rest`, the best plan is searched for.
     ///
-    /// As with [`crate::plan()`], planning reads no clock and writes nothing. The same sequence of
+    /// As in [`crate::plan()`], planning reads no clock and writes nothing. The same sequence of
     /// calls gives the same results.
     ///
     /// # Errors
@@ -166,8 +167,8 @@ impl Replanner {
         loop {
             let (mut held, ready) = match self.ready(&mut call, difference.take()) {
                 Ok(ready) => ready,
-                // The kept ground problem follows the texts, and is not split. A problem that is ground
-                // only once can be.
+                // The kept ground problem corresponds to the texts without splitting. A problem
+                // that is grounded only once can be split.
                 Err(GroundFailure::Stopped(reason))
                     if reason.is_limit_of_grounding() && is_decomposed(domain, problem)? =>
                 {
@@ -183,8 +184,8 @@ impl Replanner {
             let goal = &problem.goal;
             let task = held.incremental.task(&now, &present, goal, options.budget, cancel);
             match task {
-                // For example, the goal reads numbers that were not followed; after grounding afresh
-                // they are.
+                // For example, the goal uses numbers that are not part of the state. They are after
+                // regrounding.
                 Ok(Err(NeedsRegrounding)) if grounding != GroundingReuse::Full => (),
                 Ok(Err(NeedsRegrounding)) => return call.once(),
                 Ok(Ok(task)) => {
@@ -203,16 +204,16 @@ impl Replanner {
         }
     }
 
-    /// Returns the positions of those conditions that are facts and are unreachable.
+    /// Returns the positions of the conditions that are unreachable facts.
     ///
-    /// This finds less than [`crate::goal::unreachable`], and is much cheaper: one pass covers all
-    /// facts, so it can be used for a large goal. Conditions that are not single facts are never
-    /// listed. The goal of the problem does not matter.
+    /// This function finds fewer unreachable conditions than [`crate::goal::unreachable`], but is
+    /// much cheaper: one pass covers all facts, so it can be used for a large goal. Conditions that
+    /// are not single facts are never returned. The goal of the problem is ignored.
     ///
     /// # Errors
     ///
-    /// Returns [`PlanError::Unsupported`] if the texts use a feature that this planner does not support, and
-    /// [`PlanError::BadInput`] if they contain errors.
+    /// Returns [`PlanError::Unsupported`] if the texts use a feature that this planner does not
+    /// support, and [`PlanError::BadInput`] if they contain mistakes.
     pub fn facts_out_of_reach(
         &mut self,
         domain: &Domain,
@@ -228,7 +229,7 @@ impl Replanner {
         let mut call = ReplanningCall::new(domain, problem, options, cancel);
         let (mut held, ready) = match self.ready(&mut call, difference) {
             Ok(ready) => ready,
-            // A limit ended grounding, so that nothing is proved.
+            // A limit ended grounding, so there is no proof.
             Err(GroundFailure::Stopped(_)) => return Ok(Vec::new()),
             Err(GroundFailure::Refused(error)) => return Err(error),
         };
@@ -241,8 +242,8 @@ impl Replanner {
         Ok(missing.map(|(position, _)| position).collect())
     }
 
-    /// Checks for errors the parts of the texts that are new. Returns the difference from the kept
-    /// state; `None` if no state is kept, or if the kept state cannot be updated by the difference.
+    /// Checks the new parts of the texts for mistakes. Returns the difference from the kept state;
+    /// `None` if there is no kept state or it cannot be updated by the difference.
     fn difference(
         &mut self,
         domain: &Domain,
@@ -277,8 +278,8 @@ impl Replanner {
         Ok(Some(difference))
     }
 
-    /// Makes the ground problem ready: updates the kept state by a difference, or grounds the texts
-    /// afresh.
+    /// Prepares the ground problem: updates the kept state by a difference, or grounds the texts
+    /// again.
     fn ready(
         &mut self,
         call: &mut ReplanningCall<'_>,
@@ -319,15 +320,15 @@ impl RetainedState {
         Some(TextDifference { additions, present, now })
     }
 
-    /// Returns the initial state of a problem, reusing the model of the last call. Returns `None` if
-    /// texts other than the problem's state have changed.
+    /// Returns the initial state of a problem, with the model of the last call. Returns `None` if
+    /// other parts of the texts than the problem's state have changed.
     fn world(&mut self, difference: &TextDifference, problem: &Problem) -> Option<World> {
         let (last, world) = self.last.take()?;
         let is_same = difference.additions.is_empty() && difference.present == last;
         if is_same { world.with_problem(problem) } else { None }
     }
 
-    /// Updates the kept state by a difference. Returns `None` if the texts must be ground afresh.
+    /// Updates the kept state by a difference. Returns `None` if the texts must be grounded again.
     fn follow(
         &mut self,
         difference: TextDifference,
@@ -350,7 +351,7 @@ impl RetainedState {
         Ok(now.filter(fits).map(|now| PreparedGrounding { now, present, grounding }))
     }
 
-    /// Grounds the additions to the texts. Returns `false` if that is not possible.
+    /// Grounds the additions to the texts. Returns `false` if this is not possible.
     fn extend(&mut self, call: &mut ReplanningCall<'_>) -> Result<bool, GroundFailure> {
         let (union, state) = self.known.texts(call.problem);
         let Ok((lifted, symbols)) = normalize_named(union, &state) else { return Ok(false) };
@@ -373,7 +374,7 @@ impl<'c> ReplanningCall<'c> {
         ReplanningCall { domain, problem, options, cancel, statistics, judge }
     }
 
-    /// Plans without using the kept state, as [`crate::plan()`] does.
+    /// Plans without the kept state, as [`crate::plan()`] does.
     fn once(&self) -> Result<Replanned, PlanError> {
         let outcome = crate::plan(self.domain, self.problem, self.options, self.cancel)?;
         Ok(Replanned {
@@ -383,13 +384,14 @@ impl<'c> ReplanningCall<'c> {
         })
     }
 
-    /// Returns the rest of the old plan as the result, if it is not empty and still leads to the goal.
+    /// Returns the rest of the old plan as the result, if it is not empty and still reaches the
+    /// goal; otherwise `None`.
     fn rest(&mut self, rest: &[PlanStep]) -> Option<Replanned> {
         if rest.is_empty() {
             return None;
         }
         self.judge.submit(Plan { steps: rest.to_vec(), cost: None }, &mut |_| ());
-        // An old plan that no longer works is not a defect of the planner.
+        // An old plan that is no longer valid is not a defect of the planner.
         self.judge.defect = None;
         let plan = Some(self.judge.best.take()?);
         let (stop_reason, statistics) = (StopReason::GoalReached, self.statistics);
@@ -407,7 +409,7 @@ impl<'c> ReplanningCall<'c> {
         })
     }
 
-    /// Searches for a plan. Also returns the initial state from which plans were validated.
+    /// Searches for a plan. Also returns the initial state that plans were validated from.
     fn solve(
         mut self,
         task: &Task,
@@ -432,7 +434,8 @@ impl<'c> ReplanningCall<'c> {
                 resumes = is_resumed;
             }
         });
-        // The plan may be a cheapest one, but a shorter one of equal cost was not searched for.
+        // The plan may have the least cost, but no plan of equal cost with fewer steps was searched
+        // for.
         self.statistics.proven_optimal &= !resumes;
         let world = self.judge.world.take();
         let effort = self.options.effort;

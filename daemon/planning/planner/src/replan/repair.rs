@@ -1,22 +1,21 @@
 //! Plan repair: finds plans that return to the rest of an old plan as soon as possible.
 //!
-//! For each suffix of the rest there is a macro operator that stands for all steps of the suffix. The
-//! precondition of the macro operator is the goal, regressed through these steps (Fritz and McIlraith,
-//! 2007; Muise, McIlraith and Beck, 2011). Its cost is the total cost of the steps, and its effect is
-//! the goal. A search with these operators finds repairs and new plans alike, and takes the cheaper
-//! plan.
+//! Each suffix of the rest has a macro operator, which represents all steps of the suffix. Its
+//! precondition is the goal, regressed through these steps (Fritz and McIlraith, 2007; Muise,
+//! McIlraith and Beck, 2011). Its cost is the total cost of the steps, and its effect is the goal.
+//! A search with these operators finds both repairs and new plans, and returns the cheaper plan.
 
 use pddl::{Plan, PlanStep};
 use rustc_hash::FxHashMap;
 
 use crate::task::{FactId, GroundOperator, Literal, OperatorId, Task};
 
-/// A task with additional operators at its end: macro operators for suffixes of an old plan.
+/// A task with additional last operators: macro operators for suffixes of an old plan.
 pub(super) struct ResumableTask<'r> {
     pub(super) task: Task,
     /// Index of the first macro operator.
     first: usize,
-    /// For each macro operator: the position in `rest` at which the suffix begins.
+    /// Per macro operator: the position in `rest` where its suffix begins.
     starts: Vec<usize>,
     rest: &'r [PlanStep],
 }
@@ -24,9 +23,9 @@ pub(super) struct ResumableTask<'r> {
 // === impl ResumableTask ===
 
 impl<'r> ResumableTask<'r> {
-    /// Returns the task with a macro operator for each suffix of `rest` that can be regressed: the
-    /// steps of the suffix must be operators of the task without conditional effects. Returns `None` if
-    /// there is no such suffix.
+    /// Returns the task with a macro operator for each suffix of `rest` that can be regressed: its
+    /// steps must be operators of the task without conditional effects. Returns `None` if there is
+    /// no such suffix.
     pub(super) fn new(task: &Task, rest: &'r [PlanStep]) -> Option<ResumableTask<'r>> {
         let suffixes = suffixes(task, rest);
         if suffixes.is_empty() {
@@ -54,8 +53,8 @@ impl<'r> ResumableTask<'r> {
         Some(ResumableTask { task, first, starts, rest })
     }
 
-    /// Turns operators into a plan, with a macro operator replaced by its steps. Also returns whether
-    /// there is a macro operator among them.
+    /// Converts operators to a plan, in which a macro operator is replaced by its steps. Also
+    /// returns whether there is a macro operator.
     pub(super) fn plan(&self, operators: &[OperatorId]) -> (Plan, bool) {
         let (mut steps, mut resumes) = (Vec::new(), false);
         for id in operators {
@@ -74,12 +73,12 @@ impl<'r> ResumableTask<'r> {
 /// Precondition and cost of a suffix of the old plan.
 struct Suffix {
     start: usize,
-    /// Literals that must hold before the first step of the suffix, sorted.
+    /// Literals that must hold before the suffix, sorted.
     asked: Vec<Literal>,
     cost: u64,
 }
 
-/// Returns the suffixes of `rest`, beginning with the shortest, as long as regression succeeds.
+/// Returns the suffixes of `rest`, from the shortest to the longest that can be regressed.
 fn suffixes(task: &Task, rest: &[PlanStep]) -> Vec<Suffix> {
     let first_derived = task.basic_count;
     if task.goal.iter().any(|literal| literal.fact().index() >= first_derived) {
@@ -99,7 +98,7 @@ fn suffixes(task: &Task, rest: &[PlanStep]) -> Vec<Suffix> {
     suffixes
 }
 
-/// Returns the operator of each step in `rest`; `None` for a step that is no longer possible.
+/// Returns the operator of each step in `rest`; `None` for a step that is no longer an operator.
 fn operators(task: &Task, rest: &[PlanStep]) -> Vec<Option<OperatorId>> {
     let mut wanted: FxHashMap<&PlanStep, Option<OperatorId>> =
         rest.iter().map(|step| (step, None)).collect();
@@ -112,7 +111,7 @@ fn operators(task: &Task, rest: &[PlanStep]) -> Vec<Option<OperatorId>> {
         }
         let id = OperatorId(index as u32);
         if let Some(found) = wanted.get_mut(&task.step(id)) {
-            // A precondition with alternatives gives several operators for one step; one of them is
+            // A precondition with alternatives gives several operators for one step; any of them is
             // enough.
             found.get_or_insert(id);
         }
@@ -120,8 +119,8 @@ fn operators(task: &Task, rest: &[PlanStep]) -> Vec<Option<OperatorId>> {
     rest.iter().map(|step| wanted.get(step).copied().flatten()).collect()
 }
 
-/// Regresses the literals `asked` through an operator: returns the literals that must hold before the
-/// operator. Returns `None` if they cannot be computed, or if `asked` never holds after the operator.
+/// Regresses the literals `asked` through an operator: returns the literals that must hold before
+/// it. Returns `None` if they cannot be computed, or if `asked` cannot hold after the operator.
 fn regressed(task: &Task, asked: &[Literal], operator: GroundOperator<'_>) -> Option<Vec<Literal>> {
     let is_basic = |literal: &Literal| literal.fact().index() < task.basic_count;
     let comparisons = task.basic_count..task.basic_count + task.comparisons.len();
@@ -148,7 +147,7 @@ fn regressed(task: &Task, asked: &[Literal], operator: GroundOperator<'_>) -> Op
     }
     before.sort_unstable();
     before.dedup();
-    // The literals of one fact are adjacent, the positive one first.
+    // The literals of one fact are next to each other, the positive one first.
     let contradicts = before.windows(2).any(|pair| pair[0].negated() == pair[1]);
     (!contradicts).then_some(before)
 }

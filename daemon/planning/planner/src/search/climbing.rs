@@ -1,6 +1,6 @@
-//! Hill climbing, which is tried before the search because many problems are easier than they seem.
-//! Each round applies the relaxed plan, or as much of it as leads nearer to the goal (Vidal, 2004). If
-//! that does not help, the round does a step of enforced hill climbing (Hoffmann and Nebel, 2001).
+//! Hill climbing, which comes before the search because many problems are easy. Each round applies
+//! the relaxed plan, or the part of it that decreases the estimate (Vidal, 2004). If this fails,
+//! the round is a step of enforced hill climbing (Hoffmann and Nebel, 2001).
 //!
 //! Neither method is complete; both give up after little work.
 
@@ -10,11 +10,11 @@ use crate::progression::Progression;
 use crate::state::{State, StateId, StateSpace, all_hold};
 use crate::task::{OperatorId, Task};
 
-/// Cap on the number of states in one breadth-first search for a better state.
+/// Maximum number of states in one breadth-first search for a better state.
 const PLATEAU_MAX: usize = 100;
 
-/// Cap on the work of the whole climb: the number of evaluations times the size of the relaxation. The
-/// cap allows some hundredths of a second.
+/// Limit on the work of the whole climb: the number of evaluations times the size of the
+/// relaxation. The limit allows some hundredths of a second.
 const WORK_MAX: usize = 20_000_000;
 
 /// Hill climbing from the initial state of a task towards the goal.
@@ -28,16 +28,16 @@ pub(crate) struct HillClimbing<'t, 'h> {
     pub(crate) expansions: u64,
 }
 
-/// Operators to apply, the state after them, and the heuristic estimate of that state.
+/// Operators to apply, the state after them, and the estimate of that state.
 type ClimbingStep = (Vec<OperatorId>, Vec<u64>, u64);
 
 /// Result of hill climbing.
 pub(crate) enum ClimbingOutcome {
-    /// A plan was found: these operators lead to the goal.
+    /// These operators lead to the goal.
     Plan(Vec<OperatorId>),
-    /// The goal is unreachable in the delete relaxation. This is a proof that there is no plan.
+    /// The goal is unreachable in the delete relaxation, which proves that no plan exists.
     DeadEnd,
-    /// No plan was found within the caps; a plan may exist all the same.
+    /// No plan was found within the limits, but a plan may exist.
     GaveUp,
 }
 
@@ -84,8 +84,8 @@ impl<'t, 'h> HillClimbing<'t, 'h> {
         self.ff.evaluate(state)
     }
 
-    /// Applies the operators of the last relaxed plan, one after the other, as long as one of them is
-    /// applicable. Returns `None` if they do not lead to a state with a better estimate.
+    /// Applies the operators of the last relaxed plan, as long as one of them is applicable.
+    /// Returns `None` if the resulting state has no better estimate.
     fn apply_relaxed_plan(&mut self, from: &State, estimate: u64) -> Option<ClimbingStep> {
         let mut left: Vec<OperatorId> = self.ff.relaxed_plan().to_vec();
         left.sort_by_key(|operator| (self.ff.depth(*operator), *operator));
@@ -112,7 +112,7 @@ impl<'t, 'h> HillClimbing<'t, 'h> {
         Some((steps, state, better))
     }
 
-    /// Searches breadth first for a state with a better estimate, by preferred operators only.
+    /// Searches breadth-first for a state with a better estimate, using preferred operators only.
     fn search_better_state(
         &mut self,
         from: &State,
@@ -145,8 +145,8 @@ impl<'t, 'h> HillClimbing<'t, 'h> {
                 if found.is_some_and(|found| found < estimate) {
                     return Some((space.path(child), successor, found.unwrap_or(0)));
                 }
-                // A dead end gets no operators; it is pushed all the same, to keep the index equal to
-                // the state's id.
+                // A dead end has no operators, but is pushed so that the index stays equal to the
+                // state's id.
                 preferred.push(found.map_or_else(Vec::new, |_| self.ff.preferred().to_vec()));
             }
         }

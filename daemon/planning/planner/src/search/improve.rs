@@ -5,8 +5,8 @@ use crate::progression::Progression;
 use crate::state::all_hold;
 use crate::task::{OperatorId, Task};
 
-/// Maximal number of steps of a plan that is checked for superfluous steps. The check takes quadratic
-/// time.
+/// Maximum number of steps of a plan that is checked for superfluous steps. The check takes
+/// quadratic time.
 const STEPS_MAX: usize = 1_000;
 
 /// Returns the plan without superfluous steps. The result never costs more than the given plan.
@@ -29,8 +29,8 @@ pub(crate) fn eliminate(
     plan
 }
 
-/// Returns the plan without one step and without all later steps that are not applicable after this
-/// removal. Returns `None` if the remaining steps do not reach the goal.
+/// Returns the plan without one step and without all later steps that become inapplicable. Returns
+/// `None` if the remaining steps do not reach the goal.
 fn without(
     task: &Task,
     progression: &mut Progression<'_>,

@@ -1,16 +1,20 @@
 //! Best-first search with deferred evaluation and several open lists that alternate.
 //!
-//! The open lists are those of NOLAN (Corrêa and Seipp, 2025): one by the FF heuristic for all
-//! The open lists are those of NOLAN (Corrêa and Seipp, 2025): one sorted by the FF heuristic, for all
-//! operators; two for preferred operators only, sorted by the FF heuristic and by landmark count (LAMA:
-//! Richter and Westphal, 2010); and one sorted by novelty, partitioned by landmark count. Two more can
-//! be added: LAMA's landmark count for all operators, for tasks where the FF heuristic is
-//! uninformative, and type-based buckets, for tasks where all heuristics mislead. Whenever the search
-//! makes progress, the lists of preferred operators get a thousand additional turns.
+//! The open lists are those of NOLAN (Corrêa and Seipp, 2025):
 //!
-//! Without a weight the search is greedy and ends with its first plan. With a weight, path costs count,
-//! states that are reached again at a lower cost are evaluated again, and only plans below a cost bound
-//! are returned: this is one stage of LAMA's anytime search.
+//! - one sorted by the FF heuristic, for all operators;
+//! - two for preferred operators only, sorted by the FF heuristic and by landmark count (LAMA:
+//!   Richter and Westphal, 2010);
+//! - one sorted by novelty, partitioned by landmark count.
+//!
+//! Two more lists are possible: LAMA's landmark count for all operators, for tasks with an
+//! uninformative FF heuristic, and type-based buckets, for tasks where all heuristics mislead.
+//! Whenever the search makes progress, the lists of preferred operators get a thousand additional
+//! turns.
+//!
+//! Without a weight the search is greedy and ends with its first plan. With a weight, the search
+//! respects path costs, evaluates states again that it reaches at a lower cost, and returns only
+//! plans below a cost bound. Such a search is one stage of LAMA's anytime search.
 
 use super::open::{OpenEntry, OpenList};
 use super::types::TypeList;
@@ -24,11 +28,11 @@ use crate::state::{StateId, StateSpace, all_hold};
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
 
-/// Number of additional turns that the lists of preferred operators get whenever the search makes
-/// progress.
+/// Number of additional turns of the lists of preferred operators after each progress of the
+/// search.
 const BOOST: i64 = 1_000;
 
-/// An open list: how its states are sorted, and which of their operators are applied.
+/// Kind of an open list: the order of its states, and the operators that are applied in them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum List {
     /// Sorted by the FF heuristic; all operators are applied.
@@ -37,27 +41,27 @@ pub(crate) enum List {
     FfPreferred,
     /// Sorted by landmark count; only preferred operators are applied.
     LandmarksPreferred,
-    /// Sorted by novelty among the states with the same landmark count. States that are not novel are
+    /// Sorted by novelty among the states with the same landmark count. States without novelty are
     /// not added.
     Novel,
     /// Sorted by landmark count; all operators are applied.
     Landmarks,
-    /// Type-based: each turn takes a random state of a random type.
+    /// Type-based: each turn returns a random state of a random type.
     Types,
 }
 
-/// Open lists of the second search, which runs beside the search of the chosen configuration if two
-/// threads are asked for.
+/// Open lists of the second search, which runs in parallel to the configured search if two threads
+/// are requested.
 pub(crate) const EXPLORATION_LISTS: &[List] =
     &[List::Ff, List::Novel, List::Landmarks, List::Types];
 
-/// Number of kinds of open lists that are sorted by a key.
+/// Number of kinds of open lists with a sort key.
 const SORTED: usize = 5;
 
 /// Number of all kinds of open lists.
 const LISTS: usize = 6;
 
-/// Cap on the work of finding mutex groups: some hundredths of a second.
+/// Limit on the work of finding mutex groups, which takes some hundredths of a second.
 const MUTEX_WORK_MAX: u64 = 5_000_000;
 
 /// Parameters of a search.
@@ -65,13 +69,12 @@ const MUTEX_WORK_MAX: u64 = 5_000_000;
 pub(crate) struct SearchParameters {
     /// Weights of operators in path costs and in the FF heuristic.
     pub(crate) weights: Weights,
-    /// Factor of the heuristic estimate relative to the path cost. `None` means greedy search, which
+    /// Factor of the heuristic estimate relative to the path cost; `None` for greedy search, which
     /// ignores path costs.
     pub(crate) weight: Option<u32>,
-    /// Cost bound, in units of the task: only plans that cost less are returned.
+    /// Cost bound, in units of the task. Only plans with a lower cost are returned.
     pub(crate) bound: u64,
-    /// Open lists of the search. If several have had the same number of turns, the one listed first
-    /// goes first.
+    /// Open lists of the search. Of lists with the same number of turns, the first one is next.
     pub(crate) lists: &'static [List],
 }
 
@@ -85,11 +88,11 @@ pub(crate) struct LazySearch<'t> {
     landmarks: LandmarkCount,
     novelty: Novelty,
     space: StateSpace,
-    /// Per state: its landmark status, that is, which landmarks have been achieved.
+    /// Per state: its landmark status, the set of achieved landmarks.
     statuses: Vec<u64>,
     /// Per state: its landmark count, which is also its partition for novelty.
     counts: Vec<u32>,
-    /// Per state: the cost of the path to the state, in units of the task, and the weight of the path.
+    /// Per state: the cost of its path, in units of the task, and the weight of its path.
     spent: Vec<PathCost>,
     preferred: Preferred,
     sorted: [OpenList; SORTED],
@@ -120,7 +123,8 @@ struct Preferred {
 // === impl SearchParameters ===
 
 impl SearchParameters {
-    /// Returns the parameters of a greedy search for a first plan, in which every step weighs one.
+    /// Returns the parameters of a greedy search for a first plan, with the weight one for every
+    /// step.
     pub(crate) fn greedy(lists: &'static [List]) -> SearchParameters {
         SearchParameters { weights: Weights::Unit, weight: None, bound: u64::MAX, lists }
     }
@@ -172,7 +176,7 @@ impl<'t> LazySearch<'t> {
         }
     }
 
-    /// Returns the statistics of the search, with the numbers of expansions and evaluations so far.
+    /// Returns the statistics of the search, with its expansions and evaluations so far.
     pub(crate) fn statistics(&self) -> Statistics {
         let (expansions, evaluations) = (self.expansions, self.evaluations);
         Statistics { expansions, evaluations, ..Statistics::default() }
@@ -204,8 +208,8 @@ impl<'t> LazySearch<'t> {
         SearchStep::InProgress
     }
 
-    /// Takes an entry from the open list that has had the fewest turns. Returns `None` if all lists are
-    /// empty.
+    /// Removes and returns an entry of the open list with the fewest turns so far; `None` if all
+    /// lists are empty.
     fn next(&mut self) -> Option<OpenEntry> {
         let LazySearch { sorted, types, manner, turns, space, generator, task, preferred, .. } =
             self;
@@ -245,7 +249,7 @@ impl<'t> LazySearch<'t> {
         self.spent.push(spent);
     }
 
-    /// Evaluates a state and adds it to the open lists, unless the state is a dead end.
+    /// Evaluates a state, and adds it to the open lists unless it is a dead end.
     fn evaluate(&mut self, id: StateId, parent: StateId) {
         self.evaluations += 1;
         match self.ff.evaluate(self.space.state(id)) {
@@ -296,7 +300,7 @@ impl<'t> LazySearch<'t> {
         self.novelty.evaluate(self.space.state(id), count(id), before)
     }
 
-    /// Returns the cost and the weight of the path to `parent`, extended by one operator.
+    /// Returns the cost and the weight of the path to `parent` and one further operator.
     fn spent(&self, parent: StateId, operator: OperatorId) -> PathCost {
         let operator = self.task.operator(operator);
         let before = self.spent[parent.0 as usize];
@@ -355,7 +359,7 @@ impl Search for LazySearch<'_> {
     }
 
     /// Only dead ends of the relaxation and paths at or above the cost bound are pruned. Empty open
-    /// lists thus prove that there is no plan below the bound.
+    /// lists therefore prove that no plan below the bound exists.
     fn exhausted(&self) -> StopReason {
         if self.manner.bound == u64::MAX {
             StopReason::Unsolvable { before_search: self.dead_end_at_start }

@@ -1,12 +1,12 @@
-//! Search: from a ground task to a sequence of operators.
+//! Search: finds a sequence of operators that solves a ground task.
 //!
-//! A search implements [`Search::step`]. The loop around it, with its limits, is the same for all
-//! searches; it is [`run`].
+//! A search implements [`Search::step`]. All searches are run by the same loop, [`run`], which
+//! enforces the limits.
 //!
 //! - [`climbing`] is quick and incomplete; [`lazy`] is complete.
 //! - [`portfolio`] runs two searches in lockstep.
 //! - [`optimal`] finds a cheapest plan of a small task, with a proof.
-//! - [`improve`] removes steps that a plan does not need; [`neighborhood`] finds shortcuts.
+//! - [`improve`] removes superfluous steps of a plan; [`neighborhood`] finds shortcuts.
 
 pub(crate) mod climbing;
 pub(crate) mod improve;
@@ -35,7 +35,7 @@ pub(crate) enum SearchStep {
 /// Progress event of a search.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum SearchProgress<'p> {
-    /// The search goes on and has expanded this number of states.
+    /// The search has expanded this number of states and continues.
     Searching(u64),
     /// The search has found this plan.
     Found(&'p [OperatorId]),
@@ -46,22 +46,22 @@ const TELL_EVERY: u64 = 1_000;
 
 /// A search that runs step by step.
 pub(crate) trait Search {
-    /// Expands at most one state.
+    /// Does one step of the search, which expands at most one state.
     fn step(&mut self) -> SearchStep;
 
     /// Returns the number of states expanded so far.
     fn expansions(&self) -> u64;
 
-    /// Returns the number of bytes that the search takes now.
+    /// Returns the present number of bytes of the search.
     fn bytes(&self) -> usize;
 
-    /// Returns the stop reason that applies when no state is left to expand: [`StopReason::Unsolvable`]
-    /// if this proves that no plan exists, otherwise another reason.
+    /// Returns the stop reason of a search that has no state left to expand:
+    /// [`StopReason::Unsolvable`] if this proves that no plan exists, and otherwise another reason.
     fn exhausted(&self) -> StopReason;
 }
 
-/// Runs a search until it ends or a limit is reached. Calls `tell` with the progress every
-/// [`TELL_EVERY`] expansions, and once after the first step.
+/// Runs a search until it ends or reaches a limit. Calls `tell` with the progress after the first
+/// step, and then every [`TELL_EVERY`] expansions.
 pub(crate) fn run(
     search: &mut dyn Search,
     budget: Budget,

@@ -1,9 +1,9 @@
-//! Plan neighborhood graph search: finds shortcuts between the states of a plan (Nakhost and Müller,
-//! 2010).
+//! Plan neighborhood graph search: finds shortcuts between the states of a plan (Nakhost and
+//! Müller, 2010).
 //!
-//! First, states near those of the plan are gathered, breadth first from all states of the plan at
-//! once, as many as the limits allow. Then the cheapest path through the gathered states is taken. No
-//! heuristic is used, so none can mislead: if a plan makes a detour, this search finds the shortcut.
+//! First, states near the plan are collected breadth-first from all states of the plan at once,
+//! within the limits. Then the cheapest path through the collected states is computed. No heuristic
+//! is used that could mislead the search: if a plan makes a detour, this search finds the shortcut.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -20,9 +20,9 @@ use crate::task::{OperatorId, Task};
 /// Limits of the search for shortcuts near a plan.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct NeighborhoodLimits {
-    /// Maximal number of transitions (states with one of their operators applied) to generate.
+    /// Maximum number of generated transitions (states with one of their operators applied).
     pub(crate) steps_max: u64,
-    /// Maximal number of bytes for states and transitions.
+    /// Maximum number of bytes of states and transitions.
     pub(crate) bytes_max: usize,
 }
 
@@ -30,14 +30,14 @@ pub(crate) struct NeighborhoodLimits {
 struct Neighborhood<'t> {
     task: &'t Task,
     space: StateSpace,
-    /// Per expanded state, in the order of ids: the index of its first transition. The last entry is
-    /// the end of all transitions.
+    /// Per expanded state, in the order of ids: the index of its first transition. The last entry
+    /// is the end of all transitions.
     starts: Vec<usize>,
     steps: Vec<(StateId, OperatorId)>,
 }
 
-/// Searches the neighborhood of `plan`, and returns a plan that is cheaper, or as cheap with fewer
-/// steps. Returns `None` if the neighborhood has no such plan.
+/// Searches the neighborhood of `plan` for a plan that is cheaper, or as cheap with fewer steps;
+/// `None` if there is no such plan.
 pub(crate) fn cheaper(
     task: &Task,
     generator: &SuccessorGenerator,
@@ -70,7 +70,7 @@ impl<'t> Neighborhood<'t> {
         }
         let mut gathered = Neighborhood { task, space, starts: vec![0], steps: Vec::new() };
         let mut applicable = Vec::new();
-        // Ids ascend in the order of insertion, so that to iterate over them is to go breadth first.
+        // Ids ascend in the order of insertion, so iterating over them is a breadth-first search.
         for id in (0..).map(StateId) {
             let is_end = id.0 as usize >= gathered.space.len() || cancel.is_set();
             if is_end || gathered.steps.len() as u64 >= extent.steps_max {
@@ -93,14 +93,13 @@ impl<'t> Neighborhood<'t> {
         gathered
     }
 
-    /// Returns the number of bytes that the neighborhood takes, including the bytes that Dijkstra's
-    /// algorithm will need.
+    /// Returns the number of bytes of the neighborhood, including those for Dijkstra's algorithm.
     fn bytes(&self) -> usize {
         let per_state = size_of::<u64>() + 2 * size_of::<(u64, StateId)>();
         self.space.bytes() + self.space.len() * per_state + arena::bytes(&self.steps, 1)
     }
 
-    /// Returns the cheapest path to a goal state, if this path weighs less than `bound`.
+    /// Returns the cheapest path to a goal state; `None` if no path weighs less than `bound`.
     fn cheapest(mut self, bound: u64, cancel: &Cancel) -> Option<Vec<OperatorId>> {
         let mut weights = vec![u64::MAX; self.space.len()];
         let mut open = BinaryHeap::from([Reverse((0, StateId(0)))]);
@@ -152,8 +151,8 @@ mod tests {
         cheaper(task, &SuccessorGenerator::new(task), plan, extent, &Cancel::new())
     }
 
-    /// Returns the plan that a random walk finds, or `None` if the walk does not reach the goal.
-    /// `choices` decide which operator each step takes.
+    /// Returns the plan of a random walk, or `None` if the walk does not reach the goal. `choices`
+    /// determine the operators.
     fn strolled(task: &Task, choices: &[usize]) -> Option<Vec<OperatorId>> {
         let generator = SuccessorGenerator::new(task);
         let mut progression = Progression::new(task);
@@ -174,10 +173,10 @@ mod tests {
     }
 
     proptest! {
-        /// Without limits, the result is a cheapest plan; there is no result if the given plan is
-        /// already a cheapest one.
+        /// Without limits, the result is a cheapest plan. There is no result if the given plan is
+        /// already a cheapest plan.
         #[test]
-        fn the_whole_neighborhood_has_the_cheapest_plan(
+        fn an_unlimited_neighborhood_contains_a_cheapest_plan(
             (actions, initial) in texts(),
             choices in prop::collection::vec(0..64_usize, 1..40),
         ) {
@@ -195,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn a_way_round_is_cut_short_as_far_as_is_looked() {
+    fn a_detour_is_shortened_within_the_limits() {
         let task = task(
             "(define (domain d) (:predicates (at ?x) (door ?x ?y))
                (:action go :parameters (?x ?y) :precondition (and (at ?x) (door ?x ?y))

@@ -1,8 +1,8 @@
-//! Open lists: sorted queues of the states that are to be expanded next.
+//! Open lists: sorted queues of states to expand.
 //!
-//! With deferred evaluation, all successors of a state have the same key, so a list stores states, not
-//! their successors. The operators of a state are computed when the state is taken from the list, and
-//! again if a better state was expanded in between.
+//! With deferred evaluation, all successors of a state have the same key, so a list stores the
+//! state instead of its successors. The operators of a state are computed when it is removed from
+//! the list, and again after a better state was expanded in between.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -12,17 +12,17 @@ use crate::task::OperatorId;
 /// Entry of an open list: an operator, and the state to apply it in.
 pub(super) type OpenEntry = (StateId, OperatorId);
 
-/// Sort key of an open list; states with the lowest key come first.
+/// Sort key of an open list. States with the lowest key come first.
 pub(super) type SortKey = (u32, u32, u32);
 
-/// A state in an open list, and how many of its operators have been returned.
+/// A state in an open list, with the number of its operators that the list has returned so far.
 #[derive(Clone, Copy, Debug)]
 struct QueuedState {
     state: StateId,
     done: u32,
 }
 
-/// An open list: states sorted by key; among equal keys, the state that was added first comes first.
+/// An open list: states sorted by key. States with equal keys have the order of their addition.
 #[derive(Debug, Default)]
 pub(super) struct OpenList {
     buckets: BTreeMap<SortKey, VecDeque<QueuedState>>,
@@ -32,7 +32,7 @@ pub(super) struct OpenList {
     operators: Vec<OperatorId>,
 }
 
-/// The state of an open list that is being expanded: its operators are returned one by one.
+/// The state of an open list that is being expanded. Its operators are returned one by one.
 #[derive(Clone, Copy, Debug)]
 struct Current {
     key: SortKey,
@@ -47,8 +47,8 @@ impl OpenList {
         self.count += 1;
     }
 
-    /// Returns the next operator of the best state. `operators` computes the operators of a state, and
-    /// must return the same operators each time.
+    /// Returns the next operator of the best state; `None` if the list is empty. `operators`
+    /// computes the operators of a state, and must return the same operators each time.
     pub(super) fn pop(
         &mut self,
         mut operators: impl FnMut(StateId, &mut Vec<OperatorId>),
@@ -76,8 +76,8 @@ impl OpenList {
         self.count == 0 && self.current.is_none()
     }
 
-    /// Puts the state that is being expanded back to the front of its bucket if a better state has been
-    /// added.
+    /// Moves the state that is being expanded back to the front of its bucket, if a better state
+    /// was added.
     fn requeue_current(&mut self) {
         let Some(Current { key, waiting }) = self.current else { return };
         let best = self.buckets.first_key_value().map(|(key, _)| *key);
@@ -99,7 +99,7 @@ impl OpenList {
         waiting.map(|waiting| Current { key, waiting })
     }
 
-    /// Returns the number of bytes that the list takes.
+    /// Returns the number of bytes of the list.
     pub(super) fn bytes(&self) -> usize {
         self.count * size_of::<QueuedState>() + self.operators.len() * size_of::<OperatorId>()
     }

@@ -1,8 +1,7 @@
-//! A* with an admissible heuristic: finds a cheapest plan, and among the cheapest plans one with the
-//! fewest steps.
+//! A* with an admissible heuristic: finds a cheapest plan with the fewest steps.
 //!
-//! With a bound, only plans that weigh less than the bound are searched for. If there is none, the plan
-//! with the weight of the bound is optimal.
+//! With a bound, only plans with a smaller weight than the bound are searched for. If there is
+//! none, the plan with the weight of the bound is optimal.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -15,27 +14,27 @@ use crate::state::{StateId, StateSpace, all_hold};
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
 
-/// Entry of the open list. Entries are sorted by `f`, then by `h`, then newest state first; the last
-/// number is the `g` with which the state was queued.
+/// Entry of the open list. Entries are sorted by `f`, then by `h`, then by the newest state. The
+/// last number is the `g` of the state at the time of queueing.
 type AStarEntry = Reverse<(u64, u64, Reverse<StateId>, u64)>;
 
-/// Value of `estimates` for a state that has not been evaluated.
+/// Value of `estimates` for a state without an evaluation.
 const UNKNOWN: u64 = u64::MAX;
 
 /// Value of `estimates` for a dead end.
 const DEAD_END: u64 = u64::MAX - 1;
 
-/// An A* search for a plan that weighs less than a bound. The number of explorations of the relaxation
-/// is capped.
+/// An A* search for a plan with a smaller weight than a bound. The number of explorations of the
+/// relaxation is limited.
 pub(crate) struct AStar<'t> {
     task: &'t Task,
     evaluator: Box<dyn Evaluator + 't>,
     progression: Progression<'t>,
     generator: &'t SuccessorGenerator,
     space: StateSpace,
-    /// Per state: the least weight of the paths to it that have been found so far.
+    /// Per state: the least weight of the known paths to it.
     distances: Vec<u64>,
-    /// Per state: its heuristic estimate, or [`UNKNOWN`] until the state is evaluated.
+    /// Per state: its heuristic estimate, or [`UNKNOWN`] before the evaluation.
     estimates: Vec<u64>,
     open: BinaryHeap<AStarEntry>,
     bound: u64,
@@ -48,7 +47,7 @@ pub(crate) struct AStar<'t> {
     applicable: Vec<OperatorId>,
 }
 
-/// Returns the weight of a sequence of operators, as A* counts it.
+/// Returns the weight of a sequence of operators in A*.
 pub(crate) fn weight(task: &Task, operators: &[OperatorId]) -> u64 {
     let weights =
         operators.iter().map(|id| Weights::CostThenSteps.weight(task, task.operator(*id)));
@@ -96,14 +95,14 @@ impl<'t> AStar<'t> {
         }
     }
 
-    /// Whether a state was dropped because its weight exceeds the range of `u64`, although the search
-    /// has no bound.
+    /// Whether a search without a bound dropped a state because its weight exceeds the range of
+    /// `u64`.
     pub(crate) fn has_overflowed(&self) -> bool {
         self.has_overflowed
     }
 
-    /// Returns the heuristic estimate of a state that is reached with weight `g`. The evaluator may
-    /// stop as soon as the estimate is large enough to exclude plans below the bound.
+    /// Returns the heuristic estimate of a state after a path with the weight `g`. The evaluator
+    /// may stop when the estimate is large enough to exclude plans below the bound.
     fn estimate(&mut self, id: StateId, g: u64) -> u64 {
         let known = self.estimates[id.0 as usize];
         if known != UNKNOWN {
@@ -119,8 +118,8 @@ impl<'t> AStar<'t> {
         estimate
     }
 
-    /// Queues a successor under the estimate of its parent minus the weight of the step. This estimate
-    /// is still a lower bound (pathmax), and most states need no evaluation of their own.
+    /// Queues a successor with the estimate of its parent minus the weight of the step. This
+    /// estimate is still a lower bound (pathmax), so that most states need no evaluation.
     fn generate(&mut self, parent: StateId, operator: OperatorId, (f, h, g): (u64, u64, u64)) {
         let from = self.space.state(parent);
         let ground = self.task.operator(operator);
@@ -188,7 +187,7 @@ impl Search for AStar<'_> {
         self.space.bytes() + open + per_state + self.evaluator.bytes()
     }
 
-    /// If no state is left, only states below the bound were searched; plans above the bound may exist.
+    /// The search considers only plans below the bound, so plans above the bound may exist.
     fn exhausted(&self) -> StopReason {
         if self.explorations > self.explorations_max {
             StopReason::ExpansionLimit { limit: self.expansions }

@@ -1,5 +1,5 @@
-//! Two searches in parallel, in lockstep: after every round of steps the searches wait for each other,
-//! so that the result does not depend on the speed of the machine.
+//! Two searches in parallel, in lockstep. After every round of steps, the searches wait for each
+//! other, so that the result does not depend on the speed of the machine.
 
 use super::lazy::{EXPLORATION_LISTS, LazySearch, List, SearchParameters};
 use super::{Search, SearchProgress, SearchStep};
@@ -9,14 +9,14 @@ use crate::outcome::{Statistics, StopReason};
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
 
-/// Number of steps of each search per round: some milliseconds of work.
+/// Number of steps of each search per round, which take some milliseconds.
 const ROUND: usize = 500;
 
 type SearchResult = Result<Vec<OperatorId>, StopReason>;
 
-/// Runs two searches in parallel: one with the given open lists, and one with [`EXPLORATION_LISTS`].
-/// The first search that finds a plan or a proof ends both; if both end in the same round, the result
-/// of the one with the given lists is taken.
+/// Runs two searches in parallel: one with the given open lists, and one with
+/// [`EXPLORATION_LISTS`]. The first search with a plan or a proof ends both. If both end in the
+/// same round, the search with the given lists takes precedence.
 pub(crate) fn run<'t>(
     task: &'t Task,
     generator: &'t SuccessorGenerator,
@@ -46,7 +46,7 @@ pub(crate) fn run<'t>(
         let (first, second) = std::thread::scope(|scope| {
             let beside = scope.spawn(|| round(curious));
             let first = round(greedy);
-            // A panic of the second thread is passed on, as if it had happened on this thread.
+            // A panic of the second thread is resumed on this thread.
             let second = beside.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
             (first, second)
         });

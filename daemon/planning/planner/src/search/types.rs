@@ -1,6 +1,6 @@
-//! Type-based exploration: states are grouped by type; first a random type is drawn, then a random
-//! state of this type (Xie, Müller, Holte and Imai, 2014). However misleading the heuristics are, all
-//! parts of the known state space are explored.
+//! Type-based exploration: states are grouped by type. A random type is drawn first, and then a
+//! random state of this type (Xie, Müller, Holte and Imai, 2014). All parts of the known state
+//! space are explored, even if the heuristics mislead.
 
 use rustc_hash::FxHashMap;
 
@@ -8,14 +8,14 @@ use super::open::OpenEntry;
 use crate::state::StateId;
 use crate::task::OperatorId;
 
-/// States grouped by type. The type of a state is the pair of its heuristic estimate and the weight of
-/// the path to it.
+/// States grouped by type. The type of a state is the pair of its heuristic estimate and the weight
+/// of its path.
 #[derive(Debug)]
 pub(super) struct TypeList {
     of_type: FxHashMap<(u32, u32), usize>,
-    /// Per type: its states, each with the number of its operators that have been returned.
+    /// Per type: its states, each with the number of its returned operators.
     types: Vec<Vec<(StateId, u32)>>,
-    /// Types that have at least one state.
+    /// Types with at least one state.
     open: Vec<usize>,
     count: usize,
     random: u64,
@@ -29,7 +29,8 @@ impl Default for TypeList {
             types: Vec::new(),
             open: Vec::new(),
             count: 0,
-            // Seed: any number but zero. It is constant, so that the same plan is found in every run.
+            // The seed is any constant number except zero, so that the same plan is found in every
+            // run.
             random: 0x9E37_79B9_7F4A_7C15,
             operators: Vec::new(),
         }
@@ -56,8 +57,7 @@ impl TypeList {
         self.open.is_empty()
     }
 
-    /// Returns the next operator of a random state of a random type. Returns `None` if no state is
-    /// left.
+    /// Returns the next operator of a random state of a random type; `None` if no state is left.
     pub(super) fn pop(
         &mut self,
         mut operators: impl FnMut(StateId, &mut Vec<OperatorId>),
@@ -86,7 +86,7 @@ impl TypeList {
         None
     }
 
-    /// Returns the number of bytes that the list takes.
+    /// Returns the number of bytes of the list.
     pub(super) fn bytes(&self) -> usize {
         self.count * size_of::<(StateId, u32)>() + self.types.len() * 64
     }

@@ -1,9 +1,9 @@
-//! Turns axioms into rules, and computes the facts that a component of derived predicates has in a
-//! state, as the fixpoint of the rules.
+//! Converts axioms to rules, and computes the facts of a component of derived predicates in a state
+//! as the fixpoint of these rules.
 //!
 //! The evaluation is semi-naive: after a first round over all facts, a rule is applied only to new
-//! facts. A rule that reads its own component inside a nested condition, such as a `forall`, is applied
-//! to all facts in every round.
+//! facts. A rule that uses its own component inside a nested condition, such as a `forall`, is
+//! applied to all facts in every round.
 
 use std::ops::Range;
 
@@ -15,11 +15,11 @@ use super::symbols::{Object, RelationId};
 use super::tuple_table::TupleTable;
 use super::world::World;
 
-/// Maximal number of rules into which an axiom is split over `or`. Beyond it, an `or` is evaluated as a
-/// whole.
+/// Maximum number of rules that an axiom is split into at `or`. If there would be more, an `or` is
+/// evaluated as a whole.
 const ALTERNATIVES_MAX: usize = 64;
 
-/// One way to derive facts of a predicate: a conjunction of conditions.
+/// A rule that derives facts of a predicate: a conjunction of conditions.
 #[derive(Debug)]
 pub(super) struct AxiomRule {
     relation: RelationId,
@@ -27,10 +27,10 @@ pub(super) struct AxiomRule {
     head: usize,
     arguments: Box<[FrameSlot]>,
     query: Query,
-    /// Parts of the rule that are facts of the same component, each with the position of its predicate
-    /// in the component.
+    /// Parts of the rule that are facts of the same component, each with the position of its
+    /// predicate in the component.
     recursive: Vec<(usize, usize)>,
-    /// Whether parts of the rule other than `recursive` read the component.
+    /// Whether parts of the rule other than `recursive` use the component.
     is_nested: bool,
     slot_count: usize,
 }
@@ -41,12 +41,12 @@ type RuleAlternative = (Vec<Variable>, Vec<CompiledCondition>);
 // === impl AxiomRule ===
 
 impl AxiomRule {
-    /// Returns the rules of one axiom, which belongs to the given component.
+    /// Returns the rules of one axiom of the given component.
     fn of(model: &Model, component: usize, axiom: usize) -> Vec<AxiomRule> {
         let axiom = &model.derived[axiom];
         let mut scope = CompilationScope::new(model);
         let variables = scope.declare(&axiom.parameters);
-        // If two parameters have the same name, the later one counts, as everywhere.
+        // If two parameters have the same name, the later one is used, as in all other places.
         let slot_of = |parameter: &pddl::Typed| {
             let same = axiom.parameters.iter().rposition(|other| other.name == parameter.name);
             same.map_or(variables[0].slot, |position| variables[position].slot)
@@ -67,7 +67,7 @@ impl AxiomRule {
 }
 
 /// Returns the parts of a query that are facts of a component, and whether other parts of the query
-/// read the component too.
+/// also use the component.
 fn recursion(model: &Model, component: usize, query: &Query) -> (Vec<(usize, usize)>, bool) {
     let (mut recursive, mut is_nested) = (Vec::new(), false);
     for (index, part) in query.parts.iter().enumerate() {
@@ -136,13 +136,13 @@ fn extend(alternatives: &mut [RuleAlternative], (variables, nodes): &RuleAlterna
 // === impl World ===
 
 impl World {
-    /// Returns the facts of a component, and evaluates the component if that has not been done.
+    /// Returns the facts of a component, which is evaluated at the first use.
     pub(super) fn derived(&self, component: usize) -> &[TupleTable] {
         if let Some(tables) = self.derived[component].get() {
             return tables;
         }
-        // Evaluates the components that it reads first, deepest first. An explicit stack replaces
-        // recursion, because the domain may be of any depth.
+        // The components that it depends on are evaluated first, the deepest first. An explicit
+        // stack replaces recursion, because dependencies may be of any depth.
         let mut open = vec![component];
         while let Some(&top) = open.last() {
             let below = self.model.axioms.components[top].below.iter();
@@ -162,11 +162,11 @@ impl World {
         self.work.apart(|| self.evaluate_component(index))
     }
 
-    /// Drops the results of the given components, and of all components that read one of them.
+    /// Drops the results of the given components, and of all components that depend on them.
     pub(super) fn invalidate(&mut self, components: &[usize]) {
         let mut open = components.to_vec();
         while let Some(component) = open.pop() {
-            // If a component has no result, no component that reads it has one.
+            // If a component has no result, no component that depends on it has a result.
             if self.derived[component].take().is_some() {
                 open.extend(&self.model.axioms.components[component].above);
             }
@@ -208,17 +208,17 @@ impl World {
     }
 }
 
-/// Position of a part of a rule, and the rows of the new facts of that part. New facts have the last
-/// rows, because no tuple is removed while a component is evaluated.
+/// Position of a part of a rule, and the rows of its new facts. New facts have the last rows,
+/// because no tuple is removed during the evaluation of a component.
 type DeltaRows = (usize, Range<usize>);
 
-/// Derived tuples, one after the other in one array, and the number of tuples.
+/// Derived tuples, one after the other in one array, and their number.
 type DerivedTuples = (Vec<Object>, usize);
 
 impl AxiomRule {
-    /// Returns the parts of the rule that have new facts. `seen` and `now` are the numbers of rows of
-    /// each predicate before the last round and now. `None` in the result means that the rule must be
-    /// applied to all facts.
+    /// Returns the parts of the rule with new facts. `seen` and `now` are the numbers of rows of
+    /// each predicate before the last round and now. `None` in the result means that the rule must
+    /// be applied to all facts.
     fn sources(&self, seen: &[usize], now: &[usize]) -> Vec<Option<DeltaRows>> {
         if self.is_nested {
             return vec![None];
@@ -227,7 +227,7 @@ impl AxiomRule {
         self.recursive.iter().map(source).collect()
     }
 
-    /// Returns the tuples that the rule derives and that are not known yet.
+    /// Returns the new tuples that the rule derives.
     fn follow(&self, view: WorldView<'_>, from: Option<DeltaRows>) -> DerivedTuples {
         let known = view.table(self.relation);
         let mut frame = vec![Object::UNBOUND; self.slot_count];
@@ -236,7 +236,7 @@ impl AxiomRule {
             if !known.contains(|column| frame[self.arguments[column].index()]) {
                 found.extend(self.arguments.iter().map(|slot| frame[slot.index()]));
                 count += 1;
-                // A tuple takes memory for each of its objects.
+                // A tuple needs memory for each of its objects.
                 return view.world.work.spend(self.arguments.len() as u64);
             }
             true

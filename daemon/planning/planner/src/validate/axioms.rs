@@ -1,9 +1,9 @@
-//! Dependencies of the axioms: which predicates the axioms derive, what each derived predicate depends
-//! on, and the order of evaluation.
+//! Dependencies between axioms: which predicates the axioms derive, what each of these predicates
+//! depends on, and the order of evaluation.
 //!
-//! Predicates that derive each other form a component and are evaluated together, after the components
-//! that they read. A component is evaluated when its facts are first needed, and again only after a
-//! change of something that it reads.
+//! Predicates that depend on each other form a component and are evaluated together, after the
+//! components on which they depend. A component is evaluated when its facts are first needed, and
+//! again only after a change of something on which it depends.
 
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
@@ -16,15 +16,15 @@ use super::symbols::{RelationId, RelationTable};
 /// Axioms of a domain, grouped into components.
 #[derive(Debug, Default)]
 pub(super) struct AxiomComponents {
-    /// For each predicate: its component, and its position in that component; `None` if the predicate
-    /// is not derived. The list is empty if the domain has no axioms.
+    /// For each predicate: its component, and its position in that component. An entry is `None` if
+    /// the predicate is not derived. The list is empty if the domain has no axioms.
     places: Vec<Option<(usize, usize)>>,
     pub(super) components: Vec<Component>,
-    /// For each predicate: the components that read its facts.
+    /// For each predicate: the components that depend on its facts.
     fact_readers: Vec<Vec<usize>>,
-    /// For each function: the components that read its values.
+    /// For each function: the components that depend on its values.
     value_readers: Vec<Vec<usize>>,
-    /// Components that read the time.
+    /// Components that depend on the number of steps (`total-time`).
     time_readers: Vec<usize>,
 }
 
@@ -32,17 +32,18 @@ pub(super) struct AxiomComponents {
 #[derive(Debug, Default)]
 pub(super) struct Component {
     pub(super) relations: Vec<RelationId>,
-    /// Positions in the domain of the axioms that derive predicates of the component.
+    /// Axioms that derive the predicates of the component, as positions in the domain's list of
+    /// axioms.
     pub(super) axioms: Vec<usize>,
-    /// Components that this component reads.
+    /// Components on which this component depends.
     pub(super) below: Vec<usize>,
-    /// Components that read this component.
+    /// Components that depend on this component.
     pub(super) above: Vec<usize>,
     /// Rules of the component, compiled on first use.
     pub(super) rules: OnceLock<Vec<AxiomRule>>,
 }
 
-/// Predicates and functions that an axiom reads.
+/// Predicates and functions that the condition of an axiom mentions.
 struct Reads<'m> {
     predicates: &'m RelationTable,
     functions: &'m RelationTable,
@@ -56,7 +57,9 @@ struct Reads<'m> {
 // === impl AxiomComponents ===
 
 impl AxiomComponents {
-    /// Groups the axioms of a domain. Returns an error if an axiom depends on its own negation.
+    /// Groups the axioms of a domain into components.
+    ///
+    /// Returns an error if an axiom depends on its own negation.
     pub(super) fn of(
         domain: &Domain,
         predicates: &RelationTable,
@@ -94,29 +97,29 @@ impl AxiomComponents {
         Ok(axioms)
     }
 
-    /// Returns the component of a derived predicate, and the position of the predicate in the
-    /// component; `None` if the predicate is not derived.
+    /// Returns the component of a derived predicate, and the position of the predicate in that
+    /// component. Returns `None` if the predicate is not derived.
     pub(super) fn place(&self, relation: RelationId) -> Option<(usize, usize)> {
         self.places.get(relation.index()).copied().flatten()
     }
 
-    /// Returns the components that read the stored facts of a predicate.
+    /// Returns the components that depend on the facts of a predicate.
     pub(super) fn fact_readers(&self, relation: RelationId) -> &[usize] {
         self.fact_readers.get(relation.index()).map_or(&[], Vec::as_slice)
     }
 
-    /// Returns the components that read the values of a function.
+    /// Returns the components that depend on the values of a function.
     pub(super) fn value_readers(&self, function: RelationId) -> &[usize] {
         self.value_readers.get(function.index()).map_or(&[], Vec::as_slice)
     }
 
-    /// Returns the components that read the time.
+    /// Returns the components that depend on the number of steps.
     pub(super) fn time_readers(&self) -> &[usize] {
         &self.time_readers
     }
 
-    /// Assigns a component and a position in it to every derived predicate. Predicates of one cycle get
-    /// the same component.
+    /// Assigns every derived predicate to a component. Predicates that depend on each other get the
+    /// same component.
     fn place_all(&mut self, heads: &[RelationId], circles: &[usize]) {
         let mut component_of_circle = BTreeMap::new();
         for head in heads {
@@ -131,13 +134,13 @@ impl AxiomComponents {
             let relations = &mut self.components[component].relations;
             self.places[head.index()] = Some((component, relations.len()));
             relations.push(*head);
-            // A text may also list facts of a derived predicate directly.
+            // The initial state may also list facts of a derived predicate directly.
             self.fact_readers[head.index()].push(component);
         }
     }
 
-    /// Registers what an axiom reads. Returns `true` if the axiom reads the negation of a predicate of
-    /// its own component.
+    /// Registers the predicates, functions and components on which an axiom depends. Returns `true`
+    /// if the axiom depends on the negation of a predicate of its own component.
     fn connect(&mut self, axiom: usize, head: RelationId, reads: &Reads<'_>) -> bool {
         let Some((component, _)) = self.place(head) else { return false };
         self.components[component].axioms.push(axiom);

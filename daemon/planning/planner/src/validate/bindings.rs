@@ -1,9 +1,9 @@
-//! Bindings of variables by name. They put objects in place of variables, for conditions that are shown
+//! Bindings of variables to objects, by name. They replace variables in conditions that are shown
 //! to the user.
 
 use pddl::{Atom, Compare, Condition, Expression, FluentTerm, Name, Term, Typed};
 
-/// Objects that the variables in scope stand for, innermost variable last.
+/// The object of each variable in scope, innermost variable last.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Bindings(Vec<(Name, Name)>);
 
@@ -22,8 +22,8 @@ impl Bindings {
         self.0.iter().rev().find(|(name, _)| name == variable).map(|(_, object)| object)
     }
 
-    /// Returns the name of the object that a term stands for. For an unbound variable that is the
-    /// variable's own name, for which no fact holds.
+    /// Returns the name of the object to which a term refers. For an unbound variable, returns the
+    /// name of the variable itself; no fact holds for that name.
     pub(crate) fn object<'t>(&'t self, term: &'t Term) -> &'t Name {
         match term {
             Term::Object(name) => name,
@@ -103,7 +103,8 @@ impl Bindings {
         }
     }
 
-    /// Returns the bindings without those of `variables`, which an inner quantifier binds again.
+    /// Returns the bindings without those of `variables`, because an inner quantifier binds these
+    /// again.
     fn hiding(&self, variables: &[Typed]) -> Bindings {
         let hidden = |name: &Name| variables.iter().any(|variable| variable.name == *name);
         Bindings(self.0.iter().filter(|(name, _)| !hidden(name)).cloned().collect())

@@ -1,4 +1,4 @@
-//! Compiles the lifted syntax tree in one pass that resolves all names.
+//! Compiles conditions, expressions and effects. One pass over the syntax tree resolves all names.
 
 use pddl::{ActionSchema, Comparison, Condition, Effect, FluentTerm, Name, Span, Term, Typed};
 use rustc_hash::FxHashMap;
@@ -10,8 +10,8 @@ use super::compiled::{
 use super::model::Model;
 use super::symbols::Object;
 
-/// Maximal product of the numbers of variables and alternatives up to which a quantifier is distributed
-/// over `or`. Texts contain far fewer.
+/// Maximum product of the number of variables and the number of alternatives up to which a
+/// quantifier is distributed over `or`. Typical domains have far fewer.
 const SHARED_MAX: usize = 4_096;
 
 /// State of the compilation of one text: the variables in scope, and the slots and undeclared names
@@ -21,7 +21,8 @@ pub(super) struct CompilationScope<'m> {
     /// Variables in scope with their slots, innermost last.
     variables: Vec<(Name, FrameSlot)>,
     slot_count: usize,
-    /// Numbers of names that the texts do not declare. An unbound variable counts as such a name.
+    /// Numbers of the names that the texts do not declare. An unbound variable counts as such a
+    /// name.
     strangers: FxHashMap<Name, usize>,
 }
 
@@ -37,7 +38,8 @@ impl<'m> CompilationScope<'m> {
         }
     }
 
-    /// Returns a frame for everything compiled so far, with all slots unbound.
+    /// Returns a frame (one object per slot) for everything compiled so far, with all slots
+    /// unbound.
     pub(super) fn frame(&self) -> Vec<Object> {
         vec![Object::UNBOUND; self.slot_count]
     }
@@ -46,7 +48,7 @@ impl<'m> CompilationScope<'m> {
         self.slot_count
     }
 
-    /// Assigns slots to variables and brings them into scope.
+    /// Adds variables to the scope, each with a new slot.
     pub(super) fn declare(&mut self, variables: &[Typed]) -> Vec<Variable> {
         let declare = |variable: &Typed| {
             let slot = FrameSlot(self.slot_count as u32);
@@ -62,7 +64,7 @@ impl<'m> CompilationScope<'m> {
         self.variables.truncate(self.variables.len() - count);
     }
 
-    /// Compiles a condition. If `positive` is false, compiles the negation of the condition.
+    /// Compiles a condition; if `positive` is false, its negation.
     pub(super) fn node(&mut self, condition: &Condition, positive: bool) -> CompiledCondition {
         match condition {
             Condition::Atom(atom) => {
@@ -71,7 +73,7 @@ impl<'m> CompilationScope<'m> {
                     Some(relation) => {
                         CompiledCondition::Fact(Fact { relation, arguments }, positive)
                     }
-                    // The texts cannot make such a fact true.
+                    // No text can make such a fact true.
                     None => CompiledCondition::Constant(!positive),
                 }
             }
@@ -120,8 +122,9 @@ impl<'m> CompilationScope<'m> {
         if all { CompiledCondition::all(nodes) } else { CompiledCondition::any(nodes) }
     }
 
-    /// Compiles a quantifier over a condition, or over the negation of the condition if `positive` is
-    /// false. “For all” becomes: there is no binding for which the condition does not hold.
+    /// Compiles a quantifier over a condition, or over the negation of the condition if `positive`
+    /// is false. If `exists` is false, the quantifier is “for all”, compiled as: no binding
+    /// violates the condition.
     fn quantified(
         &mut self,
         variables: &[Typed],
@@ -214,9 +217,9 @@ impl<'m> CompilationScope<'m> {
         }
     }
 
-    /// Compiles a universal effect. If a part of the effect has its own condition or variables, the
-    /// quantifier is distributed over `and`, so that each part is evaluated only for the bindings of
-    /// its own variables.
+    /// Compiles a universal effect. The quantifier is distributed over `and` if a part of the
+    /// effect has a condition or variables of its own. Each part is then evaluated only for the
+    /// bindings of its own variables.
     fn each(&mut self, variables: &[Typed], inner: &Effect) -> CompiledEffect {
         let is_limited = |part: &Effect| matches!(part, Effect::When(..) | Effect::Forall(..));
         if let Effect::And(parts) = inner
@@ -244,8 +247,8 @@ impl<'m> CompilationScope<'m> {
         }
         let change = self.change(inner);
         self.forget(self.variables.len() - before);
-        // Existential quantifiers in the conditions are not merged into the query: the effect happens
-        // once per binding, however many ways its condition holds in.
+        // Existential quantifiers in the conditions are not merged into the query: the effect must
+        // happen once per binding, even if its condition holds in several ways.
         CompiledEffect::Each(Box::new((Query::new(declared, conditions), change)))
     }
 }
@@ -265,10 +268,10 @@ pub(super) fn schema(model: &Model, action: &ActionSchema) -> CompiledAction {
     }
 }
 
-/// Returns queries with this meaning: one of them has a binding if and only if `node` holds for some
-/// binding of the variables.
+/// Returns queries of which one has a binding if and only if `node` holds for some binding of the
+/// variables.
 ///
-/// The quantifier is distributed over `or`, and the variables of inner existential quantifiers become
+/// The quantifier is distributed over `or`. The variables of inner existential quantifiers become
 /// variables of the query.
 fn existential(variables: Vec<Variable>, node: CompiledCondition) -> Vec<Query> {
     match node {

@@ -1,8 +1,8 @@
-//! Compiled conditions, expressions and effects: the lifted tree with slots for variables and numbers
-//! for names, evaluated without comparing strings.
+//! Compiled conditions, expressions and effects. Variables are replaced by slots and names by
+//! numbers, so that the evaluation compares no strings.
 //!
-//! Negations are at the leaves. Every quantifier is a [`Query`]: a search for bindings under which all
-//! of several parts hold. A `forall` requires that its negation has no binding.
+//! Negation occurs only at the leaves. Every quantifier is a [`Query`]: a search for bindings under
+//! which several parts hold together. A `forall` holds if its negation has no binding.
 
 use std::sync::Arc;
 
@@ -10,18 +10,19 @@ use pddl::{Assignment, Comparison, FluentTerm, Operator};
 
 use super::symbols::{Extension, Object, RelationId};
 
-/// Index of a variable in a frame. Each variable of a compiled text has its own slot.
+/// Index of a variable in a frame, which is the array of all bindings. Each variable of a compiled
+/// text has its own slot.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct FrameSlot(pub(super) u32);
 
-/// An argument of a predicate or function: a variable or an object.
+/// An argument of a predicate or function.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Argument {
     Slot(FrameSlot),
     Object(Object),
 }
 
-/// A predicate or a function applied to arguments.
+/// A predicate applied to arguments.
 #[derive(Clone, Debug)]
 pub(super) struct Fact {
     pub(super) relation: RelationId,
@@ -34,15 +35,15 @@ pub(super) enum CompiledCondition {
     Constant(bool),
     /// Holds if the truth value of the fact is the given one.
     Fact(Fact, bool),
-    /// Holds if the two arguments are the same object, or, if the value is `false`, if they are
-    /// different objects.
+    /// Equality: holds if the two arguments are the same object. If the value is `false`, holds if
+    /// they are different objects.
     Equal(Argument, Argument, bool),
-    /// Holds if the comparison holds, or, if the value is `false`, if it does not hold. A comparison
-    /// with an undefined side does not hold.
+    /// Holds if the comparison holds; if the value is `false`, holds if the comparison does not. A
+    /// comparison with an undefined side does not hold.
     Compare(Box<CompiledComparison>, bool),
     All(Vec<CompiledCondition>),
     Any(Vec<CompiledCondition>),
-    /// Holds if the query has a binding, or, if the value is `false`, if it has none.
+    /// Holds if the query has a binding; if the value is `false`, holds if the query has none.
     Exists(Box<Query>, bool),
 }
 
@@ -54,17 +55,16 @@ pub(super) struct CompiledComparison {
     pub(super) right: CompiledExpression,
 }
 
-/// A conjunctive query: variables, and the parts that must hold for them.
+/// A conjunctive query: variables, and conditions that must all hold for the same binding.
 #[derive(Clone, Debug)]
 pub(super) struct Query {
     pub(super) variables: Vec<Variable>,
-    /// Parts of the query, at most [`PARTS_MAX`], ordered by the work to evaluate them, the cheapest
-    /// first.
+    /// Conditions of the query, at most [`PARTS_MAX`], the cheapest to evaluate first.
     pub(super) parts: Vec<QueryPart>,
 }
 
-/// Maximal number of parts of a query. The evaluation keeps the parts that are still open as the bits
-/// of one `u64`.
+/// Maximum number of parts of a query. The evaluation represents the set of parts not yet evaluated
+/// as the bits of one `u64`.
 pub(super) const PARTS_MAX: usize = 64;
 
 /// A variable of a query.
@@ -90,18 +90,18 @@ pub(super) enum CompiledExpression {
     Negate(Box<CompiledExpression>),
     Apply(Operator, Vec<CompiledExpression>),
     TotalTime,
-    /// A time that only durative actions have. Its value is undefined here.
+    /// A value such as `?duration` that only durative actions have. It is undefined here.
     Unknown(Box<FluentTerm>),
 }
 
 /// A function applied to arguments.
 #[derive(Clone, Debug)]
 pub(super) struct Fluent {
-    /// Number of the function; `None` if no fluent with this name and number of arguments can have a
-    /// value.
+    /// Number of the function. It is `None` if the texts contain no function of this name and
+    /// number of arguments, so that the fluent has no value.
     pub(super) function: Option<RelationId>,
     pub(super) arguments: Box<[Argument]>,
-    /// The fluent as it is written in the text.
+    /// The fluent as written in the text, for error messages.
     pub(super) source_term: FluentTerm,
 }
 
@@ -113,7 +113,8 @@ pub(super) enum CompiledEffect {
     Set(Fact, bool),
     Assign(Box<CompiledAssign>),
     When(Box<(CompiledCondition, CompiledEffect)>),
-    /// The effect, for every binding of the variables under which all parts of the query hold.
+    /// Applies the effect for every binding of the variables under which all parts of the query
+    /// hold.
     Each(Box<(Query, CompiledEffect)>),
 }
 
@@ -128,7 +129,7 @@ pub(super) struct CompiledAssign {
 /// A compiled action schema.
 #[derive(Debug)]
 pub(super) struct CompiledAction {
-    /// Types of the parameters, which have the first slots of the frame.
+    /// Objects allowed for each parameter. The parameters have the first slots of the frame.
     pub(super) parameters: Vec<Arc<Extension>>,
     pub(super) precondition: CompiledCondition,
     pub(super) effect: CompiledEffect,
@@ -138,7 +139,7 @@ pub(super) struct CompiledAction {
 // === impl Argument ===
 
 impl Argument {
-    /// Returns the object that the argument stands for; [`Object::UNBOUND`] if the argument is an
+    /// Returns the object to which the argument refers; [`Object::UNBOUND`] if the argument is an
     /// unbound variable.
     pub(super) fn value(self, frame: &[Object]) -> Object {
         match self {
@@ -148,7 +149,7 @@ impl Argument {
     }
 }
 
-// === impl Slot ===
+// === impl FrameSlot ===
 
 impl FrameSlot {
     pub(super) fn index(self) -> usize {
@@ -195,8 +196,9 @@ impl CompiledCondition {
         }
     }
 
-    /// Returns the condition that holds if and only if this one does not. This differs from `not` in
-    /// PDDL: if a number is undefined, neither a comparison nor its PDDL negation holds.
+    /// Returns the logical complement: it holds if and only if this condition does not. This
+    /// differs from `not` in PDDL: if a number is undefined, neither a comparison nor its PDDL
+    /// negation holds.
     pub(super) fn complement(self) -> CompiledCondition {
         match self {
             CompiledCondition::Constant(truth) => CompiledCondition::Constant(!truth),
@@ -217,7 +219,7 @@ impl CompiledCondition {
         }
     }
 
-    /// Returns the conjuncts of the condition.
+    /// Splits the condition into its conjuncts.
     pub(super) fn into_parts(self) -> Vec<CompiledCondition> {
         match self {
             CompiledCondition::All(parts) => parts,
@@ -261,7 +263,7 @@ impl CompiledCondition {
         }
     }
 
-    /// Returns a rough rank of the work that evaluating the condition takes.
+    /// Returns a rough rank of the cost of evaluating the condition; 0 is the cheapest.
     fn effort(&self) -> u8 {
         match self {
             CompiledCondition::Constant(_) | CompiledCondition::Equal(..) => 0,
@@ -315,7 +317,8 @@ impl Query {
         Query { variables, parts }
     }
 
-    /// Whether the object belongs to the type of the variable with this slot.
+    /// Whether the variable with this slot belongs to the query and has a type that contains the
+    /// object.
     pub(super) fn accepts(&self, slot: FrameSlot, object: Object) -> bool {
         let variable = self.variables.iter().find(|variable| variable.slot == slot);
         variable.is_some_and(|variable| variable.extension.contains(object))

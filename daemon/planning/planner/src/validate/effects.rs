@@ -1,4 +1,5 @@
-//! Effects of a step. All their conditions and values are evaluated in the state before the step.
+//! Evaluates the effects of a step. All their conditions and values are evaluated in the state
+//! before the step.
 
 use pddl::{Assignment, FluentTerm, Name, Span, Term};
 
@@ -16,14 +17,14 @@ pub(super) struct StepChanges {
     updates: Vec<Update>,
 }
 
-/// Tuples of several predicates, in one array.
+/// Facts of several predicates, stored in one array.
 #[derive(Debug, Default)]
 pub(super) struct Tuples {
     relations: Vec<(RelationId, usize)>,
     objects: Vec<Object>,
 }
 
-/// A change of a number by one effect.
+/// Change of a fluent by one numeric effect.
 #[derive(Clone, Debug)]
 struct Update {
     function: RelationId,
@@ -93,7 +94,7 @@ impl WorldView<'_> {
             }
             CompiledEffect::Each(inner) => {
                 let (query, then) = &**inner;
-                // The fault that is reported is that of the first binding in the order of the texts.
+                // The reported fault is that of the first binding in the order of the texts.
                 let mut earliest: Option<(Vec<Object>, FaultReason)> = None;
                 self.each(query, frame, &mut |frame| {
                     if let Err(reason) = self.collect(then, frame, changes) {
@@ -128,7 +129,8 @@ impl WorldView<'_> {
         Ok(())
     }
 
-    /// Returns the new values of the fluents that a step changes.
+    /// Returns the new values of the fluents that a step changes. Returns an error if the updates
+    /// of one fluent contradict each other, or if a new value is not finite.
     pub(super) fn new_values(
         self,
         changes: &mut StepChanges,
@@ -155,7 +157,7 @@ impl WorldView<'_> {
         }
     }
 
-    /// Returns the first of the given fluents in the order of their names; `None` if there are none.
+    /// Returns the alphabetically first of the given fluents; `None` if there are none.
     fn first(self, fluents: Vec<(RelationId, &[Object])>) -> Option<FluentTerm> {
         let names = |(function, objects)| self.names(function, objects);
         let (function, objects) = fluents.into_iter().map(names).min()?;

@@ -1,4 +1,4 @@
-//! Finds the part of a condition that does not hold, with objects in place of variables.
+//! Finds the part of a condition that does not hold, and replaces its variables by objects.
 
 use pddl::{Condition, Typed};
 
@@ -10,8 +10,8 @@ use super::query::WorldView;
 use super::symbols::Object;
 use super::world::World;
 
-/// Search for the part of a condition that does not hold. The search keeps every binding twice: by the
-/// name of the variable and by its slot.
+/// Search for the part of a condition that does not hold. Every binding is stored twice: by the
+/// name of its variable, and by its slot.
 pub(super) struct FailingPartSearch<'w> {
     view: WorldView<'w>,
     model: &'w Model,
@@ -27,7 +27,7 @@ impl<'w> FailingPartSearch<'w> {
         FailingPartSearch { view, model, scope, frame: Vec::new(), bindings: Bindings::default() }
     }
 
-    /// Binds variables to objects, given by their names.
+    /// Binds variables to the objects with the given names.
     pub(super) fn bind<'n>(
         &mut self,
         variables: impl Iterator<Item = (&'n Typed, &'n pddl::Name)>,
@@ -44,8 +44,8 @@ impl<'w> FailingPartSearch<'w> {
         }
     }
 
-    /// Returns the smallest part of a condition that keeps it from holding, with bound variables
-    /// replaced by objects. Returns `None` if the condition holds.
+    /// Returns the smallest part that makes a condition fail, with bound variables replaced by
+    /// objects. Returns `None` if the condition holds.
     pub(super) fn part(&mut self, condition: &Condition) -> Option<Condition> {
         let holds = self.holds(condition);
         if self.view.world.work.is_exhausted() {
@@ -75,8 +75,9 @@ impl<'w> FailingPartSearch<'w> {
         node
     }
 
-    /// Returns the failing part of the first instance of a quantified condition that does not hold.
-    /// Instances have the order of the objects in the texts.
+    /// Returns the failing part of the first instance of a quantified condition that does not hold;
+    /// `None` if all instances hold. The order of the instances follows the order of the objects in
+    /// the texts.
     fn instance(&mut self, variables: &[Typed], inner: &Condition) -> Option<Condition> {
         let declared = self.scope.declare(variables);
         let node = self.compiled(inner);
@@ -109,7 +110,7 @@ impl<'w> FailingPartSearch<'w> {
         found
     }
 
-    /// Returns the failing part of the instance of a condition that the frame's bindings give.
+    /// Returns the failing part of one instance of a condition: that of the bindings in the frame.
     fn named(
         &mut self,
         variables: &[Typed],

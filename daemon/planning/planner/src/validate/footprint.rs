@@ -1,11 +1,12 @@
-//! Footprint of a step: the facts and numbers that the step may read and write, whatever the state.
+//! Footprint of a step: the facts and numbers that the step may read or write in any state.
 //!
-//! Every conditional part counts, whether its condition holds or not. A step that reads a derived fact
-//! counts as reading all facts of the predicates on which the derived fact may depend. `total-cost`
-//! does not count: all steps add to it, and no step has to wait for another because of that.
-//!
-//! A quantifier with too many bindings counts as reading or writing every fact of the predicates in it,
-//! so that the work of computing a footprint has a limit.
+//! - Every conditional part counts, no matter whether its condition holds.
+//! - A step that reads a derived fact counts as reading all facts of the predicates on which the
+//!   derived fact may depend.
+//! - `total-cost` does not count: almost all steps increase it, and must not wait for each other
+//!   because of that.
+//! - A quantifier with too many bindings counts as reading or writing every fact of the predicates
+//!   in it. This bounds the work of computing a footprint.
 
 use std::collections::BTreeSet;
 
@@ -16,7 +17,7 @@ use super::model::Model;
 use super::steps::schema_of;
 use super::world::World;
 
-/// Maximal number of bindings of quantified variables that are written out for one footprint.
+/// Maximum number of bindings of quantified variables that are enumerated for one footprint.
 const BINDINGS_MAX: usize = 100_000;
 
 /// A fact or a fluent: the name of the predicate or function, and the objects.
@@ -25,14 +26,14 @@ type Cell = (Name, Vec<Name>);
 /// Facts and numbers that a step may read and write.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Footprint {
-    /// Number of bindings that have been written out.
+    /// Number of bindings enumerated so far.
     bindings: usize,
     facts_read: BTreeSet<Cell>,
     facts_written: BTreeSet<Cell>,
     fluents_read: BTreeSet<Cell>,
     fluents_written: BTreeSet<Cell>,
-    /// Predicates of which the step may read any fact, because an axiom depends on them, or a quantifier
-    /// has too many bindings.
+    /// Predicates of which the step may read any fact: an axiom depends on them, or a quantifier
+    /// over them has too many bindings.
     predicates_read: BTreeSet<Name>,
     functions_read: BTreeSet<Name>,
     /// Predicates of which the step may write any fact, because a quantifier has too many bindings.
@@ -45,14 +46,15 @@ pub(crate) struct Footprint {
 // === impl Footprint ===
 
 impl Footprint {
-    /// Whether this step must wait for the `earlier` one: the order of the two may matter, or the same
-    /// agent executes both.
+    /// Whether this step must wait for the `earlier` one: their order may matter, or the same agent
+    /// executes both.
     pub(crate) fn must_wait_for(&self, earlier: &Footprint) -> bool {
         let same_agent = self.agent.is_some() && self.agent == earlier.agent;
         same_agent || self.conflicts(earlier)
     }
 
-    /// Whether the order of two steps may matter.
+    /// Whether the order of two steps may matter: one of them may write a fact or number that the
+    /// other one reads or writes.
     fn conflicts(&self, other: &Footprint) -> bool {
         self.overwrites(other) || other.overwrites(self)
     }
@@ -82,13 +84,13 @@ impl Footprint {
             || touched_whole(&self.functions_written, fluents, functions)
     }
 
-    /// Counts one more binding. Returns `false` if the limit is reached.
+    /// Counts one binding. Returns `false` if the limit is exceeded.
     fn spend(&mut self) -> bool {
         self.bindings += 1;
         self.bindings <= BINDINGS_MAX
     }
 
-    /// Adds every fact and number of the predicates and functions of a condition as read.
+    /// Marks all predicates and functions of a condition as read as a whole.
     fn reads_whole(&mut self, condition: &Condition, axioms: &[Derived]) {
         for atom in condition.atoms() {
             let (predicates, functions) = sources(axioms, &atom.predicate);
@@ -98,8 +100,8 @@ impl Footprint {
         self.functions_read.extend(condition.fluents().map(|fluent| fluent.function.clone()));
     }
 
-    /// Adds every fact and number of the predicates and functions of an effect as written, and those of
-    /// its conditions and values as read.
+    /// Marks all predicates and functions that an effect changes as written as a whole, and those
+    /// of its conditions and values as read as a whole.
     fn touches_whole(&mut self, effect: &Effect, axioms: &[Derived]) {
         for part in effect.parts() {
             match part {
@@ -123,7 +125,7 @@ impl Footprint {
 // === impl World ===
 
 impl World {
-    /// Computes the footprint of a step. It is empty if the action is unknown.
+    /// Returns the footprint of a step; an empty one if no action fits the step.
     pub(crate) fn footprint(&self, step: &PlanStep) -> Footprint {
         let mut footprint = Footprint::default();
         let Some(schema) = schema_of(&self.model, step) else { return footprint };
@@ -210,7 +212,7 @@ impl World {
     }
 }
 
-/// Calls `visit` for every binding of the variables to objects. Stops when `visit` returns `false`.
+/// Calls `visit` for every binding of the variables to objects, until `visit` returns `false`.
 /// Returns whether `visit` always returned `true`.
 fn every(
     model: &Model,
@@ -242,8 +244,8 @@ fn reads_numbers(expression: &Expression, bindings: &Bindings, found: &mut Footp
     found.fluents_read.extend(expression.fluents().map(|fluent| cell(fluent, bindings)));
 }
 
-/// Returns the predicates and functions on which a derived predicate may depend, including the
-/// predicate itself.
+/// Returns the predicates and functions on which the facts of a derived predicate may depend,
+/// including the predicate itself.
 fn sources(axioms: &[Derived], derived: &Name) -> (Vec<Name>, Vec<Name>) {
     let (mut predicates, mut functions) = (vec![derived.clone()], Vec::new());
     let mut next = 0;

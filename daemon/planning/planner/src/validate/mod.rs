@@ -1,8 +1,9 @@
-//! Independent plan validation: checks that every step is applicable, and that the goal holds at the
-//! end.
+//! Independent plan validation: checks that every step is applicable, and that the goal holds at
+//! the end.
 //!
-//! - The validator interprets the lifted texts directly, with all of ADL, axioms and numbers. It shares no
-//!   code with grounding and search, so that mistakes there are found here.
+//! - The validator interprets the parsed domain and problem directly, with all of ADL, axioms and
+//!   numbers. It shares no code with grounding and search, so that a mistake there is detected
+//!   here.
 //! - Every plan of this crate is validated before it is returned.
 //! - Time is not supported: durative actions and timed initial literals are faults.
 
@@ -45,18 +46,18 @@ pub enum Verdict {
     },
     /// The plan is not valid.
     Fault(Box<Fault>),
-    /// The texts do not define an initial state.
+    /// The texts do not define an initial state. The diagnostics give the reasons.
     BadInput(Vec<Diagnostic>),
 }
 
-/// Why a plan is not valid, and where.
+/// Reason why a plan is not valid, and the step at which it fails.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Fault {
     /// Place in the plan at which the fault was found.
     pub place: FaultPlace,
     /// Reason why the plan is not valid.
     pub reason: FaultReason,
-    /// Place in a text: in the plan, the step with the fault; in the problem, the metric.
+    /// Position in a text: of the step with the fault in the plan, or of the metric in the problem.
     pub span: Span,
 }
 
@@ -76,11 +77,11 @@ pub enum FaultPlace {
     Metric,
 }
 
-/// Why a step is not applicable, or why the state at the end does not satisfy the goal.
+/// Reason why a step is not applicable, or why the state at the end does not satisfy the goal.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum FaultReason {
-    /// No action has the name that the step gives.
+    /// No action has the name given in the step.
     UnknownAction,
     /// The action of the step is durative; the validator does not support time.
     Durative,
@@ -91,7 +92,7 @@ pub enum FaultReason {
         /// Number of arguments of the step.
         found: usize,
     },
-    /// No object has this name, which is an argument of the step.
+    /// An argument of the step is not a declared object.
     UnknownObject(Name),
     /// An argument does not have the type of its parameter.
     WrongType {
@@ -100,20 +101,24 @@ pub enum FaultReason {
         /// The type of the parameter.
         expected: TypeExpr,
     },
-    /// The precondition of the step does not hold. The value is its smallest failing part, with objects
-    /// in place of variables.
+    /// The precondition of the step does not hold. The value is its smallest failing part, with
+    /// variables replaced by objects.
     Precondition(Condition),
-    /// The goal does not hold at the end. The value is its smallest failing part.
+    /// The goal does not hold at the end. The value is its smallest failing part, with variables
+    /// replaced by objects.
     Goal(Condition),
-    /// A fluent that is undefined or not finite is read or changed.
+    /// A numeric effect or the metric requires the value of a fluent or an expression that has no
+    /// finite value.
     Undefined(FluentTerm),
-    /// The result of an effect on a fluent is not finite: a division by zero, or a number out of range.
+    /// The new value of a fluent is not finite: a scaling divides by zero, or the number is out of
+    /// range.
     NotFinite(FluentTerm),
     /// Effects of one step on the same fluent contradict each other.
     Conflict(FluentTerm),
-    /// The evaluation reached the limit of [`World::limit_work`], so that nothing is found out.
+    /// The evaluation reached the limit of [`World::limit_work`] or was cancelled. It is not known
+    /// whether the plan is valid.
     WorkLimit {
-        /// Maximal number of evaluation steps.
+        /// Maximum number of evaluation steps.
         limit: u64,
     },
 }
@@ -130,22 +135,22 @@ pub fn validate(domain: &Domain, problem: &Problem, plan: &Plan) -> Verdict {
     }
 }
 
-/// Returns the cost of `steps` from a state to a goal: the value of the metric, or the number of steps
-/// if there is no metric.
+/// Returns the cost of executing `steps` from a state to a goal: the value of the metric, or the
+/// number of steps if there is no metric.
 ///
 /// # Errors
 ///
-/// Returns a fault if a step cannot be applied, if the steps do not reach the goal, or if the metric
-/// has no value in the end.
+/// Returns a fault if a step is not applicable, if the goal does not hold at the end, or if the
+/// metric has no value at the end.
 pub fn cost_from(world: &World, steps: &[PlanStep], goal: &Condition) -> Result<f64, Box<Fault>> {
     run(world.clone(), steps, goal).and_then(|end| end.cost())
 }
 
-/// Checks that the remaining steps of a plan lead from the state `world` to a goal.
+/// Checks that the remaining steps of a plan lead from the state `world` to the goal.
 ///
 /// # Errors
 ///
-/// Returns a fault if a step cannot be applied, or if the steps do not reach the goal.
+/// Returns a fault if a step is not applicable, or if the goal does not hold at the end.
 pub fn rest_reaches(world: &World, steps: &[PlanStep], goal: &Condition) -> Result<(), Box<Fault>> {
     run(world.clone(), steps, goal).map(|_| ())
 }
@@ -168,8 +173,8 @@ fn run(mut world: World, steps: &[PlanStep], goal: &Condition) -> Result<World, 
 impl std::error::Error for Fault {}
 
 impl Fault {
-    /// Returns the fault with the failing part of the goal or precondition replaced by what `words`
-    /// returns for it.
+    /// Returns the fault with the failing part of the goal or precondition replaced by the result
+    /// of `words` for it.
     #[must_use]
     pub fn map(self, words: impl FnOnce(&Condition) -> Condition) -> Fault {
         let reason = match &self.reason {
@@ -180,8 +185,8 @@ impl Fault {
         Fault { reason, ..self }
     }
 
-    /// Returns the failing part of the goal or precondition; `None` if the fault has a reason other
-    /// than these.
+    /// Returns the failing part of the goal or precondition; `None` if the fault has another
+    /// reason.
     pub fn condition(&self) -> Option<&Condition> {
         match &self.reason {
             FaultReason::Precondition(condition) | FaultReason::Goal(condition) => Some(condition),

@@ -1,8 +1,8 @@
-//! The part of a [`super::World`] that does not change: names and their numbers, types, objects, axioms
-//! and actions. Each action is compiled on first use.
+//! The constant part of a [`super::World`]: names and their numbers, types, objects, axioms and
+//! actions. Each action is compiled on first use.
 //!
-//! This module is written for the validator alone. Grounding and search have tables of their own, so
-//! that the same mistake is not made in both.
+//! Only the validator uses this module. Grounding and search have tables of their own, so that one
+//! mistake cannot affect both.
 
 use std::sync::{Arc, OnceLock};
 
@@ -16,7 +16,7 @@ use super::compile;
 use super::compiled::CompiledAction;
 use super::symbols::{Extension, Objects, RelationTable};
 
-/// The part of a [`super::World`] that does not change, and that all states of the same texts share.
+/// The constant part of a [`super::World`], shared by all states of the same domain and problem.
 #[derive(Debug)]
 pub(crate) struct Model {
     pub(super) actions: Vec<ActionSchema>,
@@ -28,11 +28,11 @@ pub(crate) struct Model {
     pub(super) functions: RelationTable,
     pub(super) axioms: AxiomComponents,
     types: Types,
-    /// For each declared type: the objects of the type, computed on first use.
+    /// Objects of each declared type, computed on first use.
     extensions: FxHashMap<Name, OnceLock<Arc<Extension>>>,
-    /// For each position in `actions`: the compiled action.
+    /// For each action in `actions`: its compiled form.
     schemas: Vec<OnceLock<CompiledAction>>,
-    /// For each name: the positions in `actions` of the actions with this name. Several actions may
+    /// For each name: the positions in `actions` of the actions with that name. Several actions may
     /// share one name.
     actions_by_name: FxHashMap<Name, Vec<usize>>,
 }
@@ -101,7 +101,8 @@ impl Model {
         self.schemas[index].get_or_init(compiled)
     }
 
-    /// Returns the axioms that derive a predicate. Returns none if the predicate depends on itself.
+    /// Returns the axioms that derive a predicate. The list is empty if the predicate depends on
+    /// itself.
     pub(crate) fn definitions(&self, predicate: &Name) -> Vec<&Derived> {
         let of = |name: &Name| {
             let name = name.clone();
@@ -125,7 +126,7 @@ impl Model {
         of(predicate).collect()
     }
 
-    /// Whether a predicate is static: no action and no axiom changes its facts.
+    /// Whether a predicate is static: no action adds or deletes its facts, and no axiom derives it.
     pub(crate) fn is_static(&self, predicate: &Name) -> bool {
         let is_change = |part: &Effect| match part {
             Effect::Add(atom) | Effect::Delete(atom) => atom.predicate == *predicate,
@@ -136,8 +137,8 @@ impl Model {
             && !self.actions.iter().any(changes)
     }
 
-    /// Gives numbers to the objects, and to the predicates and functions that the domain declares or
-    /// that effects change.
+    /// Assigns numbers to the objects, and to the predicates and functions that the domain declares
+    /// or that effects change.
     fn number(&mut self, domain: &Domain, problem: &Problem) {
         let declared = problem.objects.iter().map(|declaration| &declaration.object);
         domain.constants.iter().chain(declared).for_each(|object| self.objects.declare(object));

@@ -8,7 +8,7 @@ use super::query::WorldView;
 use super::symbols::Object;
 use super::tuple_table::TupleTable;
 
-/// Values of one function, by its arguments.
+/// Values of the fluents of one function, by their arguments.
 #[derive(Clone, Debug)]
 pub(super) struct FunctionValues {
     fluents: TupleTable,
@@ -61,8 +61,8 @@ impl WorldView<'_> {
         compare.comparison.holds(left, right)
     }
 
-    /// Returns the value of an expression. If the expression is undefined, returns as the error the
-    /// fluent that makes it so.
+    /// Returns the value of an expression. If the value is undefined, returns as the error the
+    /// fluent that causes it.
     pub(super) fn evaluate(
         self,
         expression: &CompiledExpression,
@@ -77,7 +77,7 @@ impl WorldView<'_> {
         values.get(|column| fluent.arguments[column].value(frame))
     }
 
-    /// Returns the fluent with objects in place of bound variables.
+    /// Returns the fluent with bound variables replaced by objects.
     pub(super) fn ground_fluent(self, fluent: &Fluent, frame: &[Object]) -> FluentTerm {
         let objects = &self.world.model.objects;
         let term = |(argument, term): (&Argument, &Term)| {
@@ -106,7 +106,7 @@ impl WorldView<'_> {
         value.is_finite().then_some(value)
     }
 
-    /// Returns the fluent that makes an expression undefined.
+    /// Returns the fluent because of which an expression is undefined.
     fn undefined(self, expression: &CompiledExpression, frame: &[Object]) -> FluentTerm {
         match expression {
             CompiledExpression::Fluent(fluent) => self.ground_fluent(fluent, frame),
@@ -123,8 +123,9 @@ impl WorldView<'_> {
     }
 }
 
-/// Returns the fluent to report if all operands are defined but the result is not: after a division by
-/// zero, or for a time outside of durative actions.
+/// Returns a fluent to report if all operands are defined but the result is not. This happens after
+/// a division by zero, and for values that only durative actions have. Returns a fluent named
+/// `number` if the expression contains no fluent.
 fn no_number(expression: &CompiledExpression) -> FluentTerm {
     match expression {
         CompiledExpression::Fluent(fluent) => fluent.source_term.clone(),
@@ -139,8 +140,8 @@ fn no_number(expression: &CompiledExpression) -> FluentTerm {
     }
 }
 
-/// Returns the value of one fluent after all updates of a step; `None` if the updates contradict each
-/// other, or if they need the old value and it is undefined.
+/// Returns the value of one fluent after all updates of a step. Returns `None` if the updates
+/// contradict each other, or if they require the old value and the fluent has none.
 ///
 /// Increases and decreases add up, and scalings multiply; these two kinds cannot be mixed. An
 /// assignment can only be combined with assignments of the same value.

@@ -1,8 +1,9 @@
-//! Evaluates compiled conditions in a state of the world, and finds the bindings for which they hold.
+//! Evaluates compiled conditions in a state of the world, and finds the bindings for which they
+//! hold.
 //!
-//! The search always continues where there are the fewest choices: with the fact that has the fewest
-//! tuples matching the arguments bound so far. The objects of a type are enumerated only for a variable
-//! that occurs in no open fact.
+//! The search always continues where there are the fewest choices: with the fact that has the
+//! fewest tuples matching the arguments bound so far. The objects of a type are enumerated only if
+//! no fact and no equation determines the variable.
 
 use std::ops::Range;
 
@@ -11,52 +12,53 @@ use super::symbols::{Extension, Object, RelationId};
 use super::tuple_table::{SCANNED_MAX, TupleTable};
 use super::world::World;
 
-/// Read access to the facts and values of a world. While a component of axioms is being evaluated, the
-/// facts of the component that are derived so far are included.
+/// Read access to the facts and values of a world. While a component of axioms is being evaluated,
+/// the facts of the component that are derived so far are included.
 #[derive(Clone, Copy)]
 pub(super) struct WorldView<'w> {
     pub(super) world: &'w World,
     growing: Option<(usize, &'w [TupleTable])>,
 }
 
-/// Callback for every binding. It returns whether to continue. If it changes the frame, it must restore
-/// the frame before it returns.
+/// Callback that is called for every binding. It returns whether to continue. A callback that
+/// changes the frame must restore it before returning.
 pub(super) type BindingVisitor<'v> = dyn FnMut(&mut [Object]) -> bool + 'v;
 
-/// Maximal number of arguments up to which the tuples of a fact are enumerated. The arguments that an
-/// enumeration binds are kept as the bits of one `u64`. Facts with more arguments are only looked up.
+/// Maximum number of arguments of a fact up to which its tuples are enumerated. The set of
+/// arguments bound by an enumeration is represented as the bits of one `u64`. A fact with more
+/// arguments is only tested once all its arguments are bound.
 pub(super) const ARITY_MAX: usize = 64;
 
 /// Next step of the search for bindings of a query.
 enum QueryStep<'w, 'q> {
-    /// Some variables are to be bound, by trying these choices.
+    /// Bind further variables, by trying each of these choices.
     Choose(Choices<'w, 'q>),
-    /// A binding is found: all variables are bound, and all parts hold.
+    /// All variables are bound, and all parts of the query hold.
     Found,
-    /// No binding exists under the choices made so far.
+    /// A part of the query does not hold under the choices made so far.
     Stuck,
 }
 
 /// Choices for binding the next variables.
 enum Choices<'w, 'q> {
-    /// The arguments of the fact can be bound to each of these rows of the table.
+    /// Bind the unbound arguments of the fact to the objects of each of these rows of the table.
     Rows(&'w TupleTable, &'w [u32], &'q Fact),
-    /// The variable can be bound to one object only.
+    /// Bind the variable to this object.
     One(FrameSlot, Object),
-    /// The variable can be bound to each object of its type.
+    /// Bind the variable to each object of its type.
     Members(FrameSlot, &'q Extension),
 }
 
-/// A choice point of the search. Choice points are kept in a list and not on the call stack, because a
-/// text may have any number of variables.
+/// A choice point of the search. Choice points are stored in a list instead of the call stack,
+/// because a text may have any number of variables.
 struct ChoicePoint<'w, 'q> {
     choices: Choices<'w, 'q>,
     /// Number of choices tried at this point.
     tried: usize,
-    /// Bits of the arguments of the fact that the current choice has bound; if it has bound a variable,
-    /// bit 0.
+    /// Arguments of the fact that the current choice has bound, as bits; bit 0 if the current
+    /// choice has bound a variable.
     bound: u64,
-    /// Parts of the query that have not been evaluated, as bits.
+    /// Parts of the query that have not been evaluated yet, as bits.
     open: u64,
 }
 
@@ -106,9 +108,9 @@ impl<'w> WorldView<'w> {
         }
     }
 
-    /// Calls `visit` once for every binding of a query's variables under which all parts of the query
-    /// hold. Stops when `visit` returns `false`, or when the limit of work of the world is reached.
-    /// Returns whether it did not stop.
+    /// Calls `visit` once for every binding of a query's variables under which all parts of the
+    /// query hold. Stops when `visit` returns `false`, or when the work limit of the world is
+    /// reached. Returns whether the search was complete.
     pub(super) fn each(
         self,
         query: &Query,
@@ -125,8 +127,7 @@ impl<'w> WorldView<'w> {
         }
     }
 
-    /// Does the same as [`WorldView::each`], but for one part, which must be a fact, uses only the
-    /// given rows.
+    /// As [`WorldView::each`], but uses only the given rows for one part, which must be a fact.
     pub(super) fn each_from(
         self,
         query: &Query,
@@ -142,7 +143,8 @@ impl<'w> WorldView<'w> {
         self.search(query, ChoicePoint::of(choices, open), frame, visit)
     }
 
-    /// Searches all choices for bindings of a query, depth first.
+    /// Searches all choices for bindings of a query, depth first. Returns whether the search was
+    /// complete.
     fn search<'q>(
         self,
         query: &'q Query,
@@ -175,8 +177,8 @@ impl<'w> WorldView<'w> {
         true
     }
 
-    /// Evaluates every open part that has all its variables bound, and selects which variables to bind
-    /// next.
+    /// Evaluates every open part that has all its variables bound, and selects the variables to
+    /// bind next.
     fn next_step<'q>(
         self,
         query: &'q Query,
@@ -239,7 +241,8 @@ impl<'w, 'q> ChoicePoint<'w, 'q> {
         ChoicePoint { choices, tried: 0, bound: 0, open }
     }
 
-    /// Binds variables by the next choice that matches. Returns whether there is one.
+    /// Binds variables by the next choice that matches. Returns `false` if there is no further
+    /// choice.
     fn advance(&mut self, query: &Query, frame: &mut [Object]) -> bool {
         loop {
             self.unbind(frame);
@@ -292,7 +295,7 @@ fn bind_one(slot: FrameSlot, object: Object, frame: &mut [Object]) -> u64 {
 }
 
 /// Binds the unbound arguments of a fact to the objects of a tuple, and marks these arguments in
-/// `bound`. Returns whether the tuple matches the arguments that were bound before.
+/// `bound`. Returns whether the tuple matches the arguments that were already bound.
 fn bind(
     query: &Query,
     fact: &Fact,
@@ -311,7 +314,7 @@ fn bind(
     })
 }
 
-/// Returns all parts of a query, as bits.
+/// Returns the set of all parts of a query, as bits.
 fn all_parts(query: &Query) -> u64 {
     match query.parts.len() {
         0 => 0,
@@ -319,8 +322,8 @@ fn all_parts(query: &Query) -> u64 {
     }
 }
 
-/// Returns rows that include all rows matching a fact's bound arguments: those that the most selective
-/// column index gives.
+/// Returns the rows of the table that may match the bound arguments of a fact: those of the most
+/// selective column index. The result contains all matching rows, and may contain others.
 fn fitting<'w>(table: &'w TupleTable, fact: &Fact, frame: &[Object]) -> &'w [u32] {
     let mut fewest = table.rows();
     for (column, argument) in fact.arguments.iter().enumerate() {
@@ -338,8 +341,8 @@ fn fitting<'w>(table: &'w TupleTable, fact: &Fact, frame: &[Object]) -> &'w [u32
     fewest
 }
 
-/// Returns the unbound variable of an equation, and the object it must be bound to. Returns `None`
-/// unless exactly one side is bound.
+/// Returns the unbound variable of an equation, and the object to which it must be bound. Returns
+/// `None` unless exactly one side is bound.
 fn one_side(left: Argument, right: Argument, frame: &[Object]) -> Option<(FrameSlot, Object)> {
     match (left, right) {
         (Argument::Slot(slot), other) if frame[slot.index()] == Object::UNBOUND => {
@@ -351,7 +354,8 @@ fn one_side(left: Argument, right: Argument, frame: &[Object]) -> Option<(FrameS
     }
 }
 
-/// Returns the unbound variable of the query that has the fewest objects in its type.
+/// Returns the unbound variable of a query with the fewest objects in its type; `None` if all
+/// variables are bound.
 fn smallest<'q>(query: &'q Query, frame: &[Object]) -> Option<&'q Variable> {
     let is_unbound = |variable: &&Variable| frame[variable.slot.index()] == Object::UNBOUND;
     query.variables.iter().filter(is_unbound).min_by_key(|variable| variable.extension.len())

@@ -1,4 +1,5 @@
-//! Steps of a plan: finds the action of a step, checks that it is applicable, and collects its effects.
+//! Applies the actions of a plan: finds the action of a step, checks that it is applicable, and
+//! collects its effects.
 
 use pddl::{ActionSchema, Name, PlanStep, Typed};
 
@@ -21,7 +22,7 @@ impl World {
         if self.model.is_durative(&step.action) {
             reason = FaultReason::Durative;
         }
-        // Action names may be overloaded; the fault that is reported is that of the last one tried.
+        // Action names may be overloaded; the reported fault is that of the last action tried.
         for index in self.model.named(&step.action) {
             match self.changes_by(*index, step) {
                 Ok(changes) => return Ok(changes),
@@ -52,7 +53,8 @@ impl World {
         Ok(changes)
     }
 
-    /// Binds the parameters of an action to the arguments of a step.
+    /// Returns a frame with the parameters of an action bound to the arguments of a step. Returns
+    /// an error if the number of arguments, an object or a type is wrong.
     fn frame(
         &self,
         action: &ActionSchema,
@@ -80,8 +82,8 @@ impl World {
     }
 }
 
-/// Returns the action of a step: the first action with the step's name and number of arguments, and
-/// with parameter types that fit the arguments.
+/// Returns the first action with the step's name and number of arguments and with parameter types
+/// that accept the arguments; `None` if there is none.
 pub(super) fn schema_of<'m>(model: &'m Model, step: &PlanStep) -> Option<&'m ActionSchema> {
     let actions = model.named(&step.action).iter().map(|index| &model.actions[*index]);
     let mut fitting = actions.filter(|action| {

@@ -1,46 +1,47 @@
-//! Numbers for names, so that each object, predicate and function is looked up by its name only once.
+//! Numbers for the names of objects, predicates and functions, so that evaluation compares numbers
+//! instead of strings.
 
 use std::sync::Arc;
 
 use pddl::{Name, TypeExpr, Typed, Types};
 use rustc_hash::FxHashMap;
 
-/// Number of an object, in the order in which the texts name them.
+/// Number of an object, in the order of first occurrence in the texts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) struct Object(u32);
 
-/// Number of the first stranger (an object with a name that the texts do not contain). It is greater
-/// than the number of any object that a text of 4 GiB can name.
+/// Number of the first undeclared object of a condition. It is greater than the number of any
+/// object that a text of 4 GiB can name.
 const STRANGERS: u32 = 1 << 31;
 
-/// Objects that the texts name. The declared ones have the smallest numbers.
+/// Objects named in the texts. The declared ones have the smallest numbers.
 #[derive(Debug, Default)]
 pub(super) struct Objects {
     names: Vec<Name>,
     by_name: FxHashMap<Name, Object>,
-    /// For each declared object: position of the object's type in `types`.
+    /// For each declared object: the position of its type in `types`.
     typed: Vec<usize>,
-    /// Further types of objects that are declared several times with different types.
+    /// Further types of the objects that are declared several times with different types.
     typed_again: FxHashMap<Object, Vec<usize>>,
     types: Vec<TypeExpr>,
     types_by_expr: FxHashMap<TypeExpr, usize>,
 }
 
-/// All objects of a type, in the order of the texts.
+/// The set of all objects of a type, in the order of the texts.
 #[derive(Debug)]
 pub(super) enum Extension {
-    /// All declared objects, in which case the type is `object`. The value is the number of objects.
+    /// All declared objects; the type is `object`. The value is the number of objects.
     Everything(u32),
     /// The listed objects, in ascending order.
     Listed(Vec<Object>),
 }
 
-/// A predicate or a function with a fixed number of arguments. Texts that have not been checked may use
-/// one name with several numbers of arguments.
+/// Number of a predicate or function with a fixed number of arguments. Unchecked texts may use one
+/// name with several numbers of arguments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(super) struct RelationId(u32);
 
-/// The predicates, or the functions, that the texts name.
+/// Table of all predicates, or of all functions, that the texts name.
 #[derive(Debug, Default)]
 pub(super) struct RelationTable {
     entries: Vec<(Name, usize)>,
@@ -53,8 +54,8 @@ impl Object {
     /// Marks an unbound variable.
     pub(super) const UNBOUND: Object = Object(u32::MAX);
 
-    /// Returns a stranger: an object that a condition names and the texts do not contain. No fact holds
-    /// for a stranger, and it equals only itself.
+    /// Returns the number of an object that a condition names but the texts do not contain. No fact
+    /// holds for such an object, and it is equal only to itself.
     pub(super) fn stranger(index: usize) -> Object {
         Object(STRANGERS + index as u32)
     }
@@ -67,11 +68,12 @@ impl Object {
 // === impl Objects ===
 
 impl Objects {
-    /// Adds an object with its type. An object that is declared several times belongs to all its types.
+    /// Adds an object with its type. An object that is declared several times belongs to all its
+    /// types.
     ///
     /// # Panics
     ///
-    /// Panics if an undeclared object has been inserted before.
+    /// Panics if [`Objects::insert`] has already added an undeclared object.
     pub(super) fn declare(&mut self, object: &Typed) {
         assert_eq!(self.names.len(), self.typed.len(), "declared objects come first");
         let known = self.by_name.get(&object.name).copied();
@@ -91,7 +93,7 @@ impl Objects {
         self.typed.push(ty);
     }
 
-    /// Returns the number of the object with this name, and assigns a number if it has none.
+    /// Returns the number of the object with this name; assigns the next number to a new name.
     pub(super) fn insert(&mut self, name: &Name) -> Object {
         if let Some(object) = self.find(name) {
             return object;
@@ -111,7 +113,8 @@ impl Objects {
         self.find(name).filter(|object| object.index() < self.typed.len())
     }
 
-    /// Returns the name of an object; `None` for strangers and [`Object::UNBOUND`].
+    /// Returns the name of an object; `None` for an object that the texts do not contain, and for
+    /// [`Object::UNBOUND`].
     pub(super) fn name(&self, object: Object) -> Option<&Name> {
         self.names.get(object.index())
     }
@@ -150,7 +153,8 @@ impl Extension {
         }
     }
 
-    /// Returns the object at a position in the set, which has the order of the texts.
+    /// Returns the object at a position in the set; `None` if the set is smaller. Positions follow
+    /// the order of the texts.
     pub(super) fn get(&self, index: usize) -> Option<Object> {
         match self {
             Extension::Everything(count) => {
@@ -177,8 +181,8 @@ impl RelationId {
 // === impl RelationTable ===
 
 impl RelationTable {
-    /// Returns the number of the predicate or function with this name and number of arguments, and
-    /// assigns a number if it has none.
+    /// Returns the number of the predicate or function with this name and number of arguments;
+    /// assigns the next number to a new one.
     pub(super) fn insert(&mut self, name: &Name, arity: usize) -> RelationId {
         if let Some(relation) = self.find(name, arity) {
             return relation;

@@ -1,8 +1,9 @@
-//! Tables: sets of tuples of objects. A tuple can be found by all of its columns, and tuples by one column.
+//! Tables: sets of tuples of objects, with a lookup of a whole tuple and of all tuples with a given
+//! object in one column.
 //!
-//! - A tuple keeps its row number even after it is removed, so that data outside of the table (indexes,
-//!   values) can refer to rows.
-//! - The index of a column is built on first use, and maintained from then on. Most tables of a
+//! - A tuple keeps its row number even after it is removed, so that other data (indexes, values)
+//!   can refer to rows.
+//! - The index of a column is built on first use, and maintained from then on. Most tables for a
 //!   building are so small that no index is built.
 
 use std::hash::Hasher;
@@ -15,7 +16,7 @@ use super::symbols::Object;
 /// Number of rows up to which scanning all rows is faster than hashing.
 pub(super) const SCANNED_MAX: usize = 8;
 
-/// Marks a row that holds no tuple now, and the end of a chain of rows.
+/// Marks a row without a tuple (after a removal), and the end of a chain of rows.
 const NOWHERE: u32 = u32::MAX;
 
 /// A set of tuples of equal length.
@@ -24,20 +25,21 @@ pub(super) struct TupleTable {
     arity: usize,
     /// Objects of all tuples, row after row.
     cells: Vec<Object>,
-    /// For each hash: the newest row with that hash. It is filled once there are more than
+    /// For each hash: the newest row with that hash. The map is empty while there are at most
     /// [`SCANNED_MAX`] rows.
     newest: FxHashMap<u64, u32>,
-    /// For each row: the previous row with the same hash.
+    /// For each row: the previous row with the same hash; [`NOWHERE`] if there is none.
     earlier: Vec<u32>,
-    /// Rows of the tuples that are in the table. They are in the order of insertion as long as no tuple
+    /// Rows of the tuples that are in the table. Rows are in order of insertion as long as no tuple
     /// is removed.
     rows: Vec<u32>,
-    /// For each row: its position in `rows`.
+    /// For each row: its position in `rows`; [`NOWHERE`] if its tuple has been removed.
     places: Vec<u32>,
     columns: Vec<OnceLock<Column>>,
 }
 
-/// Index of one column: for each object, the rows of the tuples that have the object in this column.
+/// Index of one column: for each object, the rows of the tuples that have the object in this
+/// column.
 #[derive(Clone, Debug, Default)]
 struct Column {
     groups: FxHashMap<Object, Vec<u32>>,
@@ -88,8 +90,8 @@ impl TupleTable {
         self.find(cell).is_some_and(|row| self.places[row as usize] != NOWHERE)
     }
 
-    /// Returns the row of a tuple, even if the tuple has been removed; `None` if it never was in the
-    /// table. `cell` returns the tuple's object for each column.
+    /// Returns the row of a tuple, even if the tuple has been removed; `None` if it never was in
+    /// the table. `cell` returns the tuple's object for each column.
     pub(super) fn find(&self, cell: impl Fn(usize) -> Object) -> Option<u32> {
         let is_it = |row: u32| {
             let cells = self.tuple(row).iter().enumerate();
@@ -109,7 +111,7 @@ impl TupleTable {
         None
     }
 
-    /// Adds a tuple. Returns whether the tuple was missing in the table before.
+    /// Adds a tuple. Returns `false` if the tuple is already in the table.
     pub(super) fn insert(&mut self, tuple: &[Object]) -> bool {
         let row = match self.find(|column| tuple[column]) {
             Some(row) if self.places[row as usize] != NOWHERE => return false,
@@ -126,7 +128,7 @@ impl TupleTable {
         true
     }
 
-    /// Removes a tuple. Returns whether the tuple was in the table before.
+    /// Removes a tuple. Returns `false` if the tuple is not in the table.
     pub(super) fn remove(&mut self, tuple: &[Object]) -> bool {
         let Some(row) = self.find(|column| tuple[column]) else { return false };
         if self.places[row as usize] == NOWHERE {
@@ -198,7 +200,7 @@ impl Column {
     }
 }
 
-/// Removes a row from a group; the last row of the group takes its position.
+/// Removes a row from a group; the last row of the group moves to its position.
 fn remove(group: &mut Vec<u32>, places: &mut [u32], row: u32) {
     let place = std::mem::replace(&mut places[row as usize], NOWHERE) as usize;
     group.swap_remove(place);
@@ -225,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn an_index_keeps_up_with_what_comes_goes_and_comes_back() {
+    fn an_index_follows_additions_removals_and_repeated_additions() {
         let pairs = || (0..40).map(|index| [index / 7, index % 7].map(Object::stranger));
         let mut table = TupleTable::new(2);
         assert!(pairs().take(20).all(|pair| table.insert(&pair)));
@@ -245,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn the_empty_tuple_is_in_or_not() {
+    fn the_empty_tuple_can_be_added_and_removed() {
         let mut table = TupleTable::new(0);
         assert!(!table.contains(|_| Object::UNBOUND));
         assert!(table.insert(&[]) && !table.insert(&[]));

@@ -1,19 +1,23 @@
-//! Counts the work of evaluating conditions in a state, and ends it at a limit.
+//! Counts the work of evaluating conditions in a state, and ends the evaluation at a limit.
 //!
-//! A condition from outside may quantify over so many variables that evaluating it takes hours. The
-//! count depends on the texts only, so that the same texts end at the same limit on every machine.
+//! A condition from a user or another agent may quantify over so many variables that its evaluation
+//! would take hours. The count depends on the texts only, so that the limit has the same effect on
+//! every machine.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use crate::limits::Cancel;
 
-/// Count of the evaluation steps that a state may still take. A clone counts for itself.
+/// Counter of the evaluation steps that are still allowed in a state. Each clone continues with its
+/// own count.
 #[derive(Debug)]
 pub(super) struct WorkMeter {
-    /// Maximal number of steps, for conditions together and for each component of the axioms.
+    /// Maximum number of steps: for all conditions together, and again for each component of the
+    /// axioms.
     limit: u64,
     left: AtomicU64,
-    /// Whether the limit has ended the evaluation of axioms, so that facts are missing from then on.
+    /// Whether the limit has ended the evaluation of axioms. Derived facts are then missing for
+    /// good.
     is_cut: AtomicBool,
     /// Flag by which the caller stops the evaluation.
     cancel: Option<Cancel>,
@@ -46,25 +50,27 @@ impl WorkMeter {
         self.limit
     }
 
-    /// Counts `steps`, and returns whether they are within the limit. Once the limit is reached, no
-    /// further step is.
+    /// Counts `steps`. Returns `false` if the limit is reached or the evaluation was cancelled;
+    /// then every later call does so, too.
     pub(super) fn spend(&self, steps: u64) -> bool {
         let left = self.left.load(Ordering::Relaxed);
         let is_stopped = self.cancel.as_ref().is_some_and(Cancel::is_set);
         let rest = if is_stopped { 0 } else { left.saturating_sub(steps) };
-        // Two threads that share a state may lose a count of each other, which the limit can bear.
+        // Two threads that share a state may overwrite each other's count. The limit need not be
+        // that exact.
         self.left.store(rest, Ordering::Relaxed);
         rest > 0
     }
 
-    /// Begins to count anew, unless facts are missing.
+    /// Restarts the count, unless the limit has ended the evaluation of axioms.
     pub(super) fn renew(&self) {
         if !self.is_cut.load(Ordering::Relaxed) {
             self.left.store(self.limit, Ordering::Relaxed);
         }
     }
 
-    /// Returns the meter with another limit. If facts are missing, no step is within it.
+    /// Returns a meter with another limit. If the limit has ended the evaluation of axioms before,
+    /// the new meter allows no steps.
     pub(super) fn with_limit(&self, limit: u64, cancel: Option<Cancel>) -> WorkMeter {
         let meter = WorkMeter::new(limit, cancel);
         if self.is_cut.load(Ordering::Relaxed) {
@@ -74,8 +80,9 @@ impl WorkMeter {
         meter
     }
 
-    /// Calls `evaluate`, which computes the facts of a component of the axioms, with a count of its
-    /// own: its facts are kept, however many steps the condition that asks for them has taken.
+    /// Calls `evaluate`, which computes the facts of a component of the axioms, with a separate
+    /// count of the same limit. The facts are kept for later conditions, so that they must not
+    /// depend on the steps that the current condition has already taken.
     pub(super) fn apart<T>(&self, evaluate: impl FnOnce() -> T) -> T {
         let before = self.left.load(Ordering::Relaxed);
         self.renew();

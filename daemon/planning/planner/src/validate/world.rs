@@ -1,8 +1,9 @@
-//! A state of the world, as the lifted texts define it: facts, values, and derived facts.
+//! A state of the world, defined by the domain and the problem: facts, values, and derived facts.
 //!
-//! - This module interprets the syntax tree itself, compiled to slots and numbers, and shares no code with
-//!   grounding and search.
-//! - An executor of plans keeps a [`World`], applies confirmed steps, and queries which conditions hold.
+//! - This module interprets the syntax tree itself, compiled to slots and numbers, and shares no
+//!   code with grounding and search.
+//! - A plan executor keeps a [`World`], applies confirmed steps to it, and tests which conditions
+//!   hold.
 
 use std::cmp::Ordering;
 use std::collections::HashSet;
@@ -24,21 +25,21 @@ use super::work_meter::WorkMeter;
 use super::{Fault, FaultPlace, FaultReason};
 use crate::limits::Cancel;
 
-/// A state of the world, with the texts to which the state belongs. A clone copies the state and shares
-/// the texts.
+/// A state of the world, together with its domain and problem. A clone copies the state and shares
+/// the domain and the problem.
 #[derive(Clone, Debug)]
 pub struct World {
     pub(super) model: Arc<Model>,
     /// For each predicate: the facts that are true without axioms.
     pub(super) facts: Vec<TupleTable>,
-    /// For each component of the axioms: its derived facts, computed on first use. If a component has
-    /// no result, no component that reads it has one.
+    /// For each component of the axioms: its derived facts, computed on first use. If a component
+    /// has not been computed, the components that depend on it have not been computed either.
     pub(super) derived: Vec<OnceLock<Vec<TupleTable>>>,
-    /// For each function: its values.
+    /// For each function: the values of its fluents.
     pub(super) values: Vec<FunctionValues>,
-    /// Number of steps that have been applied to the initial state so far.
+    /// Number of steps applied since the initial state.
     pub(super) steps: usize,
-    /// Work that evaluations in this state may still do.
+    /// Amount of work still allowed for evaluations in this state.
     pub(super) work: WorkMeter,
 }
 
@@ -49,17 +50,17 @@ impl World {
     ///
     /// # Errors
     ///
-    /// Returns the diagnostics if the texts contain errors, or if the initial state is not defined: an
-    /// axiom depends on its own negation, or `:init` contains timed literals or unknown facts.
+    /// Returns the diagnostics if the texts contain errors, or if the initial state is not defined:
+    /// an axiom depends on its own negation, or `:init` contains timed literals or unknown facts.
     pub fn initial(domain: &Domain, problem: &Problem) -> Result<World, Vec<Diagnostic>> {
         let mut model = Model::new(domain, problem)?;
         let state = initially(&mut model, problem)?;
         Ok(World::of(Arc::new(model), state))
     }
 
-    /// Returns the initial state of another problem of the same domain, with the same objects and
-    /// metric. Returns `None` if the initial state is not defined, or if another `World` still shares
-    /// the model.
+    /// Returns the initial state of another problem with the same domain, objects and metric.
+    /// Returns `None` if that initial state is not defined, or if another `World` still shares the
+    /// model.
     pub(crate) fn with_problem(mut self, problem: &Problem) -> Option<World> {
         let state = initially(Arc::get_mut(&mut self.model)?, problem).ok()?;
         Some(World::of(self.model, state))
@@ -71,37 +72,38 @@ impl World {
     }
 
     /// Limits the work of all later evaluations in this state, counted in steps of the search for
-    /// bindings of quantified variables. A step takes some 100 ns. Each component of the axioms has a
-    /// count of its own. `cancel` stops all of them earlier.
+    /// bindings of quantified variables. A step takes some 100 ns. Each component of the axioms has
+    /// a separate count. `cancel` ends evaluations earlier.
     ///
-    /// When the limit is reached, the state answers nothing any more: no condition holds in it, neither
-    /// one nor its negation, no step is applicable, and [`World::work_limit_reached`] says so. A clone
-    /// has what is left of the limit for itself.
+    /// After the limit is reached, every condition and its negation counts as false, no step is
+    /// applicable, and [`World::work_limit_reached`] returns the limit. A clone has its own count,
+    /// which starts with the remaining steps.
     #[must_use]
     pub fn limit_work(self, steps_max: u64, cancel: Option<&Cancel>) -> World {
         let work = self.work.with_limit(steps_max, cancel.cloned());
         World { work, ..self }
     }
 
-    /// Begins to count the work anew, for an evaluation that is independent of those before. The state
-    /// still answers nothing if the limit has ended the evaluation of its axioms.
+    /// Restarts the count of work, for an evaluation that is independent of earlier ones. This has
+    /// no effect if the limit has ended the evaluation of axioms, because derived facts are then
+    /// missing.
     pub fn renew_work(&self) {
         self.work.renew();
     }
 
     /// Returns the limit of [`World::limit_work`] if an evaluation has reached it or was cancelled;
-    /// `None` if all answers of this state are complete.
+    /// `None` if all results of this state so far are complete.
     pub fn work_limit_reached(&self) -> Option<u64> {
         self.work.is_exhausted().then(|| self.work.limit())
     }
 
-    /// Returns the model: the constant part of the texts.
+    /// Returns the constant part of the domain and the problem.
     pub(crate) fn model(&self) -> &Model {
         &self.model
     }
 
-    /// Returns the facts that are true in this state and not in `other`, a state of the same texts.
-    /// They are sorted; derived facts come last.
+    /// Returns the facts that are true in this state but not in `other`, a state of the same domain
+    /// and problem. The facts are sorted; derived facts come last.
     pub fn facts_missing_in(&self, other: &World) -> Vec<Atom> {
         if Arc::ptr_eq(&self.model, &other.model) {
             return self.atoms_where(|predicate, tuple| !other.is_true(predicate, tuple));
@@ -110,26 +112,28 @@ impl World {
         self.atoms().filter(|atom| !others.contains(atom)).collect()
     }
 
-    /// Whether a closed condition (one without free variables) holds in this state. Returns `false` if
-    /// the limit of work is reached.
+    /// Whether a condition without free variables holds in this state. Returns `false` if the work
+    /// limit is reached.
     pub fn holds(&self, condition: &Condition) -> bool {
         let mut scope = CompilationScope::new(&self.model);
         let node = scope.node(condition, true);
         WorldView::of(self).holds(&node, &mut scope.frame()) && !self.work.is_exhausted()
     }
 
-    /// Returns the smallest failing part of a closed condition (one without free variables); `None` if
-    /// the condition holds. Returns the whole condition if the limit of work is reached.
+    /// Returns the smallest failing part of a condition without free variables; `None` if the
+    /// condition holds. Returns the whole condition if the work limit is reached.
     pub fn failing(&self, condition: &Condition) -> Option<Condition> {
         FailingPartSearch::new(self).part(condition)
     }
 
-    /// Iterates over the facts that are true in this state. They are sorted; derived facts come last.
+    /// Iterates over the facts that are true in this state, in sorted order; derived facts come
+    /// last.
     pub fn atoms(&self) -> impl Iterator<Item = Atom> + '_ {
         self.atoms_where(|_, _| true).into_iter()
     }
 
-    /// Returns the true facts for which `shows` returns `true`, given their predicates and objects.
+    /// Returns the true facts for which `shows` returns `true`; its arguments are the predicate and
+    /// the objects. The facts are sorted; derived facts come last.
     fn atoms_where(&self, shows: impl Fn(RelationId, &[Object]) -> bool) -> Vec<Atom> {
         let mut derived = Vec::new();
         for predicate in self.model.predicates.iter() {
@@ -147,14 +151,14 @@ impl World {
         atoms
     }
 
-    /// Whether a fact is true in this state, either stated or derived by axioms.
+    /// Whether a fact is true in this state, with or without axioms.
     fn is_true(&self, predicate: RelationId, tuple: &[Object]) -> bool {
         let is_in = |table: &TupleTable| table.contains(|column| tuple[column]);
         is_in(&self.facts[predicate.index()]) || { self.model.axioms.place(predicate) }
             .is_some_and(|(component, at)| is_in(&self.derived(component)[at]))
     }
 
-    /// Returns the value of a ground fluent; `None` if it is undefined.
+    /// Returns the value of a grounded fluent; `None` if it is undefined.
     pub fn value(&self, fluent: &FluentTerm) -> Option<f64> {
         let function = self.model.functions.find(&fluent.function, fluent.arguments.len())?;
         let objects = fluent.arguments.iter().map(|term| self.model.objects.find(term.name()));
@@ -162,8 +166,8 @@ impl World {
         self.values[function.index()].get(|column| objects[column])
     }
 
-    /// Returns the value of the metric after the steps applied so far; the number of these steps if
-    /// there is no metric.
+    /// Returns the value of the metric after the steps applied so far. Without a metric, returns
+    /// the number of these steps.
     ///
     /// # Errors
     ///
@@ -179,7 +183,7 @@ impl World {
         })
     }
 
-    /// Whether the metric is to be maximized.
+    /// Whether the metric is to be maximized. Returns `false` if there is no metric.
     pub fn maximizes(&self) -> bool {
         self.model
             .metric
@@ -191,8 +195,9 @@ impl World {
     ///
     /// # Errors
     ///
-    /// Returns a fault if the step is not an action of the domain over its objects, if its precondition does
-    /// not hold, or if its effects are undefined or contradict each other. The world then stays as it was.
+    /// Returns a fault if the step is not an action of the domain with declared objects, if its
+    /// precondition does not hold, or if its effects are undefined or contradict each other. The
+    /// state then remains unchanged.
     pub fn apply(&mut self, step: &PlanStep) -> Result<(), Box<Fault>> {
         let fault = |reason| {
             let place = FaultPlace::Step { index: self.steps, step: step.clone() };
@@ -209,7 +214,7 @@ impl World {
                 self.invalidate(model.axioms.fact_readers(predicate));
             }
         }
-        // After the deletes: a fact both deleted and added is true.
+        // Additions follow deletions: a fact that is both deleted and added is true.
         for (predicate, tuple) in changes.adds.iter() {
             if self.facts[predicate.index()].insert(tuple) {
                 self.invalidate(model.axioms.fact_readers(predicate));
@@ -259,7 +264,7 @@ impl World {
         self.named(self.model.predicates.name(predicate), tuple)
     }
 
-    /// Returns the atom of a predicate and a tuple of objects; `None` if one of the objects has no name
+    /// Returns an atom with this name and these objects; `None` if one of the objects has no name
     /// in the texts.
     fn named(&self, name: &Name, tuple: &[Object]) -> Option<Atom> {
         let term = |object: &Object| self.model.objects.name(*object).cloned().map(Term::Object);
@@ -269,7 +274,7 @@ impl World {
 }
 
 impl PartialEq for World {
-    /// Compares the facts and values of two states. The numbers of applied steps do not matter.
+    /// Compares the facts and values of two states; ignores the numbers of applied steps.
     fn eq(&self, other: &World) -> bool {
         if Arc::ptr_eq(&self.model, &other.model) {
             return self.values == other.values && self.facts == other.facts;
@@ -287,21 +292,22 @@ fn by_name(left: &Atom, right: &Atom) -> Ordering {
     left.predicate.cmp(&right.predicate).then_with(arguments)
 }
 
-/// Returns the facts and values that `:init` states. Names that occur only in `:init` get their numbers
-/// here.
+/// Returns the facts and values of the initial state. Names that occur only in `:init` get their
+/// numbers here.
 fn initially(
     model: &mut Model,
     problem: &Problem,
 ) -> Result<(Vec<TupleTable>, Vec<FunctionValues>), Vec<Diagnostic>> {
-    // `total-cost` is zero unless `:init` gives it a value: many domains declare it, and problems omit
-    // it.
+    // `total-cost` is zero unless `:init` assigns a value: many domains declare it, and problems
+    // omit it.
     let total_cost = model.functions.insert(&Name::new("total-cost"), 0);
     let mut values: Vec<FunctionValues> =
         model.functions.arities().map(FunctionValues::new).collect();
     let mut facts: Vec<TupleTable> = model.predicates.arities().map(TupleTable::new).collect();
     values[total_cost.index()].set(&[], 0.0);
     let mut tuple = Vec::new();
-    // Facts of one predicate are mostly adjacent.
+    // Most facts of one predicate are adjacent in `:init`; the lookup of the previous fact is
+    // reused.
     let mut last: Option<(&Atom, RelationId)> = None;
     for element in &problem.init {
         tuple.clear();

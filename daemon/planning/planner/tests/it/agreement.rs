@@ -1,11 +1,12 @@
-//! Random small tasks: compares the planner with brute force.
+//! Compares the planner with brute force on random small tasks.
 //!
-//! A task is solvable if and only if the planner finds a plan, and has the least cost that the planner
-//! claims. Every order of steps that deordering allows leads to the goal.
+//! The planner must find a plan if and only if the task is solvable. A cost that the planner claims
+//! to be the least must be the least. Every order of steps that deordering allows must lead to the
+//! goal.
 //!
-//! `ALTHING_TASKS=10000` draws this number of tasks, and `ALTHING_TASKS_SEED=7` draws other ones. With
-//! `ALTHING_TASKS_FOLDER=FOLDER` each task is written there with its least cost, to compare another
-//! planner with (`benches/random_tasks.py`).
+//! `ALTHING_TASKS=10000` sets the number of tasks, and `ALTHING_TASKS_SEED=7` the random seed. With
+//! `ALTHING_TASKS_FOLDER=FOLDER` each task is written to that folder with its least cost, so that
+//! other planners can be compared (`benches/random_tasks.py`).
 
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -23,10 +24,10 @@ use crate::support::{domain, parse, problem};
 /// Objects of the tasks; each task uses the first few of them.
 const OBJECTS: [&str; 4] = ["a", "b", "e", "f"];
 
-/// Maximal number of states for brute force; a task with more is drawn again.
+/// Maximum number of states for brute force. A task with more states is replaced by another one.
 const STATES_MAX: usize = 2_000;
 
-/// Generates a term from the variables in scope and the objects; objects get their names later.
+/// Generates a term: a variable in scope, or an object as a placeholder, which gets its name later.
 fn term(variables: usize) -> impl Strategy<Value = String> {
     prop_oneof![
         variables as u32 => (0..variables.max(1)).prop_map(|index| format!("?v{index}")),
@@ -42,12 +43,13 @@ pub(crate) fn with_objects(text: &str, count: usize) -> String {
         .fold(text.to_owned(), |text, (index, name)| text.replace(&format!("object{index}"), name))
 }
 
-/// One to four objects. With one object, a variable has one value, and much that is lifted is ground.
+/// Generates a number of objects from one to four. With one object, each variable has only one
+/// value, so that lifted parts become ground.
 fn object_count() -> impl Strategy<Value = usize> {
     prop_oneof![3 => Just(1_usize), 4 => Just(2), 2 => Just(3), 1 => Just(4)]
 }
 
-/// Declares this number of objects as constants; every second is of type `t`.
+/// Returns declarations of this number of constants; every second one is of type `t`.
 fn constants(count: usize) -> String {
     let typed = OBJECTS[..count].iter().enumerate().map(|(index, name)| match index % 2 {
         0 => format!("{name} - t "),
@@ -66,7 +68,8 @@ pub(crate) fn atom(variables: usize) -> BoxedStrategy<String> {
     .boxed()
 }
 
-/// Generates a condition over the variables `?v0 … ?v(n-1)`; `(d …)` is derived, `(s …)` is static.
+/// Generates a condition over the variables `?v0 … ?v(n-1)`. Atoms `(d …)` are derived, and `(s …)`
+/// is static.
 fn condition(variables: usize, depth: usize) -> BoxedStrategy<String> {
     let leaf = prop_oneof![
         6 => atom(variables),
@@ -96,7 +99,7 @@ fn literal(variables: usize) -> impl Strategy<Value = String> {
         .prop_map(|(adds, atom)| if adds { atom } else { format!("(not {atom})") })
 }
 
-/// Generates several conditions at once, so that tasks are neither trivial nor unsolvable.
+/// Generates a conjunction. Several conditions together make few tasks trivial or unsolvable.
 pub(crate) fn conjunction(
     variables: usize,
     parts: std::ops::Range<usize>,
@@ -134,7 +137,7 @@ pub(crate) fn action() -> impl Strategy<Value = String> {
     })
 }
 
-/// Generates a condition for `(d ?v0)`.
+/// Generates a condition that defines `(d ?v0)`.
 pub(crate) fn axiom() -> impl Strategy<Value = String> {
     prop_oneof![
         Just("(p ?v0)".to_owned()),
@@ -165,7 +168,7 @@ fn task() -> impl Strategy<Value = (String, String)> {
     )
 }
 
-/// Returns the number in an environment variable, or the default.
+/// Returns the number in an environment variable, or the default if the variable is not set.
 fn given(variable: &str, default: u32) -> u32 {
     match std::env::var(variable) {
         Ok(text) => text.parse().unwrap_or_else(|_| panic!("{variable}: `{text}` is no number")),
@@ -183,7 +186,7 @@ fn drawn(cases: u32, seed: u32) -> ProptestConfig {
     }
 }
 
-/// Writes a task into a folder, with the result of brute force: its least cost, or `none`.
+/// Writes a task to a folder, together with the result of brute force: its least cost, or `none`.
 fn keep(folder: &str, domain: &str, problem: &str, truth: Option<f64>) {
     static COUNT: AtomicUsize = AtomicUsize::new(0);
     let number = COUNT.fetch_add(1, Ordering::Relaxed);
@@ -230,7 +233,7 @@ proptest! {
     #![proptest_config(drawn(60, 2_027))]
 
     #[test]
-    fn every_way_to_search_agrees((domain, problem) in task()) {
+    fn all_configurations_agree((domain, problem) in task()) {
         let (domain, problem) = parse(&domain, &problem);
         let Ok(truth) = least_cost_within(&domain, &problem, STATES_MAX / 4) else {
             return Err(TestCaseError::reject("too large to try everything"));
@@ -252,7 +255,7 @@ proptest! {
                 prop_assert!(is_proof, "{name:?}: {}", outcome.stop_reason);
                 continue;
             };
-            // These end by themselves only if nothing cheaper is left.
+            // These searches end only if no cheaper plan is left.
             let is_best = options.configuration.optimal || options.effort != Effort::First;
             let cost = plan.cost.map_or(f64::NAN, |cost| cost.0);
             prop_assert!(cost >= least - 1e-6, "{name:?} found {cost}, least {least}");
@@ -261,8 +264,8 @@ proptest! {
     }
 }
 
-/// Returns the options of all runs: every configuration alone, on two threads, and with further effort
-/// after the first plan.
+/// Returns the options of all runs: every configuration alone, on two threads, and with further
+/// effort after the first plan.
 fn ways() -> Vec<Options> {
     let mut ways = Vec::new();
     for configuration in CONFIGURATIONS {

@@ -1,11 +1,12 @@
-//! Brute force: searches all states with the validator's [`World`](planner::World), one step at a time.
+//! Brute force: searches all states with the validator's [`World`](planner::World), one step at a
+//! time.
 
 use std::collections::BTreeMap;
 
 use pddl::{Domain, Name, PlanStep, Problem};
 use planner::World;
 
-/// Returns all steps: every action with all combinations of objects for its parameters.
+/// Returns all grounded steps: every action with all combinations of objects for its parameters.
 pub(crate) fn all_steps(domain: &Domain, problem: &Problem) -> Vec<PlanStep> {
     let objects: Vec<Name> = domain
         .constants
@@ -31,18 +32,18 @@ pub(crate) fn all_steps(domain: &Domain, problem: &Problem) -> Vec<PlanStep> {
     steps
 }
 
-/// The task has more states than the bound allows.
+/// Error: the task has more states than the given maximum.
 #[derive(Debug)]
 pub(crate) struct TooLarge;
 
 /// Returns the least cost of any plan, by Dijkstra's algorithm; `None` if there is no plan.
 ///
-/// Costs are rounded to millionths, so that they can be ordered.
+/// Costs are rounded to millionths, so that they can be ordered as integers.
 pub(crate) fn least_cost(domain: &Domain, problem: &Problem) -> Option<f64> {
     least_cost_within(domain, problem, usize::MAX).expect("no bound")
 }
 
-/// As [`least_cost`], but returns an error if more than this number of states are reachable.
+/// As [`least_cost`], but returns an error if more than `states_max` states are reachable.
 pub(crate) fn least_cost_within(
     domain: &Domain,
     problem: &Problem,

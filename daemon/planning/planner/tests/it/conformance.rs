@@ -1,10 +1,11 @@
-//! Conformance to PDDL, case by case, where other planners reject the text, guess or answer wrongly.
+//! Conformance to PDDL, case by case, in cases where other planners reject the text, guess or give
+//! a wrong result.
 
 use expect_test::{Expect, expect};
 
 use crate::support::{self, check};
 
-/// Checks the answer for the parts of a domain and of a problem.
+/// Checks the result for a domain and a problem, given by their parts.
 #[track_caller]
 fn case(domain: &str, problem: &str, expected: Expect) {
     check(&support::domain(domain), &support::problem(problem), expected);
@@ -29,7 +30,7 @@ fn either_in_parameters_quantifiers_and_predicates() {
 }
 
 #[test]
-fn a_cost_inside_when_is_counted_and_never_proven() {
+fn a_conditional_cost_counts_and_allows_no_proof() {
     case(
         "(:predicates (p) (q)) (:functions (total-cost))
          (:action go :effect (and (q) (when (p) (increase (total-cost) 2))))",
@@ -71,7 +72,7 @@ fn fractional_costs_are_kept_and_compared() {
 }
 
 #[test]
-fn negative_costs_are_planned_for_without_a_proof() {
+fn negative_costs_are_supported_without_a_proof() {
     case(
         "(:predicates (q)) (:functions (total-cost))
          (:action earn :effect (and (q) (decrease (total-cost) 3)))",
@@ -84,7 +85,7 @@ fn negative_costs_are_planned_for_without_a_proof() {
 }
 
 #[test]
-fn an_undefined_cost_is_told_and_its_action_never_applies() {
+fn an_undefined_cost_is_reported_and_its_action_never_applies() {
     case(
         "(:predicates (at ?x)) (:functions (total-cost) (distance ?x ?y))
          (:action go :parameters (?x ?y) :precondition (at ?x)
@@ -116,7 +117,7 @@ fn the_metric_may_be_a_weighted_sum() {
 }
 
 #[test]
-fn a_metric_that_is_not_linear_ranks_plans_and_proves_none() {
+fn a_nonlinear_metric_ranks_plans_without_a_proof() {
     case(
         "(:predicates (q)) (:functions (time)) (:action go :effect (and (q) (increase (time) 2)))",
         "(:init (= (time) 0)) (:goal (q)) (:metric minimize (* (time) (time)))",
@@ -128,7 +129,7 @@ fn a_metric_that_is_not_linear_ranks_plans_and_proves_none() {
 }
 
 #[test]
-fn without_a_metric_steps_count() {
+fn without_a_metric_the_steps_are_counted() {
     case(
         "(:predicates (q) (r)) (:functions (total-cost))
          (:action dear :effect (and (q) (increase (total-cost) 9)))
@@ -143,7 +144,7 @@ fn without_a_metric_steps_count() {
 }
 
 #[test]
-fn steps_that_cost_nothing_are_not_wasted() {
+fn zero_cost_steps_are_not_added_needlessly() {
     case(
         "(:predicates (at ?x) (next ?x ?y)) (:functions (total-cost))
          (:action go :parameters (?x ?y) :precondition (and (at ?x) (next ?x ?y))
@@ -159,7 +160,7 @@ fn steps_that_cost_nothing_are_not_wasted() {
 }
 
 #[test]
-fn an_action_without_effect_harms_nobody() {
+fn an_action_without_effect_is_accepted() {
     case(
         "(:predicates (q)) (:action look :parameters (?x)) (:action wait :effect ())
          (:action go :effect (q))",
@@ -172,7 +173,7 @@ fn an_action_without_effect_harms_nobody() {
 }
 
 #[test]
-fn an_empty_goal_is_reached_at_once() {
+fn an_empty_goal_needs_no_steps() {
     case(
         "(:predicates (q))",
         "(:init) (:goal (and))",
@@ -190,7 +191,7 @@ fn an_empty_goal_is_reached_at_once() {
 }
 
 #[test]
-fn sections_come_in_any_order() {
+fn sections_may_be_in_any_order() {
     case(
         "(:action go :effect (q)) (:predicates (q))",
         "(:metric minimize (total-time)) (:goal (q)) (:init)",
@@ -230,7 +231,7 @@ fn negation_disjunction_implication_and_quantifiers_in_goals() {
 }
 
 #[test]
-fn large_disjunctions_do_not_explode() {
+fn large_disjunctions_stay_small() {
     case(
         "(:predicates (p ?x) (q ?x) (done))
          (:action left :parameters (?x) :effect (p ?x))
@@ -247,7 +248,7 @@ fn large_disjunctions_do_not_explode() {
 }
 
 #[test]
-fn conditions_of_effects_are_read_before_the_action() {
+fn conditions_of_effects_use_the_state_before_the_action() {
     case(
         "(:predicates (p) (q)) (:action go :effect (and (p) (when (p) (q))))",
         "(:init) (:goal (q))",
@@ -273,7 +274,7 @@ fn a_fact_both_added_and_deleted_is_true() {
 }
 
 #[test]
-fn an_add_under_a_condition_that_fails_does_not_stop_the_delete() {
+fn a_conditional_add_that_does_not_happen_keeps_the_delete() {
     case(
         "(:predicates (p) (c) (q))
          (:action go :effect (and (q) (not (p)) (when (c) (p))))",
@@ -295,7 +296,7 @@ fn an_add_under_a_condition_that_fails_does_not_stop_the_delete() {
 }
 
 #[test]
-fn universal_effects_reach_constants_and_subtypes_and_bear_empty_types() {
+fn universal_effects_include_constants_and_subtypes_and_allow_empty_types() {
     case(
         "(:types animal empty - object dog - animal) (:constants rex - dog)
          (:predicates (fed ?x - animal) (never) (always))
@@ -312,7 +313,7 @@ fn universal_effects_reach_constants_and_subtypes_and_bear_empty_types() {
 }
 
 #[test]
-fn one_object_may_stand_for_two_parameters_unless_told_apart() {
+fn one_object_may_bind_two_parameters_unless_the_precondition_forbids_it() {
     case(
         "(:predicates (p ?x) (q ?x)) (:action both :parameters (?x ?y) :precondition (p ?x)
            :effect (q ?y))",
@@ -333,7 +334,7 @@ fn one_object_may_stand_for_two_parameters_unless_told_apart() {
 }
 
 #[test]
-fn who_witnesses_an_existential_is_no_part_of_the_step() {
+fn the_witness_of_an_existential_is_not_part_of_the_step() {
     case(
         "(:predicates (near ?x) (q)) (:action go :precondition (exists (?x) (near ?x)) :effect (q))",
         "(:objects a b c) (:init (near a) (near c)) (:goal (q))",
@@ -369,7 +370,7 @@ fn repeated_facts_and_explicit_negations_in_init() {
 }
 
 #[test]
-fn derived_predicates_recurse_negate_and_follow_changes() {
+fn derived_predicates_support_recursion_negation_and_changes() {
     case(
         "(:requirements :derived-predicates)
          (:constants a b c d) (:predicates (link ?x ?y) (cut ?x ?y) (reach ?x ?y) (alone ?x) (done))
@@ -414,7 +415,7 @@ fn a_derived_fact_may_not_be_an_effect() {
 }
 
 #[test]
-fn time_is_refused_by_name() {
+fn temporal_features_are_rejected_by_name() {
     case(
         "(:predicates (p)) (:durative-action wait :parameters () :duration (= ?duration 5)
            :condition () :effect (at end (p)))",
@@ -449,7 +450,7 @@ fn the_agent_is_the_first_argument() {
 }
 
 #[test]
-fn unknown_names_are_told_not_planned_with() {
+fn unknown_names_are_reported_as_errors() {
     case(
         "(:predicates (p)) (:action go :precondition (pp) :effect (p))",
         "(:init) (:goal (p))",
@@ -460,8 +461,8 @@ fn unknown_names_are_told_not_planned_with() {
 }
 
 #[test]
-fn a_test_without_variables_left_is_not_forgotten() {
-    // Narrowing leaves one candidate per parameter, by static facts, types or other tests.
+fn a_condition_without_free_variables_is_still_checked() {
+    // Static facts, types and other tests leave one candidate per parameter.
     const MOVE: &str =
         "(:types robot room) (:predicates (at ?r - robot ?x - room) (moved ?r - robot))
          (:action move :parameters (?r - robot ?from ?to - room)
@@ -509,7 +510,7 @@ fn a_test_without_variables_left_is_not_forgotten() {
 }
 
 #[test]
-fn a_test_beside_many_alternatives_is_not_forgotten() {
+fn a_condition_beside_many_alternatives_is_still_checked() {
     let wide = |index: usize| {
         let alternatives: String = (0..4).map(|at| format!("(q{at} ?x{index})")).collect();
         format!("(and (not (= ?x0 ?x1)) (or {alternatives}))")
@@ -534,7 +535,7 @@ fn a_test_beside_many_alternatives_is_not_forgotten() {
 }
 
 #[test]
-fn a_metric_ranks_plans_and_makes_none_wrong() {
+fn a_metric_ranks_plans_and_invalidates_none() {
     const GAIN: &str = "(:predicates (done)) (:functions (gain) (fuel))
          (:action little :precondition (not (done)) :effect (and (done) (increase (gain) 1)))
          (:action much :precondition (not (done)) :effect (and (done) (increase (gain) 9)))
@@ -578,7 +579,7 @@ fn a_metric_ranks_plans_and_makes_none_wrong() {
 }
 
 #[test]
-fn a_metric_without_a_value_is_a_mistake() {
+fn a_metric_without_a_value_is_an_error() {
     case(
         "(:predicates (done)) (:functions (fuel)) (:action go :effect (done))",
         "(:init) (:goal (done)) (:metric minimize (fuel))",

@@ -1,5 +1,5 @@
-//! Explanations of unsolvable goals: the smart office without some of its agents, and small worlds with
-//! other obstacles.
+//! Explanations of unsolvable goals: the smart office without some of its agents, and small tasks
+//! with other obstacles.
 
 use std::collections::BTreeMap;
 
@@ -91,7 +91,7 @@ fn check(objects: &str, init: &str, expected: Expect) {
 }
 
 #[test]
-fn without_any_agent_a_sensor_there_would_do_or_two_together() {
+fn without_agents_a_sensor_or_a_robot_with_a_sensor_is_suggested() {
     check(
         "",
         "",
@@ -104,7 +104,7 @@ fn without_any_agent_a_sensor_there_would_do_or_two_together() {
 }
 
 #[test]
-fn a_sensor_without_its_robot_wants_one() {
+fn a_sensor_without_a_robot_needs_one() {
     check(
         "ir - ir-temperature-sensor",
         "(offers-measure ir)",
@@ -116,7 +116,8 @@ fn a_sensor_without_its_robot_wants_one() {
     );
 }
 
-/// Two kinds of robots have different actions of one name; an explanation names it once.
+/// Two kinds of robots have different actions with the same name. The explanation must list the
+/// name once.
 #[test]
 fn actions_of_one_name_are_one_alternative() {
     let drive =
@@ -134,7 +135,7 @@ fn actions_of_one_name_are_one_alternative() {
 }
 
 #[test]
-fn an_agent_that_is_here_and_does_not_offer_is_named() {
+fn a_present_agent_that_does_not_offer_the_action_is_named() {
     check(
         "tb - mobile-base ir - ir-temperature-sensor",
         "(offers-measure ir) (mounted-on ir tb) (at tb corridor)",
@@ -148,7 +149,7 @@ fn an_agent_that_is_here_and_does_not_offer_is_named() {
 }
 
 #[test]
-fn a_sensor_that_rests_is_named_for_its_own_room_only() {
+fn a_sensor_that_offers_nothing_is_named_only_for_its_room() {
     check(
         "one two - temperature-sensor",
         "(located one office1) (located two office2) (offers-report two)",
@@ -162,7 +163,7 @@ fn a_sensor_that_rests_is_named_for_its_own_room_only() {
 }
 
 #[test]
-fn a_robot_without_a_sensor_wants_one_on_it() {
+fn a_robot_without_a_sensor_needs_one_mounted_on_it() {
     check(
         "tb - mobile-base",
         "(offers-move tb) (at tb corridor)",
@@ -175,7 +176,7 @@ fn a_robot_without_a_sensor_wants_one_on_it() {
 }
 
 #[test]
-fn a_sensor_on_the_wrong_wall_is_no_answer() {
+fn a_sensor_in_another_room_is_not_suggested() {
     check(
         "one - temperature-sensor",
         "(located one office1) (offers-report one)",
@@ -188,7 +189,7 @@ fn a_sensor_on_the_wrong_wall_is_no_answer() {
 }
 
 #[test]
-fn what_agents_could_do_that_have_left_is_remembered() {
+fn actions_of_former_agents_are_suggested() {
     let office = office("", "", "");
     let model = |text: &str| pddl::parse_action_model(text).into_result().expect("a model");
     let former = [
@@ -203,7 +204,7 @@ fn what_agents_could_do_that_have_left_is_remembered() {
                 (:action report-temperature :agent ?s - temperature-sensor :parameters (?r - room)
                     :precondition (located ?s ?r) :effect (known-temperature ?r)))",
         ),
-        // This model does not fit the present ontology; it must not affect the others.
+        // This model does not fit the current ontology, and must not affect the others.
         model(
             "(define (agent odd) (:domain office)
                 (:action odd :agent ?s - unheard-of :parameters () :effect (unheard-of ?s)))",
@@ -221,7 +222,7 @@ fn what_agents_could_do_that_have_left_is_remembered() {
 }
 
 #[test]
-fn what_nobody_ever_did_is_said_so() {
+fn an_action_that_no_agent_ever_had_is_reported() {
     let office = office(MOVE, "tb - mobile-base", "(offers-move tb) (at tb corridor)");
     let explanation = explained(&office, &GUARDS[..1], &[], "(known-temperature office1)");
     expect![[r#"
@@ -232,7 +233,7 @@ fn what_nobody_ever_did_is_said_so() {
 }
 
 #[test]
-fn parts_that_are_reached_alone_interfere() {
+fn parts_reachable_only_one_at_a_time_are_reported_to_interfere() {
     let actions = [MOVE, REPORT].concat();
     let office = office(&actions, "tb - mobile-base", "(offers-move tb) (at tb corridor)");
     let both = explained(&office, GUARDS, &[], "(and (at tb office1) (at tb office2))");
@@ -250,7 +251,7 @@ fn parts_that_are_reached_alone_interfere() {
 }
 
 #[test]
-fn an_amount_in_the_way_is_said_so() {
+fn a_numeric_obstacle_is_reported() {
     let texts = parse(
         "(define (domain d) (:requirements :typing :numeric-fluents) (:types robot)
             (:predicates (done) (offers-work ?r - robot)) (:functions (charge ?r - robot))
@@ -299,11 +300,13 @@ fn one_agent_may_lack_two_capabilities() {
 }
 
 proptest! {
-    /// For any set of facts: capabilities that are reported missing are not offered, alternatives are
-    /// small, and the same question has the same answer. A part that is reported unreachable has no
-    /// plan.
+    /// For any set of facts: every alternative names one or two missing capabilities, and the same
+    /// query has the same result. A part that is reported unreachable has no plan. Without
+    /// obstacles, the goal has a plan.
     #[test]
-    fn explanations_are_sound_and_repeat(bits in proptest::collection::vec(any::<bool>(), 8)) {
+    fn explanations_are_sound_and_deterministic(
+        bits in proptest::collection::vec(any::<bool>(), 8),
+    ) {
         let facts = ["(offers-move tb)", "(at tb corridor)", "(offers-measure ir)",
             "(mounted-on ir tb)", "(offers-report one)", "(located one office1)",
             "(offers-report two)", "(located two office2)"];

@@ -34,7 +34,7 @@ fn check(goal: &str, replaced: (&str, &str), expected: Expect) {
 }
 
 #[test]
-fn what_is_derived_is_taken_apart_where_all_of_it_must_be() {
+fn a_derived_conjunct_is_expanded_if_all_its_parts_are_required() {
     let (domain, problem) = parse(
         "(define (domain d) (:types room lamp lock)
             (:predicates (in ?d - object ?r - room) (on ?l - lamp) (shut ?k - lock) (lit ?r - room)
@@ -122,19 +122,19 @@ fn a_room_without_a_door_is_named() {
     );
 }
 
-/// Returns a condition over `count` variables `?v1 … ?vN` of locations: `quantifier` and `body`.
+/// Returns a condition `body`, quantified over `count` variables `?v1 … ?vN` of type `location`.
 fn over_locations(quantifier: &str, count: usize, body: &str) -> Condition {
     let variables: Vec<String> = (1..=count).map(|number| format!("?v{number}")).collect();
     let text = format!("({quantifier} ({} - location) {body})", variables.join(" "));
     pddl::parse_condition(&text).into_result().expect("a condition")
 }
 
-/// A body that no static fact decides, and that mentions four of the variables.
+/// A condition that static facts cannot decide, and that mentions four of the variables.
 const BODY: &str =
     "(imply (connected ?v1 ?v2) (or (connected ?v2 ?v1) (connected ?v3 ?v4) (= ?v1 ?v4)))";
 
 #[test]
-fn a_goal_that_stands_for_too_many_conditions_is_refused_with_the_limit() {
+fn a_goal_that_expands_to_too_many_conditions_is_rejected_with_the_limit() {
     let (domain, problem) = parse(OFFICE, MORNING);
     let world = World::initial(&domain, &problem).expect("makes sense");
     let limit = GOAL_SIZE_MAX;
@@ -143,10 +143,10 @@ fn a_goal_that_stands_for_too_many_conditions_is_refused_with_the_limit() {
     let many = over_locations("forall", 30, BODY);
     let never = Condition::Not(Box::new(over_locations("exists", 30, BODY)));
     let nested = over_locations("forall", 15, &over_locations("forall", 15, BODY).to_string());
-    // Every instance has a long text, so that few of them are too many.
+    // Every instance is a long text, so that a few instances exceed the limit.
     let long = format!("(or {})", "(connected ?v1 ?v2) ".repeat(GOAL_SIZE_MAX / 40));
     let long = over_locations("forall", 2, &long);
-    // A part of the goal of which each instance has a long expression.
+    // A part of the goal with long expressions as its instances.
     let sum = format!("(> (+ {}) 1)", "1 ".repeat(GOAL_SIZE_MAX / 10));
     let sum = over_locations("forall", 2, &sum);
     let last = Condition::And(vec![small[0].clone(), many.clone()]);
@@ -159,7 +159,7 @@ fn a_goal_that_stands_for_too_many_conditions_is_refused_with_the_limit() {
 }
 
 #[test]
-fn an_axiom_that_stands_for_too_many_conditions_is_refused_too() {
+fn an_axiom_that_expands_to_too_many_conditions_is_rejected() {
     let quantified = over_locations("forall", 30, BODY);
     let all = OFFICE.trim_end().strip_suffix(')').expect("a definition");
     let (domain, problem) = parse(&format!("{all} (:derived (tidy) {quantified}))"), MORNING);
@@ -174,7 +174,7 @@ fn an_axiom_that_stands_for_too_many_conditions_is_refused_too() {
 }
 
 #[test]
-fn a_state_with_a_limit_of_work_says_nothing_beyond_it() {
+fn after_the_work_limit_no_condition_holds() {
     let (domain, problem) = parse(OFFICE, MORNING);
     let initial = World::initial(&domain, &problem).expect("makes sense");
     let easy = pddl::parse_condition("(exists (?r - room) (connected hall ?r))");
@@ -182,7 +182,7 @@ fn a_state_with_a_limit_of_work_says_nothing_beyond_it() {
     let world = initial.clone().limit_work(10_000, None);
     assert!(world.holds(&easy), "that takes few steps");
     assert_eq!(world.work_limit_reached(), None);
-    // True for every combination of objects, each of which has to be tried.
+    // The condition is true for every combination of objects, and each combination has to be tried.
     let other = over_locations("forall", 30, "(= ?v30 ?v30)");
     assert!(!world.holds(&other), "it holds, which is not found out");
     assert_eq!(world.work_limit_reached(), Some(10_000));
@@ -202,9 +202,9 @@ fn a_state_with_a_limit_of_work_says_nothing_beyond_it() {
 }
 
 #[test]
-fn facts_of_axioms_have_a_count_of_their_own() {
+fn axioms_have_a_separate_work_count() {
     let all = OFFICE.trim_end().strip_suffix(')').expect("a definition");
-    // Eight thousand combinations of five locations have to be tried for the first axiom.
+    // The first axiom requires trying eight thousand combinations of five locations.
     let easy = over_locations("exists", 5, "(not (= ?v5 ?v5))");
     let hard = over_locations("exists", 30, "(not (= ?v30 ?v30))");
     let text = format!(
@@ -216,14 +216,14 @@ fn facts_of_axioms_have_a_count_of_their_own() {
     let condition = |text: &str| pddl::parse_condition(text).into_result().expect("a condition");
     let world = World::initial(&domain, &problem).expect("makes sense");
     let world = world.limit_work(100_000, None);
-    // The condition takes all of its steps; the facts of the axiom are complete.
+    // The condition uses up its own steps; the facts of the axiom are complete.
     let long = over_locations("exists", 30, "(and (near ?v1) (not (= ?v30 ?v30)))");
     assert!(!world.holds(&long));
     assert_eq!(world.work_limit_reached(), Some(100_000));
     world.renew_work();
     assert!(world.holds(&condition("(forall (?l - location) (near ?l))")));
     assert_eq!(world.work_limit_reached(), None);
-    // The limit ends the evaluation of an axiom, so that nothing is known any more.
+    // The limit ends the evaluation of an axiom, so that all later results are unknown.
     assert!(!world.holds(&condition("(not (far))")));
     world.renew_work();
     assert_eq!(world.work_limit_reached(), Some(100_000));

@@ -17,7 +17,7 @@ const TANK: &str =
     (:action refuel :parameters (?x) :precondition (at ?x) :effect (assign (fuel) (capacity)))";
 
 #[test]
-fn fuel_is_used_and_filled() {
+fn fuel_is_consumed_and_refilled() {
     case(
         TANK,
         "(:objects a b c) (:init (at a) (road a b) (road b c) (= (length a b) 3) (= (length b c) 4)
@@ -33,7 +33,7 @@ fn fuel_is_used_and_filled() {
 }
 
 #[test]
-fn what_no_tank_can_hold_is_not_found_by_waiting() {
+fn a_demand_above_the_tank_capacity_is_proved_unsolvable() {
     case(
         TANK,
         "(:objects a b) (:init (at a) (road a b) (= (length a b) 9) (= (fuel) 3) (= (capacity) 5))
@@ -45,7 +45,7 @@ fn what_no_tank_can_hold_is_not_found_by_waiting() {
 }
 
 #[test]
-fn an_observation_may_be_assigned_where_nobody_reads_it() {
+fn a_value_that_no_condition_reads_may_be_assigned() {
     case(
         "(:predicates (known ?r)) (:functions (temperature ?r))
          (:action read :parameters (?r) :effect (and (known ?r) (assign (temperature ?r) 20)))",
@@ -58,7 +58,7 @@ fn an_observation_may_be_assigned_where_nobody_reads_it() {
 }
 
 #[test]
-fn increasing_what_has_no_value_never_applies() {
+fn increasing_an_undefined_number_never_applies() {
     case(
         "(:predicates (done)) (:functions (count))
          (:action go :effect (and (done) (increase (count) 1)))",
@@ -82,7 +82,7 @@ fn increasing_what_has_no_value_never_applies() {
 }
 
 #[test]
-fn what_an_action_asks_for_that_changes_numbers_alone_is_done_before() {
+fn preconditions_of_purely_numeric_actions_are_achieved_first() {
     case(
         "(:predicates (done) (ready)) (:functions (count))
          (:action prepare :effect (ready))
@@ -128,7 +128,7 @@ fn static_comparisons_are_decided_while_grounding() {
 }
 
 #[test]
-fn a_cost_that_depends_on_the_state_is_counted_and_never_proven() {
+fn a_state_dependent_cost_counts_and_allows_no_proof() {
     case(
         "(:predicates (q)) (:functions (total-cost) (load))
          (:action load :precondition (< (load) 2) :effect (increase (load) 1))
@@ -160,7 +160,7 @@ fn time_is_the_number_of_steps() {
 }
 
 #[test]
-fn values_that_no_domain_asks_for_are_passed_over() {
+fn values_of_undeclared_functions_are_ignored() {
     case(
         "(:predicates (q)) (:functions (load)) (:action go :effect (and (q) (increase (load) 1)))",
         "(:init (= (load) 0) (= (fuel) 7)) (:goal (and (q) (>= (load) 1)))",
@@ -172,7 +172,7 @@ fn values_that_no_domain_asks_for_are_passed_over() {
 }
 
 #[test]
-fn a_division_by_what_is_zero_for_ever_makes_no_step() {
+fn an_action_that_always_divides_by_zero_never_applies() {
     for effect in [
         "(scale-down (a) 0)",
         "(scale-down (a) (b))",
@@ -204,7 +204,7 @@ fn a_division_by_what_is_zero_for_ever_makes_no_step() {
 }
 
 #[test]
-fn a_number_that_grows_beyond_all_numbers_makes_no_step() {
+fn an_action_that_overflows_a_number_never_applies() {
     case(
         "(:predicates (p) (q)) (:functions (a))
          (:action first :effect (and (p) (scale-up (a) 1e200)))
@@ -218,7 +218,7 @@ fn a_number_that_grows_beyond_all_numbers_makes_no_step() {
 
 #[test]
 fn numbers_are_compared_exactly() {
-    // Two numbers that differ by less than a usual tolerance are different all the same.
+    // Two numbers that differ by less than a usual tolerance are still different.
     case(
         "(:predicates (q)) (:functions (x)) (:action set :effect (assign (x) 0.0000005))
          (:action go :precondition (> (x) 0) :effect (q))",
@@ -251,7 +251,7 @@ fn numbers_are_compared_exactly() {
 }
 
 #[test]
-fn decimals_add_up_as_they_are_written() {
+fn decimals_add_up_exactly() {
     case(
         "(:predicates (q)) (:functions (x)) (:action add :effect (increase (x) 0.1))
          (:action go :precondition (= (x) 0.3) :effect (q))",
@@ -280,7 +280,7 @@ fn decimals_add_up_as_they_are_written() {
 }
 
 #[test]
-fn a_cost_that_is_small_is_not_none() {
+fn a_tiny_cost_is_not_zero() {
     case(
         "(:predicates (q)) (:functions (total-cost))
          (:action dear :effect (and (q) (increase (total-cost) 1.0000000001)))
@@ -293,7 +293,7 @@ fn a_cost_that_is_small_is_not_none() {
     );
 }
 
-/// Conditions over `(n)`, which is undefined, and `(z)`, which is zero: none of them holds.
+/// Conditions over `(n)`, which is undefined, and `(z)`, which is zero. None of them holds.
 const UNDEFINED: [&str; 10] = [
     "(not (> (n) 0))",
     "(not (<= (n) 0))",
@@ -307,8 +307,8 @@ const UNDEFINED: [&str; 10] = [
     "(not (forall (?o) (= (m ?o) 0)))",
 ];
 
-/// Returns the domain of [`UNDEFINED`] with additional parts `more`. With `may_be_set`, an action can
-/// set `(n)`, so that comparisons are part of the state.
+/// Returns a domain for [`UNDEFINED`] with the additional parts `more`. If `may_be_set`, an action
+/// can set `(n)`, so that the comparisons are part of the state.
 fn undefined(may_be_set: bool, more: &str) -> String {
     let set = "(:action set :precondition (never) :effect (and (assign (n) 1) (assign (z) 0)))
         (:action set-one :parameters (?o) :precondition (never) :effect (assign (m ?o) 1))";
@@ -319,7 +319,7 @@ fn undefined(may_be_set: bool, more: &str) -> String {
 }
 
 #[test]
-fn a_number_without_a_value_satisfies_no_negation_either() {
+fn an_undefined_number_satisfies_no_comparison_and_no_negation() {
     let problem =
         |goal: &str| support::problem(&format!("(:objects o) (:init (= (z) 0)) (:goal {goal})"));
     for (condition, may_be_set) in UNDEFINED.iter().flat_map(|one| [(one, false), (one, true)]) {
@@ -340,7 +340,7 @@ fn a_number_without_a_value_satisfies_no_negation_either() {
 }
 
 #[test]
-fn a_negated_comparison_of_what_has_a_value_holds_where_the_comparison_does_not() {
+fn a_negated_comparison_of_defined_numbers_holds_if_the_comparison_does_not() {
     for (condition, steps) in [
         ("(not (= (count) 0))", 1),
         ("(not (< (count) 3))", 3),

@@ -1,13 +1,13 @@
-//! Oddities of competition files, each in a small text of our own: input that other planners accept is
-//! accepted here with a warning at its place, and planned for as it is meant.
+//! Irregularities of competition files, each reduced to a small text. Input that other planners
+//! accept is accepted here with a warning at its position, and planned for as its author meant it.
 
 use pddl::{Diagnostic, Parsed, check_domain, check_problem};
 use planner::{Cancel, Options, plan, validate};
 
 use crate::support;
 
-/// Parses, plans and validates. Expects a warning that contains `warned` at `place`, and the plan
-/// `steps`.
+/// Parses, plans and validates. Checks that there is a warning that contains `warned` at `place`,
+/// and that the plan is `steps`.
 #[track_caller]
 fn check(domain: &str, problem: &str, warned: &str, place: &str, steps: &str) {
     let (domain_text, problem_text) = (domain, problem);
@@ -31,7 +31,8 @@ fn check(domain: &str, problem: &str, warned: &str, place: &str, steps: &str) {
     assert!(matches!(validate(&domain, &problem, &plan), planner::Verdict::Valid { .. }));
 }
 
-/// Returns the warnings, each with the text that it marks. There must be no errors.
+/// Returns the warnings, each with the part of the text to which it refers. Panics if there is an
+/// error.
 fn told(text: &str, all: impl Iterator<Item = Diagnostic>) -> Vec<(String, String)> {
     let each = |found: Diagnostic| {
         assert!(!found.is_error(), "{}", found.located(text));
@@ -57,7 +58,7 @@ fn a_parameter_of_a_predicate_may_be_named_twice() {
 
 #[test]
 fn a_type_may_be_declared_twice_and_has_both_supertypes() {
-    // A `nook` is both a place and a shelf, so both actions accept one.
+    // A `nook` is both a place and a shelf; both actions accept it.
     check(
         "(define (domain d) (:types place shelf - object nook - place nook - shelf)
            (:predicates (swept ?p - place) (dusted ?s - shelf))
@@ -104,7 +105,7 @@ fn an_object_may_be_declared_twice_and_belongs_to_both_types() {
 }
 
 #[test]
-fn a_variable_may_touch_the_word_before_it() {
+fn a_variable_may_follow_a_word_without_space() {
     check(
         "(define (domain d) (:predicates (cup?c) (washed ?c))
            (:action wash :parameters (?c) :precondition (cup?c) :effect (washed ?c)))",
@@ -116,7 +117,7 @@ fn a_variable_may_touch_the_word_before_it() {
 }
 
 #[test]
-fn a_package_of_lisp_may_stand_before_the_definition() {
+fn a_lisp_package_clause_may_precede_the_definition() {
     for word in ["in-package", "IN-PACKAGE", "In-Package"] {
         check(
             &format!("({word} \"PDDL\")\n{LAMP}"),
@@ -129,7 +130,7 @@ fn a_package_of_lisp_may_stand_before_the_definition() {
 }
 
 #[test]
-fn vars_are_further_parameters() {
+fn vars_declare_additional_parameters() {
     check(
         "(define (domain d) (:predicates (at ?x) (road ?x ?y))
            (:action go :vars (?from) :parameters (?to) :precondition (and (at ?from) (road ?from ?to))
@@ -142,7 +143,7 @@ fn vars_are_further_parameters() {
 }
 
 #[test]
-fn sections_may_come_twice() {
+fn sections_may_occur_twice() {
     check(
         LAMP,
         "(define (problem p) (:domain d) (:objects a - lamp) (:init (done)) (:goal (lit a))
@@ -169,7 +170,7 @@ fn sections_may_come_twice() {
 }
 
 #[test]
-fn two_metrics_that_differ_are_a_mistake() {
+fn two_different_metrics_are_an_error() {
     let problem = pddl::parse_problem(
         "(define (problem p) (:domain d) (:goal (done))
            (:metric minimize (total-time)) (:metric maximize (total-time)))",
@@ -178,7 +179,7 @@ fn two_metrics_that_differ_are_a_mistake() {
 }
 
 #[test]
-fn the_last_of_two_numbers_counts() {
+fn the_last_of_two_values_counts() {
     let domain = "(define (domain d) (:predicates (done)) (:functions (fuel))
         (:action go :precondition (>= (fuel) 3) :effect (done)))";
     check(
@@ -198,7 +199,7 @@ fn the_last_of_two_numbers_counts() {
 }
 
 #[test]
-fn facts_that_the_domain_has_no_name_for_are_passed_over() {
+fn facts_of_undeclared_predicates_are_ignored() {
     check(
         LAMP,
         "(define (problem p) (:domain d) (:objects a - lamp) (:init (color a) (not (old a)))
@@ -210,7 +211,7 @@ fn facts_that_the_domain_has_no_name_for_are_passed_over() {
 }
 
 #[test]
-fn nothing_is_of_a_type_that_is_not_declared() {
+fn an_undeclared_type_has_no_objects() {
     check(
         "(define (domain d) (:types lamp) (:predicates (lit ?l - lamp) (seen ?g - ghost))
            (:action haunt :parameters (?g - ghost ?l - lamp) :effect (lit ?l))
@@ -223,7 +224,7 @@ fn nothing_is_of_a_type_that_is_not_declared() {
 }
 
 #[test]
-fn what_is_said_to_be_true_and_false_is_true_and_told_with_both_places() {
+fn a_contradictory_initial_fact_is_true_and_reported_with_both_places() {
     let problem = "(define (problem p) (:domain d) (:objects a - lamp)
         (:init (not (lit a)) (lit a)) (:goal (lit a)))";
     check(LAMP, problem, "`(lit a)` is said to be true here", "(lit a)", "");
@@ -235,7 +236,7 @@ fn what_is_said_to_be_true_and_false_is_true_and_told_with_both_places() {
 }
 
 #[test]
-fn a_parenthesis_too_many_at_the_end_does_no_harm() {
+fn an_extra_parenthesis_at_the_end_is_tolerated() {
     check(
         &format!("{LAMP})"),
         "(define (problem p) (:domain d) (:objects a - lamp) (:goal (lit a)))",
@@ -261,7 +262,7 @@ fn a_predicate_may_be_declared_twice_in_the_same_way() {
 }
 
 #[test]
-fn a_requirement_that_is_not_known_is_told() {
+fn an_unknown_requirement_is_reported() {
     check(
         &LAMP.replace("(:types", "(:requirements :typng :concurrency) (:types"),
         "(define (problem p) (:domain d) (:objects a - lamp) (:goal (lit a)))",

@@ -1,5 +1,5 @@
-//! The problem of the office: the plan uses the sensor in the room instead of a robot that would have
-//! to come.
+//! The office problem: the plan uses the sensor in the room instead of a robot that would have to
+//! drive there.
 
 use expect_test::expect;
 
@@ -9,7 +9,7 @@ const DOMAIN: &str = include_str!("../../benches/office/domain.pddl");
 const PROBLEM: &str = include_str!("../../benches/office/problem.pddl");
 
 #[test]
-fn sensors_that_are_there_report_and_robots_go_where_none_is() {
+fn present_sensors_report_and_robots_go_to_rooms_without_one() {
     check(
         DOMAIN,
         PROBLEM,
@@ -50,7 +50,7 @@ fn the_robot_takes_over_when_a_sensor_leaves() {
 }
 
 #[test]
-fn nobody_can_go_into_a_room_without_a_door() {
+fn no_robot_can_enter_a_room_without_a_door() {
     let problem = PROBLEM.replace("(connected hall kitchen)", "");
     check(
         DOMAIN,

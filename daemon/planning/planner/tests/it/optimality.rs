@@ -1,5 +1,5 @@
-//! Proofs of optimality: a plan is proved a cheapest one with respect to the texts, not only among the
-//! steps that are relevant to the goal.
+//! Proofs of optimality: a proof must cover all steps that the texts allow, not only those that are
+//! relevant to the goal.
 
 use planner::{
     Cancel, Effort, Options, PlanningOutcome, StopReason, Unprovable, configuration, plan,
@@ -7,7 +7,7 @@ use planner::{
 
 use crate::support::{domain, parse, problem};
 
-/// Plans with a given effort and configuration.
+/// Plans with a given effort and the configuration of this name.
 #[track_caller]
 fn outcome(texts: (&str, &str), effort: Effort, search: &str) -> PlanningOutcome {
     let (domain, problem) = parse(&domain(texts.0), &problem(texts.1));
@@ -16,7 +16,7 @@ fn outcome(texts: (&str, &str), effort: Effort, search: &str) -> PlanningOutcome
     plan(&domain, &problem, &options, &Cancel::new()).expect("it plans")
 }
 
-/// Checks that there is a plan, and that no effort proves it a cheapest one, for this reason.
+/// Checks that there is a plan, and that with no effort it is proved optimal, for the reason `why`.
 #[track_caller]
 fn unproven(domain: &str, problem: &str, why: Unprovable) {
     for (effort, search) in [
@@ -36,7 +36,7 @@ fn unproven(domain: &str, problem: &str, why: Unprovable) {
     }
 }
 
-/// Checks that the cheapest plan has this cost, and that this is proved.
+/// Checks that the optimal plan has this cost, and that its optimality is proved.
 #[track_caller]
 fn proven(domain: &str, problem: &str, cost: f64) {
     let outcome = outcome((domain, problem), Effort::Optimal, "althing");
@@ -45,14 +45,14 @@ fn proven(domain: &str, problem: &str, cost: f64) {
     assert_eq!(outcome.unprovable, None);
 }
 
-/// A world with coins on the way that are irrelevant to the goal.
+/// A domain with coins on the way that are irrelevant to the goal.
 const COINS: &str = "(:predicates (home) (taken ?c)) (:functions (score) (worth ?c))
     (:action take :parameters (?c) :precondition (not (taken ?c))
       :effect (and (taken ?c) (increase (score) (worth ?c))))
     (:action go :effect (home))";
 
 #[test]
-fn steps_beside_the_goal_that_improve_the_metric_allow_no_proof() {
+fn irrelevant_steps_that_improve_the_metric_prevent_a_proof() {
     let start = "(:objects c1 c2) (:init (= (score) 0) (= (worth c1) 10) (= (worth c2) 10))";
     for metric in
         ["maximize (score)", "minimize (- 10 (score))", "minimize (- (total-time) (score))"]
@@ -66,7 +66,7 @@ fn steps_beside_the_goal_that_improve_the_metric_allow_no_proof() {
 }
 
 #[test]
-fn one_irrelevant_instance_that_pays_is_enough() {
+fn one_irrelevant_instance_with_a_negative_cost_prevents_a_proof() {
     let text = |worth: &str| {
         format!(
             "(:objects c1 c2) (:init (= (score) 0) (= (worth c1) 3) (= (worth c2) {worth}))
@@ -78,7 +78,7 @@ fn one_irrelevant_instance_that_pays_is_enough() {
 }
 
 #[test]
-fn a_step_that_pays_and_never_applies_does_not_matter() {
+fn an_inapplicable_step_with_a_negative_cost_allows_a_proof() {
     let never = "(:predicates (home) (never)) (:functions (score))
         (:action take :precondition (never) :effect (decrease (score) 5))
         (:action go :effect (and (home) (increase (score) 2)))";
@@ -104,7 +104,7 @@ const PAY: &str = "(:predicates (h) (k)) (:functions (total-cost) (load))
     (:action c :precondition (not (k)) :effect (and (k) (decrease (total-cost) 0)))";
 
 #[test]
-fn the_reason_is_the_true_one() {
+fn the_reported_reason_is_the_actual_one() {
     let text =
         "(:init (= (total-cost) 0) (= (load) 1)) (:goal (h)) (:metric minimize (total-cost))";
     let with = |cost: &str| PAY.replace("COST", cost);

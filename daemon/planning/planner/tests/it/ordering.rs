@@ -11,7 +11,8 @@ use crate::support::{domain, parse, problem};
 const OFFICE: &str = include_str!("../../benches/office/domain.pddl");
 const MORNING: &str = include_str!("../../benches/office/problem.pddl");
 
-/// Validates every order of the steps that respects the partial order, up to `orders_max`.
+/// Validates every total order of the steps that respects the partial order, but at most
+/// `orders_max`.
 pub(crate) fn assert_all_orders_work(
     domain: &Domain,
     problem: &Problem,
@@ -51,7 +52,7 @@ fn check(domain: &str, problem: &str, plan: &str, expected: Expect) {
 }
 
 #[test]
-fn agents_work_side_by_side_and_each_in_its_order() {
+fn agents_work_in_parallel_and_each_in_order() {
     let problem = MORNING.replace("(forall (?r - room) (known-temperature ?r))", "(and)");
     check(
         OFFICE,
@@ -66,7 +67,8 @@ fn agents_work_side_by_side_and_each_in_its_order() {
     );
 }
 
-/// Steps that depend on each other in a branch that is not taken, through an axiom, and by numbers.
+/// Steps that depend on each other through a branch that is not taken, through an axiom, and
+/// through numbers.
 const MEETINGS: &str = "(:requirements :adl :derived-predicates :fluents)
     (:predicates (a) (b) (c) (d) (e)) (:functions (n) (total-cost))
     (:derived (d) (or (a) (b)))
@@ -94,7 +96,7 @@ fn branches_axioms_and_numbers_keep_their_order_and_total_cost_does_not() {
     );
 }
 
-/// Checks which steps of two plans in one office must not be interleaved.
+/// Checks which steps of two plans for one office interfere, so that they must not be interleaved.
 #[track_caller]
 fn check_interference(ours: &str, theirs: &str, expected: Option<(usize, usize)>) {
     let problem = MORNING.replace("(forall (?r - room) (known-temperature ?r))", "(and)");

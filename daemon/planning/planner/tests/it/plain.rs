@@ -1,4 +1,5 @@
-//! Explanations of plain PDDL problems without a plan: every statement in them must be true.
+//! Explanations of unsolvable problems in plain PDDL (without agents). Every statement in them must
+//! be true.
 
 use planner::Cancel;
 use planner::explain::why_unsolvable;
@@ -33,7 +34,7 @@ fn a_type_without_objects_is_named() {
 }
 
 #[test]
-fn conditions_that_never_hold_together_are_said_to_be_so() {
+fn conditions_that_never_hold_together_are_reported() {
     let told = why(
         "(:predicates (left ?x) (right ?x) (g))
          (:action go :parameters (?x) :precondition (and (left ?x) (right ?x)) :effect (g))",
@@ -46,7 +47,7 @@ const HEATER: &str = "(:predicates (on)) (:functions (temp ?r))
     (:action heat :parameters (?r) :precondition (< (temp ?r) 18) :effect (increase (temp ?r) 1))";
 
 #[test]
-fn nothing_is_said_to_be_undone_where_a_number_is_in_the_way() {
+fn a_numeric_obstacle_is_not_reported_as_undone_progress() {
     let told =
         why(HEATER, "(:objects room) (:init (= (temp room) 15)) (:goal (>= (temp room) 20))");
     assert!(!told.contains("undo"), "{told}");
@@ -63,14 +64,14 @@ fn nothing_is_said_to_be_undone_where_a_number_is_in_the_way() {
 }
 
 #[test]
-fn a_number_that_is_never_given_is_named() {
+fn an_undefined_number_is_named() {
     let told = why(HEATER, "(:objects room) (:init) (:goal (>= (temp room) 17))");
     assert!(told.contains("`(temp room)` has no value, and no action assigns it one"), "{told}");
     assert!(!told.contains("undo"), "{told}");
 }
 
 #[test]
-fn nothing_is_claimed_of_a_goal_that_is_not_looked_at_to_the_end() {
+fn no_claim_is_made_about_a_goal_that_is_not_fully_examined() {
     let (domain, problem) = parse(
         &domain(
             "(:predicates (fuel) (a) (b))
@@ -87,8 +88,8 @@ fn nothing_is_claimed_of_a_goal_that_is_not_looked_at_to_the_end() {
 }
 
 #[test]
-fn parts_beyond_those_that_are_looked_at_are_not_spoken_of() {
-    // Each of seventy parts can be reached alone, and there is fuel for one.
+fn parts_beyond_the_examined_ones_are_not_mentioned() {
+    // Each of seventy parts can be reached alone, but there is fuel for only one.
     let objects: Vec<String> = (0..70).map(|number| format!("o{number}")).collect();
     let told = why(
         "(:predicates (done ?x) (fuel))

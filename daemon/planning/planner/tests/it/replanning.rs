@@ -1,5 +1,5 @@
-//! Replanning while actions, objects, facts and goals come and go: a kept ground problem must give the
-//! same answers as grounding afresh.
+//! Replanning while actions, objects, facts and goals appear and disappear. A kept ground problem
+//! must give the same results as grounding from scratch.
 
 use std::sync::Arc;
 
@@ -13,7 +13,7 @@ use crate::agreement::{action, atom, axiom, conjunction, with_objects};
 use crate::brute_force::least_cost;
 use crate::support::{domain, parse, problem};
 
-/// A sequence of changes: the possible parts of the texts, and which of them exist at each moment.
+/// A sequence of changes: all possible parts of the texts, and the parts that exist at each moment.
 #[derive(Clone, Debug)]
 struct History {
     actions: Vec<String>,
@@ -30,11 +30,11 @@ struct Moment {
     goal: Index,
     /// Whether the object `c` exists.
     has_guest: bool,
-    /// Whether the list of objects is the same allocation as at an earlier moment, not only equal to
-    /// it.
+    /// Whether the list of objects is the same allocation as at an earlier moment, instead of an
+    /// equal copy.
     shares_objects: bool,
-    /// Fact that changes by itself after the first step of the plan, before the rest of the plan is
-    /// checked.
+    /// Fact that changes after the first step of the plan without an action. The rest of the plan
+    /// is checked afterwards.
     news: Option<Index>,
 }
 
@@ -91,14 +91,14 @@ impl History {
     }
 }
 
-/// Counts of the values of `PlanReuse` and `GroundingReuse` that were returned.
+/// Number of times that each value of `PlanReuse` and `GroundingReuse` was returned.
 #[derive(Debug, Default)]
 struct Tally {
     courses: [u32; 3],
     groundings: [u32; 4],
 }
 
-/// Plays a history, and compares the result at each moment with brute force.
+/// Replans at each moment of a history, and compares the results with brute force.
 fn play(history: &History, tally: &mut Tally) -> Result<(), TestCaseError> {
     let mut replanner = Replanner::default();
     let mut earlier: Vec<Arc<Vec<ObjectDeclaration>>> = Vec::new();
@@ -168,7 +168,7 @@ fn answered(
 }
 
 #[test]
-fn what_is_kept_answers_what_brute_force_does() {
+fn a_kept_ground_problem_agrees_with_brute_force() {
     let config = ProptestConfig {
         cases: 400,
         failure_persistence: None,
@@ -181,7 +181,7 @@ fn what_is_kept_answers_what_brute_force_does() {
     if let Err(error) = played {
         panic!("{error}");
     }
-    // Each kind of result must have occurred, or the test has not covered it.
+    // Each kind of result must have occurred; otherwise the test does not cover it.
     let Tally { courses, groundings } = tally.into_inner();
     assert!(
         courses.iter().chain(&groundings).all(|count| *count > 0),
@@ -202,7 +202,7 @@ fn row(place: &str) -> String {
 }
 
 #[test]
-fn a_plan_goes_back_to_what_is_left_of_the_old_one() {
+fn a_plan_is_repaired_to_rejoin_the_old_plan() {
     let mut replanner = Replanner::default();
     let (options, cancel) = (Options::default(), Cancel::new());
     let mut plan = |place: &str, rest: &[PlanStep]| {
@@ -227,7 +227,7 @@ fn a_plan_goes_back_to_what_is_left_of_the_old_one() {
     assert_eq!((repaired.as_slice(), course), (&rest[1..], PlanReuse::Repaired { kept: 1 }));
 }
 
-/// Two robots that have to see places; the ways between the places have lengths.
+/// Two robots must visit places. The ways between the places have lengths.
 const TOUR: &str = "(:types robot place) (:predicates (at ?r - robot ?x - place) (seen ?x - place)
       (way ?x ?y - place) (dark ?x - place))
     (:functions (length ?x ?y - place) (total-cost))
@@ -237,7 +237,7 @@ const TOUR: &str = "(:types robot place) (:predicates (at ?r - robot ?x - place)
     (:action look :parameters (?r - robot ?x - place) :precondition (at ?r ?x)
       :effect (and (seen ?x) (increase (total-cost) 1)))";
 
-/// Changes during a tour, in addition to the steps of the plan.
+/// A change during a tour that no step of the plan causes.
 #[derive(Clone, Debug)]
 enum News {
     /// A way is closed, or opened again.
@@ -264,8 +264,8 @@ fn fact(text: &str) -> InitElement {
     InitElement::Atom(Atom { predicate, arguments, span: Span::default() })
 }
 
-/// Plays a tour: some steps, then a change, until the tour is over. Returns how often plans were
-/// repaired.
+/// Plays a tour: alternates steps and changes until the tour is over. Returns the number of
+/// repaired plans.
 fn tour(lengths: &[u32], events: &[(usize, News)]) -> Result<u32, TestCaseError> {
     let pairs = (0..4).flat_map(|x| (0..4).map(move |y| (x, y))).filter(|(x, y)| x != y);
     let ways: Vec<_> = pairs.zip(lengths).filter(|(_, length)| **length > 0).collect();
@@ -355,7 +355,7 @@ fn battery(length: u32, charge: u32, warmth: u32, goal: &str) -> String {
 }
 
 #[test]
-fn numbers_that_change_are_followed_and_others_are_ground_again() {
+fn changed_state_numbers_are_followed_and_others_cause_regrounding() {
     let mut replanner = Replanner::default();
     let (options, cancel) = (Options::default(), Cancel::new());
     let mut again = |length, charge, warmth, goal: &str| {
@@ -365,23 +365,23 @@ fn numbers_that_change_are_followed_and_others_are_ground_again() {
         (cost, found.grounding_reuse)
     };
     assert_eq!(again(3, 9, 20, "(at r c)"), (Some(3.0), GroundingReuse::Full));
-    // The charge of the battery is part of the state; nothing depends on the warmth.
+    // The battery charge is part of the state; nothing depends on the warmth.
     assert_eq!(again(3, 3, 21, "(at r c)"), (Some(3.0), GroundingReuse::Kept));
     assert_eq!(again(3, 2, 22, "(at r c)"), (None, GroundingReuse::Kept));
-    // Costs depend on the length of a way.
+    // Costs depend on the length of the way.
     assert_eq!(again(7, 9, 22, "(at r c)"), (Some(4.0), GroundingReuse::Full));
     assert_eq!(
         again(7, 9, 22, "(and (at r b) (>= (charge r) 7))"),
         (Some(2.0), GroundingReuse::Kept)
     );
-    // The warmth has not been followed so far.
+    // The warmth has not been part of the state so far.
     let warm = "(and (at r b) (>= (warmth a) 20))";
     assert_eq!(again(7, 9, 22, warm), (Some(2.0), GroundingReuse::Full));
     assert_eq!(again(7, 9, 19, warm).0, None);
 }
 
 #[test]
-fn who_changes_numbers_alone_is_needed_where_they_are_compared() {
+fn purely_numeric_actions_are_kept_if_their_numbers_are_compared() {
     let domain = domain(
         "(:requirements :typing :fluents :action-costs) (:types room)
          (:predicates (dry ?x - room)) (:functions (heat) (total-cost))
@@ -406,7 +406,7 @@ fn who_changes_numbers_alone_is_needed_where_they_are_compared() {
 }
 
 #[test]
-fn who_gives_a_number_its_value_is_needed_where_it_is_changed() {
+fn actions_that_initialize_a_number_are_kept_if_it_is_changed() {
     let domain = domain(
         "(:requirements :fluents) (:predicates (done) (ready)) (:functions (count))
          (:action prepare :parameters () :effect (ready))
@@ -424,7 +424,7 @@ fn who_gives_a_number_its_value_is_needed_where_it_is_changed() {
 }
 
 #[test]
-fn texts_that_make_no_sense_are_refused_as_ever() {
+fn invalid_texts_are_rejected_by_a_used_replanner() {
     let mut replanner = Replanner::default();
     let (options, cancel) = (Options::default(), Cancel::new());
     let mut again = |parts: &str, text: &str| {
@@ -452,7 +452,7 @@ fn texts_that_make_no_sense_are_refused_as_ever() {
 }
 
 #[test]
-fn who_asks_for_something_else_every_time_does_not_fill_the_memory() {
+fn ever_new_goals_do_not_fill_the_memory() {
     let mut replanner = Replanner::default();
     let (options, cancel) = (Options::default(), Cancel::new());
     let mut afresh = 0;

@@ -1,5 +1,5 @@
-//! Random small tasks with all features: the validator and a literal simulator of the semantics go
-//! through the same states and reject the same steps.
+//! Compares the validator with a literal simulator of the semantics, on random small tasks with all
+//! features. Both must go through the same states and reject the same steps.
 
 use std::collections::BTreeSet;
 
@@ -10,7 +10,7 @@ use proptest::prelude::*;
 use crate::simulator::{Bindings, Cell, State, Wrong};
 use crate::support::{domain, parse, problem};
 
-/// Objects. `a` to `c` are of type `t`; `b` and `c` are of its subtype `u`.
+/// Objects of the tasks. `a` to `c` are of type `t`; `b` and `c` are of its subtype `u`.
 const OBJECTS: [&str; 5] = ["a", "b", "c", "d", "e"];
 const DECLARED: &str = "(:types u - t t w) (:constants a - t b - u)";
 
@@ -39,7 +39,7 @@ fn fact(variables: usize) -> BoxedStrategy<String> {
     .boxed()
 }
 
-/// Generates an atom of a derived predicate below `layer`; the first one is `d0`.
+/// Generates an atom of one of the first `layer` derived predicates, which are `d0`, `d1` and `d2`.
 fn derived(variables: usize, layer: usize) -> BoxedStrategy<String> {
     let all = [
         (term(variables), term(variables)).prop_map(|(x, y)| format!("(d0 {x} {y})")).boxed(),
@@ -110,7 +110,7 @@ fn condition(variables: usize, depth: usize, layer: usize) -> BoxedStrategy<Stri
     .boxed()
 }
 
-/// Returns declarations of variables, such as `?v3 - t ?v4` after three variables.
+/// Returns declarations of variables; for example, ` ?v3 - t ?v4` after three variables.
 fn declared(before: usize, types: &[&str]) -> String {
     types.iter().enumerate().map(|(index, ty)| format!(" ?v{}{ty}", before + index)).collect()
 }
@@ -166,7 +166,8 @@ fn action() -> impl Strategy<Value = String> {
     })
 }
 
-/// Generates axioms in layers: each uses the layers below it, and its own without negation.
+/// Generates axioms in layers. Each axiom uses the layers below it, and its own layer without
+/// negation.
 fn axioms() -> impl Strategy<Value = String> {
     let own = prop::sample::select(vec![
         "(exists (?x) (and (r ?v0 ?x) (d0 ?x ?v1)))",
@@ -223,14 +224,15 @@ fn task() -> impl Strategy<Value = (String, String)> {
     })
 }
 
-/// Returns a step for numbers: an action, and as many of the two objects as it has parameters.
+/// Returns the step that three numbers encode: an action, and as many of the two objects as it has
+/// parameters.
 fn step(domain: &Domain, (action, first, second): (usize, usize, usize)) -> PlanStep {
     let action = &domain.actions[action % domain.actions.len()];
     let objects = [first, second].map(|index| Name::new(OBJECTS[index % OBJECTS.len()]));
     PlanStep::new(action.name.clone(), objects.into_iter().take(action.parameters.len()))
 }
 
-/// Checks that both have the same state.
+/// Checks that the validator and the simulator are in the same state.
 fn same(world: &World, state: &State<'_>, problem: &Problem) -> Result<(), TestCaseError> {
     let cell = |atom: pddl::Atom| -> Cell {
         (atom.predicate, atom.arguments.iter().map(|term| term.name().clone()).collect())
@@ -268,7 +270,7 @@ fn kind(reason: &FaultReason) -> Wrong {
     }
 }
 
-/// Applies steps with both, and skips those that both reject.
+/// Applies steps with both the validator and the simulator, and skips the steps that both reject.
 fn walk(
     domain: &Domain,
     problem: &Problem,
@@ -322,14 +324,14 @@ proptest! {
     }
 
     #[test]
-    fn what_the_planner_finds_the_simulator_can_do((domain, problem) in task()) {
+    fn the_simulator_can_execute_found_plans((domain, problem) in task()) {
         let (domain, problem) = parse(&domain, &problem);
         let budget = Budget { expansions_max: 200, ..Budget::default() };
         let options = Options { budget, ..Options::default() };
         let outcome = match plan(&domain, &problem, &options, &Cancel::new()) {
             Ok(outcome) => outcome,
             Err(PlanError::Internal(fault)) => panic!("a defect: {fault}"),
-            // Some conditions are not supported by the planner.
+            // The planner does not support some of the conditions.
             Err(_) => return Ok(()),
         };
         let Some(found) = outcome.plan else { return Ok(()) };

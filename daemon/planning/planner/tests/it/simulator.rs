@@ -1,10 +1,10 @@
-//! A simulator of PDDL's semantics, as simple as possible: every variable is tried with every object,
-//! axioms are applied until nothing follows, effects happen for every binding. It is slow, but easy to
-//! verify.
+//! Simulator of PDDL's semantics, written to be as simple as possible. Every variable is tried with
+//! every object, axioms are applied until nothing follows, and effects happen for every binding.
+//! The simulator is slow, but easy to verify.
 //!
-//! It shares only the syntax tree with the crate. Actions and objects are identified by their names.
-//! Axioms are applied in the order of the text: an axiom may negate only predicates that earlier ones
-//! derive.
+//! The simulator shares only the syntax tree with the crate. Actions and objects are identified by
+//! their names. Axioms are applied in the order of the text: an axiom may negate only predicates
+//! that earlier axioms derive.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -16,10 +16,10 @@ use pddl::{
 /// A predicate or a function with its arguments.
 pub(crate) type Cell = (Name, Vec<Name>);
 
-/// Objects that variables stand for.
+/// The object of each variable in scope.
 pub(crate) type Bindings = BTreeMap<Name, Name>;
 
-/// Why a step is not applicable.
+/// Reason why a step is not applicable.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Wrong {
     Arguments,
@@ -28,7 +28,7 @@ pub(crate) enum Wrong {
     Conflict,
 }
 
-/// A state. `facts` are those that are true without axioms.
+/// A state of the task. `facts` contains the facts that are true without axioms.
 #[derive(Clone, Debug)]
 pub(crate) struct State<'t> {
     domain: &'t Domain,
@@ -98,8 +98,8 @@ impl<'t> State<'t> {
         self.is(true, condition, bindings)
     }
 
-    /// Whether a condition holds, or its negation if `positive` is false. A comparison with an
-    /// undefined side is neither true nor false.
+    /// Whether a condition holds, or its negation if `positive` is false. For a comparison with an
+    /// undefined side, neither holds.
     fn is(&self, positive: bool, condition: &Condition, bindings: &Bindings) -> bool {
         let all = |parts: &[Condition]| parts.iter().all(|part| self.is(positive, part, bindings));
         let any = |parts: &[Condition]| parts.iter().any(|part| self.is(positive, part, bindings));
@@ -176,7 +176,7 @@ impl<'t> State<'t> {
         }
     }
 
-    /// Returns the simple effects that happen in this state, each with its bindings.
+    /// Collects the simple effects that happen in this state, each with its bindings.
     fn happening<'e>(
         &self,
         effect: &'e Effect,
@@ -240,7 +240,8 @@ impl<'t> State<'t> {
         Ok(values)
     }
 
-    /// Applies the axioms in the order of their predicates, each predicate until nothing follows.
+    /// Applies the axioms in the order of their predicates, those of one predicate until nothing
+    /// new follows.
     fn derive(&mut self) {
         self.derived.clear();
         let axioms = &self.domain.derived;
@@ -264,7 +265,7 @@ impl<'t> State<'t> {
         }
     }
 
-    /// Returns the bindings, extended by every choice of objects for the variables.
+    /// Returns the bindings, extended by every combination of objects for the variables.
     fn instances(&self, variables: &[Typed], bindings: &Bindings) -> Vec<Bindings> {
         let mut instances = vec![bindings.clone()];
         for variable in variables {

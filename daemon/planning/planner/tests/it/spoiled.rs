@@ -1,5 +1,5 @@
-//! Mutated texts: words are dropped, doubled, moved and exchanged. Planning must end within its limits,
-//! and every plan must be valid.
+//! Mutated texts: words are dropped, duplicated, copied and swapped. Planning must end within its
+//! limits, and every plan must be valid.
 
 use std::time::{Duration, Instant};
 
@@ -10,7 +10,7 @@ mod answer;
 
 use answer::{Answer, answer};
 
-/// A correct domain, a zero byte, and a correct problem.
+/// Expands to a correct domain, a zero byte, and a correct problem.
 macro_rules! texts {
     ($folder:literal) => {
         concat!(
@@ -25,7 +25,7 @@ const TEXTS: [&str; 5] = [
     texts!("office"),
     texts!("scenarios/2-two-robots"),
     texts!("scenarios/3-validation"),
-    // Features that the other texts do not use.
+    // A task with features that the other texts do not use.
     "(define (domain d) (:types u - t t) (:constants a - t b - u)
        (:predicates (z) (p ?x) (r ?x ?y - t) (d ?x)) (:functions (total-cost) (n) (f ?x - t))
        (:derived (d ?x) (or (p ?x) (exists (?y - t) (and (r ?x ?y) (d ?y)))))
@@ -38,7 +38,8 @@ const TEXTS: [&str; 5] = [
      \0(define (problem e) (:domain d) (:objects c - u) (:init (p a) (= (n) 0) (= (f a) 2)
        (= (f b) 0) (= (f c) 1)) (:goal (and (z) (r c a) (> (n) (f b))))
        (:metric minimize (+ (total-cost) (* 3 (total-time)))))",
-    // An action that is too wide to be ground within the limits, so that it is applied piecewise.
+    // A task with an action that has too many ground instances for the limits, so that it is
+    // applied piecewise.
     "(define (domain w) (:types t) (:predicates (n ?x ?y - t) (p ?x - t) (s ?x ?y - t))
        (:functions (total-cost) (f ?x ?y - t))
        (:action go :parameters (?a ?b ?c ?d ?e ?g ?h ?i - t)
@@ -56,7 +57,7 @@ const TEXTS: [&str; 5] = [
        (:goal (s c a)) (:metric minimize (total-cost)))",
 ];
 
-/// Time limit: generous, for debug builds on a busy machine. libFuzzer has a shorter one.
+/// Time limit, generous for debug builds on a busy machine. libFuzzer uses a shorter one.
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Mutation of one word.
@@ -96,7 +97,7 @@ fn spoil(text: &str, slips: &[(Slip, prop::sample::Index, prop::sample::Index)])
 }
 
 #[test]
-fn unspoiled_they_have_plans() {
+fn the_original_texts_have_plans() {
     for text in TEXTS {
         assert_eq!(answer(words(text).join(" ").as_bytes()), Answer::Planned, "{text}");
     }
@@ -111,7 +112,7 @@ proptest! {
     })]
 
     #[test]
-    fn spoiled_texts_are_answered(
+    fn mutated_texts_end_within_the_limits(
         text in prop::sample::select(&TEXTS[..]),
         slips in prop::collection::vec(
             (slip(), any::<prop::sample::Index>(), any::<prop::sample::Index>()), 1..4),

@@ -1,10 +1,11 @@
-//! Stop reasons: “unsolvable” (proved), “gave up” (limit reached) and “cancelled” are told apart.
+//! Stop reasons: the planner distinguishes “unsolvable” (proved), “gave up” (limit reached) and
+//! “cancelled”.
 
 use planner::{Budget, Cancel, Options, StopReason, plan};
 
 use crate::support::{domain, parse, problem};
 
-/// Two actions that undo each other's goal: the relaxation has a plan, the state space has none.
+/// Two actions that undo each other's goal: the relaxed task has a plan, the task itself has none.
 const SWITCH: &str = "(:predicates (a) (b)) (:action left :effect (and (a) (not (b))))
     (:action right :effect (and (b) (not (a))))";
 
@@ -50,7 +51,7 @@ fn an_exhausted_state_space_is_a_proof() {
     assert_eq!(expected.exit_code(), 11);
 }
 
-/// Three facts, of which any two can be achieved, one after the other.
+/// Returns a task with three facts, of which any two can be achieved one after the other.
 fn two_of_three() -> String {
     let mut parts = "(:predicates (a) (b) (c) (free-1) (free-2))".to_owned();
     for thing in ["a", "b", "c"] {
@@ -100,7 +101,7 @@ fn a_cap_on_memory_is_no_proof() {
 }
 
 #[test]
-fn the_caller_can_stop_it() {
+fn the_caller_can_cancel_planning() {
     let cancel = Cancel::new();
     cancel.clone().set();
     check(COUNTER, &counter(), Budget::default(), &cancel, StopReason::Cancelled);
@@ -108,7 +109,7 @@ fn the_caller_can_stop_it() {
 }
 
 #[test]
-fn the_same_question_has_the_same_answer() {
+fn the_same_input_gives_the_same_result() {
     let (domain, problem) = parse(&domain(COUNTER), &counter());
     let ask = || plan(&domain, &problem, &Options::default(), &Cancel::new()).expect("supported");
     let (first, second) = (ask(), ask());

@@ -1,10 +1,10 @@
-//! Helpers with all calls of the planner's API, so that the other tests are mostly data.
+//! Helpers that call the planner's API, so that the other tests are mostly data.
 
 use expect_test::Expect;
 use pddl::{Domain, Problem};
 use planner::{Cancel, Options, PlanError, PlanningOutcome, plan};
 
-/// Parses both texts.
+/// Parses a domain and a problem.
 #[track_caller]
 pub(crate) fn parse(domain: &str, problem: &str) -> (Domain, Problem) {
     let domain = pddl::parse_domain(domain).into_result().expect("the domain parses");
@@ -19,18 +19,18 @@ pub(crate) fn outcome(domain: &str, problem: &str) -> Result<PlanningOutcome, Pl
     plan(&domain, &problem, &Options::default(), &Cancel::new())
 }
 
-/// Plans, and compares the answer as text.
+/// Plans, and compares the formatted result with `expected`.
 #[track_caller]
 pub(crate) fn check(domain: &str, problem: &str, expected: Expect) {
     expected.assert_eq(&describe(outcome(domain, problem), domain, problem));
 }
 
-/// Returns a problem of the domain `d`, from its parts.
+/// Returns a problem of the domain `d`, made from its parts.
 pub(crate) fn problem(parts: &str) -> String {
     format!("(define (problem p) (:domain d) {parts})")
 }
 
-/// Returns a domain `d`, from its parts.
+/// Returns a domain `d`, made from its parts.
 pub(crate) fn domain(parts: &str) -> String {
     format!("(define (domain d) {parts})")
 }

@@ -36,7 +36,7 @@ fn a_valid_plan_gets_its_true_cost() {
 }
 
 #[test]
-fn the_failing_part_of_a_precondition_is_told_with_its_objects() {
+fn the_failing_part_of_a_precondition_is_reported_with_its_objects() {
     office(
         "(at turtlebot-1 lab)",
         "(move turtlebot-1 office1 hall)",
@@ -45,7 +45,7 @@ fn the_failing_part_of_a_precondition_is_told_with_its_objects() {
 }
 
 #[test]
-fn the_failing_instance_of_a_goal_is_told() {
+fn the_failing_instance_of_a_goal_is_reported() {
     office(
         "(forall (?r - room) (known-temperature ?r))",
         "(report-temperature thermo1 office1)",
@@ -91,7 +91,7 @@ fn numbers(goal: &str, plan: &str, expected: Expect) {
 }
 
 #[test]
-fn effects_read_the_state_before() {
+fn effects_use_the_state_before_the_step() {
     numbers("(and (= (x) 5) (= (y) 1))", "(swap)", expect!["valid: 1 steps, cost 7"]);
 }
 
@@ -104,7 +104,7 @@ fn increases_add_up_and_contradictions_are_faults() {
 }
 
 #[test]
-fn a_world_answers_for_the_rest_of_a_plan() {
+fn a_world_validates_the_rest_of_a_plan() {
     let (domain, problem) = parse(OFFICE, MORNING);
     let goal = pddl::parse_condition("(known-temperature office3)").into_result().expect("parses");
     let rest = pddl::parse_plan(
@@ -127,8 +127,8 @@ fn a_world_answers_for_the_rest_of_a_plan() {
     assert!(world == before, "a fault changed the world");
 }
 
-/// Mutually recursive axioms: `early` holds at once and `late` spreads along the chain, so `both` must
-/// be evaluated again whenever either grows.
+/// Mutually recursive axioms: `early` holds at once and `late` spreads along the chain. `both` must
+/// be evaluated again whenever one of the two grows.
 const FEEDING: &str = "(define (domain d)
     (:predicates (next ?x ?y) (p ?x) (q ?x) (early ?x) (late ?x) (both ?x) (htob ?x) (lonely))
     (:derived (early ?x) (or (p ?x) (exists (?y) (and (both ?y) (next ?x ?y)))))
@@ -150,11 +150,11 @@ fn feeding(goal: &str, plan: &str, expected: Expect) {
 }
 
 #[test]
-fn axioms_that_feed_each_other_settle() {
+fn mutually_recursive_axioms_reach_a_fixpoint() {
     let all = "(and (both a) (htob a) (both h) (htob h) (not (both i)) (late k) (not (lonely)))";
     feeding(all, "", expect!["valid: 0 steps, cost 0"]);
     feeding(all, "(cut f g)", expect!["goal: (both a) does not hold"]);
-    // After the cut nothing is next to `h`, so the second axiom makes it `late`.
+    // After the cut, `h` has no successor, so the second axiom makes it `late`.
     feeding(
         "(and (both h) (not (late j)) (lonely))",
         "(cut a b) (cut h i)",
@@ -168,7 +168,7 @@ fn axioms_that_feed_each_other_settle() {
 }
 
 #[test]
-fn effects_happen_once_for_a_binding() {
+fn effects_happen_once_per_binding() {
     let domain = "(define (domain d) (:types t) (:predicates (r ?x ?y) (done ?x)) (:functions (n))
         (:action count :effect (forall (?x - t)
             (when (exists (?y) (r ?x ?y)) (and (increase (n) 1) (done ?x))))))";
@@ -179,10 +179,10 @@ fn effects_happen_once_for_a_binding() {
 }
 
 #[test]
-fn of_several_instances_the_first_of_the_texts_is_told() {
+fn the_first_failing_instance_in_text_order_is_reported() {
     let domain = "(define (domain d) (:predicates (p ?x) (r ?x ?y)) (:functions (f ?x) (n))
         (:action sum :effect (forall (?x) (when (p ?x) (increase (n) (f ?x))))))";
-    // The facts are in another order than the objects.
+    // The facts are in a different order than the objects.
     let problem = |goal| {
         format!(
             "(define (problem q) (:domain d) (:objects a b c)

@@ -6,7 +6,7 @@ use planner::{Budget, Cancel, GroundingReuse, Options, Replanner, plan};
 
 use crate::support::parse;
 
-/// A chain of eight beads, each linked to the one before it, and all different.
+/// A domain with an action for chains of eight different beads, each linked to the one before it.
 const CHAIN: &str =
     "(define (domain chain) (:requirements :typing :negative-preconditions :equality)
   (:types bead)
@@ -20,7 +20,7 @@ const CHAIN: &str =
 const BEADS: usize = 10;
 
 #[test]
-fn what_is_too_wide_to_ground_is_planned_for_piece_by_piece() {
+fn an_action_too_wide_to_ground_is_planned_piecewise() {
     let beads: Vec<usize> = (0..BEADS).collect();
     let mut next = String::new();
     for (one, two) in beads.iter().flat_map(|one| beads.iter().map(move |two| (one, two))) {
@@ -44,7 +44,7 @@ fn what_is_too_wide_to_ground_is_planned_for_piece_by_piece() {
         (outcome.plan.clone(), GroundingReuse::Full)
     );
     let plan = outcome.plan.unwrap_or_else(|| panic!("no plan: {:?}", outcome.stop_reason));
-    // The validator has accepted the plan in the words of the text; both ends are those of the goal.
+    // The validator has accepted the plan in terms of the text; both ends are those of the goal.
     let ends = |step: &pddl::PlanStep| {
         (step.action.to_string(), step.arguments[0].to_string(), step.arguments[7].to_string())
     };

@@ -1,12 +1,13 @@
 //! Landmark discovery: finds facts that are true at some time in every plan.
 //!
-//! 1. Backchaining (Porteous, Sebastia and Hoffmann, 2001; Richter and Westphal, 2010): a precondition
-//!    that all first achievers of a landmark share is a landmark. If the first achievers have different
-//!    preconditions of one predicate, the disjunction of these preconditions is a landmark.
-//! 2. Each fact of one relaxed plan is removed from the relaxation as a test; if the goal is then
-//!    unreachable, the fact is a landmark (Hoffmann, Porteous and Sebastia, 2004). Every landmark of
-//!    the relaxation occurs in every relaxed plan. Thus all landmarks that are single facts are found,
-//!    unless the cap on work is reached.
+//! 1. Backchaining (Porteous, Sebastia and Hoffmann, 2001; Richter and Westphal, 2010): a
+//!    precondition that all first achievers of a landmark have is a landmark. If the first
+//!    achievers have different preconditions of one predicate, the disjunction of these
+//!    preconditions is a landmark.
+//! 2. Test of the facts of one relaxed plan: if the goal is unreachable in the relaxation without a
+//!    fact, this fact is a landmark (Hoffmann, Porteous and Sebastia, 2004). Every relaxed plan
+//!    contains all landmarks of the relaxation, so all landmarks that are single facts are found,
+//!    unless the limit on work is reached.
 
 use rustc_hash::FxHashMap;
 
@@ -16,15 +17,15 @@ use crate::limits::Cancel;
 use crate::state::State;
 use crate::task::Atoms;
 
-/// Maximal number of facts in a disjunctive landmark.
+/// Maximum number of facts in a disjunctive landmark.
 const DISJUNCTS_MAX: usize = 4;
 
-/// Cap on the work of testing the facts of a relaxed plan, as the number of edges of the relaxation
-/// that are visited: about half a second.
+/// Limit on the work of testing the facts of a relaxed plan, in visited edges of the relaxation.
+/// This many take about half a second.
 const TEST_WORK_MAX: usize = 60_000_000;
 
-/// Cap on the work of the whole discovery, as the number of edges of the relaxation that are visited.
-/// Landmarks found until the cap is reached are used.
+/// Limit on the work of the whole discovery, in visited edges of the relaxation. When it is
+/// reached, the landmarks found so far are used.
 const WORK_MAX: usize = 200_000_000;
 
 /// Discovery of the landmarks of a task, from its initial state.
@@ -35,11 +36,11 @@ pub(super) struct LandmarkDiscovery<'r> {
     initial: Vec<bool>,
     initially: Vec<u32>,
     graph: LandmarkGraph,
-    /// Per proposition: the landmark that consists of this proposition only.
+    /// For a proposition: the landmark that consists of this proposition only.
     simple: FxHashMap<u32, u32>,
-    /// Per proposition: the disjunctive landmark that contains the proposition.
+    /// For a proposition: the disjunctive landmark that contains it.
     part_of: FxHashMap<u32, u32>,
-    /// Landmarks from which backchaining has still to be done.
+    /// Landmarks that backchaining has not processed.
     waiting: Vec<u32>,
     reached: Vec<bool>,
     missing: Vec<u32>,
@@ -72,7 +73,7 @@ impl<'r> LandmarkDiscovery<'r> {
         }
     }
 
-    /// Runs the discovery, and returns the landmarks found. `candidates` are the propositions of a
+    /// Runs the discovery, and returns the landmarks. `candidates` are the propositions of a
     /// relaxed plan.
     pub(super) fn run(mut self, candidates: &[u32], cancel: &Cancel) -> LandmarkGraph {
         for &goal in self.relaxation.goal() {
@@ -112,7 +113,7 @@ impl<'r> LandmarkDiscovery<'r> {
         }
     }
 
-    /// Computes the propositions that are reachable if the propositions in `excluded` never hold.
+    /// Computes the propositions that are reachable without the propositions in `excluded`.
     fn reach_without(&mut self, excluded: &[u32]) {
         let LandmarkDiscovery { relaxation, reached, missing, stack, .. } = self;
         reached.fill(false);
@@ -163,7 +164,8 @@ impl<'r> LandmarkDiscovery<'r> {
         achievers
     }
 
-    /// Adds the preconditions that all `achievers` share as landmarks, ordered before `landmark`.
+    /// Adds the preconditions that all `achievers` have in common as landmarks, ordered before
+    /// `landmark`.
     fn shared_preconditions(&mut self, landmark: u32, achievers: &[u32]) {
         let Some((first, rest)) = achievers.split_first() else { return };
         let mut shared = self.relaxation.preconditions(*first).to_vec();
@@ -180,14 +182,14 @@ impl<'r> LandmarkDiscovery<'r> {
         }
     }
 
-    /// Adds disjunctive landmarks, ordered before `landmark`: if every achiever has a precondition of
-    /// the same predicate, one of these preconditions must be true before `landmark`.
+    /// Adds disjunctive landmarks, ordered before `landmark`. If every achiever has a precondition
+    /// of the same predicate, one of these preconditions must be true before `landmark`.
     fn disjunctions(&mut self, landmark: u32, achievers: &[u32]) {
         let Some(first) = achievers.first() else { return };
         let predicate = |one: u32| {
             let fact = self.relaxation.positive(one)?;
-            // Only basic facts are used: comparisons and derived facts have no operators as first
-            // achievers.
+            // Only basic facts are used, because comparisons and derived facts have no operators as
+            // first achievers.
             (fact.index() < self.atoms.len()).then(|| self.atoms.get(fact).0)
         };
         let mut candidates: Vec<u32> = self
@@ -231,7 +233,7 @@ impl<'r> LandmarkDiscovery<'r> {
         let known = self.part_of.get(&facts[0]).copied();
         let before = match known {
             Some(known) if self.graph.landmarks[known as usize].propositions == facts => known,
-            // Overlapping disjunctive landmarks mostly repeat the same information.
+            // Overlapping disjunctive landmarks usually repeat the same information.
             _ if facts.iter().any(|one| self.part_of.contains_key(one)) => return,
             _ => {
                 let index = self.add(facts.clone());

@@ -1,8 +1,8 @@
-//! Landmark counting: the number of landmarks that have still to be achieved, or to be achieved again
-//! (Richter and Westphal, 2010).
+//! Landmark counting: the heuristic is the number of landmarks that must still be achieved, or must
+//! be achieved again (Richter and Westphal, 2010).
 //!
-//! Which landmarks have been achieved depends on the path to a state. For this reason every state has a
-//! *status*, with one bit per landmark.
+//! The achieved landmarks depend on the path to a state. Every state therefore has a *status* with
+//! one bit per landmark.
 
 mod discovery;
 mod orders;
@@ -19,10 +19,10 @@ use crate::task::Task;
 struct Landmark {
     propositions: Vec<u32>,
     is_goal: bool,
-    /// Landmarks that must be achieved before this one (greedy-necessary orders), or should be achieved
-    /// before it (reasonable orders).
+    /// Landmarks that must be achieved before this one (greedy-necessary orders), or should be
+    /// achieved before it (reasonable orders).
     parents: Vec<u32>,
-    /// Other landmarks that need this one: it must be true immediately before they are first achieved.
+    /// Landmarks that require this one immediately before they are first achieved.
     needed_for: Vec<u32>,
 }
 
@@ -85,7 +85,7 @@ impl LandmarkCount {
         LandmarkCount { landmarks: graph.landmarks, words }
     }
 
-    /// Appends the status of the initial state to `statuses`, and returns the landmark count of the
+    /// Appends the status of the initial state to `statuses`. Returns the landmark count of the
     /// initial state.
     pub(crate) fn start(
         &self,
@@ -96,7 +96,7 @@ impl LandmarkCount {
         let start = statuses.len();
         statuses.resize(start + self.words, 0);
         for (index, landmark) in self.landmarks.iter().enumerate() {
-            // A landmark with predecessors has not yet been achieved in the right order.
+            // A landmark with predecessors is not yet achieved in the required order.
             if landmark.parents.is_empty() && landmark.holds(relaxation, state) {
                 statuses[start + index / 64] |= 1 << (index % 64);
             }
@@ -104,8 +104,8 @@ impl LandmarkCount {
         self.count(relaxation, state, &statuses[start..])
     }
 
-    /// Appends the status of a state to `statuses`, and returns the state's landmark count. `parent` is
-    /// the number of the parent state's status.
+    /// Appends the status of a state to `statuses`. Returns the landmark count of the state.
+    /// `parent` is the number of the parent state's status.
     pub(crate) fn progress(
         &self,
         relaxation: &Relaxation,
@@ -134,8 +134,8 @@ impl LandmarkCount {
         self.count(relaxation, state, after)
     }
 
-    /// Returns the number of landmarks that are not achieved yet, plus the number of those that were
-    /// achieved, do not hold now and are required again.
+    /// Returns the number of landmarks that are not achieved, plus the number of achieved ones that
+    /// do not hold now and are required again.
     fn count(&self, relaxation: &Relaxation, state: &State, status: &[u64]) -> u32 {
         let is_past = |index: usize| status[index / 64] >> (index % 64) & 1 == 1;
         let mut count = 0;

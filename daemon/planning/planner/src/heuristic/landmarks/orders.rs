@@ -1,5 +1,5 @@
-//! Reasonable orders: one landmark should be achieved before another if achieving it after the other
-//! would undo the other (Koehler and Hoffmann, 2000; Richter and Westphal, 2010).
+//! Reasonable orders (Koehler and Hoffmann, 2000; Richter and Westphal, 2010). One landmark should
+//! be achieved before another if achieving it later would undo the other.
 
 use super::LandmarkGraph;
 use crate::heuristic::relaxation::Relaxation;
@@ -7,11 +7,11 @@ use crate::mutex::MutexGroups;
 use crate::rows::Rows;
 use crate::task::{FactId, OperatorId, Task};
 
-/// Cap on the whole work: the number of pairs of landmarks that are compared, plus the number of edges
-/// that are visited to look for cycles.
+/// Limit on the whole work: the number of compared pairs of landmarks, plus the number of visited
+/// edges in the search for cycles.
 const WORK_MAX: usize = 20_000_000;
 
-/// Adds reasonable orders between landmarks that are single facts, and keeps the landmark graph
+/// Adds reasonable orders between landmarks that are single facts. The landmark graph stays
 /// acyclic.
 pub(super) fn add_reasonable(
     graph: &mut LandmarkGraph,
@@ -39,11 +39,11 @@ struct Orders<'g> {
     graph: &'g mut LandmarkGraph,
     /// Per fact: the mutex groups that contain the fact.
     groups: Rows,
-    /// Per landmark: its fact, if the landmark is a single fact.
+    /// Per landmark: its fact; `None` for a disjunctive landmark.
     facts: Vec<Option<FactId>>,
-    /// Per landmark: the facts that every operator adds that achieves the landmark.
+    /// Per landmark: the facts that all its achieving operators add.
     together: Vec<Vec<FactId>>,
-    /// Per landmark: the facts that every operator deletes that achieves the landmark.
+    /// Per landmark: the facts that all its achieving operators delete.
     undone: Vec<Vec<FactId>>,
     marks: Vec<u32>,
     mark: u32,
@@ -94,9 +94,9 @@ impl<'g> Orders<'g> {
         self.graph.landmarks[landmark as usize].is_goal
     }
 
-    /// Returns the single-fact landmarks that have a common successor with `landmark`: first those that
-    /// are ordered before a landmark that needs `landmark` immediately before it, then all predecessors
-    /// of these.
+    /// Returns the single-fact landmarks with a common successor of `landmark`. These are the
+    /// parents of all landmarks that require `landmark` immediately before, and all predecessors of
+    /// these parents.
     fn rivals(&mut self, landmark: u32) -> Vec<u32> {
         self.mark += 1;
         let mut found = Vec::new();
@@ -122,8 +122,8 @@ impl<'g> Orders<'g> {
         found
     }
 
-    /// Whether achieving the landmark `one` undoes the landmark `other`, or requires that `other` was
-    /// undone before.
+    /// Whether achieving the landmark `one` undoes the landmark `other`, or requires that `other`
+    /// does not hold.
     fn interferes(&self, one: u32, other: u32) -> bool {
         let (Some(fact), Some(undone)) = (self.facts[one as usize], self.facts[other as usize])
         else {
@@ -142,13 +142,14 @@ impl<'g> Orders<'g> {
             || needs()
     }
 
-    /// Whether two facts are mutex, that is, never true in the same state.
+    /// Whether two facts are mutex: they are never true in the same state.
     fn excludes(&self, one: FactId, other: FactId) -> bool {
         let others = self.groups.row(other.0);
         self.groups.row(one.0).iter().any(|group| others.contains(group))
     }
 
-    /// Orders the landmark `before` before the landmark `after`, unless this order would make a cycle.
+    /// Adds the order of the landmark `before` before the landmark `after`, unless it would create
+    /// a cycle.
     fn order(&mut self, before: u32, after: u32) {
         if self.graph.landmarks[after as usize].parents.contains(&before)
             || self.comes_before(after, before)
@@ -176,7 +177,7 @@ impl<'g> Orders<'g> {
     }
 }
 
-/// Returns the facts that `of` returns for every one of the operators.
+/// Returns the facts that are in the result of `of` for every operator.
 fn shared<'t>(operators: &[OperatorId], of: impl Fn(OperatorId) -> &'t [FactId]) -> Vec<FactId> {
     let Some((first, rest)) = operators.split_first() else { return Vec::new() };
     let mut shared = of(*first).to_vec();

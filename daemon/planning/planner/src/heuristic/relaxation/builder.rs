@@ -12,17 +12,17 @@ use crate::task::{Changes, FactId, GroundOperator, Literal, NumericChange, Task}
 pub(super) struct RelaxationBuilder<'t> {
     task: &'t Task,
     negated: Vec<FactId>,
-    /// Per fact: the proposition that the fact is false; `None` if no condition requires the fact to be
+    /// Per fact: the proposition of its negation; `None` if no condition requires the fact to be
     /// false.
     negations: Vec<Option<u32>>,
-    /// Number of propositions that stand for “the body of this axiom fails”. They follow the
+    /// Number of propositions that mean “the body of this axiom fails”. They follow the
     /// propositions of the negated facts.
     failing: usize,
-    /// Per numeric fluent: indices of the comparisons that read the fluent.
+    /// Per numeric fluent: the indices of the comparisons that use it.
     comparisons: Vec<Vec<usize>>,
     numbers: NumericSteps,
-    /// Per relaxed operator and proposition that it adds: the numeric step that determines how often
-    /// the operator must be repeated.
+    /// Per relaxed operator and added proposition: the numeric step that determines the number of
+    /// repetitions of the operator.
     steps: FxHashMap<(u32, u32), u32>,
     preconditions: Rows,
     adds: Rows,
@@ -77,9 +77,9 @@ impl<'t> RelaxationBuilder<'t> {
         }
     }
 
-    /// Registers the facts that axiom bodies require to be false. A derived fact is false if every body
-    /// of its axioms fails, so its negation also requires the negations of the literals in these
-    /// bodies.
+    /// Registers the facts that axiom bodies require to be false. A derived fact is false if the
+    /// bodies of all its axioms fail, so its negation also requires the negations of their
+    /// literals.
     fn note_negations_of_axioms(&mut self) {
         for literal in self.task.axioms.iter().flat_map(|axiom| &axiom.body) {
             self.note_negation(*literal);
@@ -125,8 +125,7 @@ impl<'t> RelaxationBuilder<'t> {
         }
     }
 
-    /// Adds the relaxed operators that make derived facts true, and those that make their negations
-    /// true.
+    /// Adds the relaxed operators that make derived facts true and those that make them false.
     pub(super) fn axioms(&mut self) {
         for axiom in &self.task.axioms {
             let body = self.propositions(axiom.body.iter());
@@ -140,8 +139,8 @@ impl<'t> RelaxationBuilder<'t> {
             self.failing += 1;
             bodies.entry(negation).or_default().push(fails);
             for literal in axiom.body.iter() {
-                // Facts that derive each other become false together. That one of them fails is
-                // assumed, which errs on the side of reachable.
+                // Facts that derive each other become false together. The failure of one of them is
+                // therefore assumed, so that no reachable proposition is missed.
                 let is_circular =
                     literal.is_positive() && components.share(literal.fact(), axiom.head);
                 match self.proposition(literal.negated()) {
@@ -178,8 +177,8 @@ impl<'t> RelaxationBuilder<'t> {
         all
     }
 
-    /// Adds the propositions of comparisons that the numeric changes of the next relaxed operator may
-    /// make true or false to `all`.
+    /// Adds the propositions of comparisons that numeric changes may make true or false to `all`.
+    /// The changes are those of the next relaxed operator.
     fn add_comparisons(&mut self, changes: &[NumericChange], all: &mut Vec<u32>) {
         let read = changes.iter().flat_map(|change| &self.comparisons[change.fluent as usize]);
         let mut read: Vec<usize> = read.copied().collect();
@@ -212,7 +211,7 @@ impl<'t> RelaxationBuilder<'t> {
         self.origins.push(origin);
     }
 
-    /// Returns, per proposition that a relaxed operator adds, its numeric step. Empty if there are no
+    /// Returns the numeric step of each proposition that a relaxed operator adds. Empty without
     /// numeric steps.
     fn steps_of(&self, adds: &Rows) -> Vec<u32> {
         if self.numbers.is_empty() {
@@ -223,7 +222,7 @@ impl<'t> RelaxationBuilder<'t> {
         each.map(|key| self.steps.get(&key).copied().unwrap_or(NO_STEP)).collect()
     }
 
-    /// Finishes the relaxation. If `simplify` is set, dominated additions are left out.
+    /// Builds the relaxation. If `simplify` is set, dominated additions are omitted.
     pub(super) fn finish(mut self, simplify: bool) -> Relaxation {
         let goal = self.propositions(self.task.goal.iter());
         let proposition_count = self.task.fact_count + self.negated.len() + self.failing;
@@ -259,7 +258,7 @@ impl<'t> RelaxationBuilder<'t> {
     }
 }
 
-/// Strongly connected components of derived facts: the facts of one component derive each other.
+/// Strongly connected components of derived facts. The facts of a component derive each other.
 struct Components {
     /// Index of the first derived fact.
     first: usize,

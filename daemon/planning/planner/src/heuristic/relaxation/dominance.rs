@@ -1,38 +1,39 @@
-//! Finds dominated additions of relaxed operators. An added proposition is dominated if the operator
-//! itself requires it, or if another operator adds it with no more preconditions at no greater cost.
+//! Finds dominated additions of relaxed operators. An added proposition is dominated if the
+//! operator itself requires it, or if another operator adds it with fewer or the same preconditions
+//! at no greater cost.
 //!
-//! The method follows the simplification of unary operators in Fast Downward (Helmert, 2006), but does
-//! not split operators into unary ones first. Sums and maxima of costs (h_add, h_max) stay the same.
-//! The cheapest relaxed plan may become more expensive, because a proposition that was a side effect of
-//! one operator is now added by another.
+//! The method follows the simplification of unary operators in Fast Downward (Helmert, 2006), but
+//! does not split operators into unary ones. Sums and maxima of costs (h_add, h_max) stay the same.
+//! The cheapest relaxed plan may become more expensive: a proposition that one operator added as a
+//! side effect may then need another operator.
 
 use crate::rows::Rows;
 
-/// Maximal number of operators with the same first precondition that one operator is compared with.
-/// More comparisons would take longer than they save.
+/// Maximum number of operators with the same first precondition that an operator is compared with.
+/// More comparisons would cost more time than they save.
 const COMPARED_MAX: usize = 8;
 
-/// Relaxed operators; the propositions in each row of `preconditions` and `adds` are sorted.
+/// Relaxed operators. The propositions in each row of `preconditions` and `adds` must be sorted.
 pub(super) struct RelaxedOperators<'r> {
     pub(super) preconditions: &'r Rows,
     pub(super) adds: &'r Rows,
     pub(super) base_costs: &'r [u64],
 }
 
-// === impl OperatorTable ===
+// === impl RelaxedOperators ===
 
 impl RelaxedOperators<'_> {
-    /// Returns, per operator, the propositions that it adds, without the dominated additions. Additions
-    /// that `is_exempt` accepts are kept in any case, because their costs depend on the state. The
-    /// costs of propositions stay the same.
+    /// Returns the propositions that each operator adds, without the dominated ones. Additions that
+    /// `is_exempt` accepts are always kept, because their costs depend on the state. The costs of
+    /// propositions stay the same.
     pub(super) fn useful_adds(
         &self,
         proposition_count: usize,
         is_exempt: &dyn Fn(u32, u32) -> bool,
     ) -> Rows {
         let adding = self.adds.inverted(proposition_count);
-        // The operators that add the current proposition, indexed by their first precondition. The last
-        // entry has those without preconditions.
+        // Operators that add the current proposition, by their first precondition. The last entry
+        // is for operators without preconditions.
         let mut by_first: Vec<Vec<u32>> = vec![Vec::new(); proposition_count + 1];
         let first = |relaxed: &u32| {
             let first = self.preconditions.row(*relaxed).first();
@@ -58,9 +59,8 @@ impl RelaxedOperators<'_> {
     }
 
     /// Whether the operator `left` dominates `right`: its preconditions are a subset of those of
-    /// `right`, and it costs no more. If both have the same preconditions and cost, the operator that
-    /// adds more dominates, because a relaxed plan with this operator gets the other additions for
-    /// free.
+    /// `right`, at no greater cost. If both have the same preconditions and cost, the operator with
+    /// more additions dominates, because it adds the others at no cost.
     fn dominates(&self, left: u32, right: u32) -> bool {
         let (asked, other) = (self.preconditions.row(left), self.preconditions.row(right));
         let (cost, other_cost) = (self.base_costs[left as usize], self.base_costs[right as usize]);
@@ -101,12 +101,12 @@ mod tests {
     }
 
     #[test]
-    fn what_is_asked_for_is_not_added() {
+    fn a_required_proposition_is_not_added() {
         check(&[&[0, 1]], &[&[1, 2]], &[1], &[&[2]]);
     }
 
     #[test]
-    fn asking_for_less_at_no_more_cost_dominates() {
+    fn fewer_preconditions_at_no_greater_cost_dominate() {
         check(&[&[0, 1], &[1]], &[&[2, 3], &[2]], &[1, 1], &[&[3], &[2]]);
         check(&[&[0, 1], &[]], &[&[2], &[2]], &[1, 1], &[&[], &[2]]);
         check(&[&[0, 1], &[1]], &[&[2], &[2]], &[1, 2], &[&[2], &[2]]);
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn of_equal_ones_the_one_stays_that_adds_most() {
+    fn among_equal_operators_the_one_that_adds_most_stays() {
         check(&[&[0], &[0]], &[&[2], &[2, 3]], &[1, 1], &[&[], &[2, 3]]);
         check(&[&[0], &[0], &[0]], &[&[2], &[2], &[2]], &[1, 1, 1], &[&[2], &[], &[]]);
         check(&[&[0], &[0]], &[&[2], &[2]], &[2, 1], &[&[], &[2]]);

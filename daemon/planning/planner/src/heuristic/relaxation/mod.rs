@@ -1,11 +1,12 @@
 //! The delete relaxation of a task in flat arrays, and its exploration from a state.
 //!
 //! A *proposition* is a literal that some condition requires. Every operator becomes one relaxed
-//! operator for its unconditional effect and one per conditional effect; every axiom becomes a relaxed
-//! operator that costs nothing. A derived fact is false if every axiom that derives it fails; making it
-//! false costs nothing either. Two kinds of conditions cannot be expressed here and are assumed to
-//! hold: that facts which derive each other are false, and any comparison once a number in it may
-//! change.
+//! operator for its unconditional effect and one per conditional effect. Every axiom becomes a
+//! relaxed operator without cost. A derived fact is false if all axioms that derive it fail; making
+//! it false also costs nothing.
+//!
+//! Two kinds of conditions cannot be expressed here and are assumed to hold: the falsity of facts
+//! that derive each other, and any comparison with a number that may have changed.
 
 mod builder;
 mod dominance;
@@ -18,47 +19,47 @@ use crate::rows::Rows;
 use crate::state::{State, is_true, true_facts};
 use crate::task::{FactId, GroundOperator, OperatorId, Task};
 
-/// Cost value of a proposition that is not reached.
+/// Cost of an unreached proposition.
 pub(super) const UNREACHED: u64 = u64::MAX;
 
-/// Origin value of relaxed operators that come from axioms.
+/// Origin of a relaxed operator that comes from an axiom.
 const AXIOM: u32 = u32::MAX;
 
-/// Step value of additions for which one application of the operator is enough.
+/// Step of an addition that needs only one application of its operator.
 const NO_STEP: u32 = u32::MAX;
 
-/// How much an operator weighs in a search or heuristic. If all operators of a task cost the same, each
-/// weighs one.
+/// Weight of an operator in a search or heuristic. If all operators of a task have the same cost,
+/// each of them has the weight one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Weights {
-    /// Every operator weighs one.
+    /// Every operator has the weight one.
     Unit,
-    /// An operator weighs its cost plus one, so that plans of operators without cost still have a
-    /// length.
+    /// The weight of an operator is its cost plus one, so that plans of operators without cost
+    /// still have a length.
     PlusOne,
-    /// An operator weighs [`STEPS_PER_COST`] per unit of cost, plus one: the number of steps decides
-    /// between equal costs.
+    /// The weight of an operator is [`STEPS_PER_COST`] per unit of cost, plus one. Of plans with
+    /// equal costs, the one with fewer steps is preferred.
     CostThenSteps,
 }
 
-/// Weight of one unit of cost, in steps. A plan with fewer steps than this number never weighs more
-/// than a plan that costs one unit more.
+/// Weight of one unit of cost, in steps. A plan with fewer steps than this never weighs more than a
+/// plan that costs one unit more.
 pub(crate) const STEPS_PER_COST: u64 = 1 << 16;
 
 /// The delete relaxation of a task.
 #[derive(Debug)]
 pub(crate) struct Relaxation {
     fact_count: usize,
-    /// Facts that some condition requires to be false. The propositions for their negations follow
+    /// Facts that some condition requires to be false. The propositions of their negations follow
     /// those of the facts.
     negated: Vec<FactId>,
     proposition_count: usize,
-    /// Per proposition: the relaxed operators that have it as a precondition.
+    /// Per proposition: the relaxed operators with this precondition.
     asking: Rows,
     preconditions: Rows,
     adds: Rows,
-    /// Per addition: the step in `numbers` that determines how often the operator must be repeated;
-    /// empty if no addition is numeric.
+    /// Per addition: the step in `numbers` that determines the number of repetitions of the
+    /// operator; empty if no addition is numeric.
     steps: Vec<u32>,
     numbers: NumericSteps,
     base_costs: Vec<u64>,
@@ -70,7 +71,7 @@ pub(crate) struct Relaxation {
     free: Vec<u32>,
 }
 
-/// The h_max costs of propositions, computed for one state.
+/// The h_max costs of propositions in one state.
 #[derive(Debug, Default)]
 pub(super) struct Exploration {
     pub(super) costs: Vec<u64>,
@@ -85,7 +86,7 @@ impl Weights {
     pub(crate) fn weight(self, task: &Task, operator: GroundOperator<'_>) -> u64 {
         match self {
             Weights::Unit => 1,
-            // With equal costs, a cheapest plan is a shortest one.
+            // If all costs are equal, a cheapest plan is a shortest plan.
             _ if task.costs_equal => 1,
             Weights::PlusOne => operator.cost.saturating_add(1),
             Weights::CostThenSteps => {
@@ -102,8 +103,8 @@ impl Relaxation {
         Relaxation::build(task, weights, false)
     }
 
-    /// Builds the relaxation as [`Relaxation::new`] does, but without dominated additions. Only for
-    /// estimates that need not be admissible.
+    /// Builds the relaxation as [`Relaxation::new`] does, but without dominated additions. It must
+    /// not be used for admissible estimates.
     pub(crate) fn simplified(task: &Task, weights: Weights) -> Relaxation {
         Relaxation::build(task, weights, true)
     }
@@ -117,12 +118,12 @@ impl Relaxation {
         builder.finish(simplify)
     }
 
-    /// Returns the size of the relaxation, as a measure of the work of one exploration.
+    /// Returns the size of the relaxation, which is a measure of the work of one exploration.
     pub(crate) fn size(&self) -> usize {
         self.preconditions.item_count() + self.adds.item_count() + self.proposition_count
     }
 
-    /// Returns the number of bytes that the relaxation takes.
+    /// Returns the number of bytes of the relaxation.
     pub(super) fn bytes(&self) -> usize {
         let rows = self.asking.bytes() + self.preconditions.bytes() + self.adds.bytes();
         rows + self.base_costs.len() * 16
@@ -158,18 +159,19 @@ impl Relaxation {
         self.adds.row(relaxed)
     }
 
-    /// Whether the operators of some additions must be repeated, because the additions are numeric.
+    /// Whether the operators of some additions must be repeated, because these additions are
+    /// numeric.
     pub(super) fn has_numbers(&self) -> bool {
         !self.numbers.is_empty()
     }
 
-    /// Computes how often the operator of each numeric step must be repeated in a state.
+    /// Computes the number of repetitions of each numeric step's operator in a state.
     pub(super) fn repetitions(&self, state: &State, found: &mut Vec<u32>) {
         self.numbers.repetitions(&state[self.fact_count.div_ceil(64)..], found);
     }
 
-    /// Returns the propositions that a relaxed operator adds, each with the number of applications that
-    /// the addition takes. `repetitions` contains this number for each numeric step.
+    /// Returns the propositions that a relaxed operator adds, each with the number of applications
+    /// that it requires. `repetitions` contains this number for each numeric step.
     #[inline]
     pub(super) fn adds_with<'r>(
         &'r self,
@@ -205,7 +207,7 @@ impl Relaxation {
         }
     }
 
-    /// Whether a proposition holds in a state. Propositions that stand for failing axioms never hold.
+    /// Whether a proposition holds in a state. The propositions of failing axioms never hold.
     pub(super) fn holds(&self, state: &State, proposition: u32) -> bool {
         match (proposition as usize).checked_sub(self.fact_count) {
             None => is_true(state, FactId(proposition)),
@@ -213,12 +215,13 @@ impl Relaxation {
         }
     }
 
-    /// Returns the fact that a proposition states to be true; `None` for other propositions.
+    /// Returns the fact of a proposition that is a positive literal; `None` for other propositions.
     pub(super) fn positive(&self, proposition: u32) -> Option<FactId> {
         ((proposition as usize) < self.fact_count).then_some(FactId(proposition))
     }
 
-    /// Whether a proposition states that a fact is true or that a fact is false.
+    /// Whether a proposition is a positive or negative literal of a fact, and not that of a failing
+    /// axiom.
     pub(super) fn is_literal(&self, proposition: u32) -> bool {
         (proposition as usize) < self.fact_count + self.negated.len()
     }
@@ -232,15 +235,15 @@ impl Relaxation {
         self.base_costs[relaxed as usize]
     }
 
-    /// Returns the operator that a relaxed operator comes from; `None` for axioms.
+    /// Returns the operator that a relaxed operator comes from; `None` if it comes from an axiom.
     #[inline]
     pub(super) fn origin(&self, relaxed: u32) -> Option<OperatorId> {
         let origin = self.origins[relaxed as usize];
         (origin != AXIOM).then_some(OperatorId(origin))
     }
 
-    /// Computes h_max costs of propositions until all goal propositions are reached. Returns `false` if
-    /// some goal proposition is unreachable.
+    /// Computes h_max costs of propositions until all goal propositions are reached. Returns
+    /// `false` if a goal proposition is unreachable.
     pub(super) fn explore(&self, state: &State, exploration: &mut Exploration) -> bool {
         exploration.reset(self);
         let mut initial = std::mem::take(&mut exploration.initial);
@@ -295,7 +298,7 @@ impl Exploration {
     fn satisfy(&mut self, relaxation: &Relaxation, relaxed: u32, cost: u64) {
         let index = relaxed as usize;
         let total = &mut self.operator_costs[index];
-        // Saturates just below the value that means unreached.
+        // The sum saturates just below the value for unreached propositions.
         let through = cost.saturating_add(relaxation.base_costs[index]).min(UNREACHED - 1);
         *total = (*total).max(through);
         self.missing[index] -= 1;

@@ -1,29 +1,30 @@
-//! How often an operator must be repeated until a comparison holds. The method is subgoaling, after
-//! Scala, Haslum, Magazzeni and Thiébaux, “Subgoaling Techniques for Satisficing and Optimal Numeric
-//! Planning” (2020).
+//! Number of repetitions of an operator that make a comparison true. The method is subgoaling
+//! (Scala, Haslum, Magazzeni and Thiébaux, “Subgoaling Techniques for Satisficing and Optimal
+//! Numeric Planning”, 2020).
 //!
-//! A comparison is seen as a distance from a bound. An operator that changes the distance by a constant
-//! amount is repeated as often as the distance requires. An operator that changes the distance in the
-//! wrong direction does not achieve the comparison. If the amount depends on the state, its value in
-//! the current state is used.
+//! A comparison is represented by a distance from a bound. An operator that changes the distance by
+//! a constant amount is repeated as often as the distance requires. If it changes the distance in
+//! the wrong direction, it does not achieve the comparison. If the amount depends on the state, its
+//! value in the current state is used.
 
 use pddl::{Assignment, Comparison, Operator as Arithmetic};
 use rustc_hash::FxHashMap;
 
 use crate::task::{GroundComparison, GroundExpression, NumericChange};
 
-/// Tolerance by which a quotient may differ from a whole number and still count as that number. The
-/// tolerance affects the estimate only, never reachability.
+/// Tolerance for treating a quotient as a whole number. It affects the estimate only, never
+/// reachability.
 const EPSILON: f64 = 1e-9;
 
-/// Number of repetitions that is assumed if the change does not lead towards the bound in this state,
+/// Number of repetitions that is assumed if the change does not approach the bound in this state,
 /// because other steps must come first.
 const DETOUR: u32 = 10;
 
-/// Cap on the number of repetitions; beyond it, one step more makes no difference.
+/// Maximum number of repetitions; greater numbers are reduced to it, because they hardly change the
+/// ranking of states.
 const REPETITIONS_MAX: u32 = 100_000;
 
-/// Value that the distance must have for a comparison to be true (or to be false).
+/// Required value of the distance for a comparison to be true (or to be false).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum RequiredDistance {
     AtLeastZero,
@@ -32,13 +33,13 @@ enum RequiredDistance {
     NotZero,
 }
 
-/// A numeric step: an operator as a means to make one comparison true or to make it false.
+/// A numeric step: an operator that makes one comparison true or makes it false.
 #[derive(Clone, Debug)]
 struct NumericStep {
-    /// Index of the comparison that the step makes true or false.
+    /// Index of the comparison.
     comparison: u32,
     wanted: RequiredDistance,
-    /// Direction in which the distance has to change: −1 if it has to fall, otherwise 1.
+    /// Required direction of the change: −1 if the distance must decrease, otherwise 1.
     sign: f64,
     change: DistanceChange,
 }
@@ -46,11 +47,11 @@ struct NumericStep {
 /// Amount by which an operator changes the distance of a comparison.
 #[derive(Clone, Debug)]
 enum DistanceChange {
-    /// The amount is always this number, which is never zero.
+    /// The amount is this number in every state. It is never zero.
     Constant(f64),
-    /// The amount is a weighted sum of changes that depend on the state; `parts` contains pairs of
+    /// The amount is a weighted sum of changes that depend on the state. `parts` contains pairs of
     /// weight and change number. `is_once` is set if one of the changes is an assignment, so that a
-    /// repetition changes nothing more.
+    /// repetition has no further effect.
     Depends { parts: Box<[(f64, u32)]>, is_once: bool },
     /// The amount is unknown, because the comparison is not linear.
     Unknown,
@@ -62,7 +63,7 @@ pub(in crate::heuristic) struct NumericSteps {
     comparisons: Vec<GroundComparison>,
     /// Per comparison: the coefficient of each fluent; `None` if the comparison is not linear.
     weights: Vec<Option<FxHashMap<u32, f64>>>,
-    /// Changes of fluents by amounts that depend on the state. Several steps can share one change.
+    /// Changes of fluents by amounts that depend on the state. Several steps may share one change.
     changes: Vec<NumericChange>,
     steps: Vec<NumericStep>,
 }
@@ -86,8 +87,8 @@ impl NumericSteps {
         self.steps.is_empty()
     }
 
-    /// Gives numbers to the changes of one relaxed operator, unless all of the changes are constant.
-    /// Returns the number of the first change.
+    /// Numbers the changes of one relaxed operator, unless all of them are constant. Returns the
+    /// number of the first change.
     pub(super) fn register(&mut self, changes: &[NumericChange]) -> u32 {
         let first = self.changes.len() as u32;
         if changes.iter().any(|change| constant_change(change).is_none()) {
@@ -96,9 +97,9 @@ impl NumericSteps {
         first
     }
 
-    /// Adds the step by which `changes` make a comparison true, or false if `truth` is false. Returns
-    /// the number of the step, or `None` if the changes can never do so. `first` is the number under
-    /// which `changes` were registered.
+    /// Adds the step of `changes` that makes a comparison true, or false if `truth` is false.
+    /// Returns the number of the step; `None` if the changes can never have this result. `first` is
+    /// the result of registering `changes`.
     pub(super) fn step(
         &mut self,
         comparison: usize,
@@ -136,8 +137,8 @@ impl NumericSteps {
         constant.map_or_else(depends, DistanceChange::Constant)
     }
 
-    /// Computes how often the operator of each step must be repeated, given the values of the fluents
-    /// in a state.
+    /// Computes the number of repetitions of each step's operator, for the values of the fluents in
+    /// a state.
     pub(in crate::heuristic) fn repetitions(&self, values: &[u64], found: &mut Vec<u32>) {
         let value = |fluent: u32| f64::from_bits(values[fluent as usize]);
         let distances: Vec<f64> = { self.comparisons.iter() }
@@ -153,10 +154,10 @@ impl NumericSteps {
     }
 }
 
-// === impl QueryStep ===
+// === impl NumericStep ===
 
 impl NumericStep {
-    /// Returns how often the step must be repeated to cover `distance`; `changes` contains the current
+    /// Returns the number of repetitions that cover `distance`. `changes` contains the current
     /// amount of each state-dependent change.
     fn repetitions(&self, distance: f64, changes: &[f64]) -> u32 {
         match &self.change {
@@ -173,7 +174,7 @@ impl NumericStep {
     }
 }
 
-/// Returns how often `distance` must change by `by` until it has the value that `wanted` requires.
+/// Returns the number of changes by `by` until `distance` has the value that `wanted` requires.
 fn times(wanted: RequiredDistance, distance: f64, by: f64) -> u32 {
     if distance.is_nan() || by.is_nan() {
         return 1;
@@ -205,7 +206,8 @@ fn wanted(comparison: Comparison, truth: bool) -> (RequiredDistance, f64) {
     }
 }
 
-/// Returns the amount by which a change raises its fluent; `None` if the amount depends on the state.
+/// Returns the amount by which a change raises its fluent; `None` if the amount depends on the
+/// state.
 fn constant_change(change: &NumericChange) -> Option<f64> {
     let GroundExpression::Number(number) = change.value else { return None };
     match change.assignment {
@@ -227,8 +229,8 @@ fn current_change(change: &NumericChange, value: &dyn Fn(u32) -> f64) -> f64 {
     }
 }
 
-/// Adds the coefficient of each fluent in an expression, times `factor`, to `weights`. Returns `false`
-/// if the expression is not linear.
+/// Adds the coefficient of each fluent in an expression, multiplied by `factor`, to `weights`.
+/// Returns `false` if the expression is not linear.
 fn collect(expression: &GroundExpression, factor: f64, weights: &mut FxHashMap<u32, f64>) -> bool {
     match expression {
         GroundExpression::Number(_) => true,
@@ -293,19 +295,19 @@ mod tests {
     }
 
     #[test]
-    fn what_leads_away_needs_a_detour() {
+    fn a_change_in_the_wrong_direction_counts_as_a_detour() {
         check(Comparison::Equal, true, -3.0, -1.0, DETOUR);
         check(Comparison::GreaterOrEqual, true, -3.0, 0.0, DETOUR);
         check(Comparison::Equal, false, 0.0, -1.0, 1);
     }
 
     #[test]
-    fn numbers_without_a_value_are_one_step_away() {
+    fn an_undefined_number_counts_as_one_step_away() {
         check(Comparison::GreaterOrEqual, true, f64::NAN, 1.0, 1);
     }
 
     #[test]
-    fn weights_add_up() {
+    fn weights_of_a_linear_expression_add_up() {
         let fluent = |index| GroundExpression::Fluent(index);
         let number = |value| GroundExpression::Number(value);
         let twice = GroundExpression::Apply(Arithmetic::Multiply, vec![number(2.0), fluent(1)]);
