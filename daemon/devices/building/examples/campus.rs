@@ -4,8 +4,8 @@
 //! cargo run -p building --example campus -- SEED HOUSES MAP.pddl ECOSYSTEM.toml
 //! ```
 //!
-//! The domain file must lie beside the map. The ecosystem file names both by paths relative to the folder
-//! of the ecosystem file.
+//! The domain file must be beside the map. The ecosystem file refers to both by paths relative to
+//! its own folder.
 
 use std::error::Error;
 use std::path::{Component, Path, PathBuf};
@@ -30,8 +30,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// Returns `path` relative to the folder of the file `from`. `path` and `from` are relative to the same
-/// folder. If either of them is absolute, returns `path` as it is.
+/// Returns `path` relative to the folder of the file `from`, if both paths are relative to the same
+/// folder. Returns `path` unchanged if one of them is absolute.
 fn seen_from(from: &Path, path: &Path) -> PathBuf {
     let folder = from.parent().unwrap_or(Path::new(""));
     if path.is_absolute() || folder.is_absolute() {

@@ -1,7 +1,8 @@
-//! The batteries of robots: each meter that a robot drives drains its battery, and the dock recharges it.
+//! The batteries of robots: each meter that a robot drives drains its battery, and the dock
+//! recharges it.
 //!
-//! A robot without a battery in the layout can drive any distance, as if a cable supplied it. This file has
-//! the changes of the truth; [`Building`] lets the time of recharging pass.
+//! A robot without a battery in the layout has no limit of distance. The functions of [`Truth`] in
+//! this file change the state at once; those of [`Building`] take time.
 
 use std::time::Duration;
 
@@ -12,7 +13,7 @@ use crate::handle::BuildingHandle;
 use crate::layout::{Layout, RobotBattery};
 use crate::truth::{BuildingEvent, Truth};
 
-/// Largest range of a full battery (100 km, in meters), and largest time to recharge one (a day, in
+/// Maximum range of a full battery (100 km, in meters), and maximum time to recharge one (a day, in
 /// seconds).
 const RANGE_MAX: f64 = 100_000.0;
 const RECHARGE_MAX: f64 = 24.0 * 3_600.0;
@@ -20,11 +21,12 @@ const RECHARGE_MAX: f64 = 24.0 * 3_600.0;
 // === impl Layout ===
 
 impl Layout {
-    /// Gives `robot` a battery. If the robot has one already, the new battery replaces it.
+    /// Equips `robot` with a battery, which replaces an earlier one.
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no such robot or dock, or if a figure of the battery is out of range.
+    /// Returns an error if there is no such robot or dock, or if a figure of the battery is out of
+    /// range.
     pub fn equip(
         &mut self,
         robot: &str,
@@ -76,7 +78,7 @@ impl Truth {
         }
     }
 
-    /// Begins to recharge a robot. Returns how long the recharging takes.
+    /// Begins to recharge a robot. Returns the duration of the recharging.
     fn begin_recharging(&mut self, robot: &str) -> Result<Duration, DeviceError> {
         let slowness = self.begin_use(robot)?;
         let battery = self.require_dock(robot)?;
@@ -94,7 +96,7 @@ impl Truth {
         Ok(())
     }
 
-    /// Returns the battery of a robot; an error if the robot does not stand at its dock or has no battery.
+    /// Returns the battery of a robot; an error if the robot is not at its dock or has no battery.
     fn require_dock(&self, robot: &str) -> Result<RobotBattery, DeviceError> {
         self.require_robot(robot)?;
         let Some(battery) = self.layout.battery(robot) else {
@@ -123,11 +125,12 @@ impl Truth {
 // === impl Building ===
 
 impl Building {
-    /// Recharges a robot's battery; the robot must stand at its dock.
+    /// Recharges a robot's battery; the robot must be at its dock.
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no such robot, if it is broken, or if it does not stand at its dock.
+    /// Returns an error if there is no such robot, if it has no battery, if it is broken, or if it
+    /// is not at its dock.
     pub async fn recharge(&self, robot: &str) -> Result<(), DeviceError> {
         let takes = self.change(|truth| truth.begin_recharging(robot))?;
         self.work(robot, takes, |truth| truth.finish_recharging(robot)).await
@@ -149,8 +152,8 @@ impl Building {
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no such robot, if it has no battery, or if the range is more than that
-    /// of the battery.
+    /// Returns an error if there is no such robot, if it has no battery, or if `meters` is not
+    /// between 0 and the range of a full battery.
     pub fn set_charge(&self, robot: &str, meters: f64) -> Result<(), LayoutError> {
         self.change(|truth| truth.set_charge(robot, meters))
     }
@@ -168,12 +171,12 @@ impl Building {
 // === impl BuildingHandle ===
 
 impl BuildingHandle {
-    /// Recharges a robot's battery; the robot must stand at its dock.
+    /// Recharges a robot's battery; the robot must be at its dock.
     ///
     /// # Errors
     ///
-    /// Returns an error in the same cases as [`Building::recharge`], and if the server of the building cannot
-    /// be reached or refuses the request.
+    /// Returns an error in the same cases as [`Building::recharge`], and if the server of the
+    /// building cannot be reached or refuses the request.
     pub async fn recharge(&self, robot: &str) -> Result<(), DeviceError> {
         match self.battery(BatteryAsk::Recharge { robot: robot.to_owned() }).await? {
             BatteryAnswer::Full => Ok(()),
@@ -185,8 +188,8 @@ impl BuildingHandle {
     ///
     /// # Errors
     ///
-    /// Returns an error in the same cases as [`Building::charge_of`], and if the server of the building cannot
-    /// be reached or refuses the request.
+    /// Returns an error in the same cases as [`Building::charge_of`], and if the server of the
+    /// building cannot be reached or refuses the request.
     pub async fn charge_of(&self, robot: &str) -> Result<Option<f64>, DeviceError> {
         match self.battery(BatteryAsk::Charge { robot: robot.to_owned() }).await? {
             BatteryAnswer::Charge(charge) => Ok(charge),
@@ -248,7 +251,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_trip_that_is_called_off_costs_nothing() {
+    async fn a_cancelled_trip_drains_no_battery() {
         let building = office_with_battery(10.0);
         let soon = Duration::from_secs(5);
         let _ = tokio::time::timeout(soon, building.navigate("turtlebot-1", "office1")).await;
@@ -256,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn a_battery_holds_what_it_can() {
+    fn a_battery_out_of_range_is_refused() {
         for (range, charge, fits) in
             [(10.0, 10.0, true), (10.0, 11.0, false), (-1.0, 0.0, false), (f64::NAN, 0.0, false)]
         {

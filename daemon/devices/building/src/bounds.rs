@@ -1,14 +1,14 @@
 //! The bounds of numbers and names in a layout.
 
-/// The lowest and the highest temperature, in °C: absolute zero, and the heat of a furnace.
+/// Minimum and maximum of temperatures, in °C: absolute zero, and the heat of a furnace.
 pub(crate) const CELSIUS_MIN: f64 = -273.15;
 pub(crate) const CELSIUS_MAX: f64 = 1_000.0;
-/// The longest connection, in meters: a tunnel of a kilometer still counts as part of a building.
+/// Maximum length of a connection, in meters: long enough for a tunnel between two buildings.
 pub(crate) const METERS_MAX: f64 = 1_000.0;
-/// The lowest and the highest speed, in meters per second: a crawl, and a train. The bounds give every trip
-/// a finite duration that can be added to others.
+/// Minimum and maximum speed of a robot, in meters per second. With these bounds, the duration of
+/// every trip is finite, and adding durations cannot overflow.
 pub(crate) const SPEED_MIN: f64 = 0.001;
 pub(crate) const SPEED_MAX: f64 = 100.0;
-/// Length of the longest name, in bytes: a refusal that lists a hundred such names fits into one line on
-/// the socket.
+/// Maximum length of a name, in bytes. A refusal that lists a hundred such names still fits into
+/// one line on the socket.
 pub(crate) const NAME_MAX: usize = 64;

@@ -1,9 +1,12 @@
-//! A building in operation: operations that take time, and the control that tests and scenarios have.
+//! A building in operation: operations of drivers, which take time, and control by tests and
+//! scenarios.
 //!
-//! - An operation of a driver begins in one instant and ends in another. The truth may change in between,
-//!   and the operation takes the change into account. Dropping the future of an operation cancels it.
-//! - An operation of a test or a scenario happens in one instant. If the operation changes something, all
-//!   callers of [`Building::wait_for`] are woken, so tests await events and never sleep.
+//! - An operation of a driver begins at one moment and ends at another. The truth may change in
+//!   between, and the operation takes the change into account. Dropping the future of an operation
+//!   cancels it.
+//! - An operation of a test or a scenario happens at one moment. If the operation changes
+//!   something, all callers of [`Building::wait_for`] are woken, so that tests await events instead
+//!   of sleeping.
 //! - The changes of the truth are in `world`; the Unix socket for drivers in other processes is in
 //!   `server`.
 
@@ -17,7 +20,7 @@ use crate::error::{DeviceError, LayoutError};
 use crate::layout::{BuildingDevice, Layout};
 use crate::truth::{DeviceFault, TemperatureReading, Truth};
 
-/// The largest time scale (1.0 is real time). With the bounds of the layout, no duration of a trip
+/// Maximum time scale; 1.0 is real time. With the bounds of the layout, no duration of a trip
 /// overflows.
 const TIME_SCALE_MAX: f64 = 1_000.0;
 
@@ -38,7 +41,7 @@ impl Building {
     /// Opens a building in which every duration is multiplied by `time_scale`:
     /// 1.0 is real time, 0.1 ten times as fast, 0.0 without any waiting.
     ///
-    /// Durations are measured by Tokio's clock, so they stand still while that clock is paused.
+    /// Durations are measured by Tokio's clock: while that clock is paused, no time passes.
     ///
     /// # Errors
     ///
@@ -61,7 +64,8 @@ impl Building {
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no such device, if it is no temperature sensor, or if it is broken.
+    /// Returns an error if there is no such device, if it is no temperature sensor, or if it is
+    /// broken.
     pub async fn read_temperature(&self, sensor: &str) -> Result<TemperatureReading, DeviceError> {
         let takes = self.change(|truth| truth.begin_reading(sensor))?;
         self.work(sensor, takes, |truth| truth.finish_reading(sensor)).await
@@ -69,13 +73,14 @@ impl Building {
 
     /// Drives a robot to a neighbor of its true location.
     ///
-    /// Dropping the future cancels the trip: the robot then stands either where it started or at `to`,
+    /// Dropping the future cancels the trip: the robot is then either at its start or at `to`,
     /// never in between. Two robots may pass each other.
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no such device or place, if the device is no robot, is broken, or has
-    /// another trip under way, if no unlocked door leads there, or if the battery does not last.
+    /// Returns an error if there is no such device or place, if the device is no robot, is broken,
+    /// or has another trip under way, if no unlocked door leads there, or if the battery does not
+    /// last.
     pub async fn navigate(&self, robot: &str, to: &str) -> Result<(), DeviceError> {
         let Some(trip) = self.change(|truth| truth.begin_trip(robot, to))? else {
             return Ok(());
@@ -84,8 +89,8 @@ impl Building {
         self.work(robot, trip.takes, |truth| truth.finish_trip(robot, to, trip.errand)).await
     }
 
-    /// Returns the true location of a device. A driver may ask for it, because a robot localizes itself,
-    /// and the location of a sensor is written on the sensor.
+    /// Returns the true location of a device. A driver may request it, because a real robot
+    /// localizes itself, and the location of a real sensor is written on the sensor.
     ///
     /// # Errors
     ///
@@ -116,8 +121,8 @@ impl Building {
         self.change(|truth| truth.break_device(device, fault))
     }
 
-    /// Breaks a device in the instant of its next use: after an agent has begun to rely on the device, and
-    /// before the device has done anything.
+    /// Breaks a device at its next use: after an agent has begun to rely on the device, and before
+    /// the device has done anything.
     ///
     /// # Errors
     ///
@@ -126,8 +131,8 @@ impl Building {
         self.change(|truth| truth.set_trap(device, fault))
     }
 
-    /// Breaks a device and changes a temperature in one instant. Returns the sequence number of the break
-    /// in the log.
+    /// Breaks a device and changes a temperature in one instant. Returns the sequence number of the
+    /// break in the log.
     pub(crate) fn break_and_set_temperature(
         &self,
         device: &str,
@@ -151,8 +156,8 @@ impl Building {
         self.change(|truth| truth.repair(device))
     }
 
-    /// Locks the door between two locations, in both directions. A robot that is on its way through the
-    /// door finds it locked at the end of the trip, and stays where it was.
+    /// Locks the door between two locations, in both directions. A robot that is on its way through
+    /// the door finds the door locked at the end of its trip, and stays at the start.
     ///
     /// # Errors
     ///
@@ -179,8 +184,8 @@ impl Building {
         self.change(|truth| truth.add_device(device))
     }
 
-    /// Removes a device from the building. If the device is a robot, the devices that it carries are
-    /// removed with it.
+    /// Removes a device from the building. If the device is a robot, the devices that it carries
+    /// are removed with it.
     ///
     /// # Errors
     ///
@@ -194,8 +199,8 @@ impl Building {
         self.shared.truth.borrow().clone()
     }
 
-    /// Returns a receiver of the truth. Keep its `borrow` short: while the truth is borrowed, nothing in
-    /// the building can change.
+    /// Returns a receiver of the truth. A `borrow` of the receiver must be short, because nothing
+    /// in the building can change while the truth is borrowed.
     pub fn subscribe(&self) -> watch::Receiver<Truth> {
         self.shared.truth.subscribe()
     }
@@ -213,8 +218,8 @@ impl Building {
 // === impl Building: time ===
 
 impl Building {
-    /// Changes the truth in one instant by `act`. Wakes the waiting callers if `act` wrote an occurrence
-    /// into the log.
+    /// Changes the truth in one step by `act`. Wakes the callers that wait if `act` added an
+    /// occurrence to the log.
     pub(crate) fn change<T>(&self, act: impl FnOnce(&mut Truth) -> T) -> T {
         let mut outcome = None;
         self.shared.truth.send_if_modified(|truth| {
@@ -226,8 +231,8 @@ impl Building {
         outcome.expect("invariant: `send_if_modified` calls its closure once")
     }
 
-    /// Keeps a device busy for `takes`, then runs `finish`. Returns an error as soon as the device fails or
-    /// is removed. While the device hangs, waits until it is repaired.
+    /// Keeps a device busy for `takes`, then runs `finish`. Returns an error as soon as the device
+    /// fails or is removed. While the device hangs, waits until it is repaired.
     pub(crate) async fn work<T>(
         &self,
         device: &str,
@@ -243,7 +248,8 @@ impl Building {
                 now.fault_of(device) == Some(DeviceFault::Hangs)
             };
             tokio::select! {
-                // Changes first: a device that broke in the last instant counts as broken.
+                // Changes are handled first, so that a device that broke at the last moment counts
+                // as broken.
                 biased;
                 changed = truth.changed() => {
                     changed.expect("invariant: `self` holds the sender");
@@ -251,7 +257,7 @@ impl Building {
                 }
                 () = tokio::time::sleep_until(due), if !hangs => (),
             }
-            // The device may have begun to hang since the check above; then loop again.
+            // The device may have begun to hang since the check above; then the loop continues.
             let finished = self.change(|truth| match truth.fault_of(device) {
                 Some(DeviceFault::Hangs) => None,
                 _ => Some(finish(truth)),
@@ -263,7 +269,8 @@ impl Building {
     }
 }
 
-/// A robot's trip under way. Dropping it before the trip has ended leaves the robot where it set off.
+/// A trip of a robot that is under way. Dropping this value before the trip has ended cancels the
+/// trip, and the robot stays at the start of the trip.
 struct Errand<'a> {
     building: &'a Building,
     robot: &'a str,

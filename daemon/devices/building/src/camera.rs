@@ -1,7 +1,8 @@
 //! Cameras that turn: the aim of each camera, and the places, people and robots that it sees.
 //!
-//! The layout gives the direction in which each place lies from the camera. A camera sees a place if the
-//! middle of the place is within the field of view. Names of directions (presets) are left to the agents.
+//! The layout gives the direction of each place from the camera. A camera sees a place if the
+//! middle of the place is within the field of view. Names for directions (presets) belong to the
+//! agents, not to the building.
 
 use std::time::Duration;
 
@@ -18,20 +19,20 @@ use crate::truth::{BuildingEvent, Truth};
 /// Turning speed, in degrees per second.
 const TURNING: f64 = 90.0;
 
-/// The most views of one camera, and the most people and the most robots that it reports per place. The
-/// bounds let an answer fit into one line on the socket.
+/// Maximum number of views of one camera, and of people and of robots that it reports per place.
+/// With these bounds, an answer fits into one line on the socket.
 const VIEWS_MAX: usize = 16;
 const SEEN_MAX: usize = 8;
 
 // === impl Layout ===
 
 impl Layout {
-    /// Adds a camera that hangs in `location` and can see the places of `views`.
+    /// Adds a camera that is mounted in `location` and can see the places of `views`.
     ///
     /// # Errors
     ///
-    /// Returns an error if the name is invalid or taken, if there is no such location, or if a view is not
-    /// possible.
+    /// Returns an error if the name is invalid or taken, if there is no such location, or if a view
+    /// is not possible.
     pub fn add_camera(
         &mut self,
         name: &str,
@@ -61,8 +62,8 @@ impl Layout {
 // === impl Truth ===
 
 impl Truth {
-    /// Returns the aim of a camera; `None` if there is no such camera. A camera that was never turned has
-    /// the default aim.
+    /// Returns the aim of a camera; `None` if there is no such camera. A camera that was never
+    /// turned has the default aim.
     pub fn aim_of(&self, camera: &str) -> Option<CameraAim> {
         matches!(self.layout.device(camera)?, BuildingDevice::Camera { .. })
             .then(|| self.aims.get(camera).copied().unwrap_or_default())
@@ -138,7 +139,8 @@ impl Building {
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no such camera, if it is broken, or if no camera can be turned there.
+    /// Returns an error if there is no such camera, if it is broken, or if the aim is beyond the
+    /// limits of a camera.
     pub async fn aim(&self, camera: &str, aim: CameraAim) -> Result<(), DeviceError> {
         let takes = self.change(|truth| truth.begin_aiming(camera, aim))?;
         self.work(camera, takes, |truth| truth.finish_aiming(camera, aim)).await
@@ -171,8 +173,8 @@ impl BuildingHandle {
     ///
     /// # Errors
     ///
-    /// Returns an error in the same cases as [`Building::aim`], and if the server of the building cannot
-    /// be reached or refuses the request.
+    /// Returns an error in the same cases as [`Building::aim`], and if the server of the building
+    /// cannot be reached or refuses the request.
     pub async fn aim(&self, camera: &str, aim: CameraAim) -> Result<(), DeviceError> {
         match self.camera(CameraAsk::Aim { camera: camera.to_owned(), aim }).await? {
             CameraAnswer::Aimed => Ok(()),
@@ -184,8 +186,8 @@ impl BuildingHandle {
     ///
     /// # Errors
     ///
-    /// Returns an error in the same cases as [`Building::look`], and if the server of the building cannot
-    /// be reached or refuses the request.
+    /// Returns an error in the same cases as [`Building::look`], and if the server of the building
+    /// cannot be reached or refuses the request.
     pub async fn look(&self, camera: &str) -> Result<CameraView, DeviceError> {
         match self.camera(CameraAsk::Look { camera: camera.to_owned() }).await? {
             CameraAnswer::Sight(sight) => Ok(sight),
@@ -225,7 +227,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_camera_sees_who_is_where_it_looks() {
+    async fn a_camera_sees_the_people_and_robots_in_its_view() {
         let building = watched_office();
         building.enter("alice", "corridor").unwrap();
         building.enter("bob", "office1").unwrap();
@@ -247,7 +249,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn a_camera_turns_as_far_as_it_can() {
+    async fn a_camera_refuses_an_aim_beyond_its_limits() {
         let building = watched_office();
         let aim = CameraAim { pan: 171.0, ..CameraAim::default() };
         assert!(building.aim("camera-1", aim).await.is_err());

@@ -1,15 +1,15 @@
-//! The aim of a camera: its limits, and which directions are in its field of view.
+//! The aim of a camera, its limits, and the test whether a direction is in the field of view.
 
 use serde::{Deserialize, Serialize};
 
 use crate::layout::PlaceDirection;
 
-/// Limits of pan, tilt and zoom, as small dome cameras have them.
+/// Limits of pan and tilt in degrees, and of zoom: those of a small dome camera.
 const PAN_MAX: f64 = 170.0;
 const TILT_MAX: f64 = 90.0;
 const ZOOM_MAX: f64 = 10.0;
 
-/// Horizontal field of view without zoom, in degrees.
+/// Horizontal and vertical field of view without zoom, in degrees.
 const WIDTH: f64 = 60.0;
 const HEIGHT: f64 = 40.0;
 
@@ -39,8 +39,8 @@ impl CameraAim {
             && (1.0..=ZOOM_MAX).contains(&self.zoom)
     }
 
-    /// Returns the position of `view` in the picture, as right and up from -1 to 1; `None` if the place of
-    /// `view` is outside the picture.
+    /// Returns the position of `view` in the picture: to the right and up, each from -1 to 1.
+    /// Returns `None` if the place of `view` is outside the picture.
     pub(crate) fn sees(&self, view: &PlaceDirection) -> Option<(f64, f64)> {
         let right = (view.pan - self.pan) * self.zoom / (WIDTH / 2.0);
         let up = (view.tilt - self.tilt) * self.zoom / (HEIGHT / 2.0);

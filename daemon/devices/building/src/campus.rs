@@ -1,7 +1,7 @@
 //! A campus: up to 26 houses with twenty simulated devices each, and the files of its ecosystem.
 //!
-//! A campus serves for tests of sizes that are too large to write by hand. `examples/campus` prints the
-//! files in `domains/campus` and `ecosystems/campus.toml`; the benchmarks print larger and smaller
+//! A campus is for tests of sizes that are too large to write by hand. `examples/campus` writes the
+//! files in `domains/campus` and `ecosystems/campus.toml`; benchmarks use larger and smaller
 //! campuses. The same seed gives the same campus on every machine.
 
 use std::fmt::Write as _;
@@ -10,11 +10,11 @@ use crate::error::LayoutError;
 use crate::layout::{BuildingDevice, Layout};
 use crate::seeded_random::Random;
 
-/// The largest number of houses: a letter names each house.
+/// Maximum number of houses, because one letter names each house.
 pub const HOUSES_MAX: usize = 26;
 
-/// Number of devices of a house: a thermometer in each equipped room, two robots, and a sensor on each
-/// robot.
+/// Number of devices of a house: a thermometer in each equipped room, two robots, and a sensor on
+/// each robot.
 pub const DEVICES_PER_HOUSE: usize = EQUIPPED + 2 * ROBOTS;
 
 const ROOMS: usize = 20;
@@ -22,16 +22,16 @@ const EQUIPPED: usize = 16;
 const ROBOTS: usize = 2;
 const _: () = assert!(EQUIPPED < ROOMS && DEVICES_PER_HOUSE == 20);
 
-/// The location that connects the houses.
+/// The location that all houses are connected to.
 const QUAD: &str = "quad";
 
-/// Names of the agents that plan and keep the domain, and of the agent of the user. Each has the name of
-/// its plugin.
+/// Names of the agents that plan and keep the domain, and of the agent of the user. Each agent has
+/// the same name as its plugin.
 const REASONING: [&str; 5] =
     ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor", "keyboard"];
 
-/// The `[timing]` section of the ecosystem file. A robot can measure every room of the campus, so for each
-/// call for proposals it plans a way to each room.
+/// The `[timing]` section of the ecosystem file. The deadline is long, because a robot can measure
+/// in every room of the campus, and therefore plans a way to each room for each call for proposals.
 const TIMING: &str = "\
 [timing]
 # Robots bid for each of the rooms. Where one machine hosts all of them, that takes seconds.
@@ -48,7 +48,8 @@ pub struct Campus {
 }
 
 impl Campus {
-    /// Returns the campus of this seed with `houses` houses; the number is clamped to 1 to [`HOUSES_MAX`].
+    /// Returns the campus of this seed. The number of houses is clamped to the range from 1 to
+    /// [`HOUSES_MAX`].
     pub fn seeded(seed: u64, houses: usize) -> Campus {
         let houses = houses.clamp(1, HOUSES_MAX);
         let layout = draw(&mut Random::new(seed), houses)
@@ -66,10 +67,10 @@ impl Campus {
         self.layout.map_pddl("campus")
     }
 
-    /// Returns the ecosystem file. `domain` and `map` are the paths of the domain file and the map file,
-    /// relative to the folder of the ecosystem file.
+    /// Returns the ecosystem file. `domain` and `map` are the paths of the domain file and the map
+    /// file, relative to the folder of the ecosystem file.
     ///
-    /// Each house has a daemon that hosts the devices of the house. One more daemon hosts the agents that
+    /// Each house has a daemon for the devices of the house. One more daemon hosts the agents that
     /// plan.
     pub fn ecosystem(&self, domain: &str, map: &str) -> String {
         let Campus { seed, houses, layout } = self;
@@ -143,8 +144,8 @@ fn daemon_of(place: &str) -> String {
     format!("house-{}", house_of(place))
 }
 
-/// Returns the prefix of the names of all places of one house, which is the house's letter. Returns the
-/// name of `place` itself if it has no prefix.
+/// Returns the letter of the house of a place, which is the prefix of the place's name. Returns the
+/// whole name if it has no prefix.
 fn house_of(place: &str) -> &str {
     place.split_once('-').map_or(place, |(house, _)| house)
 }
@@ -159,7 +160,7 @@ fn entry(name: &str, plugin: &str, daemon: &str, config: &str) -> String {
 
 // === Drawing ===
 
-/// Draws houses around the quad; each has a hall, and two wings with ten rooms each.
+/// Draws houses around the quad. Each house has a hall, and two wings with ten rooms each.
 fn draw(random: &mut Random, houses: usize) -> Result<Layout, LayoutError> {
     let mut layout = Layout::new();
     layout.add_corridor(QUAD, celsius(random))?;
@@ -239,9 +240,9 @@ mod tests {
         }
     }
 
-    /// The files in the repository are those of the seed that the README of the campus states.
+    /// Checks the files in the repository against the seed in the README of the campus.
     #[test]
-    fn the_campus_in_the_repository_is_that_of_its_seed() {
+    fn the_campus_files_in_the_repository_match_their_seed() {
         let campus = Campus::seeded(1, 5);
         let domain = "../domains/campus/domain.pddl";
         let ecosystem = campus.ecosystem(domain, "../domains/campus/map.pddl");

@@ -1,6 +1,6 @@
-//! Cleaning: a robot sweeps the place where it truly stands.
+//! Cleaning: a robot sweeps its true location.
 //!
-//! The building has no model of dirt. A sweep is an occurrence in the log, which tests read.
+//! The building has no model of dirt. A sweep is only an occurrence in the log, for tests to check.
 
 use std::time::Duration;
 
@@ -10,19 +10,20 @@ use crate::error::DeviceError;
 use crate::handle::BuildingHandle;
 use crate::truth::{BuildingEvent, Truth};
 
-/// Duration of a sweep. It is the same for all places, because the layout has no sizes.
+/// Duration of a sweep. All places take equally long, because the layout has no sizes.
 const SWEEPING: Duration = Duration::from_secs(20);
 
 // === impl Truth ===
 
 impl Truth {
-    /// Returns how often a place was swept, as far back as the log has occurrences.
+    /// Returns the number of sweeps of a place in the occurrences that the log still has.
     pub fn swept_count(&self, location: &str) -> usize {
         let is_it = |event: &BuildingEvent| matches!(event, BuildingEvent::Swept { location: place, .. } if place == location);
         self.occurrences().filter(|occurrence| is_it(&occurrence.event)).count()
     }
 
-    /// Begins to sweep the place where the robot stands. Returns the place and the duration of the sweep.
+    /// Begins to sweep the location of the robot. Returns the location and the duration of the
+    /// sweep.
     fn begin_sweeping(&mut self, robot: &str) -> Result<(String, Duration), DeviceError> {
         self.require_robot(robot)?;
         let slowness = self.begin_use(robot)?;
@@ -44,13 +45,13 @@ impl Truth {
 // === impl Building ===
 
 impl Building {
-    /// Sweeps the place where a robot stands, and returns the name of the place. Dropping the future
-    /// cancels the sweep: the place then does not count as swept.
+    /// Sweeps the location of a robot, and returns the name of the location. Dropping the future
+    /// cancels the sweep, which then does not count.
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no such robot, if it is broken, or if it was driven away during the
-    /// sweep.
+    /// Returns an error if there is no such robot, if it is broken, or if it was driven away during
+    /// the sweep.
     pub async fn sweep(&self, robot: &str) -> Result<String, DeviceError> {
         let (location, takes) = self.change(|truth| truth.begin_sweeping(robot))?;
         self.work(robot, takes, |truth| truth.finish_sweeping(robot, &location)).await
@@ -65,12 +66,12 @@ impl Building {
 // === impl BuildingHandle ===
 
 impl BuildingHandle {
-    /// Sweeps the place where a robot stands; see [`Building::sweep`].
+    /// Sweeps the location of a robot; see [`Building::sweep`].
     ///
     /// # Errors
     ///
-    /// Returns an error in the same cases as [`Building::sweep`], and if the server of the building cannot
-    /// be reached or refuses the request.
+    /// Returns an error in the same cases as [`Building::sweep`], and if the server of the building
+    /// cannot be reached or refuses the request.
     pub async fn sweep(&self, robot: &str) -> Result<String, DeviceError> {
         let CleaningAnswer::Swept(location) =
             self.cleaning(CleaningAsk::Sweep { robot: robot.to_owned() }).await?;
@@ -95,7 +96,7 @@ mod tests {
     use crate::{Building, DeviceFault, Layout};
 
     #[tokio::test(start_paused = true)]
-    async fn a_robot_sweeps_where_it_stands_or_not_at_all() {
+    async fn a_cancelled_or_failed_sweep_does_not_count() {
         let building = Building::new(Layout::seeded(0).layout, 1.0).unwrap();
         assert_eq!(building.sweep("turtlebot-1").await.unwrap(), "corridor");
         let soon = Duration::from_secs(5);

@@ -1,8 +1,9 @@
 //! The client of the building's socket: sends requests to a building in another process.
 //!
-//! One task per connection matches answers with requests. Every wait has a deadline. A server that has
-//! ended is noticed at once, a frozen one after [`SILENCE_MAX`]. Dropping the future of a request cancels
-//! the request at the server. The effects of the requests are defined by `server` and the building.
+//! One task per connection matches answers with requests. Every wait has a deadline. The end of the
+//! server is noticed at once, and a frozen server after [`SILENCE_MAX`]. Dropping the future of a
+//! request cancels the request at the server. The effects of the requests are defined by `server`
+//! and the building.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -21,25 +22,26 @@ use crate::driver_requests::{DriverAnswer, DriverRequest};
 use crate::error::DeviceError;
 use crate::wire::{IN_FLIGHT_MAX, LineReader, SILENCE_MAX, ServerLine, WireRequest, write_line};
 
-/// Time limit for connecting, and for a request that takes no time in the building.
+/// Time limit for connecting, and for requests that the building answers at once.
 const ANSWER_MAX: Duration = SILENCE_MAX;
 
-/// Time limit for a request that makes a device work: enough for a kilometer at walking pace. The limit
-/// only keeps a hanging device from blocking a caller forever; actuators have shorter time-outs of their
-/// own and drop the request long before.
+/// Time limit for a request that makes a device work: enough for a kilometer at walking pace. The
+/// limit only prevents a hanging device from blocking a caller forever; actuators have shorter
+/// timeouts of their own.
 const WORK_MAX: Duration = Duration::from_secs(15 * 60);
 
-/// Time limit for awaiting a change. It is a year, because a room may stay empty for months; the server's
-/// `Alive` lines show that the server still runs.
+/// Time limit for awaiting a change. The limit is a year, because a room may stay empty for months.
+/// The server's `Alive` lines show that the server still runs.
 const CHANGE_MAX: Duration = Duration::from_secs(365 * 24 * 3_600);
 
-/// Size of a connection's queue of commands: each request under way needs room for the request and for its
-/// cancellation.
+/// Capacity of a connection's queue of commands. Each request under way needs a place for the
+/// request and one for its cancellation.
 const COMMANDS_MAX: usize = 2 * IN_FLIGHT_MAX;
 
 type RequestResult = Result<DriverAnswer, DeviceError>;
 
-/// A client of a building in another process. It opens a new connection when the old one has broken.
+/// A client of a building in another process. The client opens a new connection after the old one
+/// has broken.
 #[derive(Clone, Debug)]
 pub(crate) struct RemoteBuilding {
     shared: Arc<SharedClient>,
@@ -49,8 +51,8 @@ pub(crate) struct RemoteBuilding {
 struct SharedClient {
     path: PathBuf,
     id_next: AtomicU64,
-    /// Sender of the current connection's queue of commands; the queue is closed once the connection has
-    /// ended.
+    /// Sender of the current connection's queue of commands; the queue is closed once the
+    /// connection has ended.
     commands: Mutex<Option<mpsc::Sender<ConnectionCommand>>>,
 }
 
@@ -69,7 +71,7 @@ impl RemoteBuilding {
         }
     }
 
-    /// Returns a client that is already connected.
+    /// Returns a client that is connected already.
     pub(crate) async fn connect(path: &Path) -> Result<RemoteBuilding, DeviceError> {
         let remote = RemoteBuilding::at(path);
         remote.commands().await.map(|_| remote)
@@ -101,8 +103,8 @@ impl RemoteBuilding {
         outcome
     }
 
-    /// Returns the sender of the current connection's command queue; opens a new connection if the last one
-    /// broke.
+    /// Returns the sender of the current connection's command queue. Opens a new connection if the
+    /// last one has broken.
     async fn commands(&self) -> Result<mpsc::Sender<ConnectionCommand>, DeviceError> {
         let mut present = self.shared.commands.lock().await;
         if let Some(commands) = present.as_ref().filter(|commands| !commands.is_closed()) {
@@ -113,7 +115,7 @@ impl RemoteBuilding {
     }
 }
 
-/// Cancels the request with this id if the guard is dropped before the answer has come.
+/// Guard that cancels the request with this id if it is dropped before the answer has arrived.
 struct CancelOnDrop {
     id: u64,
     room: Option<mpsc::OwnedPermit<ConnectionCommand>>,
@@ -142,7 +144,7 @@ async fn open(path: &Path) -> Result<mpsc::Sender<ConnectionCommand>, DeviceErro
     Ok(commands)
 }
 
-/// The task of one connection. When the task ends, its command queue closes and all open requests fail.
+/// Task of one connection. When the task ends, its command queue closes and all open requests fail.
 struct ClientConnection {
     lines: LineReader<OwnedReadHalf>,
     writer: OwnedWriteHalf,
@@ -166,7 +168,7 @@ impl ClientConnection {
         }) {}
     }
 
-    /// Handles one event. Returns an error with the reason if the connection has to end.
+    /// Handles one event. Returns an error with the reason if the connection must end.
     async fn step(&mut self) -> Result<(), String> {
         match self.next_event().await {
             ClientEvent::Command(command) => {
@@ -208,7 +210,8 @@ impl ClientConnection {
             ServerLine::Failed { id, error } => (id, Err(error)),
         };
         if let Some(reply) = self.open.remove(&id) {
-            // The caller may have dropped its future meanwhile; then the answer is discarded.
+            // The receiver is gone if the caller has dropped its future meanwhile; then the answer
+            // is discarded.
             let _ = reply.send(outcome);
         }
         Ok(())
@@ -229,8 +232,8 @@ mod tests {
     use crate::BuildingHandle;
     use crate::wire::LineReader;
 
-    /// Connects to a server that answers the first request with `answer` and then closes the connection,
-    /// and compares the result of the driver's request with `expected`.
+    /// Connects to a server that answers the first request with `answer` and then closes the
+    /// connection, and compares the result of the driver's request with `expected`.
     async fn check(answer: &str, expected: &str) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("odd.sock");
@@ -247,7 +250,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn whatever_a_server_answers_the_caller_gets_an_answer() {
+    async fn every_answer_of_a_server_gives_the_caller_a_result() {
         let broke = "failed to reach the building: the connection broke";
         check("{\"done\":{\"id\":1,\"answer\":{\"place\":\"hall\"}}}\n", "hall").await;
         check("\"alive\"\n{\"done\":{\"id\":9,\"answer\":\"arrived\"}}\n", broke).await;
@@ -267,7 +270,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn no_server_is_said_so() {
+    async fn a_missing_server_is_reported() {
         let refused = BuildingHandle::connect(Path::new("/nonexistent/socket")).await.unwrap_err();
         let reason = refused.to_string();
         assert!(

@@ -26,8 +26,8 @@ pub(crate) const CORRIDORS: [&str; 6] =
     ["arcade", "corridor", "gallery", "hall", "lobby", "passage"];
 pub(crate) const ROBOTS: [&str; 4] = ["turtlebot-1", "turtlebot-2", "rover", "trolley"];
 
-/// Returns the places of the paper's test bed: two offices, a conference room, one corridor. The paper
-/// gives no distances and no temperatures; the values here are Althing's own.
+/// Returns the places of the paper's test bed: two offices, a conference room, one corridor. The
+/// paper gives no distances and no temperatures; the values here are Althing's own.
 pub(crate) fn paper_places() -> Result<Layout, LayoutError> {
     let mut layout = Layout::new();
     layout
@@ -51,8 +51,8 @@ pub(crate) struct LayoutDraw {
     pub(crate) random: Random,
     pub(crate) rooms: Vec<&'static str>,
     pub(crate) corridors: Vec<&'static str>,
-    /// True temperatures of the rooms, all different, so that a value reported for the wrong room is
-    /// noticed.
+    /// True temperatures of the rooms. All are different, so that a value that is reported for the
+    /// wrong room is detected.
     pub(crate) temperatures: Vec<f64>,
 }
 
@@ -62,7 +62,8 @@ impl LayoutDraw {
         let rooms_count = random.between(3, 7);
         let corridors_count = random.between(1, 3);
         let tenths: Vec<usize> = (160..=280).collect();
-        // One more than there are locations: the temperature after the sensor's death.
+        // One temperature more than locations: the additional one is set after the failure of the
+        // sensor.
         let tenths = random.sample(&tenths, rooms_count + corridors_count + 1);
         LayoutDraw {
             rooms: random.sample(&ROOMS, rooms_count),
@@ -92,8 +93,9 @@ impl LayoutDraw {
         Ok(layout)
     }
 
-    /// Connects all locations as a tree: each corridor to an earlier corridor, and each room to a corridor
-    /// or, in one case of four, to an earlier room. So every location can be reached from every other.
+    /// Connects all locations as a tree: each corridor to an earlier corridor, and each room to a
+    /// corridor or, in one case of four, to an earlier room. As a result, every location can be
+    /// reached from every other.
     fn connect_all(&mut self, layout: &mut Layout) -> Result<(), LayoutError> {
         for index in 1..self.corridors.len() {
             let to = self.random.below(index);

@@ -1,4 +1,5 @@
-//! Requests of drivers to the building, and its answers: the same in this process and over the socket.
+//! Requests of drivers to the building, and their answers; the same in this process and over the
+//! socket.
 
 use std::time::Duration;
 
@@ -27,7 +28,7 @@ pub(crate) enum DriverRequest {
         sensor: String,
         quantity: Quantity,
     },
-    /// Waits until the quantity differs from `known`; only then is the request answered.
+    /// Waits until the quantity differs from `known`. The answer is sent only then.
     AwaitChange {
         sensor: String,
         quantity: Quantity,
@@ -56,7 +57,7 @@ pub(crate) enum DriverAnswer {
 }
 
 impl DriverAnswer {
-    /// Returns the error for an answer that does not fit its request.
+    /// Returns an error which states that the answer does not match its request.
     pub(crate) fn unexpected(self) -> DeviceError {
         DeviceError::Unreachable { reason: format!("its answer does not fit: {self:?}") }
     }
@@ -112,16 +113,17 @@ pub struct CameraView {
 pub struct SeenPlace {
     /// Name of the seen place.
     pub location: String,
-    /// Horizontal position of the middle of the place in the picture: from -1 at the left to 1 at the
-    /// right.
+    /// Horizontal position of the middle of the place in the picture: from -1 at the left to 1 at
+    /// the right.
     pub right: f64,
-    /// Vertical position of the middle of the place in the picture: from -1 at the bottom to 1 at the top.
+    /// Vertical position of the middle of the place in the picture: from -1 at the bottom to 1 at
+    /// the top.
     pub up: f64,
     /// Names of the people in this place, at most eight.
     pub people: Vec<String>,
     /// Names of the robots in this place, at most eight.
     pub robots: Vec<String>,
-    /// Whether something keeps moving in this place.
+    /// Whether there is continuous motion in this place.
     pub stirs: bool,
 }
 
@@ -157,11 +159,11 @@ pub(crate) enum ScreenAnswer {
     Panel(ScreenState),
 }
 
-/// The state of a screen, as its driver sees it.
+/// State of a screen, as returned to its driver.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct ScreenState {
-    /// Channel of the screen; `None` if the screen was given no channel.
+    /// Channel of the screen; `None` if no channel was allocated.
     pub channel: Option<u32>,
     /// Text that the screen shows; `None` if the screen is dark.
     pub text: Option<String>,

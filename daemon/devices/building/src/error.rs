@@ -1,7 +1,7 @@
 //! The errors of changing a layout, using a device, and serving a building.
 //!
-//! Messages are lower-case fragments that complete “failed to …” and say what would be right. The search
-//! for the most similar name, which all of these errors use, is here.
+//! Messages are lower-case fragments that complete “failed to …” and name a correction. The search
+//! for the most similar name, which all of these errors use, is in this file.
 
 use std::io;
 use std::path::PathBuf;
@@ -12,7 +12,7 @@ use thiserror::Error;
 use crate::bounds::{CELSIUS_MAX, CELSIUS_MIN, METERS_MAX, NAME_MAX, SPEED_MAX, SPEED_MIN};
 use crate::quantity::Quantity;
 
-/// The reason why a layout or a building cannot be made or changed as requested.
+/// Reason why a layout or a building cannot be made or changed as requested.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[non_exhaustive]
 pub enum LayoutError {
@@ -25,12 +25,13 @@ pub enum LayoutError {
         /// The invalid name, as written.
         name: String,
     },
-    /// The new name is used already. Locations and devices share one set of names, as PDDL objects do.
+    /// The new name is already in use. Locations and devices share one set of names, as PDDL
+    /// objects do.
     #[error("name something `{name}`: a {taken_by} has that name; choose another")]
     NameTaken {
-        /// The name that is used already.
+        /// The name that is already in use.
         name: String,
-        /// The kind of thing that has the name, in words.
+        /// Kind of the thing with this name, in words.
         taken_by: String,
     },
     /// A door or device names a location that is not in the layout.
@@ -106,7 +107,7 @@ pub enum LayoutError {
         /// Name of the location at both ends.
         location: String,
     },
-    /// The two locations are connected already.
+    /// The two locations are already connected.
     #[error("connect `{from}` and `{to}` again: they are connected by {meters} m already")]
     ConnectedTwice {
         /// Name of the location at one end of the connection.
@@ -124,7 +125,7 @@ pub enum LayoutError {
         /// Name of the location on the other side of the missing door.
         b: String,
     },
-    /// The speed is out of range: the robot would never arrive, or would arrive at once.
+    /// The speed is out of range.
     #[error(
         "let `{robot}` drive at {meters_per_second} m/s: between {SPEED_MIN} and {SPEED_MAX} m/s is possible"
     )]
@@ -143,7 +144,7 @@ pub enum LayoutError {
         /// Name of the robot with the battery.
         robot: String,
     },
-    /// The camera has too many views, or a view lies in a direction that no camera can take.
+    /// The camera has too many views, or the direction of a view is beyond the limits of a camera.
     #[error("point `{camera}` so: at most 16 places, pan -170 to 170, tilt -90 to 90 degrees")]
     BadView {
         /// Name of the camera.
@@ -159,12 +160,13 @@ pub enum LayoutError {
     },
 }
 
-/// The reason why a device did not do what its driver requested. This type is also sent over the socket.
+/// Reason why a device did not do what its driver requested. This type is also sent over the
+/// socket.
 #[derive(Clone, Debug, Deserialize, Eq, Error, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum DeviceError {
-    /// There is no device of this name in the building, or no longer.
+    /// There is no device of this name in the building (any more).
     #[error("find the device `{device}` in the building{}", hint(.nearest))]
     UnknownDevice {
         /// Name of the device, as given in the request.
@@ -172,14 +174,14 @@ pub enum DeviceError {
         /// Name of the most similar device; `None` if no device is similar.
         nearest: Option<String>,
     },
-    /// The device exists but is of another kind than the operation needs.
+    /// The device is of another kind than the operation needs.
     #[error("use `{device}` as a {wanted}: it is a {is}")]
     WrongKind {
         /// Name of the device.
         device: String,
         /// The kind of the device, in words.
         is: String,
-        /// The kind that the operation needs, in words.
+        /// Kind that the operation needs, in words.
         wanted: String,
     },
     /// There is no such place in the building.
@@ -214,13 +216,13 @@ pub enum DeviceError {
         /// Name of the failed device.
         device: String,
     },
-    /// The robot is used otherwise: it has another trip under way, or it was driven away during a sweep.
+    /// The robot is in use: another trip is under way, or the robot was moved during a sweep.
     #[error("send `{device}`: it is driving already; cancel that drive first")]
     Busy {
         /// Name of the robot.
         device: String,
     },
-    /// The robot's battery does not last for the way.
+    /// The charge of the robot's battery is too low for the trip.
     #[error("drive `{device}` to `{to}`: its battery does not last so far")]
     EmptyBattery {
         /// Name of the robot.
@@ -234,7 +236,7 @@ pub enum DeviceError {
         /// Name of the camera.
         device: String,
     },
-    /// The screen has no channel yet. A screen on a wall shows nothing without a channel.
+    /// The screen has no channel yet. A screen shows nothing without a channel.
     #[error("show anything on `{device}`: it was given no channel yet")]
     NoChannel {
         /// Name of the screen.
@@ -248,7 +250,7 @@ pub enum DeviceError {
         /// Length of the longest possible text, in bytes.
         bytes_max: usize,
     },
-    /// The robot does not stand at its dock, and it can recharge only there.
+    /// The robot is not at its dock, and it can recharge only there.
     #[error("recharge `{device}`: it {}", at_dock(.dock))]
     NotAtDock {
         /// Name of the robot.
@@ -265,12 +267,12 @@ pub enum DeviceError {
     /// The building's server refused the request.
     #[error("get an answer of the building: {reason}")]
     Refused {
-        /// The reason of the refusal in words, and what would have been right.
+        /// Reason of the refusal, and the correction, in words.
         reason: String,
     },
 }
 
-/// The reason why a building cannot be served at a socket.
+/// Reason why a building cannot be served at a socket.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum ServeError {
@@ -297,9 +299,9 @@ pub enum ServeError {
     },
 }
 
-/// Returns the candidate most similar to `name`; `None` if none is similar enough.
+/// Returns the candidate most similar to `name`; `None` if no candidate is similar enough.
 pub(crate) fn nearest<'a>(name: &str, candidates: impl Iterator<Item = &'a str>) -> Option<String> {
-    // Up to a third of the letters wrong counts as a slip; more is another word.
+    // A name counts as misspelt if at most a third of its letters is wrong.
     let slips_max = (name.chars().count() / 3).max(1);
     candidates
         .map(|candidate| (strsim::damerau_levenshtein(name, candidate), candidate))

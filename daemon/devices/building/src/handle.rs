@@ -1,8 +1,9 @@
-//! Access of a simulated driver to the building's devices, in this process or another.
+//! Access of a simulated driver to the building's devices, in this process or in another one.
 //!
-//! For a building in this process, the handle calls the [`Building`]; otherwise it sends requests over a
-//! Unix socket to the server in the building's process. The same driver works in both cases. In neither
-//! case can the driver see or change more of the truth than its device does.
+//! For a building in this process, the handle calls the [`Building`]. For another process, the
+//! handle sends requests over a Unix socket to the server in the building's process. The same
+//! driver works in both cases. In both cases the driver can see and change only the part of the
+//! truth that its device can.
 
 use std::path::Path;
 
@@ -25,15 +26,15 @@ pub(crate) enum BuildingAccess {
 }
 
 impl Building {
-    /// Returns the access that a driver in this process gets: to the devices, not to the truth.
+    /// Returns the access for a driver in this process: to the devices, but not to the truth.
     pub fn handle(&self) -> BuildingHandle {
         BuildingHandle { access: BuildingAccess::InProcess(self.clone()) }
     }
 }
 
 impl BuildingHandle {
-    /// Returns the building if it is in this process; otherwise the client of the building's socket, as the
-    /// error.
+    /// Returns the building if it is in this process; otherwise returns the client of the
+    /// building's socket as the error.
     pub(crate) fn local(&self) -> Result<&Building, &RemoteBuilding> {
         match &self.access {
             BuildingAccess::InProcess(building) => Ok(building),
@@ -43,8 +44,8 @@ impl BuildingHandle {
 
     /// Connects to a building that another process serves at `socket_path`.
     ///
-    /// If the connection breaks, the requests under way fail with [`DeviceError::Unreachable`], and the
-    /// next use connects again.
+    /// If the connection breaks, the requests under way fail with [`DeviceError::Unreachable`], and
+    /// the next use connects again.
     ///
     /// # Errors
     ///
@@ -54,8 +55,8 @@ impl BuildingHandle {
         Ok(BuildingHandle { access: BuildingAccess::Socket(remote) })
     }
 
-    /// Returns a handle like [`connect`](BuildingHandle::connect), but connects when it is first used: for
-    /// a driver that may start before the building does.
+    /// Returns a handle like [`connect`](BuildingHandle::connect), but connects at its first use.
+    /// This is for a driver that may start earlier than the building.
     pub fn at(socket_path: impl AsRef<Path>) -> BuildingHandle {
         BuildingHandle { access: BuildingAccess::Socket(RemoteBuilding::at(socket_path.as_ref())) }
     }
@@ -64,8 +65,8 @@ impl BuildingHandle {
     ///
     /// # Errors
     ///
-    /// Returns an error in the same cases as [`Building::read_temperature`], and if the server of the building cannot
-    /// be reached or refuses the request.
+    /// Returns an error in the same cases as [`Building::read_temperature`], and if the server of
+    /// the building cannot be reached or refuses the request.
     pub async fn read_temperature(&self, sensor: &str) -> Result<TemperatureReading, DeviceError> {
         match &self.access {
             BuildingAccess::InProcess(building) => building.read_temperature(sensor).await,
@@ -86,8 +87,8 @@ impl BuildingHandle {
     ///
     /// # Errors
     ///
-    /// Returns an error in the same cases as [`Building::navigate`], and if the server of the building cannot
-    /// be reached or refuses the request.
+    /// Returns an error in the same cases as [`Building::navigate`], and if the server of the
+    /// building cannot be reached or refuses the request.
     pub async fn navigate(&self, robot: &str, to: &str) -> Result<(), DeviceError> {
         match &self.access {
             BuildingAccess::InProcess(building) => building.navigate(robot, to).await,
@@ -105,8 +106,8 @@ impl BuildingHandle {
     ///
     /// # Errors
     ///
-    /// Returns an error in the same cases as [`Building::place_of`], and if the server of the building cannot
-    /// be reached or refuses the request.
+    /// Returns an error in the same cases as [`Building::place_of`], and if the server of the
+    /// building cannot be reached or refuses the request.
     pub async fn place_of(&self, device: &str) -> Result<String, DeviceError> {
         match &self.access {
             BuildingAccess::InProcess(building) => building.place_of(device),

@@ -1,8 +1,9 @@
 //! The plan of a building: locations, the doors between them, the devices in it.
 //!
-//! A [`Layout`] is plain data that can be read from and written to JSON or TOML. Every way to create one
-//! makes the same checks, so every layout is valid: names are unique PDDL names, every reference is known,
-//! every number is possible. What happens in the building is left to [`Building`](crate::Building).
+//! A [`Layout`] is plain data that can be read from and written to JSON or TOML. Every way to
+//! create a layout makes the same checks, so that every layout is valid: names are unique PDDL
+//! names, every reference has a target, every number is within its bounds.
+//! [`Building`](crate::Building) implements what happens in the building.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -19,7 +20,7 @@ pub(crate) use additions::check_temperature;
 #[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum LocationKind {
-    /// A room: a place with a temperature that people want to know.
+    /// A room: a place with a temperature of interest.
     Room,
     /// A corridor: a place that robots pass through.
     Corridor,
@@ -179,14 +180,14 @@ impl BuildingDevice {
     }
 }
 
-/// The plan of a building. Every layout is valid: the description of this module lists the checks.
+/// The plan of a building. Every layout is valid; the description of this module lists the checks.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 #[serde(try_from = "RawLayout", into = "RawLayout")]
 pub struct Layout {
     locations: Vec<Location>,
     connections: Vec<LocationConnection>,
     devices: Vec<BuildingDevice>,
-    /// The battery of each robot, by the robot's name; a robot that is not listed needs no battery.
+    /// The battery of each robot, by the robot's name; a robot without an entry needs no battery.
     pub(crate) batteries: BTreeMap<String, RobotBattery>,
 }
 
@@ -215,7 +216,7 @@ impl TryFrom<RawLayout> for Layout {
         for connection in connections {
             layout.add_connection(connection)?;
         }
-        // Carriers first, so that a file may list its devices in any order.
+        // Carriers are added first, so that a file may list its devices in any order.
         let (mounted, standing): (Vec<_>, Vec<_>) =
             devices.into_iter().partition(|device| device.carrier().is_some());
         for device in standing.into_iter().chain(mounted) {
@@ -238,12 +239,12 @@ impl From<Layout> for RawLayout {
 // === impl Layout: reading ===
 
 impl Layout {
-    /// All locations, in the order they were added.
+    /// Returns all locations, in the order in which they were added.
     pub fn locations(&self) -> &[Location] {
         &self.locations
     }
 
-    /// The names of all rooms, in the order they were added.
+    /// Returns the names of all rooms, in the order in which they were added.
     pub fn rooms(&self) -> impl Iterator<Item = &str> {
         self.locations
             .iter()
@@ -251,24 +252,24 @@ impl Layout {
             .map(|location| location.name.as_str())
     }
 
-    /// All connections, in the order they were added.
+    /// Returns all connections, in the order in which they were added.
     pub fn connections(&self) -> &[LocationConnection] {
         &self.connections
     }
 
-    /// All devices, in the order they were added. In a layout that was read from a file, mounted devices
-    /// come last.
+    /// Returns all devices, in the order in which they were added. In a layout that was read from a
+    /// file, mounted devices come last.
     pub fn devices(&self) -> &[BuildingDevice] {
         &self.devices
     }
 
-    /// Returns the device of this name, or `None`.
+    /// Returns the device of this name; `None` if there is none.
     pub fn device(&self, name: &str) -> Option<&BuildingDevice> {
         self.devices.iter().find(|device| device.name() == name)
     }
 
-    /// Returns the location where the robot of this name stands at the start; `None` if there is no such
-    /// robot.
+    /// Returns the location where the robot of this name stands at the start; `None` if there is no
+    /// such robot.
     pub(crate) fn start_of(&self, robot: &str) -> Option<&str> {
         match self.device(robot)? {
             BuildingDevice::Robot { start, .. } => Some(start),
@@ -276,12 +277,12 @@ impl Layout {
         }
     }
 
-    /// Returns the location of this name, or `None`.
+    /// Returns the location of this name; `None` if there is none.
     pub fn location(&self, name: &str) -> Option<&Location> {
         self.locations.iter().find(|location| location.name == name)
     }
 
-    /// The temperature sensors that are fixed in `location`.
+    /// Returns the names of the temperature sensors that are fixed in `location`.
     pub fn fixed_sensors_in<'a>(&'a self, location: &'a str) -> impl Iterator<Item = &'a str> {
         self.devices.iter().filter_map(move |device| match device {
             BuildingDevice::FixedSensor { name, location: place } if place == location => {
@@ -291,13 +292,13 @@ impl Layout {
         })
     }
 
-    /// The rooms that have no fixed temperature sensor.
+    /// Returns the names of the rooms without a fixed temperature sensor.
     pub fn rooms_without_sensor(&self) -> impl Iterator<Item = &str> {
         self.rooms().filter(|room| self.fixed_sensors_in(room).next().is_none())
     }
 
-    /// Returns the length of the connection from `from` to `to`, in meters; `None` if robots cannot go from
-    /// `from` to `to` directly.
+    /// Returns the length of the connection from `from` to `to`, in meters; `None` if robots cannot
+    /// go from `from` to `to` directly.
     pub fn meters(&self, from: &str, to: &str) -> Option<f64> {
         self.connections
             .iter()
@@ -307,7 +308,8 @@ impl Layout {
             .map(|way| way.meters)
     }
 
-    /// The locations to which robots can go from `from` directly, in the order of the connections.
+    /// Returns the locations to which robots can go from `from` directly, in the order of the
+    /// connections.
     pub fn neighbors<'a>(&'a self, from: &'a str) -> impl Iterator<Item = &'a str> {
         self.connections.iter().filter_map(move |way| {
             if way.from == from {
@@ -320,7 +322,7 @@ impl Layout {
         })
     }
 
-    /// Every location that a robot at `from` can reach, `from` included.
+    /// Returns all locations that a robot at `from` can reach, including `from`.
     pub fn reachable_from<'a>(&'a self, from: &'a str) -> BTreeSet<&'a str> {
         let mut reached = BTreeSet::from([from]);
         let mut frontier = vec![from];
@@ -330,7 +332,7 @@ impl Layout {
         reached
     }
 
-    /// Every location that a robot with a temperature sensor can reach.
+    /// Returns all locations that a robot with a temperature sensor can reach.
     pub(crate) fn measurable_by_robots(&self) -> BTreeSet<&str> {
         let carriers = self.devices.iter().filter_map(|device| match device {
             BuildingDevice::MountedSensor { carrier, .. } => self.device(carrier),
@@ -345,12 +347,12 @@ impl Layout {
             .collect()
     }
 
-    /// Returns the location with a name most similar to `name`; `None` if none is similar.
+    /// Returns the name of the location most similar to `name`; `None` if no name is similar.
     pub(crate) fn nearest_location(&self, name: &str) -> Option<String> {
         nearest(name, self.locations.iter().map(|location| location.name.as_str()))
     }
 
-    /// Returns the device with a name most similar to `name`; `None` if none is similar.
+    /// Returns the name of the device most similar to `name`; `None` if no name is similar.
     pub(crate) fn nearest_device(&self, name: &str) -> Option<String> {
         nearest(name, self.devices.iter().map(BuildingDevice::name))
     }

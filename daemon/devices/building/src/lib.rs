@@ -1,21 +1,21 @@
-//! The simulated building: a world that has its own truth, whatever agents believe.
+//! The simulated building: a world with a true state of its own, independent of the beliefs of
+//! agents.
 //!
-//! Simulated drivers act on the building, the planner never sees it, and tests compare the claims of agents
-//! with its truth. Start reading at [`Layout`] (the plan), then [`Building`] (what happens), then [`Truth`]
-//! (what has really happened).
+//! Simulated drivers act on the building, the planner has no access to it, and tests compare the
+//! claims of agents with its truth. Start reading at [`Layout`] (the plan), then [`Building`] (the
+//! operations), then [`Truth`] (the true state and the log).
 //!
-//! - A **driver** has a [`BuildingHandle`], in-process or over a Unix socket, and can do only what its
-//!   device can do.
-//! - A **test or scenario** has the [`Building`] itself: it breaks and repairs devices, locks doors,
-//!   changes temperatures and reads the truth. None of that is offered over the socket, so no agent can
-//!   cheat.
-//! - [`Layout::seeded`] draws another building for each seed, and [`check_scenario_1`] checks whether
-//!   scenario 1 of the paper truly took place in it. [`MaintenanceScenario`] is scenario 2,
-//!   [`AccessScenario`] is scenario 3, and [`MeetingScenario`] is Figure 1 of the paper. [`Campus`] draws a
-//!   campus of any number of houses up to [`HOUSES_MAX`], with the files of its ecosystem.
+//! - A **driver** has a [`BuildingHandle`], in-process or over a Unix socket, and is limited to the
+//!   abilities of its device.
+//! - A **test or scenario** has the [`Building`] itself: it breaks and repairs devices, locks
+//!   doors, changes temperatures and reads the truth. The socket offers none of these operations,
+//!   so that no agent can cheat.
+//! - [`Layout::seeded`] draws another building for each seed, and [`check_scenario_1`] checks
+//!   whether scenario 1 of the paper truly took place in it. [`MaintenanceScenario`] is scenario 2,
+//!   [`AccessScenario`] is scenario 3, and [`MeetingScenario`] is Figure 1 of the paper. [`Campus`]
+//!   draws a campus of any number of houses up to [`HOUSES_MAX`], with the files of its ecosystem.
 //!
-//! This crate leaves to others: the beliefs and messages of agents, PDDL beyond printing a map, and the
-//! substrate.
+//! Other crates contain the beliefs and messages of agents, the PDDL parser, and the substrate.
 //! **Invariant:** no code here uses Zenoh.
 
 mod battery;

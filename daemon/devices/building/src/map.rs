@@ -1,7 +1,8 @@
-//! Prints a layout as the map of an ecosystem: the part of the PDDL problem that no agent announces.
+//! Prints a layout as the map of an ecosystem: the part of the PDDL problem that agents do not
+//! announce.
 //!
-//! The map has rooms, corridors, doors and distances. Devices are not in it, because they announce
-//! themselves. Reading PDDL is left to the `pddl` crate.
+//! The map has rooms, corridors, doors and distances. It has no devices, because their agents
+//! announce them. The `pddl` crate reads the map.
 
 use std::fmt::Write as _;
 
@@ -11,7 +12,7 @@ impl Layout {
     /// Returns the map as the text of a PDDL problem for the domain `domain_name`.
     ///
     /// Each connection is printed once per direction that a robot can take. The goal is the empty
-    /// conjunction, which always holds: goals come from the users.
+    /// conjunction, which always holds, because goals come from the users.
     pub fn map_pddl(&self, domain_name: &str) -> String {
         format!(
             "(define (problem {domain_name}-map)\n  (:domain {domain_name})\n  (:objects{})\n  \
@@ -85,9 +86,9 @@ mod tests {
         .assert_eq(&layout.map_pddl("smart-office"));
     }
 
-    /// The map in the repository is the map of the building of seed 0.
+    /// Compares the map in the repository with the map of the building of seed 0.
     #[test]
-    fn seed_0_is_the_map_of_the_smart_office() {
+    fn the_map_of_seed_0_is_that_of_the_smart_office() {
         let file = include_str!("../../../../domains/smart-office/map.pddl");
         let code = file.lines().map(|line| line.split(';').next().unwrap_or_default());
         let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");

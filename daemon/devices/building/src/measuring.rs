@@ -1,9 +1,9 @@
-//! Quantities other than temperature: their true values, how tests set the values, and how sensors measure
-//! them.
+//! Quantities other than temperature: their true values, how tests set the values, and how sensors
+//! measure them.
 //!
-//! As with temperature, a driver sees only what its sensor measures at the sensor's true location. A driver
-//! awaits a change, such as motion, with [`Building::await_change`]. The change is noticed in the instant
-//! in which it happens: no time for a measurement is added.
+//! As with temperature, a driver can access only the values at the true location of its sensor. A
+//! driver awaits a change, such as motion, with [`Building::await_change`], which returns at the
+//! moment of the change, without the duration of a measurement.
 
 use std::time::Duration;
 
@@ -23,7 +23,8 @@ impl Building {
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no such device, if it does not measure the quantity, or if it is broken.
+    /// Returns an error if there is no such device, if it does not measure the quantity, or if it
+    /// is broken.
     pub async fn measure(
         &self,
         sensor: &str,
@@ -33,15 +34,16 @@ impl Building {
         self.work(sensor, takes, |truth| truth.finish_measuring(sensor, quantity)).await
     }
 
-    /// Waits until the quantity at the true location of the sensor differs from `known`, and measures it.
+    /// Waits until the quantity at the true location of the sensor differs from `known`, and
+    /// measures it.
     ///
-    /// The wait may last forever: as long as nothing changes, or while the sensor hangs. The caller sets a
-    /// deadline and drops the future.
+    /// The wait lasts while the value does not change or the sensor hangs, possibly forever. The
+    /// caller sets a deadline and drops the future.
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no such device, if it does not measure the quantity, or if it is broken
-    /// or breaks during the wait.
+    /// Returns an error if there is no such device, if it does not measure the quantity, or if it
+    /// is broken or breaks during the wait.
     pub async fn await_change(
         &self,
         sensor: &str,
@@ -64,11 +66,13 @@ impl Building {
         }
     }
 
-    /// Sets the true value of a quantity in a location, and wakes the callers that wait for a change of it.
+    /// Sets the true value of a quantity in a location, and wakes the callers that wait for its
+    /// change.
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no such location, or if the value is out of the range of the quantity.
+    /// Returns an error if there is no such location, or if the value is out of the range of the
+    /// quantity.
     pub fn set(&self, location: &str, quantity: Quantity, value: f64) -> Result<(), LayoutError> {
         self.change(|truth| truth.set(location, quantity, value))
     }
@@ -77,7 +81,7 @@ impl Building {
 // === impl Truth ===
 
 impl Truth {
-    /// Returns the true value of a quantity in a location. If no value was set there, returns the usual
+    /// Returns the true value of a quantity in a location. If no value was set, returns the usual
     /// value of the quantity. Returns `None` if there is no such location.
     pub fn value(&self, location: &str, quantity: Quantity) -> Option<f64> {
         self.layout.location(location)?;
@@ -130,7 +134,7 @@ impl Truth {
         Ok(measured)
     }
 
-    /// Returns the true value that the sensor would measure now.
+    /// Returns the true value that the sensor would measure at this moment.
     fn measurable(&self, sensor: &str, quantity: Quantity) -> Result<MeasuredValue, DeviceError> {
         let location = self.require_place(sensor)?;
         let value = self
@@ -161,8 +165,8 @@ impl BuildingHandle {
     ///
     /// # Errors
     ///
-    /// Returns an error in the same cases as [`Building::measure`], and if the server of the building cannot
-    /// be reached or refuses the request.
+    /// Returns an error in the same cases as [`Building::measure`], and if the server of the
+    /// building cannot be reached or refuses the request.
     pub async fn measure(
         &self,
         sensor: &str,
@@ -176,13 +180,13 @@ impl BuildingHandle {
         }
     }
 
-    /// Waits until the quantity at the true location of the sensor differs from `known`, and measures it;
-    /// see [`Building::await_change`].
+    /// Waits until the quantity at the true location of the sensor differs from `known`, and
+    /// measures it; see [`Building::await_change`].
     ///
     /// # Errors
     ///
-    /// Returns an error in the same cases as [`Building::await_change`], and if the server of the building cannot
-    /// be reached or refuses the request.
+    /// Returns an error in the same cases as [`Building::await_change`], and if the server of the
+    /// building cannot be reached or refuses the request.
     pub async fn await_change(
         &self,
         sensor: &str,

@@ -8,13 +8,13 @@ use crate::truth::{BuildingEvent, Truth};
 // === impl Truth ===
 
 impl Truth {
-    /// The people in a location, in the order of their names.
+    /// Returns the people in a location, in the order of their names.
     pub fn people_in<'a>(&'a self, location: &'a str) -> impl Iterator<Item = &'a str> {
         let are_here = move |(_, place): &(&String, &String)| place.as_str() == location;
         self.people.iter().filter(are_here).map(|(person, _)| person.as_str())
     }
 
-    /// Whether something keeps moving in a location.
+    /// Whether there is continuous motion in a location.
     pub fn has_motion(&self, location: &str) -> bool {
         self.locations_with_motion.contains(location)
     }
@@ -63,7 +63,8 @@ impl Building {
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no such location, or if the name of the person is empty or too long.
+    /// Returns an error if there is no such location, or if the name of the person is empty or too
+    /// long.
     pub fn enter(&self, person: &str, location: &str) -> Result<(), LayoutError> {
         self.change(|truth| truth.enter(person, location))
     }
@@ -73,7 +74,8 @@ impl Building {
         self.change(|truth| truth.leave(person));
     }
 
-    /// Sets whether something keeps moving in a location, such as a curtain in the wind.
+    /// Sets whether there is continuous motion in a location, such as that of a curtain in the
+    /// wind.
     ///
     /// # Errors
     ///

@@ -1,11 +1,11 @@
 //! The quantities other than temperature that sensors measure. To add a quantity, add a variant to
 //! [`Quantity`] and a line to the table `QUANTITIES`.
 //!
-//! Yes-or-no quantities are numbers too: 1 is yes, 0 is no.
+//! Yes-or-no quantities are numbers as well: 1 is yes, 0 is no.
 
 use serde::{Deserialize, Serialize};
 
-/// A quantity that has a value in each location and that a sensor there can measure.
+/// A quantity other than temperature, with a value in each location; sensors measure it.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, Ord, PartialEq, PartialOrd, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -16,11 +16,11 @@ pub enum Quantity {
     Co2,
     /// Illuminance, in lx.
     Light,
-    /// Whether something warm moves near the sensor: 1 or 0.
+    /// Whether a person or another warm body moves near the sensor: 1 or 0.
     Motion,
     /// Free distance in front of an IR distance sensor, in m.
     Distance,
-    /// Whether something is right in front of an IR reflective sensor: 1 or 0.
+    /// Whether an object is directly in front of an IR reflective sensor: 1 or 0.
     Reflection,
     /// Whether the contact of a door or a window is closed: 1 or 0.
     Contact,
@@ -29,14 +29,14 @@ pub enum Quantity {
 struct QuantityRow {
     quantity: Quantity,
     name: &'static str,
-    /// Value in each location where no other value was set: the value of an empty office by day.
+    /// Value in each location for which no value was set: the value of an empty office by day.
     usual: f64,
     min: f64,
     max: f64,
 }
 
-/// Name, usual value and bounds of all quantities. The bounds are the extremes that exist, rounded up, such
-/// as those of sunlight or of a storeroom with dry ice.
+/// Name, usual value and bounds of all quantities. The bounds are the extremes that exist, rounded
+/// up: for example, those of sunlight or of a storeroom with dry ice.
 const QUANTITIES: &[QuantityRow] = &[
     line(Quantity::Humidity, "humidity", 45.0, 0.0, 100.0),
     line(Quantity::Co2, "co2", 420.0, 0.0, 1_000_000.0),
@@ -58,12 +58,12 @@ const fn line(
 }
 
 impl Quantity {
-    /// All quantities.
+    /// Returns all quantities, in the order of the table.
     pub fn all() -> impl Iterator<Item = Quantity> {
         QUANTITIES.iter().map(|line| line.quantity)
     }
 
-    /// Returns the quantity of this name, or `None`.
+    /// Returns the quantity of this name; `None` if there is none.
     pub fn named(name: &str) -> Option<Quantity> {
         QUANTITIES.iter().find(|line| line.name == name).map(|line| line.quantity)
     }
@@ -73,7 +73,7 @@ impl Quantity {
         self.line().name
     }
 
-    /// Returns the value of the quantity in a location where no other value was set.
+    /// Returns the value of the quantity in a location for which no value was set.
     pub(crate) fn usual(self) -> f64 {
         self.line().usual
     }
@@ -94,8 +94,8 @@ mod tests {
     use super::Quantity;
 
     #[test]
-    fn each_quantity_has_one_line_and_is_spelled_alike_everywhere() {
-        // The match is exhaustive: a new variant does not compile until it is counted here.
+    fn each_quantity_has_one_line_and_one_spelling() {
+        // The match is exhaustive, so that a new variant does not compile until it is added here.
         let count = |quantity| match quantity {
             Quantity::Humidity
             | Quantity::Co2

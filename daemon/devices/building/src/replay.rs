@@ -1,20 +1,20 @@
-//! Replays the log of a building to find out what truly happened.
+//! Replays the log of a building to reconstruct the true course of events.
 //!
-//! The checks of the scenarios trust neither the agents nor the locations that the truth states. They
-//! replay the log from the layout at the start, and report every occurrence that is impossible in the
-//! building.
+//! The checks of the scenarios rely neither on the agents nor on the locations in the truth. They
+//! replay the log from the layout at the start, and report every occurrence that is impossible in
+//! the building.
 
 use std::collections::BTreeMap;
 
 use crate::layout::{BuildingDevice, Layout};
 use crate::truth::{BuildingEvent, Occurrence, Truth};
 
-/// Largest difference between a value reported to the user and the true value, in °C. Temperatures of the
-/// scenarios differ by at least a tenth of a degree, so the tolerance allows for rounding in print and
-/// nothing else.
+/// Maximum difference between a value reported to the user and the true value, in °C. Temperatures
+/// of the scenarios differ by at least a tenth of a degree, so that the tolerance covers only
+/// rounding in print.
 const CELSIUS_TOLERANCE: f64 = 0.001;
 
-/// A reading of a sensor that the replay has confirmed as possible.
+/// A reading of a sensor that the replay has found possible.
 pub(crate) struct ConfirmedReading {
     pub(crate) sequence: u64,
     pub(crate) sensor: String,
@@ -34,13 +34,14 @@ pub(crate) struct Trip {
 pub(crate) struct ReplayedLog {
     pub(crate) readings: Vec<ConfirmedReading>,
     pub(crate) trips: Vec<Trip>,
-    /// Descriptions of impossible occurrences: jumps of robots, and sensors that measured where they were
-    /// not.
+    /// Descriptions of impossible occurrences: trips without a connection, and measurements in a
+    /// location where the sensor was not.
     pub(crate) problems: Vec<String>,
 }
 
 impl ReplayedLog {
-    /// Returns the location of a robot just before the occurrence with the sequence number `at`.
+    /// Returns the location of a robot just before the occurrence with the sequence number `at`;
+    /// `None` if there is no such robot.
     pub(crate) fn place_of<'a>(
         &'a self,
         layout: &'a Layout,
@@ -90,8 +91,8 @@ pub(crate) fn replay(layout: &Layout, truth: &Truth) -> ReplayedLog {
     replayed
 }
 
-/// Returns whether the sensor that measured in `location` is mounted on a robot. If the sensor was
-/// elsewhere, returns an error with its real location.
+/// Returns `true` if the sensor that measured in `location` is mounted on a robot, and `false` if
+/// it is fixed. Returns an error with the sensor's real location if that was another one.
 fn confirm_reading(
     layout: &Layout,
     sensor: &str,
@@ -119,8 +120,8 @@ fn starts(layout: &Layout) -> BTreeMap<&String, &String> {
     robots.collect()
 }
 
-/// Compares the values that the user received, in °C by room, with the truth. Returns a text for each value
-/// that is not true now.
+/// Compares the values that the user received, in °C by room, with the truth. Returns a text for
+/// each value that is not the true value at this moment.
 pub(crate) fn false_reports(truth: &Truth, told: &BTreeMap<String, f64>) -> Vec<String> {
     let wrong = |(room, celsius): (&String, &f64)| match truth.temperature(room) {
         Some(true_celsius) if (celsius - true_celsius).abs() <= CELSIUS_TOLERANCE => None,

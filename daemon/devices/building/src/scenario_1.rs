@@ -1,9 +1,9 @@
-//! Checks from the truth alone whether scenario 1 of the paper took place.
+//! Check whether scenario 1 of the paper took place, based on the truth alone.
 //!
-//! “The goal here is to collect temperature measurements from all rooms …”: each room is measured, and a
-//! room without a sensor is measured by a robot that truly stands in it. Then a sensor dies, and a robot
-//! measures the room of that sensor as well. The check replays the log, so it trusts neither the agents nor
-//! the locations that the truth states.
+//! “The goal here is to collect temperature measurements from all rooms …”: each room is measured,
+//! and a room without a sensor is measured by a robot that is truly in it. Then a sensor dies, and
+//! a robot measures the room of that sensor as well. The check replays the log, so that it relies
+//! neither on the agents nor on the locations in the truth.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,23 +12,25 @@ use crate::replay::{ConfirmedReading, ReplayedLog, false_reports, replay};
 use crate::seeded::{DeathTime, SeededScenario};
 use crate::truth::{BuildingEvent, Truth};
 
-/// Checks scenario 1 against the truth; returns every way in which it failed.
+/// Checks scenario 1 against the truth.
 ///
-/// `death` is the sequence number of the occurrence in which the sensor broke, as [`SeededScenario::death`]
-/// returns it. `told` has the last value that the user received for each room, in °C.
+/// `death` is the sequence number of the occurrence in which the sensor broke, as
+/// [`SeededScenario::death`] returns it. `told` has the last value that the user received for each
+/// room, in °C.
 ///
-/// These must hold:
-/// 1. Every room that has a sensor, or that a robot with a sensor can reach, was measured. A room without a
-///    sensor was measured by a mounted sensor in the room. If the scenario lets the sensor die after its
-///    report, all this happened before it died.
-/// 2. The sensor died before or after its report, as the scenario says, and has not measured since.
-/// 3. After the sensor's death, its room was measured by a mounted sensor in the room. This fails if no
-///    agent plans again.
+/// The following must hold:
+/// 1. Every room that has a sensor, or that a robot with a sensor can reach, was measured. A room
+///    without a sensor was measured by a mounted sensor in the room. If the sensor dies after its
+///    report, all these measurements were before its death.
+/// 2. The sensor died before or after its report, as planned in the scenario, and has not measured
+///    since.
+/// 3. After the sensor's death, its room was measured by a mounted sensor in the room. This fails
+///    if no agent plans again.
 /// 4. The last value that the user received for each room is true.
 ///
 /// # Errors
 ///
-/// Returns every way in which the scenario failed.
+/// Returns a text for each way in which the scenario failed.
 pub fn check_scenario_1(
     scenario: &SeededScenario,
     truth: &Truth,
@@ -84,7 +86,8 @@ impl MeasuringCheck<'_> {
             DeathTime::AfterReport => {
                 (self.death, format!(" before `{}` died", self.scenario.dying_sensor))
             }
-            // At its first request, no room needs to have been measured yet.
+            // If the sensor dies at its first request, no room need have been measured before its
+            // death.
             DeathTime::BeforeReport => (u64::MAX, String::new()),
         };
         for room in required_rooms(layout) {
@@ -119,7 +122,7 @@ impl MeasuringCheck<'_> {
     }
 }
 
-/// The rooms that have a temperature sensor or that a robot with a sensor can reach.
+/// Returns the rooms that have a temperature sensor or that a robot with a sensor can reach.
 fn required_rooms(layout: &Layout) -> Vec<&str> {
     let measurable = layout.measurable_by_robots();
     let has_sensor = |room: &str| layout.fixed_sensors_in(room).next().is_some();

@@ -1,8 +1,8 @@
-//! Scenario 2 of the paper: all temperatures are to be kept known while sensors die and two robots share
-//! the work. A new sensor then leaves less work to the robots.
+//! Scenario 2 of the paper: all temperatures must be kept known while sensors die and two robots
+//! share the work. Later a new sensor reduces the work of the robots.
 //!
-//! Seed 0 is the paper's office with a second robot in the conference room. Every other seed draws two
-//! wings, so far apart that driving to the other wing is never worth it.
+//! Seed 0 is the paper's office with a second robot in the conference room. Every other seed draws
+//! two wings, with a distance so great that driving to the other wing is never worthwhile.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -27,8 +27,8 @@ pub struct SensorDeath {
     pub sensor: String,
     /// Name of the room of the sensor.
     pub room: String,
-    /// Temperature of the room from the death on, in °C; the last value of the sensor is then no longer
-    /// true.
+    /// Temperature of the room from the death on, in °C. The last value of the sensor is then no
+    /// longer true.
     pub celsius_after: f64,
 }
 
@@ -44,13 +44,13 @@ pub struct MaintenanceScenario {
     pub wings: [BTreeSet<String>; 2],
     /// The two deaths of sensors, in the order in which they happen.
     pub deaths: [SensorDeath; 2],
-    /// Name of the sensor that is added last, to a room that had none.
+    /// Name of the sensor that is added last, to a room without a sensor.
     pub latecomer: String,
 }
 
 impl SensorDeath {
-    /// Makes the sensor hang and changes the temperature of its room. Returns the sequence number of the
-    /// break in the log.
+    /// Makes the sensor hang and changes the temperature of its room. Returns the sequence number
+    /// of the break in the log.
     ///
     /// # Errors
     ///
@@ -62,7 +62,7 @@ impl SensorDeath {
 }
 
 impl MaintenanceScenario {
-    /// Returns the scenario of this seed: the same on every machine, another per seed.
+    /// Returns the scenario of this seed, which is the same on every machine.
     pub fn seeded(seed: u64) -> MaintenanceScenario {
         let drawn = if seed == 0 { paper_office() } else { draw(seed) };
         drawn.expect("invariant: word lists and ranges stay within what a layout allows")
@@ -79,13 +79,13 @@ impl MaintenanceScenario {
     ///
     /// # Errors
     ///
-    /// Returns an error if the sensor is there already.
+    /// Returns an error if the sensor was added before.
     pub fn plug_in(&self, building: &Building) -> Result<(), LayoutError> {
         let (name, location) = (self.latecomer.clone(), self.late_room().to_owned());
         building.add_device(BuildingDevice::FixedSensor { name, location })
     }
 
-    /// The room that the last sensor is added to.
+    /// Returns the name of the room of the last sensor.
     pub fn late_room(&self) -> &str {
         match self.layout.device(&self.latecomer) {
             Some(BuildingDevice::FixedSensor { location, .. }) => location,
@@ -93,23 +93,23 @@ impl MaintenanceScenario {
         }
     }
 
-    /// Checks the scenario against the truth; returns every way in which it failed. `told` has the last
-    /// value that the user received for each room, in °C.
+    /// Checks the scenario against the truth. `told` has the last value that the user received for
+    /// each room, in °C.
     ///
-    /// These must hold:
-    /// 1. Before the first death, and between the second death and the new sensor, every room was measured.
-    ///    After each death, the room of the dead sensor was measured by a robot.
-    /// 2. Both robots measured, and neither ever left its wing: the distance between the wings makes that
-    ///    expensive.
-    /// 3. From the new sensor's first reading on, no robot measured the room of the new sensor, and the
-    ///    rooms of the dead sensors were still measured. This fails if the agents do not replace the plan
-    ///    by the cheaper one that the new sensor allows.
-    /// 4. The dead sensors did not measure again, and the last value that the user received for each room
-    ///    is true.
+    /// The following must hold:
+    /// 1. Before the first death, and between the second death and the new sensor, every room was
+    ///    measured. After each death, the room of the dead sensor was measured by a robot.
+    /// 2. Both robots measured, and neither ever left its wing, because the distance between the
+    ///    wings makes that expensive.
+    /// 3. From the new sensor's first reading on, no robot measured the room of the new sensor, and
+    ///    the rooms of the dead sensors were still measured. This fails if the agents do not
+    ///    replace the plan by the cheaper one that the new sensor makes possible.
+    /// 4. The dead sensors did not measure again, and the last value that the user received for
+    ///    each room is true.
     ///
     /// # Errors
     ///
-    /// Returns every way in which the scenario failed.
+    /// Returns a text for each way in which the scenario failed.
     pub fn check(&self, truth: &Truth, told: &BTreeMap<String, f64>) -> Result<(), Vec<String>> {
         let ReplayedLog { readings, trips, problems } = replay(&self.layout, truth);
         let mut check = MaintenanceCheck { scenario: self, readings, problems };
@@ -149,8 +149,8 @@ fn paper_office() -> Result<MaintenanceScenario, LayoutError> {
     finish(0, layout, wings, deaths, "office1")
 }
 
-/// Draws a scenario with 16 to 20 meters between the wings, and at most 6 from a corridor to each of its
-/// rooms.
+/// Draws a scenario with 16 to 20 meters between the wings, and at most 6 meters from a corridor to
+/// each of its rooms.
 fn draw(seed: u64) -> Result<MaintenanceScenario, LayoutError> {
     let mut random = Random::new(seed);
     let rooms_count = random.between(3, 6);
@@ -168,8 +168,8 @@ fn draw(seed: u64) -> Result<MaintenanceScenario, LayoutError> {
     layout.connect(corridors[0], corridors[1], between)?;
     let mut wings = [0, 1].map(|wing: usize| BTreeSet::from([corridors[wing].to_owned()]));
     for (index, room) in rooms.iter().enumerate() {
-        // In the first wing are the room without a sensor and the room of the first sensor that dies; in
-        // the other is the room of the second.
+        // The first wing has the room without a sensor and the room of the sensor that dies first.
+        // The other wing has the room of the sensor that dies second.
         let wing = if index < 3 { usize::from(index == 2) } else { random.below(2) };
         layout.add_room(room, celsius())?;
         layout.connect(corridors[wing], room, random.between(2, 12) as f64 / 2.0)?;
@@ -185,7 +185,7 @@ fn draw(seed: u64) -> Result<MaintenanceScenario, LayoutError> {
     finish(seed, layout, wings, deaths, rooms[0])
 }
 
-/// Mounts the robots' sensors, and adds the sensor that comes last.
+/// Mounts the robots' sensors, and adds the sensor that is plugged in last.
 fn finish(
     seed: u64,
     mut layout: Layout,
@@ -215,8 +215,8 @@ struct MaintenanceCheck<'a> {
 }
 
 impl MaintenanceCheck<'_> {
-    /// Returns the sequence numbers of the first death, the second death, and the addition of the new
-    /// sensor; `None` if they did not happen in this order.
+    /// Returns the sequence numbers of the first death, the second death, and the addition of the
+    /// new sensor. Returns `None` if they did not happen in this order.
     fn moments(&mut self, truth: &Truth) -> Option<[u64; 3]> {
         let when = |sort: &dyn Fn(&BuildingEvent) -> bool| {
             let found = truth.occurrences().find(|occurrence| sort(&occurrence.event));

@@ -1,8 +1,8 @@
-//! Scenario 3 of the paper: people come to the entry, the camera sees them, a robot goes there, and the
-//! people log in at the robot's screen or fail to.
+//! Scenario 3 of the paper: people come to the entry, the camera sees them, and a robot goes to the
+//! entry. The people then log in at the robot's screen, or fail to log in.
 //!
-//! Seed 0 is the paper's office; its entry is the corridor. Every other seed draws another building,
-//! another entry, and the order in which people come.
+//! Seed 0 is the paper's office; its entry is the corridor. Every other seed draws another
+//! building, another entry, and the order of the visitors.
 
 use serde::Serialize;
 
@@ -14,12 +14,12 @@ use crate::replay::{ReplayedLog, replay};
 use crate::seeded_random::Random;
 use crate::truth::{BuildingEvent, Truth};
 
-/// Name of the robot with the screen at which people log in.
+/// Name of the robot with the screen for logging in.
 const ROBOT: &str = "turtlebot-1";
-/// Name of the camera that looks at the entry.
+/// Name of the camera with the view of the entry.
 const CAMERA: &str = "camera-1";
 
-/// The answers that the people at the keyboards give to the question about a visitor.
+/// The answers of the people at the keyboards to the question about a visitor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum AnswerPattern {
@@ -34,13 +34,13 @@ pub enum AnswerPattern {
 }
 
 impl AnswerPattern {
-    /// Whether the visitor is to be validated after these answers.
+    /// Whether these answers validate the visitor.
     pub fn is_valid(self) -> bool {
         matches!(self, AnswerPattern::TwoAtOnce | AnswerPattern::WrongThenRight)
     }
 }
 
-/// A visit: a person comes to the entry.
+/// A visit of a person to the entry.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Visit {
@@ -56,8 +56,8 @@ pub struct Visit {
 pub struct VisitOutcome {
     /// The name of the person.
     pub person: String,
-    /// Times at which the question came to a keyboard, each as the sequence number of the building's next
-    /// occurrence.
+    /// Times at which the question was shown at a keyboard. Each time is the sequence number of the
+    /// building's next occurrence.
     pub asked: Vec<u64>,
     /// Whether the person was validated.
     pub validated: bool,
@@ -71,40 +71,41 @@ pub struct AccessScenario {
     pub seed: u64,
     /// The building.
     pub layout: Layout,
-    /// Name of the location where people come in.
+    /// Name of the location where people enter.
     pub entry: String,
     /// The visits in their order. The visitors stay in the building.
     pub visits: Vec<Visit>,
 }
 
 impl AccessScenario {
-    /// Returns the scenario of this seed: the same on every machine, another per seed.
+    /// Returns the scenario of this seed, which is the same on every machine.
     pub fn seeded(seed: u64) -> AccessScenario {
         let drawn = if seed == 0 { paper_office() } else { draw(seed) };
         drawn.expect("invariant: word lists and ranges stay within what a layout allows")
     }
 
-    /// The name of the camera that looks at the entry.
+    /// Returns the name of the camera with the view of the entry.
     pub fn camera(&self) -> &'static str {
         CAMERA
     }
 
-    /// The name of the robot with the screen at which people log in.
+    /// Returns the name of the robot with the screen for logging in.
     pub fn robot(&self) -> &'static str {
         ROBOT
     }
 
-    /// Checks the scenario against the truth.
+    /// Checks the scenario against the truth and the reported outcomes.
     ///
-    /// These must hold:
-    /// 1. All visitors came, in the order of the visits, and the question was asked for each of them.
-    /// 2. The robot set off only after the first visitor had come, and it stood at the entry each time the
-    ///    question came to a keyboard.
+    /// The following must hold:
+    /// 1. All visitors came, in the order of the visits, and the question was asked for each of
+    ///    them.
+    /// 2. The robot set off only after the first visitor had come, and it was at the entry each
+    ///    time the question was shown at a keyboard.
     /// 3. Exactly the visitors with a right answer were validated.
     ///
     /// # Errors
     ///
-    /// Returns every way in which the scenario failed.
+    /// Returns a text for each way in which the scenario failed.
     pub fn check(&self, truth: &Truth, admissions: &[VisitOutcome]) -> Result<(), Vec<String>> {
         let mut replayed = replay(&self.layout, truth);
         let mut problems = std::mem::take(&mut replayed.problems);
@@ -182,7 +183,8 @@ fn draw(seed: u64) -> Result<AccessScenario, LayoutError> {
     finish(seed, layout, entry, &manners)
 }
 
-/// Adds the camera and the visits. The visit with only wrong answers locks the screen, so it comes last.
+/// Adds the camera and the visits. The visit with only wrong answers locks the screen; therefore it
+/// is the last.
 fn finish(
     seed: u64,
     mut layout: Layout,
@@ -203,9 +205,9 @@ mod tests {
     use super::{AccessScenario, ROBOT, VisitOutcome};
     use crate::Building;
 
-    /// Plays the scenario, and returns the problems that the check finds. The flags say whether the robot
-    /// comes to the entry, whether it waits for the first visitor, and whether the true outcome is
-    /// reported.
+    /// Plays the scenario, and returns the problems that the check finds. The flags are whether the
+    /// robot comes to the entry, whether it waits for the first visitor, and whether the true
+    /// outcome is reported.
     async fn problems(seed: u64, comes: bool, waits: bool, honest: bool) -> Vec<String> {
         let access = AccessScenario::seeded(seed);
         let building = Building::new(access.layout.clone(), 1.0).unwrap();
@@ -243,7 +245,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn it_holds_where_all_is_done_and_fails_where_anything_is_not() {
+    async fn the_check_passes_only_if_nothing_is_left_out() {
         for seed in 0..100 {
             assert_eq!(problems(seed, true, true, true).await, [""; 0], "seed {seed}");
             for (comes, waits, honest, word) in [

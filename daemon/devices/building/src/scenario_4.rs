@@ -1,5 +1,5 @@
-//! Figure 1 of the paper: a screen is plugged in for the first time in a meeting room, presents, and fails
-//! during a meeting. Then the video-collaboration robot takes over.
+//! Figure 1 of the paper: a screen is plugged in for the first time in a meeting room, presents a
+//! text, and fails during a meeting. Then the video-collaboration robot takes over.
 //!
 //! Seed 0 is the paper's office with its conference room. Every other seed draws another building.
 
@@ -19,7 +19,7 @@ const ROBOTS_SCREEN: &str = "robot-1-screen";
 /// Name of the screen on the wall, which fails.
 const SCREEN: &str = "screen-1";
 
-/// A predicate on events: whether an event is one particular act of the meeting.
+/// Test whether an event is one particular act of the meeting.
 type EventTest<'a> = &'a dyn Fn(&BuildingEvent) -> bool;
 
 /// A building and a meeting in it.
@@ -32,23 +32,23 @@ pub struct MeetingScenario {
     pub layout: Layout,
     /// Name of the room of the meeting.
     pub room: String,
-    /// The text that is to be presented in the meeting.
+    /// The text to be presented in the meeting.
     pub text: String,
 }
 
 impl MeetingScenario {
-    /// Returns the scenario of this seed: the same on every machine, another per seed.
+    /// Returns the scenario of this seed, which is the same on every machine.
     pub fn seeded(seed: u64) -> MeetingScenario {
         let drawn = if seed == 0 { paper_office() } else { draw(seed) };
         drawn.expect("invariant: word lists and ranges stay within what a layout allows")
     }
 
-    /// The name of the screen that is plugged in, and fails later.
+    /// Returns the name of the screen that is plugged in, and fails later.
     pub fn screen(&self) -> &'static str {
         SCREEN
     }
 
-    /// The name of the robot that takes over.
+    /// Returns the name of the robot that takes over.
     pub fn robot(&self) -> &'static str {
         ROBOT
     }
@@ -64,7 +64,7 @@ impl MeetingScenario {
     ///
     /// # Errors
     ///
-    /// Returns an error if the screen is there already.
+    /// Returns an error if the screen was added before.
     pub fn plug_in(&self, building: &Building) -> Result<(), LayoutError> {
         let (name, location) = (SCREEN.to_owned(), self.room.clone());
         building.add_device(BuildingDevice::Screen { name, location })
@@ -72,14 +72,14 @@ impl MeetingScenario {
 
     /// Checks the scenario against the truth.
     ///
-    /// These must hold, in this order:
-    /// 1. The screen was added, was given a channel, and showed the text.
+    /// The following must hold, in this order:
+    /// 1. The screen was added, got a channel, and showed the text.
     /// 2. The screen failed. Until then the robot showed nothing, because the screen is cheaper.
-    /// 3. The robot came to the room, and now shows the text there.
+    /// 3. The robot came to the room, and shows the text there at this moment.
     ///
     /// # Errors
     ///
-    /// Returns every way in which the scenario failed.
+    /// Returns a text for each way in which the scenario failed.
     pub fn check(&self, truth: &Truth) -> Result<(), Vec<String>> {
         let mut problems = replay(&self.layout, truth).problems;
         let MeetingScenario { room, text, .. } = self;
@@ -158,7 +158,7 @@ mod tests {
     use super::{MeetingScenario, ROBOT, ROBOTS_SCREEN, SCREEN};
     use crate::{Building, DeviceFault};
 
-    /// Plays all acts of the meeting but the one with the number `left_out`; 0 plays all acts.
+    /// Plays all acts of the meeting except the one with the number `left_out`; 0 plays all acts.
     async fn problems(left_out: usize) -> Vec<String> {
         let meeting = MeetingScenario::seeded(0);
         let building = Building::new(meeting.initial_layout(), 1.0).unwrap();
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn every_act_counts() {
+    async fn leaving_out_any_act_fails_the_check() {
         assert_eq!(problems(0).await, [""; 0]);
         for (left_out, word) in [
             (1, "given a channel"),

@@ -1,8 +1,9 @@
-//! Screens: the text and the channel of each screen, and which texts are therefore presented in a room.
+//! Screens: the text and the channel of each screen, and the resulting texts that are presented in
+//! a room.
 //!
-//! The building gives a screen on a wall a channel when the screen is plugged in for the first time;
-//! without a channel the screen shows nothing. The screen keeps its channel until it is removed. A screen
-//! on a robot needs no channel.
+//! The building allocates a channel to a screen on a wall when the screen is plugged in for the
+//! first time. Without a channel the screen shows nothing. The screen keeps its channel until it is
+//! removed. A screen on a robot needs no channel.
 
 use std::time::Duration;
 
@@ -13,8 +14,8 @@ use crate::handle::BuildingHandle;
 use crate::layout::{BuildingDevice, Layout};
 use crate::truth::{BuildingEvent, DeviceFault, Truth};
 
-/// Length of the longest text of a screen, in bytes: enough for a slide. Such a text fits into one line on
-/// the socket, even if every character is escaped.
+/// Maximum length of the text of a screen, in bytes: enough for a slide. Such a text fits into one
+/// line on the socket, even if every character is escaped.
 const TEXT_MAX: usize = 1024;
 
 /// Time that a screen takes to light up.
@@ -47,7 +48,7 @@ impl Layout {
 // === impl Truth ===
 
 impl Truth {
-    /// Returns the channel of a screen; `None` if the screen was given no channel.
+    /// Returns the channel of a screen; `None` if no channel was allocated.
     pub fn channel_of(&self, screen: &str) -> Option<u32> {
         self.channels.get(screen).copied()
     }
@@ -58,7 +59,7 @@ impl Truth {
         self.shown.get(screen).filter(|_| !is_dark).map(String::as_str)
     }
 
-    /// The texts that are shown in a location, on any screen.
+    /// Returns the texts that are shown in a location, on any screen.
     pub fn presented_in<'a>(&'a self, location: &'a str) -> impl Iterator<Item = &'a str> {
         let here = move |screen: &&String| self.place_of(screen) == Some(location);
         self.shown.keys().filter(here).filter_map(|screen| self.shown_on(screen))
@@ -119,7 +120,8 @@ impl Truth {
 // === impl Building ===
 
 impl Building {
-    /// Gives a screen a channel, and returns the channel; a screen that has a channel keeps it.
+    /// Allocates a channel to a screen, and returns the channel. A screen that has a channel keeps
+    /// it.
     ///
     /// # Errors
     ///
@@ -132,8 +134,8 @@ impl Building {
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no such screen, if it has failed or has no channel, or if the text is
-    /// too long.
+    /// Returns an error if there is no such screen, if it has failed or has no channel, or if the
+    /// text is too long.
     pub async fn show(&self, screen: &str, text: Option<&str>) -> Result<(), DeviceError> {
         let takes = self.change(|truth| truth.begin_showing(screen, text))?;
         self.work(screen, takes, |truth| truth.finish_showing(screen, text)).await
@@ -168,12 +170,12 @@ impl Building {
 // === impl BuildingHandle ===
 
 impl BuildingHandle {
-    /// Gives a screen a channel, and returns the channel; see [`Building::allocate`].
+    /// Allocates a channel to a screen, and returns the channel; see [`Building::allocate`].
     ///
     /// # Errors
     ///
-    /// Returns an error in the same cases as [`Building::allocate`], and if the server of the building cannot
-    /// be reached or refuses the request.
+    /// Returns an error in the same cases as [`Building::allocate`], and if the server of the
+    /// building cannot be reached or refuses the request.
     pub async fn allocate(&self, screen: &str) -> Result<u32, DeviceError> {
         match self.screen(ScreenAsk::Allocate { screen: screen.to_owned() }).await? {
             ScreenAnswer::Channel(channel) => Ok(channel),
@@ -185,8 +187,8 @@ impl BuildingHandle {
     ///
     /// # Errors
     ///
-    /// Returns an error in the same cases as [`Building::show`], and if the server of the building cannot
-    /// be reached or refuses the request.
+    /// Returns an error in the same cases as [`Building::show`], and if the server of the building
+    /// cannot be reached or refuses the request.
     pub async fn show(&self, screen: &str, text: Option<&str>) -> Result<(), DeviceError> {
         let (screen, text) = (screen.to_owned(), text.map(str::to_owned));
         match self.screen(ScreenAsk::Show { screen, text }).await? {
@@ -199,8 +201,8 @@ impl BuildingHandle {
     ///
     /// # Errors
     ///
-    /// Returns an error in the same cases as [`Building::panel`], and if the server of the building cannot
-    /// be reached or refuses the request.
+    /// Returns an error in the same cases as [`Building::panel`], and if the server of the building
+    /// cannot be reached or refuses the request.
     pub async fn panel(&self, screen: &str) -> Result<ScreenState, DeviceError> {
         match self.screen(ScreenAsk::Panel { screen: screen.to_owned() }).await? {
             ScreenAnswer::Panel(panel) => Ok(panel),
@@ -224,7 +226,7 @@ mod tests {
     use crate::{Building, DeviceFault, Layout};
 
     #[tokio::test(start_paused = true)]
-    async fn a_screen_shows_once_it_has_a_channel_and_until_it_fails() {
+    async fn a_screen_shows_text_only_with_a_channel_and_until_it_fails() {
         let mut layout = Layout::seeded(0).layout;
         layout.add_screen("screen-1", "conf-room").unwrap();
         layout.mount_screen("screen-2", "turtlebot-1").unwrap();

@@ -1,8 +1,8 @@
-//! Draws a building per seed in which scenario 1 of the paper can be played.
+//! Draws one building per seed in which scenario 1 of the paper can be played.
 //!
-//! Seed 0 is the paper's own office. For every other seed, these are drawn at random: the rooms, corridors,
-//! doors, distances and temperatures, the rooms without a sensor, the sensor that dies, the moment of its
-//! death, and one or two robots. The choices always allow the scenario to succeed.
+//! Seed 0 is the paper's own office. For every other seed, these are drawn at random: the rooms,
+//! corridors, doors, distances and temperatures, the rooms without a sensor, the sensor that dies,
+//! the time of its death, and one or two robots. The scenario can succeed with every choice.
 
 use serde::Serialize;
 
@@ -12,11 +12,12 @@ use crate::error::LayoutError;
 use crate::layout::{BuildingDevice, Layout};
 use crate::truth::{BuildingEvent, DeviceFault, Truth};
 
-/// The moment at which the sensor dies.
+/// The time at which the sensor dies.
 #[derive(Clone, Copy, Debug, Eq, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DeathTime {
-    /// The sensor dies at its first request: an agent relies on the sensor, and the sensor never answers.
+    /// The sensor dies at its first request: an agent relies on the sensor, and the sensor never
+    /// answers.
     BeforeReport,
     /// The sensor dies after every room has been measured, by its own sensor or by a robot.
     AfterReport,
@@ -32,15 +33,16 @@ pub struct SeededScenario {
     pub layout: Layout,
     /// Name of the fixed sensor that dies.
     pub dying_sensor: String,
-    /// The moment at which the sensor dies.
+    /// The time at which the sensor dies.
     pub dies: DeathTime,
-    /// Temperature of the sensor's room from its death on, in °C, if the sensor dies after its report. The
-    /// last value of the sensor is then no longer true, so the check notices an agent that repeats it.
+    /// Temperature of the sensor's room from its death on, in °C, if the sensor dies after its
+    /// report. The last value of the sensor is then no longer true, so that the check detects an
+    /// agent that repeats it.
     pub celsius_after_death: f64,
 }
 
 impl Layout {
-    /// Returns the scenario of this seed: the same on every machine, another per seed.
+    /// Returns the scenario of this seed, which is the same on every machine.
     pub fn seeded(seed: u64) -> SeededScenario {
         let drawn = if seed == 0 { paper_office() } else { LayoutDraw::new(seed).scenario(seed) };
         drawn.expect("invariant: word lists and ranges stay within what a layout allows")
@@ -50,7 +52,7 @@ impl Layout {
 // === impl SeededScenario ===
 
 impl SeededScenario {
-    /// The name of the room of the sensor that dies.
+    /// Returns the name of the room of the sensor that dies.
     pub fn dying_room(&self) -> &str {
         match self.layout.device(&self.dying_sensor) {
             Some(BuildingDevice::FixedSensor { location, .. }) => location,
@@ -58,7 +60,7 @@ impl SeededScenario {
         }
     }
 
-    /// Prepares the death of the sensor. Call this before any agent acts.
+    /// Prepares the death of the sensor. Must be called before any agent acts.
     ///
     /// # Errors
     ///
@@ -70,8 +72,8 @@ impl SeededScenario {
         }
     }
 
-    /// Waits for the moment of death, lets the sensor die, and returns the sequence number of the death in
-    /// the log. The wait may last forever: the caller sets a deadline.
+    /// Waits for the time of death, lets the sensor die, and returns the sequence number of the
+    /// death in the log. The wait may last forever; the caller sets a deadline.
     ///
     /// # Errors
     ///
@@ -142,8 +144,8 @@ impl LayoutDraw {
         })
     }
 
-    /// Adds the robots. Each starts in a place without a sensor, so that measuring by robot is never as
-    /// cheap as asking the sensor of a room.
+    /// Adds the robots. Each starts in a place without a sensor, so that a measurement by robot
+    /// always costs more than one by the sensor of a room.
     fn add_robots(&mut self, layout: &mut Layout, equipped: &[&str]) -> Result<(), LayoutError> {
         let bare = self.rooms.iter().filter(|room| !equipped.contains(room));
         let starts: Vec<&str> = bare.chain(&self.corridors).copied().collect();

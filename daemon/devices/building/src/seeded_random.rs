@@ -1,8 +1,8 @@
-//! A small random number generator with a stream that never changes: the same seed gives the same building
-//! on every machine and in every release.
+//! A small random number generator with a fixed stream: the same seed gives the same building on
+//! every machine and in every release.
 
-/// A SplitMix64 generator (Steele, Lea, Flood: “Fast splittable pseudorandom number generators”, OOPSLA
-/// 2014): it has 64 bits of state, and no seed is weak.
+/// A SplitMix64 generator (Steele, Lea, Flood: “Fast splittable pseudorandom number generators”,
+/// OOPSLA 2014). It has 64 bits of state and no weak seeds.
 pub(crate) struct Random {
     state: u64,
 }
@@ -20,7 +20,7 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// Draws a number below `bound`, which must not be 0. The bias of the remainder is below 2⁻⁵⁰ for the
+    /// Draws a number below `bound`, which must not be 0. The modulo bias is below 2⁻⁵⁰ for the
     /// bounds that a building needs.
     pub(crate) fn below(&mut self, bound: usize) -> usize {
         (self.next() % bound as u64) as usize
@@ -36,7 +36,7 @@ impl Random {
         self.below(in_count) == 0
     }
 
-    /// Draws `count` of the items, in random order; all of them if there are fewer.
+    /// Draws `count` of the items, in random order; all items if there are fewer.
     pub(crate) fn sample<T: Copy>(&mut self, items: &[T], count: usize) -> Vec<T> {
         let mut rest = items.to_vec();
         (0..count.min(rest.len()))

@@ -1,8 +1,8 @@
 //! The server of the building's socket: lets drivers in other processes use the devices.
 //!
-//! The server binds the socket so that no other user can connect, and accepts clients; `session` handles
-//! their requests. No client can make the server wait, grow without bound, or panic. The operations of
-//! tests and scenarios are not offered over the socket.
+//! The server binds the socket in such a way that no other user can connect, and accepts clients;
+//! `session` handles their requests. No client can make the server wait, grow without bound, or
+//! panic. The operations of tests and scenarios are not offered over the socket.
 
 use std::fs::{self, File, Permissions, TryLockError};
 use std::io;
@@ -19,25 +19,27 @@ use crate::error::ServeError;
 use crate::handle::BuildingHandle;
 use crate::session::Session;
 
-/// The most clients that may be connected at the same time. A client is a daemon, one per machine; a
-/// building simulated on one machine has a handful of clients.
+/// Maximum number of clients that are connected at the same time. A client is a daemon, one per
+/// machine; a building that is simulated on one machine has a handful of clients.
 const CLIENTS_MAX: usize = 64;
 
-/// Pause after a failed `accept`: the process is out of file descriptors, and another attempt at once would
-/// only waste processor time.
+/// Pause after a failed `accept`. The usual reason is that the process has no file descriptors
+/// left, and an immediate retry would only waste processor time.
 const ACCEPT_RETRY_WAIT: Duration = Duration::from_millis(100);
 
-/// Time limit for another process to put its socket in place.
+/// Time limit for locking the folder of the socket, while another process binds its own socket
+/// there.
 const LOCK_TIME_MAX: Duration = Duration::from_secs(2);
 const LOCK_RETRY_WAIT: Duration = Duration::from_millis(5);
 
-/// A building that is served at a socket. Dropping the server ends all connections, cancels the operations
-/// under way, and removes the socket.
+/// A building that is served at a socket. Dropping the server ends all connections, cancels the
+/// operations under way, and removes the socket.
 #[derive(Debug)]
 pub struct Server {
     accepting: AbortHandle,
     path: PathBuf,
-    /// Device and inode of this server's socket file, so that the socket of a successor is not removed.
+    /// Device and inode of this server's socket file, so that the socket of a successor is not
+    /// removed.
     inode: (u64, u64),
 }
 
@@ -81,8 +83,9 @@ fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Locks the folder until the returned file is dropped. If two processes find the socket of a dead server
-/// at the same time, one has to wait, and then finds the socket of the other.
+/// Locks the folder until the returned file is dropped. If two processes find the socket of a dead
+/// server at the same time, one of them waits for the lock, and then finds the new socket of the
+/// other.
 async fn lock_folder(folder: &Path) -> io::Result<File> {
     let folder = File::open(folder)?;
     let locked = async {
@@ -104,19 +107,20 @@ async fn refuse_occupied(path: &Path) -> Result<(), ServeError> {
         return Err(ServeError::NotASocket { path: path.to_owned() });
     }
     match UnixStream::connect(path).await {
-        // No process listens: the socket was left behind by a dead server.
+        // No process listens, so the socket was left by a dead server.
         Err(err)
             if matches!(err.kind(), io::ErrorKind::ConnectionRefused | io::ErrorKind::NotFound) =>
         {
             Ok(())
         }
-        // A stopped server may accept no more connections after a while; it still counts as a server.
+        // The queue of a stopped server may be full, so that connecting fails; such a server still
+        // counts as a server.
         Ok(_) | Err(_) => Err(ServeError::InUse { path: path.to_owned() }),
     }
 }
 
-/// Binds the socket in a folder that only this user can enter, and moves it to `path` after its mode is
-/// set: at no moment can another user connect.
+/// Binds the socket in a folder that only this user can enter, and moves it to `path` after its
+/// mode is set. Therefore no other user can connect at any moment.
 fn bind_private(path: &Path) -> io::Result<UnixListener> {
     let nest = create_private_folder(folder_of(path))?;
     let bound = fs::set_permissions(&nest, Permissions::from_mode(0o700)).and_then(|()| {
@@ -129,8 +133,8 @@ fn bind_private(path: &Path) -> io::Result<UnixListener> {
     bound.and_then(|listener| swept.map(|()| listener))
 }
 
-/// Creates a folder that no other process uses. The name of the folder is short, because the path of a
-/// socket is limited to 107 bytes.
+/// Creates a folder that no other process uses. The name of the folder is short, because the path
+/// of a socket is limited to 107 bytes.
 fn create_private_folder(parent: &Path) -> io::Result<PathBuf> {
     static NUMBER: AtomicU64 = AtomicU64::new(0);
     loop {
@@ -138,7 +142,7 @@ fn create_private_folder(parent: &Path) -> io::Result<PathBuf> {
         let nest = parent.join(format!(".b{}-{number}", std::process::id()));
         match fs::create_dir(&nest) {
             Ok(()) => return Ok(nest),
-            // Left behind by a dead process that had the same process id.
+            // The folder was left by a dead process that had the same process id.
             Err(err) if err.kind() == io::ErrorKind::AlreadyExists => (),
             Err(err) => return Err(err),
         }

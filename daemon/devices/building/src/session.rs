@@ -1,8 +1,9 @@
-//! One client at the building's socket: this module receives its requests, runs them and answers.
+//! One client at the building's socket: receives the requests of the client, runs them, and sends
+//! the answers.
 //!
-//! Requests of one client run concurrently. When the client's task returns, its operations are aborted, and
-//! the building cancels them. `server` decides which clients may connect; the building defines what a
-//! request does.
+//! Requests of one client run concurrently. When the client's task returns, its operations are
+//! aborted, and the building cancels them. `server` decides which clients may connect; the building
+//! defines the effects of requests.
 
 use std::collections::BTreeMap;
 use std::io;
@@ -18,7 +19,7 @@ use crate::error::DeviceError;
 use crate::handle::BuildingHandle;
 use crate::wire::{ALIVE_PERIOD, IN_FLIGHT_MAX, LineReader, ServerLine, WireRequest, write_line};
 
-/// The task of one client, with the operations that run for the client.
+/// Task of one client, with the operations that run for the client.
 pub(crate) struct Session {
     building: BuildingHandle,
     lines: LineReader<OwnedReadHalf>,
@@ -80,7 +81,7 @@ impl Session {
                 None => return Ok(false),
             },
             SessionEvent::Finished(Ok(line)) => self.send_line(line).await?,
-            // The operation was cancelled: the client does not wait for an answer.
+            // The operation was cancelled, so that the client expects no answer.
             SessionEvent::Finished(Err(_)) => (),
             SessionEvent::AliveDue => write_line(&mut self.writer, &ServerLine::Alive).await?,
         }
@@ -125,7 +126,7 @@ impl Session {
         if let ServerLine::Done { id, .. } | ServerLine::Failed { id, .. } = &line
             && self.running.remove(id).is_none()
         {
-            // The operation finished in the instant in which it was cancelled.
+            // The operation finished at the moment of its cancellation.
             return Ok(());
         }
         write_line(&mut self.writer, &line).await
@@ -167,7 +168,7 @@ async fn perform(
     }
 }
 
-/// Returns the id of a request that could not be understood otherwise; 0 if the line has no id.
+/// Returns the id of a request that is invalid otherwise; 0 if the line has no id.
 fn id_of(line: &[u8]) -> u64 {
     #[derive(serde::Deserialize)]
     struct Numbered {

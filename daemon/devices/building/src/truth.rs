@@ -1,7 +1,7 @@
 //! The truth of the building, and the log of what has happened in it.
 //!
-//! [`Truth`] is a value: a snapshot that tests compare with the claims of agents. `world` defines how the
-//! truth changes, and [`Building`](crate::Building) when.
+//! [`Truth`] is a value: a snapshot that tests compare with the claims of agents. `world` defines
+//! how the truth changes, and [`Building`](crate::Building) defines when it changes.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::time::Duration;
@@ -12,10 +12,10 @@ use crate::camera_aim::CameraAim;
 use crate::layout::{BuildingDevice, Layout};
 use crate::quantity::Quantity;
 
-/// Size of the log, in occurrences; when the log is full, the oldest occurrence is dropped.
+/// Capacity of the log, in occurrences; when the log is full, the oldest occurrence is dropped.
 ///
-/// A scenario writes fewer than two hundred, so twenty scenarios fit. At about 150 bytes each, a building
-/// that runs for a year still needs less than 1 MiB.
+/// A scenario writes fewer than two hundred occurrences, so that the log holds twenty scenarios. At
+/// about 150 bytes per occurrence, a building that runs for a year still needs less than 1 MiB.
 pub const LOG_MAX: usize = 4_096;
 
 /// The result of a temperature measurement, and the true location of the sensor.
@@ -27,23 +27,24 @@ pub struct TemperatureReading {
     pub celsius: f64,
 }
 
-/// How a device is broken.
+/// Kind of a device's fault.
 #[derive(Clone, Copy, Debug, Deserialize, Eq, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DeviceFault {
-    /// Every use of the device fails at once, and so does a use under way.
+    /// Every use of the device fails at once, including a use under way.
     Fails,
     /// Every use of the device waits until the device is repaired.
     Hangs,
-    /// Every use that begins after the break takes this much longer, in the building's time.
+    /// Every use that begins after the break takes longer by this duration, in the building's time.
     Slow(Duration),
 }
 
-/// One entry of the log: something that happened. Entries are in the order in which they happened.
+/// One entry of the log: an event, with its number and time. Entries are in the order of their
+/// events.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Occurrence {
-    /// Sequence number of the occurrence; the numbers count from 0 without gaps.
+    /// Sequence number of the occurrence; the numbers start at 0 and have no gaps.
     pub sequence: u64,
     /// Time of the occurrence, counted from the opening of the building by Tokio's clock.
     pub since_start: Duration,
@@ -56,12 +57,12 @@ pub struct Occurrence {
 #[serde(rename_all = "kebab-case", rename_all_fields = "kebab-case")]
 #[non_exhaustive]
 pub enum BuildingEvent {
-    /// A sensor was asked, and begins to measure.
+    /// A sensor was requested to measure, and begins the measurement.
     Asked {
         /// Name of the sensor.
         sensor: String,
     },
-    /// A sensor has measured the temperature of the location where it truly is.
+    /// A sensor has measured the temperature of its true location.
     Read {
         /// Name of the sensor.
         sensor: String,
@@ -70,7 +71,7 @@ pub enum BuildingEvent {
         /// The measured temperature, in °C.
         celsius: f64,
     },
-    /// A sensor has measured a quantity other than temperature where it truly is.
+    /// A sensor has measured a quantity other than temperature at its true location.
     Measured {
         /// Name of the sensor.
         sensor: String,
@@ -81,11 +82,11 @@ pub enum BuildingEvent {
         /// The measured value, in the quantity's unit.
         value: f64,
     },
-    /// A robot has set off. Until it has moved, it counts as standing in `from`.
+    /// A robot has begun a trip. Until it has moved, its location is `from`.
     Departed {
         /// Name of the robot.
         robot: String,
-        /// Name of the location where the robot stands.
+        /// Name of the location of the robot.
         from: String,
         /// Name of the destination.
         to: String,
@@ -96,14 +97,14 @@ pub enum BuildingEvent {
         robot: String,
         /// Name of the location that the robot left.
         from: String,
-        /// Name of the location where the robot stands now.
+        /// Name of the new location of the robot.
         to: String,
     },
-    /// A robot's trip was cancelled or failed; the robot stands where it set off.
+    /// A robot's trip was cancelled or failed; the robot is still at the start of the trip.
     Stayed {
         /// Name of the robot.
         robot: String,
-        /// Name of the location where the robot stands.
+        /// Name of the location of the robot.
         at: String,
     },
     /// A robot has filled its battery.
@@ -120,7 +121,7 @@ pub enum BuildingEvent {
         /// Remaining range of the robot now, in meters.
         meters: f64,
     },
-    /// A robot has swept the place where it stands.
+    /// A robot has swept its location.
     Swept {
         /// Name of the robot.
         robot: String,
@@ -131,24 +132,24 @@ pub enum BuildingEvent {
     Aimed {
         /// Name of the camera.
         camera: String,
-        /// Direction and zoom of the camera now.
+        /// New direction and zoom of the camera.
         aim: CameraAim,
     },
-    /// A screen was given a channel.
+    /// A channel was allocated to a screen.
     Allocated {
         /// Name of the screen.
         screen: String,
-        /// The channel that the screen was given.
+        /// The allocated channel.
         channel: u32,
     },
-    /// A screen now shows another text.
+    /// A screen shows another text.
     Shown {
         /// Name of the screen.
         screen: String,
         /// The text that the screen shows.
         text: String,
     },
-    /// A driver has turned its screen dark.
+    /// A driver has turned off the text of its screen.
     Darkened {
         /// Name of the screen.
         screen: String,
@@ -167,12 +168,12 @@ pub enum BuildingEvent {
         /// Name of the location that the person left.
         location: String,
     },
-    /// Something began to move in a location, and keeps moving.
+    /// Continuous motion began in a location.
     Stirs {
         /// Name of the location with motion.
         location: String,
     },
-    /// Nothing moves in a location any more.
+    /// The continuous motion in a location ended.
     Rests {
         /// Name of the location without motion.
         location: String,
@@ -193,38 +194,38 @@ pub enum BuildingEvent {
     TemperatureSet {
         /// Name of the location.
         location: String,
-        /// Temperature of the location now, in °C.
+        /// New temperature of the location, in °C.
         celsius: f64,
     },
-    /// A quantity was given another value in a location.
+    /// A test or a scenario has set the value of a quantity in a location.
     ValueSet {
         /// Name of the location.
         location: String,
-        /// The quantity that has changed.
+        /// The quantity with the new value.
         quantity: Quantity,
-        /// Value of the quantity now, in its unit.
+        /// New value of the quantity, in its unit.
         value: f64,
     },
     /// The door between two locations was locked, in both directions.
     Locked {
-        /// Name of the location on one side of the door, the alphabetically first.
+        /// Name of the location on one side of the door: the first in alphabetical order.
         a: String,
         /// Name of the location on the other side of the door.
         b: String,
     },
     /// The door between two locations was unlocked.
     Unlocked {
-        /// Name of the location on one side of the door, the alphabetically first.
+        /// Name of the location on one side of the door: the first in alphabetical order.
         a: String,
         /// Name of the location on the other side of the door.
         b: String,
     },
-    /// A device was brought into the building.
+    /// A device was added to the building.
     Added {
         /// Name of the added device.
         device: String,
     },
-    /// A device was taken out of the building.
+    /// A device was removed from the building.
     Removed {
         /// Name of the removed device.
         device: String,
@@ -237,45 +238,45 @@ pub enum BuildingEvent {
 pub struct Truth {
     pub(crate) layout: Layout,
     pub(crate) temperatures: BTreeMap<String, f64>,
-    /// Values that were set, by quantity and location. In all other locations a quantity has its usual
-    /// value.
+    /// Values that were set, by quantity and location. In all other locations a quantity has its
+    /// usual value.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) conditions: BTreeMap<Quantity, BTreeMap<String, f64>>,
-    /// The location of each robot, by name; the location of every other device follows from the layout.
+    /// Location of each robot, by name. The location of every other device follows from the layout.
     pub(crate) robots: BTreeMap<String, String>,
     /// The remaining range of each robot with a battery, in meters.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) charges: BTreeMap<String, f64>,
     pub(crate) faults: BTreeMap<String, DeviceFault>,
-    /// The location of each person.
+    /// Location of each person, by the person's name.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) people: BTreeMap<String, String>,
-    /// Names of the locations where something keeps moving.
+    /// Names of the locations with continuous motion.
     #[serde(skip_serializing_if = "BTreeSet::is_empty")]
     pub(crate) locations_with_motion: BTreeSet<String>,
-    /// The aim of each camera that was turned at least once; any other camera has the default aim.
+    /// Aim of each camera that was turned at least once; any other camera has the default aim.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) aims: BTreeMap<String, CameraAim>,
     /// The channel of each screen that has a channel.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) channels: BTreeMap<String, u32>,
-    /// The text of each screen, also of a screen that has failed and is dark.
+    /// Text of each screen, including a screen that has failed and is dark.
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     pub(crate) shown: BTreeMap<String, String>,
-    /// Locked doors, each as the names of the locations on its two sides, the alphabetically first one
-    /// first.
+    /// Locked doors. Each is a pair of the locations on its two sides, in alphabetical order.
     pub(crate) locked: BTreeSet<(String, String)>,
     pub(crate) log: OccurrenceLog,
     /// Faults that occur at the next use of a device, by the name of the device.
     #[serde(skip)]
     pub(crate) traps: BTreeMap<String, DeviceFault>,
-    /// The trip under way of each robot, as the sequence number of its departure, by the robot's name.
+    /// The trip under way of each robot, as the sequence number of its departure, by the robot's
+    /// name.
     #[serde(skip)]
     pub(crate) errands: BTreeMap<String, u64>,
 }
 
 impl Truth {
-    /// The building as it is now, with the devices that are in it now.
+    /// Returns the layout of the building at this moment, with its present devices.
     pub fn layout(&self) -> &Layout {
         &self.layout
     }
@@ -285,8 +286,8 @@ impl Truth {
         self.temperatures.get(location).copied()
     }
 
-    /// Returns the true location of a device, which for a mounted device is that of its carrier. Returns
-    /// `None` if there is no such device.
+    /// Returns the true location of a device; that of a mounted device is the location of its
+    /// carrier. Returns `None` if there is no such device.
     pub fn place_of(&self, device: &str) -> Option<&str> {
         match self.layout.device(device)? {
             BuildingDevice::FixedSensor { location, .. }
@@ -311,17 +312,17 @@ impl Truth {
         self.locked.contains(&sides(a, b))
     }
 
-    /// All occurrences that the log still has, oldest first.
+    /// Returns all occurrences that the log still has, oldest first.
     pub fn occurrences(&self) -> impl DoubleEndedIterator<Item = &Occurrence> {
         self.log.occurrences.iter()
     }
 
-    /// Returns how many of the oldest occurrences the log has dropped; see [`LOG_MAX`].
+    /// Returns the number of occurrences that the log has dropped; see [`LOG_MAX`].
     pub fn forgotten_count(&self) -> u64 {
         self.log.next_sequence - self.log.occurrences.len() as u64
     }
 
-    /// The sequence number that the next occurrence will have.
+    /// Returns the sequence number of the next occurrence.
     pub fn next_sequence(&self) -> u64 {
         self.log.next_sequence
     }
@@ -342,20 +343,20 @@ impl Truth {
     }
 }
 
-/// A bounded list of occurrences: the newest [`LOG_MAX`].
+/// A bounded list of occurrences, which keeps the newest [`LOG_MAX`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[serde(transparent)]
 pub(crate) struct OccurrenceLog {
     pub(crate) occurrences: VecDeque<Occurrence>,
     #[serde(skip)]
     pub(crate) next_sequence: u64,
-    /// Time since the building was opened; it is updated before each change of the truth.
+    /// Time since the opening of the building; updated before each change of the truth.
     #[serde(skip)]
     pub(crate) now: Duration,
 }
 
 impl OccurrenceLog {
-    /// Records an event that happens now; returns its sequence number.
+    /// Records an event at the present time; returns its sequence number.
     pub(crate) fn record(&mut self, event: BuildingEvent) -> u64 {
         let sequence = self.next_sequence;
         self.next_sequence += 1;

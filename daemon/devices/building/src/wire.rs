@@ -1,8 +1,8 @@
 //! The protocol of the building's socket: lines of JSON, of bounded length in both directions.
 //!
-//! A client writes [`WireRequest`]s, the server writes [`ServerLine`]s. Unknown fields are ignored, so that
-//! a newer program can communicate with an older one; an unknown request is refused. Only the framing is
-//! here; `client` and `server` handle the meaning of the lines.
+//! A client writes [`WireRequest`]s, the server writes [`ServerLine`]s. Unknown fields are ignored,
+//! so that a newer program can communicate with an older one; an unknown request is refused. This
+//! file has only the framing; `client` and `server` handle the meaning of the lines.
 
 use std::io;
 use std::time::Duration;
@@ -13,29 +13,29 @@ use tokio::io::{AsyncBufReadExt as _, AsyncRead, AsyncWrite, AsyncWriteExt as _,
 use crate::driver_requests::{DriverAnswer, DriverRequest};
 use crate::error::DeviceError;
 
-/// Length of the longest line, in bytes. The longest line in use is a refusal that lists a corridor's
+/// Maximum length of a line, in bytes. The longest line in use is a refusal that lists a corridor's
 /// neighbors: 100 names of 64 bytes.
 pub(crate) const LINE_MAX: usize = 8 * 1024;
 
 /// Interval at which the server sends an `Alive` line.
 pub(crate) const ALIVE_PERIOD: Duration = Duration::from_secs(1);
 
-/// Time without any line after which a client treats the server as dead. It is five times the interval of
-/// the `Alive` lines, so that a machine that is busy or swaps for a moment does not count as dead.
+/// Time without any line after which a client treats the server as dead. The time is five intervals
+/// of the `Alive` lines, so that a machine that is briefly busy does not count as dead.
 pub(crate) const SILENCE_MAX: Duration = Duration::from_secs(5);
 const _: () = assert!(SILENCE_MAX.as_millis() >= 5 * ALIVE_PERIOD.as_millis());
 
-/// Time limit for writing one line. If the limit passes, the other side is taken not to read any more, and
-/// the connection ends.
+/// Time limit for writing one line. After this limit the other side is presumed not to read any
+/// more, and the connection ends.
 pub(crate) const WRITE_MAX: Duration = SILENCE_MAX;
 
-/// The most requests of one client that may be under way. An actuator has one or two requests under way.
+/// Maximum number of requests of one client that are under way. An actuator has one or two.
 pub(crate) const IN_FLIGHT_MAX: usize = 64;
 
 /// A request of a client.
 #[derive(Debug, Deserialize, Serialize)]
 pub(crate) struct WireRequest {
-    /// Number of the request, chosen by the client; unique among the requests of the client under way.
+    /// Number of the request, chosen by the client; unique among the client's requests under way.
     pub(crate) id: u64,
     pub(crate) ask: DriverRequest,
 }
@@ -44,7 +44,7 @@ pub(crate) struct WireRequest {
 #[derive(Debug, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum ServerLine {
-    /// A sign that the server still runs, sent at intervals whether or not there are answers.
+    /// A sign of life from the server, sent at intervals even if there are no answers.
     Alive,
     /// The request with this id was carried out, with this answer.
     Done { id: u64, answer: DriverAnswer },
@@ -63,7 +63,8 @@ impl<R: AsyncRead + Unpin> LineReader<R> {
         LineReader { reader: BufReader::new(reader), partial: Vec::new() }
     }
 
-    /// Returns the next line without its line end; `None` if the other side has closed the connection.
+    /// Returns the next line without its line end; `None` if the other side has closed the
+    /// connection.
     pub(crate) async fn next(&mut self) -> io::Result<Option<Vec<u8>>> {
         loop {
             let arrived = self.reader.fill_buf().await?;
@@ -88,7 +89,7 @@ impl<R: AsyncRead + Unpin> LineReader<R> {
     }
 }
 
-/// Writes one line, in at most [`WRITE_MAX`].
+/// Writes one line. Returns an error if that takes longer than [`WRITE_MAX`].
 pub(crate) async fn write_line(
     writer: &mut (impl AsyncWrite + Unpin),
     line: &impl Serialize,
@@ -109,8 +110,8 @@ mod tests {
 
     use super::{LINE_MAX, LineReader, write_line};
 
-    /// Writes the pieces one by one, drops a waiting `next` between them, and compares the lines that are
-    /// read.
+    /// Writes the pieces one by one, drops a waiting `next` between them, and compares the lines
+    /// that are read with `expected`.
     async fn check(pieces: &[&[u8]], expected: &[&[u8]]) {
         let (mut writer, reader) = duplex(2 * LINE_MAX);
         let mut lines = LineReader::new(reader);
@@ -135,7 +136,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn lines_arrive_whole_however_they_were_cut() {
+    async fn lines_are_reassembled_from_any_pieces() {
         check(&[b"one\ntwo\n"], &[b"one", b"two"]).await;
         check(&[b"o", b"n", b"e\nt", b"wo", b"\n"], &[b"one", b"two"]).await;
         check(&[b"\n", b"\r\n", b"rest"], &[b"", b"\r"]).await;
@@ -144,7 +145,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_line_that_never_ends_is_not_kept() {
+    async fn a_line_without_an_end_is_an_error() {
         let (mut writer, reader) = duplex(2 * LINE_MAX);
         writer.write_all(&vec![b'x'; LINE_MAX + 1]).await.unwrap();
         let error = LineReader::new(reader).next().await.unwrap_err();
@@ -152,7 +153,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn writing_to_one_who_does_not_read_ends() {
+    async fn writing_to_a_peer_that_does_not_read_times_out() {
         let (mut writer, _reader) = duplex(8);
         let error = write_line(&mut writer, &"more than eight bytes").await.unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::TimedOut);

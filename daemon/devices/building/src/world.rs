@@ -1,8 +1,8 @@
-//! The physics of the building: how the truth changes, one instant at a time.
+//! The physics of the building: each change of the truth, as one step.
 //!
-//! Every method here is one instant: it is synchronous, does all or nothing, and writes to the log if and
-//! only if it changes something. [`Building`](crate::Building) waits between the beginning and the end of
-//! an operation.
+//! Every method here is one step: it is synchronous, and either complete or without effect. Each
+//! event is recorded in the log. [`Building`](crate::Building) waits between the beginning and the
+//! end of an operation.
 
 use std::time::Duration;
 
@@ -13,13 +13,13 @@ use crate::truth::{BuildingEvent, DeviceFault, OccurrenceLog, TemperatureReading
 /// Duration of a measurement: about the time in which a thermopile settles.
 pub(crate) const MEASURING: Duration = Duration::from_millis(100);
 
-/// The longest delay that a fault can add to one use of a device. The bound lets durations be added without
-/// overflow.
+/// Maximum delay that a fault can add to one use of a device. With this bound, adding durations
+/// cannot overflow.
 const SLOW_MAX: Duration = Duration::from_secs(24 * 60 * 60);
 
 /// A trip of a robot that has begun and not yet ended.
 pub(crate) struct PendingTrip {
-    /// The sequence number of the departure, which identifies the trip.
+    /// Sequence number of the departure, which identifies the trip.
     pub(crate) errand: u64,
     /// Duration of the trip, in the building's time.
     pub(crate) takes: Duration,
@@ -85,8 +85,9 @@ impl Truth {
         Ok(TemperatureReading { location, celsius })
     }
 
-    /// Begins a trip to a neighbor of the robot's location. Returns `None` if the robot is at the
-    /// destination already: a request that is repeated because its answer was lost must not fail.
+    /// Begins a trip to a neighbor of the robot's location. Returns `None` if the robot is already
+    /// at the destination, because a request that is repeated after the loss of its answer must
+    /// succeed.
     pub(crate) fn begin_trip(
         &mut self,
         robot: &str,
@@ -121,7 +122,7 @@ impl Truth {
     ) -> Result<(), DeviceError> {
         self.require_unbroken(robot)?;
         if self.errands.get(robot) != Some(&errand) {
-            // The robot was removed meanwhile, and another robot of its name was added.
+            // The robot was removed meanwhile, and another robot with the same name was added.
             return Err(DeviceError::UnknownDevice { device: robot.to_owned(), nearest: None });
         }
         let from = self.require_place(robot)?;
@@ -133,7 +134,8 @@ impl Truth {
         Ok(())
     }
 
-    /// Ends the trip `errand` of a robot. A robot that has not arrived stays where it set off.
+    /// Ends the trip `errand` of a robot. A robot that has not arrived stays at the start of the
+    /// trip.
     pub(crate) fn end_errand(&mut self, robot: &str, errand: u64) {
         if self.errands.get(robot) != Some(&errand) {
             return;
@@ -272,7 +274,8 @@ impl Truth {
         }
     }
 
-    /// Returns the robot's speed, in meters per second. Returns an error if the device is not a robot.
+    /// Returns the robot's speed, in meters per second. Returns an error if the device is not a
+    /// robot.
     pub(crate) fn require_robot(&self, device: &str) -> Result<f64, DeviceError> {
         match self.require_device(device)? {
             BuildingDevice::Robot { meters_per_second, .. } => Ok(*meters_per_second),
@@ -280,7 +283,8 @@ impl Truth {
         }
     }
 
-    /// Returns an error if the device has failed or was removed. A device that hangs or is slow passes.
+    /// Returns an error if the device has failed or was removed. A device that hangs or is slow is
+    /// no error.
     pub(crate) fn require_unbroken(&self, device: &str) -> Result<(), DeviceError> {
         self.require_device(device)?;
         match self.fault_of(device) {
@@ -304,8 +308,8 @@ impl Truth {
         Err(DeviceError::UnknownLocation { location: location.to_owned(), nearest })
     }
 
-    /// Returns the length of the way from `from` to its neighbor `to`, in meters. Returns an error if `to`
-    /// is no neighbor or the door is locked.
+    /// Returns the length of the way from `from` to its neighbor `to`, in meters. Returns an error
+    /// if `to` is not a neighbor or the door is locked.
     fn require_way(&self, from: &str, to: &str) -> Result<f64, DeviceError> {
         let (from_name, to_name) = (from.to_owned(), to.to_owned());
         let Some(meters) = self.layout.meters(from, to) else {

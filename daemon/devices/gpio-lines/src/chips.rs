@@ -1,4 +1,4 @@
-//! GPIO chips of this machine, as the kernel shows them below `/dev`.
+//! GPIO chips of this machine, from their files below `/dev`.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -13,20 +13,20 @@ use crate::{
     OutputSettings,
 };
 
-/// Name of the user under which the kernel lists the lines that this crate uses.
+/// Name of the user of a line that the kernel lists for the lines of this crate.
 const CONSUMER: &str = "althing";
 
-/// Largest number of edges that are read at one time. The kernel keeps 16 edges for a line.
+/// Maximum number of edges that are read at one time. The kernel keeps 16 edges for a line.
 const EDGES_MAX: usize = 16;
 
-/// GPIO chips of this machine with their files below one folder: `/dev`, or a folder in which a container
-/// shows the chips.
+/// GPIO chips of this machine, with their files below one folder. The folder is `/dev`, or another
+/// one in which the files are visible in a container.
 #[derive(Clone, Debug)]
 pub struct GpioChips {
     folder: PathBuf,
 }
 
-/// Chip and number of a line that was found.
+/// Chip and number of an existing line.
 struct LinePosition {
     chip: PathBuf,
     number: u32,
@@ -60,7 +60,7 @@ impl GpioChips {
         files
     }
 
-    /// Returns the chips that the user of this process may open.
+    /// Returns the chips that this process has permission to open.
     fn open_all(&self) -> Vec<Chip> {
         self.files().into_iter().filter_map(|path| open(&path).ok()).collect()
     }
@@ -155,8 +155,8 @@ fn label(chip: &Chip) -> Option<String> {
     Some(chip.info().ok()?.label)
 }
 
-/// Returns the name in `names` that is most similar to `wanted`, or `None` if it differs in more than a
-/// third of the characters.
+/// Returns the name in `names` that is most similar to `wanted`; `None` if even that name differs
+/// in more than a third of the characters.
 fn near(wanted: &str, names: Vec<String>) -> Option<String> {
     let distance =
         |name: &String| strsim::damerau_levenshtein(&name.to_lowercase(), &wanted.to_lowercase());
@@ -164,8 +164,7 @@ fn near(wanted: &str, names: Vec<String>) -> Option<String> {
     (distance(&nearest) <= wanted.chars().count() / 3).then_some(nearest)
 }
 
-/// Returns the system's error inside an error of the crate `gpiocdev`, without the context that the crate
-/// adds.
+/// Returns the system's error inside an error of the crate `gpiocdev`, without the crate's context.
 fn system(error: &gpiocdev::Error) -> io::Error {
     use gpiocdev_uapi::Error::Os;
     match error {
@@ -206,7 +205,7 @@ impl LinePosition {
         })
     }
 
-    /// Describes the user of the line, for the message that the line is in use.
+    /// Describes the present user of the line, for the message that the line is in use.
     fn consumer(&self) -> String {
         let info = Chip::from_path(&self.chip).and_then(|chip| chip.line_info(self.number));
         match info {
@@ -237,7 +236,8 @@ impl GpioBoard for GpioChips {
         let (request, tells_edges) = match place.request(&with_edges) {
             Ok(request) => (request, true),
             Err(error @ LineError::Used { .. }) => return Err(error),
-            // The chip has no interrupts. Any other problem occurs again in the second request.
+            // The chip has no interrupts. Any other problem would occur again in the second
+            // request.
             Err(error) => {
                 let request = place.request(&plain)?;
                 tracing::info!(line = place.name, "the line is polled: failed to {error}");
@@ -254,7 +254,8 @@ impl GpioBoard for GpioChips {
     fn output(&self, wanted: &OutputSettings) -> Result<Box<dyn OutputLine>, LineError> {
         let place = self.find(&wanted.line)?;
         let mut config = place.config(wanted.is_active_low);
-        // The line is first requested as it is, to read it; then as an output with that value.
+        // The line is first requested in its present state, to read its value; then as an output
+        // with that value.
         let request = place.request(config.as_is())?;
         let value = request.lone_value().map_err(|error| kernel("read", &place.name, &error))?;
         let driven = request.reconfigure(config.as_output(value));
@@ -263,8 +264,8 @@ impl GpioBoard for GpioChips {
     }
 }
 
-/// Registers the kernel's request for a line with the Tokio runtime, so that edges of the line can be
-/// awaited.
+/// Registers the kernel's request for a line with the Tokio runtime, so that edges of the line can
+/// be awaited.
 #[expect(deprecated, reason = "a request owns its descriptor; what replaces this is `unsafe`")]
 fn polled(request: Request) -> io::Result<AsyncFd<Request>> {
     AsyncFd::new(request)
@@ -277,8 +278,8 @@ struct WatchedLine {
 }
 
 impl WatchedLine {
-    /// Reads the edges that the kernel has kept. The function `read_edge_event` of the crate `gpiocdev`
-    /// drops all edges but one.
+    /// Returns the edges that the kernel has kept since the last call. The function
+    /// `read_edge_event` of the crate `gpiocdev` is not used, because it drops all edges but one.
     fn kept_edges(&self) -> gpiocdev::Result<Vec<bool>> {
         let request = self.request.get_ref();
         let size = request.edge_event_u64_size();
@@ -304,7 +305,8 @@ impl InputLine for WatchedLine {
             loop {
                 let ready = self.request.readable().await;
                 let mut ready = ready.map_err(|error| failed(&error.into()))?;
-                // If the chip is gone, the descriptor is readable, too, and this returns the error.
+                // The descriptor of a chip that is gone is readable as well; this call then returns
+                // the error.
                 if self.request.get_ref().has_edge_event().map_err(|error| failed(&error))? {
                     return self.kept_edges().map_err(|error| failed(&error));
                 }
@@ -350,7 +352,7 @@ mod tests {
     }
 
     #[test]
-    fn chips_that_are_not_there_are_told_with_those_that_are() {
+    fn an_unknown_chip_is_reported_with_the_known_ones() {
         let known = GpioChips::default().known();
         let there = match known.as_slice() {
             [] => "this machine has none that this user may open".to_owned(),
@@ -365,7 +367,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_chip_is_none() {
+    fn a_file_that_is_not_a_chip_is_ignored() {
         let folder = tempfile::tempdir().expect("a folder");
         let chips = GpioChips::new(folder.path());
         std::fs::write(folder.path().join("gpiochip0"), "").expect("a file");
@@ -378,7 +380,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_that_is_much_like_it_is_offered() {
+    fn a_similar_name_is_suggested() {
         let names = || vec!["GPIO17".to_owned(), "GPIO27".to_owned(), "ID_SDA".to_owned()];
         assert_eq!(near("gpio17", names()).as_deref(), Some("GPIO17"));
         assert_eq!(near("GPIO_27", names()).as_deref(), Some("GPIO27"));

@@ -1,11 +1,11 @@
-//! Drives an output line; opens the line again if its chip was gone.
+//! Drives an output line, and opens the line again after its chip was unplugged.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::line_watch::run_blocking;
 use crate::{GpioBoard, LineError, OutputLine, OutputSettings};
 
-/// Output line that is driven. The line is opened when it is first used, and closed when all clones of this
+/// Output line for driving. The line is opened at its first use, and closed when all clones of this
 /// value are dropped.
 #[derive(Clone)]
 pub struct DrivenOutput {
@@ -15,26 +15,26 @@ pub struct DrivenOutput {
 }
 
 impl DrivenOutput {
-    /// Returns an output for a line of this board. The line is not opened yet.
+    /// Returns an output for a line of this board, without opening the line.
     pub fn new(board: Arc<dyn GpioBoard>, output: OutputSettings) -> DrivenOutput {
         DrivenOutput { board, output: Arc::new(output), open_line: Arc::default() }
     }
 
-    /// Returns whether the line is active, as read back from its chip.
+    /// Returns `true` if the line is active, as read back from its chip.
     ///
     /// # Errors
     ///
-    /// Returns the reason why the line cannot be used now; it completes “failed to …”.
+    /// Returns the reason why the line cannot be used at present; the text completes “failed to …”.
     pub async fn value(&self) -> Result<bool, String> {
         self.with(|line| line.value()).await
     }
 
-    /// Makes the line active or inactive. Returns whether the line is active afterwards, as read back from
-    /// its chip.
+    /// Makes the line active or inactive. Returns the new state as read back from the chip: `true`
+    /// if the line is active.
     ///
     /// # Errors
     ///
-    /// Returns the reason why the line cannot be used now; it completes “failed to …”.
+    /// Returns the reason why the line cannot be used at present; the text completes “failed to …”.
     pub async fn set(&self, is_active: bool) -> Result<bool, String> {
         self.with(move |line| {
             line.set(is_active)?;
@@ -54,7 +54,7 @@ impl DrivenOutput {
                 Some(line) => line,
                 None => driven.board.output(&driven.output)?,
             };
-            // On an error the line is closed, so that it is looked up again when its chip is back.
+            // On an error the line is closed, so that the next use searches for it again.
             let done = work(&*line)?;
             *held = Some(line);
             Ok(done)
@@ -74,7 +74,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_line_is_driven_and_nothing_switches_because_somebody_comes() {
+    async fn a_line_is_driven_and_opening_it_switches_nothing() {
         for is_active_low in [false, true] {
             let bench = MemoryBoard::default();
             bench.plug("relay", true);
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn what_was_unplugged_is_found_again() {
+    async fn an_unplugged_line_is_found_again() {
         let bench = MemoryBoard::default();
         let relay = driven(&bench, false);
         assert!(relay.value().await.is_err_and(|problem| problem.starts_with("find a line named")));
@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_line_that_is_held_by_something_else_is_read_back_as_it_is() {
+    async fn a_line_that_cannot_be_driven_is_read_back_truly() {
         let bench = MemoryBoard::default();
         bench.plug("relay", false);
         bench.fix_level("relay");

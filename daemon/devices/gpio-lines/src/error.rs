@@ -3,42 +3,42 @@
 use std::io;
 use std::path::PathBuf;
 
-/// Reason why a GPIO line cannot be used. Completes “failed to …”.
+/// Reason why a GPIO line cannot be used. The text of the error completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum LineError {
-    /// No chip with the name that was asked for is present now.
+    /// No chip with the requested name is present.
     #[error("find the GPIO chip `{wanted}`; {}", known_chips_text(known))]
     NoChip {
-        /// Name of the chip that was asked for.
+        /// Requested name of the chip.
         wanted: String,
         /// Names of the chips that are present, with their labels.
         known: Vec<String>,
     },
-    /// The chip has no line with the number that was asked for.
+    /// The chip has no line with the requested number.
     #[error("find line {number} of `{chip}`: it has lines 0 to {}", count.saturating_sub(1))]
     NoNumber {
         /// Name of the chip.
         chip: String,
-        /// Number of the line that was asked for.
+        /// Requested number of the line.
         number: u32,
-        /// Number of lines that the chip has.
+        /// Number of lines of the chip.
         count: u32,
     },
-    /// No line with the name that was asked for is present now.
+    /// No line with the requested name is present.
     #[error("find a line named `{wanted}`; {}", nearest_line_text(near.as_deref(), known))]
     NoName {
-        /// Name of the line that was asked for.
+        /// Requested name of the line.
         wanted: String,
-        /// Name of a line that is similar to the name that was asked for, if there is one.
+        /// Name of an existing line that is similar to the requested name; `None` if there is none.
         near: Option<String>,
         /// Names of the chips that are present, with their labels.
         known: Vec<String>,
     },
-    /// Several lines have the name that was asked for.
+    /// Several lines have the requested name.
     #[error("choose between the lines named `{name}`: write {}", lines.join(" or "))]
     Ambiguous {
-        /// Name of the line that was asked for.
+        /// Requested name of the line.
         name: String,
         /// Positions of the lines with this name, each as chip and number.
         lines: Vec<String>,
@@ -51,13 +51,13 @@ pub enum LineError {
         /// Description of the line's user.
         consumer: String,
     },
-    /// The user of this process may not open the chip.
+    /// The user of this process has no permission to open the chip.
     #[error("open `{}`: permission denied; add this user to the group `gpio`", path.display())]
     NotAllowed {
         /// Path of the chip's file.
         path: PathBuf,
     },
-    /// Another error of the kernel, for example because the chip is gone.
+    /// Another error of the kernel, for example because the chip was unplugged.
     #[error("{what} the line `{line}`: {source}")]
     Kernel {
         /// The operation on the line that failed.

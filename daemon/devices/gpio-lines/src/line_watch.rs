@@ -1,4 +1,4 @@
-//! Watches an input line, also while the line's chip is unplugged and plugged in.
+//! Watches an input line, including while the line's chip is unplugged and plugged in again.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -8,34 +8,35 @@ use tokio::task::JoinHandle;
 
 use crate::{GpioBoard, InputLine, InputSettings, LineError};
 
-/// Interval of checks whether a chip that was gone is back, or a chip that was present still is. The second
-/// kind of check is needed because kernels before 6.6 do not wake a process that waits for edges of a chip
-/// that is unplugged.
+/// Interval for checking whether a missing chip is back, and whether a present chip is still there.
+/// The second check is needed because kernels before 6.6 do not wake a process that waits for edges
+/// of a chip that is unplugged.
 const PRESENCE_CHECK_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Interval of reading a line if its chip reports no edges. A door, for example, takes longer to open and
-/// close.
+/// Interval for reading a line if its chip reports no edges. It is short enough for the opening and
+/// closing of a door, for example.
 const POLL_INTERVAL: Duration = Duration::from_millis(100);
 
-/// State of a line that is watched.
+/// State of a watched line.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum LineState {
     /// The line has not been read since the watch began.
     Unknown,
-    /// The line is present. The field tells whether the line is active.
+    /// The line is present. The field is `true` if the line is active.
     Present(bool),
-    /// The line cannot be read now. The field is the reason; it completes “failed to …”.
+    /// The line cannot be read at present. The field is the reason; the text completes “failed to
+    /// …”.
     Unavailable(String),
 }
 
-/// Watch on an input line; dropping this value ends the watch.
+/// Watch on an input line. Dropping this value ends the watch.
 pub struct LineWatch {
     state: watch::Receiver<LineState>,
     task: JoinHandle<()>,
 }
 
 impl LineWatch {
-    /// Returns a receiver for the state of the watched line and for the changes of that state.
+    /// Returns a receiver for the state of the watched line and its changes.
     pub fn state(&self) -> watch::Receiver<LineState> {
         self.state.clone()
     }
@@ -47,7 +48,7 @@ impl Drop for LineWatch {
     }
 }
 
-/// Starts to watch an input line, on a Tokio runtime.
+/// Starts to watch an input line. Must be called on a Tokio runtime.
 pub fn watch_line(board: Arc<dyn GpioBoard>, input: InputSettings) -> LineWatch {
     let (said, state) = watch::channel(LineState::Unknown);
     let input = Arc::new(input);
@@ -72,8 +73,8 @@ async fn open(
     run_blocking(move || board.input(&input)).await
 }
 
-/// Publishes the state of a line while the line is present. Returns the reason why the line is not present
-/// any more.
+/// Publishes the state of a line while the line is present. Returns the reason when the line is no
+/// longer present.
 async fn publish_states(line: Arc<dyn InputLine>, said: &watch::Sender<LineState>) -> String {
     let pause = if line.reports_edges() { PRESENCE_CHECK_INTERVAL } else { POLL_INTERVAL };
     loop {
@@ -101,7 +102,7 @@ fn publish_state(said: &watch::Sender<LineState>, state: LineState) {
     });
 }
 
-/// Runs work that may block on a bus, on a thread for blocking work.
+/// Runs work that may block on a bus, on a thread for blocking work. Returns the text of an error.
 pub(crate) async fn run_blocking<T: Send + 'static>(
     work: impl FnOnce() -> Result<T, LineError> + Send + 'static,
 ) -> Result<T, String> {
@@ -129,7 +130,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_line_is_followed_through_edges_unplugging_and_plugging_in() {
+    async fn a_line_is_watched_through_edges_unplugging_and_plugging_in() {
         for is_active_low in [false, true] {
             let bench = MemoryBoard::default();
             let followed = watch_line(Arc::new(bench.clone()), input(is_active_low));
@@ -152,7 +153,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_chip_that_tells_nobody_is_looked_at() {
+    async fn a_chip_without_edge_reports_is_polled() {
         let bench = MemoryBoard::default();
         bench.plug("door", false);
         bench.disable_edge_reports();
@@ -167,7 +168,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn who_is_dropped_lets_go() {
+    async fn dropping_a_watch_closes_its_line() {
         let bench = MemoryBoard::default();
         bench.plug("door", false);
         let followed = watch_line(Arc::new(bench.clone()), input(false));

@@ -13,7 +13,7 @@ use crate::{
 /// Error number of the kernel for an operation on a chip that is gone (`ENODEV`).
 const NO_SUCH_DEVICE: i32 = 19;
 
-/// Board on which tests plug in, set and unplug lines. All clones are the same board.
+/// Board on which tests plug in, set and unplug lines. All clones refer to the same board.
 #[derive(Clone, Default)]
 pub struct MemoryBoard(Arc<Mutex<MemoryLines>>);
 
@@ -27,14 +27,15 @@ struct MemoryLines {
 struct MemoryLine {
     /// Whether the level of the line is high; `None` after the line is unplugged.
     level: Arc<watch::Sender<Option<bool>>>,
-    /// Whether something stronger than the line's driver fixes the level of the line.
+    /// Whether the level of the line is fixed, as if by something stronger than the line's driver.
     is_held: bool,
-    /// Marks the line as in use: an opened line holds a clone of this value until it is closed.
+    /// Reference count of the line's users: an opened line holds a clone of this value until it is
+    /// closed.
     used: Arc<()>,
 }
 
 impl MemoryBoard {
-    /// Plugs in a line with the level high or low.
+    /// Plugs in a line, with a high level if `is_high` is `true`.
     pub fn plug(&self, name: &str, is_high: bool) {
         let level = Arc::new(watch::channel(Some(is_high)).0);
         let line = MemoryLine { level, is_held: false, used: Arc::default() };
@@ -48,14 +49,14 @@ impl MemoryBoard {
         }
     }
 
-    /// Sets the level of a line to high or low from outside.
+    /// Sets the level of a line from outside, as its circuit would.
     pub fn set(&self, name: &str, is_high: bool) {
         if let Some(line) = self.lock().lines.get(name) {
             line.level.send_replace(Some(is_high));
         }
     }
 
-    /// Returns whether the level of a line is high, or `None` if there is no such line.
+    /// Returns `true` if the level of a line is high; `None` if there is no such line.
     pub fn level(&self, name: &str) -> Option<bool> {
         self.lock().lines.get(name).and_then(|line| *line.level.borrow())
     }
@@ -79,7 +80,7 @@ impl MemoryBoard {
             near: None,
             known: Vec::new(),
         })?;
-        // Two references are the one on the board, and the clone in this function.
+        // Two references always exist: the one of the board, and the clone in this function.
         if Arc::strong_count(&line.used) > 2 {
             return Err(LineError::Used {
                 line: name,
@@ -102,7 +103,7 @@ impl MemoryBoard {
 impl GpioBoard for MemoryBoard {
     fn input(&self, wanted: &InputSettings) -> Result<Box<dyn InputLine>, LineError> {
         let opened = self.open(&wanted.line, wanted.is_active_low)?;
-        // Edges after this moment are reported, even if no task waits for them yet.
+        // Edges are recorded from this moment on, even if no task waits for them yet.
         let heard = tokio::sync::Mutex::new(opened.line.level.subscribe());
         Ok(Box::new(MemoryInput { opened, levels: heard }))
     }
@@ -146,7 +147,7 @@ impl InputLine for MemoryInput {
                 std::future::pending::<()>().await;
             }
             let mut heard = self.levels.lock().await;
-            // Cannot fail: this line owns the sender.
+            // The call cannot fail, because this line owns the sender.
             let _ = heard.changed().await;
             let level = *heard.borrow_and_update();
             Ok(vec![self.opened.is_active("wait for", level)?])

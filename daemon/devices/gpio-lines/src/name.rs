@@ -19,7 +19,7 @@ pub enum LineName {
     Named(String),
 }
 
-/// Error for a text that is no name of a line.
+/// Error for a text that is not the name of a line.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
     "`{0}` names no line: write its chip and number, such as \"gpiochip0/17\", or its own name, such as \"GPIO17\""

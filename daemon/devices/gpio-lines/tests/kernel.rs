@@ -1,5 +1,5 @@
-//! Tests of the lines of a real chip under a real kernel: the lines are found, watched, driven, unplugged
-//! and plugged in.
+//! Tests of the lines of a real chip under a real kernel: the lines are found, watched, driven,
+//! unplugged and plugged in.
 
 mod machine;
 
@@ -118,7 +118,7 @@ async fn drive() {
     say(format!("seen from the other side {:?}", relay(NUMBERED, true).value().await));
 }
 
-/// Opens the button's line, and waits for edges of the line only after the button was released.
+/// Opens the button's line, but waits for its edges only after the button was released.
 async fn come_late(input: &InputSettings) {
     let button = GpioChips::default().input(input).expect("it is there");
     say(PRESS);
@@ -129,7 +129,7 @@ async fn come_late(input: &InputSettings) {
 
 /// Unbinds the driver of the button's chip, and binds it again.
 async fn unplug(button: &LineWatch, mut next: impl AsyncFnMut()) {
-    // After that, the chip may have another number, but not another label.
+    // Afterwards the chip may have another number, but it has the same label.
     let relay = relay(LABELED, false);
     relay.set(false).await.expect("it is there");
     let driver = |what: &str| format!("/sys/bus/amba/drivers/pl061_gpio/{what}");

@@ -4,22 +4,23 @@ use std::collections::BTreeMap;
 
 use crate::{DeviceIdentity, SensorChannel, SysfsQuantity};
 
-/// Channels that make up one sensor: one channel of a device; for a thermometer also the humidity channel
-/// of the same device.
+/// Channels that make up one sensor. A sensor is one channel of a device; the sensor of a
+/// thermometer also includes the humidity channel of the same device.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct SensorBundle {
     /// Device that the channels belong to.
     pub device: DeviceIdentity,
     /// Main quantity that the sensor measures.
     pub quantity: SysfsQuantity,
-    /// Name of the channel for the main quantity, if the device has several channels for that quantity.
+    /// Name of the channel for the main quantity; `None` if the device has only one channel for
+    /// that quantity.
     pub channel: Option<String>,
     /// Whether the sensor is a thermometer that also measures the humidity.
     pub has_humidity: bool,
 }
 
 impl SensorBundle {
-    /// Returns the sensors of a machine. Sensors that measure the machine itself are left out.
+    /// Returns the sensors of a machine, without those that measure the machine itself.
     pub fn all(channels: &[SensorChannel]) -> Vec<SensorBundle> {
         let mut devices: BTreeMap<&DeviceIdentity, Vec<&SensorChannel>> = BTreeMap::new();
         for channel in channels.iter().filter(|channel| channel.is_ambient) {

@@ -1,4 +1,4 @@
-//! A sensor channel: one quantity that one device measures, and the files from which it is read.
+//! A sensor channel: one quantity that one device measures, and the files with its value.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -13,41 +13,42 @@ use crate::quantity::SysfsQuantity;
 pub struct SensorChannel {
     /// Device that the channel belongs to.
     pub device: DeviceIdentity,
-    /// Name of the channel as in the kernel: `temp`, `temp_object`, `humidityrelative`.
+    /// Name of the channel in the kernel, such as `temp`, `temp_object` or `humidityrelative`.
     #[serde(rename = "channel")]
     pub name: String,
     /// Quantity that the channel measures.
     pub quantity: SysfsQuantity,
-    /// Whether the channel measures the room around the device, judged by the device's name. The
+    /// Whether the channel measures the room around the device, according to the device's name. The
     /// thermometer of a processor, for example, does not.
     pub is_ambient: bool,
     #[serde(skip)]
     pub(crate) reading: ValueFiles,
 }
 
-/// Files from which a channel's value is read, and the conversion of the number in `file` to the unit of
-/// the quantity: `(FILE + offset) * scale * factor`.
+/// Files with a channel's value. The number in `file` is converted to the unit of the quantity by
+/// `(FILE + offset) * scale * factor`.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ValueFiles {
     pub(crate) file: PathBuf,
     pub(crate) offset: Option<PathBuf>,
     pub(crate) scale: Option<PathBuf>,
-    /// File that holds a number other than 0 if the value is invalid, because the sensor is missing or its
-    /// wire is broken; `None` if the device has no such file.
+    /// File with a number other than 0 if the value is invalid, because the sensor is missing or
+    /// its wire is broken; `None` if the device has no such file.
     pub(crate) fault: Option<PathBuf>,
-    /// Ranges of numbers in the value's file that mean “no value”, both ends included.
+    /// Ranges of numbers in the value's file that mean “no value”; both ends are included.
     pub(crate) no_values: &'static [(f64, f64)],
-    /// Number in the value's file after power-up, before the first measurement; `None` if the device has no
-    /// such number.
+    /// Number in the value's file after power-up, before the first measurement; `None` if the
+    /// device has no such special number.
     pub(crate) at_power_up: Option<f64>,
     pub(crate) factor: f64,
 }
 
-/// Reason why a channel could not be read. Completes “failed to …”.
+/// Reason why a channel could not be read. The text of the error completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ReadError {
-    /// The file with the value could not be read: the device is gone, or its bus failed this time.
+    /// The file with the value could not be read: the device is gone, or its bus failed
+    /// temporarily.
     #[error("read `{}`: {source}", .file.display())]
     File {
         /// Path of the file with the value.
@@ -69,7 +70,7 @@ pub enum ReadError {
         /// Device that reports the invalid value.
         device: DeviceIdentity,
     },
-    /// The device reports a number that means “no value”, or that is impossible.
+    /// The device reports a number that means “no value”, or that is physically impossible.
     #[error("use {value}, the value of `{device}`: no sensor measures that")]
     Impossible {
         /// Device that reports the number.
@@ -77,7 +78,7 @@ pub enum ReadError {
         /// Number that was reported, in the quantity's unit.
         value: f64,
     },
-    /// The device was powered up, and has not measured yet.
+    /// The device was just powered up and has not measured yet.
     #[error("use the value of `{device}`: it has just been powered up")]
     PoweredUp {
         /// Device that has not measured yet.
@@ -85,22 +86,22 @@ pub enum ReadError {
     },
 }
 
-/// Largest number of characters that an error quotes of a text that is no number.
+/// Maximum number of characters of an invalid text that an error quotes.
 const QUOTED_CHARS: usize = 20;
 
 impl SensorChannel {
-    /// Returns the current value of the channel, in the quantity's unit. Waits for the device, on some
-    /// buses nearly a second.
+    /// Returns the current value of the channel, in the quantity's unit. The call blocks until the
+    /// device answers, which takes nearly a second on some buses.
     ///
     /// # Errors
     ///
-    /// Returns an error if the device is gone or did not answer (some devices fail one time in five), or if
-    /// the device reports an invalid or impossible value.
+    /// Returns an error if the device is gone or did not answer (some devices fail one time in
+    /// five), or if the device reports an invalid or impossible value.
     pub fn read(&self) -> Result<f64, ReadError> {
         let ValueFiles { file, offset, scale, fault, no_values, at_power_up, factor } =
             &self.reading;
         let value = number(file)?;
-        // Checked after the value, so that a fault that occurs meanwhile is noticed.
+        // The fault is read after the value, so that a fault that occurs meanwhile is detected.
         if let Some(fault) = fault.as_deref().filter(|fault| fault.exists())
             && number(fault)? != 0.0
         {
@@ -119,7 +120,7 @@ impl SensorChannel {
         Ok(value)
     }
 
-    /// Whether the file with the channel's value exists; it exists as long as the device is present.
+    /// Whether the file with the channel's value exists, which means that the device is present.
     pub fn is_present(&self) -> bool {
         self.reading.file.exists()
     }

@@ -1,5 +1,6 @@
 //! Hardware monitoring, the kernel's subsystem for chips that measure temperature and humidity
-//! (`Documentation/hwmon/sysfs-interface` of the kernel). Most of the chips monitor the machine itself.
+//! (`Documentation/hwmon/sysfs-interface` of the kernel). Most of the chips monitor the machine
+//! itself.
 
 use std::path::Path;
 
@@ -12,11 +13,11 @@ use crate::{Sysfs, file_name, line, list};
 /// thousandths.
 const FACTOR: f64 = 1e-3;
 
-/// Ranges of numbers that temperature chips report for a sensor that does not answer: all bits of the
-/// number are ones, or only the first is.
+/// Ranges of numbers that temperature chips report for a sensor that does not answer. In such a
+/// number, either all bits are ones, or only the first bit is.
 pub(crate) const NO_DEGREES: &[(f64, f64)] = &[(-1e9, -127_000.0), (127_000.0, 128_000.0)];
 
-/// Beginnings of the names of chips that measure rooms. All other chips measure processors, disks and
+/// Prefixes of the names of chips that measure rooms. All other chips measure processors, disks and
 /// boards.
 const AMBIENT: &[&str] = &[
     "adt7410", "adt7420", "adt75", "ds1621", "ds1775", "ds620", "hih6130", "hs3001", "lm75",
@@ -24,16 +25,16 @@ const AMBIENT: &[&str] = &[
     "sts3", "tc74", "tmp1", "tmp4", "tmp75",
 ];
 
-/// Returns the sensor channels of hardware monitoring.
+/// Returns the sensor channels of the subsystem for hardware monitoring.
 pub(crate) fn channels(sysfs: &Sysfs) -> Vec<SensorChannel> {
     let mut channels = Vec::new();
     for folder in sysfs.list("class/hwmon") {
         let name = line(&folder.join("name"));
-        // A 1-wire thermometer, which `one_wire` reports.
+        // This chip is a 1-wire thermometer, which `one_wire` reports.
         if name.as_deref() == Some("w1_slave_temp") {
             continue;
         }
-        // Without a device, the chip belongs to the machine itself.
+        // A chip without a device belongs to the machine itself.
         let there = folder.join("device");
         let place = if there.exists() { &there } else { &folder };
         if let Some(device) = DeviceIdentity::of(sysfs, place, name) {

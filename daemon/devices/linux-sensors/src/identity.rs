@@ -1,4 +1,4 @@
-//! Identity of a device that does not depend on the number that the kernel gave the device.
+//! Identity of a device, independent of the number that the kernel assigns to the device.
 
 use std::fmt;
 use std::path::{Component, Path};
@@ -7,23 +7,24 @@ use serde::{Serialize, Serializer};
 
 use crate::{Sysfs, line};
 
-/// Prefixes of the names of buses at which the place of a device begins. What a bus is attached to differs
-/// between kernels, so it is not part of the place.
+/// Prefixes of the names of buses. The place of a device begins at its bus; the devices above the
+/// bus are not part of the place, because they differ between kernels.
 const BUSES: [&str; 2] = ["i2c-", "spi"];
 
-/// Identity of a device: its name and its place. Written `NAME@PLACE`, such as `bme280@i2c-1/1-0076`.
+/// Identity of a device: its name and its place. Its text form is `NAME@PLACE`, such as
+/// `bme280@i2c-1/1-0076`.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct DeviceIdentity {
-    /// Name that the driver gives the device.
+    /// Name of the device according to its driver.
     pub name: String,
-    /// Place where the device is attached: its folder among the kernel's devices, beginning with the bus.
+    /// Place where the device is attached: its folder among the kernel's devices, from the bus on.
     pub place: String,
 }
 
 impl DeviceIdentity {
-    /// Returns the identity of the device with this folder, or with the folder that `folder` is a link to.
-    /// `called` is the name of the device if the folder holds none. Returns `None` if the device has no
-    /// name or is not below the devices of `sysfs`.
+    /// Returns the identity of the device in `folder`, which may be a link. `called` is the name of
+    /// the device if the folder has none. Returns `None` if the device has no name or is not below
+    /// the devices of `sysfs`.
     pub(crate) fn of(
         sysfs: &Sysfs,
         folder: &Path,
@@ -37,7 +38,7 @@ impl DeviceIdentity {
     }
 }
 
-/// Returns the part of a device's path that tells where the device is attached.
+/// Returns the part of a device's path that states where the device is attached.
 fn place(path: &Path) -> String {
     let normal = path.components().filter_map(|part| match part {
         Component::Normal(part) => part.to_str(),

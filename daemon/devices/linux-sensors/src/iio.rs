@@ -8,10 +8,10 @@ use crate::identity::DeviceIdentity;
 use crate::quantity::SysfsQuantity;
 use crate::{Sysfs, file_name, line, list};
 
-/// Name that the kernel gives each quantity, and the factor from the kernel's unit to that of
+/// Name of each quantity in the kernel, and the factor from the kernel's unit to the unit of
 /// [`SysfsQuantity`].
 const KINDS: &[(&str, SysfsQuantity, f64)] = &[
-    // The kernel's units: milli-degrees, thousandths of per cent, per cent.
+    // The kernel's units with a factor: milli-degrees, thousandths of per cent, per cent.
     ("temp", SysfsQuantity::Temperature, 1e-3),
     ("humidityrelative", SysfsQuantity::Humidity, 1e-3),
     ("concentration_co2", SysfsQuantity::Co2, 1e4),
@@ -19,11 +19,11 @@ const KINDS: &[(&str, SysfsQuantity, f64)] = &[
     ("distance", SysfsQuantity::Distance, 1.0),
 ];
 
-/// Endings of the names of files that hold no current measurements: maximum and minimum since the start,
-/// and averages.
+/// Suffixes of channels without current measurements: maximum and minimum since the start, and
+/// averages.
 const DERIVED: &[&str] = &["_peak", "_trough", "_mean"];
 
-/// Returns the sensor channels of Industrial I/O.
+/// Returns the sensor channels of the subsystem Industrial I/O.
 pub(crate) fn channels(sysfs: &Sysfs) -> Vec<SensorChannel> {
     let mut channels = Vec::new();
     for folder in sysfs.list("bus/iio/devices") {
@@ -35,15 +35,16 @@ pub(crate) fn channels(sysfs: &Sysfs) -> Vec<SensorChannel> {
     channels
 }
 
-/// Returns the device that a folder `iio:deviceN` belongs to: the device with the parent folder.
+/// Returns the device of a folder `iio:deviceN`, which is the device with the parent folder.
 fn device(sysfs: &Sysfs, folder: &Path) -> Option<DeviceIdentity> {
     file_name(folder).filter(|name| name.starts_with("iio:device"))?;
     let own = folder.canonicalize().ok()?;
     DeviceIdentity::of(sysfs, own.parent()?, line(&folder.join("name")))
 }
 
-/// Returns the channel with its value in this file, or `None` if the file's name has none of the forms
-/// `in_KIND[N][_MODIFIER]_raw` and `in_KIND[N][_MODIFIER]_input`.
+/// Returns the channel with its value in this file. Returns `None` if the file's name has neither
+/// of the forms `in_KIND[N][_MODIFIER]_raw` and `in_KIND[N][_MODIFIER]_input`, or if the channel is
+/// left out.
 fn channel(device: &DeviceIdentity, file: &Path) -> Option<SensorChannel> {
     let name = file_name(file)?.strip_prefix("in_")?;
     let (name, is_raw) = match name.strip_suffix("_input") {
@@ -59,7 +60,7 @@ fn channel(device: &DeviceIdentity, file: &Path) -> Option<SensorChannel> {
         (rest.is_empty() || rest.starts_with('_')).then_some(())
     };
     let (kind, quantity, factor) = KINDS.iter().find(|(kind, ..)| is_of(kind).is_some())?;
-    // If the value is there raw and processed, only the processed one is used.
+    // If the value exists both raw and processed, only the processed one is used.
     if is_raw && file.with_file_name(format!("in_{name}_input")).exists() {
         return None;
     }

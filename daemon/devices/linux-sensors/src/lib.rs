@@ -1,14 +1,13 @@
-//! Sensors of a machine as its Linux kernel reports them, in canonical units.
+//! Sensors of a machine, as reported by its Linux kernel, in canonical units.
 //!
-//! - The crate reads files below [`Sysfs`] and nothing else: no C library, no special rights, no clock.
-//! - A device is identified by its name and the place where it is attached ([`DeviceIdentity`]), never by
-//!   the number that the kernel gave the device: the number changes with the order in which drivers were
-//!   loaded.
-//! - A channel that was found may be gone when it is read. The caller should try again.
+//! - The crate reads files below [`Sysfs`], and needs no C library, no special rights and no clock.
+//! - A device is identified by its name and its place ([`DeviceIdentity`]), never by its number in
+//!   the kernel, because the number depends on the order in which drivers were loaded.
+//! - A channel may be gone when it is read. The caller should try again.
 //! - [`SensorBundle`] groups the channels of a machine into sensors.
 //!
-//! `iio`, `hwmon` and `one_wire` know the files and units of each subsystem of the kernel; [`SysfsQuantity`]
-//! defines the units that all values are converted to.
+//! `iio`, `hwmon` and `one_wire` contain the files and units of each subsystem of the kernel.
+//! [`SysfsQuantity`] defines the units to which all values are converted.
 
 mod bundle;
 mod channel;
@@ -25,30 +24,30 @@ pub use channel::{ReadError, SensorChannel};
 pub use identity::DeviceIdentity;
 pub use quantity::SysfsQuantity;
 
-/// Folder in which a kernel shows its devices: `/sys`, or a copy of `/sys`.
+/// Folder with the devices of a kernel: `/sys`, or a copy of `/sys`.
 #[derive(Clone, Debug)]
 pub struct Sysfs {
     root: PathBuf,
 }
 
-/// Reason why a channel was not found. Completes “failed to …”.
+/// Reason why a channel was not found. The text of the error completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum FindError {
-    /// No device has the identity that was asked for, or the device does not measure the quantity.
+    /// No device has the requested identity, or the device does not measure the quantity.
     #[error("find `{wanted}`, which measures the {quantity}; {}", known_devices_text(known))]
     Unknown {
-        /// Identity of the device that was asked for.
+        /// Requested identity of the device.
         wanted: String,
-        /// Quantity that was asked for.
+        /// Requested quantity.
         quantity: SysfsQuantity,
         /// Identities of the devices that measure the quantity.
         known: Vec<String>,
     },
-    /// The device has several channels for the quantity that was asked for.
+    /// The device has several channels for the requested quantity.
     #[error("choose a `channel` of `{device}`: it has {}", channels.join(", "))]
     Ambiguous {
-        /// Identity of the device that was asked for.
+        /// Requested identity of the device.
         device: String,
         /// Names of the device's channels for the quantity.
         channels: Vec<String>,
@@ -69,13 +68,12 @@ impl Default for Sysfs {
 }
 
 impl Sysfs {
-    /// Returns the devices that a kernel shows below the folder `root`.
+    /// Returns the devices of a kernel below the folder `root`.
     pub fn new(root: impl Into<PathBuf>) -> Sysfs {
         Sysfs { root: root.into() }
     }
 
-    /// Returns all channels that are present now, sorted by device. Channels of a device that cannot be
-    /// read are left out.
+    /// Returns all present channels, sorted by device. Devices that cannot be read are left out.
     pub fn channels(&self) -> Vec<SensorChannel> {
         let mut channels = iio::channels(self);
         channels.extend(one_wire::channels(self));
@@ -84,12 +82,13 @@ impl Sysfs {
         channels
     }
 
-    /// Returns the channel by which a device measures `quantity`: the channel with the name `channel`, or
-    /// the only one if `channel` is `None`.
+    /// Returns the channel by which a device measures `quantity`: the channel with the name
+    /// `channel`, or the only channel if `channel` is `None`.
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no such channel now, or if there are several and `channel` is `None`.
+    /// Returns an error if there is no such channel at present, or if there are several and
+    /// `channel` is `None`.
     pub fn find(
         &self,
         device: &str,
@@ -113,14 +112,14 @@ impl Sysfs {
         Err(FindError::Ambiguous { device: device.to_owned(), channels })
     }
 
-    /// Returns the entries of a folder below the root of the kernel's devices, as full paths sorted by
-    /// name.
+    /// Returns the entries of a folder below the root of the kernel's devices, as full paths sorted
+    /// by name.
     fn list(&self, folder: &str) -> Vec<PathBuf> {
         list(&self.root.join(folder))
     }
 }
 
-/// Returns the entries of a folder, sorted by name; returns none if the folder cannot be read.
+/// Returns the entries of a folder, sorted by name; empty if the folder cannot be read.
 fn list(folder: &Path) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(folder).into_iter().flatten();
     let mut paths: Vec<_> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
@@ -128,12 +127,12 @@ fn list(folder: &Path) -> Vec<PathBuf> {
     paths
 }
 
-/// Returns the name of a file, or `None` if the name is not UTF-8.
+/// Returns the name of a file; `None` if the name is not UTF-8.
 fn file_name(path: &Path) -> Option<&str> {
     path.file_name()?.to_str()
 }
 
-/// Returns the text of a file without blanks at both ends, or `None` if the text is empty or cannot be
+/// Returns the text of a file without blanks at both ends; `None` if the text is empty or cannot be
 /// read.
 fn line(path: &Path) -> Option<String> {
     let text = std::fs::read_to_string(path).ok()?;

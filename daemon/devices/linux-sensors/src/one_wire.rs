@@ -8,11 +8,12 @@ use crate::identity::DeviceIdentity;
 use crate::quantity::SysfsQuantity;
 use crate::{Sysfs, file_name};
 
-/// Names of the families of 1-wire thermometers, by the number at the beginning of their serial numbers.
+/// Names of the families of 1-wire thermometers, by the number of the family, which begins the
+/// serial number.
 const FAMILIES: &[(&str, &str)] =
     &[("10", "ds18s20"), ("22", "ds1822"), ("28", "ds18b20"), ("3b", "ds1825"), ("42", "ds28ea00")];
 
-/// Factor from the number in a file to degrees Celsius, because the kernel reports thousandths of degrees.
+/// Factor from the number in a file to degrees Celsius; the kernel reports thousandths of degrees.
 const FACTOR: f64 = 1e-3;
 
 /// Number in the file of a thermometer after power-up, before the first measurement.
@@ -31,7 +32,7 @@ fn channel(folder: &Path) -> Option<SensorChannel> {
     if !file.exists() {
         return None;
     }
-    // The serial number identifies the device, wherever it is attached.
+    // The serial number identifies the device in any place.
     let device = DeviceIdentity { name: (*called).to_owned(), place: format!("{family}-{serial}") };
     let reading = ValueFiles {
         file,

@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-/// Quantity that a sensor measures, with one unit for all sources.
+/// Quantity that a sensor measures, with one unit for all subsystems of the kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -31,7 +31,7 @@ impl SysfsQuantity {
         SysfsQuantity::Distance,
     ];
 
-    /// Returns the name of the quantity as in ecosystem files.
+    /// Returns the name of the quantity in ecosystem files.
     pub fn name(self) -> &'static str {
         match self {
             SysfsQuantity::Temperature => "temperature",
@@ -42,7 +42,7 @@ impl SysfsQuantity {
         }
     }
 
-    /// Returns the quantity with this name, or `None` if there is none.
+    /// Returns the quantity with this name; `None` if there is none.
     pub fn named(name: &str) -> Option<SysfsQuantity> {
         SysfsQuantity::ALL.into_iter().find(|quantity| quantity.name() == name)
     }
@@ -57,8 +57,8 @@ impl SysfsQuantity {
         }
     }
 
-    /// Returns the symbol of the quantity's unit, from SenML (RFC 8428 and RFC 8798, and IANA's registry of
-    /// units for SenML).
+    /// Returns the symbol of the quantity's unit, from SenML (RFC 8428 and RFC 8798, and IANA's
+    /// registry of units for SenML).
     pub fn unit(self) -> &'static str {
         match self {
             SysfsQuantity::Temperature => "Cel",

@@ -1,7 +1,8 @@
 //! Tests against a real kernel, in which real drivers of Industrial I/O read simulated chips.
 //!
-//! The kernel runs this same test program, and [`inside`] reads values, changes them, and unplugs and plugs
-//! in devices. The output of the program is compared with the values in the chips' registers.
+//! The kernel runs this same test program, and [`inside`] reads values, changes them, and unplugs
+//! and plugs in devices. The output of the program is compared with the values in the chips'
+//! registers.
 
 #[path = "../../../../tests/support/kernel.rs"]
 mod kernel;
@@ -16,7 +17,7 @@ use linux_sensors::{Sysfs, SysfsQuantity};
 fn a_real_kernels_sensors_are_read_unplugged_and_plugged_in() {
     let folder = tempfile::tempdir().expect("a folder");
     let program = std::env::current_exe().expect("it runs");
-    // In addition to the thermometer, two light sensors, of which one does not answer.
+    // Besides the thermometer, there are two light sensors, one of which does not answer.
     let script = format!(
         "i2cset -y 0 0x13 0x81 0x21 b
         echo apds9300 0x29 > new_device
@@ -52,7 +53,7 @@ fn inside() {
     set("0x01", "0x400D");
     println!("{SAID}warmer {:?}", channel.read().map_err(|error| error.to_string()));
 
-    // The light sensor is unplugged, too, so that the thermometer comes back with another number.
+    // The light sensor is unplugged as well, so that the thermometer returns with another number.
     tell("delete_device", "0x40");
     tell("delete_device", "0x13");
     println!("{SAID}unplugged {} {}", channel.read().is_err(), find().is_ok());

@@ -1,13 +1,13 @@
-//! Tests of channels in trees of files like those of a kernel: a captured tree, and small ones made after
-//! the kernel's documentation.
+//! Tests of channels in trees of files such as a kernel has: a captured tree, and small ones that
+//! follow the kernel's documentation.
 
 use std::path::Path;
 
 use linux_sensors::{FindError, ReadError, Sysfs, SysfsQuantity};
 use tempfile::TempDir;
 
-/// Creates a tree of files from lines: `PATH: TEXT` is a file, `PATH -> TARGET` a link, `PATH fails` a file
-/// that cannot be read.
+/// Creates a tree of files from lines: `PATH: TEXT` is a file, `PATH -> TARGET` a link, and `PATH
+/// fails` a file that cannot be read.
 fn lay(tree: &str) -> (TempDir, Sysfs) {
     let folder = tempfile::tempdir().expect("a folder");
     for line in tree.lines().map(str::trim).filter(|line| !line.starts_with('#')) {
@@ -40,7 +40,7 @@ fn said(sysfs: &Sysfs) -> Vec<String> {
 }
 
 #[test]
-fn a_captured_tree_is_read_as_that_kernel_meant_it() {
+fn a_captured_tree_is_read_with_the_units_of_that_kernel() {
     let (_folder, sysfs) = lay(include_str!("trees/i2c.txt"));
     let said = said(&sysfs);
     assert_eq!(said[0], "apds9300@i2c-0/0-0029 illuminance0 light 0.000");
@@ -50,7 +50,7 @@ fn a_captured_tree_is_read_as_that_kernel_meant_it() {
 }
 
 #[test]
-fn each_way_of_telling_a_value_is_understood() {
+fn each_form_of_a_value_is_read() {
     for (tree, expected) in [
         // One device with processed and raw values; scales for one channel and for all.
         (
@@ -84,7 +84,7 @@ fn each_way_of_telling_a_value_is_understood() {
              devices/i2c-1/1-0062/iio:device0/in_concentration_voc_raw: 5",
             &["scd41@i2c-1/1-0062 concentration_co2 co2 812.000"],
         ),
-        // A device of a board, with a name only in Industrial I/O.
+        // The device is on a board, and has a name only in Industrial I/O.
         (
             "bus/iio/devices/iio:device0 -> ../../../devices/platform/dht11@4/iio:device0
              devices/platform/dht11@4/iio:device0/name: dht11@4
@@ -109,7 +109,7 @@ fn each_way_of_telling_a_value_is_understood() {
                 "lm75@i2c-1/1-0048 temp1 temperature 25.000",
             ],
         ),
-        // A 1-wire thermometer, which is reported once, and one that was just powered up.
+        // The 1-wire thermometer is reported once; another one was just powered up.
         (
             "bus/w1/devices/28-0316a2791234 -> ../../../devices/w1_bus_master1/28-0316a2791234
              devices/w1_bus_master1/28-0316a2791234/temperature: 21437
@@ -161,7 +161,7 @@ fn a_device_is_found_whatever_its_number() {
 }
 
 #[test]
-fn what_vanishes_or_says_rubbish_fails_and_no_more() {
+fn a_missing_or_invalid_value_is_an_error() {
     let (folder, sysfs) = lay(include_str!("trees/i2c.txt"));
     let find = || sysfs.find("tmp006@i2c-0/0-0040", SysfsQuantity::Temperature, None);
     let channel = find().expect("it is there");
@@ -180,7 +180,7 @@ fn what_vanishes_or_says_rubbish_fails_and_no_more() {
 }
 
 #[test]
-fn what_a_kernel_calls_no_value_is_none() {
+fn an_invalid_value_of_the_kernel_is_an_error() {
     for (tree, expected) in [
         (
             "class/hwmon/hwmon0 -> ../../devices/i2c-1/1-0048/hwmon/hwmon0
@@ -231,7 +231,7 @@ fn what_a_kernel_calls_no_value_is_none() {
 }
 
 #[test]
-fn the_highest_and_the_lowest_since_the_start_are_not_measured() {
+fn maximum_and_minimum_since_the_start_are_no_channels() {
     let (_folder, sysfs) =
         lay("bus/iio/devices/iio:device0 -> ../../../devices/i2c-1/1-0044/iio:device0
          devices/i2c-1/1-0044/name: hdc3020

@@ -1,4 +1,4 @@
-//! Address of an MQTT broker, and the credentials for the broker.
+//! Address of an MQTT broker, and the login for the broker.
 
 use std::fmt::{self, Display, Formatter};
 use std::net::IpAddr;
@@ -10,32 +10,33 @@ use rustls::pki_types::CertificateDer;
 use rustls::pki_types::pem::PemObject as _;
 use rustls::{ClientConfig, RootCertStore};
 
-/// Address of the broker that is used if the config names none.
+/// Broker that is used if the config names none.
 const BROKER: &str = "localhost:1883";
 
-/// Port of a broker without TLS; [`TLS_PORT`] is the port with TLS (IANA registry).
+/// Ports of a broker without and with TLS (IANA registry).
 const PORT: u16 = 1883;
 const TLS_PORT: u16 = 8883;
 
-/// Longest file with a password or certificates that is read, in bytes.
+/// Maximum size of a file with a password or certificates, in bytes.
 const FILE_BYTES_MAX: usize = 1 << 20;
 
-/// Address of an MQTT broker, and where its credentials are. The password is read from its file at each
-/// attempt to connect, and is not kept in this value.
+/// Address of an MQTT broker, and the files with its credentials. The password is read from its
+/// file at each attempt to connect, and is never stored in this value.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Broker {
     host: String,
     port: u16,
     user: Option<(String, Option<PathBuf>)>,
-    /// File with the certificates of the authorities that are trusted to sign the broker's certificate;
-    /// `None` without TLS.
+    /// File with the certificates of the authorities that are trusted to sign the broker's
+    /// certificate; `None` for a connection without TLS.
     ca: Option<PathBuf>,
 }
 
 impl Broker {
-    /// Returns the broker for an entry in a config: `name` is `HOST`, `HOST:PORT`, `mqtt://…` or
-    /// `mqtts://…`, `user` and `password_file` are the login at the broker, and `ca` is the file with the
-    /// certificates of the authorities that are trusted (PEM).
+    /// Returns the broker for an entry in a config. `name` has the form `HOST`, `HOST:PORT`,
+    /// `mqtt://…` or `mqtts://…`; `None` stands for `localhost:1883`. `user` and `password_file`
+    /// are the login at the broker. `ca` is the file with the certificates of the trusted
+    /// authorities (PEM).
     ///
     /// # Errors
     ///
@@ -60,7 +61,7 @@ impl Broker {
             return wrong("write `user` and `password-file` beside it: this file is no secret");
         }
         let rest = rest.trim_end_matches('/');
-        // An IPv6 address contains colons, and is in brackets if a port follows.
+        // An IPv6 address contains colons; it is in brackets if a port follows.
         let is_bare_ip = rest.parse::<IpAddr>().is_ok();
         let parts = rest.rsplit_once(':').filter(|(host, port)| {
             !is_bare_ip && !port.ends_with(']') && (!host.contains(':') || host.ends_with(']'))
@@ -106,8 +107,8 @@ impl Broker {
         self.port
     }
 
-    /// Returns a warning for a person if the connection to the broker is not protected; `None` if it is
-    /// protected, or stays on this machine.
+    /// Returns a warning for a person if the connection to the broker is not protected. Returns
+    /// `None` if it is protected, or stays on this machine.
     pub(crate) fn risk(&self) -> Option<&'static str> {
         let is_here =
             self.host == "localhost" || self.host.parse().is_ok_and(|ip: IpAddr| ip.is_loopback());
@@ -123,8 +124,8 @@ impl Broker {
         }
     }
 
-    /// Reads the password and the trusted authorities from their files into `options`. The error completes
-    /// “failed to …”.
+    /// Reads the password and the trusted authorities from their files into `options`. The text of
+    /// an error completes “failed to …”.
     pub(crate) fn prepare(&self, options: &mut MqttOptions) -> Result<(), String> {
         if let Some((user, file)) = &self.user {
             let password = file.as_deref().map(read).transpose()?.unwrap_or_default();
@@ -146,7 +147,7 @@ impl Display for Broker {
     }
 }
 
-/// Returns the TLS settings that trust the authorities with certificates in a file.
+/// Returns the TLS settings that trust the authorities in a file of certificates.
 fn trust(file: &Path) -> Result<ClientConfig, String> {
     let said = |problem: &dyn Display| format!("use {}: {problem}", file.display());
     let mut authorities = RootCertStore::empty();
@@ -171,7 +172,7 @@ fn read(file: &Path) -> Result<Vec<u8>, String> {
     Ok(bytes)
 }
 
-/// Returns the name of a broker, without the password that the name may contain.
+/// Returns the name of a broker without the user and password that it may contain.
 fn without_secret(name: &str) -> String {
     match (name.split_once("://"), name.rsplit_once('@')) {
         (Some((scheme, _)), Some((_, host))) => format!("{scheme}://…@{host}"),
@@ -190,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn brokers_are_named_as_people_name_them() {
+    fn every_form_of_a_broker_name_is_parsed() {
         for (name, expected) in [
             ("broker.local", "broker.local:1883"),
             ("broker.local:1884", "broker.local:1884"),
@@ -214,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn a_secret_is_never_said() {
+    fn a_password_in_a_name_is_never_printed() {
         let problem = named("mqtt://me:hunter2@broker.local").expect_err("it belongs elsewhere");
         assert!(!problem.contains("hunter2"), "{problem}");
         let folder = tempfile::tempdir().expect("a folder");
@@ -230,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn half_a_login_is_refused_with_what_would_be_right() {
+    fn an_incomplete_login_is_refused_with_a_correction() {
         let path = || Some(PathBuf::from("/x"));
         let user = || Some("me".to_owned());
         for (broker, expected) in [

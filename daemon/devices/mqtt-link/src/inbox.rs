@@ -1,8 +1,8 @@
-//! Queue of the texts that were received for the topics that match one filter.
+//! Queue of the texts that were received for the topics of one filter.
 //!
-//! For each topic, only the latest text waits: a device that repeats a text a thousand times takes one
-//! place, and the latest text of each topic is not lost while the reader is busy. In a queue for events,
-//! the latest few texts of each topic wait.
+//! Only the latest text of each topic is queued: a device that repeats a text a thousand times
+//! takes one place, and the latest text of each topic survives while the reader is busy. A queue
+//! for events keeps the latest few texts of each topic.
 
 use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -11,24 +11,25 @@ use tokio::sync::Notify;
 
 use crate::TopicText;
 
-/// Maximum number of topics with waiting texts at the same time. The largest installations describe some
-/// ten thousand entities.
+/// Maximum number of topics with queued texts. The largest installations have some ten thousand
+/// entities.
 const TOPICS_MAX: usize = 1 << 16;
 
-/// Maximum size of all waiting texts of a queue together, in bytes.
+/// Maximum size of all queued texts together, in bytes.
 const BYTES_MAX: usize = 1 << 28;
 
-/// Receiving half of a queue of texts. Texts that arrive after this value is dropped are not kept.
+/// Receiving half of a queue of texts. When this value is dropped, the queue receives no more
+/// texts.
 pub struct Inbox(pub(crate) Arc<InboxQueue>);
 
-/// Maximum number of waiting texts of one topic in a queue for events.
+/// Maximum number of queued texts of one topic in a queue for events.
 const EVENTS_MAX: usize = 32;
 
 #[derive(Debug)]
 pub(crate) struct InboxQueue {
     texts: Mutex<QueuedTexts>,
     arrival: Notify,
-    /// Maximum number of waiting texts of one topic.
+    /// Maximum number of queued texts of one topic.
     of_each: usize,
 }
 
@@ -43,13 +44,13 @@ struct QueuedTexts {
     order: VecDeque<String>,
     by_topic: HashMap<String, VecDeque<String>>,
     bytes: usize,
-    /// Whether a text was left out for lack of room since a text was last taken from the queue.
+    /// Whether a text was dropped for lack of room since the last `take`.
     has_overflowed: bool,
 }
 
 impl Inbox {
-    /// Takes the waiting texts of up to `at_most` topics, each text with its topic. The topic that has
-    /// waited longest comes first. Waits until there is a text.
+    /// Takes the queued texts of up to `at_most` topics, each text with its topic. The topic that
+    /// has waited longest comes first. Waits until there is a text.
     pub async fn take(&self, at_most: usize) -> Vec<TopicText> {
         loop {
             let news = self.0.arrival.notified();
@@ -63,13 +64,13 @@ impl Inbox {
 }
 
 impl InboxQueue {
-    /// Returns a queue for events, in which the latest few texts of each topic wait.
+    /// Returns a queue for events, which keeps the latest few texts of each topic.
     pub(crate) fn of_events() -> InboxQueue {
         InboxQueue { of_each: EVENTS_MAX, ..InboxQueue::default() }
     }
 
-    /// Adds a text to the queue, unless there is no room. Returns `true` if the text is left out, and is
-    /// the first that is left out since a text was last taken from the queue.
+    /// Adds a text to the queue, or drops it if there is no room. Returns `true` for the first
+    /// dropped text since the last `take`.
     pub(crate) fn push(&self, topic: &str, text: &str) -> bool {
         let mut texts = self.texts();
         let before = texts.by_topic.get(topic);
@@ -147,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_told_once_and_harms_nothing() {
+    fn a_text_without_room_is_reported_once_and_dropped() {
         let inbox = Inbox(Arc::default());
         let first: Vec<_> =
             (0..TOPICS_MAX + 3).filter(|number| inbox.0.push(&number.to_string(), "x")).collect();

@@ -1,12 +1,13 @@
-//! Connections to MQTT brokers: one for each broker in a process, shared by all agents that need it.
+//! Connections to MQTT brokers: one for each broker in a process, shared by all agents that need
+//! it.
 //!
-//! - After each loss the connection subscribes again, because brokers drop subscriptions and `rumqttc` does
-//!   not renew them by itself. The connection subscribes in small batches, and leaves out filters that
-//!   brokers reject ([`filter_problem`]).
-//! - The latest texts of each topic are kept for agents that listen to the topic later. An [`Inbox`]
+//! - After each reconnection the topics are subscribed again, because brokers drop subscriptions
+//!   and `rumqttc` does not renew them by itself. Subscriptions are sent in small batches, without
+//!   filters that brokers reject ([`filter_problem`]).
+//! - The latest texts of each topic are kept for agents that start to listen later. An [`Inbox`]
 //!   (`inbox`) queues the texts of many topics.
-//! - [`Broker`] (`broker`) holds the address of a broker, its TLS settings, the user and the file with the
-//!   password. Websockets are not supported.
+//! - [`Broker`] (`broker`) holds the address of a broker, its TLS settings, the user and the file
+//!   with the password. Websockets are not supported.
 
 mod broker;
 mod inbox;
@@ -31,49 +32,53 @@ pub use topic_filter::{filter_problem, matches_filter, topic_problem};
 use inbox::InboxQueue;
 use topic_filter::is_pattern;
 
-/// Keep-alive interval at first: the broker has to answer a ping within this time. A long text can take
-/// longer than that to arrive. So each time the broker was too slow, the interval is doubled, up to
-/// [`KEEP_ALIVE_MAX`].
+/// Keep-alive interval of a new connection: the broker must answer a ping within this time.
+/// Receiving a long text can take longer. Therefore each time the broker is too slow, the interval
+/// is doubled, up to [`KEEP_ALIVE_MAX`].
 const KEEP_ALIVE: Duration = Duration::from_secs(5);
 const KEEP_ALIVE_MAX: Duration = Duration::from_secs(80);
 
-/// Wait before connecting to the broker again; the restart of a broker takes a second. The wait doubles, up
-/// to [`RECONNECT_WAIT_MAX`], if the broker accepts the connection and closes it within [`STABLE_AFTER`].
+/// Pause before connecting to the broker again; the restart of a broker takes a second. The pause
+/// is doubled, up to [`RECONNECT_WAIT_MAX`], if the broker accepts the connection and closes it
+/// within [`STABLE_AFTER`].
 const RECONNECT_WAIT: Duration = Duration::from_millis(250);
 const RECONNECT_WAIT_MAX: Duration = Duration::from_secs(8);
 
-/// Time after which a connection counts as stable: if it is closed later than that, the wait before
+/// Age from which a connection counts as stable. If a stable connection is closed, the pause before
 /// connecting again is not doubled.
 const STABLE_AFTER: Duration = Duration::from_secs(10);
 
-/// Longest packet that is accepted, in bytes: the maximum of MQTT. A packet longer than this limit would
-/// end the connection, and if the broker retains the packet, it would also end each later connection.
+/// Maximum size of a packet, in bytes: the maximum of MQTT. A smaller limit would not protect: a
+/// longer packet would end the connection and, if the broker retains the packet, each later
+/// connection as well.
 const PACKET_BYTES_MAX: usize = 1 << 28;
 
-/// Longest text that is accepted, in bytes. An example of a long text is the list of thousands of devices
-/// from a bridge.
+/// Maximum size of a received text, in bytes. An example of a long text is the list of thousands of
+/// devices from a bridge.
 const TEXT_BYTES_MAX: usize = 1 << 26;
 
-/// Longest text that is kept for a topic, in bytes; most are shorter than a kilobyte.
+/// Maximum size of a text that is kept for a topic, in bytes; most texts are shorter than a
+/// kilobyte.
 const KEPT_TEXT_BYTES_MAX: usize = 1 << 20;
 
-/// Largest number of requests to a broker that may wait. Each batch of subscriptions is one request, and so
-/// is each message.
+/// Capacity of the queue of requests to a broker. Each batch of subscriptions is one request; each
+/// message is one request, too.
 const REQUESTS_MAX: usize = 4_096;
 
-/// Number of filters in one request to subscribe; some brokers accept no more.
+/// Number of filters in one subscribe request; some brokers accept no more.
 const BATCH: usize = 8;
 
-/// Number of texts that are kept for each topic: as many as may arrive before a listener reads them.
+/// Number of texts that are kept for each topic: enough for the texts that arrive before a listener
+/// reads them.
 const KEPT_TEXTS_MAX: usize = 64;
 
-/// All connections of this process to brokers, by broker.
+/// Connections of this process to brokers, by broker.
 static CONNECTIONS: Mutex<BTreeMap<Broker, Weak<BrokerConnection>>> = Mutex::new(BTreeMap::new());
 
-/// Connection to a broker; the connection is closed when all references to it are dropped.
+/// Connection to a broker, which is closed when all references to it are dropped.
 pub struct BrokerConnection {
     client: AsyncClient,
-    /// Texts that were received for each topic, or filter with wildcards, that is listened to.
+    /// Texts that were received for each topic or filter with listeners.
     topics: Mutex<TopicStates>,
     /// Queues of the inboxes, each with the filter of the inbox.
     inboxes: Mutex<Vec<(String, Weak<InboxQueue>)>>,
@@ -92,31 +97,31 @@ struct TopicStates {
     session: u64,
 }
 
-/// Subscriptions that were requested and that the broker has not answered yet.
+/// Subscriptions that the broker has not answered yet.
 #[derive(Default)]
 struct PendingSubscriptions {
-    /// Filters that did not fit into the queue of requests to the broker, and wait.
+    /// Filters that wait for room in the queue of requests to the broker.
     left: VecDeque<String>,
     /// Batches of filters in the queue of requests to the broker, in the order of the queue.
     queued: VecDeque<Vec<String>>,
-    /// Batches of filters that were sent to the broker, by packet id, until the broker answers them.
+    /// Batches of filters that were sent to the broker and not answered yet, by packet id.
     sent: HashMap<u16, Vec<String>>,
 }
 
-/// Texts that were received for one topic, and whether the topic can be listened to.
+/// Texts that were received for one topic, and the state of its subscription.
 #[derive(Clone, Debug, Default)]
 pub struct TopicState {
     /// The latest texts that were received for the topic, newest first.
     pub texts: VecDeque<ReceivedText>,
     /// Number of texts that were received for the topic so far.
     pub count: u64,
-    /// Reason why the topic cannot be listened to; `None` if it can be.
+    /// Reason why the topic cannot be subscribed to; `None` if it can.
     pub rejection: Option<String>,
-    /// Number of the latest connection to the broker that has listened to the topic.
+    /// Number of the latest connection to the broker with a subscription to the topic.
     pub session: u64,
 }
 
-/// Pair of a topic and a text that was received for the topic.
+/// A topic, and a text that was received for it.
 pub type TopicText = (String, String);
 
 /// Text that was received from the broker.
@@ -128,14 +133,14 @@ pub struct ReceivedText {
     pub at: Instant,
     /// Number of the connection over which the text was received.
     pub session: u64,
-    /// Whether the broker had retained the text. A retained text may have been published at any earlier
-    /// time.
+    /// Whether the broker had retained the text. The time of publication of a retained text is
+    /// unknown.
     pub is_retained: bool,
 }
 
 impl BrokerConnection {
-    /// Returns the connection of this process to a broker, and makes one if there is none. If a connection
-    /// is made, `called` becomes part of the client's name, for readers of the broker's log.
+    /// Returns the connection of this process to a broker; makes one if there is none. `called`
+    /// becomes part of the client's name in the broker's log if a connection is made.
     pub fn shared(broker: &Broker, called: &str) -> Arc<BrokerConnection> {
         let mut connections = lock(&CONNECTIONS);
         if let Some(connection) = connections.get(broker).and_then(Weak::upgrade) {
@@ -157,7 +162,7 @@ impl BrokerConnection {
             problem: trouble,
             serving: OnceLock::new(),
         });
-        // The task is started last, because it ends when the connection is gone.
+        // The task is started last, because it ends when there is no reference to the connection.
         let serving = serve(Arc::downgrade(&connection), events, broker.clone());
         let serving = AbortOnDropHandle::new(tokio::spawn(serving));
         connection.serving.get_or_init(|| serving);
@@ -166,13 +171,14 @@ impl BrokerConnection {
         connection
     }
 
-    /// Returns a receiver for the reason why there is no connection to the broker; `None` while connected.
+    /// Returns a receiver for the reason why there is no connection to the broker; `None` while
+    /// connected.
     pub fn problem(&self) -> watch::Receiver<Option<String>> {
         self.problem.subscribe()
     }
 
-    /// Returns a receiver for the texts of a topic: those received so far and those received in future. A
-    /// filter with `+` or `#` in place of the topic stands for all topics that match the filter together.
+    /// Returns a receiver for the texts of a topic, both those received so far and those received
+    /// later. For a filter with `+` or `#`, the receiver gets the texts of all matching topics.
     pub fn listen(&self, topic: &str) -> watch::Receiver<TopicState> {
         let mut topics = lock(&self.topics);
         let session = topics.session;
@@ -180,8 +186,8 @@ impl BrokerConnection {
         if let Some(said) = known.get(topic) {
             return said.subscribe();
         }
-        // Topics without listeners are removed only when the number of topics is a power of two, so that
-        // the cost per topic stays constant.
+        // Topics without listeners are removed only when the number of topics is a power of two, so
+        // that the average cost per topic is constant.
         if known.len().is_power_of_two() {
             known.retain(|_, said| said.receiver_count() > 0);
         }
@@ -191,21 +197,22 @@ impl BrokerConnection {
             watch::channel(TopicState { rejection: refused, session, ..TopicState::default() });
         known.insert(topic.to_owned(), said);
         drop(topics);
-        // Without a connection, the topic is subscribed to when there is one.
+        // Without a connection, the topic is subscribed to after the next connect.
         if !is_refused && self.problem.borrow().is_none() {
             self.subscribe([topic.to_owned()]);
         }
         hears
     }
 
-    /// Returns an inbox that receives the latest text of each topic that matches a filter, together with
-    /// the topic. Retained texts come first.
+    /// Returns an inbox that receives the latest text of each topic that matches a filter, together
+    /// with the topic. Retained texts come first.
     pub fn listen_to_all(&self, filter: &str) -> Inbox {
         self.listen_with(filter, InboxQueue::default())
     }
 
-    /// Returns an inbox that receives the latest texts of each topic that matches a filter, together with
-    /// the topic. The inbox is for texts that report events: several may come at once, and each counts.
+    /// Returns an inbox that receives the latest texts of each topic that matches a filter,
+    /// together with the topic. This inbox is for texts that report events: several may arrive at
+    /// once, and each counts.
     pub fn listen_to_events(&self, filter: &str) -> Inbox {
         self.listen_with(filter, InboxQueue::of_events())
     }
@@ -225,8 +232,8 @@ impl BrokerConnection {
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no connection, the topic is invalid, or the queue of requests is full.
-    /// In these cases the text is not sent later either.
+    /// Returns an error if there is no connection, the topic is invalid, or the queue of requests
+    /// is full. A text that causes an error is not sent later either.
     pub fn publish_text(&self, topic: &str, text: &str) -> Result<(), String> {
         self.publish(topic, text, false)
     }
@@ -235,14 +242,14 @@ impl BrokerConnection {
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no connection, the topic is invalid, or the queue of requests is full.
-    /// In these cases the text is not sent later either.
+    /// Returns an error if there is no connection, the topic is invalid, or the queue of requests
+    /// is full. A text that causes an error is not sent later either.
     pub fn publish_retained(&self, topic: &str, text: &str) -> Result<(), String> {
         self.publish(topic, text, true)
     }
 
     fn publish(&self, topic: &str, text: &str, is_kept: bool) -> Result<(), String> {
-        // Otherwise the text would be sent whenever the broker is back.
+        // Without this check, the text would be sent when the broker is back.
         if let Some(trouble) = &*self.problem.borrow() {
             return Err(format!("reach the broker: {trouble}"));
         }
@@ -253,7 +260,8 @@ impl BrokerConnection {
         said.map_err(|_| "publish: too many messages wait to be sent to the broker".to_owned())
     }
 
-    /// Records the reason why there is no connection to the broker, and logs each new reason once.
+    /// Records the reason why there is no connection to the broker, and logs the reason if it is
+    /// new.
     fn record_problem(&self, broker: &Broker, problem: String) {
         self.problem.send_if_modified(|trouble| {
             let (is_news, was_connected) = (trouble.as_ref() != Some(&problem), trouble.is_none());
@@ -272,7 +280,7 @@ impl BrokerConnection {
         self.queue_subscriptions();
     }
 
-    /// Moves waiting subscriptions into the queue of requests, as many as fit.
+    /// Moves as many waiting subscriptions as fit into the queue of requests.
     fn queue_subscriptions(&self) {
         let mut asked = lock(&self.pending);
         while !asked.left.is_empty() {
@@ -280,7 +288,7 @@ impl BrokerConnection {
             let batch: Vec<_> = asked.left.iter().take(count).cloned().collect();
             let filters =
                 batch.iter().map(|filter| SubscribeFilter::new(filter.clone(), QoS::AtLeastOnce));
-            // Without room, this continues as soon as the broker has answered a request.
+            // If there is no room, the rest follows when the broker has answered a request.
             if self.client.try_subscribe_many(filters).is_err() {
                 return;
             }
@@ -312,8 +320,8 @@ impl BrokerConnection {
         self.subscribe(filters);
     }
 
-    /// Handles the loss of the connection. Requests that were not completed are dropped, and not sent
-    /// later.
+    /// Handles the loss of the connection. Requests without an answer are dropped instead of being
+    /// sent later.
     fn handle_disconnect(&self, pending: &mut VecDeque<Request>) {
         let mut asked = lock(&self.pending);
         let is_batch = |request: &&Request| matches!(request, Request::Subscribe(_));
@@ -331,7 +339,7 @@ impl BrokerConnection {
         }
     }
 
-    /// Records which filters the broker rejects in its answer to a batch of subscriptions.
+    /// Records the filters that the broker has rejected in its answer to a batch of subscriptions.
     fn handle_suback(&self, answer: &SubAck) {
         let Some(batch) = lock(&self.pending).sent.remove(&answer.pkid) else { return };
         for (filter, code) in batch.iter().zip(&answer.return_codes) {
@@ -371,7 +379,7 @@ impl BrokerConnection {
         });
     }
 
-    /// Keeps a received text for the listeners of its topic.
+    /// Stores a received text for the listeners of its topic.
     fn store_text(&self, topic: &str, text: &str, is_retained: bool) {
         let topics = lock(&self.topics);
         let session = topics.session;
@@ -392,8 +400,8 @@ impl BrokerConnection {
     }
 }
 
-/// Returns a client name that is unique at the broker. It has to be unique because two clients with one
-/// name would disconnect each other. The name stays the same until the process ends.
+/// Returns a client name that is unique at the broker, because two clients with one name would
+/// disconnect each other. The name of a connection is constant.
 fn client_name(called: &str) -> String {
     let called: String = called.chars().filter(char::is_ascii_alphanumeric).take(24).collect();
     let random: String = std::iter::repeat_with(fastrand::alphanumeric).take(16).collect();
@@ -404,8 +412,8 @@ fn client_name(called: &str) -> String {
 async fn serve(connection: Weak<BrokerConnection>, mut events: EventLoop, broker: Broker) {
     let (mut pause, mut since) = (RECONNECT_WAIT, None::<Instant>);
     loop {
-        // The files of the password and of certificates are read each time, so they can be corrected
-        // meanwhile.
+        // The files with the password and the certificates are read at each attempt, so that
+        // corrections take effect.
         let event = match broker.prepare(&mut events.mqtt_options) {
             Ok(()) => events.poll().await.map_err(|error| {
                 lengthen_keep_alive(&mut events.mqtt_options, &error);
@@ -445,8 +453,8 @@ async fn serve(connection: Weak<BrokerConnection>, mut events: EventLoop, broker
     }
 }
 
-/// Doubles the keep-alive interval if the broker was too slow to answer a ping. This is needed because,
-/// over a slow line, a long text delays the answer, and the text comes again with each new connection.
+/// Doubles the keep-alive interval if the broker was too slow to answer a ping. Over a slow line, a
+/// long text delays the answer, and the text is sent again at each new connection.
 fn lengthen_keep_alive(options: &mut MqttOptions, error: &ConnectionError) {
     if let ConnectionError::MqttState(StateError::AwaitPingResp) = error {
         let longer = (options.keep_alive() * 2).min(KEEP_ALIVE_MAX);
@@ -463,7 +471,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn no_two_clients_have_one_name() {
+    fn client_names_are_unique() {
         let names: std::collections::BTreeSet<_> =
             (0..1_000).map(|_| client_name("zigbee/1")).collect();
         assert_eq!(names.len(), 1_000);
@@ -471,11 +479,11 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn what_a_broker_does_not_grant_is_told_of_that_topic_alone() {
+    async fn a_rejected_subscription_is_reported_for_its_topic_only() {
         let broker = Broker::new(Some("127.0.0.1:9"), None, None, None).expect("it is right");
         let connection = BrokerConnection::shared(&broker, "test");
         let (one, other) = (connection.listen("a"), connection.listen("b/+"));
-        // Simulates a connection and the answer of the broker.
+        // This simulates a connection and the answer of the broker.
         connection.subscribe(["a".to_owned(), "b/+".to_owned()]);
         connection.handle_sent(7);
         let codes =
@@ -484,7 +492,7 @@ mod tests {
         assert_eq!(one.borrow().rejection, None);
         let refused = other.borrow().rejection.clone().expect("it was not granted");
         assert_eq!(refused, "the broker does not let this daemon subscribe to `b/+`");
-        // The next connection may grant it.
+        // The next connection may grant the subscription.
         connection.handle_connect();
         assert_eq!(other.borrow().rejection, None);
         assert_eq!(other.borrow().session, 1);

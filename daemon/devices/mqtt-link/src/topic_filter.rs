@@ -1,12 +1,13 @@
-//! Topics and filters of MQTT: which are valid (MQTT 3.1.1, section 4.7), and which topics match a filter.
+//! Topics and filters of MQTT: validity (MQTT 3.1.1, section 4.7), and matching of topics with
+//! filters.
 
-/// Longest topic in bytes: the length of a topic is sent in two bytes.
+/// Maximum length of a topic, in bytes: MQTT sends the length in two bytes.
 const TOPIC_BYTES_MAX: usize = u16::MAX as usize;
 
-/// Returns the reason why a filter cannot be subscribed to; `None` if it can be.
+/// Returns the reason why a filter cannot be subscribed to; `None` if it can.
 ///
-/// The check is needed because one invalid filter would end the connection, or make the client library drop
-/// all other filters of the same batch.
+/// The check is needed because one invalid filter would end the connection, or make the client
+/// library drop all other filters of the same batch.
 pub fn filter_problem(filter: &str) -> Option<String> {
     if let Some(problem) = text_problem(filter) {
         return Some(problem);
@@ -28,7 +29,7 @@ pub fn filter_problem(filter: &str) -> Option<String> {
     None
 }
 
-/// Returns the reason why no text can be published to this topic; `None` if texts can be published to it.
+/// Returns the reason why no text can be published to this topic; `None` if the topic is valid.
 pub fn topic_problem(topic: &str) -> Option<String> {
     if let Some(problem) = text_problem(topic) {
         return Some(problem);
@@ -50,13 +51,14 @@ fn text_problem(topic: &str) -> Option<String> {
     has_control.then(|| format!("the topic `{}` has a control character", topic.escape_debug()))
 }
 
-/// Whether a filter has wildcards and so stands for several topics.
+/// Whether a filter has wildcards, and therefore stands for several topics.
 pub(crate) fn is_pattern(filter: &str) -> bool {
     filter.contains(['+', '#'])
 }
 
-/// Whether a topic matches a filter: `+` matches any one level, `#` at the end matches all levels that
-/// follow. The broker's own topics (`$SYS/…`) match only filters that do not begin with a wildcard.
+/// Whether a topic matches a filter: `+` matches any one level, and `#` at the end matches all
+/// further levels. The broker's own topics (`$SYS/…`) match only filters that do not begin with a
+/// wildcard.
 pub fn matches_filter(filter: &str, topic: &str) -> bool {
     if topic.starts_with('$') && filter.starts_with(['+', '#']) {
         return false;
@@ -77,7 +79,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn filters_are_those_of_mqtt() {
+    fn filters_match_as_mqtt_defines() {
         for (filter, topic, expected) in [
             ("a/+/config", "a/b/config", true),
             ("a/+/config", "a/b/c/config", false),

@@ -1,5 +1,5 @@
-//! Tests with a real broker: texts that are too long, filters that brokers reject, messages while the
-//! broker is away.
+//! Tests with a real broker: texts that are too long, filters that brokers reject, messages without
+//! a connection to the broker.
 
 #[path = "../../../../tests/support/broker.rs"]
 #[allow(dead_code, reason = "what other tests need of a broker besides")]
@@ -37,7 +37,7 @@ fn is_last(said: &TopicState, text: &str) -> bool {
     said.texts.front().is_some_and(|word| &*word.text == text)
 }
 
-/// Publishes a text of `bytes` bytes that the broker retains.
+/// Publishes a text of `bytes` bytes for the broker to retain.
 fn retain_bytes(broker: &Broker, topic: &str, bytes: usize) {
     let mut file = tempfile::NamedTempFile::new().expect("a file");
     file.write_all(&vec![b'x'; bytes]).expect("written");
@@ -45,7 +45,7 @@ fn retain_bytes(broker: &Broker, topic: &str, bytes: usize) {
 }
 
 #[tokio::test]
-async fn a_long_text_is_heard_and_one_that_is_too_long_is_left_out() {
+async fn a_long_text_is_received_and_one_beyond_the_limit_is_dropped() {
     let Some(broker) = Broker::start() else { return };
     let long = 17 << 20;
     retain_bytes(&broker, "bridge/devices", long);
@@ -61,7 +61,7 @@ async fn a_long_text_is_heard_and_one_that_is_too_long_is_left_out() {
     let taken = tokio::time::timeout(PATIENCE, inbox.take(9)).await.expect("it comes");
     let lengths: Vec<_> = taken.iter().map(|(topic, text)| (topic.as_str(), text.len())).collect();
     assert_eq!(lengths, [("bridge/devices", long)]);
-    // The same connection continues.
+    // The connection was not interrupted.
     broker.say("device/long", "2");
     until(&mut device, |said| is_last(said, "2")).await;
     assert_eq!(device.borrow().count, 1, "the long one was left out");
@@ -69,7 +69,7 @@ async fn a_long_text_is_heard_and_one_that_is_too_long_is_left_out() {
 }
 
 #[tokio::test]
-async fn one_bad_filter_keeps_no_other_away() {
+async fn an_invalid_filter_does_not_affect_the_others() {
     let Some(mut broker) = Broker::start() else { return };
     let connection = connected(&broker).await;
     let bad = ["lab/#/bad", "lab/a+", "", "a\0b", "$share/x/y"];
@@ -100,7 +100,7 @@ async fn one_bad_filter_keeps_no_other_away() {
 }
 
 #[tokio::test]
-async fn what_is_said_while_the_broker_is_away_is_not_said_later() {
+async fn a_text_published_without_a_connection_is_never_sent() {
     let Some(mut broker) = Broker::start() else { return };
     let connection = connected(&broker).await;
     let mut trouble = connection.problem();
@@ -114,7 +114,7 @@ async fn what_is_said_while_the_broker_is_away_is_not_said_later() {
     let _door = broker.device("door/set", move |text| drop(tell.send(text.to_owned())));
     await_connected(&connection).await;
     connection.publish_text("door/set", "LOCK").expect("it is back");
-    // On another thread, because waiting must not block the connection.
+    // The broker is awaited on another thread, because waiting must not block the connection.
     let first = tokio::task::spawn_blocking(move || told.recv_timeout(PATIENCE)).await;
     let first = first.expect("no panic").expect("the door hears");
     assert_eq!(first, "LOCK");

@@ -38,8 +38,8 @@ fn secured() -> Option<Broker> {
     Some(broker)
 }
 
-/// Connects to the broker with this password and this trusted authority. Returns a receiver for the reason
-/// why there is no connection, and the connection.
+/// Connects to the broker with this password and this trusted authority. Returns a receiver for the
+/// reason why there is no connection, and the connection.
 fn trouble(
     broker: &Broker,
     password: &str,
@@ -52,8 +52,8 @@ fn trouble(
     (connection.problem(), connection)
 }
 
-/// Writes the certificates of an authority, of the broker as signed by that authority, and of another
-/// authority.
+/// Writes the certificates of an authority, of the broker (signed by that authority), and of
+/// another authority.
 fn certify(folder: &Path) {
     let write = |name: &str, text: String| fs::write(folder.join(name), text).expect("a file");
     let authority = |name: &str| {
@@ -80,7 +80,7 @@ async fn until(
 }
 
 #[tokio::test]
-async fn a_broker_with_a_password_and_tls_lets_in_who_shows_both() {
+async fn a_secured_broker_accepts_only_the_right_password_and_authority() {
     let Some(broker) = secured() else { return };
     let (mut said, _connection) = trouble(&broker, "password", "ca.pem");
     until(&mut said, Option::is_none).await;

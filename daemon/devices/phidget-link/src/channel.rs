@@ -1,4 +1,4 @@
-//! Channel of `libphidget22` for one part, a product of Phidgets Inc.
+//! Channel of `libphidget22` for one part. A part is a product of Phidgets Inc.
 
 use std::fmt;
 use std::time::Duration;
@@ -7,7 +7,7 @@ use crate::ffi::{CallError, ChannelHandle};
 use crate::library::Library;
 use crate::part::PhidgetPart;
 
-/// Place where a part is attached. A field that is `None` matches anything.
+/// Place where a part is attached. A field that is `None` matches any value.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PartAddress {
     /// Serial number printed on the Phidget, or on the hub that the Phidget is attached to.
@@ -34,19 +34,21 @@ impl fmt::Display for PartAddress {
     }
 }
 
-/// Channel of `libphidget22`; closed on drop. The device of the channel may be unplugged and plugged in.
+/// Channel of `libphidget22`; closed on drop. The device of the channel may be unplugged and
+/// plugged in.
 pub struct PhidgetChannel {
     handle: ChannelHandle,
     part: &'static PhidgetPart,
     address: PartAddress,
-    /// Error for the case that the channel's device did not attach while it was awaited; `None` once the
-    /// device has attached.
+    /// Error of the first attempt to attach the channel's device in time; `None` once the device
+    /// has attached.
     missed: Option<CallError>,
 }
 
 impl PhidgetChannel {
-    /// Opens a channel, and waits up to `wait` for the channel's device. It is no error if the device does
-    /// not attach in that time: the device may attach later ([`PhidgetChannel::is_attached`]).
+    /// Opens a channel, and waits up to `wait` for the channel's device. If the device does not
+    /// attach in that time, this is not an error: it may attach later
+    /// ([`PhidgetChannel::is_attached`]).
     ///
     /// # Errors
     ///
@@ -90,7 +92,7 @@ impl PhidgetChannel {
         }
     }
 
-    /// Returns whether the channel's device is attached.
+    /// Returns `true` if the channel's device is attached.
     pub fn is_attached(&mut self) -> bool {
         let is_attached = self.handle.is_attached();
         if is_attached {
@@ -103,7 +105,7 @@ impl PhidgetChannel {
     ///
     /// # Errors
     ///
-    /// Returns an error with the known reason if the device is not attached.
+    /// Returns an error with the reason, as far as it is known, if the device is not attached.
     pub fn check_attached(&mut self) -> Result<(), CallError> {
         if self.is_attached() {
             return Ok(());
@@ -116,15 +118,15 @@ impl PhidgetChannel {
     ///
     /// # Errors
     ///
-    /// Returns an error if the channel's device is not attached, or has no value now.
+    /// Returns an error if the channel's device is not attached, or has no value at present.
     pub fn read(&mut self) -> Result<f64, CallError> {
         self.check_attached()?;
         let value = self.handle.read(self.part.sensor_type);
         value.map(|value| self.part.canonical(value)).map_err(|error| self.with_address(error))
     }
 
-    /// Adds to an error the part that the error is about and the part's address: “find it” becomes “find a
-    /// 1111 at port 3 of Phidget 12345”.
+    /// Adds the part and its address to the text of an error: “find it” becomes “find a 1111 at
+    /// port 3 of Phidget 12345”.
     fn with_address(&self, mut error: CallError) -> CallError {
         error.what = match error.what.as_str() {
             "find it" => format!("find {} at {}", self.part, self.address),

@@ -7,24 +7,25 @@ use std::sync::{Mutex, PoisonError};
 
 use crate::ffi::{self, LibraryFunctions};
 
-/// File names of the library: that of Phidgets' own packages, and that of a build from source.
+/// File names of the library: the name in Phidgets' own packages, and the name in a build from
+/// source.
 const NAMES: [&str; 2] = ["libphidget22.so.0", "libphidget22.so"];
 
 /// Path of the library in the wheel `phidget22` from PyPI, below a folder of Python packages.
 const IN_WHEEL: &str = "Phidget22/.libs/libphidget22.so";
 
-/// Loaded libraries, by the path that `Library::load` was given. A library is loaded once and never
+/// Loaded libraries, by the argument of [`Library::load`]. A library is loaded once and never
 /// unloaded.
 static LOADED: Mutex<BTreeMap<Option<PathBuf>, Library>> = Mutex::new(BTreeMap::new());
 
-/// The loaded library `libphidget22`. It stays loaded until the process ends, because it has threads of its
-/// own.
+/// The loaded library `libphidget22`. It stays loaded until the process ends, because it has
+/// threads of its own.
 #[derive(Clone, Copy)]
 pub struct Library {
     pub(crate) functions: &'static LibraryFunctions,
 }
 
-/// Reason why `libphidget22` could not be loaded. Completes “failed to …”.
+/// Reason why `libphidget22` could not be loaded. The text of the error completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[error(
     "load libphidget22: {reason}; install it from www.phidgets.com, or `pip install phidget22` and \
@@ -35,13 +36,13 @@ pub struct LibraryError {
 }
 
 impl Library {
-    /// Loads the library from the system's folders if `from` is `None`; otherwise from the file `from`, or
-    /// from the folder `from` that contains the library. The folder may be a virtual environment of Python,
-    /// or its `site-packages`, if `phidget22` was installed there with `pip`.
+    /// Loads the library from the system's folders if `from` is `None`; otherwise from the file or
+    /// folder `from`. The folder contains the library, or is a virtual environment of Python or its
+    /// `site-packages` with an installed `phidget22`.
     ///
     /// # Errors
     ///
-    /// Returns an error if the library is not there, or the file is another library.
+    /// Returns an error if the library is missing, or the file is another library.
     pub fn load(from: Option<&Path>) -> Result<Library, LibraryError> {
         let mut loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
         let key = from.map(Path::to_owned);
@@ -72,7 +73,7 @@ fn load(from: Option<&Path>) -> Result<Library, String> {
             })?;
             vec![file.into_os_string()]
         }
-        // As an absolute path, because a bare name would be looked up in the system's folders.
+        // The path is made absolute, because a bare name would be searched in the system's folders.
         Some(file) => match std::path::absolute(file) {
             Ok(file) if file.exists() => vec![file.into_os_string()],
             _ => return Err(format!("there is no {}", file.display())),
@@ -85,12 +86,12 @@ fn load(from: Option<&Path>) -> Result<Library, String> {
             Err(reason) => reasons.push(reason),
         }
     }
-    // The first name is that of the packages, so its error is reported.
+    // The first name is that of the packages; therefore its error is reported.
     Err(reasons.into_iter().next().unwrap_or_default())
 }
 
-/// Returns the path of the library in a folder, or in the Python packages below the folder; `None` if it is
-/// in neither.
+/// Returns the path of the library in a folder, or in the Python packages below the folder; `None`
+/// if there is none.
 fn in_folder(folder: &Path) -> Option<PathBuf> {
     let here = NAMES.map(|name| folder.join(name));
     let in_packages = [folder.join(IN_WHEEL), folder.join(".libs/libphidget22.so")];
@@ -104,7 +105,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_is_found_in_a_folder_a_package_and_an_environment() {
+    fn the_library_is_found_in_a_folder_a_package_and_an_environment() {
         for (file, expected) in [
             ("libphidget22.so.0", true),
             ("libphidget22.so", true),
@@ -122,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn who_has_none_is_told_how_to_get_it() {
+    fn a_missing_library_is_reported_with_the_way_to_install_it() {
         let folder = tempfile::tempdir().expect("a folder");
         let (empty, gone) = (folder.path().to_owned(), folder.path().join("gone.so"));
         let text = folder.path().join("text.so");

@@ -1,7 +1,8 @@
 //! Table of the sensors that this crate can read, and of the quantities that they measure.
 //!
-//! Types of analog sensors are the library's numbers (`SENSOR_TYPE_…` of `phidget22.h`). The library knows
-//! the formula of each type; the table has the conversion from the library's value to a canonical unit.
+//! Types of analog sensors are numbers of the library (`SENSOR_TYPE_…` of `phidget22.h`). The
+//! library contains the formula of each type; the table has the conversion from the library's value
+//! to a canonical unit.
 
 use std::fmt;
 
@@ -26,7 +27,7 @@ pub enum PhidgetQuantity {
 }
 
 impl PhidgetQuantity {
-    /// All quantities that parts can measure.
+    /// All quantities that the parts of the table measure.
     pub const ALL: [PhidgetQuantity; 6] = [
         PhidgetQuantity::Temperature,
         PhidgetQuantity::Humidity,
@@ -36,7 +37,7 @@ impl PhidgetQuantity {
         PhidgetQuantity::Reflection,
     ];
 
-    /// Returns the name of the quantity as in ecosystem files.
+    /// Returns the name of the quantity in ecosystem files.
     pub fn name(self) -> &'static str {
         match self {
             PhidgetQuantity::Temperature => "temperature",
@@ -48,7 +49,7 @@ impl PhidgetQuantity {
         }
     }
 
-    /// Returns the quantity with this name, or `None` if there is none.
+    /// Returns the quantity with this name; `None` if there is none.
     pub fn named(name: &str) -> Option<PhidgetQuantity> {
         PhidgetQuantity::ALL.into_iter().find(|quantity| quantity.name() == name)
     }
@@ -60,14 +61,15 @@ impl fmt::Display for PhidgetQuantity {
     }
 }
 
-/// Product of Phidgets Inc., with one quantity that the product measures.
+/// One quantity that a product of Phidgets Inc. measures.
 #[derive(Debug)]
 pub struct PhidgetPart {
     /// Number printed on the product; `None` for a Phidget that measures without an input.
     name: Option<&'static str>,
     quantity: PhidgetQuantity,
     pub(crate) class: ChannelClass,
-    /// Number of the sensor's type in the library, if the product is an analog sensor.
+    /// Number of the sensor's type in the library; [`PLAIN`] if the product is not an analog
+    /// sensor.
     pub(crate) sensor_type: i32,
     value: ValueConversion,
 }
@@ -78,27 +80,28 @@ enum ValueConversion {
     Same,
     /// The library's value is a length in centimeters.
     Centimeters,
-    /// The library's value is a number between 0 and 1, without a known unit.
+    /// The library's value is between 0 and 1, and has no known unit.
     Unscaled,
-    /// The library's value is around 0 at rest, and swings to both sides during motion. An absolute value
-    /// from this threshold on means that there is motion.
+    /// The library's value is around 0 at rest, and swings to both sides during motion. An absolute
+    /// value of at least this threshold means motion.
     Swing(f64),
-    /// The library's value is small while an object is near. A value up to this threshold means that there
-    /// is an object, a greater value that there is none.
+    /// The library's value is small while an object is near. A value up to this threshold means
+    /// that an object is near; a greater value means that there is none.
     Near(f64),
 }
 
-/// Threshold for the motion sensor 1111. Its value swings up to −1 and 1 during motion, and by a few
-/// hundredths at rest. 0.16 is the 0.4 V that the library takes as medium sensitivity for the successor,
-/// the MOT2002.
+/// Threshold for the motion sensor 1111. Its value swings up to −1 and 1 during motion, and by a
+/// few hundredths at rest. 0.16 corresponds to the 0.4 V that the library uses as medium
+/// sensitivity for the successor, the MOT2002.
 const MOTION: f64 = 0.16;
 
-/// Value of the reflection sensor 1146, as a share of its supply voltage, for an object at 4 mm, the
-/// largest distance at which the sensor can detect one. Greater values mean a greater distance.
+/// Value of the reflection sensor 1146, as a share of its supply voltage, for an object at 4 mm.
+/// This is the greatest distance at which the sensor detects an object. Greater values mean a
+/// greater distance.
 const FOUR_MILLIMETERS: f64 = 0.536;
 
-/// Value of `sensor_type` for a part that has no type of sensor: its value is the share of the supply
-/// voltage at the analog input.
+/// Value of `sensor_type` for a part without a sensor type. The value of such a part is the share
+/// of the supply voltage at the analog input.
 const PLAIN: i32 = 0;
 
 const DIGITAL: &str = "digital";
@@ -114,14 +117,14 @@ const PARTS: &[PhidgetPart] = &[
     analog("1125", Humidity, ChannelClass::Ratio, 11251, ValueConversion::Same),
     analog("1124", Temperature, ChannelClass::Ratio, 11240, ValueConversion::Same),
     analog("1107", Humidity, ChannelClass::Ratio, 11070, ValueConversion::Same),
-    // Sharp's sensors differ in their ranges: 4 to 30 cm, 10 to 80 cm, 20 to 150 cm.
+    // The ranges of Sharp's sensors are 4 to 30 cm, 10 to 80 cm, and 20 to 150 cm.
     analog("1101-2D120X", Distance, ChannelClass::Ratio, 11011, ValueConversion::Centimeters),
     analog("1101-2Y0A21", Distance, ChannelClass::Ratio, 11012, ValueConversion::Centimeters),
     analog("1101-2Y0A02", Distance, ChannelClass::Ratio, 11013, ValueConversion::Centimeters),
     analog("1102", Reflection, ChannelClass::Ratio, 11020, ValueConversion::Same),
     analog("1103", Reflection, ChannelClass::Ratio, 11030, ValueConversion::Same),
-    // The library converts it to millimeters, and has no value beyond 4 mm. But here “nothing near” is a
-    // value, too.
+    // The library converts the value to millimeters, and has no value beyond 4 mm. Here “no object
+    // near” must be a value as well, so the plain value is read.
     analog("1146", Reflection, ChannelClass::Ratio, PLAIN, ValueConversion::Near(FOUR_MILLIMETERS)),
     analog("1111", Motion, ChannelClass::Ratio, 11110, ValueConversion::Swing(MOTION)),
     analog("1127", Light, ChannelClass::Voltage, 11270, ValueConversion::Same),
@@ -147,12 +150,12 @@ const fn analog(
 }
 
 impl PhidgetPart {
-    /// Returns the part with this name that measures the quantity; without a name, the Phidget that
-    /// measures the quantity without an input.
+    /// Returns the part with this name that measures the quantity. Without a name, returns the
+    /// Phidget that measures the quantity without an input.
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no such part, with the names that are possible.
+    /// Returns an error with the possible names if there is no such part.
     pub fn find(
         name: Option<&str>,
         quantity: PhidgetQuantity,
@@ -181,30 +184,34 @@ impl PhidgetPart {
         })
     }
 
-    /// Whether the part's name is `number` with an ending. The ending names what is attached to the part.
+    /// Whether the part's name is `number` followed by `-` and a suffix. The suffix names the
+    /// sensor on the part.
     fn is_kind_of(&self, number: &str) -> bool {
         let rest = self.name.and_then(|name| name.strip_prefix(number));
         rest.is_some_and(|rest| rest.starts_with('-'))
     }
 
-    /// Whether the part is read through an input of an interface kit or a hub, and is no Phidget itself.
+    /// Whether the part is read through an input of an interface kit or a hub, because it is not a
+    /// Phidget itself.
     pub fn needs_input(&self) -> bool {
         self.name.is_some()
     }
 
-    /// Whether the part measures several quantities, and each of its cables carries only one of them.
+    /// Whether the part measures several quantities, with a separate cable for each.
     pub fn has_cables(&self) -> bool {
         let same =
             |part: &&PhidgetPart| part.name == self.name && part.class == ChannelClass::Ratio;
         PARTS.iter().filter(same).count() > 1
     }
 
-    /// Whether the unit of the part's value is unknown: only the user can know what the value 1 means.
+    /// Whether the unit of the part's value is unknown. Then the user has to state the meaning of
+    /// the value 1.
     pub fn is_unscaled(&self) -> bool {
         matches!(self.value, ValueConversion::Unscaled)
     }
 
-    /// Whether the part's value swings during motion, so that single readings may be below the threshold.
+    /// Whether the part's value swings during motion, so that single readings may be below the
+    /// threshold.
     pub fn swings(&self) -> bool {
         matches!(self.value, ValueConversion::Swing(_))
     }
@@ -230,7 +237,7 @@ impl fmt::Display for PhidgetPart {
     }
 }
 
-/// Returns the settings of a sensor that an entry in an ecosystem file could have, for the parts that
+/// Returns the possible settings `sensor` of an entry in an ecosystem file, for the parts that
 /// `fits` accepts.
 fn fitting(fits: impl Fn(&PhidgetPart) -> bool) -> String {
     let parts: Vec<_> = PARTS
@@ -249,7 +256,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn values_become_canonical() {
+    fn values_are_converted_to_canonical_units() {
         for (name, quantity, value, expected) in [
             (None, Temperature, 21.5, 21.5),
             (Some("1125"), Humidity, 40.0, 40.0),
@@ -267,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wrong_pair_is_told_with_what_would_be_right() {
+    fn a_wrong_pair_of_part_and_quantity_is_refused_with_a_correction() {
         for (name, quantity, expected) in [
             (
                 Some("1111"),

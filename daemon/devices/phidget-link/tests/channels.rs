@@ -1,5 +1,5 @@
-//! Tests of channels. Each test sets, unplugs and plugs in the devices of the channels, through the real
-//! interface to C: the library is a fake.
+//! Tests of channels. Each test sets, unplugs and plugs in the devices of the channels. The calls
+//! use the real C interface, with a fake library.
 
 mod fake;
 
@@ -9,7 +9,7 @@ use fake::Fake;
 use phidget_link::{Library, PartAddress, PhidgetChannel, PhidgetPart, PhidgetQuantity};
 
 const SERIAL: Option<i32> = Some(12345);
-/// Time to wait for a device. It is enough for a device that is attached, and short for one that is not.
+/// Time to wait for a device: enough for an attached device, and short for a missing one.
 const WAIT: Duration = Duration::from_millis(20);
 
 fn open(
@@ -35,7 +35,7 @@ fn plugged() -> Fake {
 }
 
 #[test]
-fn every_part_is_read_as_what_it_is() {
+fn every_part_is_read_with_its_type() {
     use PhidgetQuantity::{Distance, Humidity, Light, Motion, Reflection, Temperature};
     let mut fake = plugged();
     let hub = PartAddress { serial: None, hub_port: Some(2), port: None };
@@ -60,7 +60,7 @@ fn every_part_is_read_as_what_it_is() {
 }
 
 #[test]
-fn what_is_not_here_is_said_and_comes_later() {
+fn a_missing_device_is_reported_and_may_attach_later() {
     let mut fake = Fake::new();
     fake.set("ratio.3.11110", 0.9);
     let mut channel = open(&fake, Some("1111"), PhidgetQuantity::Motion, at(3));
@@ -77,10 +77,10 @@ fn what_is_not_here_is_said_and_comes_later() {
 }
 
 #[test]
-fn what_is_plugged_in_again_is_told_again_what_hangs_on_it() {
+fn a_device_that_is_plugged_in_again_gets_its_sensor_type_again() {
     let mut fake = plugged();
     fake.set("ratio.3.11110", 0.9);
-    // Value without a type of sensor.
+    // This value has no sensor type.
     fake.set("ratio.3.0", 0.01);
     let mut channel = open(&fake, Some("1111"), PhidgetQuantity::Motion, at(3));
     assert_eq!(channel.read(), Ok(1.0));
@@ -88,7 +88,7 @@ fn what_is_plugged_in_again_is_told_again_what_hangs_on_it() {
     assert!(!channel.is_attached());
     let problem = channel.read().expect_err("it was unplugged").to_string();
     assert_eq!(problem, "find a 1111 at port 3 of Phidget 12345: it was unplugged");
-    // There was no call meanwhile.
+    // There was no call in between.
     fake.set("plugged", 2.0);
     assert_eq!(channel.read(), Ok(1.0));
 }
@@ -105,7 +105,7 @@ fn another_serial_number_is_another_device() {
 }
 
 #[test]
-fn what_the_library_refuses_is_told() {
+fn errors_of_the_library_are_reported() {
     let mut fake = plugged();
     let mut channel = open(&fake, Some("1125"), PhidgetQuantity::Humidity, at(1));
     let problem = channel.read().expect_err("no such line").to_string();
@@ -123,7 +123,7 @@ fn what_the_library_refuses_is_told() {
 }
 
 #[test]
-fn what_is_dropped_is_closed_and_deleted() {
+fn dropping_a_channel_closes_and_deletes_it() {
     let fake = plugged();
     for port in 0..3 {
         drop(open(&fake, Some("1111"), PhidgetQuantity::Motion, at(port)));
@@ -133,7 +133,7 @@ fn what_is_dropped_is_closed_and_deleted() {
 }
 
 #[test]
-fn a_channel_goes_from_thread_to_thread() {
+fn a_channel_can_move_between_threads() {
     let mut fake = plugged();
     fake.set("temperature.0.0", 20.0);
     let mut channel = open(&fake, None, PhidgetQuantity::Temperature, PartAddress::default());
@@ -147,7 +147,7 @@ fn a_channel_goes_from_thread_to_thread() {
 }
 
 #[test]
-fn a_library_is_loaded_once_and_says_what_it_is() {
+fn a_library_is_loaded_once_and_reports_its_version() {
     let fake = Fake::new();
     let version = || Library::load(Some(&fake.library())).expect("it is there").version();
     assert_eq!(version().as_deref(), Ok("Phidget22 - Version 0.0 - a fake"));

@@ -1,5 +1,5 @@
-//! Tests of the real `libphidget22` from PyPI's wheel, without a Phidget: loading the library, and its
-//! errors about devices that are not attached.
+//! Tests of the real `libphidget22` from PyPI's wheel, without a Phidget: loading the library, and
+//! its errors about devices that are not attached.
 
 #[path = "../../../../tests/support/left_out.rs"]
 mod left_out;
@@ -13,7 +13,7 @@ use phidget_link::{Library, PartAddress, PhidgetChannel, PhidgetPart, PhidgetQua
 /// Name of the environment variable with the folder or file of the library.
 const NAMED: &str = "ALTHING_TEST_LIBPHIDGET22";
 
-/// Returns the installed library, or `None` with a message if the library is not installed.
+/// Returns the installed library. If it is not installed, prints a message and returns `None`.
 fn library() -> Option<Library> {
     let found = match std::env::var_os(NAMED).map(PathBuf::from).or_else(packages) {
         Some(folder) => Library::load(Some(&folder)),
@@ -30,7 +30,8 @@ fn library() -> Option<Library> {
     }
 }
 
-/// Returns the folder of Python's packages if `phidget22` is among the packages.
+/// Returns the folder of Python's packages that contains `phidget22`; `None` if it is not
+/// installed.
 fn packages() -> Option<PathBuf> {
     let script = "import Phidget22; print(list(Phidget22.__path__)[0])";
     let said = Command::new("python3").args(["-c", script]).output().ok()?;
@@ -39,16 +40,17 @@ fn packages() -> Option<PathBuf> {
 }
 
 #[test]
-fn it_loads_and_says_its_version() {
+fn the_library_loads_and_reports_its_version() {
     let Some(library) = library() else { return };
     let version = library.version().expect("it says so");
     println!("{version}");
     assert!(version.starts_with("Phidget22 - Version "), "{version}");
 }
 
-/// The test also works if Phidgets are attached: none of them has the serial number that the test asks for.
+/// The test also works if Phidgets are attached, because none of them has the requested serial
+/// number.
 #[test]
-fn what_is_not_plugged_in_is_not_here_and_it_says_why() {
+fn a_missing_device_is_reported_with_the_reason() {
     let Some(library) = library() else { return };
     for (name, quantity, hub_port, port) in [
         (None, PhidgetQuantity::Temperature, None, None),

@@ -1,8 +1,9 @@
-//! Export of an agent's action model: the part that another ecosystem may know becomes the model of the
-//! proxy agent.
+//! Export of an agent's action model: the part that the rules export to another ecosystem becomes
+//! the model of the proxy agent.
 //!
-//! All functions are pure: the same model, vocabulary and ontologies give the same result. So `althing
-//! check` and the running daemon leave out the same parts of a model for the same reasons.
+//! All functions are pure: the same model, vocabulary and ontologies give the same result.
+//! Therefore `althing check` and the running daemon leave out the same parts of a model for the
+//! same reasons.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt;
@@ -18,8 +19,8 @@ use pddl::{
 use super::translate::{TOTAL_COST, Translator, Untranslatable};
 use super::vocabulary::{AgentMapping, InterfaceVocabulary};
 
-/// Ontologies and maps of the two ecosystems of an interface, as the ecosystem files contain them. An
-/// agent runs on the far side; its proxy agent runs on the near side.
+/// Ontologies and maps of the two ecosystems of an interface, as the ecosystem files contain them.
+/// An agent runs on the far side; its proxy agent runs on the near side.
 #[derive(Clone, Copy)]
 pub struct EcosystemFiles<'s> {
     /// Ontology and map of the far side, where the agent runs.
@@ -33,10 +34,11 @@ pub struct EcosystemFiles<'s> {
 pub struct ExportedModel {
     /// Action model of the proxy agent, in the vocabulary of the near side.
     pub model: ActionModel,
-    /// Facts that hold whatever the agent announces: the exported facts of the far map, and the facts
-    /// that allow actions to use the exported objects (guards).
+    /// Facts that hold whatever the agent announces: the exported facts of the far map, and the
+    /// facts that allow actions to use the exported objects (guards).
     pub constant_facts: Vec<InitElement>,
-    /// Longest duration on the far side of each action of the proxy agent.
+    /// Time limit of each action of the proxy agent, by near name: the time limit of the real
+    /// agent's method. Zero if the real agent declares no method for the action.
     pub timeouts: BTreeMap<String, Duration>,
     /// Actions that a rule names and that cannot be exported.
     pub excluded: Vec<ExcludedAction>,
@@ -53,14 +55,15 @@ pub struct ExcludedAction {
     pub why: ExportError,
 }
 
-/// Why an action is not exported.
+/// Reason why an action is not exported.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ExportError {
     /// The agent does not offer the action.
     NotOffered,
     /// A condition of the action cannot be translated.
     Condition(Untranslatable),
-    /// The exported type of a parameter would admit objects that the original action does not accept.
+    /// The exported type of a parameter would admit objects that the original action does not
+    /// accept.
     Parameter(Name, Untranslatable),
     /// An effect of the action cannot be translated exactly.
     Effect(Untranslatable),
@@ -68,11 +71,11 @@ pub enum ExportError {
     Cost(Untranslatable),
     /// No effect of the action is exported.
     NoEffect,
-    /// The action is durative.
+    /// The action is durative; durative actions are never exported.
     Durative,
 }
 
-/// Returns the part of the agent's model `model` that the near side may know.
+/// Returns the part of the agent's model `model` that is exported to the near side.
 ///
 /// # Errors
 ///
@@ -120,7 +123,8 @@ pub fn export(
     Ok(ExportedModel { model: mirror, constant_facts: standing, timeouts, excluded: left_out })
 }
 
-/// Returns the type of the proxy agent: the narrowest exported type of its agent.
+/// Returns the type of the proxy agent: the narrowest exported type that contains the real agent.
+/// Returns an error if the agent is not declared, or if no such type is exported.
 fn own_type(
     passage: &AgentMapping,
     shores: EcosystemFiles<'_>,
@@ -191,8 +195,8 @@ fn declared_functions(
     .collect()
 }
 
-/// Returns the objects of the proxy agent's model: the proxy agent itself, and the exported objects that
-/// the near map does not declare.
+/// Returns the objects of the proxy agent's model: the proxy agent itself, and the exported objects
+/// that the near map does not declare.
 fn objects(
     words: &InterfaceVocabulary,
     passage: &AgentMapping,
@@ -235,8 +239,8 @@ fn facts(said: &[InitElement], translator: &Translator<'_>) -> Vec<InitElement> 
     facts
 }
 
-/// Declares the guard predicate in the proxy agent's model, and returns the facts of this predicate.
-/// Through them, actions are offered for exported objects only.
+/// Declares the guard predicate in the proxy agent's model. Returns one fact of this predicate for
+/// each exported object, so that actions can use exported objects only.
 fn add_guards(
     words: &InterfaceVocabulary,
     passage: &AgentMapping,
@@ -322,8 +326,8 @@ fn cost_effect(value: Expression) -> Effect {
     Effect::Assign(Box::new(Assign { assignment, fluent, value, span }))
 }
 
-/// Translates a goal, which must be a conjunction of facts over the predicates that a rule lets pass. If
-/// it cannot be translated, returns the reason as text for a person.
+/// Translates a goal. Returns an error, as text for a person, if the goal is not a conjunction of
+/// facts, or if a predicate in it is not in `predicates`, or if a name in it is not exported.
 pub(crate) fn goal(
     text: &str,
     predicates: &BTreeSet<String>,
@@ -355,7 +359,8 @@ pub(crate) fn goal(
     Ok(format!("(and {})", said.join(" ")))
 }
 
-/// Returns the facts that a condition is a conjunction of, or the reason why it is none.
+/// Returns the facts in a conjunction of facts. Returns an error, as text for a person, if the
+/// condition has any other form.
 fn atoms(condition: &Condition) -> Result<Vec<&Atom>, String> {
     match condition {
         Condition::Atom(atom) => Ok(vec![atom]),
@@ -397,8 +402,8 @@ impl fmt::Display for ExcludedAction {
 }
 
 impl ExcludedAction {
-    /// Returns advice on how to change the rule so that the action can be exported; `None` if there is
-    /// none.
+    /// Returns advice on how to change the rule so that the action can be exported; `None` if no
+    /// change of the rule helps.
     pub fn help(&self) -> Option<String> {
         let ExcludedAction { near, why, .. } = self;
         match why {
@@ -440,8 +445,8 @@ mod tests {
         pairs.iter().map(|(far, near)| ((*far).to_owned(), Name::new(near))).collect()
     }
 
-    /// Returns the exported form of one action of the robot `r1`. On the near side, the action is `do` of
-    /// the agent `helper`.
+    /// Returns the exported form of one action of the robot `r1`. On the near side, the action is
+    /// `do` of the agent `helper`.
     fn exported(action: &str) -> Result<String, String> {
         let words = InterfaceVocabulary {
             types: table(&[("place", "spot"), ("robot", "aide")]),
@@ -508,7 +513,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mirror_says_what_may_be_known_and_is_whole() {
+    fn an_exported_model_contains_every_exported_part() {
         let text = exported(&action(
             "?p - place",
             "(and (at ?r ?p) (charged ?r) (not (lit ?p)))",
@@ -529,7 +534,7 @@ mod tests {
     }
 
     #[test]
-    fn what_an_action_needs_is_said_whole_or_not_at_all() {
+    fn an_action_with_an_untranslatable_part_is_excluded() {
         let lights = "(lit ?p)";
         for (parameters, precondition, effect, why) in [
             ("?p - place", "(or (charged ?r) (at ?r ?p))", lights, "`charged`, which is private"),
@@ -557,7 +562,7 @@ mod tests {
 
     /// The name of a variable is one of the agent's symbols too, so it is not passed on.
     #[test]
-    fn variables_are_numbered_and_stay_bound_as_they_were() {
+    fn variables_are_renamed_to_numbers_and_keep_their_bindings() {
         let text = exported(&action(
             "?merger-room - place",
             "(and (at ?r ?merger-room)
@@ -576,14 +581,14 @@ mod tests {
     }
 
     #[test]
-    fn a_secret_of_the_map_stays_where_it_is() {
+    fn a_private_object_of_the_map_is_not_exported() {
         let secret = action("?p - place", "(at ?r safe)", "(lit ?p)");
         let left_out = exported(&secret).expect_err("it is private");
         assert!(left_out.contains("`safe`, which is private"), "{left_out}");
     }
 
     #[test]
-    fn a_secret_alone_is_left_to_its_agent() {
+    fn a_condition_over_private_symbols_alone_is_left_to_the_agent() {
         for precondition in
             ["(charged ?r)", "(wired ?p)", "(not (charged ?r))", "(or (charged ?r) (wired ?p))"]
         {

@@ -1,9 +1,9 @@
 //! The goal desk: the agent that accepts goals in one ecosystem for the other ecosystem.
 //!
-//! A goal desk accepts goals over the predicates of its rule, translates them, and requests them from the
-//! Plan Requester of the other ecosystem. It passes reports about each goal back to the initiator, in
-//! texts of its own. It refuses a goal of an agent that is itself represented from another ecosystem:
-//! otherwise two goal desks could pass one goal to each other for ever.
+//! A goal desk accepts goals over the predicates of its rule, translates them, and requests them
+//! from the Plan Requester of the other ecosystem. The goal desk passes reports about each goal
+//! back to the initiator, in texts of its own. A goal of a proxy agent is refused: otherwise two
+//! goal desks could pass one goal to each other for ever.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -26,19 +26,20 @@ use super::vocabulary::InterfaceVocabulary;
 const GOALS_MAX: usize = 64;
 
 pub(super) struct GoalGateway {
-    /// Name of the ecosystem that should reach the goals.
+    /// Name of the other ecosystem, to which the goals are passed.
     pub(super) far: EcosystemId,
-    /// Predicates that goals may contain, by their names on the near side, where the goals are requested.
+    /// Predicates that goals may contain, by their names on the near side, where the goals are
+    /// requested.
     pub(super) goals: BTreeSet<String>,
-    /// Vocabulary of the interface for goals: near name = far name.
+    /// Vocabulary of the interface for goals: far name of each near symbol.
     pub(super) words: InterfaceVocabulary,
     pub(super) near: (Arc<Domain>, Arc<Problem>),
     pub(super) revocable: bool,
     pub(super) voice: RemoteClient,
     pub(super) outward: Arc<RateLimiter>,
     pub(super) counters: Arc<InterfaceCounters>,
-    /// Open goals, by initiator and token. The token alone is not enough: different initiators may use
-    /// the same one.
+    /// Open goals, by initiator and token. The token alone is not enough, because different
+    /// initiators may use the same token.
     pub(super) open: BTreeMap<RequestKey, WorkHandle>,
 }
 
@@ -70,7 +71,8 @@ impl GoalGateway {
         }
     }
 
-    /// Translates a requested goal. Returns a refusal if the goal must not pass to the other ecosystem.
+    /// Translates a requested goal. Returns a refusal if the goal must not pass to the other
+    /// ecosystem.
     fn admit(&self, message: &Message, achieve: Achieve) -> Result<GoalRequest, Refusal> {
         let GoalGateway { far, goals, words, near, outward, counters, .. } = self;
         if !message.via.is_empty() {
@@ -174,7 +176,7 @@ impl GoalGateway {
 
     fn cancelled(&mut self, message: Message, ctx: &mut Context<Self>) {
         let Some(exchange) = message.exchange().cloned() else { return };
-        // Dropping the work also cancels the goal in the other ecosystem.
+        // Dropping the handle also cancels the goal in the other ecosystem.
         if self.open.remove(&(message.sender.clone(), exchange)).is_some() {
             let report = Report::new(Outcome::Cancelled, "given up as asked");
             ctx.answer(&Participation::of(&message), Performative::Confirm, &report);
@@ -192,7 +194,7 @@ mod tests {
 
     /// Each initiator counts its own tokens, so two initiators may use the same token.
     #[test]
-    fn what_two_call_the_same_is_two_things() {
+    fn requests_of_two_initiators_with_one_token_are_distinct() {
         let of = |asker: &str| {
             let text = format!(
                 r#"{{"version":2,"id":"{asker}.1","performative":"request","sender":"{asker}",

@@ -1,13 +1,13 @@
-//! An interface between two ecosystems, as the ecosystem file of one of them declares it. The reader of
-//! that file has checked the interface against the vocabularies of both ecosystems.
+//! An interface between two ecosystems, as the ecosystem file of one of them declares it. The
+//! reader of that file has checked the interface against the vocabularies of both ecosystems.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 
 use acl::{AgentId, DaemonId, Performative};
 
-/// Performatives that a rule can let pass: reports, calls for proposals, requests, and cancellations. An
-/// answer passes if the message that it answers has passed.
+/// Performatives that a rule can let pass: reports, calls for proposals, requests, and
+/// cancellations. An answer passes if the message that it answers has passed.
 pub const PASSABLE_PERFORMATIVES: [Performative; 4] =
     [Performative::Inform, Performative::Cfp, Performative::Request, Performative::Cancel];
 
@@ -16,16 +16,16 @@ pub const PASSABLE_PERFORMATIVES: [Performative; 4] =
 pub struct InterfaceEntry {
     /// Path of the other ecosystem's file.
     pub file: PathBuf,
-    /// The daemon of this ecosystem that takes part in both ecosystems; `None` if this ecosystem has only
-    /// one daemon.
+    /// The daemon of this ecosystem that takes part in both ecosystems; `None` if this ecosystem
+    /// has only one daemon.
     pub daemon: Option<DaemonId>,
-    /// Name, in the other ecosystem, of the daemon that joins both, and of the agent that makes requests
-    /// there for this ecosystem.
+    /// Name in the other ecosystem, both of the daemon that joins the two ecosystems, and of the
+    /// agent that makes requests there for this ecosystem.
     pub remote_name: AgentId,
     /// Maximum number of messages per second in each direction.
     pub rate: f64,
-    /// Types that may pass: name in this ecosystem = name in the other. Types without an entry do not
-    /// pass.
+    /// Types that may pass: name in this ecosystem = name in the other. Types without an entry do
+    /// not pass.
     pub types: BTreeMap<String, String>,
     /// Predicates that may pass: name in this ecosystem = name in the other.
     pub predicates: BTreeMap<String, String>,
@@ -50,8 +50,8 @@ pub struct RuleEntry {
     pub performatives: BTreeSet<Performative>,
     /// Actions of the agent that may pass: name in this ecosystem = name in the other.
     pub actions: BTreeMap<String, String>,
-    /// Costs of the agent's actions in plans of the ecosystem where it is represented, by the names that
-    /// the actions have there.
+    /// Costs of the agent's actions in plans of the ecosystem with the proxy agent, by the names of
+    /// the actions in that ecosystem.
     pub costs: BTreeMap<String, f64>,
     /// Predicates that goals may contain, by their names in this ecosystem.
     pub goals: BTreeSet<String>,

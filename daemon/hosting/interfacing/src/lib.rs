@@ -1,19 +1,20 @@
-//! Interfacing nodes (the paper, “Interfacing Node”; docs/design.md, “Between ecosystems”): daemons that
-//! take part in two ecosystems, and pass on exactly what the rules of an interface export.
+//! Interfacing nodes (the paper, “Interfacing Node”; docs/design.md, “Between ecosystems”): daemons
+//! that take part in two ecosystems, and pass on exactly what the rules of an interface export.
 //!
-//! - No message passes from one ecosystem to the other; agents are represented instead. On the *far*
-//!   side, where an agent runs, an `agent::Observer` watches it. On the *near* side a proxy agent
-//!   (`proxy_device`) represents it: an actuator of its own, with the agent's model translated into the
-//!   near vocabulary (`vocabulary`, `translate`, `export`). A request to the proxy agent is sent to the
-//!   real agent by a Keyboard Agent on the far side (`remote_client`), as a person would send it. So
-//!   tokens, receipts, incarnations and conversations belong to one ecosystem each, and no identifier of
-//!   one ecosystem ever appears in the other.
-//! - `goal_gateway` accepts goals for the other side. `proxy_lifecycle` starts and stops a proxy agent
-//!   with the real agent, and rejects agents that would return to the ecosystem they come from.
-//!   `rate_limiter` limits the number of messages per second.
+//! - No message passes from one ecosystem to the other; agents are represented instead. On the
+//!   *far* side, where an agent runs, an `agent::Observer` watches it. On the *near* side a proxy
+//!   agent (`proxy_device`) represents it: an actuator of its own, with the agent's model
+//!   translated into the near vocabulary (`vocabulary`, `translate`, `export`). A request to the
+//!   proxy agent is sent to the real agent by a Keyboard Agent on the far side (`remote_client`),
+//!   as a person would send it. Therefore tokens, receipts, incarnations and conversations belong
+//!   to one ecosystem each, and no identifier of one ecosystem ever appears in the other.
+//! - `goal_gateway` accepts goals for the other side. `proxy_lifecycle` starts and stops a proxy
+//!   agent together with the real agent, and rejects agents that would return to the ecosystem in
+//!   which they originate. `rate_limiter` limits the number of messages per second.
 //!
-//! This crate leaves to others: the behaviour of a proxy agent as an actuator (`actuator`); and reading
-//! the rules, checking them against the vocabularies of both ecosystems, and both substrates (`althing`).
+//! Other crates implement the rest: `actuator` runs a proxy agent as an actuator; `althing` reads
+//! the rules, checks them against the vocabularies of both ecosystems, and provides both
+//! substrates.
 
 pub mod export;
 mod goal_gateway;
@@ -56,32 +57,32 @@ pub struct EcosystemEndpoint {
 
 /// Counters of a running interface.
 pub struct Interface {
-    /// Counters of what passed, or did not, from the other ecosystem to this one.
+    /// Counters of the direction from the other ecosystem to this one.
     pub imported: Arc<InterfaceCounters>,
-    /// Counters of what passed, or did not, from this ecosystem to the other.
+    /// Counters of the direction from this ecosystem to the other.
     pub exported: Arc<InterfaceCounters>,
 }
 
-/// Why an interface cannot work. The text of the error completes “failed to …”.
+/// Reason why an interface cannot work. The text of the error completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 pub enum InterfaceError {
-    /// No valid name can be formed for an agent of the interface.
+    /// The name for an agent of the interface is not valid.
     #[error("join `{far}`: {source}")]
     Name {
         /// Name of the other ecosystem.
         far: EcosystemId,
-        /// Why the formed name is not valid.
+        /// Reason why the name is not valid.
         #[source]
         source: acl::InvalidName,
     },
 }
 
-/// Starts an interface between the ecosystems `home` (this one) and `away` (the other one). It runs until
-/// the daemon drains in the ecosystem.
+/// Starts an interface between the ecosystems `home` (this one) and `away` (the other one). The
+/// interface runs until the daemon drains.
 ///
 /// # Errors
 ///
-/// Returns an error if no valid name can be formed for an agent of the interface.
+/// Returns an error if the name for an agent of the interface is not valid.
 pub fn connect(
     entry: &InterfaceEntry,
     home: &EcosystemEndpoint,
@@ -128,7 +129,8 @@ struct InterfaceDirection<'b> {
     far: EcosystemEndpoint,
     /// Name in `far` of the agent that makes requests for `near`.
     client_name: AgentId,
-    /// Limits the rate of messages to `far`; `inbound_limit` limits the rate of messages from it.
+    /// Limit on the rate of messages to `far`; `inbound_limit` limits the rate of messages from
+    /// `far`.
     outbound_limit: Arc<RateLimiter>,
     inbound_limit: Arc<RateLimiter>,
     counters: Arc<InterfaceCounters>,
@@ -153,8 +155,8 @@ impl InterfaceDirection<'_> {
         }
     }
 
-    /// Returns the route of the agents that act for `near` in `far`: the list of ecosystems that they
-    /// come from, which is `near` alone.
+    /// Returns the route of the agents that act for `near` in `far`: the ecosystems in which these
+    /// agents originate. The route is `near` alone.
     fn client_route(&self) -> Vec<EcosystemId> {
         vec![self.near.name.clone()]
     }
@@ -194,8 +196,8 @@ impl InterfaceDirection<'_> {
     }
 
     fn launch_gateway(&self, rule: &RuleEntry, voice: &RemoteClient) {
-        // Rules name goals in this ecosystem's vocabulary; a rule of exports lets the other ecosystem
-        // request them in its own.
+        // Rules name goals in this ecosystem's vocabulary; a rule of exports lets the other
+        // ecosystem request them in its own.
         let words = InterfaceVocabulary::of(self.entry, self.direction).reversed();
         let goals = match self.direction {
             RuleDirection::Import => rule.goals.clone(),

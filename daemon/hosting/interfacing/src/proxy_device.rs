@@ -1,9 +1,10 @@
-//! Proxy agents: each represents an agent of another ecosystem, as far as this ecosystem may know it.
+//! Proxy agents: each represents an agent of another ecosystem, limited to the exported part of the
+//! agent.
 //!
-//! A proxy agent is an actuator like any other in this ecosystem, with heartbeats, tokens and bids of its
-//! own. A request to the proxy agent is passed to the real agent through the Plan Executor of the real
-//! agent's ecosystem ([`RemoteClient`]). Each side has a conversation of its own. Only a step in
-//! translated names passes to the far side, and only the outcome of the step passes back.
+//! A proxy agent is an actuator like any other in this ecosystem, with heartbeats, tokens and bids
+//! of its own. A request to the proxy agent is passed to the real agent through the Plan Executor
+//! of the real agent's ecosystem ([`RemoteClient`]). Each side has a conversation of its own. Only
+//! a step in translated names passes to the far side, and only the outcome of the step passes back.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -26,12 +27,13 @@ use super::translate::{self, Translator};
 use super::vocabulary::{AgentMapping, InterfaceVocabulary};
 
 /// Time that the proxy agent allows for an action in addition to the time limit of the real agent's
-/// method. It is for the far side's Plan Executor (discovery, agreement and confirmation), and for the
-/// same on this side.
+/// method. The margin covers discovery, agreement and confirmation, both by the far side's Plan
+/// Executor and on this side.
 const METHOD_MARGIN: Duration = Duration::from_secs(10);
 
-/// Time that a request on the far side may take in addition to the time limit of the real agent's method.
-/// It is shorter than `METHOD_MARGIN`, so that the proxy agent hears the reason within its own time.
+/// Time that a request on the far side may take in addition to the time limit of the real agent's
+/// method. The margin is shorter than `METHOD_MARGIN`, so that the proxy agent receives the reason
+/// of a failure within its own time limit.
 const REQUEST_MARGIN: Duration = Duration::from_secs(8);
 const _: () = assert!(REQUEST_MARGIN.as_millis() < METHOD_MARGIN.as_millis());
 
@@ -47,7 +49,8 @@ pub(super) struct ProxyContext {
     pub(super) near_files: (Arc<Domain>, Arc<Problem>),
     /// Client that makes requests in the far ecosystem.
     pub(super) voice: RemoteClient,
-    /// Limits the rate of messages to the far side; `near_limit` limits the rate of messages from it.
+    /// Limit on the rate of messages to the far side; `near_limit` limits the rate of messages from
+    /// it.
     pub(super) far_limit: Arc<RateLimiter>,
     pub(super) near_limit: Arc<RateLimiter>,
     pub(super) counters: Arc<InterfaceCounters>,
@@ -63,10 +66,12 @@ pub struct InterfaceCounters {
     pub over_rate: AtomicU64,
     /// Number of requests that named a symbol that is not exported.
     pub unexported: AtomicU64,
-    /// Number of times that an agent got no proxy agent, because it would have returned to the ecosystem
-    /// that it comes from, or came through too many. A new incarnation or model counts again.
+    /// Number of times that an agent got no proxy agent, because the agent would have returned to
+    /// an ecosystem on its route, or because its route was too long. Each new incarnation or model
+    /// of the agent is counted again.
     pub looped_agents: AtomicU64,
-    /// Number of goals that were refused because they come from another ecosystem themselves.
+    /// Number of goals that were refused because they come from a third ecosystem through a proxy
+    /// agent.
     pub looped_goals: AtomicU64,
 }
 
@@ -100,8 +105,8 @@ impl ProxyContext {
         Translator::of_model(&self.vocabulary, &self.mapping, far, model)
     }
 
-    /// Translates a step of the near side to the names of the far side. If that is not possible, returns
-    /// a text that names what is not exported.
+    /// Translates a step of the near side to the names of the far side. If that is not possible,
+    /// returns a text that names what is not exported.
     fn to_far_step(&self, action: &str) -> Result<String, String> {
         let step = pddl::parse_step(action).into_result();
         let step = step.map_err(|_| "the action cannot be read".to_owned())?;
@@ -135,8 +140,9 @@ impl ProxyDevice {
         ProxyDevice { context: crossing, sight, sighted, exported }
     }
 
-    /// Updates the model and state of the proxy agent from the latest observation of the real agent. If
-    /// the real agent is gone, nothing changes here; `proxy_lifecycle` ends the proxy agent.
+    /// Updates the model and state of the proxy agent from the latest observation of the real
+    /// agent. If the real agent is gone, changes nothing, because `proxy_lifecycle` ends the proxy
+    /// agent.
     fn update(&mut self) {
         let Some(sighted) = self.sight.borrow_and_update().clone() else { return };
         if sighted.digest != self.sighted.digest {
@@ -204,7 +210,7 @@ impl Device for ProxyDevice {
             let fact = translator.fact(fact).filter(|_| !is_over)?;
             Some(OwnFact { fact, known_for })
         });
-        // A heartbeat is complete: a fact that it does not contain is false.
+        // A heartbeat is complete: each fact that a heartbeat omits is false.
         current.chain(self.exported.constant_facts.iter().cloned().map(OwnFact::from)).collect()
     }
 
@@ -262,7 +268,7 @@ impl Device for ProxyDevice {
                 // The observer has ended, and the proxy agent ends too.
                 return std::future::pending().await;
             }
-            // Observations that are replaced during this wait are never announced.
+            // An observation that is replaced during this wait is never announced.
             inward.acquire().await;
             let stir: DeviceEvent<ProxyDevice> = Box::new(|mirror| {
                 mirror.update();

@@ -1,5 +1,5 @@
-//! Lifecycle of a proxy agent: it exists while the real agent is present, and leaves when the real agent
-//! leaves.
+//! Lifecycle of a proxy agent: it exists while the real agent is present, and leaves when the real
+//! agent leaves.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -12,16 +12,17 @@ use serde_json::Value;
 
 use super::proxy_device::{ProxyContext, ProxyDevice};
 
-/// Maximum number of ecosystems on an agent's route, which is the list of ecosystems that represent the
-/// agent one after the other. An ecosystem cannot oversee an agent that it would represent after more
-/// than two others.
+/// Maximum number of ecosystems on an agent's route. The route is the list of the ecosystems
+/// through which the agent is represented, one after the other. Longer routes are hard to oversee
+/// for the people of an ecosystem.
 const VIA_MAX: usize = 3;
 
-/// Pause before a proxy agent is started again that ended by itself, which happens if its name is taken.
+/// Pause before a proxy agent that ended by itself is started again. A proxy agent ends by itself
+/// if its name is taken.
 const RESTART_DELAY: Duration = Duration::from_secs(5);
 
-/// Keeps the proxy agent of one real agent running for as long as the real agent is present, until the
-/// daemon drains.
+/// Keeps the proxy agent of one real agent running for as long as the real agent is present, until
+/// the daemon drains.
 pub(super) async fn run_proxy(crossing: Arc<ProxyContext>, mut sight: AgentWatch, near: Spawner) {
     let stopping = near.stopping.clone();
     loop {
@@ -105,8 +106,8 @@ async fn run_incarnation(
     false
 }
 
-/// Returns the list of ecosystems through which a real agent reaches this one; `None` if the agent must
-/// not be represented here.
+/// Returns the route by which a real agent reaches this ecosystem. Returns `None` if the agent must
+/// not be represented here, because the route contains this ecosystem or is too long.
 fn route(
     crossing: &ProxyContext,
     sighted: &AgentSnapshot,
@@ -126,8 +127,8 @@ fn route(
     Some(via)
 }
 
-/// Waits until the real agent is present, and returns its observed state. Returns `None` if the observer
-/// has ended.
+/// Waits until the real agent is present, and returns its observed state. Returns `None` if the
+/// observer has ended.
 async fn wait_until_present(sight: &mut AgentWatch) -> Option<AgentSnapshot> {
     sight.wait_for(Option::is_some).await.ok()?.clone()
 }
@@ -141,8 +142,8 @@ async fn wait_until_gone(sight: &mut AgentWatch, incarnation: Incarnation) {
     let _ = sight.wait_for(is_gone).await;
 }
 
-/// Waits until the real agent has another incarnation or another model, or is gone. Used if the agent
-/// cannot be represented with its present model.
+/// Waits until the real agent has another incarnation or another model, or is gone. Used if the
+/// agent cannot be represented with its present model.
 async fn wait_until_changed(sight: &mut AgentWatch, (incarnation, digest): (Incarnation, String)) {
     let is_other = |sighted: &Option<AgentSnapshot>| {
         sighted.as_ref().is_none_or(|it| it.incarnation != incarnation || it.digest != digest)

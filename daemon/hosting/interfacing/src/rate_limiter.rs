@@ -5,11 +5,12 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-/// Capacity of a token bucket, as the number of seconds in which it fills: enough for a plan of a few
-/// steps and the reports about it.
+/// Capacity of a token bucket, as the number of seconds in which it fills: enough for a plan of a
+/// few steps and the reports about it.
 const BURST_SECONDS: f64 = 2.0;
 
-/// Resolution of the timer. A wait for a token is that much longer, so that the token is there.
+/// Resolution of the timer. Each wait for a token is longer by this time, so that the token has
+/// arrived when the wait ends.
 const TIMER_STEP: Duration = Duration::from_millis(1);
 
 /// Token bucket that limits the number of messages per second.
@@ -85,7 +86,7 @@ mod tests {
     use super::*;
 
     #[tokio::test(start_paused = true)]
-    async fn a_burst_passes_and_then_so_many_a_second() {
+    async fn a_burst_passes_and_then_the_rate_is_limited() {
         let bucket = RateLimiter::new(5.0);
         let passed = (0..100).filter(|_| bucket.try_acquire()).count();
         assert_eq!(passed, 10, "two seconds' worth");

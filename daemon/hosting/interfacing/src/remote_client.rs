@@ -1,12 +1,12 @@
-//! Client that makes requests in another ecosystem: an ordinary Keyboard Agent, as a person uses one.
+//! Client that makes requests in another ecosystem: an ordinary Keyboard Agent, as a person uses
+//! one.
 //!
 //! An action is requested from the Plan Executor of the other ecosystem, and a goal from its Plan
-//! Requester, with the tokens, the receipts and the checks that apply to all requests. So the actions in
-//! the other ecosystem follow the rules there, and no identifier of one ecosystem ever appears in the
-//! other.
+//! Requester. All tokens, receipts and checks of the other ecosystem apply to these requests. No
+//! identifier of one ecosystem ever appears in the other.
 //!
-//! Answers are matched to requests by the number that the terminal gives each request. An answer that is
-//! lost is missed by its own request only, which ends at its deadline.
+//! The terminal numbers the requests, and each answer carries the number of its request. The loss
+//! of an answer therefore affects one request only, which ends at its deadline.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -18,31 +18,34 @@ use keyboard::{GoalRequest, RequestId, Terminal, UserEvent, UserRequest};
 use tokio::sync::{Notify, mpsc};
 use tokio::time::Instant;
 
-/// Maximum number of requests that wait in the client's queue. `UPDATES_MAX` is the maximum number of
-/// reports on one request that wait.
+/// Maximum number of requests that wait in the client's queue. `UPDATES_MAX` is the maximum number
+/// of reports on one request that wait.
 const COMMANDS_MAX: usize = 256;
 const UPDATES_MAX: usize = 64;
 
-/// How long a request may be without a conversation. The Keyboard Agent, which is in this process, gives
-/// it one at once; after this time the notice of it is lost, or the agent does not run.
+/// Maximum time for which a request may be without a conversation. The Keyboard Agent, which is in
+/// this process, assigns a conversation at once. If this time passes, the notice of the
+/// conversation is lost, or the Keyboard Agent does not run.
 const START_DEADLINE: Duration = Duration::from_secs(30);
 
 /// Handle of a client that makes requests in another ecosystem. Clones share one client.
 #[derive(Clone, Debug)]
 pub struct RemoteClient {
     commands: mpsc::Sender<OpenRequest>,
-    /// Notified when a handle of a request was dropped.
+    /// Notified when a handle of a request is dropped.
     abandoned: Arc<Notify>,
 }
 
-/// A request that was sent to another ecosystem. If this handle is dropped before the request has ended,
-/// the request is cancelled, if it is revocable.
+/// A request that was sent to another ecosystem. If this handle is dropped before the request has
+/// ended, the request is cancelled, if it is revocable.
 pub struct RemoteRequest {
     updates: mpsc::Receiver<UserEvent>,
     conversation: Option<ConversationId>,
-    /// Time by which the request has a conversation, or is given up.
+    /// Deadline for the assignment of a conversation; the request is given up if it has none by
+    /// then.
     started_by: Instant,
-    /// How long the request may take, and the time at which that is over; `None` if it may take any time.
+    /// Maximum duration of the request, and the time at which that duration is over; `None` if the
+    /// duration is not limited.
     ended_by: Option<(Duration, Instant)>,
     abandoned: Arc<Notify>,
 }
@@ -56,15 +59,15 @@ pub enum RemoteUpdate {
     Refused(Refusal),
     /// No agent answered the request.
     Unanswered,
-    /// The request was given up, because it had no end within this time.
+    /// The request was given up, because it had not ended within this time.
     DeadlinePassed(Duration),
 }
 
 // === impl RemoteClient ===
 
 impl RemoteClient {
-    /// Returns a client that sends its requests through `terminal`, and a future that must be run for the
-    /// client to work.
+    /// Returns a client that sends its requests through `terminal`, and a future that must be run
+    /// for the client to work.
     pub fn new(terminal: Terminal) -> (RemoteClient, impl Future<Output = ()> + Send + 'static) {
         let (send, commands) = mpsc::channel(COMMANDS_MAX);
         let abandoned = Arc::new(Notify::new());
@@ -78,8 +81,8 @@ impl RemoteClient {
         (RemoteClient { commands: send, abandoned }, task.run())
     }
 
-    /// Requests one action, and gives it up after the time `within`. If `revocable` is true, the action
-    /// is cancelled then, or when the returned handle is dropped early.
+    /// Requests one action, and gives up after the time `within`. If `revocable` is true, the
+    /// action is cancelled at that time, or when the returned handle is dropped earlier.
     pub async fn request_action(
         &self,
         action: String,
@@ -89,8 +92,9 @@ impl RemoteClient {
         self.send_request(UserRequest::Act(action), revocable, Some(within)).await
     }
 
-    /// Requests a goal. If `revocable` is true, the goal is cancelled when the returned handle is dropped
-    /// early. A goal may take any time, because it may be kept for ever.
+    /// Requests a goal. If `revocable` is true, the goal is cancelled when the returned handle is
+    /// dropped before the goal has ended. There is no time limit, because a goal may be kept for
+    /// ever.
     pub async fn request_goal(&self, wish: GoalRequest, revocable: bool) -> RemoteRequest {
         self.send_request(UserRequest::RequestGoal(wish), revocable, None).await
     }
@@ -113,7 +117,7 @@ impl RemoteClient {
             updates: news,
             conversation: None,
             started_by: now + START_DEADLINE,
-            // A time that no clock reaches is no deadline.
+            // A time beyond the range of the clock means no deadline.
             ended_by: within.and_then(|within| Some((within, now.checked_add(within)?))),
             abandoned: Arc::clone(&self.abandoned),
         }
@@ -159,7 +163,8 @@ impl RemoteRequest {
         }
     }
 
-    /// Returns the next deadline of the request, and the time that the request had until then.
+    /// Returns the next deadline of the request, and the length of the time limit that ends there.
+    /// Returns `None` if no deadline applies.
     fn deadline(&self) -> Option<(Duration, Instant)> {
         let start = (START_DEADLINE, self.started_by);
         let start = self.conversation.is_none().then_some(start);
@@ -167,7 +172,7 @@ impl RemoteRequest {
     }
 
     fn give_up(&mut self, within: Duration) -> RemoteUpdate {
-        // The client treats a closed request as one whose handle was dropped.
+        // To the client, a closed channel means that the handle of the request was dropped.
         self.updates.close();
         self.abandoned.notify_one();
         RemoteUpdate::DeadlinePassed(within)
@@ -194,8 +199,8 @@ impl RemoteUpdate {
         }
     }
 
-    /// Returns the reason why the request did not succeed; `None` if it succeeded or still runs. The text
-    /// of the other ecosystem is not included.
+    /// Returns the reason why the request did not succeed; `None` if it succeeded or still runs.
+    /// The text of the other ecosystem is not included.
     pub fn reason(&self) -> Option<Reason> {
         match self {
             RemoteUpdate::Refused(refusal) => Some(refusal.reason),
@@ -209,8 +214,8 @@ impl RemoteUpdate {
     }
 }
 
-/// Converts an answer to a message that was sent as it was written. Returns `None` if the answer says
-/// nothing about the state of the request.
+/// Converts an answer to a request that was typed as a whole message. Returns `None` if the answer
+/// contains nothing about the state of the request.
 fn update_of(message: &Message, is_final: bool) -> Option<RemoteUpdate> {
     match message.performative {
         Performative::Confirm => message.content_as().ok().map(RemoteUpdate::Report),
@@ -224,12 +229,12 @@ fn update_of(message: &Message, is_final: bool) -> Option<RemoteUpdate> {
 /// A request from the time at which it was made until its end.
 #[derive(Debug)]
 struct OpenRequest {
-    /// The request, until it is sent.
+    /// The request; `None` after it was sent.
     request: Option<UserRequest>,
-    /// Where the answers are sent. Closed when the requester waits no longer.
+    /// Channel for the answers; closed when the requester waits no longer.
     updates: mpsc::Sender<UserEvent>,
     revocable: bool,
-    /// Conversation of the request, once it is known.
+    /// Conversation of the request; `None` until the Keyboard Agent has assigned one.
     conversation: Option<ConversationId>,
 }
 
@@ -238,7 +243,8 @@ struct ClientTask {
     terminal: Terminal,
     commands: mpsc::Receiver<OpenRequest>,
     abandoned: Arc<Notify>,
-    /// What waits for a place in the channel to the keyboard: cancellations, and one request at most.
+    /// Messages that wait for a place in the channel to the keyboard: cancellations, and at most
+    /// one request.
     outgoing: VecDeque<Outgoing>,
     open: BTreeMap<RequestId, OpenRequest>,
 }
@@ -249,8 +255,9 @@ enum Outgoing {
 }
 
 impl ClientTask {
-    /// Works until the keyboard has ended, or no handle of the client is left. It never waits for one
-    /// channel only, so the keyboard always finds room for its answers.
+    /// Works until the keyboard has ended, or until no handle of the client is left. The loop
+    /// always receives from the keyboard too, so that the channel for the keyboard's answers does
+    /// not fill up.
     async fn run(mut self) {
         loop {
             tokio::select! {
@@ -284,8 +291,9 @@ impl ClientTask {
         }
     }
 
-    /// Removes the requests that no requester waits for, and cancels those that are revocable. A request
-    /// that has no conversation yet stays until it has one, and is then cancelled in any case.
+    /// Removes the requests with a dropped handle, and cancels the revocable ones. A request that
+    /// has no conversation yet stays until it has one; then it is cancelled even if it is not
+    /// revocable.
     fn cancel_abandoned(&mut self) {
         self.outgoing
             .retain(|next| !matches!(next, Outgoing::Request(open) if open.updates.is_closed()));
@@ -304,7 +312,7 @@ impl ClientTask {
     }
 
     fn handle_event(&mut self, heard: UserEvent) {
-        // An output without a number here is about a question, or about a request that has ended.
+        // An event without a known number belongs to a question, or to a request that has ended.
         let Some(id) = heard.request() else { return };
         let Some(open) = self.open.get_mut(&id) else { return };
         let is_final = heard.is_final();
@@ -320,7 +328,8 @@ impl ClientTask {
                 return;
             }
         }
-        // Progress that is not read in time is lost; one place is kept free for the end.
+        // A progress report is dropped if the channel is nearly full; one place is kept free for
+        // the final report.
         if is_final || open.updates.capacity() > 1 {
             let _ = open.updates.try_send(heard);
         }
@@ -368,8 +377,8 @@ mod tests {
         );
     }
 
-    /// The channel to the client is full when the first goal begins, so the notice of it is lost. The
-    /// second goal gets its own answers, and the first one ends with the reason.
+    /// The channel to the client is full when the first goal begins, so the notice of it is lost.
+    /// The second goal gets its own answers, and the first one ends with the reason.
     #[tokio::test(start_paused = true)]
     async fn a_lost_notice_gives_no_answer_to_another_request() {
         let (client, mut keyboard) = client();

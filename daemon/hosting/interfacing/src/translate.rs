@@ -1,13 +1,13 @@
-//! Translates the symbols of an agent to those of another ecosystem, one by one, by the vocabulary of an
-//! interface.
+//! Translates the symbols of an agent to those of another ecosystem, one by one, by the vocabulary
+//! of an interface.
 //!
 //! - Symbols that are not in the vocabulary are left out. Private symbols are left out even if the
-//!   vocabulary contains them. No text is passed on: the output consists of names of the vocabulary and
-//!   of renumbered variables.
+//!   vocabulary contains them. No text is passed on: the output consists of names of the vocabulary
+//!   and of renumbered variables.
 //! - The *preconditions* of an action must be translated completely, or the action is not offered
-//!   ([`Untranslatable`]): otherwise plans would contain steps that cannot be done. The only exception is
-//!   a condition over private symbols alone. The agent checks it when it is requested to act (MA-PDDL's
-//!   public projection).
+//!   ([`Untranslatable`]): otherwise plans would contain steps that cannot be done. The only
+//!   exception is a condition over private symbols alone. The agent checks it when it is requested
+//!   to act (MA-PDDL's public projection).
 //! - *Effects* may be left out, because the other ecosystem cannot observe what is not exported.
 
 use std::cell::RefCell;
@@ -30,11 +30,12 @@ pub(crate) const TOTAL_COST: &str = "total-cost";
 pub enum Untranslatable {
     /// A symbol that is not in the vocabulary: the kind of the symbol, and its name.
     Unexported(&'static str, Name),
-    /// A private symbol in a condition that cannot be left to the agent to check.
+    /// A private symbol in a condition that also contains public symbols, so that the agent cannot
+    /// check the condition alone.
     Private(Name),
     /// A predicate that axioms derive; axioms are not exported.
     Derived(Name),
-    /// A construct that means something else in an ecosystem with other objects.
+    /// A construct that depends on all objects of an ecosystem, or on time.
     Construct(&'static str),
 }
 
@@ -42,13 +43,14 @@ pub enum Untranslatable {
 /// represented).
 pub struct Translator<'t> {
     words: &'t InterfaceVocabulary,
-    /// The names of the agent and of its proxy agent; `None` if facts and goals are translated rather
-    /// than a model.
+    /// Names of the agent and of its proxy agent; `None` if the translator is for facts and goals
+    /// instead of a model.
     agent_and_proxy: Option<(&'t AgentId, &'t AgentId)>,
     types: Types,
     private: BTreeSet<Name>,
     derived: BTreeSet<Name>,
-    /// Variables of the action or declaration that is being translated, in the order of their first use.
+    /// Variables of the action or declaration that is being translated, in the order of their first
+    /// use.
     variables: RefCell<Vec<Name>>,
 }
 
@@ -76,7 +78,8 @@ impl<'t> Translator<'t> {
         translator
     }
 
-    /// Returns a translator for facts and goals over an ontology and a map, without an agent's model.
+    /// Returns a translator for facts and goals over an ontology and a map, without an agent's
+    /// model.
     pub fn of_ontology(
         words: &'t InterfaceVocabulary,
         (ontology, map): (&Domain, &Problem),
@@ -136,14 +139,15 @@ impl<'t> Translator<'t> {
         }
     }
 
-    /// Begins the translation of another action or declaration: its variables are numbered from 1 again.
+    /// Prepares for the translation of another action or declaration: variables are numbered from 1
+    /// again.
     pub(crate) fn reset_variables(&self) {
         self.variables.borrow_mut().clear();
     }
 
-    /// Returns the numbered name that replaces the name of a variable. The agent's own names of variables
-    /// are not passed on. Equal names get equal numbers and different names get different numbers, so
-    /// each variable still refers to the same parameter.
+    /// Returns the numbered name that replaces the name of a variable. The agent's own names of
+    /// variables are not passed on. Equal names get equal numbers and different names get different
+    /// numbers, so each variable still refers to the same parameter.
     pub(crate) fn variable(&self, name: &Name) -> Name {
         let mut variables = self.variables.borrow_mut();
         let known = variables.iter().position(|known| known == name);
@@ -165,8 +169,8 @@ impl<'t> Translator<'t> {
         terms.iter().map(|term| self.term(term)).collect()
     }
 
-    /// Translates a type to exactly its counterpart; a wider type would admit objects that the agent does
-    /// not accept.
+    /// Translates a type to exactly its counterpart; a wider type would admit objects that the
+    /// agent does not accept.
     pub(crate) fn exact_type(&self, ty: &TypeExpr) -> Translation<TypeExpr> {
         if ty.is_object() {
             return Ok(TypeExpr::default());
@@ -179,8 +183,8 @@ impl<'t> Translator<'t> {
         Ok(TypeExpr { alternatives })
     }
 
-    /// Returns the narrowest exported type that contains all objects of the type `ty`; `None` if there is
-    /// none.
+    /// Returns the narrowest exported type that contains all objects of the type `ty`; `None` if
+    /// there is none.
     pub(crate) fn nearest_type(&self, ty: &TypeExpr) -> Option<TypeExpr> {
         let [name] = &ty.alternatives[..] else { return None };
         match self.words.types.get(name.as_str()) {
@@ -189,8 +193,8 @@ impl<'t> Translator<'t> {
         }
     }
 
-    /// Returns the narrowest exported supertype of the type `name`, in the names of the near side; `None`
-    /// if there is none.
+    /// Returns the narrowest exported supertype of the type `name`, in the names of the near side;
+    /// `None` if there is none.
     pub(crate) fn nearest_supertype(&self, name: &str) -> Option<TypeExpr> {
         // The nearest supertype comes first.
         let mut above = self.types.supertypes(name);
@@ -209,7 +213,7 @@ impl<'t> Translator<'t> {
         Ok(Atom { predicate, arguments: self.terms(&atom.arguments)?, span: atom.span })
     }
 
-    /// Translates a term that an action observes, which is of a predicate or a function.
+    /// Translates an observed term of an action, which is a predicate or a function with arguments.
     pub(crate) fn observed(&self, observed: &Atom) -> Translation<Atom> {
         let named = self.predicate(&observed.predicate);
         let predicate = named.or_else(|_| self.function(&observed.predicate))?;
@@ -251,7 +255,8 @@ impl<'t> Translator<'t> {
 
     // === conditions ===
 
-    /// Translates a precondition conjunct by conjunct. Conjuncts over private symbols alone are left out.
+    /// Translates a precondition conjunct by conjunct. Conjuncts over private symbols alone are
+    /// left out.
     pub(crate) fn precondition(&self, condition: &Condition) -> Translation<Condition> {
         let mut kept = Vec::new();
         for conjunct in conjuncts(condition) {
@@ -264,8 +269,8 @@ impl<'t> Translator<'t> {
         Ok(Condition::And(kept))
     }
 
-    /// Translates a condition completely. `holds` is `false` for a part under a negation. There `forall`
-    /// can be translated and `exists` cannot; elsewhere it is the reverse.
+    /// Translates a condition completely. `holds` is `true` outside a negation and `false` under
+    /// one. `exists` can be translated only outside a negation, and `forall` only under one.
     pub(crate) fn condition(&self, condition: &Condition, holds: bool) -> Translation<Condition> {
         let all = |parts: &[Condition]| -> Translation<Vec<Condition>> {
             parts.iter().map(|part| self.condition(part, holds)).collect()
@@ -292,14 +297,14 @@ impl<'t> Translator<'t> {
                 let left = self.condition(left, !holds)?;
                 Condition::Imply(Box::new(left), Box::new(self.condition(right, holds)?))
             }
-            // If it holds of some exported object, it holds of some object.
+            // If the condition holds for some exported object, it holds for some object.
             Condition::Exists(variables, inner) if holds => {
                 Condition::Exists(self.typed(variables)?, Box::new(self.condition(inner, holds)?))
             }
             Condition::Forall(variables, inner) if !holds => {
                 Condition::Forall(self.typed(variables)?, Box::new(self.condition(inner, holds)?))
             }
-            // If it holds of all exported objects, it need not hold of all objects.
+            // If the condition holds for all exported objects, it need not hold for all objects.
             Condition::Exists(..) | Condition::Forall(..) => {
                 return Err(Untranslatable::Construct("forall"));
             }
@@ -332,8 +337,8 @@ impl<'t> Translator<'t> {
             },
             Effect::When(condition, inner) => match self.effect(inner)? {
                 Some(inner) => {
-                    // The condition must be equivalent on both sides, so it may contain no quantifier: it
-                    // is checked under both signs.
+                    // The condition must be equivalent on both sides. It is translated both as
+                    // under a negation and as outside one, so that any quantifier is an error.
                     self.condition(condition, false)?;
                     let condition = self.condition(condition, true)?;
                     Some(Effect::When(Box::new(condition), Box::new(inner)))
@@ -343,8 +348,8 @@ impl<'t> Translator<'t> {
         })
     }
 
-    /// Translates a numeric effect; `None` if it is on the cost of plans, which [`Translator::cost`]
-    /// handles.
+    /// Translates a numeric effect. Returns `None` if the function is not exported, or if the
+    /// effect is on the cost of plans, which [`Translator::cost`] handles.
     fn assign(&self, assign: &Assign) -> Translation<Option<Effect>> {
         let Assign { assignment, fluent, value, span } = assign;
         if fluent.function == TOTAL_COST {
@@ -356,7 +361,8 @@ impl<'t> Translator<'t> {
         Ok(Some(Effect::Assign(Box::new(assign))))
     }
 
-    /// Returns the translated cost that an action adds to a plan; `None` if the action declares no cost.
+    /// Returns the translated cost that an action adds to a plan; `None` if the action declares no
+    /// cost.
     pub(crate) fn cost(&self, effect: &Effect) -> Translation<Option<Expression>> {
         match effect {
             Effect::And(parts) => {
@@ -378,8 +384,8 @@ impl<'t> Translator<'t> {
     }
 }
 
-/// Translates a ground action: the names of the agent, of the action and of the objects. If that is not
-/// possible, returns a text that names what is not exported.
+/// Translates a ground action: the names of the agent, of the action and of the objects. Returns an
+/// error, as text for a person, if one of these names is not exported.
 pub(crate) fn step(
     step: &PlanStep,
     actions: &BTreeMap<String, Name>,

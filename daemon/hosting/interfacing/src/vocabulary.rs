@@ -1,5 +1,5 @@
-//! The vocabulary of one direction of an interface: the near name of each far symbol. Symbols without an
-//! entry do not pass.
+//! The vocabulary of one direction of an interface: the near name of each far symbol. Symbols
+//! without an entry do not pass.
 
 use std::collections::BTreeMap;
 
@@ -8,7 +8,7 @@ use pddl::Name;
 
 use crate::interface_config::{InterfaceEntry, RuleEntry};
 
-/// Names on the near side of the symbols of the far side.
+/// Vocabulary of one direction: the name on the near side of each exported symbol of the far side.
 ///
 /// *Far* is the side where an agent runs, *near* the side of its proxy agent.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -32,15 +32,17 @@ pub enum RuleDirection {
     Export,
 }
 
-/// Content of one rule about an agent: what of the agent passes from the far side to the near one.
+/// Content of one rule about an agent: the part of the agent that passes from the far to the near
+/// side.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AgentMapping {
     /// Name of the agent on the far side.
     pub agent: AgentId,
     /// Name of the proxy agent on the near side.
     pub proxy: AgentId,
-    /// Name of the guard predicate, which holds for the exported objects. Actions of the proxy agent
-    /// require it of their objects, because each side has objects that the other does not know.
+    /// Name of the guard predicate, which holds for the exported objects. Actions of the proxy
+    /// agent accept only objects for which the guard holds, because the near side has further
+    /// objects that are unknown on the far side.
     pub guard: Name,
     /// Actions that pass: far name = near name.
     pub actions: BTreeMap<String, Name>,
@@ -79,8 +81,8 @@ impl InterfaceVocabulary {
 // === impl AgentMapping ===
 
 impl AgentMapping {
-    /// Returns the content of a rule about an agent of the ecosystem `far`; `None` if the rule is about
-    /// goals.
+    /// Returns the content of a rule about an agent of the ecosystem `far`; `None` if the rule is
+    /// about goals.
     pub fn of(rule: &RuleEntry, far: &EcosystemId, way: RuleDirection) -> Option<AgentMapping> {
         Some(AgentMapping {
             agent: rule.agent.clone()?,

@@ -1,14 +1,14 @@
-//! Advice for a person about a plugin that does not start, derived from the way the plugin's process ended
-//! and from its last output.
+//! Advice for a person about a plugin that does not start, derived from the way the plugin's
+//! process ended and from its last output.
 
 use std::path::Path;
 
-/// Names of Python modules, each with the different name that its package has on PyPI.
+/// Python modules with a package of a different name on PyPI: module, package.
 const PYPI_NAMES: [(&str, &str); 4] =
     [("zenoh", "eclipse-zenoh"), ("yaml", "pyyaml"), ("serial", "pyserial"), ("smbus", "smbus2")];
 
-/// Returns advice for a person on a start that failed for the reason `why`; `None` if there is no advice
-/// for this reason.
+/// Returns advice for a person on a start that failed for the reason `why`; `None` if there is no
+/// advice for this reason.
 pub(crate) fn advice(why: &str, program: &Path, package: &Path) -> Option<String> {
     if let Some(module) = missing_module(why) {
         let known = PYPI_NAMES.iter().find(|(name, _)| *name == module);
@@ -21,8 +21,8 @@ pub(crate) fn advice(why: &str, program: &Path, package: &Path) -> Option<String
         ));
     }
     let says = |words: &str| why.contains(words);
-    // Must come before “Permission denied”: here it is the daemon that is denied something, and not the
-    // plugin.
+    // This case must come before “Permission denied”: here permission is denied to the daemon, and
+    // not to the plugin.
     let advice = if says("what it keeps on disk cannot be counted") {
         "its daemon counts what it keeps: let the folders in its home be readable for its own user, \
          and their paths shorter than 4096 bytes"
@@ -49,8 +49,8 @@ pub(crate) fn advice(why: &str, program: &Path, package: &Path) -> Option<String
     Some(advice.to_owned())
 }
 
-/// Returns the name of the module in a message of Python such as `ModuleNotFoundError: No module named
-/// 'zenoh'`.
+/// Returns the name of the module in a message of Python such as `ModuleNotFoundError: No module
+/// named 'zenoh'`.
 fn missing_module(why: &str) -> Option<&str> {
     let (_, rest) = why.split_once("No module named ")?;
     let name = rest.trim_start_matches(['\'', '"']).split(['\'', '"', '.']).next()?;
@@ -63,7 +63,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_helps_is_told_in_the_users_terms() {
+    fn advice_matches_the_reason_of_the_failure() {
         for (why, expected) in [
             (
                 "it ended by itself with exit code 1: ModuleNotFoundError: No module named 'zenoh'",

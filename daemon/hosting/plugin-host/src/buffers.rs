@@ -1,9 +1,10 @@
-//! Contents of the sockets and pipes of a plugin: memory in their buffers, and files with their only
-//! descriptor in a message that no process has received.
+//! Contents of the sockets and pipes of a plugin: the memory of their buffers, and descriptors that
+//! are queued in messages and not received yet. A file can have its only descriptor in such a
+//! message.
 //!
-//! Neither belongs to a process, so that [`usage`](crate::usage) does not see it. The filter of system
-//! calls keeps the buffers at their default size where no control group counts them. Connections that
-//! nothing has accepted yet are not seen here.
+//! Neither belongs to a process, and therefore [`usage`](crate::usage) does not count them. The
+//! filter of system calls keeps the buffers at their default size if no control group counts them.
+//! Connections that are not accepted yet are not counted here.
 
 use std::collections::BTreeSet;
 use std::fs;
@@ -13,9 +14,9 @@ use std::path::Path;
 
 use rustix::process::{Pid, PidfdFlags, PidfdGetfdFlags, pidfd_getfd, pidfd_open};
 
-/// Returns the bytes of memory that the buffers of the sockets and pipes of these processes may take. A
-/// buffer with any content counts with its whole size, because small messages take more memory than their
-/// length. What cannot be inspected counts as empty.
+/// Returns the bytes of memory that the buffers of the sockets and pipes of these processes may
+/// take. A buffer with any content counts with its whole size, because small messages take more
+/// memory than their length. A buffer that cannot be inspected counts as empty.
 pub(crate) fn memory(processes: impl Iterator<Item = i32>) -> u64 {
     let mut known = BTreeSet::new();
     let mut bytes = 0;
@@ -34,7 +35,7 @@ pub(crate) fn memory(processes: impl Iterator<Item = i32>) -> u64 {
     bytes
 }
 
-/// Returns the size of the buffer of a pipe or socket if there is anything in it, otherwise 0.
+/// Returns the size in bytes of the buffer of a pipe or socket; 0 if the buffer is empty.
 fn buffer_of(end: &OwnedFd, is_pipe: bool) -> u64 {
     let content = rustix::io::ioctl_fionread(end).unwrap_or(0);
     if content == 0 {
@@ -47,7 +48,7 @@ fn buffer_of(end: &OwnedFd, is_pipe: bool) -> u64 {
     content.max(size.map_or(0, |size| size as u64))
 }
 
-/// Returns the number of descriptors that are in messages which these processes have not received.
+/// Returns the number of descriptors in messages that these processes have not received.
 ///
 /// # Errors
 ///
@@ -74,7 +75,7 @@ fn scm_files(about: &str) -> u64 {
     number.and_then(|number| number.trim().parse().ok()).unwrap_or(0)
 }
 
-/// Returns the descriptors of a process, each with what it refers to.
+/// Returns the descriptors of a process, each with the target of its link in `/proc`.
 fn descriptors(process: i32) -> io::Result<Vec<(i32, String)>> {
     let folder = format!("/proc/{process}/fd");
     let mut all = Vec::new();
@@ -105,7 +106,7 @@ mod tests {
 
     /// No other test of this process passes descriptors on.
     #[test]
-    fn what_is_in_sockets_and_pipes_is_counted() {
+    fn contents_of_sockets_and_pipes_are_counted() {
         let folder = tempfile::tempdir().expect("a folder");
         let (near, mut far) = UnixStream::pair().expect("a pair");
         let (reader, mut writer) = std::io::pipe().expect("a pipe");
@@ -129,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn only_unix_sockets_tell_a_number() {
+    fn descriptors_in_flight_are_read_from_fdinfo() {
         assert_eq!(scm_files("pos:\t0\nflags:\t02\nmnt_id:\t9\nino:\t7\nscm_fds: 3\n"), 3);
         assert_eq!(scm_files("pos:\t0\nflags:\t02\n"), 0);
         assert_eq!(scm_files("scm_fds: nonsense\n"), 0);

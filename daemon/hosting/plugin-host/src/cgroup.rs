@@ -1,9 +1,9 @@
-//! Control groups (cgroup v2). If a part of the machine's tree of control groups was delegated to the
-//! daemon (systemd's `Delegate=yes`), each plugin gets a group of its own, in which the kernel counts and
-//! limits memory, processes and processor time.
+//! Control groups (cgroup v2). The machine may have delegated a part of its tree of control groups
+//! to the daemon (systemd's `Delegate=yes`). Then each plugin gets a group of its own, in which the
+//! kernel counts and limits memory, processes and processor time.
 //!
-//! The kernel does not let a group have both processes and subgroups, so the daemon moves itself into a
-//! subgroup.
+//! The kernel does not let a group have both processes and subgroups, so the daemon moves itself
+//! into a subgroup.
 
 use std::fs;
 use std::io;
@@ -26,12 +26,13 @@ const DELEGATED: [&str; 2] = ["user.delegate", "trusted.delegate"];
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct CgroupTree(PathBuf);
 
-/// Control group of one incarnation of a plugin. When this value is dropped, all processes in the group are
-/// killed and the group is removed.
+/// Control group of one incarnation of a plugin. When this value is dropped, all processes in the
+/// group are killed and the group is removed.
 #[derive(Debug)]
 pub(crate) struct PluginCgroup {
     folder: PathBuf,
-    /// Usage of earlier incarnations in the same group; it is subtracted from what the kernel counts.
+    /// Usage that earlier incarnations left in the counters of the group; it is subtracted from
+    /// each measurement.
     before: CgroupUsage,
 }
 
@@ -47,13 +48,13 @@ pub(crate) struct CgroupUsage {
 }
 
 impl CgroupTree {
-    /// Finds the control group of this process, and divides the group into subgroups if that is not done
-    /// yet.
+    /// Finds the control group of this process, and divides the group into subgroups if it is not
+    /// divided yet.
     ///
     /// # Errors
     ///
-    /// Returns the reason, for a person, if no part of the tree of control groups is delegated to this
-    /// daemon.
+    /// Returns the reason, for a person, if no part of the tree of control groups is delegated to
+    /// this daemon.
     pub(crate) fn find() -> Result<CgroupTree, String> {
         let groups = fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
         let own = groups.lines().find_map(|line| line.strip_prefix("0::"));
@@ -62,15 +63,16 @@ impl CgroupTree {
         CgroupTree::divided(&folder).map_or_else(|| CgroupTree::at(&folder), Ok)
     }
 
-    /// Returns the delegated part of the tree, if `part` is the subgroup for the daemon itself, which the
-    /// daemon made before it re-executed itself.
+    /// Returns the delegated part of the tree, if `part` is the subgroup that the daemon made for
+    /// itself before it re-executed itself. Returns `None` if `part` is another group, or may not
+    /// be used.
     fn divided(part: &Path) -> Option<CgroupTree> {
         let folder = part.parent().filter(|_| part.file_name().is_some_and(|name| name == OWN))?;
         let read = |file: &str| fs::read_to_string(folder.join(file)).unwrap_or_default();
         let enabled = read("cgroup.subtree_control");
         let is_divided =
             CONTROLLERS.iter().all(|name| enabled.split_whitespace().any(|it| it == *name));
-        // A group that another process has divided has subgroups that are not this daemon's to make.
+        // If another process has divided the group, this daemon may not make subgroups in it.
         let is_given = !rustix::process::geteuid().is_root() || is_marked(folder);
         let is_writable = rustix::fs::access(folder, rustix::fs::Access::WRITE_OK).is_ok();
         (is_divided && is_given && is_writable && read("cgroup.procs").trim().is_empty())
@@ -124,8 +126,8 @@ impl CgroupTree {
         let mut group = PluginCgroup { folder, before: CgroupUsage::default() };
         group.before = CgroupUsage { memory: 0, ..group.measure() };
         group.write("memory.max", &memory.to_string())?;
-        // Without swap: memory and swap together would exceed the limit. The file is missing if the kernel
-        // has no swap.
+        // Swap is forbidden: memory and swap together would exceed the limit. The file is missing
+        // if the kernel has no swap.
         match group.write("memory.swap.max", "0") {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
             _ => (),
@@ -166,7 +168,7 @@ impl PluginCgroup {
     /// Limits the control group to `share` of a processor from now on.
     pub(crate) fn slow_down(&self, share: f64) {
         let quota = (share * f64::from(PERIOD)).max(1_000.0).round();
-        // If this fails, the lower priority of its processes slows it down.
+        // If this fails, only the lower priority of its processes slows the group down.
         let _ = self.write("cpu.max", &format!("{quota} {PERIOD}"));
     }
 
@@ -179,14 +181,14 @@ impl Drop for PluginCgroup {
     fn drop(&mut self) {
         // Kills all processes that are still in the group, whatever their process group.
         let _ = self.write("cgroup.kill", "1");
-        // The kernel removes a group only after its last process is gone. If that takes longer, the next
-        // incarnation reuses the group.
+        // The kernel removes a group only after its last process is gone. If that takes longer, the
+        // next incarnation reuses the group.
         let _ = fs::remove_dir(&self.folder);
     }
 }
 
-/// Whether systemd has delegated the control group with this folder. Write access is no evidence: root may
-/// write to every group.
+/// Whether systemd has delegated the control group with this folder. Write access is no evidence:
+/// root may write to every group.
 fn is_marked(folder: &Path) -> bool {
     DELEGATED.iter().any(|mark| {
         let mut value = [0; 8];
@@ -206,7 +208,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tree_that_nobody_gave_away_is_left_alone() {
+    fn a_tree_that_is_not_delegated_is_left_alone() {
         let folder = tempfile::tempdir().expect("a folder");
         let problem = CgroupTree::at(folder.path()).expect_err("it has no controllers");
         assert!(problem.contains("has no `cpu`"), "{problem}");
@@ -239,7 +241,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_group_has_taken_is_read() {
+    fn the_usage_of_a_group_is_measured() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("plugin-x");
         fs::create_dir(&path).expect("made");
@@ -256,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn a_group_that_is_used_again_is_not_slow_any_more() {
+    fn a_reused_group_has_no_processor_limit() {
         let folder = tempfile::tempdir().expect("a folder");
         let tree = CgroupTree(folder.path().to_owned());
         let share = || fs::read_to_string(folder.path().join("plugin-x/cpu.max")).expect("a file");

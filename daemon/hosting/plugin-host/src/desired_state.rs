@@ -1,4 +1,4 @@
-//! Desired state of a plugin, and of the agents that it has to bring.
+//! Desired state of a plugin, and of the agents that it must bring.
 
 use std::sync::Arc;
 
@@ -13,21 +13,22 @@ use crate::status::PluginState;
 pub(crate) enum DesiredState {
     /// The plugin has to run.
     Run(Arc<DesiredPlugin>),
-    /// The plugin must not run. The fields are the state to show for the plugin, the reason, and the
-    /// package if the package can be read.
+    /// The plugin must not run. The fields are the state to show for the plugin, the reason if
+    /// there is one, and the package if it can be read.
     Stopped(PluginState, Option<String>, Option<Arc<Package>>),
-    /// The plugin's package was removed: the supervision ends and the status of the plugin is deleted.
+    /// The plugin's package was removed: the supervision ends, and the status of the plugin is
+    /// deleted.
     Removed,
 }
 
-/// A package that has to run, and the agents that it has to bring.
+/// A package that has to run, and the agents that it must bring.
 #[derive(Debug)]
 pub(crate) struct DesiredPlugin {
     pub(crate) package: Arc<Package>,
     pub(crate) agents: Vec<WantedAgent>,
 }
 
-/// An agent that a plugin has to bring.
+/// An agent that a plugin must bring.
 #[derive(Clone, Debug, PartialEq)]
 pub struct WantedAgent {
     /// Name of the agent.

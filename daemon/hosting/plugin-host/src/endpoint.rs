@@ -1,10 +1,10 @@
-//! The endpoint that a plugin connects to: a Zenoh listener on a socket that the plugin shares with its
-//! host only. The host is the part of the daemon that runs plugins.
+//! The endpoint that a plugin connects to: a Zenoh listener on a socket that the plugin shares with
+//! its host only. The host is the part of the daemon that runs plugins.
 //!
-//! The host receives the plugin's messages, but the ecosystem does not, and the plugin does not receive
-//! those of the ecosystem. So the plugin cannot take another agent's name, ask other agents for anything,
-//! or overhear them. The plugin's agents are in the ecosystem only as proxy agents, if the host admits them
-//! (`proxy`).
+//! The host receives the plugin's messages, but the ecosystem does not, and the plugin does not
+//! receive those of the ecosystem. The plugin therefore cannot take another agent's name, send
+//! requests to other agents, or read their messages. The plugin's agents are in the ecosystem only
+//! as proxy agents, if the host admits them (`proxy`).
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -31,34 +31,34 @@ const HOST: &str = "host";
 /// Name of the agent on the endpoint that observes the plugin's agents.
 const WATCHER: &str = "host-watch";
 
-/// Capacity of the queue of agents that have joined the endpoint for the first time; an agent that does not
-/// fit is not admitted. A gateway of a large building has hundreds of agents.
+/// Capacity of the queue of agents that have joined the endpoint for the first time. An agent that
+/// exceeds the capacity is not admitted. A gateway of a large building has hundreds of agents.
 const AGENTS_MAX: usize = 1_024;
 
 /// Messages per second, such as heartbeats and events, that are accepted from a plugin:
-/// [`MESSAGES_PER_SECOND`], and [`MESSAGES_PER_AGENT`] more for each of its agents. Further messages are
-/// dropped.
+/// [`MESSAGES_PER_SECOND`], plus [`MESSAGES_PER_AGENT`] for each of its agents. Further messages
+/// are dropped.
 const MESSAGES_PER_SECOND: u32 = 200;
 const MESSAGES_PER_AGENT: u32 = 20;
 
 /// Number of successive seconds with too many messages after which a plugin is stopped.
 const FLOOD_SECONDS: u32 = 5;
 
-/// Maximum number of connections to an endpoint at the same time, for each process of the plugin: its
-/// session, and sessions that have ended and are not detected as closed yet. [`SESSIONS_MIN`] is the least
-/// maximum for the whole plugin.
+/// Maximum number of simultaneous connections to an endpoint, for each process of the plugin: its
+/// session, and sessions that have ended but are not yet detected as closed. The maximum for the
+/// whole plugin is at least [`SESSIONS_MIN`].
 const SESSIONS_PER_PROCESS: u32 = 4;
 const SESSIONS_MIN: u32 = 8;
-/// Number of connections to an endpoint that may be in the handshake at the same time.
+/// Maximum number of simultaneous handshakes of connections to an endpoint.
 const OPENING_MAX: u32 = 8;
 
-/// Time that the agents of a plugin may take to leave when the endpoint is closed.
+/// Maximum time for the agents of a plugin to leave when the endpoint is closed.
 const LEAVING: Duration = Duration::from_secs(3);
 
-/// Time over which the messages of a plugin are counted.
+/// Period over which the messages of a plugin are counted.
 const SECOND: Duration = Duration::from_secs(1);
 
-/// An open endpoint of a plugin. It stays open when the plugin's process is restarted.
+/// An open endpoint of a plugin. The endpoint stays open when the plugin's process is restarted.
 pub(crate) struct Endpoint {
     pub(crate) locator: String,
     /// Path of the socket of the endpoint.
@@ -78,8 +78,8 @@ pub(crate) struct EndpointParameters<'p> {
     pub(crate) settings: &'p AgentSettings,
     pub(crate) socket: &'p Path,
     pub(crate) package: &'p Arc<Package>,
-    /// Agents that the plugin has to bring, each with the action model that the package has for the agent,
-    /// if any.
+    /// Agents that the plugin must bring, each with its action model; `None` if the package has no
+    /// model for the agent.
     pub(crate) agents: BTreeMap<AgentId, Option<Arc<ActionModel>>>,
     pub(crate) spawner: &'p Spawner,
 }
@@ -129,7 +129,8 @@ impl Endpoint {
         Ok(Endpoint { locator, socket, host, substrate, accepted, meter, stopping, tasks })
     }
 
-    /// Makes the plugin's agents leave, and closes the endpoint.
+    /// Stops the proxy agents of the plugin's agents, waits for their end up to [`LEAVING`], and
+    /// closes the endpoint.
     pub(crate) async fn close(self) {
         self.stopping.cancel();
         self.tasks.close();
@@ -140,8 +141,8 @@ impl Endpoint {
     }
 }
 
-/// Returns Zenoh's settings for the endpoint of a plugin that may have this many processes. Sessions are
-/// bounded because each takes memory of the daemon.
+/// Returns Zenoh's settings for the endpoint of a plugin with at most `processes` processes. The
+/// number of sessions is bounded because each session takes memory of the daemon.
 fn wire(processes: u32) -> Value {
     let sessions = processes.saturating_mul(SESSIONS_PER_PROCESS).max(SESSIONS_MIN);
     json!({ "transport": { "unicast": {
@@ -154,7 +155,7 @@ fn plain(name: &str) -> AgentId {
     AgentId::new(name).expect("invariant: the names of the host's own agents are valid")
 }
 
-/// Admits or rejects the agents of the plugin that join the endpoint.
+/// Task that admits or rejects the agents of the plugin when they join the endpoint.
 struct AgentReception {
     package: Arc<Package>,
     agents: BTreeMap<AgentId, Option<Arc<ActionModel>>>,
@@ -207,12 +208,13 @@ impl AgentReception {
     }
 }
 
-/// Limits the rate of messages from a plugin: counts the messages and drops those that are too many.
+/// Limit on the rate of messages from a plugin: counts the messages and drops those above the
+/// limit.
 pub(crate) struct RateLimit {
     inner: Arc<MessageRouter>,
     per_second: AtomicU32,
     second: Mutex<RateWindow>,
-    /// Notification that the plugin has sent too many messages for [`FLOOD_SECONDS`] seconds in a row.
+    /// Notified when the plugin has sent too many messages for [`FLOOD_SECONDS`] seconds in a row.
     pub(crate) flooded: Notify,
 }
 
@@ -239,12 +241,12 @@ impl RateLimit {
         self.per_second.fetch_add(MESSAGES_PER_AGENT, Ordering::Relaxed);
     }
 
-    /// Returns how many messages of the plugin were dropped so far.
+    /// Returns the number of messages of the plugin that were dropped so far.
     pub(crate) fn dropped(&self) -> u64 {
         self.second.lock().unwrap_or_else(PoisonError::into_inner).dropped
     }
 
-    /// Counts one message of the plugin, and returns whether the message is accepted.
+    /// Counts one message of the plugin. Returns `true` if the message is within the limit.
     fn accepts_message(&self) -> bool {
         let most = self.per_second.load(Ordering::Relaxed);
         let mut second = self.second.lock().unwrap_or_else(PoisonError::into_inner);
@@ -273,7 +275,7 @@ impl Inbound for RateLimit {
     }
 
     fn presence(&self, presence: Presence) {
-        // The end of an agent is always passed on, however many messages came before.
+        // The departure of an agent is always passed on, even above the limit.
         if self.accepts_message() || matches!(presence, Presence::Left(_)) {
             self.inner.presence(presence);
         }

@@ -1,5 +1,6 @@
-//! Starts the process of a package: determines the confinement, the environment, and the first line of
-//! input of the process. Used by the supervision in a daemon and by the trial of `althing plugin check`.
+//! Starts the process of a package: determines the confinement, the environment, and the first line
+//! of input of the process. Used by the supervision in a daemon and by the trial of `althing plugin
+//! check`.
 
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -21,26 +22,27 @@ use crate::process::{Launcher, PluginProcess, ProcessLaunch};
 use crate::program::{self, ResolvedProgram};
 use crate::rights::{Permissions, device_objection, read_objection};
 
-/// Bytes that are added to the memory limit of a plugin to get the limit that the kernel enforces for each
-/// process. The kernel's limit also counts libraries and unused stacks of threads.
+/// Bytes that are added to the memory limit of a plugin to get the limit that the kernel enforces
+/// for each process. The kernel's limit also counts libraries and unused stacks of threads.
 const ADDRESSES: u64 = 1 << 30;
 
-/// Folders with programs of the system. They are added to the `PATH` of a plugin even if the daemon's
-/// `PATH` does not contain them.
+/// Folders with programs of the system. They are added to the `PATH` of a plugin even if the
+/// daemon's `PATH` does not contain them.
 const SYSTEM_PATH: [&str; 3] = ["/usr/local/bin", "/usr/bin", "/bin"];
 
-/// Number of threads that are added to the thread limit of a plugin for each process that the plugin may
-/// have.
+/// Number of threads that are added to the thread limit of a plugin for each process that the
+/// plugin may have.
 const THREADS_PER_PROCESS: u64 = 4;
-/// Base of the thread limit of a plugin. A process with an interpreter and Zenoh has a dozen threads.
+/// Base of the thread limit of a plugin. A process with an interpreter and Zenoh has a dozen
+/// threads.
 const THREADS: u64 = 64;
 
 /// Means of confinement on this machine.
 #[derive(Clone, Debug)]
 pub(crate) struct MachineConfinement {
     pub(crate) means: ConfinementMeans,
-    /// The part of the tree of control groups that was delegated to this daemon, or the reason why there is
-    /// none.
+    /// The part of the tree of control groups that was delegated to this daemon, or the reason why
+    /// no part was delegated.
     pub(crate) tree: Result<CgroupTree, String>,
     /// Folders that no plugin may read.
     pub(crate) private: Vec<PathBuf>,
@@ -66,19 +68,20 @@ pub(crate) struct StartedProcess {
 }
 
 impl MachineConfinement {
-    /// Finds the means of confinement of this machine. `folder` is any folder that exists.
+    /// Determines the means of confinement of this machine. `folder` is any folder that exists.
     pub(crate) async fn find(
         launcher: &Launcher,
         folder: &Path,
         private: &[PathBuf],
     ) -> MachineConfinement {
-        // The groups come first: otherwise the process that tries out the rest would be in the daemon's
-        // group.
+        // The groups come first: otherwise the process that tries out the other means would be in
+        // the daemon's group, and the group could not be divided.
         let tree = CgroupTree::find();
         MachineConfinement { means: launcher.means(folder).await, tree, private: private.to_vec() }
     }
 
-    /// Returns the placeholder that is used before the means of confinement are known. It offers no means.
+    /// Returns the placeholder that is used until the means of confinement are determined. The
+    /// placeholder offers no means.
     pub(crate) fn unknown() -> MachineConfinement {
         let why = "this machine has not been checked yet";
         MachineConfinement {
@@ -88,7 +91,7 @@ impl MachineConfinement {
         }
     }
 
-    /// Describes for a person how the resources of plugins are limited.
+    /// Describes for a person how the resources of plugins are limited on this machine.
     pub(crate) fn limits(&self) -> String {
         match &self.tree {
             Ok(_) => "limited by the kernel (a control group for each plugin)".to_owned(),
@@ -99,11 +102,11 @@ impl MachineConfinement {
         }
     }
 
-    /// Checks the real targets of the paths in a plugin's permissions.
+    /// Checks the paths in a plugin's permissions, after resolving symbolic links.
     ///
     /// # Errors
     ///
-    /// Returns the first path that cannot be allowed to any plugin, with the reason.
+    /// Returns an error, as text for a person, about the first path that no plugin may use.
     fn check_paths(&self, permissions: &Permissions) -> Result<(), String> {
         for device in &permissions.devices {
             let Ok(real) = device.canonicalize() else { continue };
@@ -217,16 +220,16 @@ impl ProcessStart<'_> {
     }
 }
 
-/// Creates the data folder of a plugin, which only this user can enter.
+/// Creates the data folder of a plugin, with access for this user only.
 fn make_home(data: &Path) -> Result<(), String> {
     let mut folder = DirBuilder::new();
     let made = folder.recursive(true).mode(0o700).create(data);
     made.map_err(|error| format!("failed to make {}: {error}", data.display()))
 }
 
-/// Returns the `PATH` of a plugin. The folder of the plugin's interpreter comes first, so that the name of
-/// the interpreter starts the same one. After it come those folders of the daemon's `PATH` that the plugin
-/// can read.
+/// Returns the `PATH` of a plugin. The folder of the plugin's interpreter comes first, so that
+/// scripts find the same interpreter by its name. Next come those folders of the daemon's `PATH`
+/// that the plugin can read.
 fn path(program: &ResolvedProgram, read: &BTreeSet<PathBuf>) -> OsString {
     let own = program.file.parent().map(Path::to_owned);
     let is_readable = |folder: &PathBuf| {
@@ -239,12 +242,12 @@ fn path(program: &ResolvedProgram, read: &BTreeSet<PathBuf>) -> OsString {
             folders.push(folder);
         }
     }
-    // Fails for a folder with a `:` in its name.
+    // Joining fails if the name of a folder contains a `:`.
     std::env::join_paths(folders).unwrap_or_else(|_| SYSTEM_PATH.join(":").into())
 }
 
-/// Returns the first line of input of the plugin's program: the agents to bring, and the endpoint to
-/// connect to.
+/// Returns the first line of input of the plugin's program: the agents to bring, and the endpoint
+/// to connect to.
 pub(crate) fn hello(
     package: &Package,
     spawner: &Spawner,
@@ -270,12 +273,12 @@ pub(crate) fn hello(
     serde_json::to_string(&hello).unwrap_or_default()
 }
 
-/// Returns the description of an agent for the package's program, and the agent's action model if the
-/// package has one.
+/// Returns the description of an agent for the package's program, and the agent's action model; the
+/// model is `None` if the package has none for this agent.
 ///
 /// # Errors
 ///
-/// Returns the reason, for a person, if the agent's config or model is wrong.
+/// Returns the reason, for a person, if the agent's config or model is invalid.
 pub(crate) fn described(
     package: &Package,
     agent: &WantedAgent,
@@ -302,7 +305,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_read_is_neither_private_nor_a_socket() {
+    fn a_private_path_or_a_socket_cannot_be_read() {
         let folder = tempfile::tempdir().expect("a folder");
         let at = |name: &str| folder.path().join(name);
         let _socket = std::os::unix::net::UnixListener::bind(at("socket")).expect("a socket");

@@ -1,23 +1,24 @@
-//! Hosts plugins that run as processes of their own (the paper, “Plug & Play”). A plugin is a package: a
-//! folder in the plugin folder. Adding a package adds its agents to the ecosystem, and removing it removes
-//! them; the daemon is not restarted.
+//! Hosts plugins that run as processes of their own (the paper, “Plug & Play”). A plugin is a
+//! package: a folder in the plugin folder. Adding a package adds its agents to the ecosystem, and
+//! removing a package removes them; the daemon is not restarted.
 //!
-//! - `manifest` and `package`: reading and checking a package. `package_store`: the plugin folder.
-//! - `supervision`: starts, restarts and stops one plugin. `restart_policy` decides when the plugin's
-//!   process is restarted, `process_health` when the process has to be ended.
-//! - `program` finds the program that a package really runs, `launching` starts the program, and `process`
-//!   is the running process. `trial` starts a package once, for `althing plugin check`.
-//! - `rights`: what a plugin may use of its machine. `confinement`: the restrictions of a plugin's process.
-//!   `mediator`: answers to the system calls that the kernel alone cannot decide. `usage`: the resources
-//!   that a plugin takes. `log`: the output of a plugin.
-//! - `endpoint`: the socket that a plugin connects to, on a substrate that the plugin shares with its host
-//!   only. There an `agent::Observer` watches the plugin's agents, and the `plugin_client` forwards
-//!   requests to them. `proxy`: the proxy agent that represents each agent of a plugin in the ecosystem. A
-//!   proxy agent is an actuator; its planner and its domain run in this daemon.
-//! - `status`: the state of all plugins, for users.
+//! - `manifest` and `package` read and check a package. `package_store` is the plugin folder.
+//! - `supervision` starts, restarts and stops one plugin. `restart_policy` decides when to restart
+//!   the plugin's process, and `process_health` decides when to end the process.
+//! - `program` finds the program that a package really runs, `launching` starts the program, and
+//!   `process` is the running process. `trial` starts a package once, for `althing plugin check`.
+//! - `rights` is what a plugin may use of its machine. `confinement` restricts a plugin's process.
+//!   `mediator` answers the system calls that the kernel alone cannot decide. `usage` measures the
+//!   resources that a plugin takes. `log` keeps the output of a plugin.
+//! - `endpoint` is the socket that a plugin connects to, on a substrate that the plugin shares with
+//!   its host only. On this substrate, an `agent::Observer` watches the plugin's agents, and the
+//!   `plugin_client` forwards requests to them. `proxy` is the proxy agent that represents each
+//!   agent of a plugin in the ecosystem. A proxy agent is an actuator; its planner and its domain
+//!   run in this daemon.
+//! - `status` is the state of all plugins, for users.
 //!
-//! A plugin speaks the protocol of actuators (docs/protocol.md), but only with its host. Its messages reach
-//! the ecosystem only through the proxy agents.
+//! A plugin uses the protocol of actuators (docs/protocol.md), but only with its host. Its messages
+//! reach the ecosystem only through the proxy agents.
 
 mod advice;
 mod buffers;
@@ -76,32 +77,33 @@ use log::PluginLog;
 use package::{Stamp, stamp};
 use supervision::{PluginSupervisor, Statuses};
 
-/// First argument for this daemon's own program when the process is to become the program of a plugin. The
-/// next arguments are a [`Confinement`] in JSON, the plugin's program and the arguments of that program.
+/// First argument with which this daemon's own program is started in order to become the program of
+/// a plugin. The next arguments are a [`Confinement`] in JSON, the plugin's program, and the
+/// arguments of that program.
 pub const LAUNCH: &str = "become-plugin";
 
-/// Argument after [`LAUNCH`] that asks the process to find out what the kernel offers to confine plugins.
-/// The argument after this one is the path of any folder that exists.
+/// Argument after [`LAUNCH`] that makes the process try out the means of confinement that the
+/// kernel offers. The argument after this one is the path of any folder that exists.
 pub const PROBE: &str = "probe";
 
-/// Name of this crate as a source of discovered agents. It tells the agents that packages bring from those
-/// of other sources.
+/// Name of this crate as a source of discovered agents. The name distinguishes the agents of
+/// packages from those of other sources.
 const PLUGINS: &str = "plugins";
 
-/// Time without further changes after which the plugin folder is checked. The wait is needed because a
-/// package is copied file by file.
+/// Time without further changes after which the plugin folder is checked. The pause is needed
+/// because a package is copied file by file.
 const QUIET_TIME: Duration = Duration::from_millis(60);
 
-/// Interval between checks of the plugin folder in the first [`CHECK_INTERVAL_LONG`] after a change. The
-/// short interval is needed because the kernel reports changes in a new subfolder only once that subfolder
-/// is watched; files that were written before are not reported.
+/// Interval between checks of the plugin folder in the first [`CHECK_INTERVAL_LONG`] after a
+/// change. The short interval is needed because the kernel reports changes in a new subfolder only
+/// once that subfolder is watched; files that were written before are not reported.
 const CHECK_INTERVAL_SHORT: Duration = Duration::from_millis(250);
 
-/// Interval between checks of the plugin folder when the last change that the kernel has reported is long
-/// ago.
+/// Interval between checks of the plugin folder when its last change is longer ago than this
+/// interval.
 const CHECK_INTERVAL_LONG: Duration = Duration::from_secs(5);
 
-/// Settings and surroundings that plugins are hosted with.
+/// Settings and environment for hosting plugins.
 pub struct HostSettings {
     /// The plugin folder, with the packages.
     pub packages: PackageStore,
@@ -114,18 +116,18 @@ pub struct HostSettings {
     pub named: BTreeSet<AgentId>,
     /// Decisions on which agents may join although the ecosystem file does not name them.
     pub admissions: Arc<Admissions>,
-    /// Path of this daemon's own program, which is started to become a plugin's.
+    /// This daemon's own program, which is started to become the program of a plugin.
     pub launcher: Launcher,
     /// Folder for the sockets of the endpoints that plugins connect to.
     pub sockets: PathBuf,
     /// Folder with the data folder and the log of each plugin.
     pub state: PathBuf,
-    /// Path of the socket of the simulated building, if there is one.
+    /// Path of the socket of the simulated building; `None` if there is no simulated building.
     pub building: Option<PathBuf>,
     /// Whether a plugin runs only if all of its confinement can be enforced.
     pub requires_confinement: bool,
-    /// Folders that no plugin may read, whatever rights it has: those with keys, sockets and the data of
-    /// daemons.
+    /// Folders that no plugin may read, regardless of its rights: those with keys, sockets and the
+    /// data of daemons.
     pub private: Vec<PathBuf>,
 }
 
@@ -146,18 +148,18 @@ pub(crate) struct HostContext {
     rolled_back: Mutex<BTreeMap<String, String>>,
 }
 
-/// Placeholder for the means of confinement until they are known.
+/// Placeholder for the means of confinement until they are determined.
 static UNKNOWN: LazyLock<MachineConfinement> = LazyLock::new(MachineConfinement::unknown);
 
 impl HostContext {
-    /// Returns the means of confinement on this machine, or [`MachineConfinement::unknown`] until they are
-    /// known.
+    /// Returns the means of confinement on this machine; [`MachineConfinement::unknown`] until they
+    /// are determined.
     pub(crate) fn machine_confinement(&self) -> &MachineConfinement {
         self.machine_confinement.get().unwrap_or(&UNKNOWN)
     }
 
-    /// Returns how far plugins can be confined on this machine, for users. Until that is known, only
-    /// `is_required` is set.
+    /// Returns the confinement that this machine can enforce, for users. Until the means of
+    /// confinement are determined, only `is_required` is set.
     fn confined(&self) -> ConfinementStatus {
         let is_required = self.requires_confinement;
         let Some(ward) = self.machine_confinement.get() else {
@@ -171,8 +173,8 @@ impl HostContext {
         }
     }
 
-    /// Returns the plugins that were rolled back to their previous version, each with the reason for the
-    /// rollback.
+    /// Returns the plugins that were rolled back to their previous version, each with the reason
+    /// for the rollback.
     pub(crate) fn rolled_back(&self) -> MutexGuard<'_, BTreeMap<String, String>> {
         self.rolled_back.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -199,10 +201,10 @@ pub fn host(setting: HostSettings) -> std::io::Result<()> {
     for folder in [&sockets, &state] {
         DirBuilder::new().recursive(true).mode(0o700).create(folder)?;
     }
-    // A service manager may have made these folders symbolic links. The paths of open files and of rights
-    // are compared with them, so the real paths are needed.
+    // A service manager may have replaced these folders by symbolic links. The paths of open files
+    // and of rights are compared with them, so the real paths are needed.
     let (sockets, state) = (sockets.canonicalize()?, state.canonicalize()?);
-    // A folder that does not exist yet keeps its path: there is no link to follow.
+    // A folder that does not exist yet keeps its path, because there is no link to resolve.
     let real = |folder: PathBuf| folder.canonicalize().unwrap_or(folder);
     let private = private.into_iter().map(real).collect();
     let ground = Arc::new(HostContext {
@@ -219,7 +221,7 @@ pub fn host(setting: HostSettings) -> std::io::Result<()> {
         rolled_back: Mutex::default(),
     });
     let statuses = Statuses::default();
-    // A weak reference: the ground owns the switchboard, which keeps this closure.
+    // The reference is weak, because the context owns the message router, which keeps this closure.
     let (told_of, told_ground) = (Arc::clone(&statuses), Arc::downgrade(&ground));
     ground.spawner.router.tell_plugins(move || {
         told_ground.upgrade().map(|ground| status_json(&ground, &told_of)).unwrap_or_default()
@@ -251,8 +253,8 @@ fn status_json(ground: &HostContext, statuses: &Statuses) -> String {
     serde_json::to_string(&plugins).unwrap_or_default()
 }
 
-/// Compares the packages in the plugin folder with the plugins that run, and starts or stops plugins
-/// accordingly.
+/// Compares the packages in the plugin folder with the plugins that run, and starts or stops
+/// plugins accordingly.
 struct PluginReconciler {
     context: Arc<HostContext>,
     agents: BTreeMap<String, Vec<WantedAgent>>,
@@ -268,14 +270,15 @@ struct ManagedPlugin {
     desired_state: watch::Sender<DesiredState>,
 }
 
-/// Everything about a package that decides whether its plugin runs.
+/// Properties of a package that decide whether its plugin runs.
 #[derive(PartialEq)]
 struct PackageSnapshot {
     stamp: Stamp,
     is_disabled: bool,
     allowed: Vec<Right>,
     admission: AdmissionStatus,
-    /// Reason why another user could have changed the package; `None` if no other user could.
+    /// Reason why another user could have changed the package; `None` if only this user can change
+    /// it.
     writable: Option<String>,
 }
 
@@ -301,7 +304,7 @@ impl PluginReconciler {
         }
     }
 
-    /// Finds out how plugins can be confined on this machine, and logs the result.
+    /// Determines how plugins can be confined on this machine, and logs the result.
     async fn find_means(&self) {
         let HostContext {
             launcher,
@@ -327,12 +330,12 @@ impl PluginReconciler {
                 lacks.join("; ")
             ),
         }
-        // `set` cannot fail: no other task sets it.
+        // `set` cannot fail, because no other task sets the value.
         let _ = ward.set(found);
     }
 
-    /// Watches the plugin folder for changes. Returns `None` if the kernel cannot watch the folder, which
-    /// is then only checked periodically.
+    /// Watches the plugin folder for changes. Returns `None` if the kernel cannot watch the folder;
+    /// then the folder is only checked periodically.
     fn watch(&self, touched: &Arc<FolderChanges>) -> Option<notify::RecommendedWatcher> {
         let folder = self.context.packages.folder.clone();
         let touched = Arc::clone(touched);
@@ -362,8 +365,9 @@ impl PluginReconciler {
         }
     }
 
-    /// Checks the plugin folder and updates the desired state of each plugin. `touched` are plugins with a
-    /// changed marker file: their supervisions are notified even if nothing else has changed.
+    /// Checks the plugin folder and updates the desired state of each plugin. `touched` holds the
+    /// plugins with a changed marker file: their supervisions are notified even if nothing else has
+    /// changed.
     fn reconcile(&mut self, touched: &BTreeSet<String>) {
         let mut names: BTreeSet<_> = self.context.packages.names().into_iter().collect();
         names.extend(self.agents.keys().cloned());
@@ -413,7 +417,7 @@ impl PluginReconciler {
         }
     }
 
-    /// Returns the text in which a person is asked to admit the agents of a package, or `None` if no
+    /// Returns the text that asks a person to admit the agents of a package. Returns `None` if no
     /// admission is needed or the package brings no agents.
     fn application(
         &self,
@@ -493,8 +497,8 @@ impl PluginReconciler {
         }
     }
 
-    /// Returns the reason why a package must not run although its agents are wanted, and the state that
-    /// follows; `None` if the package may run.
+    /// Returns the reason why a package must not run although the ecosystem needs its agents, and
+    /// the resulting state of the plugin; `None` if the package may run.
     fn refusal(
         &self,
         package: &Package,
@@ -533,7 +537,7 @@ impl PluginReconciler {
     }
 }
 
-/// Returns the lines for the ecosystem file that would configure the agent `own` of a package.
+/// Returns the entry for the ecosystem file that would configure the agent `own` of a package.
 fn entry(package: &str, own: &OwnAgent) -> String {
     let mut text = format!("[[agent]]\nname = \"{}\"\npackage = \"{package}\"\n", own.name);
     if let Some(driver) = &own.driver {
@@ -547,8 +551,8 @@ fn entry(package: &str, own: &OwnAgent) -> String {
     text
 }
 
-/// Plugins with a changed marker file since the last check of the plugin folder, and a notification of any
-/// change in that folder.
+/// Plugins with a changed marker file since the last check of the plugin folder, and a notification
+/// about any change in that folder.
 #[derive(Default)]
 struct FolderChanges {
     names: Mutex<BTreeSet<String>>,
@@ -564,8 +568,8 @@ impl FolderChanges {
             let within = path.strip_prefix(folder).ok();
             let first = within.and_then(|within| within.components().next());
             let Some(name) = first.and_then(|first| first.as_os_str().to_str()) else { continue };
-            // `.NAME.disabled` and `.NAME.rights` belong to the package NAME. Changes in a package are
-            // found by its files (`stamp`).
+            // `.NAME.disabled` and `.NAME.rights` belong to the package NAME. Changes within a
+            // package are detected from its files (`stamp`).
             if let Some((name, "disabled" | "rights")) =
                 name.strip_prefix('.').and_then(|name| name.rsplit_once('.'))
             {
@@ -583,7 +587,8 @@ impl FolderChanges {
         std::mem::take(&mut *self.lock())
     }
 
-    /// Waits until the plugin folder changes, and then until there was no change for [`QUIET_TIME`].
+    /// Waits until the plugin folder changes, and then until there was no change for
+    /// [`QUIET_TIME`].
     async fn wait_until_quiet(&self) {
         self.something.notified().await;
         while tokio::time::timeout(QUIET_TIME, self.something.notified()).await.is_ok() {}

@@ -1,4 +1,4 @@
-//! Output of a plugin: goes to a log file of bounded size and to the daemon's log.
+//! Output of a plugin, which is written to a log file of bounded size and to the daemon's log.
 
 use std::collections::VecDeque;
 use std::fs::{File, OpenOptions};
@@ -10,14 +10,15 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use tokio::io::{AsyncBufReadExt as _, AsyncRead, AsyncReadExt as _, BufReader};
 use tokio::task::JoinHandle;
 
-/// Size in bytes at which a log file is put aside as the previous one. It is enough for a day of a
-/// talkative plugin.
+/// Size in bytes at which a log file is renamed and a new one is begun. The size is enough for one
+/// day of a plugin with much output.
 const FILE_BYTES_MAX: u64 = 1 << 20;
 /// Length in bytes at which a line of output is cut.
 const LINE_BYTES_MAX: u64 = 4 << 10;
 /// Number of lines of output kept per second; further lines are counted and dropped.
 const LINES_PER_SECOND_MAX: u32 = 200;
-/// Number of last lines of output that are kept in memory, to be added to the reason why a process ended.
+/// Number of last lines of output that are kept in memory, to be added to the reason why a process
+/// ended.
 const LAST_LINES: usize = 4;
 
 /// Log of a plugin; clones write to the same file.
@@ -53,7 +54,7 @@ impl PluginLog {
         self.lock().path.clone()
     }
 
-    /// Returns the last line of output that is not blank, for a person.
+    /// Returns the last line of output that is not blank; `None` if there is none in memory.
     pub(crate) fn last_line(&self) -> Option<String> {
         self.lock().last.iter().rev().find(|line| !line.trim().is_empty()).cloned()
     }
@@ -63,7 +64,8 @@ impl PluginLog {
         self.lock().last.clear();
     }
 
-    /// Writes everything that comes through a process's pipe into the log, until the pipe ends.
+    /// Writes the output from a process's pipe into the log until the pipe closes, in a task of its
+    /// own. Returns `None` if there is no pipe.
     pub(crate) fn follow(
         &self,
         pipe: Option<impl AsyncRead + Unpin + Send + 'static>,
@@ -108,7 +110,7 @@ impl LogFile {
             self.dropped += 1;
             return;
         }
-        // Control characters could draw on a terminal, so they are replaced.
+        // Control characters are replaced, because a terminal would obey them.
         let plain: String = line.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
         tracing::info!(plugin = self.name, "{plain}");
         self.last.push_back(plain.clone());
@@ -157,7 +159,7 @@ mod tests {
     use super::*;
 
     #[tokio::test]
-    async fn a_flood_of_words_is_bounded_and_the_last_are_known() {
+    async fn a_flood_of_output_is_bounded_and_the_last_line_is_kept() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("lamp.log");
         let log = PluginLog::new("lamp", path.clone());

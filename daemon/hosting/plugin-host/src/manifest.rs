@@ -1,4 +1,5 @@
-//! `plugin.toml`, the manifest of a package: parses it and checks it for consistency. No files, no clock.
+//! `plugin.toml`, the manifest of a package: parsing and checks, without access to files or a
+//! clock.
 
 use std::collections::BTreeMap;
 use std::ops::Range;
@@ -18,10 +19,10 @@ use crate::wording::worded;
 /// Longest manifest that is accepted, in bytes.
 pub(crate) const MANIFEST_BYTES_MAX: u64 = 256 << 10;
 
-/// Smallest limit of memory or disk that a manifest may ask for, in bytes: nothing works with less.
+/// Smallest limit of memory or disk that a manifest may request, in bytes (1 MiB).
 const BYTES_LEAST: u64 = 1 << 20;
-/// Default of the key `ready-within` of a manifest. It is enough for an interpreter on a small board to
-/// start with its devices.
+/// Default of the key `ready-within` of a manifest. It is enough for an interpreter on a small
+/// board to start with its devices.
 const READY_WITHIN_DEFAULT: Duration = Duration::from_secs(20);
 /// Longest timeout of an action that a manifest may give.
 const TIMEOUT_MAX: Duration = Duration::from_secs(24 * 3_600);
@@ -35,7 +36,8 @@ pub struct PackageManifest {
     pub version: String,
     /// Description of the package, one line.
     pub about: String,
-    /// Program of the package and the program's arguments. A program with a `/` is a file of the package.
+    /// Program of the package and the program's arguments. A program with a `/` is a file of the
+    /// package.
     pub run: Vec<String>,
     /// Place of `run` in the text of the manifest; empty if `[executable]` names the program.
     pub run_place: Span,
@@ -43,11 +45,12 @@ pub struct PackageManifest {
     pub model: Option<PathBuf>,
     /// Time after the start within which all agents of the package must have joined.
     pub ready_within: Duration,
-    /// Methods of the package by action: its agents may offer only these actions.
+    /// Methods of the package by action. Agents of the package may offer only these actions.
     pub methods: Methods,
     /// Agents that the package brings if the ecosystem file names none for it.
     pub agents: Vec<OwnAgent>,
-    /// Other agents that the package may bring while it runs: names, or beginnings of names with a `*`.
+    /// Further agents that the package may bring while it runs: names of agents, or prefixes of
+    /// names followed by `*`.
     pub brings: Vec<String>,
     /// Keys that the `config` of the package's agents may have.
     pub config: BTreeMap<String, ConfigKey>,
@@ -157,11 +160,11 @@ struct RawPermissions {
 }
 
 impl PackageManifest {
-    /// Parses the text of a manifest and checks it.
+    /// Parses and checks the text of a manifest.
     ///
     /// # Errors
     ///
-    /// Returns all mistakes of the manifest, each with its place.
+    /// Returns all mistakes of the manifest, each with its place in the text.
     pub fn read(text: &str) -> Result<PackageManifest, Vec<Diagnostic>> {
         let raw: RawManifest = toml::from_str(text).map_err(|error| {
             vec![worded(text, error.message(), error.span().unwrap_or_default())]
@@ -171,7 +174,8 @@ impl PackageManifest {
         if reading.found.is_empty() { Ok(manifest) } else { Err(reading.found) }
     }
 
-    /// Returns the mistake in the `config` of an agent of this package; `None` if there is none.
+    /// Returns the first mistake in the `config` of an agent of this package; `None` if there is no
+    /// mistake.
     pub fn problem_with(&self, config: &Value) -> Option<String> {
         let empty = serde_json::Map::new();
         let said = match config {
@@ -202,7 +206,7 @@ impl PackageManifest {
         Some(format!("config.{key} is missing{about}{}", known.about))
     }
 
-    /// Whether the package may bring `agent` although it was not asked for that agent.
+    /// Whether the key `brings` of the manifest allows the package to bring `agent`.
     pub fn may_bring(&self, agent: &AgentId) -> bool {
         self.brings.iter().any(|pattern| match pattern.strip_suffix('*') {
             Some(beginning) => agent.as_str().starts_with(beginning),
@@ -233,7 +237,7 @@ impl ConfigShape {
     }
 }
 
-/// Collects the mistakes of a manifest while it is read.
+/// Reader of a manifest, which collects all mistakes.
 struct ManifestReader {
     found: Vec<Diagnostic>,
 }
@@ -278,7 +282,8 @@ impl ManifestReader {
         }
     }
 
-    /// Checks the versions of the protocol that the plugin speaks, such as `"2"` or `"2-3"`.
+    /// Checks that the protocol versions of the plugin, such as `"2"` or `"2-3"`, include this
+    /// daemon's version.
     fn protocol(&mut self, said: &Spanned<String>) {
         let (first, last) = said.get_ref().split_once('-').unwrap_or((said.get_ref(), ""));
         let first = first.trim().parse::<u32>();
@@ -395,7 +400,7 @@ impl ManifestReader {
         })
     }
 
-    /// Checks that each path in a list of the manifest can be allowed to a plugin.
+    /// Checks the paths in a list of the manifest, and reports each path that no plugin may use.
     fn paths(
         &mut self,
         paths: Vec<Spanned<PathBuf>>,
@@ -419,7 +424,7 @@ fn span(place: Range<usize>) -> Span {
     Span { start: at(place.start), end: at(place.end) }
 }
 
-/// Whether a path cannot lead out of the package that it belongs to.
+/// Whether a path is relative and has no `..`, so that it stays within its package.
 pub(crate) fn stays_within(path: &Path) -> bool {
     let is_plain =
         |part| matches!(part, std::path::Component::Normal(_) | std::path::Component::CurDir);
@@ -454,7 +459,7 @@ memory = "64MiB"
 "#;
 
     #[test]
-    fn a_manifest_is_read_with_what_it_leaves_out() {
+    fn omitted_keys_of_a_manifest_get_defaults() {
         let manifest = PackageManifest::read(WHOLE).expect("nothing is wrong");
         assert_eq!(manifest.permissions.memory, 64 << 20);
         assert!(!manifest.permissions.network, "least rights");
@@ -464,7 +469,7 @@ memory = "64MiB"
     }
 
     #[test]
-    fn what_is_wrong_is_said_where_it_stands() {
+    fn mistakes_of_a_manifest_have_a_place() {
         for (was, is, expected) in [
             ("protocol = \"2\"", "protocol = \"3-4\"", "speaks version 3-4 of the protocol"),
             ("protocol = \"2\"", "protocol = \"one\"", "no versions"),
@@ -497,7 +502,7 @@ memory = "64MiB"
     }
 
     #[test]
-    fn a_config_is_held_against_what_the_package_knows() {
+    fn a_config_is_checked_against_the_declared_keys() {
         let manifest = PackageManifest::read(WHOLE).expect("nothing is wrong");
         for (config, expected) in [
             (serde_json::json!({}), "config.location is missing: the room it stands in"),

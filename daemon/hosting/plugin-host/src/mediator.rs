@@ -1,14 +1,15 @@
 //! Answers the system calls of a confined plugin that the kernel alone cannot decide
 //! (`confinement::calls`).
 //!
-//! - `connect`: the daemon itself connects to the plugin's endpoint and puts the connected socket in place
-//!   of the plugin's socket. So a plugin that changes the address in its memory meanwhile gains nothing.
-//!   Other Unix sockets are refused. With the right `network`, the daemon also connects sockets of the
-//!   Internet.
+//! - `connect`: the daemon itself connects to the plugin's endpoint and puts the connected socket
+//!   in place of the plugin's socket. A plugin that changes the address in its memory meanwhile
+//!   therefore gains nothing. Other Unix sockets are refused. With the right `network`, the daemon
+//!   also connects sockets of the Internet.
 //! - Signals are allowed only within the plugin's own process group.
 //! - `fork` is allowed up to the plugin's limit of processes.
 //!
-//! Each plugin has one thread for these answers, which ends with the last process that has the filter.
+//! Each plugin has one thread for these answers. The thread ends with the last process that has the
+//! filter.
 
 use std::fs::{self, File};
 use std::io;
@@ -29,13 +30,14 @@ use syscalls::Sysno;
 
 use crate::usage;
 
-/// Maximum number of connections to the Internet that a plugin may be waiting for at the same time.
+/// Maximum number of connections to the Internet that the daemon may be establishing for a plugin
+/// at the same time.
 const WAITING_MAX: usize = 64;
 
-/// Longest address in a call of `connect` that is read, in bytes: `sizeof(struct sockaddr_un)`.
+/// Maximum length of an address of `connect` that is read, in bytes: `sizeof(struct sockaddr_un)`.
 const ADDRESS_MAX: u64 = 110;
 
-/// Decides the system calls of one plugin that the kernel alone cannot decide.
+/// Mediator of one plugin: decides the system calls that the kernel alone cannot decide.
 pub(crate) struct CallMediator {
     /// Process group of the plugin.
     pub(crate) group: Pid,
@@ -47,7 +49,7 @@ pub(crate) struct CallMediator {
     pub(crate) processes: u32,
 }
 
-/// Address in a call of `connect`.
+/// Address that a process passes to `connect`.
 #[derive(Debug, PartialEq)]
 enum ConnectAddress {
     Path(PathBuf),
@@ -75,7 +77,7 @@ impl CallMediator {
                 Ok(Some(call)) => mediator.answer(&listener, call, &waiting),
                 Ok(None) => return,
                 Err(error) => {
-                    // Calls that wait for an answer then fail with `ENOSYS`.
+                    // Calls that wait for an answer fail with `ENOSYS` from now on.
                     return tracing::error!(
                         group = ?mediator.group,
                         %error,
@@ -110,7 +112,7 @@ impl CallMediator {
         respond(listener, call.id, response);
     }
 
-    /// Reads the address that a call of `connect` names from the plugin's memory, once.
+    /// Reads the address of a call of `connect` from the plugin's memory, exactly once.
     fn address(
         &self,
         listener: &NotifyListener,
@@ -156,7 +158,8 @@ impl CallMediator {
         Ok(Response::Value(0))
     }
 
-    /// Connects a socket of the Internet on behalf of the plugin, on another thread, which may block.
+    /// Connects a socket of the Internet on behalf of the plugin, on a thread of its own, because
+    /// connecting may block.
     fn connect_beyond(
         self: &Arc<Self>,
         listener: &Arc<NotifyListener>,
@@ -183,8 +186,8 @@ impl CallMediator {
         }
     }
 
-    /// Allows a signal only to processes of the plugin's own group. The process id cannot pass to another
-    /// process between this check and the kernel's use of it, unless the process ends in between.
+    /// Allows a signal only to processes of the plugin's own group. The process id can belong to
+    /// another process when the kernel sends the signal only if the checked process ends in between.
     fn signal(&self, process: u64) -> Result<Response, Errno> {
         // A `pid_t` is the lower half of the register.
         let process = i32::from_ne_bytes(((process & 0xffff_ffff) as u32).to_ne_bytes());
@@ -210,8 +213,8 @@ fn respond(listener: &NotifyListener, id: u64, response: Result<Response, Errno>
     }
 }
 
-/// Parses an address of `connect`; returns `None` if it is invalid or of a family that no plugin may
-/// connect to.
+/// Parses an address of `connect`; returns `None` if it is invalid or of a family that no plugin
+/// may connect to.
 fn read(bytes: &[u8]) -> Option<ConnectAddress> {
     let family = u16::from_ne_bytes(bytes.get(..2)?.try_into().ok()?);
     match i32::from(family) {
@@ -219,7 +222,7 @@ fn read(bytes: &[u8]) -> Option<ConnectAddress> {
         libc::AF_UNIX => {
             let name = bytes.get(2..)?;
             let end = name.iter().position(|byte| *byte == 0).unwrap_or(name.len());
-            // A name that begins with a zero byte is abstract, and refused.
+            // A name that begins with a zero byte is abstract. Abstract sockets are refused.
             let name = name.get(..end).filter(|name| !name.is_empty())?;
             Some(ConnectAddress::Path(PathBuf::from(std::ffi::OsStr::from_bytes(name))))
         }
@@ -250,14 +253,15 @@ fn connected(path: &Path) -> Result<OwnedFd, Errno> {
 
 /// Returns the flags of a file descriptor of another process.
 fn flags(thread: u32, descriptor: u32) -> Option<u32> {
-    // For some files, a process can make this text as long as it likes.
+    // For some files, a process can make this text arbitrarily long, so the length that is read is
+    // bounded.
     let about = usage::read_text(Path::new(&format!("/proc/{thread}/fdinfo/{descriptor}"))).ok()?;
     let flags = about.lines().find_map(|line| line.strip_prefix("flags:"))?;
     u32::from_str_radix(flags.trim(), 8).ok()
 }
 
-/// Connects a socket of another process to an address that was read before. The socket's file descriptor is
-/// duplicated first, so the process cannot exchange the socket.
+/// Connects a socket of another process to an address that was read before. The socket's file
+/// descriptor is duplicated first, so that the process cannot replace the socket.
 fn connect_socket(
     listener: &NotifyListener,
     call: &Notification,
@@ -267,7 +271,7 @@ fn connect_socket(
     let process = rustix::process::pidfd_open(process, PidfdFlags::empty())?;
     let descriptor = i32::try_from(call.arguments[0] & 0x7fff_ffff).map_err(|_| Errno::BADF)?;
     let socket = rustix::process::pidfd_getfd(&process, descriptor, PidfdGetfdFlags::empty())?;
-    // If the process has ended meanwhile, its id and so the socket may be another process's.
+    // If the process has ended meanwhile, its id and its socket may belong to another process.
     if !listener.is_waiting(call.id) {
         return Err(Errno::INTR);
     }
@@ -295,7 +299,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn addresses_are_read_as_the_kernel_reads_them() {
+    fn addresses_are_parsed_as_the_kernel_parses_them() {
         let family = |family: i32| u16::try_from(family).expect("short").to_ne_bytes().to_vec();
         let unix = |name: &[u8]| [family(libc::AF_UNIX), name.to_vec()].concat();
         assert_eq!(read(&unix(b"/run/a\0rest")), Some(ConnectAddress::Path("/run/a".into())));

@@ -23,11 +23,11 @@ pub const MANIFEST: &str = "plugin.toml";
 /// Longest template of an action model that is accepted, in bytes.
 const MODEL_BYTES_MAX: u64 = 1 << 20;
 
-/// Largest number of files of a package that are checked for changes. A package with its libraries has
-/// hundreds.
+/// Maximum number of files of a package that are checked for changes. A package with its libraries
+/// has hundreds of files.
 const FILES_MAX: usize = 10_000;
 
-/// A package without mistakes.
+/// A package that was read and checked without finding a mistake.
 #[derive(Clone, Debug)]
 pub struct Package {
     /// Path of the package's folder.
@@ -43,7 +43,8 @@ pub struct Package {
 /// Mistakes of a package, either in one of its files or about the package as a whole.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PackageFaults {
-    /// File with the mistakes; the package's folder if the mistakes are about the package as a whole.
+    /// File with the mistakes; the package's folder if the mistakes are about the package as a
+    /// whole.
     pub file: PathBuf,
     /// Text of the file with the mistakes; empty if the file could not be read.
     pub text: String,
@@ -51,8 +52,8 @@ pub struct PackageFaults {
     pub found: Vec<Diagnostic>,
 }
 
-/// For each file of a package, the size mixed with the inode number, and the time of the last change. The
-/// stamp differs if a file has changed.
+/// Stamp of a package, which differs if a file has changed. For each file, the stamp has the size
+/// mixed with the inode number, and the time of the last change.
 pub(crate) type Stamp = BTreeMap<PathBuf, (u64, Option<SystemTime>)>;
 
 impl Package {
@@ -115,13 +116,13 @@ impl Package {
     ///
     /// # Errors
     ///
-    /// Returns an error for a person if the program does not exist or cannot be executed.
+    /// Returns the reason, for a person, if the program does not exist or cannot be executed.
     fn has_program(&self) -> Result<(), String> {
         program::candidates(&self.folder, self.called(), &program::own_path()).map(drop)
     }
 
-    /// Returns a mistake that shows only when the program is started, with the place of `run` in the
-    /// manifest as its place.
+    /// Returns a mistake that shows only when the program is started, with the place of `run` in
+    /// the manifest as its place.
     pub fn fault_of_program(&self, message: String, help: Option<String>) -> PackageFaults {
         let mistake = Diagnostic::error(self.manifest.run_place, message);
         let mistake = help.into_iter().fold(mistake, Diagnostic::with_help);
@@ -129,7 +130,8 @@ impl Package {
         PackageFaults { file, text, found: vec![mistake] }
     }
 
-    /// Resolves the program that is really executed, through shims, links and first lines of scripts.
+    /// Resolves the program that is really executed, through shims, links and first lines of
+    /// scripts.
     ///
     /// # Errors
     ///
@@ -145,13 +147,13 @@ impl Package {
         self.manifest.run.first().map(String::as_str).unwrap_or_default()
     }
 
-    /// Returns the action model of an agent of this package, as text and parsed; `None` if the package has
-    /// no model.
+    /// Returns the action model of an agent of this package, as text and parsed; `None` if the
+    /// package has no model.
     ///
     /// # Errors
     ///
-    /// Returns the reason, for a person, if the template fails or does not yield an action model of this
-    /// agent.
+    /// Returns the reason, for a person, if the template fails or does not yield an action model of
+    /// this agent.
     pub fn model(
         &self,
         agent: &AgentId,
@@ -176,9 +178,10 @@ impl Package {
         Ok(Some((text, model)))
     }
 
-    /// Returns the reason why an agent with the action model `said` and these methods is not admitted;
-    /// `None` if the agent is admitted. All actions and methods of the agent must be in the manifest. They
-    /// must equal those of `own`, the action model that the package has for the agent, if there is one.
+    /// Returns the reason why an agent with the action model `said` and these methods is not
+    /// admitted; `None` if the agent is admitted. All actions and methods of the agent must be in
+    /// the manifest. They must equal those of `own`, the action model that the package has for the
+    /// agent, if there is one.
     pub fn objection(
         &self,
         said: &ActionModel,
@@ -255,8 +258,8 @@ pub(crate) fn stamp(folder: &Path) -> Stamp {
             match fs::symlink_metadata(&path) {
                 Ok(metadata) if metadata.is_dir() => folders.push(path),
                 Ok(metadata) if stamp.len() < FILES_MAX => {
-                    // A copy may keep the time of a file, and a link may change its target: then the inode
-                    // differs.
+                    // A copy may keep the time of a file, and a link may change its target: then
+                    // the inode differs.
                     let size = metadata.len() ^ metadata.ino().rotate_left(32);
                     stamp.insert(path, (size, metadata.modified().ok()));
                 }

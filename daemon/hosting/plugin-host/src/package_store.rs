@@ -1,15 +1,18 @@
-//! The plugin folder of a machine: one folder per package, and marker files with the decisions of people.
+//! The plugin folder of a machine: one folder per package, and marker files with the decisions of
+//! people.
 //!
-//! Every change is one rename in that folder, so a daemon that reads the folder at any moment sees the old
-//! or the new state. Files and folders with a name that begins with a dot are no packages:
+//! Every change is one rename in that folder, so that a daemon that reads the folder at any moment
+//! finds either the old or the new state. Files and folders with a name that begins with a dot are
+//! not packages:
 //!
 //! - `.NAME.disabled`: the package is disabled.
 //! - `.NAME.rights`: the rights that a person has allowed the package, one in a line.
 //! - `.NAME.before`: the version of the package before the last upgrade.
 //! - `.NAME.failed`: the version of the package that was rolled back.
 //!
-//! A user that can write to the folder controls which programs run here. So the folder and everything in it
-//! is created for this user alone, whatever the umask is, and a folder that others can write to is refused.
+//! A user that can write to the folder controls which programs run here. Therefore the folder and
+//! everything in it is created with access for this user alone, regardless of the umask. A folder
+//! that others can write to is refused.
 
 use std::fs::{self, DirBuilder, OpenOptions, Permissions};
 use std::io::{self, Write as _};
@@ -32,9 +35,9 @@ const OTHERS_WRITE: u32 = 0o022;
 /// Mask of all bits of a file mode.
 const MODE: u32 = 0o7777;
 
-/// Name of the marker file which states that rights have to be allowed in this plugin folder. A daemon
-/// writes the file when it first checks the folder; packages that ran there before keep the rights that
-/// they used.
+/// Name of the marker file which states that rights need a person's consent in this plugin folder.
+/// A daemon writes the file when it first checks the folder. Packages that ran there before keep
+/// the rights that they used.
 const ASKED: &str = ".rights-are-asked";
 
 /// The plugin folder of this machine, with its packages and marker files.
@@ -44,7 +47,7 @@ pub struct PackageStore {
     pub folder: PathBuf,
 }
 
-/// Reason why an operation on a package failed. Completes “failed to …”.
+/// Reason why an operation on a package failed. The text of the error completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum PackageStoreError {
@@ -54,15 +57,15 @@ pub enum PackageStoreError {
     /// The plugin folder has no package of this name.
     #[error("find a plugin `{name}` in {}", folder.display())]
     Unknown {
-        /// Name of the package that was asked for.
+        /// Name of the requested package.
         name: String,
-        /// The plugin folder in which the package was looked for.
+        /// The plugin folder that was searched.
         folder: PathBuf,
     },
     /// The package asks for rights that were not allowed.
     #[error("let `{name}` use {}: that is not allowed yet", listed(asks))]
     NotAllowed {
-        /// Name of the package that was asked for.
+        /// Name of the requested package.
         name: String,
         /// Rights that the package asks for and that were not allowed.
         asks: Vec<Right>,
@@ -116,15 +119,18 @@ impl PackageStore {
         self.aside(name, "disabled").exists()
     }
 
-    /// Disables or enables a package. If the package was given up, enabling it also starts it again.
+    /// Disables or enables a package. Enabling also restarts a package that was given up after
+    /// failures.
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no package of this name, or the plugin folder cannot be written.
+    /// Returns an error if there is no package of this name, or the plugin folder cannot be
+    /// written.
     pub fn set_disabled(&self, name: &str, is_disabled: bool) -> Result<(), PackageStoreError> {
         self.known(name)?;
         let mark = self.aside(name, "disabled");
-        // Also written when it is then removed: a daemon that watches the folder sees the change.
+        // The marker file is written even if it is removed next, so that a daemon that watches the
+        // folder notices a change.
         write(&mark, "")?;
         if !is_disabled {
             fs::remove_file(&mark).map_err(|source| failed("remove", &mark, source))?;
@@ -148,8 +154,8 @@ impl PackageStore {
     ///
     /// # Errors
     ///
-    /// Returns an error if another user owns the plugin folder or can write to it. A folder that does not
-    /// exist is no error.
+    /// Returns an error if another user owns the plugin folder or can write to it. A folder that
+    /// does not exist is no error.
     pub fn check_writers(&self) -> Result<(), PackageStoreError> {
         others_cannot_write(&self.folder)
     }
@@ -158,7 +164,7 @@ impl PackageStore {
     ///
     /// # Errors
     ///
-    /// Returns an error with the first file or folder that another user can write to or owns.
+    /// Returns an error about the first file or folder that another user owns or can write to.
     pub(crate) fn check_writers_of(&self, name: &str) -> Result<(), PackageStoreError> {
         others_cannot_write(&self.package_folder(name))?;
         let mut folders = vec![self.package_folder(name)];
@@ -173,18 +179,19 @@ impl PackageStore {
         Ok(())
     }
 
-    /// Returns the rights that a person has allowed a package.
+    /// Returns the rights that a person has allowed to a package.
     pub fn allowed(&self, name: &str) -> Vec<Right> {
         let text = fs::read_to_string(self.aside(name, "rights")).unwrap_or_default();
-        // A line that is no right is ignored.
+        // A line that is not a valid right is ignored.
         text.lines().filter_map(|line| line.trim().parse().ok()).collect()
     }
 
-    /// Adds rights that a person allows a package.
+    /// Adds to the rights that a person has allowed to a package.
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no package of this name, or the plugin folder cannot be written.
+    /// Returns an error if there is no package of this name, or the plugin folder cannot be
+    /// written.
     pub fn allow(&self, name: &str, rights: &[Right]) -> Result<(), PackageStoreError> {
         self.known(name)?;
         self.note_rights(name, rights)
@@ -206,8 +213,9 @@ impl PackageStore {
         fs::rename(&new, &place).map_err(|source| failed("write", &place, source))
     }
 
-    /// Allows each package the rights that it already uses. This happens once per plugin folder, for
-    /// folders from the time before rights had to be allowed. `has_run` tells which packages have run here.
+    /// Allows each package the rights that it already uses. Does so once per plugin folder, for
+    /// folders from versions without consent to rights. `has_run` returns `true` for the packages
+    /// that have run here.
     pub(crate) fn allow_rights_in_use(
         &self,
         has_run: impl Fn(&str) -> bool,
@@ -227,9 +235,9 @@ impl PackageStore {
         write(&mark, "Packages that ask for more than the least wait until a person allows it.\n")
     }
 
-    /// Returns the rights that a new version of an installed package may use without consent. These are the
-    /// rights that were allowed; in a folder from the time before rights had to be allowed, they are the
-    /// rights that the installed version asks for.
+    /// Returns the rights that a new version of an installed package may use without new consent:
+    /// the rights that were allowed. In a folder from versions without consent to rights, the
+    /// rights that the installed version requests count as allowed.
     pub fn kept_rights(&self, name: &str) -> Vec<Right> {
         let mut kept = self.allowed(name);
         if !self.folder.join(ASKED).exists()
@@ -240,13 +248,13 @@ impl PackageStore {
         kept
     }
 
-    /// Installs a package; an installed package of the same name is replaced and kept as `.NAME.before`,
-    /// for a rollback. `allowed` are the rights that a person allows with this call.
+    /// Installs a package. An installed package of the same name is replaced, and kept as
+    /// `.NAME.before` for a rollback. `allowed` are the rights that a person allows with this call.
     ///
     /// # Errors
     ///
-    /// Returns an error if the package has mistakes, asks for rights that were not allowed, or cannot be
-    /// copied.
+    /// Returns an error if the package has mistakes, asks for rights that were not allowed, or
+    /// cannot be copied.
     pub fn add(
         &self,
         from: &Path,
@@ -266,8 +274,8 @@ impl PackageStore {
         self.clear(&new)?;
         copy(from, &new)?;
         let place = self.package_folder(&name);
-        // Noted before the package is in place, so that a daemon that reads the folder meanwhile finds the
-        // rights.
+        // The rights are written before the package is in place, so that a daemon that reads the
+        // folder meanwhile finds them.
         self.note_rights(&name, &asks)?;
         if place.exists() {
             self.clear(&before)?;
@@ -277,14 +285,15 @@ impl PackageStore {
         Ok(package.manifest)
     }
 
-    /// Removes a package, with its earlier versions, rights and marker files.
+    /// Removes a package, together with its earlier versions, rights and marker files.
     ///
     /// # Errors
     ///
     /// Returns an error if there is no package of this name, or it cannot be removed.
     pub fn remove(&self, name: &str) -> Result<(), PackageStoreError> {
         self.known(name)?;
-        // One rename hides it: a daemon never sees a package that is half removed.
+        // One rename hides the package, so that a daemon never reads a package that is half
+        // removed.
         let gone = self.aside(name, "removed");
         self.clear(&gone)?;
         let place = self.package_folder(name);
@@ -295,8 +304,8 @@ impl PackageStore {
         Ok(())
     }
 
-    /// Restores the version of a package before the last upgrade. Returns `false` if there is no such
-    /// version.
+    /// Restores the version of a package from before the last upgrade. Returns `false` if no such
+    /// version is kept.
     pub(crate) fn roll_back(&self, name: &str) -> Result<bool, PackageStoreError> {
         let (place, before) = (self.package_folder(name), self.aside(name, "before"));
         if !before.exists() {
@@ -309,8 +318,8 @@ impl PackageStore {
         Ok(true)
     }
 
-    /// Removes the version of a package before the last upgrade, because the new version works. Afterwards
-    /// no rollback is possible.
+    /// Removes the version of a package from before the last upgrade, because the new version
+    /// works. Afterwards the package cannot be rolled back.
     pub(crate) fn discard_previous(&self, name: &str) {
         // A version that cannot be removed does no harm.
         let _ = self.clear(&self.aside(name, "before"));
@@ -338,7 +347,7 @@ fn failed(doing: &'static str, path: &Path, source: io::Error) -> PackageStoreEr
     PackageStoreError::Io { doing, path: path.to_owned(), source }
 }
 
-/// Writes a file that only this user can read, whatever the umask is.
+/// Writes a file that only this user can read, regardless of the umask.
 fn write(file: &Path, text: &str) -> Result<(), PackageStoreError> {
     let opened = OpenOptions::new().create(true).truncate(true).write(true).mode(0o600).open(file);
     let written = opened.and_then(|mut file| file.write_all(text.as_bytes()));
@@ -347,7 +356,7 @@ fn write(file: &Path, text: &str) -> Result<(), PackageStoreError> {
 
 fn others_cannot_write(path: &Path) -> Result<(), PackageStoreError> {
     let Ok(metadata) = fs::symlink_metadata(path) else { return Ok(()) };
-    // A link has no mode of its own, and its target is no part of the package.
+    // A link has no mode of its own, and its target is not part of the package.
     if metadata.is_symlink() {
         return Ok(());
     }
@@ -361,7 +370,8 @@ fn others_cannot_write(path: &Path) -> Result<(), PackageStoreError> {
     Err(PackageStoreError::Writable { path: path.to_owned(), who, cure })
 }
 
-/// Copies a folder with everything in it; links are copied as links. Only this user can write to the copy.
+/// Copies a folder with all its contents; links are copied as links. Only this user can write to
+/// the copy.
 fn copy(from: &Path, to: &Path) -> Result<(), PackageStoreError> {
     let made = DirBuilder::new().mode(FOLDER_MODE).create(to);
     made.map_err(|source| failed("make", to, source))?;
@@ -405,7 +415,7 @@ mod tests {
     }
 
     #[test]
-    fn packages_are_added_upgraded_taken_back_and_removed() {
+    fn packages_are_added_upgraded_rolled_back_and_removed() {
         let (source, place) =
             (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
         let package_store = PackageStore { folder: place.path().join("plugins") };
@@ -443,7 +453,7 @@ mod tests {
     }
 
     #[test]
-    fn more_than_the_least_is_allowed_by_a_person_and_kept_until_it_grows() {
+    fn extra_rights_need_consent_and_are_kept_until_they_grow() {
         let source = tempfile::tempdir().expect("a folder");
         let package_store = PackageStore { folder: source.path().join("plugins") };
         let path = asking(source.path(), "network = true\ndevices = [\"/dev/i2c-1\"]");
@@ -463,7 +473,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_run_before_anybody_was_asked_keeps_its_rights_and_nothing_else_does() {
+    fn packages_from_before_consent_was_required_keep_their_rights() {
         let place = tempfile::tempdir().expect("a folder");
         let package_store = PackageStore { folder: place.path().to_owned() };
         asking(place.path(), "network = true");
@@ -477,10 +487,10 @@ mod tests {
         assert_eq!(package_store.allowed("lamp"), [Right::Network]);
     }
 
-    /// The test sets the modes of files explicitly, because setting the umask would change that of the
-    /// whole test process.
+    /// Sets the modes of files explicitly, because changing the umask would affect the whole test
+    /// process.
     #[test]
-    fn nobody_else_can_write_what_is_made_here_and_where_somebody_can_it_is_refused() {
+    fn files_are_writable_by_this_user_only_and_others_are_refused() {
         let source = tempfile::tempdir().expect("a folder");
         let package_store = PackageStore { folder: source.path().join("plugins") };
         let path = package(source.path(), "1.0");
@@ -510,7 +520,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_whole_is_not_added() {
+    fn a_package_with_a_mistake_is_not_added() {
         let source = tempfile::tempdir().expect("a folder");
         let package_store = PackageStore { folder: source.path().join("plugins") };
         let path = package(source.path(), "");

@@ -1,5 +1,5 @@
-//! The client agent that the host runs on the endpoint of a plugin: it forwards actions to the plugin's
-//! agents, receives the results, and cancels actions that no caller waits for any more.
+//! The client agent of the host on the endpoint of a plugin. It forwards actions to the plugin's
+//! agents, receives the results, and cancels actions when their callers stop waiting.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -10,18 +10,18 @@ use actuator::{MethodCall, MethodFailure};
 use agent::{Agent, Callbacks, Context, ExchangeEvent, ExchangeOpening, WorkHandle};
 use tokio::sync::{mpsc, oneshot};
 
-/// Capacity of the queue of actions that wait to be forwarded. An agent carries out one action at a time,
-/// so more are not expected.
+/// Capacity of the queue of actions that wait to be forwarded. Each agent carries out one action at
+/// a time, so the queue stays short.
 const ORDERS_MAX: usize = 1_024;
 
-/// Time that an agent of the plugin may take for the messages `agree` and `confirm`, in addition to the
-/// timeout of the method that it carries out.
+/// Time that an agent of the plugin has for the messages `agree` and `confirm`, in addition to the
+/// timeout of the method for the action.
 const BESIDE_METHOD: Duration = Duration::from_secs(5);
 
 type ResultSender = oneshot::Sender<Result<Report, MethodFailure>>;
 
-/// Handle of the client agent of a plugin, through which actions are forwarded; all clones belong to the
-/// same client agent.
+/// Handle of the client agent of a plugin, for forwarding actions. All clones belong to the same
+/// client agent.
 #[derive(Clone)]
 pub(crate) struct PluginClientHandle(mpsc::Sender<ClientOrder>);
 
@@ -33,11 +33,13 @@ enum ClientOrder {
         number: u64,
         tell: ResultSender,
     },
-    /// Cancels the action with this number, because the caller does not wait for the result any more.
+    /// Cancels the action with this number, because the caller does not wait for the result any
+    /// more.
     Cancel(u64),
 }
 
-/// The client agent of one plugin: forwards actions to the plugin's agents and receives their results.
+/// The client agent of one plugin, which forwards actions to the plugin's agents and receives their
+/// results.
 pub(crate) struct PluginClient {
     orders: Option<mpsc::Receiver<ClientOrder>>,
     under_way: BTreeMap<u64, PendingAction>,
@@ -51,7 +53,7 @@ struct PendingAction {
     tell: ResultSender,
 }
 
-/// Cancels a forwarded action if it is dropped before the result of the action has
+/// Guard that cancels a forwarded action if it is dropped before the result of the action has
 /// arrived.
 struct CancelActionOnDrop {
     client: Option<PluginClientHandle>,
@@ -78,7 +80,7 @@ impl PluginClient {
                     attendant.begin_action(to, call, timeout, number, tell, ctx);
                 }
                 Some(ClientOrder::Cancel(number)) => attendant.cancel_action(number, ctx),
-                // All handles were dropped.
+                // All handles were dropped, so the client agent stops receiving orders.
                 None => return,
             }
             attendant.next_order(ctx);
@@ -145,7 +147,7 @@ impl PluginClient {
         };
         if let Some(PendingAction { tell, exchange, .. }) = self.under_way.remove(&number) {
             ctx.close(&exchange);
-            // The caller may have given up in the meantime.
+            // The caller may have stopped waiting in the meantime.
             let _ = tell.send(outcome);
         }
     }
@@ -179,7 +181,8 @@ impl Agent for PluginClient {
 }
 
 impl PluginClientHandle {
-    /// Asks an agent of the plugin to act, and returns its report. Dropping the future cancels the action.
+    /// Requests an action of an agent of the plugin, and returns the report of the agent. Dropping
+    /// the future cancels the action.
     pub(crate) async fn act(
         &self,
         to: AgentId,
@@ -201,8 +204,8 @@ impl PluginClientHandle {
 impl Drop for CancelActionOnDrop {
     fn drop(&mut self) {
         if let Some(bell) = &self.client {
-            // If the queue is full or closed, the attendant has stopped, or the exchange ends at its
-            // deadline.
+            // Sending fails if the queue is full or closed. Then the client agent has stopped, or
+            // the exchange ends at its deadline.
             let _ = bell.0.try_send(ClientOrder::Cancel(self.number));
         }
     }

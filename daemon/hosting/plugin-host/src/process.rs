@@ -1,14 +1,13 @@
-//! The process of a plugin: how it is started, and how it is ended together with all processes that it has
-//! started.
+//! The process of a plugin: starting the process, and ending it together with all its descendants.
 //!
-//! The standard input of the process is a socket. Before the process becomes the plugin's program, it
-//! reports its confinement over that socket, and hands over the seccomp listener for the system calls that
-//! this daemon answers (`mediator`). Afterwards the daemon only writes to the socket.
+//! The standard input of the process is a socket. Before the process becomes the plugin's program,
+//! it reports its confinement over that socket, and passes the seccomp listener for the system
+//! calls that this daemon answers (`mediator`). Afterwards the daemon only writes to the socket.
 //!
-//! The process runs in a process group of its own, which it cannot leave. A *watch* kills the group when
-//! the daemon ends, for whatever reason: the watch is a shell that reads from a pipe, and only the daemon
-//! holds the other end of the pipe. The program itself is also killed when the thread of the daemon that
-//! started it ends; so no plugin starts without a watch.
+//! The process runs in a process group of its own, which it cannot leave. A *watch* kills the group
+//! when the daemon ends, for whatever reason. The watch is a shell that reads from a pipe, and only
+//! the daemon has the other end of the pipe open. The kernel also kills the process when the thread
+//! that started it ends, so that no plugin starts without a watch.
 
 use std::ffi::OsString;
 use std::io;
@@ -30,31 +29,32 @@ use crate::confinement::{Confinement, ConfinementMeans, ConfinementReport};
 use crate::log::PluginLog;
 use crate::mediator::CallMediator;
 
-/// Time that a plugin has to end by itself after the daemon asks it to end.
+/// Time that a plugin has to end by itself after the daemon has requested its end.
 const STOPPING: Duration = Duration::from_secs(2);
 
-/// Time for reading the last output of a process after the process has ended.
+/// Maximum time for reading the last output of a process after its end.
 const LAST_WORDS: Duration = Duration::from_millis(50);
 
-/// Time that a process may take to confine itself, on a small and busy board.
+/// Maximum time for a process to confine itself, on a small and busy board.
 const ENTERING: Duration = Duration::from_secs(20);
 
-/// Maximum number of attempts to start the process that finds out how plugins can be confined.
+/// Maximum number of attempts to start the process that tries out the means of confinement.
 const PROBES_MAX: u32 = 3;
 
-/// Longest report about the confinement that is accepted from a process, in bytes.
+/// Maximum length of a process's report about its confinement, in bytes.
 const ENTERED_BYTES_MAX: usize = 4 << 10;
 
-/// Shell script of the *watch*, the process that kills a plugin's process group when the daemon ends. The
-/// script ends without killing if a line arrives on its standard input, and kills the group if the input is
-/// closed before.
+/// Shell script of the *watch*, the process that kills a plugin's process group when the daemon
+/// ends. The script exits without killing if a line arrives on its standard input. The script kills
+/// the group if the input is closed without a line.
 const CLEANUP_SCRIPT: &str = "trap '' HUP INT TERM\nread -r word && exit\nkill -KILL \"-$1\"";
 
-/// Path of this daemon's own program, which is started to become a plugin's: see [`crate::LAUNCH`].
+/// Path of this daemon's own program, which is started to become the program of a plugin; see
+/// [`crate::LAUNCH`].
 #[derive(Clone, Debug)]
 pub struct Launcher(pub PathBuf);
 
-/// Program to start, and the surroundings that its process gets.
+/// Program to start, and the environment and limits of its process.
 pub(crate) struct ProcessLaunch<'l> {
     pub(crate) launcher: &'l Launcher,
     pub(crate) program: &'l Path,
@@ -70,7 +70,8 @@ pub(crate) struct ProcessLaunch<'l> {
     pub(crate) log: &'l PluginLog,
 }
 
-/// Running process of a plugin. On drop, it is killed with all processes that it has started.
+/// Running process of a plugin. When this value is dropped, the process and all its descendants are
+/// killed.
 pub(crate) struct PluginProcess {
     child: Child,
     group: KilledGroup,
@@ -80,13 +81,13 @@ pub(crate) struct PluginProcess {
     watch: Option<(Child, ChildStdin)>,
 }
 
-/// Process group of a plugin, which is killed on drop. `None` after the group is gone.
+/// Process group of a plugin, which is killed on drop; `None` after the group has ended.
 struct KilledGroup(Option<Pid>);
 
 impl Launcher {
-    /// Starts a process of the daemon's own program that finds out what the kernel offers to confine
-    /// plugins. If the machine is too busy to answer, the attempt is repeated up to [`PROBES_MAX`] times,
-    /// because without an answer nothing is enforced.
+    /// Starts a process of the daemon's own program that tries out the means of confinement. If the
+    /// machine is too busy to answer, the attempt is repeated, up to [`PROBES_MAX`] attempts in
+    /// total. If all attempts fail, nothing can be enforced.
     pub(crate) async fn means(&self, folder: &Path) -> ConfinementMeans {
         let mut why = String::new();
         for _ in 0..PROBES_MAX {
@@ -114,7 +115,8 @@ impl Launcher {
 }
 
 impl PluginProcess {
-    /// Starts the process of a plugin, and waits until the process has confined itself or has ended.
+    /// Starts the process of a plugin, and waits until the process has confined itself or has
+    /// ended.
     pub(crate) async fn begin(launch: &ProcessLaunch<'_>) -> io::Result<PluginProcess> {
         let confinement = serde_json::to_string(launch.confinement)?;
         let (ours, theirs) = Blocking::pair()?;
@@ -129,7 +131,7 @@ impl PluginProcess {
         command.envs(launch.environment.iter().map(|(name, value)| (name, value)));
         command.stdin(OwnedFd::from(theirs)).stdout(Stdio::piped()).stderr(Stdio::piped());
         let mut child = command.spawn()?;
-        // The command holds the child's end of the socket, which only the child must hold.
+        // The command holds the child's end of the socket, which the parent must not keep open.
         drop(command);
         let pid = child.id().and_then(|id| Pid::from_raw(i32::try_from(id).ok()?));
         let group = KilledGroup(pid);
@@ -143,9 +145,9 @@ impl PluginProcess {
         Ok(process)
     }
 
-    /// Receives the report of the process about its confinement, and starts to answer the system calls of
-    /// the process. A process that cannot confine itself writes the reason to its standard error and ends;
-    /// this is no error here.
+    /// Receives the report of the process about its confinement, and starts to answer the system
+    /// calls of the process. A process that cannot confine itself writes the reason to its standard
+    /// error and ends; this is not an error here.
     async fn entered(&self, launch: &ProcessLaunch<'_>) -> io::Result<()> {
         let (Some(stdin), Some(group)) = (&self.stdin, self.group.0) else { return Ok(()) };
         let heard = tokio::time::timeout(ENTERING, receive_report(stdin)).await;
@@ -169,7 +171,7 @@ impl PluginProcess {
             };
             mediator.start(listener)?;
         }
-        // Nothing that the process writes there from now on is read.
+        // Data that the process writes to the socket from now on is ignored.
         rustix::net::shutdown(stdin.as_fd(), rustix::net::Shutdown::Read)?;
         Ok(())
     }
@@ -178,8 +180,8 @@ impl PluginProcess {
         let mut command = Command::new("sh");
         command.args(["-c", CLEANUP_SCRIPT, "watch", &self.id().to_string()]).current_dir("/");
         command.stdin(Stdio::piped()).stdout(Stdio::null()).stderr(Stdio::null());
-        // A process group of its own: signals to the daemon's group, such as that of Ctrl-C, do not reach
-        // the watch.
+        // The watch has a process group of its own: signals to the daemon's group, such as that of
+        // Ctrl-C, do not reach the watch.
         let mut watch = command.process_group(0).spawn()?;
         let no_pipe = || io::Error::other("the watch has no standard input");
         let word = watch.stdin.take().ok_or_else(no_pipe)?;
@@ -207,7 +209,8 @@ impl PluginProcess {
     pub(crate) async fn ended(&mut self) -> io::Result<ExitStatus> {
         // `stdin` was not taken from the child, so waiting does not close it.
         let status = self.child.wait().await;
-        // Processes that it has started may still hold its pipes, so reading them is bounded.
+        // Descendants of the process may keep its pipes open, so the time for reading them is
+        // bounded.
         let words = async {
             while let Some(words) = self.words.pop() {
                 let _ = words.await;
@@ -217,8 +220,8 @@ impl PluginProcess {
         status
     }
 
-    /// Asks the process to end, waits up to [`STOPPING`], and then kills it with all processes that it has
-    /// started.
+    /// Requests the end of the process with `SIGTERM`, waits up to [`STOPPING`], and then kills the
+    /// process and all its descendants.
     pub(crate) async fn stop(mut self) {
         self.stdin = None;
         if let Some(group) = self.group.0 {
@@ -228,13 +231,14 @@ impl PluginProcess {
         self.end().await;
     }
 
-    /// Kills the process at once, with all processes that it has started.
+    /// Kills the process and all its descendants at once.
     pub(crate) async fn end(mut self) {
         self.group.kill();
         let _ = self.child.wait().await;
         self.group.0 = None;
         if let Some((mut watch, mut word)) = self.watch.take() {
-            // Releases the watch: the group is gone, and the system may soon reuse its number.
+            // Makes the watch exit, because the group has ended, and the system may soon reuse its
+            // number.
             let _ = word.write_all(b"well\n").await;
             drop(word);
             let _ = watch.wait().await;
@@ -257,8 +261,9 @@ impl Drop for KilledGroup {
     }
 }
 
-/// Reads the report about the confinement that a process sends before it becomes the plugin's program. The
-/// report is `None` if the process has ended.
+/// Reads the report about the confinement that a process sends before it becomes the plugin's
+/// program. The report is `None` if the process has ended; the listener is `None` if none was
+/// passed.
 async fn receive_report(
     stdin: &UnixStream,
 ) -> io::Result<(Option<Vec<u8>>, Option<NotifyListener>)> {
@@ -270,7 +275,7 @@ async fn receive_report(
     Ok(((length > 0).then_some(buffer), listener))
 }
 
-/// Describes how a process has ended, for a person.
+/// Describes how a process ended, for a person.
 pub(crate) fn ending(status: io::Result<ExitStatus>) -> String {
     match status {
         Ok(status) => match (status.code(), status.signal()) {

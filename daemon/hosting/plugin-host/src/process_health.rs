@@ -1,5 +1,5 @@
-//! State of a plugin's process while it runs: since when it is ready, the resources that it takes, and the
-//! reasons to end it.
+//! State of the running process of a plugin: the time since it is ready, the resources that it
+//! takes, and the reasons to end it.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -15,22 +15,23 @@ use crate::resource_sampling::ResourceSample;
 use crate::rights::Permissions;
 use crate::usage::FILES_MAX;
 
-/// Time for which a plugin may exceed its share of the processor before it is slowed down; after
-/// [`CPU_STOPPED`] it is ended.
+/// Time for which a plugin may exceed its share of the processor before it is slowed down. After
+/// [`CPU_STOPPED`] the plugin is ended.
 const CPU_SLOWED: Duration = Duration::from_secs(5);
 const CPU_STOPPED: Duration = Duration::from_secs(20);
-/// Time without any of the plugin's agents after which a plugin is ended although its process runs.
+/// Time without any present agent of a plugin after which the plugin is ended, although its process
+/// runs.
 pub(crate) const SILENT: Duration = Duration::from_secs(10);
 
 /// State of a plugin's running process.
 pub(crate) struct ProcessHealth {
     pub(crate) began: Instant,
     pub(crate) ready: Option<Instant>,
-    /// Time when at least one of the plugin's agents was last present.
+    /// Time at which at least one of the plugin's agents was last present.
     pub(crate) last_present: Instant,
     last_sample: (Instant, ResourceSample),
-    /// Time for which the plugin has exceeded its share of the processor; time below the share is
-    /// subtracted.
+    /// Time for which the plugin has exceeded its share of the processor; reduced again by time
+    /// below the share.
     over_cpu: Duration,
     is_slowed: bool,
 }
@@ -48,7 +49,8 @@ impl ProcessHealth {
         }
     }
 
-    /// Returns the reason why the plugin's process has to be ended, or `None` if it may go on.
+    /// Returns the reason why the plugin's process has to be ended; `None` if the process may
+    /// continue.
     pub(crate) fn limit_exceeded(
         &mut self,
         wanted: &DesiredPlugin,
@@ -168,7 +170,7 @@ impl ProcessHealth {
     }
 }
 
-/// Returns the message for a person about a plugin that the kernel killed because it exceeded its memory
+/// Returns the message for a person about a plugin that was killed because it exceeded its memory
 /// limit.
 pub(crate) fn out_of_memory_message(permissions: &Permissions) -> String {
     format!("it held more memory than it may: {} MiB", permissions.memory.div_ceil(1 << 20))
@@ -177,7 +179,7 @@ pub(crate) fn out_of_memory_message(permissions: &Permissions) -> String {
 /// Gives the lowest priority to all processes of a process group.
 fn slow_down(group: i32) {
     if let Some(group) = rustix::process::Pid::from_raw(group) {
-        // If that fails, the plugin is ended soon for its use of the processor.
+        // If this fails, the plugin is ended soon because of its processor time.
         let _ = rustix::process::setpriority_pgrp(Some(group), 19);
     }
 }

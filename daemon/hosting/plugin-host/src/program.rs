@@ -1,23 +1,25 @@
 //! Finds the program that a package really runs, before the process is confined.
 //!
-//! What a manifest calls `python3` is often something else: a *shim* of a version manager (pyenv, rbenv,
-//! asdf, mise), which asks the manager and then runs the real interpreter; an interpreter of a virtual
-//! environment; or a script with an interpreter in its first line. Managers and interpreters may be in any
-//! folder, so inside the confinement a shim fails with “Permission denied”. Therefore the daemon resolves
-//! the program first, and the confinement lets the program read the real interpreter and what that
+//! The program that a manifest calls `python3` is often something else. It may be a *shim* of a
+//! version manager (pyenv, rbenv, asdf, mise), which queries the manager and then runs the real
+//! interpreter. It may be an interpreter of a virtual environment, or a script with an interpreter
+//! in its first line. Managers and interpreters may be in any folder, so that inside the
+//! confinement a shim fails with “Permission denied”. Therefore the daemon resolves the program
+//! first. The confinement then lets the program read the real interpreter and the files that this
 //! interpreter needs.
 //!
-//! The daemon runs interpreters and managers outside of the confinement to ask for their paths. So it asks
-//! only programs that the daemon's user has installed: those found by a name on the daemon's `PATH`, or
-//! below `/usr`, `/bin` or `/nix/store`. A path in a manifest or a script could lead to a file of the
-//! package, or to one that the plugin has written; of such a file only links and folders are examined. The
-//! interpreter in a virtual environment of a package is not asked either, because that would run code of
-//! the environment.
+//! The daemon runs interpreters and managers outside of the confinement to query their paths.
+//! Therefore the daemon runs only programs that its user has installed: those found by a name on
+//! the daemon's `PATH`, or below `/usr`, `/bin` or `/nix/store`. A path in a manifest or a script
+//! could lead to a file of the package, or to one that the plugin has written; of such a file only
+//! links and folders are examined. The interpreter in a virtual environment of a package is not run
+//! either, because that would run code of the environment.
 //!
-//! The same distinction decides which files may be read: a program of the daemon's user brings along what
-//! it needs. A program that a manifest or a script names by its path must be in the package, among the
-//! system's programs, or where `read` lets the plugin read ([`ProgramScope`]). Otherwise a manifest would grant
-//! itself the folders around any program of the user.
+//! The same distinction decides which files the program may read. For a program of the daemon's
+//! user, the program's own files are added. A program that a manifest or a script names by its path
+//! must be in the package, among the system's programs, or below a path in `read`
+//! ([`ProgramScope`]). Otherwise a manifest would grant itself the folders around any program of
+//! the user.
 
 use std::collections::BTreeSet;
 use std::ffi::OsString;
@@ -29,17 +31,18 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
-/// Time that an interpreter or a version manager may take to answer the question for its paths.
+/// Maximum time for an interpreter or a version manager to answer the query for its paths.
 const ANSWER_WITHIN: Duration = Duration::from_secs(20);
 
-/// Longest part of a script that is read, in bytes; the shim of a version manager has only a dozen lines.
+/// Maximum length of a script that is read, in bytes; the shim of a version manager has only a
+/// dozen lines.
 const SCRIPT_BYTES_MAX: u64 = 64 << 10;
 
-/// Maximum number of scripts and shims that refer to each other until the program is found.
+/// Maximum length of a chain of scripts and shims that refer to each other.
 const STEPS_MAX: u32 = 6;
 
-/// Names of programs of version managers that act as other programs, depending on the name that they are
-/// called by.
+/// Names of programs of version managers that act as other programs, depending on the name by which
+/// they are called.
 const MULTIPLEXERS: &[&str] = &["mise", "rtx", "asdf", "volta-shim"];
 
 /// Folders in which only the system's administrator installs programs.
@@ -48,8 +51,8 @@ const SYSTEM_FOLDERS: &[&str] = &["/usr", "/bin", "/nix/store"];
 /// Names of the folders of virtual environments that a package may bring along.
 const OWN_ENVIRONMENTS: &[&str] = &[".venv", "venv"];
 
-/// Python script that prints the paths of the interpreter that runs it. The script imports nothing from the
-/// current folder.
+/// Python script that prints the paths of the interpreter that runs it. The script imports nothing
+/// from the current folder.
 const ASK_PYTHON: &str = "\
 import sys
 sys.path[:] = [entry for entry in sys.path if entry]
@@ -65,14 +68,14 @@ print(json.dumps({'executable': sys.executable or '',
 pub(crate) struct ResolvedProgram {
     /// File of the program that is executed.
     pub(crate) file: PathBuf,
-    /// Arguments before those of the manifest: the path of a script, and the arguments from the first line
-    /// of the script.
+    /// Arguments to insert before those of the manifest: the arguments from the first line of a
+    /// script, and the path of the script.
     pub(crate) leading: Vec<String>,
     /// Files and folders that the program needs to read in addition to those of the system.
     pub(crate) readable: BTreeSet<PathBuf>,
     /// Environment variables that the program needs.
     pub(crate) environment: Vec<(&'static str, OsString)>,
-    /// Sentence that names the real program, if the name in the manifest means a shim or the like.
+    /// Sentence that names the real program; `None` if the manifest names the real program itself.
     pub(crate) remark: Option<String>,
 }
 
@@ -82,13 +85,14 @@ struct Python {
     executable: PathBuf,
     prefixes: Vec<PathBuf>,
     path: Vec<PathBuf>,
-    /// Folder of the packages that the interpreter's user has installed; empty if the interpreter does not
-    /// use them.
+    /// Folder of the packages that the interpreter's user has installed; empty if the interpreter
+    /// does not use them.
     user: PathBuf,
     base: PathBuf,
 }
 
-/// Parsed shim: the version manager that the shim calls, and the environment variables for the manager.
+/// Parsed shim: the version manager that the shim calls, and the environment variables for the
+/// manager.
 #[derive(Debug, PartialEq)]
 struct Shim {
     manager: String,
@@ -96,15 +100,16 @@ struct Shim {
     environment: Vec<String>,
 }
 
-/// Folders where the programs of a package are looked for, and files that the package may name by path.
+/// Folders in which the program of a package is searched, and files that the package may name by
+/// path.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ProgramScope<'s> {
     /// Folder of the package that names the program.
     pub(crate) folder: &'s Path,
-    /// Files and folders that the package asks to read. A person has to allow them before the plugin is
-    /// started.
+    /// Files and folders that the package requests to read. A person has to allow them before the
+    /// plugin is started.
     pub(crate) read: &'s [PathBuf],
-    /// Folders in which a program is looked for by its name.
+    /// Folders in which a program is searched by its name.
     pub(crate) path: &'s [PathBuf],
 }
 
@@ -112,14 +117,14 @@ pub(crate) struct ProgramScope<'s> {
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ProgramCandidate {
     file: PathBuf,
-    /// File that may be run outside of the confinement to ask for its paths, because the daemon's user or
-    /// the system has installed it; `None` if there is none.
+    /// File that may be run outside of the confinement to query its paths, because the daemon's
+    /// user or the system has installed it; `None` if no such file is known.
     asked: Option<PathBuf>,
 }
 
-/// Resolves the program of a package. A name without `/` is looked for in the package's own virtual
-/// environment and then in the folders of the path; anything else is a file of the package, or an absolute
-/// path.
+/// Resolves the program of a package. A name without `/` is searched in the package's own virtual
+/// environment and then in the folders of the path. A name with `/` is a file of the package, or an
+/// absolute path.
 ///
 /// # Errors
 ///
@@ -146,11 +151,11 @@ pub(crate) async fn resolve(
     Err(first.unwrap_or_else(|| format!("there is no `{name}`")))
 }
 
-/// Returns the files that the name of a program may mean, the preferred one first.
+/// Returns the files that the name of a program may refer to, with the preferred file first.
 ///
 /// # Errors
 ///
-/// Returns the reason, for a person, if the name means no file.
+/// Returns the reason, for a person, if no file matches the name.
 pub(crate) fn candidates(
     folder: &Path,
     name: &str,
@@ -185,8 +190,8 @@ impl ProgramCandidate {
         ProgramCandidate { asked: Some(file.clone()), file }
     }
 
-    /// Returns a candidate for a file that a manifest or a script names by its path. The file may be asked
-    /// for its paths only if it is a program of the system, or a link to one.
+    /// Returns a candidate for a file that a manifest or a script names by its path. The file may
+    /// be run to query its paths only if it is a program of the system, or a link to one.
     fn named(file: PathBuf) -> ProgramCandidate {
         let asked = file.canonicalize().ok().filter(|file| is_system(file));
         ProgramCandidate { file, asked }
@@ -199,7 +204,8 @@ impl ProgramCandidate {
 }
 
 impl ProgramScope<'_> {
-    /// Whether the package may read a file: one of the system, of the package, or below a path in `read`.
+    /// Whether the package may read a file: a file of the system, of the package, or below a path
+    /// in `read`.
     fn holds(&self, file: &Path) -> bool {
         let is_below = |root: &Path| {
             file.starts_with(root) || root.canonicalize().is_ok_and(|root| file.starts_with(root))
@@ -224,7 +230,8 @@ fn is_executable(file: &Path) -> bool {
     fs::metadata(file).is_ok_and(is_it)
 }
 
-/// Returns the program that a file really runs, through shims, links and first lines of scripts.
+/// Returns the program that a file really runs, after following shims, links and first lines of
+/// scripts.
 async fn resolve_file(
     candidate: &ProgramCandidate,
     scope: ProgramScope<'_>,
@@ -277,7 +284,8 @@ async fn resolve_file(
     Ok(program)
 }
 
-/// Returns the program at a path that a package names, with the files around it that the package may read.
+/// Returns the program at a path that a package names, with the surrounding files that the package
+/// may read.
 ///
 /// # Errors
 ///
@@ -290,7 +298,7 @@ async fn named(
     let real = file.canonicalize().unwrap_or_else(|_| file.to_owned());
     let mut program = binary(file);
     if scope.holds(file) && !scope.holds(&real) {
-        // A virtual environment links to the interpreter that it was made with, often one of the user's.
+        // A virtual environment links to the interpreter that created it, often one of the user's.
         // That interpreter is accepted if it is also found on the path.
         let name = real.file_name().unwrap_or_default().to_string_lossy();
         for candidate in on_path(&name, scope.path) {
@@ -317,7 +325,7 @@ async fn named(
     }
 }
 
-/// Asks the version manager of a shim for the real program, and resolves that program.
+/// Queries the version manager of a shim for the real program, and resolves that program.
 async fn resolve_shim(
     shim: &Shim,
     file: &Path,
@@ -350,7 +358,8 @@ async fn resolve_shim(
     resolve_file(&ProgramCandidate::trusted(real), scope, steps - 1).await
 }
 
-/// Returns the multiplexer, such as `mise`, if a file such as `python3` is a link to one; `None` otherwise.
+/// Returns the multiplexer, such as `mise`, if a file such as `python3` is a link to one; otherwise
+/// `None`.
 fn multiplexer(file: &Path) -> Option<PathBuf> {
     let real = file.canonicalize().ok()?;
     let name = real.file_name()?.to_str()?;
@@ -362,7 +371,8 @@ fn multiplexer(file: &Path) -> Option<PathBuf> {
     }
 }
 
-/// Returns the text of a file that is a script; `None` if the file is something else.
+/// Returns the text of a file that is a script; `None` if the file is not a script or cannot be
+/// read.
 fn script(file: &Path) -> Option<String> {
     let mut bytes = Vec::new();
     let opened = File::open(file).ok()?;
@@ -370,8 +380,9 @@ fn script(file: &Path) -> Option<String> {
     bytes.starts_with(b"#!").then(|| String::from_utf8_lossy(&bytes).into_owned())
 }
 
-/// Returns the interpreter that the first line of a script names, and the arguments in that line. `env` is
-/// resolved by this function, because inside the confinement it might find another interpreter.
+/// Returns the interpreter in the first line of a script, and the arguments in that line. `env` is
+/// resolved here, because inside the confinement `env` might find another interpreter. Returns
+/// `None` if there is no interpreter.
 fn interpreter(script: &str, path: &[PathBuf]) -> Option<(ProgramCandidate, Vec<String>)> {
     let line = script.lines().next()?.strip_prefix("#!")?.trim();
     let (interpreter, argument) = match line.split_once(char::is_whitespace) {
@@ -391,6 +402,7 @@ fn interpreter(script: &str, path: &[PathBuf]) -> Option<(ProgramCandidate, Vec<
 }
 
 /// Parses a shim of pyenv, a similar manager, or asdf: `exec "…/pyenv" exec "$program" "$@"`.
+/// Returns `None` if the script is not a shim.
 fn shim(script: &str) -> Option<Shim> {
     let unquoted = |word: &str| word.trim_matches(['"', '\'']).to_owned();
     let mut environment = Vec::new();
@@ -419,16 +431,16 @@ fn is_python(file: &Path) -> bool {
         .is_some_and(|version| version.bytes().all(|byte| byte.is_ascii_digit() || byte == b'.'))
 }
 
-/// Asks a Python interpreter, also one behind a shim of any kind, for the paths of the interpreter and its
-/// libraries.
+/// Queries a Python interpreter for its own paths and those of its libraries. The interpreter may
+/// be behind a shim of any kind.
 async fn ask_python(file: &Path) -> Result<ResolvedProgram, String> {
-    // A plugin does not get these variables, so they must not influence the answer.
+    // The plugin runs without these variables, so they must not influence the answer.
     let words = ["env", "-u", "PYTHONPATH", "-u", "PYTHONHOME"].map(str::to_owned);
     let asked = [file.display().to_string(), "-c".to_owned(), ASK_PYTHON.to_owned()];
     let asked = programs::Program::of(words.into_iter().chain(asked)).ok_or("nothing is asked")?;
     let said = asked.run(ANSWER_WITHIN).await.map_err(|error| error.to_string())?;
     let python: Python = serde_json::from_str(said.trim()).map_err(|error| error.to_string())?;
-    // In a virtual environment, Python finds the environment by the path by which it is called.
+    // Python finds a virtual environment by the path with which Python is called.
     let executable = match is_executable(&python.executable) {
         true => python.executable.as_path(),
         false => file,
@@ -439,15 +451,16 @@ async fn ask_python(file: &Path) -> Result<ResolvedProgram, String> {
         keep(prefix, &mut program.readable);
     }
     if python.user.is_dir() {
-        // The plugin's `HOME` is another folder, so a variable names the folder of the user's packages.
+        // The plugin's `HOME` is another folder, so a variable names the folder of the user's
+        // packages.
         program.readable.insert(python.user);
         program.environment.push(("PYTHONUSERBASE", python.base.into_os_string()));
     }
     Ok(program)
 }
 
-/// Returns the resolved program for a file that is no script, with the folder that the program was
-/// installed into.
+/// Returns the resolved program for a file that is not a script, with the folder into which the
+/// program was installed.
 fn binary(file: &Path) -> ResolvedProgram {
     let mut readable = BTreeSet::from([file.to_owned()]);
     for file in [Some(file.to_owned()), file.canonicalize().ok()].into_iter().flatten() {
@@ -461,12 +474,12 @@ fn binary(file: &Path) -> ResolvedProgram {
     ResolvedProgram { file: file.to_owned(), readable, ..ResolvedProgram::default() }
 }
 
-/// Returns the shared libraries that a program uses outside of the system's folders, as the loader reports
-/// them.
+/// Returns the shared libraries of a program that are outside of the system's folders, as reported
+/// by `ldd`. The result is empty if `ldd` fails.
 async fn libraries(file: &Path) -> Vec<PathBuf> {
     let command = ["ldd".to_owned(), file.display().to_string()];
     let Some(asked) = programs::Program::of(command) else { return Vec::new() };
-    // `ldd` fails for a file that is no dynamic program, and may be missing.
+    // `ldd` fails for a file that is not a dynamic program, and may be missing.
     let said = asked.run(ANSWER_WITHIN).await.unwrap_or_default();
     let files = said.lines().filter_map(|line| {
         let (_, file) = line.split_once(" => ")?;
@@ -477,8 +490,8 @@ async fn libraries(file: &Path) -> Vec<PathBuf> {
     files.flat_map(|file| [file.canonicalize().ok(), Some(file)]).flatten().collect()
 }
 
-/// Adds a folder to the files that may be read. If the folder contains the user's home or is near the root,
-/// only its parts with programs and libraries are added.
+/// Adds a folder to the files that may be read. If the folder contains the user's home or is near
+/// the root, only its parts with programs and libraries are added.
 fn keep(folder: &Path, readable: &mut BTreeSet<PathBuf>) {
     if !folder.is_absolute() || !folder.exists() {
         return;
@@ -497,7 +510,7 @@ fn keep(folder: &Path, readable: &mut BTreeSet<PathBuf>) {
 mod tests {
     use super::*;
 
-    /// Resolves the name of a program for a package that asks to read nothing.
+    /// Resolves the name of a program for a package without `read` permissions.
     async fn resolve(
         folder: &Path,
         name: &str,
@@ -512,8 +525,8 @@ mod tests {
         fs::set_permissions(file, fs::Permissions::from_mode(0o755)).expect("our own");
     }
 
-    /// Creates a version manager like pyenv, rbenv and asdf: shims that ask the manager, and versions of
-    /// the program in another folder.
+    /// Creates a version manager like pyenv, rbenv and asdf: shims that query the manager, and
+    /// versions of the program in another folder.
     fn manager(folder: &Path, manager: &str, name: &str, real: &str) -> PathBuf {
         let root = folder.join("root");
         write(
@@ -537,7 +550,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_shim_is_looked_through_whatever_its_manager() {
+    async fn shims_of_all_managers_are_resolved() {
         for (manager_name, name) in [("pyenv", "pythonic"), ("rbenv", "ruby"), ("asdf", "node")] {
             let folder = tempfile::tempdir().expect("a folder");
             let real = folder.path().join("versions/3.4/bin").join(name);
@@ -561,7 +574,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_shim_that_stands_for_nothing_is_passed_over_or_named() {
+    async fn a_shim_without_a_program_is_skipped_or_reported() {
         let folder = tempfile::tempdir().expect("a folder");
         let shims = manager(folder.path(), "rbenv", "ruby", "/no/such/ruby");
         let problem = resolve(folder.path(), "ruby", std::slice::from_ref(&shims))
@@ -576,7 +589,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn links_to_a_multiplexer_are_looked_through() {
+    async fn links_to_a_multiplexer_are_resolved() {
         let folder = tempfile::tempdir().expect("a folder");
         let real = folder.path().join("installs/node/20/bin/node");
         write(&real, "\x7fELF");
@@ -593,7 +606,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_python_says_where_its_library_is() {
+    async fn a_python_interpreter_reports_its_library_folders() {
         let folder = tempfile::tempdir().expect("a folder");
         let said = r#"{"executable": "", "prefixes": ["FOLDER/lib-of-it", "/usr"], "path": [],
             "user": "FOLDER/user/lib", "base": "FOLDER/user"}"#;
@@ -614,9 +627,10 @@ mod tests {
         assert_eq!(program.environment, [("PYTHONUSERBASE", base)]);
     }
 
-    /// Tests that outside of the confinement no file of a package runs, whatever the file looks like.
+    /// Tests that outside of the confinement no file of a package runs, whatever the file looks
+    /// like.
     #[tokio::test]
-    async fn a_package_is_looked_at_and_never_run() {
+    async fn resolving_a_program_runs_no_file_of_the_package() {
         let folder = tempfile::tempdir().expect("a folder");
         let (package, ran) = (folder.path().join("package"), folder.path().join("ran"));
         let evil = format!(
@@ -640,7 +654,8 @@ mod tests {
         assert_eq!(program.file, package.join(".venv/bin/python3"));
     }
 
-    /// Tests that a package that names a program of the user does not get the files around that program.
+    /// Tests that a package that names a program of the user does not get the files around that
+    /// program.
     #[tokio::test]
     async fn a_package_grants_itself_no_folder_by_the_path_of_a_program() {
         let folder = tempfile::tempdir().expect("a folder");
@@ -668,7 +683,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn what_is_not_there_or_cannot_be_run_is_named() {
+    async fn a_missing_or_unusable_program_is_named() {
         let folder = tempfile::tempdir().expect("a folder");
         let problem = resolve(folder.path(), "no-such", &own_path()).await.expect_err("none");
         assert!(problem.contains("there is no `no-such` on the PATH of this daemon"), "{problem}");
@@ -681,7 +696,7 @@ mod tests {
     }
 
     #[test]
-    fn a_home_is_not_given_away_because_a_program_lies_in_it() {
+    fn a_broad_folder_is_reduced_to_its_program_parts() {
         let mut readable = BTreeSet::new();
         keep(Path::new("/usr"), &mut readable);
         assert!(!readable.contains(Path::new("/usr")), "{readable:?}");

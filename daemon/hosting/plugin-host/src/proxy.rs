@@ -1,7 +1,8 @@
-//! Proxy agent for an agent of a plugin. In the ecosystem the proxy agent is an actuator like any other,
-//! with its own planner and domain, its own ledger and heartbeats. It forwards its actions to the plugin.
+//! Proxy agent for an agent of a plugin. In the ecosystem the proxy agent is an actuator like any
+//! other, with its own planner and domain, its own ledger and heartbeats. It forwards its actions
+//! to the plugin.
 //!
-//! While the plugin's process is away, the proxy agent offers no actions, and an action that was running
+//! While the plugin's process is absent, the proxy agent offers no actions, and a running action
 //! fails at once.
 
 use std::sync::Arc;
@@ -24,29 +25,30 @@ use tokio_util::sync::CancellationToken;
 use crate::package::Package;
 use crate::plugin_client::PluginClientHandle;
 
-/// Time for which a proxy agent stays in the ecosystem, without actions, while the plugin's process is
-/// away. The proxy agent stays because a plugin is restarted at once.
+/// Time for which a proxy agent stays in the ecosystem, without actions, while the plugin's process
+/// is absent. The agent stays because most absences are short: a plugin that ended is restarted.
 const ABSENCE_MAX: Duration = Duration::from_secs(5);
 
-/// Wait before a proxy agent that could not run in the ecosystem tries again. It cannot run, for example,
-/// if another agent has its name.
+/// Pause before another attempt to run a proxy agent that could not run in the ecosystem. A reason
+/// for such a failure is that another agent has the same name.
 const RETRY_WAIT: Duration = Duration::from_secs(5);
 
-/// Longest time that a method without a known timeout may take.
+/// Timeout of a method without a known timeout.
 const UNSAID: Duration = Duration::from_secs(60);
 
-/// Agents that have joined the endpoint of a plugin. An agent has `Ok` if it is admitted, and otherwise the
-/// reason why it is not.
+/// Agents that have joined the endpoint of a plugin, by name. The value is `Ok` for an admitted
+/// agent, and otherwise the reason why the agent is not admitted.
 pub(crate) type AdmittedAgents =
     watch::Sender<std::collections::BTreeMap<AgentId, Result<(), String>>>;
 
-/// Keeps the proxy agent for one agent of a plugin in the ecosystem while the plugin brings that agent.
+/// Task that keeps the proxy agent for one agent of a plugin in the ecosystem while the plugin
+/// brings that agent.
 pub(crate) struct ProxyRunner {
     pub(crate) agent: AgentId,
     pub(crate) sight: AgentWatch,
     pub(crate) client: PluginClientHandle,
     pub(crate) package: Arc<Package>,
-    /// Action model that the package has for the agent, if any.
+    /// Action model of the agent in the package; `None` if the package has none.
     pub(crate) own: Option<Arc<ActionModel>>,
     pub(crate) spawner: Spawner,
     pub(crate) accepted: Arc<AdmittedAgents>,
@@ -54,8 +56,8 @@ pub(crate) struct ProxyRunner {
 }
 
 impl ProxyRunner {
-    /// Runs the proxy agent whenever the plugin's agent is present and admitted, until the endpoint is
-    /// closed.
+    /// Runs the proxy agent whenever the plugin's agent is present and admitted. Returns when the
+    /// endpoint is closed.
     pub(crate) async fn run(mut self) {
         let stopping = self.stopping.clone();
         loop {
@@ -103,8 +105,8 @@ impl ProxyRunner {
         objection(&self.agent, &self.package, self.own.as_deref(), sighted)
     }
 
-    /// Runs one incarnation of the proxy agent. Returns the reason as an error if the proxy agent could not
-    /// run.
+    /// Runs one incarnation of the proxy agent. Returns an error, as text for a person, if the
+    /// proxy agent could not run.
     async fn run_incarnation(&mut self, sighted: AgentSnapshot) -> Result<(), String> {
         let device = PluginProxy {
             agent: self.agent.clone(),
@@ -133,8 +135,8 @@ impl ProxyRunner {
                 () = wait_until_absent(&mut self.sight) => {
                     self.note(None);
                     if tokio::time::timeout(ABSENCE_MAX, appeared(&mut self.sight)).await.is_ok() {
-                        // An agent that came back with another action model is reported, and offers no
-                        // actions.
+                        // An agent that returned with another action model is reported, and offers
+                        // no actions.
                         self.note(Some(self.refused().map_or(Ok(()), Err)));
                         continue;
                     }
@@ -157,8 +159,8 @@ impl ProxyRunner {
     }
 }
 
-/// Returns the reason why an agent of the plugin that describes itself as in `sighted` is not admitted;
-/// `None` if it is admitted.
+/// Returns the reason why the agent of the plugin in the snapshot `sighted` is not admitted; `None`
+/// if it is admitted.
 fn objection(
     agent: &AgentId,
     package: &Package,
@@ -171,19 +173,19 @@ fn objection(
     package.objection(&sighted.model, &sighted.methods, own)
 }
 
-/// Waits until the plugin's agent is present, and returns its snapshot; `None` if it is not observed any
-/// more.
+/// Waits until the plugin's agent is present, and returns its snapshot; `None` if the observer has
+/// ended.
 async fn appeared(sight: &mut AgentWatch) -> Option<AgentSnapshot> {
     sight.wait_for(Option::is_some).await.ok()?.clone()
 }
 
 async fn wait_until_absent(sight: &mut AgentWatch) {
-    // If the agent is not observed any more, that counts as absent.
+    // If the observer has ended, the agent counts as absent.
     let _ = sight.wait_for(Option::is_none).await;
 }
 
-/// Waits until the plugin's agent is absent, or present with an incarnation or description other than the
-/// one that was not admitted.
+/// Waits until the plugin's agent is absent, or present with another incarnation or description
+/// than the rejected ones.
 async fn wait_until_changed(sight: &mut AgentWatch, (incarnation, digest): (Incarnation, String)) {
     let is_other = |sighted: &Option<AgentSnapshot>| {
         sighted.as_ref().is_none_or(|it| it.incarnation != incarnation || it.digest != digest)
@@ -191,15 +193,15 @@ async fn wait_until_changed(sight: &mut AgentWatch, (incarnation, digest): (Inca
     let _ = sight.wait_for(is_other).await;
 }
 
-/// The device that the proxy agent's actuator drives: forwards each action to the plugin.
+/// Device of the proxy agent's actuator, which forwards each action to the plugin.
 struct PluginProxy {
     agent: AgentId,
     package: Arc<Package>,
     own: Option<Arc<ActionModel>>,
     sight: AgentWatch,
-    /// Snapshot of the plugin's agent; `None` while the agent is away or not admitted.
+    /// Snapshot of the plugin's agent; `None` while the agent is absent or not admitted.
     sighted: Option<AgentSnapshot>,
-    /// Latest snapshot of the plugin's agent with which the agent was admitted.
+    /// Latest snapshot with which the plugin's agent was admitted.
     last: AgentSnapshot,
     client: PluginClientHandle,
 }
@@ -225,7 +227,7 @@ impl PluginProxy {
     }
 }
 
-/// Number for the next action that is forwarded to a plugin, unique in this process.
+/// Counter for the actions that are forwarded to plugins; each number is unique in this process.
 static ASKED: AtomicU64 = AtomicU64::new(0);
 
 impl Device for PluginProxy {
@@ -234,7 +236,7 @@ impl Device for PluginProxy {
     fn describe(&self) -> Description {
         let mut model = ActionModel::clone(&self.last.model);
         let mut methods = self.last.methods.clone();
-        // The timeout of a method is at most that of the manifest.
+        // The timeout of a method is at most the timeout in the manifest.
         for (action, method) in &mut methods {
             if let Some(known) = self.package.manifest.methods.get(action) {
                 method.timeout = Millis(method.timeout.0.min(known.timeout.0));
@@ -294,7 +296,7 @@ impl Device for PluginProxy {
         let mut sight = self.sight.clone();
         Some(Box::pin(async move {
             if sight.changed().await.is_err() {
-                // The agent is not observed any more; it is about to end with its plugin.
+                // The observer has ended; the proxy agent will end together with its plugin.
                 return std::future::pending().await;
             }
             let stir: DeviceEvent<PluginProxy> = Box::new(|proxy| {

@@ -1,4 +1,4 @@
-//! Measures the resources that a plugin takes, four times a second, on a thread that may block on disks.
+//! Measures the resources that a plugin takes, on a thread that may block on disks.
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -8,10 +8,10 @@ use tokio::time::Instant;
 use crate::cgroup::{CgroupUsage, PluginCgroup};
 use crate::usage::{self, DiskUsage, GroupUsage};
 
-/// Shortest interval between counts of a plugin's files on disk.
+/// Minimum interval between counts of a plugin's files on disk.
 const KEPT_EVERY: Duration = Duration::from_secs(1);
-/// After a count of a plugin's files on disk, no other count is made for this many times the duration of
-/// that count.
+/// Minimum interval between counts of a plugin's files on disk, as a multiple of the duration of
+/// the last count. It limits the share of time that is spent on counting.
 const KEPT_SHARE: u32 = 20;
 
 /// Resources that a plugin takes at one moment.
@@ -24,20 +24,20 @@ pub(crate) struct ResourceSample {
     pub(crate) usage: GroupUsage,
     /// Usage that the plugin's control group reports; `None` if the plugin has no control group.
     pub(crate) cgroup_usage: Option<CgroupUsage>,
-    /// Files that the plugin keeps on disk; `None` if they were not counted this time.
+    /// Disk space of the plugin's files; `None` if this sample has no count.
     pub(crate) disk_usage: Option<DiskUsage>,
 }
 
 impl ResourceSample {
-    /// Returns the bytes of memory that the plugin holds. The count of its control group is preferred,
-    /// because that counts shared memory once, and also memory that belongs to no process. Without a
-    /// control group, the result is the sum over the plugin's processes.
+    /// Returns the bytes of memory that the plugin holds. The count of its control group is
+    /// preferred: it counts shared memory once, and includes memory that belongs to no process.
+    /// Without a control group, the result is the sum over the plugin's processes.
     pub(crate) fn memory(&self) -> u64 {
         self.cgroup_usage.map_or(self.usage.memory, |taken| taken.memory)
     }
 }
 
-/// Measures the resources of one incarnation of a plugin.
+/// Sampler of the resources of one incarnation of a plugin.
 pub(crate) struct ResourceSampler {
     group: i32,
     home: PathBuf,
@@ -66,13 +66,14 @@ impl ResourceSampler {
                 began.elapsed(),
             )
         });
-        // The thread pool is gone when the runtime shuts down. Then nothing is measured any more.
+        // The thread pool is gone when the runtime shuts down; then the sample is empty.
         let Ok((mut look, took)) = looking.await else { return ResourceSample::default() };
         if counts {
             self.next_kept = Instant::now() + KEPT_EVERY.max(took * KEPT_SHARE);
         }
         if let Some(kept) = &mut look.disk_usage {
-            // A program that passes a descriptor on has it in flight for a moment only.
+            // A program that passes a descriptor to a process has the descriptor in flight only for
+            // a moment. Therefore the smaller of two successive counts is used.
             let before = std::mem::replace(&mut self.in_flight, kept.in_flight);
             kept.in_flight = kept.in_flight.min(before);
         }
@@ -85,8 +86,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_count_of_a_control_group_decides() {
-        // Two processes that share memory.
+    fn the_count_of_a_control_group_takes_precedence() {
+        // The sample has two processes that share memory.
         let usage = GroupUsage { memory: 200, ..GroupUsage::default() };
         let look = ResourceSample { usage, ..ResourceSample::default() };
         assert_eq!(look.memory(), 200);

@@ -1,8 +1,8 @@
-//! Rights of plugins: what a manifest asks for, what a person has allowed, and what cannot be allowed. No
-//! files, no clock.
+//! Rights of plugins: the rights that a manifest requests, those that a person has allowed, and
+//! those that cannot be allowed. This module accesses no files and no clock.
 //!
-//! Every plugin has the minimum, [`Permissions::default`]. Whatever a manifest asks for beyond the minimum
-//! is a [`Right`], which takes effect once a person has allowed it.
+//! Every plugin has the minimum, [`Permissions::default`]. Each permission beyond the minimum that
+//! a manifest requests is a [`Right`], which takes effect once a person has allowed it.
 
 use std::fmt;
 use std::path::{Component, Path, PathBuf};
@@ -15,7 +15,8 @@ pub struct Permissions {
     pub network: bool,
     /// Devices that the plugin may read and write, such as `/dev/i2c-1`.
     pub devices: Vec<PathBuf>,
-    /// Files and folders that the plugin may read, in addition to those of the system and of its package.
+    /// Files and folders that the plugin may read, in addition to those of the system and of its
+    /// package.
     pub read: Vec<PathBuf>,
     /// Limit of the memory of all processes of the plugin, in bytes.
     pub memory: u64,
@@ -50,9 +51,9 @@ pub enum Right {
     Disk(u64),
 }
 
-/// Beginnings or full names of the devices below `/dev` that no plugin may use, because they give access to
-/// the whole machine or to its screen and keyboard: memory, disks, file systems, terminals, simulated
-/// keyboards, virtual machines. A `*` at the end stands for any ending.
+/// Prefixes or full names of the devices below `/dev` that no plugin may use, because they give
+/// access to the whole machine or to its screen and keyboard: memory, disks, file systems,
+/// terminals, simulated keyboards, virtual machines. A `*` at the end marks a prefix.
 const NO_DEVICES: &[&str] = &[
     "mem",
     "kmem",
@@ -127,13 +128,13 @@ const NO_DEVICES: &[&str] = &[
     "log",
 ];
 
-/// Folders that a person cannot allow a plugin to read as a whole, because many users or programs share
-/// them.
+/// Folders that a person cannot allow a plugin to read as a whole, because many users or programs
+/// share them. Single files and folders in them can be allowed.
 const NO_FOLDERS: &[&str] =
     &["/", "/etc", "/home", "/root", "/run", "/srv", "/tmp", "/var", "/var/lib"];
 
-/// Files and folders that no plugin may read, nor anything in them: they hold keys, passwords, or data of
-/// other processes.
+/// Files and folders that no plugin may read, including their contents: they hold keys, passwords,
+/// or data of other processes.
 const SECRET: &[&str] = &[
     "/boot",
     "/dev",
@@ -157,7 +158,7 @@ const SECRET: &[&str] = &[
     "/var/log",
 ];
 
-/// Names of files and folders that no plugin may read wherever they are, because they hold keys. Most of
+/// Names of files and folders that no plugin may read in any place, because they hold keys. Most of
 /// them are in home folders.
 const SECRET_NAMES: &[&str] =
     &[".aws", ".config", ".gnupg", ".kube", ".netrc", ".password-store", ".ssh"];
@@ -220,7 +221,7 @@ impl Right {
         }
     }
 
-    /// Describes the right for the person that is to allow it.
+    /// Describes the right for the person that decides whether to allow it.
     pub fn meaning(&self) -> String {
         match self {
             Right::Network => "to connect to the Internet and to this network".to_owned(),
@@ -235,7 +236,8 @@ impl Right {
     }
 }
 
-/// Writes the right as it is written after `--allow`: the key in the manifest, and the value of the key.
+/// Formats the right as an argument of `--allow`: the key in the manifest, and the value of the
+/// key.
 impl fmt::Display for Right {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -279,13 +281,13 @@ impl FromStr for Right {
     }
 }
 
-/// Writes rights as a list for a person, separated by spaces.
+/// Formats rights as a list for a person, separated by spaces.
 pub fn listed(rights: &[Right]) -> String {
     rights.iter().map(Right::to_string).collect::<Vec<_>>().join(" ")
 }
 
-/// Returns the reason why the device at `path` cannot be allowed to any plugin, judged by its path alone;
-/// `None` if it can be allowed.
+/// Returns the reason why the device at `path` cannot be allowed to any plugin, considering only
+/// the path; `None` if the device can be allowed.
 pub(crate) fn device_objection(path: &Path) -> Option<String> {
     if let Some(objection) = path_objection(path) {
         return Some(objection);
@@ -307,8 +309,8 @@ pub(crate) fn device_objection(path: &Path) -> Option<String> {
         .map(|_| "it gives access to the whole machine, or to its screen and keyboard".to_owned())
 }
 
-/// Returns the reason why the file or folder at `path` cannot be allowed to any plugin, judged by its path
-/// alone; `None` if it can be allowed.
+/// Returns the reason why the file or folder at `path` cannot be allowed to any plugin, considering
+/// only the path; `None` if it can be allowed.
 pub(crate) fn read_objection(path: &Path) -> Option<String> {
     if let Some(objection) = path_objection(path) {
         return Some(objection);
@@ -343,8 +345,8 @@ fn path_objection(path: &Path) -> Option<String> {
         .then(|| "it contains `..`: write the path without it".to_owned())
 }
 
-/// Parses a size such as `"64MiB"` into bytes; returns `None` if the text is not a whole number with a
-/// unit, or the size is too large.
+/// Parses a size such as `"64MiB"` into bytes; returns `None` if the text is not a whole number
+/// with a unit, or the size is too large.
 pub(crate) fn bytes_of(text: &str) -> Option<u64> {
     let units = [("GiB", 30), ("MiB", 20), ("KiB", 10)];
     let (number, shift) =
@@ -353,8 +355,8 @@ pub(crate) fn bytes_of(text: &str) -> Option<u64> {
     number.checked_mul(1 << shift)
 }
 
-/// Writes a number of bytes as in a manifest, in the largest unit that is exact; a number that is not exact
-/// in KiB is rounded up to KiB.
+/// Formats a number of bytes as in a manifest, in the largest unit of GiB, MiB and KiB that is
+/// exact. A number that is not a multiple of 1 KiB is rounded up to KiB.
 pub(crate) fn bytes_text(bytes: u64) -> String {
     let units = [("GiB", 30), ("MiB", 20)];
     let whole = units.into_iter().find(|(_, shift)| bytes > 0 && bytes.is_multiple_of(1 << shift));
@@ -369,7 +371,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rights_are_written_as_they_are_read() {
+    fn rights_are_formatted_as_they_are_parsed() {
         for text in [
             "network",
             "devices=/dev/i2c-1",
@@ -396,7 +398,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_asked_for_beyond_the_least_is_a_right() {
+    fn permissions_beyond_the_minimum_are_rights() {
         let least = Permissions::default();
         assert_eq!(least.asks(), []);
         let asked = Permissions {
@@ -412,7 +414,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_everybodys_is_nobodys_to_give() {
+    fn shared_and_secret_paths_cannot_be_allowed() {
         for path in [
             "/",
             "/dev",
@@ -489,7 +491,7 @@ mod tests {
     }
 
     #[test]
-    fn sizes_are_said_as_they_are_written() {
+    fn sizes_are_formatted_as_they_are_parsed() {
         for (bytes, text) in [(1 << 30, "1GiB"), (96 << 20, "96MiB"), (1_536, "2KiB"), (0, "0KiB")]
         {
             assert_eq!(bytes_text(bytes), text);

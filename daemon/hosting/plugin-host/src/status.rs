@@ -24,14 +24,14 @@ pub struct PluginList {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct ConfinementStatus {
-    /// Restrictions that cannot be enforced for a plugin without the right `network`, each as a sentence;
-    /// empty if all can be enforced.
+    /// Restrictions that cannot be enforced for a plugin without the right `network`, each as a
+    /// sentence; empty if all can be enforced.
     pub not_enforced: Vec<String>,
-    /// Description of how the resources of plugins are limited.
+    /// Description of the limits on the resources of plugins and their enforcement, for a person.
     pub limits: String,
     /// Whether a plugin runs only if all of its confinement can be enforced.
     pub is_required: bool,
-    /// Means of confinement that the kernel offers; `None` until they are known.
+    /// Means of confinement that the kernel offers; `None` until they are determined.
     pub means: Option<ConfinementMeans>,
 }
 
@@ -47,7 +47,7 @@ pub struct PluginStatus {
     pub about: String,
     /// State of the plugin.
     pub state: PluginState,
-    /// Reason why the plugin is in this state, if there is one.
+    /// Reason why the plugin is in this state; `None` if the state needs no reason.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
     /// Rights that the plugin uses beyond the minimum, as written after `--allow`.
@@ -56,13 +56,13 @@ pub struct PluginStatus {
     /// Restrictions that cannot be enforced for the plugin on this machine, each as a sentence.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub not_enforced: Vec<String>,
-    /// Advice on what a person can do about the plugin's state.
+    /// Advice on how a person can mend the plugin's state; `None` if there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub advice: Option<String>,
     /// Process id of the plugin; `None` if the plugin does not run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pid: Option<i32>,
-    /// Bytes of memory that the plugin's processes hold; `None` if they are not known.
+    /// Bytes of memory that the plugin's processes hold; `None` if the memory is not measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub memory: Option<u64>,
     /// Agents of the plugin that are in the ecosystem.
@@ -76,8 +76,8 @@ pub struct PluginStatus {
 }
 
 impl PluginStatus {
-    /// Takes the version and description from the plugin's package; clears them if the package cannot be
-    /// read.
+    /// Copies the version and description from the plugin's package; clears them if the package
+    /// cannot be read.
     pub(crate) fn describes(&mut self, package: Option<&Package>) {
         let manifest = package.map(|package| &package.manifest);
         self.version = manifest.map(|manifest| manifest.version.clone()).unwrap_or_default();
@@ -93,11 +93,11 @@ pub enum PluginState {
     Invalid,
     /// A person has disabled the plugin.
     Disabled,
-    /// The plugin's package asks for rights that were not allowed.
+    /// The plugin's package requests rights that were not allowed.
     NotAllowed,
-    /// The plugin may run only fully confined, which is not possible on this machine.
+    /// The plugin may run only if it is fully confined, which is not possible on this machine.
     NotConfined,
-    /// The plugin does not run, because none of its agents is wanted.
+    /// The plugin does not run, because the ecosystem uses none of its agents.
     #[default]
     Unused,
     /// The plugin's process has been started, and not all of the plugin's agents are present yet.
@@ -106,7 +106,7 @@ pub enum PluginState {
     Running,
     /// The plugin's process has ended, and will be restarted.
     Waiting,
-    /// The plugin's process has ended too often: a person has to intervene.
+    /// The plugin's process has ended too often; a person has to intervene.
     GivenUp,
 }
 

@@ -1,7 +1,7 @@
 //! Supervision of one plugin: starts, follows, restarts, gives up and stops the plugin's process.
 //!
-//! Whether the plugin has to run comes as a [`DesiredState`], which takes precedence over everything else:
-//! a stop that arrives during a restart wins.
+//! The supervision receives the [`DesiredState`] of the plugin, which takes precedence over
+//! everything else: a request to stop that arrives during a restart prevents the restart.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -33,10 +33,10 @@ pub(crate) type Statuses = Arc<Mutex<BTreeMap<String, PluginStatus>>>;
 
 /// Reason why an incarnation of a plugin has ended.
 enum IncarnationEnd {
-    /// The plugin is not to run as before: its desired state has changed, or the daemon drains.
+    /// The desired state of the plugin has changed, or the daemon drains.
     Unwanted,
-    /// The process ended, or had to be ended. `ready` is the time since which the process was ready; `None`
-    /// if it never was.
+    /// The process ended, or had to be ended. `ready` is the time at which the process became
+    /// ready; `None` if it never was.
     Ended { why: String, ready: Option<Instant> },
 }
 
@@ -49,7 +49,8 @@ pub(crate) struct PluginSupervisor {
 }
 
 impl PluginSupervisor {
-    /// Brings the plugin into each new desired state, until the package is removed or the daemon drains.
+    /// Brings the plugin into each new desired state, until the package is removed or the daemon
+    /// drains.
     pub(crate) async fn run(mut self) {
         loop {
             let wish = self.desired_states.borrow_and_update().clone();
@@ -86,8 +87,8 @@ impl PluginSupervisor {
         change(status);
     }
 
-    /// Waits until the desired state of the plugin changes. Returns `true` if the supervision has to end
-    /// instead.
+    /// Waits until the desired state of the plugin changes. Returns `true` if the supervision has
+    /// to end instead.
     async fn wait_until_unwanted(&mut self) -> bool {
         let stopping = self.context.spawner.stopping.clone();
         tokio::select! {
@@ -188,7 +189,7 @@ impl PluginSupervisor {
                 status.restarts += u32::from(wait.is_some());
             });
             let Some(wait) = wait else {
-                // Only a person or another version can help.
+                // Only a person or another version of the package can help.
                 self.wait_until_unwanted().await;
                 return;
             };
@@ -202,8 +203,8 @@ impl PluginSupervisor {
         }
     }
 
-    /// Restores the version from before an upgrade that does not become ready. Returns whether there was
-    /// such a version.
+    /// Restores the version of the package from before an upgrade, because the new version does not
+    /// become ready. Returns `true` if there was such a version.
     fn roll_back(&self, why: &str) -> bool {
         match self.context.packages.roll_back(&self.name) {
             Ok(true) => {
@@ -224,7 +225,7 @@ impl PluginSupervisor {
         }
     }
 
-    /// Runs one incarnation of the plugin's process, until the process ends or has to end.
+    /// Runs one incarnation of the plugin's process, until the process ends or must be ended.
     async fn run_process(
         &mut self,
         wanted: &DesiredPlugin,
@@ -260,7 +261,8 @@ impl PluginSupervisor {
         let within = wanted.package.manifest.ready_within;
         let said = tokio::time::timeout(within, process.say(&hello)).await;
         if !matches!(said, Ok(Ok(()))) {
-            // If the process has ended, the way in which it ended says more than the error of writing.
+            // If the process has ended, its exit status explains the failure better than the error
+            // of writing.
             let why = match tokio::time::timeout(SAMPLE_INTERVAL, process.ended()).await {
                 Ok(status) => self.with_last_words(ending(status)),
                 Err(_) => "it does not read its standard input".to_owned(),
@@ -282,8 +284,8 @@ impl PluginSupervisor {
             }
             Some(why) => {
                 process.end().await;
-                // The kernel kills a process that exceeds its memory limit, and the exit status only says
-                // “killed”.
+                // The kernel kills a process that exceeds its memory limit, and the exit status
+                // only reports a killed process.
                 let is_full = counted.is_some_and(|group| group.measure().ended > 0);
                 let permissions = &wanted.package.manifest.permissions;
                 let why = if is_full { out_of_memory_message(permissions) } else { why };
@@ -292,8 +294,8 @@ impl PluginSupervisor {
         }
     }
 
-    /// Follows a process until it ends. Returns the reason why the process ended or has to be ended, or
-    /// `None` if the plugin is not wanted any more.
+    /// Follows a process until it ends. Returns the reason why the process ended or must be ended;
+    /// `None` if the desired state has changed or the daemon drains.
     async fn follow_process(
         &mut self,
         wanted: &DesiredPlugin,
@@ -341,7 +343,7 @@ impl PluginSupervisor {
         }
     }
 
-    /// Updates the set of the plugin's agents that are present, and the status of the plugin.
+    /// Updates the set of the plugin's present agents, and the status of the plugin.
     fn update_agents(
         &self,
         wanted: &DesiredPlugin,

@@ -1,4 +1,5 @@
-//! Templates of action models: checks a template against the manifest, and fills it in for an agent.
+//! Templates of action models: checking a template against the manifest, and filling it in for an
+//! agent.
 
 use std::collections::BTreeMap;
 
@@ -9,23 +10,25 @@ use serde_json::Value;
 
 use crate::manifest::ConfigKey;
 
-/// Maximum number of steps of the template engine to fill in a template. A model of a thousand actions
-/// needs far fewer.
+/// Maximum number of steps of the template engine for one template. A model of a thousand actions
+/// needs far fewer steps.
 const FUEL: u64 = 1_000_000;
 
 fn environment() -> Environment<'static> {
     let mut environment = Environment::new();
-    // An unknown key is a mistake, and not an empty text.
+    // An unknown key is an error, instead of an empty text.
     environment.set_undefined_behavior(UndefinedBehavior::Strict);
     environment.set_fuel(Some(FUEL));
     environment
 }
 
-/// Returns the template filled in for an agent with this config: the text of the agent's action model.
+/// Returns the template filled in for an agent with this config: the text of the agent's action
+/// model.
 ///
 /// # Errors
 ///
-/// Returns the reason, for a person, if the template is wrong or uses a key that the config does not have.
+/// Returns the reason, for a person, if the template is invalid or uses a key that the config does
+/// not have.
 pub(crate) fn filled_in(
     template: &str,
     name: &str,
@@ -37,8 +40,8 @@ pub(crate) fn filled_in(
     rendered.map_err(|error| format!("the template of a model, {error}"))
 }
 
-/// Returns the mistakes of a template that do not depend on an agent's config: the template cannot be
-/// parsed, or uses names that no agent of the package has.
+/// Returns the mistakes of a template that do not depend on an agent's config: the template cannot
+/// be parsed, or uses names that are not declared for the agents of the package.
 pub(crate) fn mistakes(template: &str, keys: &BTreeMap<String, ConfigKey>) -> Vec<Diagnostic> {
     let environment = environment();
     let parsed = match environment.template_from_str(template) {
@@ -56,7 +59,7 @@ pub(crate) fn mistakes(template: &str, keys: &BTreeMap<String, ConfigKey>) -> Ve
     mistakes
 }
 
-/// Returns the span of a line of the template; `number` counts lines from one.
+/// Returns the span of a line of the template. `number` is the number of the line, counted from 1.
 fn line(template: &str, number: Option<usize>) -> Span {
     let index = number.unwrap_or(1).saturating_sub(1);
     let start = template.split_inclusive('\n').take(index).map(str::len).sum::<usize>();
@@ -64,7 +67,7 @@ fn line(template: &str, number: Option<usize>) -> Span {
     Span::new(start, start + length)
 }
 
-/// Returns the names that the template uses and does not define itself, such as `config.location`.
+/// Returns the names that the template uses without defining them, such as `config.location`.
 fn unknown(environment: &Environment<'_>, template: &Template<'_, '_>) -> Vec<String> {
     let functions: Vec<&str> = environment.globals().map(|(name, _)| name).collect();
     let mut names: Vec<_> = template.undeclared_variables(true).into_iter().collect();
@@ -75,7 +78,7 @@ fn unknown(environment: &Environment<'_>, template: &Template<'_, '_>) -> Vec<St
 fn mistake(template: &str, keys: &BTreeMap<String, ConfigKey>, path: &str) -> Option<Diagnostic> {
     let (root, rest) = path.split_once('.').map_or((path, None), |(root, rest)| (root, Some(rest)));
     let key = rest.map(|rest| rest.split('.').next().unwrap_or(rest));
-    // A hyphen is a minus sign: `config.mounted-on` is `config.mounted` minus `on`.
+    // A hyphen in a template is a minus sign: `config.mounted-on` is `config.mounted` minus `on`.
     let hyphenated = keys.keys().find(|name| match (root, key) {
         ("config", Some(key)) => name.starts_with(&format!("{key}-")),
         _ => name.split('-').skip(1).any(|part| part == root),
@@ -83,7 +86,7 @@ fn mistake(template: &str, keys: &BTreeMap<String, ConfigKey>, path: &str) -> Op
     let message = match (root, key) {
         ("agent", _) | ("config", None) => return None,
         ("config", Some(key)) if keys.contains_key(key) => return None,
-        // Reported once, for the first half of the name.
+        // The name is reported once, for its first half.
         (root, _) if root != "config" && hyphenated.is_some() => return None,
         ("config", Some(key)) => format!("the manifest has no [config.{key}]"),
         _ => format!("`{root}` is not known here; known are `agent` and `config`"),
@@ -116,7 +119,7 @@ mod tests {
     }
 
     #[test]
-    fn what_no_agent_has_is_told_at_its_place() {
+    fn unknown_names_in_a_template_are_reported_with_their_place() {
         let right = "{{ agent }} {{ config.room }} {{ config[\"mounted-on\"] }}
             {% for i in range(2) %}{{ i }}{% endfor %}";
         assert_eq!(told(right, &["room", "mounted-on"]), Vec::<String>::new());

@@ -1,8 +1,8 @@
-//! Trial of a package: starts the program of the package once, as a daemon would, to check that it works
-//! (`althing plugin check`).
+//! Trial of a package: starts the program of the package once, as a daemon would, to check that it
+//! works (`althing plugin check`).
 //!
-//! The program is confined as usual, connects to an endpoint for this trial alone, and its agents are
-//! admitted as usual. But the ecosystem has no other agents.
+//! The program is confined as usual, and its agents are admitted as usual. The endpoint exists for
+//! this trial only, and the ecosystem has no other agents.
 
 use std::collections::BTreeMap;
 use std::fs::{self, DirBuilder};
@@ -35,9 +35,9 @@ const LIVES_FOR: Duration = Duration::from_secs(2);
 pub struct Trial {
     /// Package that is tried; the path of its folder is absolute.
     pub package: Package,
-    /// Path of this daemon's own program, which is started to become the plugin's.
+    /// Path of this daemon's own program, which is started to become the program of the plugin.
     pub launcher: Launcher,
-    /// Domain, map and settings that the plugin is tried with.
+    /// Domain, map and settings for the trial.
     pub host: Host,
     /// Whether the program is started only if all of its confinement can be enforced.
     pub requires_confinement: bool,
@@ -61,14 +61,14 @@ pub struct TrialSuccess {
 pub struct TrialFailure {
     /// Reason why the trial failed, for a person.
     pub why: String,
-    /// Advice on what a person can do about the failure.
+    /// Advice on how a person can correct the failure; `None` if there is none.
     pub advice: Option<String>,
 }
 
-/// Temporary folder; removed with its contents on drop.
+/// Temporary folder, which is removed with its contents on drop.
 struct TemporaryFolder(PathBuf);
 
-/// Surroundings of the trial of a package.
+/// Environment of the trial of a package.
 struct TrialEnvironment {
     package: Arc<Package>,
     program: ResolvedProgram,
@@ -82,8 +82,8 @@ struct TrialEnvironment {
 }
 
 impl Trial {
-    /// Starts the program of the package, waits until the package's agents are present, and ends the
-    /// program.
+    /// Starts the program of the package, waits until the package's agents are present, and ends
+    /// the program.
     ///
     /// # Errors
     ///
@@ -164,7 +164,7 @@ impl TrialEnvironment {
         let hello = hello(package, spawner, &endpoint, &told, None);
         let outcome = match process.say(&hello).await {
             Ok(()) => self.ready(&mut process, &endpoint).await,
-            // The way in which it ended says more than the error of writing.
+            // The exit status explains the failure better than the error of writing.
             Err(_) => Err(self.with_last_words(ending(process.ended().await))),
         };
         let took = began.elapsed();
@@ -174,7 +174,7 @@ impl TrialEnvironment {
         Ok(TrialSuccess { program: program.file.clone(), took, agents, not_enforced })
     }
 
-    /// Waits until all agents that the package has to bring are present, and returns them.
+    /// Waits until all agents that the package must bring are present, and returns them.
     async fn ready(
         &self,
         process: &mut PluginProcess,
@@ -223,8 +223,8 @@ impl TrialEnvironment {
     }
 }
 
-/// Returns the reason why a plugin that must be fully confined does not run; `None` if the plugin may run.
-/// `lacks` are the restrictions that cannot be enforced.
+/// Returns the reason why a plugin that must be fully confined does not run; `None` if the plugin
+/// may run. `lacks` are the restrictions that cannot be enforced.
 pub(crate) fn not_confined(is_required: bool, lacks: &[String]) -> Option<String> {
     (is_required && !lacks.is_empty()).then(|| {
         format!("`confinement = \"require\"` is set, and on this machine {}", lacks.join("; "))

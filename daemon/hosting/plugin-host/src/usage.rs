@@ -1,8 +1,8 @@
 //! Resources that the processes of a plugin take, read from `/proc`.
 //!
-//! All processes of the plugin's process group count, also those that have ended and that their parents
-//! have not waited for. If the plugin has no control group (`cgroup`), this is the only measure, taken four
-//! times a second.
+//! All processes of the plugin's process group count, also ended processes until their parents have
+//! waited for them. If the plugin has no control group (`cgroup`), this is the only measurement of
+//! its resources.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
@@ -13,29 +13,29 @@ use std::time::Duration;
 
 use crate::buffers;
 
-/// Largest number of files in a plugin's data folder that are counted; the count stops there.
+/// Maximum number of files in a plugin's data folder that are counted; the count stops there.
 pub(crate) const FILES_MAX: u64 = 10_000;
 
 /// Number of bytes in one of the blocks that `stat` counts.
 const BLOCK: u64 = 512;
 
-/// Longest file of `/proc` about a process that is read, in bytes. A process can make some of these files
-/// as long as it likes. Even a program with thousands of libraries and threads needs only a tenth of this
-/// limit.
+/// Maximum length of a file of `/proc` that is read, in bytes. A process can make some of its files
+/// arbitrarily long. Even a program with thousands of libraries and threads needs only a tenth of
+/// this limit.
 const TEXT_BYTES_MAX: u64 = 4 << 20;
 
 /// Resources that all processes of a process group take together.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct GroupUsage {
-    /// Bytes of memory of all processes that are in use, swapped out, or used for page tables. Memory that
-    /// processes share counts for each of them.
+    /// Bytes of memory of all processes that are in use, swapped out, or used for page tables.
+    /// Memory that processes share counts once for each of them.
     pub(crate) memory: u64,
-    /// Number of processes, including those that have ended and that their parents have not waited for.
+    /// Number of processes, including ended processes until their parents have waited for them.
     pub(crate) processes: u32,
     /// Number of threads of all processes of the group.
     pub(crate) threads: u32,
-    /// Processor time that each existing process has taken so far, by process id and start time. A reused
-    /// process id has another start time.
+    /// Processor time that each existing process has taken so far, by process id and start time. A
+    /// reused process id has another start time.
     pub(crate) cpu: BTreeMap<(i32, u64), CpuTime>,
 }
 
@@ -43,7 +43,7 @@ pub(crate) struct GroupUsage {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct CpuTime {
     pub(crate) own: Duration,
-    /// Processor time of the children of the process that have ended and that it has waited for.
+    /// Processor time of ended children that the process has waited for.
     pub(crate) children: Duration,
 }
 
@@ -54,11 +54,11 @@ pub(crate) struct DiskUsage {
     pub(crate) bytes: u64,
     /// Number of files and folders on disk, counted up to [`FILES_MAX`].
     pub(crate) files: u64,
-    /// Number of descriptors that are in messages which no process has received. The files behind them
-    /// cannot be counted.
+    /// Number of descriptors in messages that are not received yet. The size of the files behind
+    /// them cannot be measured.
     pub(crate) in_flight: u64,
-    /// The first file or folder that cannot be read, with the reason, for a person; `None` if all can be
-    /// read. If there is one, the count is incomplete.
+    /// The first file or folder that cannot be read, with the reason, for a person. If there is
+    /// one, the count is incomplete. `None` if everything can be read.
     pub(crate) hides: Option<String>,
 }
 
@@ -69,8 +69,8 @@ impl DiskUsage {
     }
 }
 
-/// Measures the resources that the processes of a process group take. With `counts_buffers`, memory in the
-/// buffers of their sockets and pipes counts as theirs.
+/// Measures the resources of the processes in a process group. With `counts_buffers`, memory in the
+/// buffers of their sockets and pipes is included.
 pub(crate) fn usage(group: i32, counts_buffers: bool) -> GroupUsage {
     let mut usage = GroupUsage::default();
     for (process, stat) in processes_of(group) {
@@ -88,7 +88,7 @@ pub(crate) fn usage(group: i32, counts_buffers: bool) -> GroupUsage {
 
 /// Whether a process or a thread belongs to a process group; `None` if there is no such process.
 pub(crate) fn is_of_group(process: i32, group: i32) -> Option<bool> {
-    // `rustix::process::getpgid` cannot be used: it does not expect that process 1 has no group.
+    // `rustix::process::getpgid` does not support processes without a group, such as process 1.
     let stat = fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
     Some(of_group(&stat, group).is_some())
 }
@@ -99,15 +99,15 @@ pub(crate) fn processes(group: i32) -> u32 {
 }
 
 impl GroupUsage {
-    /// Returns the processor time that the group has spent since `before`: the time of the processes that
-    /// exist now, and of processes that have ended if their parents waited for them.
+    /// Returns the processor time that the group has spent since `before`: the time of the
+    /// processes that exist now, and of ended processes if their parents have waited for them.
     pub(crate) fn spent_since(&self, before: &GroupUsage) -> Duration {
         let all = |usage: &GroupUsage| -> Duration {
             usage.cpu.values().map(|spent| spent.own + spent.children).sum()
         };
-        // When a parent waits for a child, it takes over the child's time, so the sum does not shrink. The
-        // time of a child that is not waited for is lost. Then at least the time that the others have spent
-        // is counted.
+        // When a parent waits for a child, the child's time is added to the parent's, so that the
+        // sum does not shrink. The time of a child without a waiting parent is lost; then at least
+        // the time of the other processes is counted.
         let together = all(self).saturating_sub(all(before));
         let each = self.cpu.iter().map(|(process, spent)| {
             let known = before.cpu.get(process).copied().unwrap_or_default();
@@ -132,9 +132,10 @@ fn processes_of(group: i32) -> impl Iterator<Item = (i32, ProcessStat)> {
     })
 }
 
-/// Parses the line of `/proc/PID/stat` of one process; returns `None` if the process is not of this group.
+/// Parses the line of `/proc/PID/stat` of one process; returns `None` if the process belongs to
+/// another group.
 fn of_group(stat: &str, group: i32) -> Option<ProcessStat> {
-    // The name of the program stands in parentheses, and may contain parentheses.
+    // The name of the program is in parentheses, and may itself contain parentheses.
     let (_, rest) = stat.rsplit_once(')')?;
     let fields: Vec<&str> = rest.split_whitespace().collect();
     // Fields are counted from the state, which is the third field in proc(5).
@@ -154,7 +155,7 @@ fn of_group(stat: &str, group: i32) -> Option<ProcessStat> {
     })
 }
 
-/// Returns the bytes of memory that `/proc/PID/status` reports; zero for a process that has ended.
+/// Returns the bytes of memory in the text of `/proc/PID/status`; 0 for a process that has ended.
 fn memory(status: &str) -> u64 {
     let field = |name: &str| -> u64 {
         let line = status.lines().find_map(|line| line.strip_prefix(name));
@@ -176,12 +177,13 @@ pub(crate) fn read_text(path: &Path) -> io::Result<String> {
         let mebibytes = TEXT_BYTES_MAX >> 20;
         return Err(io::Error::other(format!("it is longer than {mebibytes} MiB")));
     }
-    // Paths of files may be any bytes.
+    // Paths of files may contain any bytes.
     Ok(String::from_utf8_lossy(&text).into_owned())
 }
 
-/// Measures the files of a plugin: those in its data folder `home`, and removed ones that the processes of
-/// `group` still hold. `file_max` is the largest size of one file.
+/// Measures the disk space of a plugin's files: those in its data folder `home`, and removed files
+/// that the processes of `group` still have open or mapped. `file_max` is the maximum size of one
+/// file, in bytes.
 pub(crate) fn measure_disk(home: &Path, group: i32, file_max: u64) -> DiskUsage {
     let mut kept = DiskUsage::default();
     let mut folders = vec![home.to_owned()];
@@ -201,13 +203,13 @@ pub(crate) fn measure_disk(home: &Path, group: i32, file_max: u64) -> DiskUsage 
         Err((process, error)) if !has_ended(process) => {
             kept.hide(|| format!("the list of open files of its process {process}"), &error);
         }
-        // It is counted the next time.
+        // The process has ended in the meantime; the next measurement counts again.
         Err(_) => (),
     }
     kept
 }
 
-/// Adds the files in one folder to the count `kept`, and its subfolders to `folders`.
+/// Adds the files in one folder to the count `kept`, and the subfolders to `folders`.
 fn count_folder(folder: &Path, kept: &mut DiskUsage, folders: &mut Vec<PathBuf>) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
@@ -228,8 +230,8 @@ fn count_folder(folder: &Path, kept: &mut DiskUsage, folders: &mut Vec<PathBuf>)
     Ok(())
 }
 
-/// Shortens a path for a message, because a plugin could make the paths in its data folder as long as it
-/// likes.
+/// Shortens a path for a message, because a plugin can make the paths in its data folder
+/// arbitrarily long.
 fn shortened(path: &Path) -> String {
     let shown = path.display().to_string();
     match shown.char_indices().nth(200) {
@@ -261,8 +263,8 @@ fn removed(home: &Path, group: i32, file_max: u64, kept: &mut DiskUsage) {
             }
         };
         for line in maps.lines() {
-            // The size of a removed file that is only mapped cannot be read, so it counts with the largest
-            // size.
+            // The size of a removed file that is only mapped cannot be read, so the maximum size is
+            // counted.
             let mut fields = line.split_whitespace();
             let inode = fields.nth(4).and_then(|inode| inode.parse().ok());
             let path = fields.collect::<Vec<_>>().join(" ");
@@ -275,7 +277,7 @@ fn removed(home: &Path, group: i32, file_max: u64, kept: &mut DiskUsage) {
     }
 }
 
-/// Counts the removed files that one process has open, except those that are in `known`.
+/// Counts the removed files that one process has open, except those in `known`.
 fn count_open(
     process: i32,
     is_removed: &impl Fn(&Path) -> bool,
@@ -301,14 +303,14 @@ fn count_open(
     Ok(())
 }
 
-/// Whether a process has ended and holds no files. The check is needed because the kernel gives the same
-/// error for a process that has ended as for one that forbids to be inspected.
+/// Whether a process has ended and holds no files. The check is needed because the kernel returns
+/// the same error for an ended process as for a process that forbids inspection.
 fn has_ended(process: i32) -> bool {
     fs::read_to_string(format!("/proc/{process}/stat")).map_or(true, |stat| is_ended(&stat))
 }
 
-/// Whether a line of `/proc/PID/stat` is that of a process that has ended completely. A process still holds
-/// files while other threads run, although its first thread has ended.
+/// Whether a line of `/proc/PID/stat` belongs to a process that has ended completely. After the end
+/// of its first thread, a process still holds files while other threads run.
 fn is_ended(stat: &str) -> bool {
     let Some((_, rest)) = stat.rsplit_once(')') else { return false };
     let fields: Vec<&str> = rest.split_whitespace().collect();
@@ -322,7 +324,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_line_is_read_whatever_a_process_is_called() {
+    fn a_stat_line_is_parsed_for_any_process_name() {
         let line = "42 (a) b) S 1 7 7 0 -1 0 0 0 0 0 150 50 100 300 20 0 3 0 9 8192 3 184467";
         let stat = of_group(line, 7).expect("it is of the group");
         let expected = CpuTime { own: Duration::from_secs(2), children: Duration::from_secs(4) };
@@ -358,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn a_real_group_is_seen_with_what_it_keeps() {
+    fn a_real_process_group_is_measured_with_its_files() {
         use std::io::{Read as _, Write as _};
         use std::os::unix::process::CommandExt as _;
         use std::process::{Command, Stdio};
@@ -369,7 +371,8 @@ mod tests {
         let child = child.args(["-c", script]).current_dir(home.path());
         let child = child.stdin(Stdio::piped()).stdout(Stdio::piped()).process_group(0);
         let mut child = child.spawn().expect("it is everywhere");
-        // After the answer, the process is loaded: a process that has only started may use no memory yet.
+        // The answer shows that the program is loaded. A process that has only just started may use
+        // no memory yet.
         child.stdin.as_mut().expect("piped").write_all(b"!").expect("it listens");
         child.stdout.as_mut().expect("piped").read_exact(&mut [0]).expect("it answers");
         let group = i32::try_from(child.id()).expect("a number of a process");
@@ -383,12 +386,12 @@ mod tests {
         assert_eq!((kept.files, kept.hides), (1, None));
     }
     #[test]
-    fn a_folder_that_cannot_be_read_is_said() {
+    fn a_folder_that_cannot_be_read_is_reported() {
         use rustix::fs::{Mode, OFlags, mkdirat, openat};
         let home = tempfile::tempdir().expect("a folder");
         assert_eq!(measure_disk(home.path(), i32::MAX, 1).hides, None);
-        // Nested folders, until the path is longer than the kernel accepts. Permissions would not stop
-        // root.
+        // Nested folders, until the path is longer than the kernel accepts. Permissions would not
+        // stop root.
         let name = "x".repeat(250);
         let flags = OFlags::RDONLY | OFlags::DIRECTORY | OFlags::CLOEXEC;
         let mut folder = rustix::fs::open(home.path(), flags, Mode::empty()).expect("a folder");
@@ -404,7 +407,7 @@ mod tests {
     }
 
     #[test]
-    fn a_text_that_is_too_long_is_not_read() {
+    fn a_text_that_is_too_long_is_an_error() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("text");
         let file = File::create(&path).expect("a file");

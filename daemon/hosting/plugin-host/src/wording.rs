@@ -1,7 +1,7 @@
-//! Words mistakes in the form of a `plugin.toml` for the author of the file.
+//! Rewords the parser's messages about a `plugin.toml` for the author of the file.
 //!
-//! “invalid type: map, expected a sequence” becomes “`agent` must be a list in [ ], and is a table”, with
-//! advice on what to write.
+//! For example, “invalid type: map, expected a sequence” becomes “`agent` must be a list in [ ],
+//! and is a table”, with advice on how to correct the line.
 
 use std::ops::Range;
 
@@ -28,7 +28,8 @@ const EXAMPLES: &[(&str, &str)] = &[
 /// Keys of a `plugin.toml` with a list of tables as their value.
 const LISTS_OF_TABLES: &[&str] = &["agent"];
 
-/// Turns the parser's message about the bytes at `place` into a diagnostic for the author of the file.
+/// Converts the parser's message about the bytes at `place` to a diagnostic for the author of the
+/// file.
 pub(crate) fn worded(text: &str, said: &str, place: Range<usize>) -> Diagnostic {
     let offset = |place| u32::try_from(place).unwrap_or(u32::MAX);
     let span = Span { start: offset(place.start), end: offset(place.end) };
@@ -56,7 +57,7 @@ pub(crate) fn worded(text: &str, said: &str, place: Range<usize>) -> Diagnostic 
     Diagnostic::error(span, message).with_help(help)
 }
 
-/// Returns advice about a key that a `plugin.toml` cannot have.
+/// Returns advice about an unknown key in a `plugin.toml`.
 fn in_place_of(key: &str, known: &[&str]) -> String {
     match nearest(key, known.iter().copied()) {
         _ if ["plugin", "package"].contains(&key) => {
@@ -67,14 +68,14 @@ fn in_place_of(key: &str, known: &[&str]) -> String {
     }
 }
 
-/// Returns advice to write a line like an example for this key.
+/// Returns advice to write a line such as the example for this key.
 fn write(key: &str) -> String {
     let example = EXAMPLES.iter().find(|(name, _)| *name == key);
     example.map_or_else(|| DOCS.to_owned(), |(_, example)| format!("write {example}"))
 }
 
-/// Returns the key of the line at the byte offset `place`, or the name of the table if the line is a table
-/// header.
+/// Returns the key of the line at the byte offset `place`, or the name of the table if the line is
+/// a table header.
 fn key_at(text: &str, place: usize) -> &str {
     let begin = text.get(..place).and_then(|before| before.rfind('\n')).map_or(0, |at| at + 1);
     let line = text.get(begin..).and_then(|rest| rest.lines().next()).unwrap_or_default().trim();
@@ -97,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_of_form_are_told_in_the_authors_words() {
+    fn mistakes_of_form_name_the_key_and_give_advice() {
         let head = "name = \"a\"\nversion = \"1\"\nprotocol = \"2\"\nrun = [\"a\"]\n";
         for (text, expected) in [
             ("[plugin]\nname = \"a\"", "unknown key `plugin`: `name`, `version` and `run` stand"),

@@ -1,17 +1,18 @@
-//! Runs a plugin as a process of its own: the same crate that can be linked into a daemon, with a `main` of
-//! one line.
+//! Runs a plugin as a process of its own. The plugin's crate can also be linked into a daemon; as a
+//! program it needs only a `main` of one line.
 //!
 //! ```no_run
 //! # mod my_plugin { pub const PLUGIN: agent::PluginEntry = agent::PluginEntry {
-//! #     name: "x", about: "", drivers: &[], has_replicas: false, build: |entry| Err(entry.problem("it is empty")) }; }
+//! #     name: "x", about: "", drivers: &[], has_replicas: false,
+//! #     build: |entry| Err(entry.problem("it is empty")) }; }
 //! fn main() -> std::process::ExitCode {
 //!     plugin_process::run(&[my_plugin::PLUGIN])
 //! }
 //! ```
 //!
-//! The process reads one line from its daemon ([`acl::Hello`]), connects to the endpoint that the line
-//! names, and runs its agents until the standard input of the process is closed. The standard error of the
-//! process goes to the plugin's log (`althing plugin logs`).
+//! The process reads one line from its daemon ([`acl::Hello`]), connects to the endpoint that the
+//! line names, and runs its agents until the standard input of the process is closed. The standard
+//! error of the process goes to the plugin's log (`althing plugin logs`).
 
 use std::io::{BufRead as _, Write as _};
 use std::process::ExitCode;
@@ -29,12 +30,12 @@ use tokio::signal::unix::{SignalKind, signal};
 use tokio_util::sync::CancellationToken;
 use tracing_subscriber::EnvFilter;
 
-/// Time that the agents have to stop what they are doing when the process ends.
+/// Time that the agents have to stop their current work when the process ends.
 const DRAINING: Duration = Duration::from_secs(1);
 
-/// Runs the agents that the daemon asks for. Each agent runs the plugin that its description names, or the
-/// first of `plugins` if none has that name. Returns when the daemon stops the plugin or one of the agents
-/// ends.
+/// Runs the agents that the daemon requests. Each agent runs the plugin in its description, or the
+/// first of `plugins` if none has that name. Returns when the daemon stops the plugin or one of the
+/// agents ends.
 pub fn run(plugins: &[PluginEntry]) -> ExitCode {
     log();
     let mut line = String::new();
@@ -56,7 +57,7 @@ pub fn run(plugins: &[PluginEntry]) -> ExitCode {
             "speak version {theirs} of the protocol; this plugin speaks {SCHEMA_VERSION}"
         ));
     }
-    // One worker thread for the connection, and this thread for the agents.
+    // One worker thread serves the connection; this thread runs the agents.
     let runtime =
         tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build();
     match runtime {
@@ -69,12 +70,12 @@ pub fn run(plugins: &[PluginEntry]) -> ExitCode {
 }
 
 fn log() {
-    // The last lines of the log are shown as the reason why a plugin ended. Zenoh's warnings about
-    // reconnecting to the host are not useful there.
+    // The last lines of the log are shown as the reason why a plugin ended, so Zenoh's warnings
+    // about reconnecting to the host must not be among them.
     let quiet = || EnvFilter::new("warn,zenoh=error");
     let filter = EnvFilter::try_from_env("ALTHING_LOG").unwrap_or_else(|_| quiet());
     let logging = tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr);
-    // Fails if the program has a logger already, which is used then.
+    // Initialization fails if the program already has a logger; that logger is then used.
     let _ = logging.without_time().with_ansi(false).try_init();
 }
 
@@ -127,7 +128,7 @@ async fn run_agents(plugins: &[PluginEntry], hello: Hello) -> Result<(), String>
     tokio::select! {
         () = wait_for_stop() => (),
         Some(ended) = lives.join_next() => {
-            // An agent that fails ends the process: the daemon starts it again.
+            // An agent that fails ends the process, and the daemon restarts it.
             let ended = ended.map_err(|error| error.to_string())?;
             let ended = ended.map_err(|error| error.to_string())?;
             ended.map_err(|error| error.to_string())?;
@@ -160,11 +161,11 @@ fn build(
     Ok((name, built))
 }
 
-/// Waits until the daemon stops the plugin, by closing the standard input of the process or by sending a
-/// signal to terminate.
+/// Waits until the daemon stops the plugin: it closes the standard input of the process, or sends
+/// the signal `SIGTERM`.
 async fn wait_for_stop() {
     let (tell, ended) = tokio::sync::oneshot::channel();
-    // On a thread of its own, because a blocking read cannot be cancelled.
+    // The input is read on a thread of its own, because a blocking read cannot be cancelled.
     std::thread::spawn(move || {
         let _ = std::io::copy(&mut std::io::stdin().lock(), &mut std::io::sink());
         let _ = tell.send(());

@@ -1,8 +1,8 @@
 //! The cleaning robot: a mobile base that drives to rooms and sweeps them.
 //!
-//! - Moving, the battery and the dock are the same as for every robot: see `actuator::MobileBase`.
-//! - The bin of the robot has space for a few rooms, and is emptied at the robot's home. The fill level of
-//!   the bin is private, so that other ecosystems do not learn how much was cleaned.
+//! - `actuator::MobileBase` implements moving, the battery and the dock, as for every robot.
+//! - The bin of the robot has space for a few rooms, and is emptied at the robot's home. The fill
+//!   level of the bin is private, so that other ecosystems cannot see how much was cleaned.
 
 mod simulated;
 
@@ -31,15 +31,15 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 const SWEEP: &str = "sweep";
 const EMPTY_BIN: &str = "empty_bin";
 
-/// Time limit of sweeping one room, with people in the way.
+/// Time limit for sweeping one room, including waits for people in the way.
 const SWEEPING_MAX: Duration = Duration::from_secs(600);
 
-/// Time limit of emptying the bin.
+/// Time limit for emptying the bin.
 const EMPTYING_MAX: Duration = Duration::from_secs(60);
 
 /// The driver of the broom.
 trait Broom: Send + Sync + 'static {
-    /// Sweeps the place where the robot stands, and returns the name of the place. Error texts complete
+    /// Sweeps the location of the robot, and returns the name of the location. Error texts complete
     /// “failed to …”.
     fn sweep(&self) -> BoxFuture<Result<String, String>>;
 }
@@ -50,10 +50,10 @@ trait Broom: Send + Sync + 'static {
 struct Config {
     #[serde(flatten)]
     base: BaseConfig,
-    /// Number of rooms after which the bin is full.
+    /// Number of swept rooms with which the bin is full.
     #[serde(default = "default_bin")]
     bin: u32,
-    /// All other keys of the entry's `config`: an entry that has any is refused.
+    /// All other keys of the entry's `config`. Any such key is an error.
     #[serde(flatten)]
     unknown: serde_json::Map<String, serde_json::Value>,
 }
@@ -67,9 +67,10 @@ struct CleaningRobot {
     ontology: String,
     base: MobileBase,
     broom: Arc<dyn Broom>,
-    /// Place where the bin is emptied: the robot's place at the start.
+    /// Place where the bin is emptied, which is the robot's place at the start.
     home: String,
-    /// Number of rooms that fit into the bin, and number of rooms swept since the bin was emptied.
+    /// Number of rooms that fit into the bin, and number of rooms swept since the bin was last
+    /// emptied.
     bin: u32,
     rooms_in_bin: u32,
     /// Places that the robot has swept.

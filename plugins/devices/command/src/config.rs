@@ -1,4 +1,5 @@
-//! The `config` of an entry that runs programs: an action model, and the program of each of its actions.
+//! The `config` of an entry that runs programs: an action model, and the program of each of its
+//! actions.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -10,7 +11,7 @@ use serde::Deserialize;
 
 use crate::effect;
 
-/// Default and largest time limit of a program.
+/// Default and maximum of the time limit of a program.
 const TIME_OUT: Duration = Duration::from_secs(10);
 const TIME_OUT_MAX: Duration = Duration::from_secs(600);
 
@@ -27,10 +28,10 @@ pub(crate) struct Config {
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct ActionEntry {
-    /// The program and its arguments. In each of them, `{name}` is replaced by the object that is bound to
-    /// the action's variable `?name`.
+    /// The program and its arguments. In each of these words, `{name}` is replaced by the object
+    /// that is bound to the action's variable `?name`.
     run: Vec<String>,
-    /// Time limit of the program, such as `"30s"`; a default applies without this key.
+    /// Time limit of the program, such as `"30s"`; default is [`TIME_OUT`].
     time_out: Option<String>,
 }
 
@@ -38,13 +39,14 @@ struct ActionEntry {
 #[derive(Debug)]
 pub(crate) struct ActionProgram {
     words: Vec<String>,
-    /// Variables of the action: the variable of the agent, and the action's parameters.
+    /// Variables of the action: the agent's variable, and the action's parameters.
     pub(crate) variables: Vec<String>,
     pub(crate) time_out: Duration,
 }
 
 impl ActionProgram {
-    /// Returns the program with the arguments of a call filled in; `None` if the program's name is missing.
+    /// Returns the program with the arguments of a call filled in; `None` if the entry names no
+    /// program.
     pub(crate) fn program(&self, arguments: &BTreeMap<String, String>) -> Option<Program> {
         let filled = |word: &String| {
             let place = |word: String, (name, value): (&String, &String)| {
@@ -57,8 +59,8 @@ impl ActionProgram {
 }
 
 impl Config {
-    /// Returns the action model, and the program of each of its actions. Returns an error if the model is
-    /// invalid, or the programs do not match the actions of the model.
+    /// Returns the action model, and the program of each of its actions. Returns an error if the
+    /// model is invalid, or the programs do not match the actions of the model.
     pub(crate) fn parse_actions(
         self,
         blueprint: &Blueprint,
@@ -139,7 +141,8 @@ impl ActionEntry {
     }
 }
 
-/// Returns the placeholders of a word: the names in braces. Other texts in braces are left to the program.
+/// Returns the placeholders of a word: the names in braces. Other texts in braces belong to the
+/// program.
 fn placeholders(word: &str) -> impl Iterator<Item = &str> {
     let is_name = |text: &&str| {
         let is_plain = |symbol: char| symbol.is_ascii_alphanumeric() || "-_".contains(symbol);

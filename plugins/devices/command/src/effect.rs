@@ -23,14 +23,15 @@ impl AgentFacts {
     pub(crate) fn add(&mut self, fact: InitElement) {
         let key = match &fact {
             InitElement::Assign(fluent, _) => format!("= {fluent}"),
-            // A fact is true, false or unknown, so the latest of these replaces the others.
+            // An atom is true, false or unknown; the latest of these replaces the others.
             InitElement::Not(atom) | InitElement::Unknown(atom) => atom.to_string(),
             other => other.to_string(),
         };
         self.0.insert(key, fact);
     }
 
-    /// Returns whether a fact is true; `None` if it is unknown. A fact that is not listed is false.
+    /// Returns `true` or `false` for a fact; `None` if it is unknown. A fact that is not listed is
+    /// false.
     fn value_of(&self, atom: &Atom) -> Option<bool> {
         match self.0.get(&atom.to_string()) {
             Some(InitElement::Unknown(_)) => None,
@@ -38,7 +39,7 @@ impl AgentFacts {
         }
     }
 
-    /// Applies an action's effect, and returns the facts that it adds.
+    /// Applies an action's effect, and returns the added facts.
     pub(crate) fn apply(
         &mut self,
         effect: &Effect,
@@ -63,14 +64,14 @@ impl AgentFacts {
                 let fact = InitElement::Atom(ground(atom, arguments));
                 self.0.remove(&fact.to_string());
             }
-            // Only costs are left here: `check` refuses all other effects.
+            // The remaining effects are only costs, because `check` refuses all others.
             Effect::Assign(_) | Effect::Forall(..) | Effect::When(..) => (),
         }
         added
     }
 
-    /// Applies an effect that may or may not have come about: facts that it would have changed become
-    /// unknown.
+    /// Applies an effect that may or may not have happened: each fact that the effect would change
+    /// becomes unknown.
     pub(crate) fn apply_uncertain(
         &mut self,
         effect: &Effect,
@@ -87,12 +88,12 @@ impl AgentFacts {
     }
 }
 
-/// Returns the atoms that an effect makes true or false.
+/// Returns the atoms that an effect adds or deletes.
 fn atoms(effect: &Effect) -> Vec<&Atom> {
     match effect {
         Effect::And(effects) => effects.iter().flat_map(atoms).collect(),
         Effect::Add(atom) | Effect::Delete(atom) => vec![atom],
-        // Only costs are left here: `check` refuses all other effects.
+        // The remaining effects are only costs, because `check` refuses all others.
         Effect::Assign(_) | Effect::Forall(..) | Effect::When(..) => Vec::new(),
     }
 }
@@ -108,12 +109,13 @@ fn ground(atom: &Atom, arguments: &BTreeMap<String, String>) -> Atom {
     Atom { arguments: atom.arguments.iter().map(bound).collect(), ..atom.clone() }
 }
 
-/// Checks that an effect is known to be true if the program succeeds, whatever the state was before.
+/// Checks that an effect depends only on the success of the program, and not on the state before
+/// it.
 ///
 /// # Errors
 ///
-/// Returns an error for a conditional or quantified effect, and for a changed number. The error says what
-/// would be right.
+/// Returns an error for a conditional or quantified effect, and for a changed number. The text
+/// names a correction.
 pub(crate) fn check(effect: &Effect) -> Result<(), String> {
     match effect {
         Effect::And(effects) => effects.iter().try_for_each(check),

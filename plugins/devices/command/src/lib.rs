@@ -1,4 +1,5 @@
-//! An actuator that runs programs: its entry has an action model in PDDL, and a program for each action.
+//! An actuator that runs programs: its entry has an action model in PDDL, and a program for each
+//! action.
 //!
 //! - `config` checks the model against the programs; `effect` applies the effects of actions to the agent's
 //!   facts.
@@ -33,13 +34,14 @@ use crate::config::{ActionProgram, Config};
 use crate::effect::AgentFacts;
 use crate::fact_file::FactFile;
 
-/// Pause after a failure in which an actuator offers no actions.
+/// Pause after a failure, during which an actuator offers no actions.
 const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
 
-/// Time that a method has in addition to its program's time limit, so that the program's error is reported.
+/// Time that a method has in addition to its program's time limit, so that the program's error is
+/// reported in time.
 const MARGIN: Duration = Duration::from_secs(1);
 
-/// The most characters of a program's output that are quoted.
+/// Maximum number of characters of a program's output that are quoted.
 const QUOTED_CHARS: usize = 160;
 
 /// The entry of the actuator that runs programs in the daemon's table of plugins.
@@ -150,7 +152,8 @@ impl Device for CommandActuator {
         }
     }
 
-    /// Waits for the end of the pause after a failure. The actions are then offered and announced again.
+    /// Waits for the end of the pause after a failure; then the actions are offered and announced
+    /// again.
     fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<CommandActuator>>> {
         let until = self.paused_until;
         Some(Box::pin(async move {
@@ -167,8 +170,8 @@ impl Device for CommandActuator {
     }
 }
 
-/// Whether it is unknown after a failure how far the program came. A program that ended by itself and
-/// reported a failure has changed nothing.
+/// Whether it is unknown after a failure how much the program has done. A program that ended by
+/// itself and reported a failure counts as having changed nothing.
 fn is_end_unknown(failure: &MethodFailure) -> bool {
     !matches!(
         failure,
@@ -178,8 +181,8 @@ fn is_end_unknown(failure: &MethodFailure) -> bool {
     )
 }
 
-/// Returns the facts in the output of a program, and the last other line of the output as a message to
-/// people. A line in parentheses that is no valid fact counts as a message.
+/// Returns the facts in the output of a program, and the last other line of the output as a message
+/// to people. A line in parentheses that is not a valid fact counts as a message.
 fn read(printed: &str) -> (Vec<InitElement>, Option<String>) {
     let (mut facts, mut told) = (Vec::new(), None);
     for line in printed.lines().map(str::trim).filter(|line| !line.is_empty()) {

@@ -56,7 +56,7 @@ fn facts(device: &CommandActuator) -> Vec<String> {
 }
 
 #[tokio::test]
-async fn what_ended_well_has_done_what_its_action_says() {
+async fn a_successful_program_makes_the_effect_of_its_action_true() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = folder.path().join("brewed");
     let mut device = brewer(
@@ -76,7 +76,7 @@ async fn what_ended_well_has_done_what_its_action_says() {
 }
 
 #[tokio::test]
-async fn who_fails_has_done_nothing_and_of_who_hangs_nothing_is_known_and_both_rest() {
+async fn a_failed_program_changes_nothing_and_an_ended_one_makes_facts_unknown() {
     let flood = "head -c 200000 /dev/zero";
     let too_much = "read the output of `/bin/sh`: it prints more than 64 KiB";
     for (script, time_out, expected, known) in [
@@ -97,11 +97,11 @@ async fn who_fails_has_done_nothing_and_of_who_hangs_nothing_is_known_and_both_r
     }
 }
 
-/// The facts of the brewer after a program that was ended before it had finished.
+/// The facts of the brewer after a program that was killed before it had finished.
 const UNKNOWN: &[&str] = &["(unknown (brewed kitchen))", "(unknown (clean c))"];
 
 #[tokio::test]
-async fn what_is_cancelled_may_have_been_done() {
+async fn a_cancelled_program_makes_its_effect_unknown() {
     let mut device = brewer("sleep 60", json!({}));
     device.on_failure(&call_of_brew(), &MethodFailure::GivenUp);
     assert_eq!(facts(&device), UNKNOWN);
@@ -109,14 +109,14 @@ async fn what_is_cancelled_may_have_been_done() {
 }
 
 #[tokio::test]
-async fn what_would_not_have_changed_stays_known() {
+async fn a_fact_that_the_action_would_not_change_stays_known() {
     let mut device = brewer("true", json!({}));
     assert!(brew(&mut device).await.is_ok());
     assert_eq!(facts(&device), ["(brewed kitchen)"]);
     let hangs = MethodFailure::TimedOut(Duration::from_secs(1));
     device.on_failure(&call_of_brew(), &hangs);
     assert_eq!(facts(&device), ["(brewed kitchen)"], "it is brewed and not clean either way");
-    // What succeeds later is known again.
+    // A later success makes the fact known again.
     let mut device = brewer("true", json!({}));
     device.on_failure(&call_of_brew(), &hangs);
     assert!(brew(&mut device).await.is_ok());
@@ -124,7 +124,7 @@ async fn what_would_not_have_changed_stays_known() {
 }
 
 #[tokio::test]
-async fn a_program_says_what_is_false_or_unknown() {
+async fn a_program_prints_false_and_unknown_facts() {
     for (printed, known, detail) in [
         ("(not (brewed kitchen))", "(not (brewed kitchen))", "(brew c kitchen) is done"),
         ("(unknown (brewed kitchen))", "(unknown (brewed kitchen))", "(brew c kitchen) is done"),
@@ -170,7 +170,7 @@ async fn facts_outlive_the_daemon() {
 }
 
 #[test]
-fn mistakes_say_what_would_be_right() {
+fn errors_of_an_entry_name_the_correction() {
     let run = json!({ "run": ["true"] });
     let with = |from: &str, to: &str| MODEL.replace(from, to);
     for (model, actions, expected) in [

@@ -1,10 +1,11 @@
-//! The IR temperature sensor (the paper, “Temperature IR Sensor”): it is mounted on a mobile base, and
-//! reports the temperature of the place where the base stands.
+//! The IR temperature sensor (the paper, “Temperature IR Sensor”), which is mounted on a mobile
+//! base and reports the temperature at the location of the base.
 //!
-//! - [`InfraredThermometer`] is the trait of drivers; `simulated` measures in the simulated building.
+//! - [`InfraredThermometer`] is the trait of drivers; `simulated` measures in the simulated
+//!   building.
 //! - The sensor keeps the last measurement of each room in which it has measured.
-//! - A measurement in another room than the requested one is a failure, not an answer: the base is not
-//!   where the plan assumes it to be.
+//! - A measurement in a room other than the requested one is a failure, because the plan assumes
+//!   the base to be in the requested room.
 
 mod simulated;
 
@@ -22,7 +23,7 @@ use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use serde::Deserialize;
 use tokio::time::Instant;
 
-/// Pause after a failure in which a sensor offers no actions.
+/// Pause after a failure, during which a sensor offers no actions.
 const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
 
 /// Time limit of a measurement.
@@ -43,22 +44,22 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 struct Config {
     /// Name of the mobile base that carries the sensor.
     mounted_on: AgentId,
-    /// How long a measurement counts as known, such as `"10m"`; without this key, as long as the sensor is
-    /// present.
+    /// Time for which a measurement counts as known, such as `"10m"`. Without this key, the time is
+    /// not limited.
     #[serde(default)]
     valid_for: Option<String>,
 }
 
 /// The driver of an infrared thermometer.
 pub trait InfraredThermometer: Send + Sync + 'static {
-    /// Measures the temperature at the place of the sensor. Error texts complete “failed to …”.
+    /// Measures the temperature at the location of the sensor. Error texts complete “failed to …”.
     fn measure(&self) -> BoxFuture<Result<IrMeasurement, String>>;
 }
 
 /// A temperature that an IR temperature sensor has measured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IrMeasurement {
-    /// Name of the place of the measurement.
+    /// Name of the location of the measurement.
     pub location: String,
     /// Measured temperature, in °C.
     pub celsius: f64,
@@ -103,7 +104,8 @@ impl IrTemperatureSensor {
         self.paused_until.is_none_or(|until| until <= Instant::now())
     }
 
-    /// Returns the facts of a measurement; none if it no longer counts as known.
+    /// Returns the facts of a measurement; an empty list if the measurement no longer counts as
+    /// known.
     fn known(&self, measurement: &IrMeasurement) -> Vec<OwnFact> {
         let IrMeasurement { location, celsius, at } = measurement;
         let known_for = self.valid_for.map(|valid_for| valid_for.saturating_sub(at.elapsed()));
@@ -120,8 +122,8 @@ impl Device for IrTemperatureSensor {
 
     fn describe(&self) -> Description {
         let IrTemperatureSensor { id, ontology, mounted_on, .. } = self;
-        // More expensive than a sensor fixed in the room, so that the base is left free for what only it
-        // can do.
+        // The cost is higher than that of a sensor that is fixed in the room, so that the base
+        // stays free for tasks of its own.
         let action = "(:action report-temperature
             :agent ?s - ir-temperature-sensor
             :parameters (?b - mobile-base ?r - room)

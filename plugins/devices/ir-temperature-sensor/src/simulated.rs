@@ -1,4 +1,5 @@
-//! The simulated driver: measures in the simulated building, at the true location of the base.
+//! The simulated driver, which measures in the simulated building, at the true location of the
+//! base.
 
 use std::sync::Arc;
 

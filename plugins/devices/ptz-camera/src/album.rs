@@ -1,5 +1,5 @@
-//! The folder with a camera's pictures and videos. The name of a file has the camera, the time and the
-//! place. The number of files is bounded; the oldest files are removed first.
+//! The folder with a camera's pictures and videos. The name of a file contains the camera, the time
+//! and the place. The number of files is bounded; the oldest files are removed first.
 
 use std::fs::{self, OpenOptions};
 use std::io::{self, Write as _};
@@ -11,7 +11,7 @@ use std::time::SystemTime;
 pub(crate) struct Album {
     folder: PathBuf,
     camera: String,
-    /// The most pictures, and the most videos, that are kept.
+    /// Maximum number of pictures and maximum number of videos that are kept.
     keep: usize,
 }
 
@@ -20,22 +20,25 @@ impl Album {
         Album { folder, camera, keep }
     }
 
-    /// Writes a file, and removes the oldest files of its kind that exceed the bound. Blocks the thread.
+    /// Writes a file, and removes the oldest files of its kind that exceed the maximum. Blocks the
+    /// thread.
     ///
     /// # Errors
     ///
-    /// Returns an error if the folder or the file cannot be written, or an old file cannot be removed.
+    /// Returns an error if the folder or the file cannot be written, or an old file cannot be
+    /// removed.
     pub(crate) fn store(&self, place: &str, kind: &str, content: &[u8]) -> io::Result<PathBuf> {
         fs::create_dir_all(&self.folder)?;
         let time = humantime::format_rfc3339_micros(SystemTime::now()).to_string();
         let time = time.replace(['-', ':'], "");
         let path = self.folder.join(format!("{}_{time}_{place}.{kind}", self.camera));
-        // Written under another name and renamed, so that no reader sees half a picture.
+        // The file is written under another name and renamed, so that readers find only complete
+        // files.
         let beside = path.with_extension("part");
         let mut file = OpenOptions::new().write(true).create_new(true).open(&beside)?;
         let written = file.write_all(content).and_then(|()| fs::rename(&beside, &path));
         if let Err(error) = written {
-            // A file that cannot be removed either stays; the error is returned.
+            // If the file cannot be removed either, it stays; the first error is returned.
             let _ = fs::remove_file(&beside);
             return Err(error);
         }
@@ -45,7 +48,7 @@ impl Album {
 
     fn drop_oldest(&self, kind: &str) -> io::Result<()> {
         let mut files = self.files(kind)?;
-        // After the camera's name comes the time, so the names sort by time.
+        // The time follows the camera's name, so that sorting by name is sorting by time.
         files.sort();
         let surplus = files.len().saturating_sub(self.keep);
         files.iter().take(surplus).try_for_each(fs::remove_file)
@@ -74,7 +77,7 @@ mod tests {
     use super::Album;
 
     #[test]
-    fn the_newest_are_kept_and_strangers_left_alone() {
+    fn the_newest_files_are_kept_and_foreign_files_left_alone() {
         let folder = tempfile::tempdir().expect("a folder");
         let stranger = folder.path().join("holiday.ppm");
         std::fs::write(&stranger, "sea").expect("written");

@@ -1,4 +1,4 @@
-//! The `config` of a camera's entry, and the settings that follow from it.
+//! The `config` of a camera's entry, and the resulting settings.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -12,40 +12,41 @@ use serde::Deserialize;
 use crate::album::Album;
 use crate::{PTZ, PtzPosition};
 
-/// The longest recording, in seconds; its file has some 10 MB of plain video.
+/// Maximum length of a recording, in seconds. The file of such a recording has about 10 MB.
 const RECORD_MAX: f64 = 60.0;
 
 /// The `config` of a camera's entry in the ecosystem file.
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct Config {
-    /// Place where the camera hangs.
+    /// Place where the camera is mounted.
     location: PlaceName,
-    /// Named directions of the camera, by name.
+    /// Presets of the camera, by name.
     presets: BTreeMap<String, RawPreset>,
-    /// Folder of pictures and videos; without this key, the folder `pictures` in the daemon's state folder.
+    /// Folder of pictures and videos; without this key, the folder `pictures` in the daemon's state
+    /// folder.
     #[serde(default)]
     folder: Option<PathBuf>,
-    /// The most pictures, and the most videos, that are kept.
+    /// Maximum number of pictures and maximum number of videos that are kept.
     #[serde(default = "default_keep")]
     keep: usize,
     /// Length of a recording, in seconds.
     #[serde(default = "default_record_seconds")]
     record_seconds: f64,
-    /// How long a picture counts as known, such as `"10m"`; without this key, as long as the camera is
-    /// present.
+    /// Time for which a picture counts as known, such as `"10m"`. Without this key, the time is not
+    /// limited.
     #[serde(default)]
     valid_for: Option<String>,
     /// Whether the camera watches for motion.
     #[serde(default = "default_motion")]
     motion: bool,
-    /// How long the fact `motion` stays true after motion was last seen, such as `"30s"`.
+    /// Time for which the fact `motion` stays true after the last motion, such as `"30s"`.
     #[serde(default = "default_motion_for")]
     motion_for: String,
     /// Share of the picture that must change to count as motion, between 0 and 1.
     #[serde(default = "default_sensitivity")]
     sensitivity: f64,
-    /// Goal that the camera requests when something moves; `None` if it requests none.
+    /// Goal that the camera requests when it detects motion; `None` if it requests none.
     #[serde(default)]
     on_motion: Option<RawMotionGoal>,
 }
@@ -53,7 +54,7 @@ pub(crate) struct Config {
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct RawPreset {
-    /// Place of the map that the camera sees in this direction.
+    /// Place of the map that is in view in this direction.
     shows: PlaceName,
     #[serde(default)]
     pan: f64,
@@ -88,8 +89,8 @@ fn default_motion_for() -> String {
     "30s".to_owned()
 }
 
-/// Returns the default of `sensitivity`. It is less than a hundredth of the picture, because a person in
-/// full view takes at least a hundredth.
+/// Returns the default of `sensitivity`. The default is less than a hundredth of the picture,
+/// because a person in full view takes at least a hundredth.
 fn default_sensitivity() -> f64 {
     0.004
 }
@@ -98,7 +99,7 @@ fn default_zoom() -> f64 {
     1.0
 }
 
-/// A named direction of a camera, and the place that is seen in this direction.
+/// A named direction of a camera, and the place that is in view in this direction.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Preset {
     pub(crate) shows: String,
@@ -114,7 +115,7 @@ pub(crate) struct CameraSettings {
     pub(crate) motion: Option<Motion>,
 }
 
-/// The settings by which a camera watches for motion.
+/// Settings for the detection of motion.
 #[derive(Clone, Debug)]
 pub(crate) struct Motion {
     pub(crate) lasts: Duration,
@@ -123,7 +124,7 @@ pub(crate) struct Motion {
 }
 
 impl Motion {
-    /// Returns the goal to request when something moves at `place`; `None` if the config has none.
+    /// Returns the goal to request after motion at `place`; `None` if the config has no goal.
     pub(crate) fn goal(&self, place: &str) -> Option<Achieve> {
         let (goal, priority) = self.on_motion.as_ref()?;
         let goal = goal.replace("?l", place);
@@ -132,7 +133,7 @@ impl Motion {
 }
 
 impl Config {
-    /// Returns the settings that the config means. Returns an error if the config is invalid.
+    /// Returns the settings from the config. Returns an error if the config is invalid.
     pub(crate) fn understand(self, blueprint: &Blueprint) -> Result<CameraSettings, BuildError> {
         let Config { location: _, presets, folder, keep, record_seconds, .. } = &self;
         let problem = |text: String| blueprint.problem(text);
@@ -145,7 +146,7 @@ impl Config {
         }
         let resources = &blueprint.host.resources;
         let beside_state = || resources.get::<StateFolder>().map(|state| state.0.join("pictures"));
-        // In a rehearsal no pictures are taken, so no folder is needed.
+        // In a check of the build no pictures are taken, so that no folder is needed.
         let nowhere = || resources.get::<BuildCheck>().map(|_| PathBuf::new());
         let folder = folder.clone().or_else(beside_state).or_else(nowhere);
         let folder = folder.ok_or_else(|| problem("pictures need a `folder`".to_owned()))?;

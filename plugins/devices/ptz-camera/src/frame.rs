@@ -1,22 +1,22 @@
-//! Pictures: their pixels, their file formats, and how much two of them differ.
+//! Pictures: their pixels, their file formats, and the difference between two pictures.
 //!
-//! Pictures are PPM files and videos are YUV4MPEG2 files: both formats are simple to write, and common
-//! tools read them. This file uses no clock and does no input or output.
+//! Pictures are PPM files and videos are YUV4MPEG2 files, because both formats are simple to write
+//! and common tools read them. This file uses no clock and does no input or output.
 
 use std::io::Write as _;
 
 use crate::PtzPosition;
 
-/// Difference of brightness by which a pixel counts as changed; the noise of a camera's sensor is smaller.
+/// Minimum difference of brightness for a changed pixel. The noise of a camera's sensor is smaller.
 const CHANGED: i32 = 24;
 
 /// One picture of a camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
-    /// Width of the picture, in pixels. It is even.
+    /// Width of the picture, in pixels. The width is even.
     pub width: usize,
-    /// Height of the picture, in pixels. It is even, as the width is: in videos, four pixels share their
-    /// colors.
+    /// Height of the picture, in pixels. Width and height are even, because each square of four
+    /// pixels shares its colors in videos.
     pub height: usize,
     /// Red, green and blue of each pixel of the picture, row by row from the top.
     pub rgb: Vec<u8>,
@@ -34,8 +34,9 @@ impl Frame {
         [header.as_bytes(), &self.rgb].concat()
     }
 
-    /// Returns the share of pixels that have changed since `before`, from 0 to 1. Returns 0 if the pictures
-    /// were taken in different directions: their difference says nothing about motion.
+    /// Returns the share of pixels that have changed since `before`, from 0 to 1. Returns 0 if the
+    /// pictures were taken in different directions, because their difference is no evidence of
+    /// motion.
     pub(crate) fn change_since(&self, before: &Frame) -> f64 {
         if before.aim != self.aim || before.rgb.len() != self.rgb.len() || self.rgb.is_empty() {
             return 0.0;
@@ -49,7 +50,7 @@ impl Frame {
         self.rgb.chunks_exact(3).map(|pixel| yuv(pixel).0)
     }
 
-    /// Returns one color plane of the picture: the mean of every square of four pixels.
+    /// Returns one color plane of the picture: the mean value of each square of four pixels.
     fn chroma(&self, of: impl Fn(&[u8]) -> i32) -> Vec<u8> {
         let at = |x: usize, y: usize| {
             let start = (y * self.width + x) * 3;
@@ -72,7 +73,7 @@ pub(crate) fn y4m(frames: &[Frame], per_second: u32) -> Vec<u8> {
     let mut file =
         format!("YUV4MPEG2 W{width} H{height} F{per_second}:1 Ip A1:1 C420jpeg\n").into_bytes();
     for frame in frames {
-        // Writing into memory does not fail.
+        // Writing to memory cannot fail.
         let _ = file.write_all(b"FRAME\n");
         file.extend(frame.lumas().map(byte));
         file.extend(frame.chroma(|pixel| yuv(pixel).1));
@@ -127,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn motion_is_what_changed_where_the_camera_did_not_turn() {
+    fn motion_is_a_change_between_frames_of_one_direction() {
         let (before, mut after) = (gray(100), gray(100));
         assert_eq!(after.change_since(&before), 0.0);
         after.rgb[..6].fill(200);

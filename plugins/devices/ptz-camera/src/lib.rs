@@ -1,10 +1,11 @@
-//! The PTZ camera (the paper, “PTZ Camera”): “can move (PTZ), record video, snap pictures, and detect
-//! motion”.
+//! The PTZ camera (the paper, “PTZ Camera”): “can move (PTZ), record video, snap pictures, and
+//! detect motion”.
 //!
-//! - [`Camera`] is the trait of drivers; `simulated` looks into the simulated building.
-//! - The camera turns to presets, and by small steps in any direction. Each picture or video is a file in
-//!   the camera's `album`. It is a fact that the camera has a picture or a video of a place.
-//! - The camera watches for motion. Motion is announced at once, and may make the camera request a goal.
+//! - [`Camera`] is the trait of drivers; `simulated` is the driver for the simulated building.
+//! - The camera turns to presets, and by small steps in any direction. Each picture or video is a
+//!   file in the camera's `album`. The existence of a picture or a video of a place is a fact.
+//! - The camera detects motion. Motion is announced at once, and may make the camera request a
+//!   goal.
 //! - If the camera does not look in the direction that the plan assumes, taking a picture fails.
 
 mod album;
@@ -32,10 +33,10 @@ use config::{CameraSettings, Config};
 pub use frame::Frame;
 use tasks::CameraResult;
 
-/// Pause after a failure in which a camera offers no actions.
+/// Pause after a failure, during which a camera offers no actions.
 const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
 
-/// Time limit of turning, and of taking one picture.
+/// Time limit for turning, and for taking one picture.
 const ACTING_TIME_MAX: Duration = Duration::from_secs(15);
 
 /// The entry of the PTZ camera in the daemon's table of plugins.
@@ -47,7 +48,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     build,
 };
 
-/// Limits of turning and zooming a camera.
+/// Limits for the direction and zoom of a camera.
 struct PtzLimits {
     pan: f64,
     tilt: f64,
@@ -57,8 +58,8 @@ struct PtzLimits {
 /// Limits of common dome cameras.
 const PTZ: PtzLimits = PtzLimits { pan: 170.0, tilt: 90.0, zoom: 10.0 };
 
-/// The steps by which a person turns the camera: name of the action, degrees of pan, degrees of tilt, and
-/// the factor of zoom.
+/// Steps by which a person turns the camera: name of the action, degrees of pan, degrees of tilt,
+/// and factor of zoom.
 const STEPS: [(&str, f64, f64, f64); 6] = [
     ("pan-left", -10.0, 0.0, 1.0),
     ("pan-right", 10.0, 0.0, 1.0),
@@ -81,11 +82,11 @@ pub struct PtzPosition {
 
 /// The driver of a camera.
 pub trait Camera: Send + Sync + 'static {
-    /// Turns and zooms the camera. Error texts complete “failed to …”. Dropping the future stops the
-    /// camera.
+    /// Turns and zooms the camera. Error texts complete “failed to …”. Dropping the future stops
+    /// the camera.
     fn aim(&self, aim: PtzPosition) -> BoxFuture<Result<(), String>>;
 
-    /// Returns the picture that the camera sees now.
+    /// Returns the present picture of the camera.
     fn frame(&self) -> BoxFuture<Result<Frame, String>>;
 }
 
@@ -135,9 +136,9 @@ struct PtzCamera {
     ontology: String,
     settings: CameraSettings,
     camera: Arc<dyn Camera>,
-    /// Direction and zoom of the camera; `None` if they are not known.
+    /// Direction and zoom of the camera; `None` while they are unknown.
     aim: Option<PtzPosition>,
-    /// The last picture that the camera took, with which the next picture is compared.
+    /// The last picture of the camera, with which the next picture is compared.
     last_frame: Option<Frame>,
     /// Time of the last picture of each place.
     pictures: BTreeMap<String, Instant>,
@@ -152,8 +153,8 @@ impl PtzCamera {
         self.paused_until.is_none_or(|until| until <= Instant::now())
     }
 
-    /// Returns the name of the preset that the camera looks at, and the place of the preset; `None` if the
-    /// camera looks at no preset.
+    /// Returns the name and the place of the preset of the present direction; `None` if this
+    /// direction is not a preset.
     fn preset(&self) -> Option<(&str, &str)> {
         let aim = self.aim?;
         let mut presets = self.settings.presets.iter();
@@ -161,8 +162,8 @@ impl PtzCamera {
         Some((name, &preset.shows))
     }
 
-    /// Returns a fact that counts as known for the time `lasts` after `at`; if `lasts` is `None`, for an
-    /// unlimited time. Returns an empty list if the time is over.
+    /// Returns a fact that counts as known for the time `lasts` after `at`, or without a time limit
+    /// if `lasts` is `None`. Returns an empty list if the time is over.
     fn passing(&self, fact: &str, at: Instant, lasts: Option<Duration>) -> Vec<OwnFact> {
         let known_for = lasts.map(|lasts| lasts.saturating_sub(at.elapsed()));
         if known_for.is_some_and(|left| left.is_zero()) {
@@ -174,7 +175,7 @@ impl PtzCamera {
     fn lasting(&self) -> String {
         let mut text = String::new();
         for (name, preset) in &self.settings.presets {
-            // Writing into memory does not fail.
+            // Writing to memory cannot fail.
             let _ = write!(text, "(shows {} {name} {}) ", self.id, preset.shows);
         }
         text
@@ -308,7 +309,7 @@ impl Device for PtzCamera {
     }
 
     fn on_failure(&mut self, _call: &MethodCall, failure: &MethodFailure) {
-        // Where the camera stopped is found by its next look.
+        // The next look of the camera determines its present direction.
         self.aim = None;
         if *failure != MethodFailure::GivenUp {
             self.paused_until = Some(Instant::now() + REST_AFTER_FAILURE);

@@ -1,9 +1,9 @@
-//! The events of a camera: the camera looks in another direction than the known one, or something moves in
-//! its picture.
+//! The events of a camera: its direction differs from the known one, or there is motion in its
+//! picture.
 //!
-//! Motion is a change of a large enough share of the picture between two frames of the same direction. The
-//! motion counts as being in the place of the current preset; if the camera looks at no preset, it is
-//! ignored.
+//! Motion is a change of a large enough share of the picture between two frames of the same
+//! direction. The place of the motion is that of the present preset; motion in a direction without
+//! a preset is ignored.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -14,10 +14,11 @@ use tokio::time::Instant;
 use crate::frame::Frame;
 use crate::{Camera, PtzCamera, PtzPosition};
 
-/// Pause between two frames: a person walking by is in the picture for at least a second.
+/// Pause between two frames. It is short, because a person walking by is in the picture for only
+/// about a second.
 const LOOK_INTERVAL: Duration = Duration::from_millis(200);
 
-/// Pause between two frames of a camera that does not watch for motion, or does not answer.
+/// Pause between two frames of a camera that does not detect motion, or does not respond.
 const LOOK_INTERVAL_IDLE: Duration = Duration::from_secs(5);
 
 /// Waits for the next event of a camera.
@@ -32,8 +33,9 @@ pub(crate) fn watch(of: &PtzCamera) -> impl Future<Output = DeviceEvent<PtzCamer
     eye.next()
 }
 
-/// Returns the time until which motion in the current place is not announced again. Continuing motion is
-/// announced again after a third of the time for which the fact is valid, not at every frame.
+/// Returns the time until which motion in the present place is not announced again. Continuing
+/// motion is announced again after a third of the time for which the fact is valid, and not for
+/// every frame.
 fn quiet_until(of: &PtzCamera) -> Instant {
     let lasts = of.settings.motion.as_ref().map_or(Duration::ZERO, |motion| motion.lasts);
     let (now, place) = (Instant::now(), of.preset().map(|(_, place)| place));
@@ -52,7 +54,7 @@ struct CameraWatch {
 impl CameraWatch {
     async fn next(mut self) -> DeviceEvent<PtzCamera> {
         loop {
-            // A camera that does not answer is noticed when a method is called.
+            // A camera that does not respond is detected at the next call of a method.
             let Ok(frame) = self.camera.frame().await else {
                 tokio::time::sleep(LOOK_INTERVAL_IDLE).await;
                 continue;
@@ -77,8 +79,8 @@ impl CameraWatch {
     }
 }
 
-/// Returns the event that sets the known direction to that of `frame`. It is needed at the start, after a
-/// failure, and when the camera was turned by other means.
+/// Returns the event that sets the known direction to that of `frame`. The event occurs at the
+/// start, after a failure, and after the camera was turned by other means.
 fn aim_event(frame: Frame) -> DeviceEvent<PtzCamera> {
     Box::new(move |camera: &mut PtzCamera| {
         camera.aim = Some(frame.aim);
@@ -95,7 +97,7 @@ fn motion_event(frame: Frame) -> DeviceEvent<PtzCamera> {
         let place = place.to_owned();
         let goal = camera.settings.motion.as_ref().and_then(|motion| motion.goal(&place));
         camera.motion.insert(place.clone(), Instant::now());
-        // The goal is not repeated if it fails: the moving person has left by then.
+        // The goal is not requested again if it fails, because the moving person has left by then.
         let (name, insists) = (format!("motion-{place}"), false);
         let want = |goal| Initiative::RequestGoal { name, goal, insists };
         goal.map(want).into_iter().collect()

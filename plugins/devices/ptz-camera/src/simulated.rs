@@ -1,7 +1,8 @@
-//! The simulated driver: turns a camera in the simulated building, and draws the places in its view.
+//! The simulated driver, which turns a camera in the simulated building, and draws the places in
+//! its view.
 //!
-//! A place is drawn as a patch of floor in a color of its own, a person as a figure, a robot as a box.
-//! Moving things change their position with the building's time.
+//! A place is drawn as a patch of floor in a color of its own, a person as a figure, a robot as a
+//! box. Moving things change their position with the building's time.
 
 use std::hash::{DefaultHasher, Hash as _, Hasher as _};
 use std::sync::Arc;
@@ -13,8 +14,8 @@ use building::{BuildingHandle, CameraView, SeenPlace};
 use crate::frame::Frame;
 use crate::{Camera, PtzPosition};
 
-/// Width and height of a picture, in pixels. The picture is small, so that drawing five a second costs
-/// little.
+/// Width and height of a picture, in pixels. The picture is small, so that drawing five pictures a
+/// second costs little.
 const WIDTH: usize = 160;
 const HEIGHT: usize = 120;
 
@@ -52,13 +53,13 @@ impl Camera for Simulated {
     }
 }
 
-/// The pixels of a picture that is being drawn.
+/// The pixels of a picture while it is drawn.
 struct Canvas {
     rgb: Vec<u8>,
 }
 
 impl Canvas {
-    /// Fills a box around a point, as far as the box is in the picture.
+    /// Fills the part of a box around a point that is within the picture.
     fn fill(&mut self, (x, y): (f64, f64), (width, height): (f64, f64), color: [u8; 3]) {
         let range = |middle: f64, size: f64, end: usize| {
             let start = (middle - size / 2.0).clamp(0.0, end as f64) as usize;
@@ -116,8 +117,7 @@ fn caption(place: &SeenPlace) -> String {
     format!("{}: {who}", place.location)
 }
 
-/// Returns the color in which the thing of a name is drawn: always the same color for a name, and darker
-/// than the wall.
+/// Returns a color for a name. The color of a name is always the same, and darker than the wall.
 fn color_of(name: &str) -> [u8; 3] {
     let mut hasher = DefaultHasher::new();
     name.hash(&mut hasher);
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn who_comes_and_what_moves_is_seen() {
+    fn a_person_and_a_moving_curtain_change_the_picture() {
         let empty = draw(&sight(&[], false, 0));
         assert_eq!(empty.caption, "corridor: turtlebot-1");
         assert_eq!(draw(&sight(&[], false, 900)).change_since(&empty), 0.0, "time alone");

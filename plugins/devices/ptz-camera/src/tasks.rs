@@ -1,4 +1,4 @@
-//! The methods of a camera, and the work of each with the driver and the album.
+//! The methods of a camera, and their work with the driver and the album.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -10,13 +10,13 @@ use crate::album::Album;
 use crate::frame::{Frame, y4m};
 use crate::{Camera, PTZ, PtzCamera, PtzPosition};
 
-/// Pictures per second of a recording: enough to recognise a person.
+/// Pictures per second of a recording: enough for recognising a person.
 const PER_SECOND: u32 = 5;
 
 /// The result of a method of the camera.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum CameraResult {
-    /// The camera was turned and now looks in this direction.
+    /// The camera was turned to this direction.
     Aimed(PtzPosition),
     /// A picture was taken.
     Picture { place: String, file: PathBuf, caption: String },
@@ -62,7 +62,7 @@ pub(crate) fn task(
     }
 }
 
-/// Returns the direction of the preset that the call names.
+/// Returns the direction of the preset in the arguments of the call.
 fn preset(call: &MethodCall, of: &PtzCamera) -> Result<PtzPosition, MethodFailure> {
     let name = call.argument("preset")?;
     let preset = of.settings.presets.get(name).map(|preset| preset.aim);
@@ -74,7 +74,7 @@ async fn turn(camera: Arc<dyn Camera>, aim: PtzPosition) -> Result<CameraResult,
     Ok(CameraResult::Aimed(aim))
 }
 
-/// Turns the camera by a step, but not beyond its limits.
+/// Turns and zooms the camera by a step, within its limits.
 async fn move_by(
     camera: Arc<dyn Camera>,
     pan: f64,
@@ -90,8 +90,8 @@ async fn move_by(
     turn(camera, aim).await
 }
 
-/// Returns a frame of the camera. Returns an error if the camera does not look in the direction that the
-/// plan assumes.
+/// Returns a frame of the camera. Returns an error if the direction of the camera is not the one
+/// that the plan assumes.
 async fn frame_of(
     camera: &dyn Camera,
     aim: PtzPosition,

@@ -1,11 +1,11 @@
-//! The screen (the paper, Figure 1): shows media to the people in its room.
+//! The screen (the paper, Figure 1), which shows media to the people in its room.
 //!
 //! - [`Display`] is the trait of drivers; `simulated` is a screen of the simulated building.
-//! - When a screen is plugged in for the first time, it has no channel yet, and requests the goal to get a
-//!   channel: “complete the setup (resource allocation and integration) automatically”. Once it has one,
+//! - A screen that is plugged in for the first time has no channel, and requests the goal to get
+//!   one: “complete the setup (resource allocation and integration) automatically”. With a channel,
 //!   media can be presented in the room of the screen.
-//! - A screen checks itself every second. A screen that no longer works announces that it offers no actions
-//!   and presents nothing, so that other screens take over.
+//! - A screen checks itself every second. A screen that has failed announces that it offers no
+//!   actions and presents nothing, so that other screens take over.
 
 mod simulated;
 
@@ -22,14 +22,14 @@ use actuator::{
 use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use serde::Deserialize;
 
-/// Pause between two checks of the screen. It bounds the time until a meeting can go on at another screen
-/// to a few seconds.
+/// Pause between two checks of the screen. The pause is short, so that a meeting can continue at
+/// another screen within a few seconds.
 const CHECK_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Time limit of a check of the screen; a check that takes longer counts as a failure.
+/// Time limit of a check of the screen; a longer check counts as a failure.
 const CHECK_TIME_MAX: Duration = Duration::from_secs(3);
 
-/// Time limit for the screen to light up: the time that a projector's lamp needs.
+/// Time limit for the screen to light up, which is that of a projector's lamp.
 const SHOWING_TIME_MAX: Duration = Duration::from_secs(30);
 
 /// The entry of the screen in the daemon's table of plugins.
@@ -53,8 +53,8 @@ struct Config {
 
 /// The driver of a screen. Error texts complete “failed to …”.
 pub trait Display: Send + Sync + 'static {
-    /// Gives the screen a channel, without which it shows nothing, and returns the channel. A screen that
-    /// has a channel keeps it.
+    /// Allocates a channel to the screen, and returns the channel. A screen that has a channel
+    /// keeps it. A screen without a channel shows nothing.
     fn allocate(&self) -> BoxFuture<Result<u32, String>>;
 
     /// Shows a text on the screen; `None` turns the screen dark.
@@ -64,7 +64,7 @@ pub trait Display: Send + Sync + 'static {
     fn panel(&self) -> BoxFuture<Result<DisplayState, String>>;
 }
 
-/// The state of a screen that works.
+/// The state of a working screen.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct DisplayState {
     /// Channel of the screen; `None` if the screen has none yet.
@@ -103,7 +103,7 @@ struct Screen {
     state: ScreenStatus,
 }
 
-/// The known state of a screen.
+/// The last known state of a screen.
 #[derive(Clone, Debug, PartialEq)]
 enum ScreenStatus {
     /// The screen was not checked yet.
@@ -128,7 +128,7 @@ impl Screen {
         }
     }
 
-    /// Returns the name of the medium that the screen shows; `None` if the screen shows none of its media.
+    /// Returns the name of the medium on the screen; `None` if the screen shows none of its media.
     fn shown(&self) -> Option<&str> {
         let ScreenStatus::Works(DisplayState { text: Some(text), .. }) = &self.state else {
             return None;
@@ -164,8 +164,8 @@ impl Screen {
         }
     }
 
-    /// Handles the result of a check. If the screen works but has no channel, returns the request for the
-    /// goal to give it a channel.
+    /// Handles the result of a check. If the screen works but has no channel, returns a request for
+    /// the goal to allocate one.
     fn handle_check(&mut self, state: ScreenStatus) -> Vec<Initiative> {
         self.state = state;
         if !matches!(self.state, ScreenStatus::Works(DisplayState { channel: None, .. })) {
@@ -270,7 +270,7 @@ impl Device for Screen {
 
     fn on_failure(&mut self, _call: &MethodCall, failure: &MethodFailure) {
         if *failure != MethodFailure::GivenUp {
-            // Until the next check finds otherwise.
+            // The state is `Broken` until the next check finds another state.
             self.state = ScreenStatus::Broken;
         }
     }

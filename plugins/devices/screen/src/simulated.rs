@@ -1,4 +1,4 @@
-//! The simulated driver: uses a screen of the simulated building.
+//! The simulated driver, which uses a screen of the simulated building.
 
 use std::sync::Arc;
 

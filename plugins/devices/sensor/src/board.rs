@@ -1,7 +1,9 @@
-//! The board: makes agents of all sensors that this machine's kernel knows. The agents come and go
-//! automatically: a sensor that is plugged into a board measures the room of the board.
+//! The board: creates an agent for each sensor that this machine's kernel lists. The agents appear
+//! and disappear automatically. A sensor that is plugged into a board measures the room of the
+//! board.
 //!
-//! Each of the agents is a sensor with the driver `linux`, as an entry in the ecosystem file would make it.
+//! Each of the agents is a sensor with the driver `linux`, as if it had an entry in the ecosystem
+//! file.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -31,14 +33,15 @@ pub const BOARD: PluginEntry = PluginEntry {
     build,
 };
 
-/// Pause between two searches for plugged-in devices: about the time in which a person lets go of the plug.
+/// Pause between two searches for plugged-in devices: about the time that a person needs to plug in
+/// a device.
 const SCAN_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Length of the longest part of a device's name that is used in the name of its agent, which may have 64
-/// letters.
+/// Maximum length of the part of a device's name that is used in the name of its agent. The name of
+/// an agent may have 64 characters.
 const NAME_MAX: usize = 56;
 
-/// The most agents of one board.
+/// Maximum number of agents of one board.
 const AGENTS_MAX: usize = 256;
 
 #[derive(Clone, Debug, Default, Deserialize)]
@@ -49,17 +52,17 @@ struct BoardConfig {
     /// Rooms of single devices, by the device's name, such as `"bme280@i2c-1/1-0076"`.
     #[serde(default)]
     rooms: BTreeMap<String, String>,
-    /// Devices that take part without an admission, by the name of the device or of its agent. Each other
-    /// device needs an admission; until then it is only listed.
+    /// Devices that take part without an admission, by the name of the device or of its agent. Any
+    /// other device needs an admission, and is only listed until then.
     #[serde(default)]
     devices: Vec<String>,
-    /// Devices that are ignored, for example because they have an entry of their own, by the name of the
-    /// device or of its agent.
+    /// Devices that are ignored, for example because they have an entry of their own, by the name
+    /// of the device or of its agent.
     #[serde(default)]
     ignore: Vec<String>,
-    /// How long a measurement counts as known, such as `"10m"`.
+    /// Time for which a measurement counts as known, such as `"10m"`.
     valid_for: Option<String>,
-    /// Folder in which the kernel shows its devices, if it is not `/sys`.
+    /// Folder with the kernel's devices; default is `/sys`.
     sysfs: Option<PathBuf>,
 }
 
@@ -82,7 +85,7 @@ struct SensorBoard {
     sysfs: Sysfs,
     /// Agents of the board's sensors, with their configs.
     bringing: DiscoveredAgents<Value>,
-    /// Sensors that the last search has found.
+    /// Sensors of the last search.
     bundles: Vec<SensorBundle>,
     scan_task: Option<WorkHandle>,
 }
@@ -142,8 +145,8 @@ impl SensorBoard {
         self.scan_task = Some(work);
     }
 
-    /// Returns the agent of a sensor; `None` if the sensor's quantity has no entry in `quantity`, or the
-    /// config ignores the device.
+    /// Returns the agent of a sensor. Returns `None` if the sensor's quantity is not in the table
+    /// of `quantity`, or the config ignores the device.
     fn finding(&self, bundle: &SensorBundle) -> Option<FoundDevice<Value>> {
         SensorQuantity::named(bundle.quantity.name()).ok()?;
         if self.is_in(&self.config.ignore, bundle) {
@@ -172,7 +175,7 @@ impl SensorBoard {
         own.or(self.config.location.as_ref()).map(String::as_str)
     }
 
-    /// Returns the config of a sensor's agent, as an entry in the ecosystem file would have it.
+    /// Returns the config of a sensor's agent, in the form of an entry in the ecosystem file.
     fn config_of(&self, bundle: &SensorBundle, room: &str) -> Value {
         let mut config = json!({ "location": room, "device": bundle.device.to_string() });
         let says = [
@@ -188,7 +191,7 @@ impl SensorBoard {
         config
     }
 
-    /// Returns the lines of configuration that would let the sensor take part in the ecosystem.
+    /// Returns the lines of configuration with which the sensor would take part in the ecosystem.
     fn lines(&self, bundle: &SensorBundle) -> String {
         let (board, device) = (&self.blueprint.id, &bundle.device);
         let room = self.room(bundle).unwrap_or_default();
@@ -203,8 +206,8 @@ fn is_thermometer(bundle: &SensorBundle) -> bool {
     bundle.quantity == linux_sensors::SysfsQuantity::Temperature
 }
 
-/// Returns the name of a sensor's agent: the name of the device, with the part that distinguishes the
-/// sensor from the device's other sensors.
+/// Returns the name of a sensor's agent: the name of the device, followed by the parts that
+/// distinguish the sensor from the device's other sensors.
 fn name_of(bundle: &SensorBundle) -> String {
     let mut name = bundle.device.to_string();
     if !is_thermometer(bundle) {
@@ -215,7 +218,7 @@ fn name_of(bundle: &SensorBundle) -> String {
     }
     let plain = |symbol: char| if symbol.is_ascii_alphanumeric() { symbol } else { '-' };
     let name: String = name.to_ascii_lowercase().chars().map(plain).collect();
-    // The end of a long place is what distinguishes it.
+    // A long name is cut at its beginning, because its end distinguishes the sensor.
     let end = name.len().saturating_sub(NAME_MAX);
     let name = &name[end..];
     match name.starts_with(|symbol: char| symbol.is_ascii_lowercase()) {
@@ -231,7 +234,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_device_has_a_name_that_an_agent_may_have() {
+    fn the_name_of_every_device_is_a_valid_agent_name() {
         let long = "platform/soc/".repeat(9);
         let long = long.as_str();
         for (device, quantity, channel, expected) in [

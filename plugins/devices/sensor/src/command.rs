@@ -1,8 +1,8 @@
-//! The command driver: measures by running a program and reading its output.
+//! The command driver, which measures by running a program and parsing its output.
 //!
 //! - The crate `programs` runs and ends programs.
-//! - A quantity that is announced when it changes (motion) is checked by running its program again and
-//!   again.
+//! - A quantity that is announced when it changes (motion) is measured by running its program
+//!   repeatedly.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -20,14 +20,15 @@ use crate::{MEASURING, Measurement, Probe};
 /// Default pause between two runs of the program for a quantity that is announced when it changes.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
 
-/// Time limit of a program: short enough that the program's error is reported before the method times out.
+/// Time limit of a program. It is shorter than that of the method, so that the program's error is
+/// reported.
 const RUNNING: Duration = Duration::from_millis(1_900);
 const _: () = assert!(RUNNING.as_millis() < MEASURING.as_millis());
 
 #[derive(Clone)]
 struct CommandProbe {
     program: Program,
-    /// How the value is read from the output of the program.
+    /// Format of the value in the output of the program.
     format: TextFormat,
     every: Duration,
 }
@@ -119,7 +120,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn what_a_program_prints_is_measured() {
+    async fn the_output_of_a_program_is_the_measured_value() {
         let weather = r#"{"main": {"temp": 288.65, "words": "12.5"}}"#;
         for (command, more, expected) in [
             (&["echo", "21.5"][..], json!({}), "21.5 °C at lab"),
@@ -128,7 +129,7 @@ mod tests {
             (&["echo", "68 °F"], json!({}), "20.0 °C at lab"),
             (&["echo", "68"], json!({ "unit": "°F" }), "20.0 °C at lab"),
             (&["echo", weather], json!({ "json": "/main/words" }), "12.5 °C at lab"),
-            // No shell interprets the arguments.
+            // There is no shell that would interpret the arguments.
             (&["printf", "%s", "7.25"], json!({}), "7.2 °C at lab"),
         ] {
             assert_eq!(measured(command, more).await.as_deref(), Ok(expected), "{command:?}");
@@ -136,7 +137,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn what_goes_wrong_is_told() {
+    async fn every_failure_of_a_program_is_reported() {
         let weather = r#"{"main": {"temp": 288.65}}"#;
         for (command, more, expected) in [
             (&["echo", "$HOME"][..], json!({}), "read a number from what `echo` prints: $HOME"),
@@ -183,13 +184,13 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn who_hangs_has_failed_before_the_method_has() {
+    async fn a_hanging_program_fails_before_the_method_times_out() {
         let problem = measured(&["sleep", "600"], json!({})).await.expect_err("it hangs");
         assert_eq!(problem, "wait for `sleep`: it did not end within 1.9s and was killed");
     }
 
     #[tokio::test]
-    async fn motion_is_noticed() {
+    async fn motion_is_reported() {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("motion");
         std::fs::write(&file, "off\n").expect("a file");

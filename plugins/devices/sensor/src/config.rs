@@ -1,4 +1,5 @@
-//! The `config` of a sensor's entry: the keys of all sensors, and the keys for the hardware of each driver.
+//! The `config` of a sensor's entry: the keys of all sensors, and the keys for the hardware of each
+//! driver.
 
 use std::path::PathBuf;
 
@@ -21,30 +22,32 @@ pub(crate) struct Config {
     pub(crate) quantity: Option<String>,
     /// Whether a `temperature-sensor` also measures the humidity.
     pub(crate) humidity: Option<bool>,
-    /// How long a measurement counts as known, such as `"10m"`; without this key, as long as the sensor is
-    /// present.
+    /// Time for which a measurement counts as known, such as `"10m"`. Without this key, the time is
+    /// not limited.
     pub(crate) valid_for: Option<String>,
-    /// Driver `linux`: name of the device, as `althing sensors` lists it.
+    /// Driver `linux`: name of the device in the list of `althing sensors`.
     device: Option<String>,
     /// Driver `linux`: channel of the device, if several channels measure the same quantity.
     channel: Option<String>,
-    /// Driver `linux`: folder in which the kernel shows its devices, if it is not `/sys`.
+    /// Driver `linux`: folder with the kernel's devices; default is `/sys`.
     sysfs: Option<PathBuf>,
     /// Driver `command`: the program that measures, and its arguments.
     command: Option<Vec<String>>,
-    /// Drivers `command` and `mqtt`: JSON pointer to the value in a JSON text, such as `"/main/temp"`.
+    /// Drivers `command` and `mqtt`: JSON pointer to the value in a JSON text, such as
+    /// `"/main/temp"`.
     json: Option<String>,
-    /// Drivers `command` and `phidget`: factor that converts the number to the quantity's unit. The driver
-    /// `phidget` allows it only for a sensor without a unit.
+    /// Drivers `command` and `phidget`: factor that converts the number to the quantity's unit.
+    /// With the driver `phidget`, only a sensor without a unit may have a factor.
     factor: Option<f64>,
     /// Drivers `command` and `mqtt`: unit of numbers without a unit in their text, such as `"°F"`.
     unit: Option<String>,
-    /// Driver `command`: pause between two runs for a quantity that is announced when it changes, such as
-    /// `"5s"`.
+    /// Driver `command`: pause between two runs for a quantity that is announced when it changes,
+    /// such as `"5s"`.
     every: Option<String>,
-    /// Driver `phidget`: path of `libphidget22`, if the library is not where the system has its libraries.
+    /// Driver `phidget`: path of `libphidget22`; default is the system's folders of libraries.
     library: Option<PathBuf>,
-    /// Driver `phidget`: serial number that is printed on the interface kit, the hub or the Phidget.
+    /// Driver `phidget`: serial number that is printed on the interface kit, the hub or the
+    /// Phidget.
     serial: Option<u32>,
     /// Driver `phidget`: port of a VINT hub that the sensor is connected to.
     hub_port: Option<u8>,
@@ -60,7 +63,7 @@ pub(crate) struct Config {
     user: Option<String>,
     /// Driver `mqtt`: path of the file with the user's password.
     password_file: Option<PathBuf>,
-    /// Driver `mqtt`: path of the file with the trusted certificate authorities, if the broker is
+    /// Driver `mqtt`: path of the file with the trusted certificate authorities, for a broker
     /// `mqtts://…`.
     ca: Option<PathBuf>,
     /// Driver `mqtt`: topic of the device's values.
@@ -71,11 +74,12 @@ pub(crate) struct Config {
     line: Option<LineName>,
     /// Driver `gpio`: whether a low level of the line means yes.
     active_low: Option<bool>,
-    /// Driver `gpio`: bias of the line, such as `"pull-up"`; without this key, the bias is left as it is.
+    /// Driver `gpio`: bias of the line, such as `"pull-up"`. Without this key, the present bias is
+    /// kept.
     bias: Option<Bias>,
-    /// Driver `gpio`: how long a level of the line must be stable before it counts, such as `"10ms"`.
+    /// Driver `gpio`: time for which a level must be stable before it counts, such as `"10ms"`.
     debounce: Option<String>,
-    /// Driver `gpio`: folder of the GPIO chips' device files, if it is not `/dev`.
+    /// Driver `gpio`: folder of the GPIO chips' device files; default is `/dev`.
     chips: Option<PathBuf>,
 }
 
@@ -105,12 +109,12 @@ pub(crate) struct HardwareConfig {
 }
 
 impl HardwareConfig {
-    /// Moves out of the config how values are read from texts, and returns it.
+    /// Removes the keys for the format of values in texts from the config, and returns them.
     ///
     /// # Errors
     ///
-    /// Returns an error if the factor is no number to multiply by, or the unit fits no quantity of the
-    /// sensor.
+    /// Returns an error if the factor is 0 or not finite, or if the unit cannot be converted to
+    /// that of a quantity of the sensor.
     pub(crate) fn text_format(
         &mut self,
         blueprint: &Blueprint,
@@ -158,12 +162,12 @@ pub(crate) struct PhidgetWiring {
 }
 
 impl Config {
-    /// Moves the keys that are for the driver out of the config, and returns them.
+    /// Removes the keys for the driver from the config, and returns them.
     ///
     /// # Errors
     ///
-    /// Returns an error if a key belongs to another driver than that of the entry, or `json` is no JSON
-    /// pointer.
+    /// Returns an error if a key belongs to another driver than that of the entry, or `json` is not
+    /// a JSON pointer.
     pub(crate) fn hardware(&mut self, blueprint: &Blueprint) -> Result<HardwareConfig, BuildError> {
         let said = self.driver_keys();
         let this = blueprint.driver.as_str();
@@ -204,7 +208,7 @@ impl Config {
         })
     }
 
-    /// Returns the keys that are for drivers, the drivers of each, and whether the config has the key.
+    /// Returns the keys for drivers; each with its drivers, and `true` if the config has the key.
     fn driver_keys(&self) -> Vec<(&'static str, &'static [&'static str], bool)> {
         vec![
             ("device", &[LINUX], self.device.is_some()),

@@ -1,9 +1,12 @@
-//! The GPIO driver: watches a line of a board that a motion detector or a door's contact is connected to.
+//! The GPIO driver, which watches a line of a board. A motion detector or a door's contact is
+//! connected to the line.
 //!
-//! - The crate `gpio-lines` finds and watches lines, even if the chip is unplugged and plugged in again.
-//! - The first value of a line is announced at once; after that, each change of the level is announced.
-//! - If the line does not exist or is not accessible, the sensor is away and offers no actions. The reason
-//!   is logged, and is in the error of a measurement.
+//! - The crate `gpio-lines` finds and watches lines, including when the chip is unplugged and
+//!   plugged in again.
+//! - The first value of a line is announced at once; after that, each change of the level is
+//!   announced.
+//! - If the line does not exist or is not accessible, the sensor is unavailable and offers no
+//!   actions. The reason is logged, and is in the error of a measurement.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
@@ -18,18 +21,19 @@ use crate::config::HardwareConfig;
 use crate::quantity::{SensorQuantity, is_yes};
 use crate::{MEASURING, Measurement, Probe};
 
-/// Time limit of waiting for the line's first value.
+/// Time limit for waiting for the line's first value.
 const FIRST_STATE_TIME_MAX: Duration = Duration::from_millis(1_500);
 const _: () = assert!(FIRST_STATE_TIME_MAX.as_millis() < MEASURING.as_millis());
 
-/// The longest debounce time; with a longer one, hardly any change would be noticed.
+/// Maximum debounce time; with a longer one, hardly any change would be detected.
 const DEBOUNCE_MAX: Duration = Duration::from_secs(10);
 
 #[derive(Clone)]
 struct GpioProbe {
     board: Arc<dyn GpioBoard>,
     input: InputSettings,
-    /// Watch of the line, created at the first use, so that no line is opened before the agent is active.
+    /// Watch on the line. It is created at the first use, so that no line is opened before the
+    /// agent is active.
     line_watch: Arc<Mutex<Option<LineWatch>>>,
     /// State of the line that was reported last.
     last_reported: Arc<Mutex<LineState>>,
@@ -79,7 +83,7 @@ impl GpioProbe {
     }
 
     /// Waits for the first check of the line, and returns the state of the line; `Unknown` after
-    /// `FIRST_STATE_TIME_MAX`.
+    /// [`FIRST_STATE_TIME_MAX`].
     async fn first_state(&self) -> LineState {
         let mut state = self.state();
         let known = state.wait_for(|state| *state != LineState::Unknown);
@@ -88,7 +92,7 @@ impl GpioProbe {
     }
 }
 
-/// Returns the measurement that a state of the line means; `None` if the line is unknown or away.
+/// Returns the measurement for a state of the line; `None` if the line is unknown or unavailable.
 fn measured(state: &LineState) -> Option<Measurement> {
     match state {
         LineState::Present(is_active) => {
@@ -129,7 +133,8 @@ impl Probe for GpioProbe {
     }
 
     fn is_present(&self) -> bool {
-        // Before the line is watched, the sensor counts as present: its full action model is needed then.
+        // Before the line is watched, the sensor counts as present, because its full action model
+        // is needed then.
         let state = lock(&self.line_watch).as_ref().map(LineWatch::state);
         state.is_none_or(|state| matches!(*state.borrow(), LineState::Present(_)))
     }
@@ -207,7 +212,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn what_a_line_is_is_told_at_once_and_its_edges_are_noticed() {
+    async fn the_first_value_of_a_line_and_its_edges_are_reported() {
         let bench = MemoryBoard::default();
         bench.plug("GPIO17", true);
         let more = json!({ "active-low": true, "bias": "pull-up", "debounce": "10ms" });
@@ -224,7 +229,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_chip_that_is_gone_is_not_here_and_back_it_is() {
+    async fn an_unplugged_chip_makes_its_agent_unavailable_until_it_is_back() {
         let bench = MemoryBoard::default();
         let mut sensor = on(&bench, "motion", json!({})).await;
         assert_eq!(offers(&sensor), 0, "it was never here");
@@ -244,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_say_what_would_be_right() {
+    fn errors_of_an_entry_name_the_correction() {
         let names_no_line = "names no line: write its chip and number, such as \"gpiochip0/17\"";
         for (config, expected) in [
             (json!({ "quantity": "motion" }), "driver `gpio` needs a `line`: its chip and number"),

@@ -1,13 +1,15 @@
-//! Sensors that are fixed in a room (the paper, “Temperature / Humidity Sensor” and the sensors for CO2,
-//! motion, IR distance, light and IR reflection). Each sensor reports what it measures in its room.
+//! Sensors that are fixed in a room (the paper, “Temperature / Humidity Sensor” and the sensors for
+//! CO2, motion, IR distance, light and IR reflection). Each sensor reports the measurements in its
+//! room.
 //!
-//! - `quantity` is the table of quantities; all other code is the same for every quantity.
-//! - [`Probe`] is the trait of drivers. `simulated` measures in the simulated building, `linux` with
-//!   devices that this machine's kernel knows, `command` by running a program. `mqtt` receives values from
-//!   a broker, `phidget` measures with sensors on interface kits of Phidgets, and `gpio` watches a line of
-//!   a board.
-//! - `board` makes agents of all sensors that this machine's kernel knows, automatically.
-//! - Changes of yes-or-no quantities (motion, a door's contact) are announced at once, without a request.
+//! - `quantity` is the table of quantities; all other code is independent of the quantity.
+//! - [`Probe`] is the trait of drivers. `simulated` measures in the simulated building, `linux`
+//!   with devices of this machine's kernel, and `command` by running a program. `mqtt` receives
+//!   values from a broker, `phidget` measures with sensors on interface kits of Phidgets, and
+//!   `gpio` watches a line of a board.
+//! - `board` automatically creates agents for all sensors of this machine's kernel.
+//! - Changes of yes-or-no quantities (motion, a door's contact) are announced at once, without a
+//!   request.
 //! - After a failed measurement a sensor offers no actions for a while: “re-evaluate and update
 //!   self-capabilities” (the paper, “Semantic Plug & Play”).
 
@@ -46,11 +48,11 @@ use tokio::time::Instant;
 use crate::config::Config;
 use crate::quantity::{QUANTITIES, SensorQuantity};
 
-/// Pause after a failure in which a sensor offers no actions. A loose wire has contact again within
-/// seconds.
+/// Pause after a failure, during which a sensor offers no actions. For example, a loose wire has
+/// contact again within seconds.
 const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
 
-/// Time limit of a measurement: slow bus sensors need less than a second.
+/// Time limit of a measurement. Sensors on a slow bus need less than a second.
 const MEASURING: Duration = Duration::from_secs(2);
 
 const SIMULATED: &str = "simulated";
@@ -72,8 +74,8 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     build,
 };
 
-/// The entry of the sensor that every building has: it measures temperature, and humidity on the same
-/// board.
+/// The entry of the sensor that every building has, in the daemon's table of plugins. The sensor
+/// measures temperature, and humidity on the same board.
 pub const TEMPERATURE_SENSOR: PluginEntry = PluginEntry {
     name: "temperature-sensor",
     about: "reports the temperature, and if asked to the humidity, of the room it stands in",
@@ -84,36 +86,38 @@ pub const TEMPERATURE_SENSOR: PluginEntry = PluginEntry {
 
 /// The driver of a sensor. Error texts complete “failed to …”.
 pub trait Probe: Send + Sync + 'static {
-    /// Measures a quantity of the table `QUANTITIES`; `quantity` is the name of the quantity.
+    /// Measures the quantity with the name `quantity` in the table `QUANTITIES`.
     fn measure(&self, quantity: &'static str) -> BoxFuture<Result<Measurement, String>>;
 
-    /// Waits until a yes-or-no quantity differs from `known`, and measures it. The wait lasts as long as
-    /// nothing changes.
+    /// Waits until a yes-or-no quantity differs from `known`, and measures it. The wait lasts as
+    /// long as the quantity does not change.
     fn notice(&self, quantity: &'static str, known: f64) -> BoxFuture<Result<Measurement, String>>;
 
-    /// Whether the sensor was plugged in at the last check.
+    /// Returns `true` if the sensor was plugged in at the last check.
     fn is_present(&self) -> bool {
         true
     }
 
-    /// Checks whether the sensor is plugged in; `None` if a sensor of this driver cannot be unplugged.
+    /// Returns a future that checks whether the sensor is plugged in; `None` if a sensor of this
+    /// driver cannot be unplugged.
     fn check_presence(&self) -> Option<BoxFuture<()>> {
         None
     }
 
-    /// Waits until the sensor is unplugged, is plugged in, or reports a value by itself; `None` if none of
-    /// these events can happen.
+    /// Returns a future that ends when the sensor is unplugged, is plugged in, or reports a value
+    /// by itself; `None` if none of these events can happen.
     fn wait_for_news(&self) -> Option<BoxFuture<()>> {
         None
     }
 
-    /// Returns the last value of a quantity that the sensor reported by itself; `None` if it reported none.
+    /// Returns the last value of a quantity that the sensor has reported by itself, or the reason
+    /// why that report has no value. Returns `None` if there is no report.
     fn last_report(&self, _quantity: &'static str) -> Option<Result<Measurement, String>> {
         None
     }
 }
 
-/// The result of one measurement of a sensor.
+/// Result of one measurement of a sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Measurement {
     /// Measured value in the quantity's unit; for a yes-or-no quantity, 1 is yes and 0 is no.
@@ -158,7 +162,7 @@ struct Sensor {
     id: String,
     ontology: Arc<Domain>,
     location: PlaceName,
-    /// Quantities that the sensor measures. The first one gives the sensor its PDDL type.
+    /// Quantities that the sensor measures. The first one determines the PDDL type of the sensor.
     quantities: Vec<&'static SensorQuantity>,
     valid_for: Option<Duration>,
     probe: Arc<dyn Probe>,
@@ -206,13 +210,13 @@ impl Sensor {
         self.probe.is_present() && self.paused_until.is_none_or(|until| until <= Instant::now())
     }
 
-    /// Returns the quantity that a method reads; `None` if there is none.
+    /// Returns the quantity that a method measures; `None` if there is none.
     fn read_by(&self, method: &str) -> Option<&'static SensorQuantity> {
         self.quantities.iter().copied().find(|quantity| quantity.method() == method)
     }
 
-    /// Returns the facts of the last measurement of a quantity while the measurement counts as known; after
-    /// that, the facts for an unknown value.
+    /// Returns the facts of the last measurement of a quantity while the measurement counts as
+    /// known; otherwise, the facts for an unknown value.
     fn known(&self, quantity: &SensorQuantity) -> Vec<OwnFact> {
         let room = self.location.as_str();
         let term = quantity.term(&self.id, room, &self.ontology);
@@ -228,9 +232,9 @@ impl Sensor {
         facts_of(&text).into_iter().map(|fact| OwnFact { known_for, ..fact }).collect()
     }
 
-    /// Starts the pause after a failure, in which no actions are offered. Quantities that are announced
-    /// when they change become unknown, because a change may have been missed. An unplugged sensor gets no
-    /// pause: it has not failed, and can be used as soon as it is back.
+    /// Starts the pause after a failure, during which no actions are offered. Quantities that are
+    /// announced when they change become unknown, because a change may have been missed. An
+    /// unplugged sensor gets no pause, because it can be used as soon as it is back.
     fn pause_actions(&mut self) {
         self.paused_until = self.probe.is_present().then(|| Instant::now() + REST_AFTER_FAILURE);
         for quantity in self.quantities.iter().filter(|quantity| quantity.is_noticed()) {
@@ -331,7 +335,7 @@ impl Device for Sensor {
     fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<Sensor>>> {
         let noticed = self.quantities.iter().copied().find(|quantity| quantity.is_noticed());
         let Some(quantity) = noticed else { return self.watch_for_news() };
-        // A quantity that was never measured is unknown, but is watched as if it were no: only a yes is
+        // A quantity that was never measured is watched as if it were “no”, so that only a “yes” is
         // reported.
         let known = self.measured.get(quantity.name).map_or(0.0, |measured| measured.value);
         let (probe, rests_until) = (Arc::clone(&self.probe), self.paused_until);
@@ -365,8 +369,8 @@ impl Device for Sensor {
 }
 
 impl Sensor {
-    /// Returns an event that occurs when the sensor is plugged in or unplugged, or reports a value. The
-    /// event ends the pause after a failure; if the sensor is unplugged, the event removes its
+    /// Returns an event that occurs when the sensor is plugged in or unplugged, or reports a value.
+    /// The event ends the pause after a failure. If the sensor is unplugged, the event removes its
     /// measurements.
     fn watch_for_news(&self) -> Option<BoxFuture<DeviceEvent<Sensor>>> {
         let until_news = self.probe.wait_for_news()?;
@@ -376,7 +380,8 @@ impl Sensor {
                 sensor.paused_until = None;
                 sensor.take_news();
                 if !sensor.probe.is_present() {
-                    // As for an agent that is gone: its values are no longer known.
+                    // The values of an unplugged sensor are unknown, as those of an absent agent
+                    // are.
                     sensor.measured.clear();
                 }
                 Vec::new()
@@ -390,7 +395,7 @@ impl Sensor {
             let said = self.probe.last_report(quantity.name);
             match said.map(|said| believable(quantity, said)) {
                 Some(Ok(measured)) => drop(self.measured.insert(quantity.name, measured)),
-                // The latest report has no value, so the earlier one is no longer valid.
+                // The latest report has no value, so that the earlier value is no longer valid.
                 Some(Err(problem)) => {
                     self.measured.remove(quantity.name);
                     tracing::info!("failed to {problem}");
@@ -414,7 +419,7 @@ impl Sensor {
     }
 }
 
-/// Turns a value that is impossible for a quantity into an error of the driver.
+/// Returns an error instead of a value that is impossible for a quantity.
 fn believable(
     quantity: &SensorQuantity,
     measured: Result<Measurement, String>,

@@ -1,12 +1,12 @@
-//! The Linux driver: measures with a device that this machine's kernel knows (Industrial I/O, hardware
-//! monitoring, 1-wire).
+//! The Linux driver, which measures with a device of this machine's kernel (Industrial I/O,
+//! hardware monitoring, 1-wire).
 //!
-//! - The driver searches the device by its name and place for each measurement: the device may have been
-//!   unplugged meanwhile, and be back under another number.
-//! - A failed reading is repeated for as long as a measurement may take: with a DHT22 one reading in five
-//!   fails although the sensor works. Only a device that never answers has failed.
-//! - The driver checks again and again whether the device is plugged in. The kernel would notify it, but
-//!   only if the process had more rights than those for reading.
+//! - The driver searches for the device by its name and place for each measurement, because the
+//!   device may have been unplugged meanwhile, and be back under another number.
+//! - A failed reading is repeated within the time limit of a measurement, because one reading in
+//!   five of a DHT22 fails although the sensor works. Only a device that never answers has failed.
+//! - The driver periodically checks whether the device is plugged in. The kernel notifies only
+//!   processes with more rights than those for reading.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -21,18 +21,19 @@ use crate::config::HardwareConfig;
 use crate::quantity::SensorQuantity;
 use crate::{MEASURING, Measurement, Probe};
 
-/// Time limit for beginning a reading: a reading that begins within it ends before the method times out.
+/// Time limit for beginning a reading. A reading that begins by then ends before the method times
+/// out.
 const TRYING: Duration = Duration::from_millis(1_200);
 const _: () = assert!(TRYING.as_millis() + SLOWEST.as_millis() < MEASURING.as_millis());
 
 /// Duration of the slowest reading: that of a 1-wire thermometer.
 const SLOWEST: Duration = Duration::from_millis(750);
 
-/// Pause between two readings, in which a disturbed bus can settle.
+/// Pause between two readings, during which a disturbed bus can settle.
 const PAUSE: Duration = Duration::from_millis(100);
 
-/// Pause between two checks whether the device is plugged in: about the time in which a person lets go of
-/// the plug.
+/// Pause between two checks whether the device is plugged in: about the time that a person needs to
+/// plug it in.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
 
 #[derive(Clone)]
@@ -42,8 +43,8 @@ struct LinuxProbe {
     channel: Option<String>,
     measures: Vec<linux_sensors::SysfsQuantity>,
     is_present: Arc<AtomicBool>,
-    /// Channels that were found by the last search. Checking whether they still exist does not need a
-    /// search of all devices of the machine.
+    /// Channels from the last search. As long as they exist, no new search of all devices of the
+    /// machine is needed.
     found: Arc<Mutex<Vec<SensorChannel>>>,
 }
 
@@ -156,7 +157,8 @@ impl Probe for LinuxProbe {
     }
 }
 
-/// Runs blocking work on a thread for blocking work.
+/// Runs `work`, which may block, on a separate thread. Returns an error if `work` panics or cannot
+/// run.
 async fn run_blocking<T: Send + 'static>(
     work: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, String> {
@@ -177,7 +179,7 @@ mod tests {
 
     const DEVICE: &str = "bme280@i2c-1/1-0076";
 
-    /// The folder in which the kernel shows the devices of a machine, with a sensor of temperature and
+    /// Folder with the devices of a machine's kernel, in which there is a sensor of temperature and
     /// humidity.
     struct Machine(TempDir);
 
@@ -193,7 +195,7 @@ mod tests {
             device.join(format!("iio:device{number}/{name}"))
         }
 
-        /// Adds the sensor to the folder as the kernel's device with the number `number`.
+        /// Adds the sensor to the folder, with the number `number` of the kernel.
         fn plug(&self, number: u8) {
             let iio = self.file(number, "in_temp_input");
             let iio = iio.parent().expect("a folder");
@@ -241,7 +243,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn what_the_kernel_says_is_known() {
+    async fn the_values_of_the_kernel_become_facts() {
         let machine = Machine::new();
         let mut sensor = machine.sensor().await;
         assert_eq!(offers(&sensor), 2);
@@ -254,7 +256,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_read_that_fails_now_and_then_is_no_failure_and_silence_is() {
+    async fn an_occasional_failed_reading_is_repeated_and_permanent_failure_is_reported() {
         let machine = Machine::new();
         let mut sensor = machine.sensor().await;
         let file = machine.file(0, "in_temp_input");
@@ -273,7 +275,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn who_is_unplugged_offers_nothing_and_who_is_back_under_another_number_does() {
+    async fn an_unplugged_device_offers_no_actions_until_it_is_back_under_any_number() {
         let machine = Machine::new();
         let mut sensor = machine.sensor().await;
         machine.unplug(0);
@@ -292,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_say_what_would_be_right() {
+    fn errors_of_an_entry_name_the_correction() {
         let machine = Machine::new();
         for (config, expected) in [
             (

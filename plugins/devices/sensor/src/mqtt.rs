@@ -1,11 +1,12 @@
-//! The MQTT driver: receives the values that a device sends to a broker, for example through Zigbee2MQTT,
-//! Tasmota or ESPHome.
+//! The MQTT driver, which receives the values that a device sends to a broker, for example through
+//! Zigbee2MQTT, Tasmota or ESPHome.
 //!
 //! - There is one connection per broker and process, which all agents share (`mqtt-link`).
 //! - Values are announced as soon as they are received. A measurement returns the last value of its
-//!   quantity, with the age of the value: a message may be about the battery, or have only some quantities.
-//! - If the `availability` topic reports that the device is offline, or the broker cannot be reached, the
-//!   sensor is away and offers no actions.
+//!   quantity, together with the age of the value, because a message may have only some quantities,
+//!   or none at all.
+//! - If the `availability` topic reports that the device is offline, or the broker cannot be
+//!   reached, the sensor is unavailable and offers no actions.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -21,7 +22,7 @@ use crate::quantity::{SensorQuantity, is_yes};
 use crate::text::{self, TextFormat};
 use crate::{MEASURING, Measurement, Probe};
 
-/// Time limit of waiting for the broker at the start, and for the first message of the device in a
+/// Time limit for waiting for the broker at the start, and for the first message of the device in a
 /// measurement.
 const FIRST_TEXT_TIME_MAX: Duration = Duration::from_millis(1_500);
 const _: () = assert!(FIRST_TEXT_TIME_MAX.as_millis() < MEASURING.as_millis());
@@ -31,11 +32,13 @@ struct MqttProbe {
     broker: Broker,
     topic: String,
     availability: Option<String>,
-    /// How values are read from texts; without a place in JSON, the quantity's name is searched.
+    /// Format of values in texts. Without a JSON pointer, a value is searched by the quantity's
+    /// name.
     format: TextFormat,
-    /// Subscriptions, created at the first use, so that no connection is opened before the agent is active.
+    /// Subscriptions. They are created at the first use, so that no connection is opened before the
+    /// agent is active.
     subscriptions: Arc<Mutex<Option<TopicSubscriptions>>>,
-    /// Number of messages of the device that were handled.
+    /// Number of messages of the device that were handled so far.
     handled_count: Arc<AtomicU64>,
 }
 
@@ -94,12 +97,12 @@ impl MqttProbe {
         link.get_or_insert_with(make).clone()
     }
 
-    /// Returns the last value of a quantity, or the reason why the quantity has none; `None` if no message
-    /// was received yet.
+    /// Returns the last value of a quantity, or the reason why the quantity has no value. Returns
+    /// `None` if no message was received yet.
     fn read(&self, quantity: &str, said: &TopicState) -> Option<Result<Measurement, String>> {
         let (newest, named) = (said.texts.front()?, SensorQuantity::named(quantity).ok()?);
-        // A text without this quantity does not invalidate an earlier value; a text that reports no value
-        // does.
+        // A text without this quantity does not invalidate an earlier value; a text with an invalid
+        // value does.
         let measured = said.texts.iter().find_map(|word| {
             let value = self.format.extract(&word.text, named)?;
             Some(value.map(|value| Measurement { value, at: word.at }))
@@ -119,7 +122,7 @@ impl Probe for MqttProbe {
         Box::pin(async move {
             let mut link = mqtt.link();
             let heard = link.texts.wait_for(|said| said.count > 0);
-            // After this time, the messages received so far have to do.
+            // After this time, the messages received so far are used.
             let _ = tokio::time::timeout(FIRST_TEXT_TIME_MAX, heard).await;
             let measured = mqtt.read(quantity, &link.texts.borrow());
             let trouble = link.trouble.borrow().clone();
@@ -154,8 +157,8 @@ impl Probe for MqttProbe {
     }
 
     fn is_present(&self) -> bool {
-        // Before the connection is made, the sensor counts as present: its full action model is needed
-        // then.
+        // Before the connection is made, the sensor counts as present, because its full action
+        // model is needed then.
         let Some(link) = lock(&self.subscriptions).clone() else { return true };
         let is_offline = link.availability.as_ref().is_some_and(|said| {
             said.borrow().texts.front().is_some_and(|word| text::is_offline(&word.text))
@@ -163,8 +166,8 @@ impl Probe for MqttProbe {
         link.trouble.borrow().is_none() && !is_offline
     }
 
-    /// Waits a moment for the broker, so that already the first announcement of the agent has the true
-    /// state.
+    /// Waits briefly for the broker, so that the first announcement of the agent already has the
+    /// true state.
     fn check_presence(&self) -> Option<BoxFuture<()>> {
         let mut link = self.link();
         Some(Box::pin(async move {
@@ -193,7 +196,8 @@ impl Probe for MqttProbe {
                         None => std::future::pending().await,
                     }
                 };
-                // None of these fails: `link` keeps the connection, and with it the senders.
+                // None of these calls fails: `link` keeps the connection open, and with it the
+                // senders.
                 let _ = tokio::select! {
                     changed = link.texts.changed() => changed,
                     changed = link.trouble.changed() => changed,
@@ -227,7 +231,7 @@ mod tests {
 
     const PATIENCE: Duration = Duration::from_secs(20);
 
-    /// Returns the config of a sensor, with the keys of `more` added.
+    /// Returns the config of a sensor, extended by the keys of `more`.
     fn config(broker: &Broker, more: Value) -> Value {
         let mut config =
             json!({ "location": "lab", "broker": broker.name(), "topic": "zigbee2mqtt/thermo" });
@@ -262,7 +266,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn what_a_device_says_is_known_at_once_and_its_availability_is_presence() {
+    async fn values_become_facts_at_once_and_availability_is_presence() {
         let Some(broker) = Broker::start() else { return };
         let said = r#"{"battery":100,"humidity":44.72,"linkquality":121,"temperature":27.34}"#;
         broker.retain("zigbee2mqtt/thermo", said);
@@ -297,7 +301,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_broker_that_dies_takes_its_devices_along_and_brings_them_back() {
+    async fn devices_are_unavailable_until_their_broker_is_back() {
         let Some(mut broker) = Broker::start() else { return };
         broker.retain("zigbee2mqtt/thermo", r#"{"temperature":20}"#);
         let mut sensor = thermometer(&broker).await;
@@ -306,8 +310,8 @@ mod tests {
         until(&mut sensor, |sensor| offers(sensor) == 0).await;
         broker.restart();
         until(&mut sensor, |sensor| offers(sensor) == 2).await;
-        // The restarted broker has no subscriptions. Messages are lost until the driver has subscribed
-        // again.
+        // The restarted broker has no subscriptions. Messages are lost until the driver has
+        // subscribed again.
         let saying = async {
             for degrees in 21.. {
                 broker.say("zigbee2mqtt/thermo", &format!(r#"{{"temperature":{degrees}}}"#));
@@ -322,7 +326,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn rubbish_and_silence_have_reasons() {
+    async fn invalid_and_missing_values_are_reported_with_a_reason() {
         let Some(broker) = Broker::start() else { return };
         let mut sensor = thermometer(&broker).await;
         let problem = measure(&mut sensor, "temperature").await.expect_err("nothing was said");
@@ -355,7 +359,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn motion_is_noticed() {
+    async fn motion_is_reported() {
         let Some(broker) = Broker::start() else { return };
         let availability = "zigbee2mqtt/thermo/availability";
         let more = json!({ "quantity": "motion", "availability": availability });
@@ -364,7 +368,7 @@ mod tests {
         broker.say("zigbee2mqtt/thermo", r#"{"battery":97}"#);
         broker.retain("zigbee2mqtt/thermo", r#"{"occupancy":true}"#);
         until(&mut sensor, |sensor| facts(sensor).ends_with(" (motion lab)")).await;
-        // While a detector is away, it is not known whether there is motion.
+        // The motion is unknown while the detector is unavailable.
         broker.retain(availability, "offline");
         until(&mut sensor, |sensor| offers(sensor) == 0).await;
         assert_eq!(facts(&sensor), BLIND);
@@ -373,7 +377,7 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_say_what_would_be_right() {
+    fn errors_of_an_entry_name_the_correction() {
         for (config, expected) in [
             (json!({}), "driver `mqtt` needs a `topic`, such as \"zigbee2mqtt/thermometer\""),
             (json!({ "topic": "a/+" }), "topic `a/+`: write that of one device, without + and #"),

@@ -1,12 +1,12 @@
-//! The Phidget driver: measures with sensors on a USB interface kit or hub of Phidgets Inc., through their
-//! library, which is loaded at the first use (`phidget-link`).
+//! The Phidget driver, which measures with sensors on a USB interface kit or hub of Phidgets Inc.
+//! Their library is loaded at the first use (`phidget-link`).
 //!
-//! - A channel stays open as long as its sensor is an agent. If a device was unplugged and plugged in
-//!   again, the library finds it.
-//! - A failed reading is repeated for as long as a measurement may take: a device that was just plugged in
-//!   does not have values at once.
-//! - If the library hangs, only the channel in use is blocked. All callers that wait for this channel time
-//!   out.
+//! - A channel stays open as long as its sensor is an agent. The library detects a device that is
+//!   plugged in again.
+//! - A failed reading is repeated within the time limit of a measurement, because a device that was
+//!   just plugged in does not have values at once.
+//! - If the library hangs, only the channel in use is blocked. Calls that wait for this channel
+//!   time out.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,50 +22,52 @@ use crate::config::{HardwareConfig, PhidgetWiring};
 use crate::quantity::{SensorQuantity, is_yes};
 use crate::{MEASURING, Measurement, Probe};
 
-/// Time limit of waiting for a device when a channel is opened; the library allows no shorter one.
+/// Time limit for waiting for a device when a channel is opened. This is the minimum of the
+/// library.
 const OPENING: Duration = Duration::from_secs(1);
 
 /// Time limit for beginning a reading.
 const TRYING: Duration = Duration::from_millis(1_200);
 const _: () = assert!(OPENING.as_millis() < TRYING.as_millis());
 
-/// Time limit of an answer of the library: a little shorter than the time limit of the method.
+/// Time limit for an answer of the library. It is a little shorter than the time limit of the
+/// method.
 const ANSWERING: Duration = Duration::from_millis(1_900);
 const _: () = assert!(TRYING.as_millis() < ANSWERING.as_millis());
 const _: () = assert!(ANSWERING.as_millis() < MEASURING.as_millis());
 
-/// Pause between two readings. An interface kit has a new value every quarter of a second, and a digital
-/// input has a new value at once.
+/// Pause between two readings. An interface kit has a new value every quarter of a second, and a
+/// digital input has a new value at once.
 const PAUSE: Duration = Duration::from_millis(100);
 
-/// Pause between two checks whether the device is plugged in: about the time in which a person lets go of
-/// the plug.
+/// Pause between two checks whether the device is plugged in: about the time that a person needs to
+/// plug it in.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
 
-/// How long motion lasts after the last swing of the sensor's value: when a person walks past, the value
-/// rests up to a second between two swings.
+/// Time for which motion lasts after the last swing of the sensor's value. When a person walks
+/// past, the value rests for up to a second between two swings.
 const MOVING: Duration = Duration::from_secs(3);
 
 #[derive(Clone)]
 struct PhidgetProbe {
     library: Option<PathBuf>,
-    /// Parts that measure, one per quantity of the sensor.
+    /// Parts of the sensor, one per quantity.
     lines: Vec<Arc<PhidgetLine>>,
     is_present: Arc<AtomicBool>,
-    /// The last logged reason why the device is away. It is kept so that each reason is logged once.
+    /// The last reason why the device is unavailable; kept so that each reason is logged only once.
     trouble: Arc<Mutex<Option<String>>>,
 }
 
-/// The part of a Phidget that measures one quantity.
+/// The part that measures one quantity.
 struct PhidgetLine {
     quantity: &'static str,
     part: &'static PhidgetPart,
     address: PartAddress,
     factor: f64,
-    /// Channel of the part, opened at the first use, so that no channel is opened before the agent is
-    /// active.
+    /// Channel of the part. It is opened at the first use, so that no channel is opened before the
+    /// agent is active.
     channel: Arc<tokio::sync::Mutex<Option<PhidgetChannel>>>,
-    /// Time of the last swing of the value, for a part with a value that swings.
+    /// Time of the last swing, for a part with a value that swings; `None` before the first swing.
     swung: Mutex<Option<Instant>>,
 }
 
@@ -81,7 +83,7 @@ pub(crate) fn probe(
     Ok(Arc::new(PhidgetProbe { library: wiring.library, lines, is_present: is_here, trouble }))
 }
 
-/// Returns the part that measures each of the quantities, with the part's address.
+/// Returns the part for each of the quantities, with the part's address.
 fn lines(
     wiring: &PhidgetWiring,
     factor: Option<f64>,
@@ -156,8 +158,8 @@ fn scale(part: &PhidgetPart, factor: Option<f64>) -> Result<f64, String> {
 }
 
 impl PhidgetLine {
-    /// Runs `work` with the channel on a thread for blocking work, and waits for the result until `until`.
-    /// Opens the channel first if it is not open.
+    /// Runs `work` with the channel on a thread for blocking work, and waits for the result until
+    /// `until`. Opens the channel first if it is not open.
     async fn with<T: Send + 'static>(
         &self,
         library: Option<PathBuf>,
@@ -167,7 +169,7 @@ impl PhidgetLine {
         let (part, address) = (self.part, self.address);
         let channel = Arc::clone(&self.channel);
         let answered = async move {
-            // A call that hangs keeps the lock, so that no second thread hangs in the library.
+            // A call that hangs keeps the lock, so that only one thread can hang in the library.
             let mut channel = channel.lock_owned().await;
             let work = move || {
                 let opened = match channel.take() {
@@ -184,8 +186,8 @@ impl PhidgetLine {
         })
     }
 
-    /// Converts a value of the part to the quantity's unit. For a part with a value that swings, returns 1
-    /// until the value rests.
+    /// Converts a value of the part to the quantity's unit. For a part with a value that swings,
+    /// returns 1 until the value has been at rest for [`MOVING`].
     fn settled(&self, value: f64) -> f64 {
         let mut swung = lock(&self.swung);
         if self.part.swings() && is_yes(value) {
@@ -213,7 +215,7 @@ impl PhidgetProbe {
         line.cloned().ok_or_else(|| format!("measure {quantity} with this driver"))
     }
 
-    /// Measures the quantity of `line`, and repeats failed readings until the time limit.
+    /// Measures the quantity of `line`. Failed readings are repeated until the time limit.
     async fn try_to_measure(&self, line: &PhidgetLine) -> Result<Measurement, String> {
         let (began, until) = (Instant::now(), Instant::now() + ANSWERING);
         loop {
@@ -268,7 +270,8 @@ impl Probe for PhidgetProbe {
         let phidget = self.clone();
         Box::pin(async move {
             let line = phidget.line(quantity)?;
-            // If the sensor was away, its value is not known: any value is news.
+            // If the sensor was unavailable, its value is unknown, so that any value must be
+            // reported.
             let mut is_news = !phidget.is_present();
             if is_news {
                 phidget.until_here().await;
@@ -277,8 +280,8 @@ impl Probe for PhidgetProbe {
                 let measured = match phidget.try_to_measure(&line).await {
                     Ok(measured) => measured,
                     Err(problem) => {
-                        // The caller logs the problem. It is noted here, so that `check_attached` does not
-                        // log it again.
+                        // The caller logs the problem. It is stored here, so that `check_attached`
+                        // does not log it again.
                         *lock(&phidget.trouble) = Some(problem.clone());
                         phidget.check_attached().await;
                         return Err(problem);
@@ -333,7 +336,7 @@ mod tests {
     use crate::tests::{BLIND, STILL, blueprint_with, facts, measure};
     use crate::{REST_AFTER_FAILURE, Sensor, sensor, temperature_sensor};
 
-    /// Returns a thermometer, or a sensor of the quantity that `more` names.
+    /// Returns a thermometer, or a sensor of the quantity in `more`.
     fn sensor_of(more: Value) -> Result<Sensor, BuildError> {
         let is_any = more.get("quantity").is_some();
         let mut config = json!({ "location": "lab" });
@@ -421,7 +424,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_read_that_fails_now_and_then_is_no_failure_and_silence_is() {
+    async fn an_occasional_failed_reading_is_repeated_and_permanent_failure_is_reported() {
         let mut kit = kit();
         kit.set("fail_every", 2.0);
         let mut sensor = built(&kit, json!({ "sensor": "1125", "port": 0 })).await;
@@ -436,7 +439,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn who_is_unplugged_offers_nothing_and_who_is_back_does() {
+    async fn an_unplugged_device_offers_no_actions_until_it_is_back() {
         let mut kit = kit();
         let wiring = json!({ "sensor": "1125", "port": 0, "humidity-port": 1, "humidity": true });
         let mut sensor = built(&kit, wiring.clone()).await;
@@ -462,7 +465,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn motion_is_noticed_until_it_rests_and_blindness_too() {
+    async fn motion_lasts_until_the_value_rests_and_an_unplugged_detector_is_unknown() {
         let mut kit = kit();
         let wiring = json!({ "quantity": "motion", "sensor": "1111", "port": 3 });
         let mut sensor = built(&kit, wiring).await;
@@ -470,7 +473,7 @@ mod tests {
             kit.set("ratio.3.11110", swing);
             stir(&mut sensor).await;
             assert!(facts(&sensor).ends_with(" (motion lab)"), "{}", facts(&sensor));
-            // Between two swings the person still moves.
+            // Between two swings the person is still moving.
             kit.set("ratio.3.11110", 0.0);
             let halfway = measure(&mut sensor, "motion").await.expect("it is plugged in");
             assert_eq!(halfway.detail, "motion at lab");
@@ -494,7 +497,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_library_that_hangs_holds_nobody_up() {
+    async fn a_hanging_library_blocks_no_other_channel() {
         let mut kit = kit();
         let mut sensor = built(&kit, json!({ "sensor": "1125", "port": 0 })).await;
         kit.set("hang_ms", 6_000.0);
@@ -509,7 +512,7 @@ mod tests {
     }
 
     #[tokio::test(start_paused = true)]
-    async fn without_a_library_it_is_not_here_and_says_how_to_get_it() {
+    async fn without_the_library_the_sensor_is_unavailable_and_reports_how_to_install_it() {
         let folder = tempfile::tempdir().expect("a folder");
         let gone = folder.path().join("gone.so");
         let mut sensor = sensor_of(json!({ "library": gone })).expect("nothing is opened yet");
@@ -523,7 +526,7 @@ mod tests {
     }
 
     #[test]
-    fn mistakes_say_what_would_be_right() {
+    fn errors_of_an_entry_name_the_correction() {
         for (config, expected) in [
             (
                 json!({ "quantity": "co2" }),

@@ -1,13 +1,14 @@
-//! The quantities that these sensors measure. To add a quantity, add its line to the table here and its
-//! names to the shared ontology; to simulate it, also add its line to the crate `building`.
+//! The quantities that these sensors measure. A new quantity needs a line in the table here, and
+//! its names in the shared ontology; to be simulated, it also needs a line in the crate `building`.
 
 use actuator::{is_derived, is_possible_value};
 use pddl::Domain;
 
 /// A quantity that a sensor measures in its room.
 ///
-/// The PDDL names follow from the name of the quantity: `co2` is measured by a `co2-sensor`. The sensor's
-/// action `report-co2` runs the method `read_co2` and makes `(known-co2 ROOM)` true.
+/// The PDDL names follow from the name of the quantity. For example, `co2` is measured by a
+/// `co2-sensor`. The sensor's action `report-co2` runs the method `read_co2` and makes `(known-co2
+/// ROOM)` true.
 #[derive(Debug)]
 pub(crate) struct SensorQuantity {
     pub(crate) name: &'static str,
@@ -17,15 +18,15 @@ pub(crate) struct SensorQuantity {
 /// The form of a quantity's value in the ontology, and as a text for people.
 #[derive(Debug)]
 pub(crate) enum ValueForm {
-    /// A number: `(= (FUNCTION ROOM) 21.5)` in PDDL. `unit` is the unit of the number, and `words` what
-    /// follows the number in texts for people.
+    /// A number: `(= (FUNCTION ROOM) 21.5)` in PDDL. `unit` is the unit of the number; `words` is
+    /// the text after the number in texts for people.
     Number { function: &'static str, unit: &'static str, words: &'static str, decimals: usize },
     /// A yes or no: `(PREDICATE ROOM)` or its negation. The sensor reports changes by itself.
     YesOrNo {
         predicate: &'static str,
-        /// Two predicates of the sensor itself: for its value and for its room. They are used if the
-        /// ontology derives the predicate of the room from them: a room is closed if all its doors and
-        /// windows are closed.
+        /// Two predicates of the sensor itself: one for its value and one for its room. They are
+        /// used if the ontology derives the predicate of the room from them: for example, a room is
+        /// closed if all its doors and windows are closed.
         own: Option<(&'static str, &'static str)>,
         yes: &'static str,
         no: &'static str,
@@ -71,8 +72,8 @@ const fn yes_or_no(
 }
 
 impl SensorQuantity {
-    /// Returns the quantity of this name. If there is none, returns an error with the known names or the
-    /// most similar ones.
+    /// Returns the quantity of this name. If there is none, returns an error with the most similar
+    /// name or all known names.
     pub(crate) fn named(name: &str) -> Result<&'static SensorQuantity, String> {
         let names = || QUANTITIES.iter().map(|quantity| quantity.name);
         QUANTITIES.iter().find(|quantity| quantity.name == name).ok_or_else(|| match pddl::nearest(
@@ -87,7 +88,7 @@ impl SensorQuantity {
         })
     }
 
-    /// Returns the unit of the quantity; empty for a yes or no.
+    /// Returns the unit of the quantity; empty for a yes-or-no quantity.
     pub(crate) fn unit(&self) -> &'static str {
         match self.value {
             ValueForm::Number { unit, .. } => unit,
@@ -95,14 +96,15 @@ impl SensorQuantity {
         }
     }
 
-    /// Returns `value` if it is possible for the quantity, and the reason otherwise.
+    /// Returns `value` if it is possible for the quantity; otherwise an error with the reason.
     pub(crate) fn possible(&self, value: f64) -> Result<f64, String> {
         let is_possible = is_possible_value(value, self.unit());
-        // A yes or no is 1 or 0, or the strength of a signal.
+        // The value of a yes-or-no quantity is 1 or 0, or the strength of a signal.
         if is_possible && (!self.is_noticed() || value >= 0.0) {
             return Ok(value);
         }
-        // A number of hundreds of digits tells nothing.
+        // Very large numbers are shown with an exponent, because hundreds of digits are hard to
+        // read.
         let told = if value.abs() < 1e9 { value.to_string() } else { format!("{value:e}") };
         Err(match self.unit() {
             "" => format!("{told}, which is impossible"),
@@ -110,7 +112,7 @@ impl SensorQuantity {
         })
     }
 
-    /// Returns the PDDL type of a sensor that has this quantity as its first.
+    /// Returns the PDDL type of a sensor with this quantity as its first.
     pub(crate) fn sensor_type(&self) -> String {
         format!("{}-sensor", self.name)
     }
@@ -125,7 +127,7 @@ impl SensorQuantity {
         format!("read_{}", self.name)
     }
 
-    /// Returns the name of the predicate that the quantity is known.
+    /// Returns the name of the predicate which states that the quantity is known.
     pub(crate) fn known(&self) -> String {
         format!("known-{}", self.name)
     }
@@ -135,7 +137,7 @@ impl SensorQuantity {
         matches!(self.value, ValueForm::YesOrNo { .. })
     }
 
-    /// Returns the PDDL term of the quantity's value, for a sensor in a room: a function or a predicate.
+    /// Returns the PDDL term for the quantity's value: a function or a predicate.
     pub(crate) fn term(&self, sensor: &str, room: &str, ontology: &Domain) -> String {
         match self.value {
             ValueForm::Number { function, .. } => format!("({function} {room})"),
@@ -148,7 +150,7 @@ impl SensorQuantity {
         }
     }
 
-    /// Returns the PDDL fact about the sensor's room that the quantity needs besides `located`; empty for
+    /// Returns an additional PDDL fact about the sensor's room that the quantity needs; empty for
     /// most quantities.
     pub(crate) fn place(&self, sensor: &str, room: &str, ontology: &Domain) -> String {
         match self.value {
@@ -161,7 +163,7 @@ impl SensorQuantity {
         }
     }
 
-    /// Returns a value as PDDL facts; `term` is the quantity's term in PDDL.
+    /// Returns a value as PDDL facts. `term` is the quantity's term in PDDL.
     pub(crate) fn facts(&self, term: &str, room: &str, value: f64) -> String {
         let known = self.known();
         match self.value {
@@ -171,7 +173,7 @@ impl SensorQuantity {
         }
     }
 
-    /// Returns the PDDL facts for an unknown value.
+    /// Returns the PDDL facts which state that the value is unknown.
     pub(crate) fn unknown(&self, term: &str, room: &str) -> String {
         let known = self.known();
         match self.value {
@@ -180,7 +182,7 @@ impl SensorQuantity {
         }
     }
 
-    /// Returns a value as a text for people.
+    /// Formats a value for people.
     pub(crate) fn words(&self, value: f64) -> String {
         match self.value {
             ValueForm::Number { words, decimals, .. } => format!("{value:.decimals$} {words}"),
@@ -190,7 +192,7 @@ impl SensorQuantity {
     }
 }
 
-/// Whether a value means yes: drivers return 1 or 0, and one half or more counts as yes.
+/// Whether a value means yes: drivers return 1 or 0, and a value of one half or more counts as yes.
 pub(crate) fn is_yes(value: f64) -> bool {
     value >= 0.5
 }

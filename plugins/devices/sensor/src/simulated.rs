@@ -1,4 +1,5 @@
-//! The simulated driver: measures in the simulated building. The planner never sees the building's truth.
+//! The simulated driver, which measures in the simulated building. The planner has no access to the
+//! building.
 
 use std::sync::Arc;
 
@@ -44,7 +45,7 @@ impl Probe for Simulated {
     }
 }
 
-/// Returns the quantity of the simulated building that has this name.
+/// Returns the quantity of the simulated building with this name.
 fn simulated(quantity: &str) -> Result<building::Quantity, String> {
     let known = building::Quantity::named(quantity);
     known.ok_or_else(|| format!("find `{quantity}` in the simulated building"))

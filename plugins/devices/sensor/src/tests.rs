@@ -1,5 +1,5 @@
-//! Checks the table of quantities against the ontology and the building, and plays one sensor of each
-//! quantity.
+//! Checks the table of quantities against the ontology and the building, and tests one sensor of
+//! each quantity.
 
 use std::sync::Arc;
 
@@ -11,7 +11,7 @@ use crate::quantity::QUANTITIES;
 
 const ONTOLOGY: &str = include_str!("../../../../domains/smart-office/domain.pddl");
 
-/// Returns a building with a lab that has one sensor of this quantity. The quantity's true value there is
+/// Returns a building with a lab that has one sensor of this quantity. The true value in the lab is
 /// `value`.
 fn lab(quantity: &str, value: f64) -> Building {
     let mut layout = Layout::new();
@@ -78,7 +78,7 @@ pub(crate) async fn measure(
     }
 }
 
-/// The facts of a motion detector without motion, and of one with an unknown value.
+/// Facts of a motion detector without motion, and of one with an unknown value.
 pub(crate) const STILL: &str = "(located s lab) (known-motion lab) (not (motion lab))";
 pub(crate) const BLIND: &str = "(located s lab) (not (known-motion lab)) (unknown (motion lab))";
 
@@ -94,7 +94,7 @@ async fn stir(sensor: &mut Sensor) {
 }
 
 #[test]
-fn every_word_of_the_table_is_in_the_ontology_and_every_quantity_in_the_building() {
+fn every_name_of_the_table_is_in_the_ontology_and_every_quantity_in_the_building() {
     let ontology = pddl::parse_domain(ONTOLOGY).value.expect("a domain");
     let predicate = |name: &str| ontology.predicates.iter().any(|known| known.name == name);
     let function = |name: &str| ontology.functions.iter().any(|known| known.name == name);
@@ -113,7 +113,7 @@ fn every_word_of_the_table_is_in_the_ontology_and_every_quantity_in_the_building
 }
 
 #[tokio::test(start_paused = true)]
-async fn each_quantity_is_reported_as_it_is() {
+async fn each_quantity_is_reported_with_its_true_value() {
     for (quantity, value, detail, known) in [
         ("temperature", 21.55, "21.6 °C at lab", "(= (temperature lab) 21.55)"),
         ("humidity", 38.0, "38 % humidity at lab", "(= (humidity lab) 38)"),
@@ -151,7 +151,7 @@ async fn each_quantity_is_reported_as_it_is() {
 }
 
 #[test]
-fn a_model_says_what_it_is_and_what_it_does() {
+fn the_model_of_a_sensor_has_its_type_and_its_action() {
     let lab = lab("co2", 400.0);
     let Description { model, methods } = sensor_in(&lab, "co2").describe();
     let expected = model_of(
@@ -168,7 +168,7 @@ fn a_model_says_what_it_is_and_what_it_does() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_thermometer_measures_the_humidity_where_it_is_asked_to() {
+async fn a_thermometer_measures_humidity_only_if_configured() {
     let lab = lab("temperature", 19.5);
     lab.set("lab", building::Quantity::Humidity, 61.0).expect("a possible value");
     for (humidity, actions) in [(false, 1), (true, 2)] {
@@ -185,7 +185,7 @@ async fn a_thermometer_measures_the_humidity_where_it_is_asked_to() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_sensor_that_failed_offers_nothing_for_a_while() {
+async fn a_failed_sensor_offers_no_actions_for_a_while() {
     for quantity in QUANTITIES {
         let lab = lab(quantity.name, 1.0);
         let mut sensor = sensor_in(&lab, quantity.name);
@@ -203,7 +203,7 @@ async fn a_sensor_that_failed_offers_nothing_for_a_while() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn motion_is_noticed_and_blindness_too() {
+async fn motion_is_reported_and_a_broken_detector_is_unknown() {
     let lab = lab("motion", 0.0);
     let mut sensor = sensor_in(&lab, "motion");
     set(&lab, "motion", 1.0);
@@ -228,7 +228,7 @@ async fn motion_is_noticed_and_blindness_too() {
 }
 
 #[test]
-fn what_is_no_quantity_is_said_so() {
+fn an_unknown_quantity_is_reported() {
     let lab = lab("co2", 400.0);
     for (config, expected) in [
         (
@@ -246,7 +246,7 @@ fn what_is_no_quantity_is_said_so() {
 }
 
 #[test]
-fn no_impossible_number_is_believed_whichever_driver_has_it() {
+fn impossible_numbers_of_any_driver_are_refused() {
     for (quantity, value, is_believed) in [
         ("temperature", 0.0, true),
         ("temperature", f64::NAN, false),

@@ -1,4 +1,4 @@
-//! Finds values in the texts of programs and devices.
+//! Extracts values from the texts of programs and devices.
 
 use actuator::converted_value;
 use serde_json::Value;
@@ -7,14 +7,14 @@ use crate::quantity::SensorQuantity;
 
 type JsonObject = serde_json::Map<String, Value>;
 
-/// The most characters that are quoted of a text that is no measurement.
+/// Maximum number of characters that are quoted of a text without a valid value.
 const QUOTED_CHARS: usize = 60;
 
 /// Texts that mean yes, and texts that mean no.
 const YES: [&str; 5] = ["true", "yes", "on", "open", "detected"];
 const NO: [&str; 5] = ["false", "no", "off", "closed", "clear"];
 
-/// Other names of each quantity in the messages of devices: of Zigbee2MQTT, Tasmota and others.
+/// Further names of each quantity in the messages of devices (Zigbee2MQTT, Tasmota and others).
 const ALIASES: &[(&str, &[&str])] = &[
     // If both are present, `illuminance` is a raw value (Zigbee2MQTT 1.x).
     ("light", &["illuminance_lux", "illuminance"]),
@@ -23,32 +23,35 @@ const ALIASES: &[(&str, &[&str])] = &[
     ("co2", &["carbon_dioxide"]),
 ];
 
-/// Beginnings of the names of chips that measure a Tasmota device itself, not the room.
+/// Prefixes of the names of chips in a Tasmota device that measure the device itself instead of the
+/// room.
 const CHIPS: &[&str] = &["ESP32", "ENERGY", "AXP", "MPU", "BL09", "Shelly"];
 
-/// How the values of a sensor are read from texts.
+/// Format of the values of a sensor in texts.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct TextFormat {
-    /// JSON pointer (RFC 6901) to the value in a JSON text; `None` if the text has no place for it.
+    /// JSON pointer (RFC 6901) to the value in a JSON text; `None` to search for the value by its
+    /// name.
     pub(crate) pointer: Option<String>,
-    /// Unit of numbers without a unit in their text; `None` if it is the unit of the quantity.
+    /// Unit of numbers without a unit in their text; `None` for the unit of the quantity.
     pub(crate) unit: Option<String>,
-    /// Factor that converts numbers to the unit of the quantity, whichever unit their text has.
+    /// Factor that converts numbers to the unit of the quantity, regardless of the unit in their
+    /// text.
     pub(crate) factor: Option<f64>,
 }
 
-/// A value in a text, not yet interpreted.
+/// A value in a text, before its interpretation.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct FoundValue {
-    /// The value itself.
+    /// Text of the value.
     pub(crate) word: String,
-    /// Unit that the text states beside the value.
+    /// Unit beside the value in the text; `None` if there is none.
     pub(crate) unit: Option<String>,
 }
 
 impl TextFormat {
-    /// Returns the value of a quantity in a text, or the reason why the quantity has no value; `None` if
-    /// the text is about other things, such as a battery.
+    /// Returns the value of a quantity in a text, or the reason why the quantity has no value.
+    /// Returns `None` if the text does not mention the quantity, such as a text about a battery.
     pub(crate) fn extract(
         &self,
         text: &str,
@@ -67,8 +70,9 @@ impl TextFormat {
     ///
     /// # Errors
     ///
-    /// Returns the beginning of the text if it is no number, or for a yes-or-no quantity no word for yes
-    /// or no; and a reason if the unit is another one, or the number is impossible.
+    /// Returns the beginning of the text if it is not a number or, for a yes-or-no quantity, not a
+    /// word for yes or no. Returns the reason if the unit cannot be converted, or the number is
+    /// impossible.
     pub(crate) fn value(
         &self,
         found: &FoundValue,
@@ -94,7 +98,8 @@ impl TextFormat {
     }
 }
 
-/// Returns why a text is no number: its beginning, and what to write for a decimal comma.
+/// Returns the reason why a text is not a number: its beginning, and a hint if it has a decimal
+/// comma.
 fn no_number(text: &str) -> String {
     let with_point = text.replacen(',', ".", 1);
     match number_with_unit(&with_point) {
@@ -103,8 +108,8 @@ fn no_number(text: &str) -> String {
     }
 }
 
-/// Returns the number at the beginning of a text and the unit behind it, which may be empty; `None` if the
-/// text is anything else, such as `21,5`, `12:30`, `0x15` or two numbers.
+/// Returns the number at the beginning of a text and the unit after it, which may be empty. Returns
+/// `None` for any other text, such as `21,5`, `12:30`, `0x15` or two numbers.
 fn number_with_unit(text: &str) -> Option<(f64, &str)> {
     let text = text.trim();
     let is_of_number = |symbol: char| symbol.is_ascii_digit() || "+-.eE".contains(symbol);
@@ -113,8 +118,8 @@ fn number_with_unit(text: &str) -> Option<(f64, &str)> {
     is_like_a_unit(unit).then_some((number, unit))
 }
 
-/// Whether a text may be a unit: it begins as one, and its only digit is an exponent at its end, as in
-/// `µg/m3`. Or it is empty.
+/// Whether a text may be a unit: it is empty, or begins with a letter or a sign such as `°`. Its
+/// only digit may be an exponent at the end, as in `µg/m3`.
 fn is_like_a_unit(text: &str) -> bool {
     let begins =
         text.chars().next().is_none_or(|first| first.is_alphabetic() || "°%‰".contains(first));
@@ -122,12 +127,13 @@ fn is_like_a_unit(text: &str) -> bool {
     begins && !base.contains(|symbol: char| symbol.is_ascii_digit())
 }
 
-/// Returns 1 or 0 for a text that means yes or no, and the number in any other; `None` if it has none.
+/// Returns 1 or 0 for a text that means yes or no, and the number for a number; `None` for any
+/// other text.
 fn yes_or_no(said: &str, quantity: &str) -> Option<f64> {
     let word = said.trim().to_ascii_lowercase();
     match word.as_str() {
-        // For a door, most devices report whether it is open; the quantity `contact` is whether it is
-        // closed.
+        // For a door, most devices report whether it is open; the quantity `contact` is whether it
+        // is closed.
         "closed" if quantity == "contact" => Some(1.0),
         "open" if quantity == "contact" => Some(0.0),
         yes if YES.contains(&yes) => Some(1.0),
@@ -136,7 +142,7 @@ fn yes_or_no(said: &str, quantity: &str) -> Option<f64> {
     }
 }
 
-/// Returns the value that a JSON pointer (RFC 6901) addresses in a JSON text.
+/// Returns the value at a JSON pointer (RFC 6901) in a JSON text; `None` if there is no value.
 pub(crate) fn at(text: &str, pointer: &str, quantity: &str) -> Option<FoundValue> {
     let json: Value = serde_json::from_str(text).ok()?;
     let word = json.pointer(pointer).map(plain)?;
@@ -145,7 +151,7 @@ pub(crate) fn at(text: &str, pointer: &str, quantity: &str) -> Option<FoundValue
     Some(FoundValue { word, unit: stated_unit(&json, around, quantity) })
 }
 
-/// Returns the value that a JSON object has under one of the names of a quantity. The value may also lie
+/// Returns the value in a JSON object under one of the names of a quantity. The value may also be
 /// one level down, as in Tasmota's `{"SI7021": {"Temperature": 21.5}}`.
 pub(crate) fn named(text: &str, quantity: &str) -> Option<FoundValue> {
     let json: Value = serde_json::from_str(text).ok()?;
@@ -160,8 +166,8 @@ pub(crate) fn named(text: &str, quantity: &str) -> Option<FoundValue> {
         Some(FoundValue { word: plain(value), unit: stated_unit(&json, Some(object), quantity) })
     };
     in_object(object).or_else(|| {
-        // The temperature of a chip is not that of the room. A part that measures humidity too is
-        // preferred.
+        // The temperature of a chip differs from that of the room. A part that also measures
+        // humidity is preferred.
         let is_own = |name: &String| CHIPS.iter().any(|chip| name.starts_with(chip));
         let parts = object.iter().filter(|(name, _)| !is_own(name));
         let mut parts: Vec<&JsonObject> = parts.filter_map(|(_, part)| part.as_object()).collect();
@@ -170,9 +176,10 @@ pub(crate) fn named(text: &str, quantity: &str) -> Option<FoundValue> {
     })
 }
 
-/// Returns the unit that a JSON text states for a quantity; `None` if it states none. A key with the
-/// quantity's name (`TempUnit`, `temperature_unit`) may also be at the top of the text. A plain `unit`
-/// counts beside the value only, and only if there is no other number that it may belong to.
+/// Returns the unit of a quantity in a JSON text; `None` if there is none. A key with the
+/// quantity's name (`TempUnit`, `temperature_unit`) may also be at the top of the text. A plain
+/// `unit` applies only to the value beside it, and only if there is no other number to which it may
+/// belong.
 fn stated_unit(json: &Value, around: Option<&JsonObject>, quantity: &str) -> Option<String> {
     let unit = |object: &JsonObject, names: &[&str]| {
         let plain = |key: &str| key.replace(['_', '-', ' '], "").to_ascii_lowercase();
@@ -197,7 +204,7 @@ fn plain(value: &Value) -> String {
     }
 }
 
-/// Whether a text of the availability topic means offline.
+/// Whether a text of the availability topic means that the device is offline.
 pub(crate) fn is_offline(text: &str) -> bool {
     let json: Option<Value> = serde_json::from_str(text).ok();
     let state = json.as_ref().and_then(|json| json.pointer("/state")).map(plain);
@@ -220,7 +227,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_quantity_is_found_by_what_devices_call_it() {
+    fn a_quantity_is_found_under_the_names_that_devices_use() {
         let zigbee = r#"{"battery":100,"humidity":44.72,"linkquality":121,"temperature":27.34}"#;
         let tasmota =
             r#"{"Time":"2026-11-22T14:00:00","SI7021":{"Temperature":21.5,"Humidity":40}}"#;
@@ -252,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn a_word_says_yes_or_no_to_what_is_asked() {
+    fn a_word_is_converted_to_yes_or_no_for_its_quantity() {
         for (word, quantity, expected) in [
             ("on", "motion", Some(1.0)),
             (" Clear ", "motion", Some(0.0)),
@@ -273,7 +280,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_known_is_told_from_what_is_not_said() {
+    fn an_unknown_value_differs_from_a_missing_one() {
         for (text, quantity, expected) in [
             (r#"{"temperature":21.5}"#, "temperature", Some(Ok(21.5))),
             ("21.5", "temperature", Some(Ok(21.5))),
@@ -311,7 +318,7 @@ mod tests {
     }
 
     #[test]
-    fn units_are_read() {
+    fn units_in_texts_are_converted() {
         let is_pascal = "1013, which is in `hPa` and not in °C";
         for (text, pointer, unit, quantity, expected) in [
             (
@@ -360,14 +367,14 @@ mod tests {
             let expected = expected.map_err(str::to_owned);
             assert_eq!(extract(text, quantity, &format), Some(expected), "{text}");
         }
-        // With a factor, the author of the config has converted the number.
+        // A factor means that the author of the config has already accounted for the unit.
         let format = TextFormat { factor: Some(0.001), ..TextFormat::default() };
         assert_eq!(extract("48312 m°C", "temperature", &format), Some(Ok(48.312)));
         assert!(extract("4831200", "temperature", &format).is_some_and(|value| value.is_err()));
     }
 
     #[test]
-    fn what_follows_a_number_is_a_unit_or_the_text_is_no_number() {
+    fn a_text_after_a_number_must_be_a_unit() {
         for (text, expected) in [
             ("21,5", "21,5; write a point for the comma"),
             ("21,5 °C", "21,5 °C; write a point for the comma"),
@@ -378,7 +385,7 @@ mod tests {
             ("21.5;40", "21.5;40"),
             ("2026-11-26T20:00", "2026-11-26T20:00"),
         ] {
-            // A factor makes no difference: such a text has no number that it could convert.
+            // A factor makes no difference, because such a text has no number to convert.
             for factor in [None, Some(0.1)] {
                 let format = TextFormat { factor, ..TextFormat::default() };
                 let found = extract(text, "temperature", &format);
@@ -391,7 +398,7 @@ mod tests {
     }
 
     #[test]
-    fn availability_is_told_in_two_ways() {
+    fn availability_is_parsed_in_both_forms() {
         for (text, offline) in [
             ("offline", true),
             (r#"{"state":"offline"}"#, true),

@@ -1,8 +1,9 @@
-//! The command driver: switches a device by running a program.
+//! The command driver, which switches a device by running a program.
 //!
-//! - The crate `programs` runs programs, and ends each one with all processes that it started.
-//! - If the entry has a program that prints the state, only the output of this program counts. Without one,
-//!   the device counts as switched if the program that switches has succeeded.
+//! - The crate `programs` runs programs, and ends each program with all processes that it has
+//!   started.
+//! - If the entry has a program that prints the state, only the output of this program determines
+//!   the state. Otherwise the device counts as switched if the switching program has succeeded.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -14,14 +15,15 @@ use tokio::time::Instant;
 use crate::config::CommandConfig;
 use crate::{Driver, words};
 
-/// Pause between two checks of the state after switching, because motors take some time.
+/// Pause between two checks of the state after switching. Several checks are needed because motors
+/// take time.
 const CHECK_INTERVAL: Duration = Duration::from_millis(200);
 
 /// Texts that mean on, and texts that mean off.
 const ON: [&str; 6] = ["on", "1", "true", "yes", "locked", "active"];
 const OFF: [&str; 6] = ["off", "0", "false", "no", "unlocked", "inactive"];
 
-/// The most characters of a program's output that are quoted.
+/// Maximum number of characters of a program's output that are quoted.
 const QUOTED_CHARS: usize = 60;
 
 #[derive(Clone)]
@@ -32,7 +34,7 @@ pub(crate) fn driver(commanded: CommandConfig) -> Arc<dyn Driver> {
 }
 
 impl CommandDriver {
-    /// Runs the program that prints the state, and returns whether the device is on.
+    /// Runs the program that prints the state. Returns `true` if the device is on.
     async fn read_program(&self, state: &Program) -> Result<bool, String> {
         let printed = state.run(self.0.time_out).await.map_err(|error| error.to_string())?;
         let word = printed.trim();
@@ -89,7 +91,8 @@ impl Driver for CommandDriver {
     }
 
     fn time_out(&self) -> Duration {
-        // First the program, then checks of the state; the last may begin just before their time is over.
+        // The program runs first, then the state is checked; the last check may begin just before
+        // the time limit.
         self.0.time_out * if self.0.state.is_some() { 3 } else { 1 }
     }
 }
@@ -122,7 +125,7 @@ mod tests {
         lamp
     }
 
-    /// Returns a lamp with a state that is kept in a file.
+    /// Returns a lamp with its state in a file.
     async fn filed(folder: &TempDir, on: &str) -> Switch {
         let file = folder.path().join("lamp");
         std::fs::write(&file, "off\n").expect("a file");
@@ -140,7 +143,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn without_a_word_of_its_state_what_succeeded_is_believed() {
+    async fn without_a_state_program_a_successful_switch_counts() {
         let mut lamp = lamp("true", json!({})).await;
         assert_eq!((offers(&lamp), facts(&lamp).as_str()), (2, lamp_is(None).as_str()));
         assert!(lamp.next_event().is_none(), "nothing happens by itself");
@@ -151,7 +154,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn what_its_state_says_is_known_and_noticed() {
+    async fn the_output_of_the_state_program_becomes_facts() {
         let folder = tempfile::tempdir().expect("a folder");
         let mut lamp = filed(&folder, "(sleep 0.5; echo 1 > FILE)").await;
         assert_eq!(switch(&mut lamp, "on").await.as_deref(), Ok("on at lab"));
@@ -160,7 +163,7 @@ mod tests {
         until(&mut lamp, |lamp| facts(lamp) == lamp_is(Some(false))).await;
         std::fs::write(folder.path().join("lamp"), "LOCKED\n").expect("a file");
         until(&mut lamp, |lamp| facts(lamp) == lamp_is(Some(true))).await;
-        // A switch with an unreadable state is away; it is back once its state can be read.
+        // A switch with an unreadable state is unavailable until its state can be read again.
         std::fs::write(folder.path().join("lamp"), "who knows").expect("a file");
         until(&mut lamp, |lamp| offers(lamp) == 0).await;
         assert_eq!(facts(&lamp), lamp_is(None));
@@ -170,7 +173,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn who_does_nothing_has_not_switched() {
+    async fn a_program_without_effect_has_not_switched() {
         let folder = tempfile::tempdir().expect("a folder");
         let mut lamp = filed(&folder, "true").await;
         let problem = switch(&mut lamp, "on").await.expect_err("nothing was switched");
@@ -179,7 +182,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn who_fails_hangs_or_floods_is_no_switch_for_a_while() {
+    async fn a_failing_hanging_or_flooding_program_pauses_the_switch() {
         for (on, expected) in [
             ("echo trying >&2; echo no bulb >&2; exit 3", "run `/bin/sh`: exit status: 3: no bulb"),
             ("sleep 600 & wait", "wait for `/bin/sh`: it did not end within 2s and was killed"),
@@ -194,7 +197,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn who_failed_is_offered_again_after_a_while() {
+    async fn a_failed_switch_offers_its_actions_again_after_the_pause() {
         let mut lamp = lamp("exit 1", json!({})).await;
         assert!(switch(&mut lamp, "on").await.is_err());
         assert_eq!(offers(&lamp), 0);
@@ -206,7 +209,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_look_that_began_before_it_was_switched_is_not_believed() {
+    async fn a_state_read_before_switching_is_discarded() {
         let state = script("sleep 0.5; echo off");
         let mut lamp = lamp("true", json!({ "state": state, "every": "100ms" })).await;
         let looking = tokio::spawn(lamp.driver_handle.clone().refresh());
@@ -221,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn words_for_on_and_off() {
+    fn texts_for_on_and_off_are_parsed() {
         for (word, expected) in [
             ("on", Some(true)),
             ("1", Some(true)),

@@ -12,12 +12,12 @@ use serde::Deserialize;
 use crate::kind::SwitchKind;
 use crate::{COMMAND, GPIO};
 
-/// Default and largest time limit of a program. The largest suffices for a garage door, which takes half a
-/// minute.
+/// Default and maximum of the time limit of a program. The maximum is enough for a garage door,
+/// which takes half a minute.
 const TIME_OUT: Duration = Duration::from_secs(5);
 const TIME_OUT_MAX: Duration = Duration::from_mins(2);
 
-/// Default and smallest pause between two checks of the state.
+/// Default and minimum of the pause between two checks of the state.
 const EVERY: Duration = Duration::from_secs(10);
 const EVERY_MIN: Duration = Duration::from_millis(100);
 
@@ -33,7 +33,7 @@ pub(crate) struct Config {
     line: Option<LineName>,
     /// Driver `gpio`: whether a low level of the line means on.
     active_low: Option<bool>,
-    /// Driver `gpio`: folder of the GPIO chips' device files, if it is not `/dev`.
+    /// Driver `gpio`: folder of the GPIO chips' device files; default is `/dev`.
     chips: Option<PathBuf>,
     /// Driver `command`: the program that switches on, and its arguments.
     on: Option<Vec<String>>,

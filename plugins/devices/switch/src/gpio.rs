@@ -1,5 +1,5 @@
-//! The GPIO driver: switches a relay on a line of a board. The state of the relay is read back from the
-//! line.
+//! The GPIO driver, which switches a relay on a line of a board. The state of the relay is read
+//! back from the line.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -10,8 +10,8 @@ use gpio_lines::{DrivenOutput, GpioBoard, GpioChips};
 use crate::config::GpioConfig;
 use crate::{Driver, words};
 
-/// Pause between two checks whether the GPIO chip is plugged in: about the time in which a person lets go
-/// of the plug.
+/// Pause between two checks whether the GPIO chip is plugged in: about the time that a person needs
+/// to plug it in.
 const PRESENCE_CHECK_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Time limit for switching a line on a slow bus.
@@ -41,7 +41,8 @@ impl Driver for GpioRelay {
             if found == is_on {
                 return Ok(found);
             }
-            // A stronger signal holds the line: a short circuit, or another driver.
+            // A stronger signal fixes the level of the line, such as a short circuit or another
+            // driver.
             Err(format!("switch the line `{name}` {}: it stays {}", words(is_on), words(found)))
         })
     }
@@ -86,7 +87,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_relay_is_as_it_was_and_then_as_it_is_told() {
+    async fn a_relay_keeps_its_state_until_it_is_switched() {
         for is_active_low in [false, true] {
             let bench = MemoryBoard::default();
             bench.plug("GPIO4", true);
@@ -105,7 +106,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_chip_that_is_gone_is_not_here_and_back_it_is() {
+    async fn an_unplugged_chip_makes_its_agent_unavailable_until_it_is_back() {
         let bench = MemoryBoard::default();
         let mut relay = relay(&bench, false).await;
         assert_eq!((offers(&relay), facts(&relay).as_str()), (0, relay_is(None).as_str()));
@@ -123,7 +124,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn what_something_stronger_holds_has_not_been_switched() {
+    async fn a_line_held_by_a_stronger_signal_has_not_switched() {
         let bench = MemoryBoard::default();
         bench.plug("GPIO4", false);
         bench.fix_level("GPIO4");

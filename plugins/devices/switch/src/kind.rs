@@ -1,5 +1,5 @@
-//! The kinds of switches, and their action models. The PDDL names are those that all drivers and gateways
-//! use for lamps, relays and locks (`actuator::OnOffNames`).
+//! The kinds of switches, and their action models. All drivers and gateways use the same PDDL names
+//! for lamps, relays and locks (`actuator::OnOffNames`).
 
 use actuator::OnOffNames;
 use pddl::Domain;
@@ -24,7 +24,7 @@ impl SwitchKind {
         }
     }
 
-    /// Returns the state of the device as a text for people.
+    /// Returns the state of the device, as text for people.
     pub(crate) fn state_text(self, is_on: bool) -> &'static str {
         match (self, is_on) {
             (SwitchKind::Lock, true) => "locked",
@@ -35,8 +35,8 @@ impl SwitchKind {
     }
 }
 
-/// Returns the action model of a switch, with the types and predicates that the shared ontology lacks. The
-/// model has actions only if `offers` is `true`.
+/// Returns the action model of a switch, with the types and predicates that the shared ontology
+/// lacks. The model has actions only if `offers` is `true`.
 pub(crate) fn model(
     id: &str,
     room: &str,

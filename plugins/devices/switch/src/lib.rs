@@ -2,10 +2,10 @@
 //!
 //! - `kind` has the PDDL names of each kind, and its action model.
 //! - `Driver` is the trait of drivers: `gpio` drives a line of a board, `command` runs programs.
-//! - A state that the driver reads back is known, even if the device was switched by hand. A device without
-//!   a readable state is assumed to be as it was last switched.
-//! - A state that cannot be read is unknown, neither on nor off, and the switch offers no actions. After a
-//!   failure a switch offers no actions for a while, so that plans are made without it.
+//! - A state that the driver reads back is known, even if the device was switched by hand. A device
+//!   without a readable state is assumed to be in the state to which it was last switched.
+//! - A state that cannot be read is unknown, and the switch offers no actions. After a failure a
+//!   switch offers no actions for a while, so that plans avoid it.
 
 mod command;
 mod config;
@@ -32,14 +32,15 @@ use tokio::time::Instant;
 use config::Config;
 use kind::SwitchKind;
 
-/// Pause after a failure in which a switch offers no actions. A loose wire has contact again within
-/// seconds.
+/// Pause after a failure, during which a switch offers no actions. For example, a loose wire has
+/// contact again within seconds.
 const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
 
-/// Time limit of waiting for the device's state before the first announcement.
+/// Time limit for waiting for the device's state before the first announcement.
 const FIRST_STATE_TIME_MAX: Duration = Duration::from_secs(2);
 
-/// Time that a method has in addition to the driver's time limit, so that the driver's error is reported.
+/// Time that a method has in addition to the driver's time limit, so that the driver's error is
+/// reported in time.
 const MARGIN: Duration = Duration::from_secs(1);
 
 const GPIO: &str = "gpio";
@@ -60,16 +61,17 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 
 /// The driver of a switch. Error texts complete “failed to …”.
 trait Driver: Send + Sync + 'static {
-    /// Switches the device on or off. Returns whether the device is on afterwards.
+    /// Switches the device on or off. Returns the state afterwards: `true` if the device is on.
     fn switch(&self, is_on: bool) -> BoxFuture<Result<bool, String>>;
 
-    /// Checks whether the device is on; `None` if it has no readable state.
+    /// Reads the state of the device: `true` if it is on, `None` if it has no readable state.
     fn read_state(&self) -> BoxFuture<Result<Option<bool>, String>>;
 
-    /// Returns the pause between two checks of the state; `None` if the device has no readable state.
+    /// Returns the pause between two checks of the state; `None` if the device has no readable
+    /// state.
     fn every(&self) -> Option<Duration>;
 
-    /// Returns the time limit of switching, which is also that of a check of the state.
+    /// Returns the time limit for switching, which is also that for reading the state.
     fn time_out(&self) -> Duration;
 }
 
@@ -108,20 +110,21 @@ struct Switch {
     paused_until: Option<Instant>,
 }
 
-/// A driver, and the state that it last reported. Clones share both.
+/// A driver, and the last state that it has reported. Clones share both.
 #[derive(Clone)]
 struct DriverHandle {
     driver: Arc<dyn Driver>,
     known: Arc<Mutex<KnownState>>,
 }
 
-/// Whether the device is on, `None` if that is not known; or the reason why the device cannot be used.
+/// Last known state: `true` if the device is on, `None` if the state is unknown; the error is the
+/// reason why the device cannot be used.
 type SwitchState = Result<Option<bool>, String>;
 
 struct KnownState {
     state: SwitchState,
-    /// Counter that each switching increases when it begins and when it ends, so that the result of a check
-    /// that began earlier is discarded.
+    /// Counter that each switching increases when it begins and when it ends. The result of a check
+    /// that began before the latest change of the counter is discarded.
     switch_count: u64,
 }
 
@@ -141,7 +144,7 @@ impl DriverHandle {
         self.known().state.clone()
     }
 
-    /// Checks the state of the device. Discards the result if the device was switched meanwhile.
+    /// Reads the state of the device. Discards the result if the device was switched meanwhile.
     async fn refresh(self) {
         let turn = self.known().switch_count;
         let looked = self.driver.read_state().await;
@@ -157,7 +160,7 @@ impl DriverHandle {
         known.state = looked;
     }
 
-    /// Switches the device on or off. Returns whether the device is on afterwards.
+    /// Switches the device on or off. Returns the state afterwards: `true` if the device is on.
     async fn switch(self, is_on: bool) -> Result<bool, String> {
         self.known().switch_count += 1;
         let found = self.driver.switch(is_on).await?;
@@ -167,8 +170,8 @@ impl DriverHandle {
         Ok(found)
     }
 
-    /// Sets the state to unknown after an unsuccessful switching. A state with the reason why the device is
-    /// away is kept.
+    /// Sets the state to unknown after an unsuccessful switching. Keeps a state that is the reason
+    /// why the device is unavailable.
     fn set_unknown(&self) {
         let mut known = self.known();
         known.switch_count += 1;
@@ -220,7 +223,7 @@ impl Device for Switch {
         self.driver_handle.driver.every()?;
         let hand = self.driver_handle.clone();
         Some(Box::pin(async move {
-            // A state that is not known by then is announced later.
+            // A state that is still unknown after that time is announced later.
             let _ = tokio::time::timeout(FIRST_STATE_TIME_MAX, hand.refresh()).await;
         }))
     }
@@ -272,7 +275,7 @@ impl Device for Switch {
     }
 }
 
-/// Returns the text “on” or “off”, for people.
+/// Returns “on” or “off” as text for people.
 fn words(is_on: bool) -> &'static str {
     if is_on { ON } else { OFF }
 }

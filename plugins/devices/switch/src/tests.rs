@@ -25,7 +25,7 @@ pub(crate) fn call(method: &str) -> MethodCall {
     }
 }
 
-/// Calls a method of the switch as its agent does; returns the detail of the result.
+/// Calls a method of the switch as its agent does. Returns the detail of the result.
 pub(crate) async fn switch(switch: &mut Switch, method: &str) -> Result<String, String> {
     let call = call(method);
     match switch.perform(&call).await {
@@ -37,7 +37,7 @@ pub(crate) async fn switch(switch: &mut Switch, method: &str) -> Result<String, 
     }
 }
 
-/// Returns the facts of a lamp or a relay: on, off, or unknown.
+/// Returns the facts of a lamp or a relay that is on, off, or in an unknown state (`None`).
 pub(crate) fn told(own: &str, state: Option<bool>) -> String {
     let state = match state {
         Some(true) => format!("({own} s)"),
@@ -77,7 +77,7 @@ fn commanded(kind: &str, more: Value) -> Value {
 }
 
 #[tokio::test]
-async fn a_model_says_what_it_is_and_what_it_does() {
+async fn the_model_of_a_sensor_has_its_type_and_its_action() {
     let lock = super::switch(&blueprint("command", commanded("lock", json!({})))).expect("a lock");
     let Description { model, methods } = lock.describe();
     let expected = model_of(
@@ -103,7 +103,7 @@ async fn a_model_says_what_it_is_and_what_it_does() {
 }
 
 #[tokio::test]
-async fn a_method_that_it_has_not_is_said_so() {
+async fn an_unknown_method_is_reported() {
     let lamp = blueprint("command", commanded("lamp", json!({})));
     let mut lamp = super::switch(&lamp).expect("a lamp");
     let problem = switch(&mut lamp, "dim").await.expect_err("there is none");
@@ -111,7 +111,7 @@ async fn a_method_that_it_has_not_is_said_so() {
 }
 
 #[test]
-fn mistakes_say_what_would_be_right() {
+fn errors_of_an_entry_name_the_correction() {
     let wired = |more: Value| {
         let mut config = json!({ "location": "lab", "kind": "relay", "line": "GPIO4" });
         if let (Value::Object(config), Value::Object(more)) = (&mut config, more) {

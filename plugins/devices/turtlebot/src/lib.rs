@@ -1,14 +1,14 @@
-//! The TurtleBot (the paper, “TurtleBot”): a mobile base that moves between the places of the map and
-//! between named poses of its own, and carries sensors.
+//! The TurtleBot (the paper, “TurtleBot”), a mobile base that moves between the places of the map
+//! and between named poses of its own, and carries sensors.
 //!
-//! - Moving, the battery and the dock are the same as for every robot: see `actuator::MobileBase`. The
-//!   driver of the base is here; `simulated` moves the robot in the simulated building.
-//! - The robot carries the agents that state that they are `mounted-on` it. It makes plans with their
+//! - `actuator::MobileBase` implements moving, the battery and the dock, as for every robot. The
+//!   driver of the base is in this crate; `simulated` moves the robot in the simulated building.
+//! - The robot carries the agents that announce to be `mounted-on` it, and makes plans with their
 //!   actions.
-//! - With the key `login` in the config, a person can log in at the robot's on-board screen where the robot
-//!   stands.
-//! - With the key `patrol`, the robot visits some places again and again, as long as no other goal needs
-//!   it.
+//! - With the key `login` in the config, a person can log in at the robot's on-board screen, at the
+//!   location of the robot.
+//! - With the key `patrol`, the robot repeatedly visits some places, as long as no other goal needs
+//!   the robot.
 
 mod login;
 mod patrol;
@@ -46,13 +46,13 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 struct Config {
     #[serde(flatten)]
     base: BaseConfig,
-    /// How people log in at the robot's screen; `None` if they cannot.
+    /// Settings for logging in at the robot's screen; `None` if that is not possible.
     #[serde(default)]
     login: Option<LoginConfig>,
-    /// Places that the robot patrols, and how often; `None` if it patrols none.
+    /// Places that the robot patrols, and the interval of the visits; `None` without a patrol.
     #[serde(default)]
     patrol: Option<PatrolConfig>,
-    /// All other keys of the entry's `config`: an entry that has any is refused.
+    /// All other keys of the entry's `config`. Any such key is an error.
     #[serde(flatten)]
     unknown: serde_json::Map<String, serde_json::Value>,
 }
@@ -80,7 +80,7 @@ struct TurtleBot {
     base: MobileBase,
     login: Option<Login>,
     patrol: Option<Patrol>,
-    /// Time of the last login in each place.
+    /// Time of the last login in each place, by the name of the place.
     validated: BTreeMap<String, Instant>,
 }
 
@@ -92,8 +92,8 @@ enum TurtleBotResult {
 }
 
 impl TurtleBot {
-    /// Returns the place that a call names. Returns an error if the base does not stand there: the robot
-    /// may have been carried away since the plan was made.
+    /// Returns the place in the arguments of a call. Returns an error if the base is not in that
+    /// place, because the robot may have been moved since the plan was made.
     fn called_place(&self, call: &MethodCall) -> Result<String, MethodFailure> {
         let (place, here) = (call.argument("place")?, self.base.place());
         if place == here {

@@ -1,14 +1,15 @@
-//! The robot's on-board screen, where a person logs in (the paper, “Scenario 3”).
+//! The login of a person at the robot's on-board screen (the paper, “Scenario 3”).
 //!
-//! - The method that validates a person sends a `query-ref` to all keyboards, each time with a deadline,
-//!   and compares the answer with the PIN from the config.
-//! - The first answer counts. After a wrong answer the question is asked again, a few times. After the last
-//!   wrong answer the screen is locked for a while, for all people. If no answer comes, the screen is
-//!   locked for as long as the robot has waited for an answer.
-//! - **Invariant:** neither the PIN nor an answer is in a log, a report or a `Debug` output of this file.
+//! - The method that validates a person sends a `query-ref` with a deadline to all keyboards, and
+//!   compares the answer with the PIN from the config.
+//! - The first answer counts. After a wrong answer the question is sent again, up to the number of
+//!   attempts. After the last wrong answer the screen is locked for a while, for all people. If no
+//!   answer comes, the screen is locked for the time `patience`.
+//! - **Invariant:** neither the PIN nor an answer is in a log, a report or a `Debug` output of this
+//!   file.
 //!
-//! The actuator sends the question: the method passes the text to `Device::next_event`, which makes the
-//! actuator ask the question, and `Device::receive_news` passes the answer back to the method.
+//! The actuator sends the question. The method passes the text to `Device::next_event`, which makes
+//! the actuator send the question, and `Device::receive_news` passes the answer back to the method.
 
 use std::fs::File;
 use std::io::Read as _;
@@ -30,17 +31,18 @@ pub(crate) const LOGIN: &str = "login";
 /// Name of the method that lets a person log in.
 pub(crate) const METHOD: &str = "log_in";
 
-/// How long the screen is locked after too many wrong answers. With three attempts before each lock, trying
-/// all PINs of four digits takes eleven days.
+/// Time for which the screen is locked after too many wrong answers. With three attempts before
+/// each lock, trying all PINs of four digits takes eleven days.
 const LOCK_TIME: Duration = Duration::from_secs(5 * 60);
 
-/// Time of an attempt beside the wait for the person: the question and the answer travel.
+/// Time of an attempt in addition to the wait for the person, for the transport of the question and
+/// the answer.
 const ATTEMPT_MARGIN: Duration = Duration::from_secs(2);
 
-/// A request of the login to the actuator: to ask a question or to withdraw it.
+/// A request of the login to the actuator: to send a question, or to withdraw it.
 enum QuestionRequest {
     This(String),
-    /// Withdraw the question, because its answer is no longer needed.
+    /// Withdraws the question, because its answer is no longer needed.
     Nothing,
 }
 
@@ -54,16 +56,17 @@ pub(crate) struct LoginConfig {
     /// PIN that a person must enter to log in.
     #[serde(default)]
     pin: Option<String>,
-    /// Path of a file with the PIN in its first line, so that the ecosystem file need not have the PIN.
+    /// Path of a file with the PIN in its first line, as an alternative to a PIN in the ecosystem
+    /// file.
     #[serde(default)]
     pin_file: Option<PathBuf>,
-    /// How long the robot waits for one answer, such as `"60s"`.
+    /// Time limit for one answer, such as `"60s"`.
     #[serde(default = "default_patience")]
     patience: String,
     /// Number of wrong answers after which the screen is locked.
     #[serde(default = "default_attempts")]
     attempts: u32,
-    /// How long a person counts as validated after the login, such as `"10m"`.
+    /// Time for which a person counts as validated after the login, such as `"10m"`.
     #[serde(default = "default_valid_for")]
     valid_for: String,
 }
@@ -80,13 +83,14 @@ fn default_valid_for() -> String {
     "10m".to_owned()
 }
 
-/// The PIN with which answers are compared. The type has no `Debug`, so that no log can have the PIN.
+/// The PIN for comparison with answers. The type has no `Debug`, so that the PIN cannot get into a
+/// log.
 #[derive(Clone)]
 struct Secret(Arc<str>);
 
 impl Secret {
-    /// Whether `answer` is the PIN. The comparison takes the same time wherever the first difference is, so
-    /// that the duration reveals nothing about the PIN.
+    /// Whether `answer` is the PIN. The duration of the comparison does not depend on the position
+    /// of the first difference, so that the PIN cannot be guessed digit by digit.
     fn is(&self, answer: &str) -> bool {
         let (expected, given) = (self.0.as_bytes(), answer.trim().as_bytes());
         let differs = |(expected, given): (&u8, &u8)| expected ^ given;
@@ -95,11 +99,11 @@ impl Secret {
     }
 }
 
-/// Reads a PIN from a file. Returns an error if all users of the machine have access to the file, or its
-/// group can change it.
+/// Reads a PIN from a file. Returns an error if every user of the machine has access to the file,
+/// or its group can change it.
 ///
-/// The group may read the file: in this way systemd passes a credential to a service, and an administrator
-/// lets a daemon read a file that belongs to root.
+/// The group may read the file, because systemd passes credentials to services in this way, and
+/// administrators let a daemon read a file of root in this way.
 fn read_pin(path: &Path) -> Result<String, String> {
     let mut file = File::open(path).map_err(|error| error.to_string())?;
     let mode = file.metadata().map_err(|error| error.to_string())?.mode() & 0o777;
@@ -114,7 +118,7 @@ fn read_pin(path: &Path) -> Result<String, String> {
     Ok(text)
 }
 
-/// Time until which the screen is locked, shared with the login attempt that may lock it.
+/// Time until which the screen is locked. The login and its current attempt share this value.
 type LoginLock = Arc<std::sync::Mutex<Option<Instant>>>;
 
 /// The login at the robot's on-board screen.
@@ -137,7 +141,7 @@ impl Login {
         let is_rehearsal = blueprint.host.resources.get::<BuildCheck>().is_some();
         let secret = match (pin, pin_file) {
             (Some(pin), None) => pin,
-            // The file is on the robot's own machine, and is not read in a rehearsal.
+            // The file is on the robot's own machine, and is not read in a check of the build.
             (None, Some(file)) if is_rehearsal => file.display().to_string(),
             (None, Some(file)) => {
                 let text = read_pin(&file);
@@ -168,18 +172,18 @@ impl Login {
         })
     }
 
-    /// Whether the screen can be used for a login now, because it is not locked.
+    /// Whether the screen can be used for a login at present, because it is not locked.
     pub(crate) fn is_open(&self) -> bool {
         let until = *self.lock.lock().unwrap_or_else(PoisonError::into_inner);
         until.is_none_or(|until| until <= Instant::now())
     }
 
-    /// Returns the time limit of a login, which covers all its attempts.
+    /// Returns the time limit of a login with all its attempts.
     pub(crate) fn timeout(&self) -> Duration {
         (self.patience + ATTEMPT_MARGIN) * self.attempts
     }
 
-    /// Asks the person at `place` for the PIN, and waits for the outcome of the login.
+    /// Asks the person at `place` for the PIN, and waits for the result of the login.
     pub(crate) fn log_in(&mut self, place: String) -> BoxFuture<Result<String, MethodFailure>> {
         let (answer, answers) = mpsc::channel(WAITING_MAX);
         self.answers = Some(answer);
@@ -196,7 +200,8 @@ impl Login {
         Box::pin(attempt.run())
     }
 
-    /// Waits until a question is to be asked or withdrawn, and returns the robot's initiatives for it.
+    /// Waits for the next request to send or withdraw a question, and returns the robot's
+    /// initiatives for it.
     pub(crate) fn next_question(&self) -> BoxFuture<Vec<Initiative>> {
         let (asked, patience) = (Arc::clone(&self.pending_requests), self.patience);
         Box::pin(async move {
@@ -208,7 +213,7 @@ impl Login {
                     let (name, question) = (LOGIN.to_owned(), Question::new(text));
                     vec![Initiative::AskPeople { name, question, patience }]
                 }
-                // The robot has ended, and this future will be dropped.
+                // The robot has ended; this future will be dropped.
                 None => std::future::pending().await,
             }
         })
@@ -216,7 +221,7 @@ impl Login {
 
     /// Passes a person's answer to the current attempt.
     pub(crate) fn receive_answer(&mut self, news: &InitiativeUpdate) {
-        // The attempt has ended, or its queue is full.
+        // Sending fails if the attempt has ended or its queue is full.
         let is_lost =
             |answers: &mpsc::Sender<InitiativeUpdate>| answers.try_send(news.clone()).is_err();
         if self.answers.as_ref().is_some_and(is_lost) {
@@ -229,11 +234,11 @@ impl Login {
 struct LoginAttempt {
     secret: Secret,
     lock: LoginLock,
-    /// How long the screen is locked if no answer comes or the question is refused.
+    /// Time for which the screen is locked if no answer comes or the question is refused.
     rest: Duration,
     requests: mpsc::Sender<QuestionRequest>,
     answers: mpsc::Receiver<InitiativeUpdate>,
-    /// Whether the robot waits for an answer now.
+    /// Whether the robot waits for an answer at present.
     is_open: bool,
     attempts: u32,
     place: String,
@@ -280,8 +285,8 @@ impl LoginAttempt {
 
 impl Drop for LoginAttempt {
     fn drop(&mut self) {
-        // The attempt was cancelled: withdraw the question, so that no person goes to a keyboard for it. If
-        // the queue is full, the question ends at its deadline.
+        // If the attempt was cancelled, the question is withdrawn, so that no person goes to a
+        // keyboard for it. If the queue is full, the question ends at its deadline.
         if self.is_open {
             let _ = self.requests.try_send(QuestionRequest::Nothing);
         }
@@ -296,7 +301,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_pin_that_every_user_can_read_is_refused_with_the_cure() {
+    fn a_pin_file_that_others_can_access_is_refused_with_a_correction() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("pin");
         fs::write(&path, "4711\n").expect("it is written");

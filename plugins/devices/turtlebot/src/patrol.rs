@@ -1,8 +1,10 @@
-//! The patrol (the paper, “Demonstrations”: “The corridor is patrolled by a mobile base”): a kept goal that
-//! the robot itself requests. The goal has a low priority, so that it gives way to all others.
+//! The patrol (the paper, “Demonstrations”: “The corridor is patrolled by a mobile base”), a kept
+//! goal that the robot itself requests. The priority of the goal is low, so that all other goals
+//! take precedence.
 //!
-//! A place counts as patrolled for a while after the robot stood there. When that time is over, the goal is
-//! no longer true, and the ecosystem plans for it again. The code in this file does not drive the robot.
+//! A place counts as patrolled for a while after the robot was there. When that time is over, the
+//! goal is no longer true, and the ecosystem plans for it again. The plan drives the robot; the
+//! code in this file does not.
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -16,7 +18,7 @@ use tokio::time::Instant;
 
 use crate::TurtleBot;
 
-/// Name of the method by which the robot looks around at its place.
+/// Name of the method by which the robot looks around at its location.
 pub(crate) const METHOD: &str = "look_around";
 
 /// PDDL text of the action that the method `look_around` performs.
@@ -26,7 +28,7 @@ pub(crate) const ACTION: &str = "(:action patrol
         :precondition (at ?b ?l)
         :effect (and (patrolled ?l) (increase (total-cost) 1)))";
 
-/// Time limit of looking around.
+/// Time limit for looking around.
 const LOOKING_TIME_MAX: Duration = Duration::from_secs(5);
 
 /// The key `patrol` in the `config` of an entry.
@@ -35,9 +37,9 @@ const LOOKING_TIME_MAX: Duration = Duration::from_secs(5);
 pub(crate) struct PatrolConfig {
     /// Places that the robot visits on patrol.
     places: Vec<PlaceName>,
-    /// How long a place counts as patrolled after a visit, such as `"10m"`.
+    /// Time for which a place counts as patrolled after a visit, such as `"10m"`.
     every: String,
-    /// Priority of the patrol's goal. The default is below 0, which is the priority of the goals of users.
+    /// Priority of the patrol's goal. The default is below 0, the priority of users' goals.
     #[serde(default = "default_priority")]
     priority: i32,
 }
@@ -75,8 +77,8 @@ impl Patrol {
         Ok(Patrol { places, every, priority, last: BTreeMap::new(), has_asked: false })
     }
 
-    /// Returns the request for the patrol's goal at the first call, then `None`: the goal is kept from then
-    /// on.
+    /// Returns the request for the patrol's goal at the first call, and `None` afterwards, because
+    /// the goal is kept from then on.
     pub(crate) fn initial_goal(&mut self) -> Option<DeviceEvent<TurtleBot>> {
         if std::mem::replace(&mut self.has_asked, true) {
             return None;
@@ -100,7 +102,7 @@ impl Patrol {
         }
     }
 
-    /// Returns the places that count as patrolled, as facts.
+    /// Returns the places that count as patrolled at present, as facts.
     pub(crate) fn facts(&self) -> Vec<OwnFact> {
         let lately = self.last.iter().filter_map(|(place, at)| {
             let left = self.every.saturating_sub(at.elapsed());

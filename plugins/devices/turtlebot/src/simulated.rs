@@ -1,5 +1,5 @@
-//! The simulated driver: moves a robot in the simulated building, at the robot's speed and as far as its
-//! battery lasts.
+//! The simulated driver, which moves a robot in the simulated building, at the robot's speed and
+//! within the range of its battery.
 
 use std::sync::Arc;
 

@@ -1,9 +1,9 @@
-//! The video-collaboration robot (the paper, Figure 1): a mobile base with a screen, deployed “to resume
-//! the interrupted meeting” where a screen has failed.
+//! The video-collaboration robot (the paper, Figure 1), a mobile base with a screen that is
+//! deployed “to resume the interrupted meeting” after the failure of a screen.
 //!
-//! - Moving, the battery and the dock are the same as for every robot: see `actuator::MobileBase`.
-//! - The robot presents media wherever it stands, at a higher cost than a screen that is fixed there. While
-//!   it presents, the robot does not move.
+//! - `actuator::MobileBase` implements moving, the battery and the dock, as for every robot.
+//! - The robot presents media at any location, at a higher cost than a fixed screen. While the
+//!   robot presents, it does not move.
 
 mod simulated;
 
@@ -40,7 +40,7 @@ struct Config {
     base: BaseConfig,
     /// Media that the robot can show: the text of each medium, by the medium's name in plans.
     media: BTreeMap<String, String>,
-    /// All other keys of the entry's `config`: an entry that has any is refused.
+    /// All other keys of the entry's `config`. Any such key is an error.
     #[serde(flatten)]
     unknown: serde_json::Map<String, serde_json::Value>,
 }
@@ -196,8 +196,8 @@ impl Device for VideoRobot {
 }
 
 impl VideoRobot {
-    /// Returns the medium that a call names, and the text of the medium. Returns an error if the robot is
-    /// not in the room, or has no such medium.
+    /// Returns the medium in the arguments of a call, and the text of the medium. Returns an error
+    /// if the robot is not in the room of the call, or has no such medium.
     fn presentation(&self, call: &MethodCall) -> Result<(String, String), MethodFailure> {
         let (medium, room) = (call.argument("media")?, call.argument("room")?);
         let place = self.base.place();

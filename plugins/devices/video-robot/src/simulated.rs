@@ -1,5 +1,5 @@
-//! The simulated driver: moves the robot in the simulated building, and shows texts on the screen that the
-//! robot carries there.
+//! The simulated driver, which moves the robot in the simulated building, and shows texts on the
+//! robot's screen there.
 
 use std::sync::Arc;
 
@@ -54,7 +54,7 @@ impl BaseDriver for Simulated {
 impl ScreenDriver for Simulated {
     fn show(&self, text: Option<&str>) -> BoxFuture<Result<(), String>> {
         let (Simulated { building, robot }, text) = (self.clone(), text.map(str::to_owned));
-        // In the building, the screen is a device of its own, mounted on the robot.
+        // In the building, the screen is a device of its own that is mounted on the robot.
         let screen = format!("{robot}-screen");
         Box::pin(async move {
             building.show(&screen, text.as_deref()).await.map_err(|error| error.to_string())

@@ -1,5 +1,5 @@
-//! Runs the test corpus: messages of devices of many makes, and the expected outcome of each. The files in
-//! `tests/corpus` were written for Althing, after the documentation of each firmware.
+//! Runs the test corpus: messages of devices of many makes, and the expected outcome of each. The
+//! files in `tests/corpus` were written for Althing, based on the documentation of each firmware.
 
 use serde::Deserialize;
 
@@ -35,8 +35,8 @@ struct Case {
     becomes: Vec<String>,
 }
 
-/// Returns the outcome of the messages: the agents with their areas, the values of the agents, how each
-/// agent is switched and asked, and the parts of devices that cannot be used.
+/// Returns the outcome of the messages: the agents with their areas, the values of the agents, the
+/// messages that switch and query each agent, and the parts of devices that cannot be used.
 fn outcome(said: &[[String; 2]]) -> Vec<String> {
     let classes = DeviceClasses::with(&serde_json::Value::Null).expect("built in");
     let devices = devices(said);
@@ -125,7 +125,7 @@ fn of_feature(agent: &str, known: &ClassifiedFeature, said: &[[String; 2]]) -> V
 }
 
 #[test]
-fn each_device_becomes_what_it_is() {
+fn every_case_of_the_corpus_has_its_expected_outcome() {
     let mut wrong = Vec::new();
     for (file, text) in FILES {
         let File { case } = toml::from_str(text).unwrap_or_else(|error| panic!("{file}: {error}"));
@@ -149,7 +149,7 @@ fn each_device_becomes_what_it_is() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
-/// The corpus has every component that Home Assistant's documentation lists.
+/// Checks that the corpus has every component in Home Assistant's documentation.
 #[test]
 fn every_component_of_home_assistant_is_in_the_corpus() {
     let (_, text) = FILES[1];

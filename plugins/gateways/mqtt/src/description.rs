@@ -1,21 +1,22 @@
-//! The description of a device, in one form for all protocols.
+//! The description of a device, in one form for all discovery protocols.
 
 use std::time::Duration;
 
 use crate::template::Template;
 
-/// A device, as its own messages describe it.
+/// A device, as described by its own messages.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct DescribedDevice {
-    /// Name of the device, as people chose it.
+    /// Name of the device that people have chosen.
     pub(crate) name: String,
-    /// Identifier of the device that never changes, such as its address.
+    /// Permanent identifier of the device, such as its address.
     pub(crate) id: String,
     /// Other identifiers of the device.
     pub(crate) other_ids: Vec<String>,
-    /// Area that the device states; `None` if it states none.
+    /// Area of the device according to its messages; `None` if they contain none.
     pub(crate) area: Option<String>,
-    /// Features of the device that can be used: the things that it measures and switches.
+    /// Usable features of the device: the quantities that it measures and the things that it
+    /// switches.
     pub(crate) features: Vec<DeviceFeature>,
     /// Features of the device that cannot be used.
     pub(crate) unused: Vec<UnusedFeature>,
@@ -25,24 +26,26 @@ pub(crate) struct DescribedDevice {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct UnusedFeature {
     pub(crate) reason: String,
-    /// Whether the reason is a normal one. Normal reasons are reported only for devices without any usable
-    /// feature.
+    /// Whether the reason is an ordinary one. Ordinary reasons are reported only for devices
+    /// without any usable feature.
     pub(crate) is_usual: bool,
 }
 
-/// Rank of a feature that is not about the air of the room but about, for example, a chip or a boiler.
+/// Rank of a feature that is not about the air of the room, but for example about a chip or a
+/// boiler.
 pub(crate) const NOT_OF_THE_ROOM: u8 = 3;
 
 /// One thing that a device measures or switches.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct DeviceFeature {
-    /// Device class of the feature, as the device calls the class.
+    /// Device class of the feature, by the name that the device uses.
     pub(crate) class: String,
-    /// Label that distinguishes the feature from others of its class.
+    /// Label that distinguishes the feature from other features of its class.
     pub(crate) label: String,
-    /// Sources of the feature's value. Without a source, the value is assumed to be the one last commanded.
+    /// Sources of the feature's value. Without a source, the value is assumed to be the last
+    /// commanded one.
     pub(crate) states: Vec<ValueSource>,
-    /// Unit of the feature's value; empty if the device states no unit.
+    /// Unit of the feature's value; empty if the device reports no unit.
     pub(crate) unit: String,
     /// Texts that mean yes, no, and neither.
     pub(crate) yes: Vec<String>,
@@ -52,33 +55,34 @@ pub(crate) struct DeviceFeature {
     pub(crate) command: Option<SwitchCommand>,
     /// Topics that report whether the feature is online.
     pub(crate) availability: Availability,
-    /// How long a value is valid after it was received; `None` if for an unlimited time.
+    /// Time for which a value is valid after it was received; `None` for an unlimited time.
     pub(crate) expires: Option<Duration>,
-    /// How long a yes is valid after it was received, after which the value is no; `None` if for an
-    /// unlimited time.
+    /// Time for which a yes is valid after it was received; afterwards the value is no. `None` for
+    /// an unlimited time.
     pub(crate) off_delay: Option<Duration>,
-    /// Message that requests the current value; `None` if the device cannot be asked.
+    /// Message that requests the current value; `None` if the device does not support such a
+    /// request.
     pub(crate) value_request: Option<OutgoingMessage>,
-    /// Rank of the feature among the measured numbers of one class in the device: the feature with the
-    /// lowest rank is used.
+    /// Rank of the feature among the measured numbers of one class in the device. The feature with
+    /// the lowest rank is used.
     pub(crate) rank: u8,
 }
 
-/// A topic, and how a value is read from the texts of the topic.
+/// A topic, and the method of reading a value from the texts of the topic.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ValueSource {
     pub(crate) topic: String,
     pub(crate) reading: ReadingMethod,
 }
 
-/// How a value is read from a text.
+/// Method of reading a value from a text.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum ReadingMethod {
     /// The whole text is the value.
     Whole,
-    /// The value is under these keys of a JSON object, each key one level further down.
+    /// The value is at this path of keys in a JSON object, each key one level further down.
     At(Vec<String>),
-    /// The value is the output of a Jinja template, as Home Assistant uses them.
+    /// The value is the output of a Jinja template, as in Home Assistant.
     Template(Template),
 }
 
@@ -87,7 +91,7 @@ pub(crate) enum ReadingMethod {
 pub(crate) struct OutgoingMessage {
     pub(crate) topic: String,
     pub(crate) text: String,
-    /// Whether the broker is to retain the message.
+    /// Whether the broker should retain the message.
     pub(crate) is_retained: bool,
 }
 
@@ -98,7 +102,7 @@ pub(crate) struct SwitchCommand {
     pub(crate) off: OutgoingMessage,
 }
 
-/// The topics that report whether a feature is online, and how these topics are combined.
+/// The topics that report whether a feature is online, and the combination of these topics.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Availability {
     pub(crate) topics: Vec<AvailabilityTopic>,
@@ -115,18 +119,18 @@ pub(crate) struct AvailabilityTopic {
     pub(crate) is_online_at_first: bool,
 }
 
-/// How several topics of availability are combined into one answer.
+/// Method of combining several topics of availability into one result.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) enum AvailabilityMode {
     All,
     Any,
-    /// The last text that was received on any of the topics decides.
+    /// The result is that of the last text received on any of the topics.
     #[default]
     Latest,
 }
 
 impl DeviceFeature {
-    /// Returns a feature with this class and label. All its other fields are empty.
+    /// Returns a feature with this class and label, and with all other fields empty.
     pub(crate) fn named(class: &str, label: &str) -> DeviceFeature {
         DeviceFeature {
             class: class.to_owned(),
@@ -168,7 +172,7 @@ impl ValueSource {
         ValueSource { topic: topic.into(), reading: ReadingMethod::Whole }
     }
 
-    /// Returns a source that reads the value under these keys of a topic's JSON.
+    /// Returns a source that reads the value at this path of keys in a topic's JSON.
     pub(crate) fn at(topic: impl Into<String>, keys: &[&str]) -> ValueSource {
         let keys = keys.iter().map(|key| (*key).to_owned()).collect();
         ValueSource { topic: topic.into(), reading: ReadingMethod::At(keys) }

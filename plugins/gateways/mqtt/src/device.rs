@@ -1,8 +1,8 @@
-//! The agent of one part of a device. The agent announces the device's values as facts as soon as they are
-//! received. While a feature is away, the agent does not offer the actions of this feature. Its actions
-//! send commands that switch the device.
+//! The agent of one part of a device. The agent announces the device's values as facts as soon as
+//! they are received. While a feature is unavailable, the agent does not offer the actions of this
+//! feature. The agent's actions send commands that switch the device.
 //!
-//! `feature_tracker` keeps the last values, feature by feature.
+//! `feature_tracker` keeps the last values of each feature.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -30,10 +30,10 @@ const METHOD: Duration = Duration::from_secs(5);
 const ANSWER_TIME_MAX: Duration = Duration::from_secs(4);
 const _: () = assert!(ANSWER_TIME_MAX.as_millis() < METHOD.as_millis());
 
-/// Time limit at the start for the values that the broker has retained.
+/// Time limit at the start for receiving the values that the broker has retained.
 const FIRST_VALUES_TIME_MAX: Duration = Duration::from_millis(200);
 
-/// The device behind one agent, or the part of a device that the agent represents.
+/// The device of one agent, or the part of a device that the agent represents.
 pub(crate) struct MqttDevice {
     part: DevicePart,
     ontology: Arc<Domain>,
@@ -56,7 +56,7 @@ impl MqttDevice {
         MqttDevice { part, ontology, tracker: hearing }
     }
 
-    /// The features that represent their class: the first feature of each class.
+    /// Returns the index of the first feature of each class; it represents its class.
     fn leading(&self) -> impl Iterator<Item = usize> {
         (0..self.part.features.len()).filter(|feature| leads(&self.part.features, *feature))
     }
@@ -91,8 +91,8 @@ impl MqttDevice {
 }
 
 impl ClassifiedFeature {
-    /// Returns the content of `text`, read by the feature's source with the number `source`; `None` if the
-    /// text has no value of the feature.
+    /// Returns the content of `text` according to the feature's source with the number `source`;
+    /// `None` if the text has no value of the feature.
     pub(crate) fn read(&self, source: usize, text: &str) -> Option<TextContent> {
         let source = self.feature.states.get(source)?;
         let is_number = matches!(self.class.kind()?, ClassKind::Number { .. });
@@ -105,7 +105,7 @@ impl ClassifiedFeature {
                 ));
             }
             ReadOutcome::Nothing => return None,
-            // Home Assistant then takes the text as it is, if it is one of the expected ones.
+            // Like Home Assistant, uses the text itself if it is one of the expected texts.
             ReadOutcome::Unread(_) if !is_number && self.is_word(text) => text.trim().to_owned(),
             ReadOutcome::Unread(problem) => {
                 tracing::debug!(topic = source.topic, "{problem}");
@@ -132,7 +132,7 @@ impl ClassifiedFeature {
             let problem = format!("it reports {told}, which is impossible in {unit}");
             return Some(TextContent::NotKnown(problem));
         }
-        // Rounded, so that 68 °F are exactly 20 °C.
+        // The value is rounded, so that 68 °F are exactly 20 °C.
         Some(TextContent::Is(ObservedValue::Number((value * 1e6).round() / 1e6)))
     }
 
@@ -147,7 +147,7 @@ impl ClassifiedFeature {
         is(&self.feature.neither).then(|| TextContent::NotKnown(format!("it reports `{said}`")))
     }
 
-    /// Returns a value as PDDL facts; `term` is the feature's term in PDDL.
+    /// Returns a value as PDDL facts. `term` is the feature's term in PDDL.
     fn facts(&self, term: &str, room: &str, value: ObservedValue) -> String {
         match (self.class.kind(), value) {
             (Some(ClassKind::Number { known, .. }), ObservedValue::Number(number)) => {
@@ -163,7 +163,7 @@ impl ClassifiedFeature {
         }
     }
 
-    /// Returns the PDDL facts for an unknown value.
+    /// Returns the PDDL facts which state that the value is unknown.
     fn unknown(&self, term: &str, room: &str) -> String {
         match self.class.kind() {
             Some(ClassKind::Number { known, .. }) => format!("(not ({known} {room}))"),
@@ -184,7 +184,8 @@ impl ClassifiedFeature {
             (Some(ClassKind::YesOrNo { yes, .. }), ObservedValue::Yes(false)) => {
                 format!("not {yes}")
             }
-            // The state of the device, not of the room: other devices there may be in another state.
+            // This is the state of the device, not of the room, because other devices in the room
+            // may be in another state.
             (Some(ClassKind::Switch { .. }), ObservedValue::Yes(true)) => "on".to_owned(),
             (Some(ClassKind::Switch { .. }), ObservedValue::Yes(false)) => "off".to_owned(),
             _ => String::new(),
@@ -214,7 +215,7 @@ impl Device for MqttDevice {
     fn read_state(&self) -> Option<BoxFuture<()>> {
         let mut hearing = self.tracker.clone();
         Some(Box::pin(async move {
-            // After this time, the values received so far have to do.
+            // After this time, the values received so far are used.
             let _ = tokio::time::timeout(FIRST_VALUES_TIME_MAX, async {
                 while !hearing.is_complete() {
                     hearing.wait_for_text().await;
@@ -245,7 +246,7 @@ impl Device for MqttDevice {
                     let telegram = if is_on { &command.on } else { &command.off };
                     hearing.publish(telegram).map_err(MethodFailure::Driver)?;
                 }
-                // If the value is not known, ask for it.
+                // Any other method measures; the value is requested only if it is unknown.
                 _ => hearing.ask(feature),
             }
             let value = wait_for_value(&known, hearing, feature, wanted)
@@ -259,7 +260,7 @@ impl Device for MqttDevice {
         let Some(known) = self.part.features.get(measured.feature) else {
             return MethodResult::default();
         };
-        // A device that does not report its state is assumed to be as it was last commanded.
+        // A device that does not report its state is assumed to be in the last commanded state.
         if known.feature.states.is_empty() {
             self.tracker.assume_value(measured.feature, measured.value);
         }
@@ -277,7 +278,8 @@ impl Device for MqttDevice {
         let mut hearing = self.tracker.clone();
         Some(Box::pin(async move {
             hearing.wait_for_news().await;
-            // A text that arrives from here on is news, also while the current one is being reported.
+            // A text that arrives from here on is a new event, even while the current one is being
+            // reported.
             let stir: DeviceEvent<MqttDevice> = Box::new(move |device| {
                 device.tracker = hearing;
                 Vec::new()
@@ -287,7 +289,7 @@ impl Device for MqttDevice {
     }
 }
 
-/// Waits for a value of a feature; if `wanted` is given, for this value.
+/// Waits for a value of a feature. If `wanted` is not `None`, waits for this value.
 async fn wait_for_value(
     known: &ClassifiedFeature,
     mut hearing: FeatureTracker,
@@ -295,7 +297,7 @@ async fn wait_for_value(
     wanted: Option<bool>,
 ) -> Result<ObservedValue, String> {
     let Some(source) = known.feature.states.first() else {
-        // A device that does not report its state is assumed to be as it was last commanded.
+        // A device that does not report its state is assumed to be in the last commanded state.
         let problem = || "learn its state: it reports none".to_owned();
         return wanted.map(ObservedValue::Yes).ok_or_else(problem);
     };

@@ -1,4 +1,4 @@
-//! Makes the list of agents, each with its name and room, from the descriptions of all devices.
+//! Creates the list of agents, each with its name and room, from the descriptions of all devices.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::PoisonError;
@@ -13,16 +13,16 @@ use crate::naming::{begins_with, core, name_of, slug};
 use crate::part::{ClassifiedFeature, DevicePart, DividedDevice};
 
 /// Number of characters of an identifier that are added to a name that several devices share. Six
-/// characters from the end of the identifier usually suffice.
+/// characters from the end of the identifier are usually enough.
 const IDENTIFIER_CHARS: usize = 6;
 
 impl Gateway {
-    /// Returns all agents that the described devices can become. Devices that the config ignores are left
-    /// out.
+    /// Returns all possible agents of the described devices, without the devices that the config
+    /// ignores.
     pub(crate) fn census(&self) -> Vec<FoundDevice<DevicePart>> {
         let mut devices = self.home_assistant.devices();
-        // Zigbee2MQTT describes its devices to Home Assistant too, under an identifier that contains their
-        // address. Such a device is taken from Zigbee2MQTT only.
+        // Zigbee2MQTT also describes its devices to Home Assistant, with an identifier that
+        // contains their address. The description from Zigbee2MQTT is preferred for such a device.
         let zigbee = self.zigbee.devices();
         let known: BTreeSet<_> = zigbee.iter().map(|known| known.id.as_str()).collect();
         let is_zigbee = |id: &String| known.contains(id.trim_start_matches("zigbee2mqtt_"));
@@ -39,8 +39,8 @@ impl Gateway {
         found.flat_map(|(device, name)| self.agents_of(device, &name, is_alone(device))).collect()
     }
 
-    /// Whether a name is already taken by a room, by another object of the map, or by an agent of the
-    /// ecosystem file.
+    /// Whether a name is already in use by a room, by another object of the map, or by an agent of
+    /// the ecosystem file.
     fn is_taken(&self, name: &str) -> bool {
         let Blueprint { id, host, .. } = &self.blueprint;
         let named = host.resources.get::<ConfiguredNames>();
@@ -50,8 +50,8 @@ impl Gateway {
             || named.is_some_and(|named| named.0.contains(name))
     }
 
-    /// Returns the agents of a device. If nothing of the device can be used, returns one entry that has no
-    /// part, only the reason.
+    /// Returns the agents of a device. If no feature of the device can be used, returns one entry
+    /// with the reason instead of a part.
     fn agents_of(
         &self,
         device: &DescribedDevice,
@@ -86,19 +86,19 @@ impl Gateway {
         DevicePart { agent, room, features, valid_for: self.valid_for }
     }
 
-    /// Returns the room of a device: by the config, by the area that the device states, or by the beginning
-    /// of its name, in this order.
+    /// Returns the room of a device: from the config, from the area of the device, or from the
+    /// beginning of its name, in this order of precedence.
     ///
     /// # Errors
     ///
-    /// Returns the reason if the room is not known.
+    /// Returns the reason if the room is unknown.
     fn room(&self, device: &DescribedDevice) -> Result<String, String> {
         let said = self.config.rooms.iter().find(|(pattern, _)| matches_device(pattern, device));
         if let Some((_, room)) = said {
             return Ok(room.clone());
         }
         if let Some(area) = device.area.as_deref() {
-            // A device that states an unknown area is not assigned to another room by its name.
+            // A device with an unknown area is not assigned to another room by its name.
             let unknown = || format!("its area is `{area}`, which is no room here");
             return self.rooms.get(&core(area)).cloned().ok_or_else(unknown);
         }
@@ -107,11 +107,11 @@ impl Gateway {
         room.cloned().ok_or_else(|| ROOM_UNKNOWN.to_owned())
     }
 
-    /// Returns the lines of configuration that would let the device take part in the ecosystem.
+    /// Returns the lines of configuration with which the device would take part in the ecosystem.
     fn config_lines(&self, device: &DescribedDevice, is_alone: bool) -> String {
         let (gateway, id) = (&self.blueprint.id, &device.id);
-        // If several devices have this name, the line uses the identifier, because the name would match all
-        // of them.
+        // If several devices have this name, the line contains the identifier, because the name
+        // would match all of these devices.
         let called = toml::Value::from(if is_alone { device.name.as_str() } else { id });
         let room = toml::Value::from(self.room(device).unwrap_or_default());
         let id = toml::Value::from(id.as_str());
@@ -126,14 +126,14 @@ fn is_listed(list: &[String], device: &DescribedDevice) -> bool {
     list.iter().any(|pattern| matches_device(pattern, device))
 }
 
-/// Names that were given to devices, by identifier of the device. A device keeps its name as long as it is
-/// described, even if it is renamed or another device gets the same name.
+/// Names that were assigned to devices, by identifier of the device. A device keeps its name as
+/// long as it is described, even if it is renamed or another device gets the same name.
 #[derive(Debug, Default)]
 pub(crate) struct AssignedNames(BTreeMap<String, String>);
 
 impl AssignedNames {
-    /// Returns the name of each device, which is its friendly name. If another device has that name or the
-    /// name is taken, the device's identifier is added.
+    /// Returns the name of each device, which is its friendly name. If that name is in use, the end
+    /// of the device's identifier is added.
     pub(crate) fn names(
         &mut self,
         devices: &[DescribedDevice],
@@ -142,7 +142,7 @@ impl AssignedNames {
         let mut names: Vec<Option<String>> =
             devices.iter().map(|device| self.0.get(&device.id).cloned()).collect();
         let mut used: BTreeSet<String> = names.iter().flatten().cloned().collect();
-        // A device may be known by another of its identifiers.
+        // A device may have been named under another of its identifiers.
         for (device, name) in devices.iter().zip(&mut names).filter(|(_, name)| name.is_none()) {
             let known = device.other_ids.iter().find_map(|key| self.0.get(key)).cloned();
             *name = known.filter(|known| used.insert(known.clone()));
@@ -155,8 +155,8 @@ impl AssignedNames {
         let names: Vec<String> = names.collect();
         self.0.clear();
         for (device, name) in devices.iter().zip(&names) {
-            // A device with only its identifier as a name gets no permanent name, so that a person may
-            // still name it once.
+            // A device without a name except its identifier gets no permanent name, so that a
+            // person can still name it once.
             let plain = name_of(&device.name);
             let mut keys = [&device.id].into_iter().chain(&device.other_ids);
             if !keys.clone().any(|key| name_of(key) == plain) {
@@ -170,7 +170,7 @@ impl AssignedNames {
     }
 }
 
-/// Returns new names for devices that have no name yet.
+/// Returns names for devices that have no assigned name yet.
 fn fresh(devices: &[&DescribedDevice], is_free: impl Fn(&str) -> bool) -> Vec<String> {
     let with = |device: &DescribedDevice, name: &String, chars: usize| {
         let id = slug(&device.id, "");
@@ -199,7 +199,7 @@ fn fresh(devices: &[&DescribedDevice], is_free: impl Fn(&str) -> bool) -> Vec<St
     names
 }
 
-/// Counts how often each name occurs.
+/// Returns the number of occurrences of each name.
 fn counted(names: impl Iterator<Item = String>) -> BTreeMap<String, usize> {
     let mut counts = BTreeMap::new();
     for name in names {
@@ -208,8 +208,8 @@ fn counted(names: impl Iterator<Item = String>) -> BTreeMap<String, usize> {
     counts
 }
 
-/// Returns the name of one agent of a device. A name that is too long or taken is shortened, and a hash
-/// makes it unique.
+/// Returns the name of one agent of a device. A name that is too long or in use is shortened, and a
+/// hash makes it unique.
 fn agent_name(name: &str, suffix: &str, is_taken: impl Fn(&str) -> bool) -> String {
     const PART_CHARS: usize = 26;
     let whole = format!("{name}{suffix}");
@@ -224,8 +224,8 @@ fn agent_name(name: &str, suffix: &str, is_taken: impl Fn(&str) -> bool) -> Stri
     format!("{}{between}{suffix}-{hash:08x}", short(name))
 }
 
-/// Whether a pattern matches a device: the device's name as written, its name as a slug, or one of its
-/// identifiers. A `*` at the end of the pattern matches any ending.
+/// Whether a pattern matches a device. The pattern is compared with the device's name as written,
+/// its name as a slug, and its identifiers. A `*` at the end of the pattern matches any ending.
 fn matches_device(pattern: &str, device: &DescribedDevice) -> bool {
     let own = name_of(&device.name);
     let names = [device.name.as_str(), device.id.as_str(), &own];
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn devices_of_one_name_are_told_apart_by_their_identifiers() {
+    fn devices_with_one_name_are_distinguished_by_their_identifiers() {
         let devices = [
             device("Thermometer", "0x00158d0001a2b3c4"),
             device("Thermometer", "0x00158d0001a2ffff"),
@@ -277,12 +277,12 @@ mod tests {
     }
 
     #[test]
-    fn a_name_stays_with_its_device_and_takes_none_of_others() {
+    fn a_device_keeps_its_name_and_gets_no_name_of_others() {
         let mut given = AssignedNames::default();
         let is_taken = |name: &str| matches!(name, "office1" | "keyboard");
         let lamp = || device("Lamp", "0xa1");
         assert_eq!(given.names(&[lamp()], is_taken), ["lamp"]);
-        // A second device with the same name comes, before the first in the list.
+        // A second device with the same name arrives, before the first in the list.
         let two = [device("Lamp", "0x000b2"), lamp()];
         assert_eq!(given.names(&two, is_taken), ["lamp-x000b2", "lamp"]);
         // A third device is renamed to the same name.
@@ -296,14 +296,14 @@ mod tests {
         // Names of rooms and agents are not given to devices.
         let taken = [device("Office1", "0xe5"), device("keyboard", "0xf6")];
         assert_eq!(given.names(&taken, is_taken), ["office1-0xe5", "keyboard-0xf6"]);
-        // A device that is now known by another identifier keeps its name.
+        // A device with a new main identifier keeps its name.
         let mut moved = device("Office1", "first");
         moved.other_ids = vec!["0xe5".to_owned()];
         assert_eq!(given.names(&[moved], is_taken), ["office1-0xe5"]);
     }
 
     #[test]
-    fn names_that_are_too_long_are_shortened_and_stay_apart() {
+    fn names_that_are_too_long_are_shortened_and_stay_distinct() {
         let name = "x".repeat(48);
         let left = agent_name(&name, &format!("-{}-left", "y".repeat(40)), |_| false);
         let right = agent_name(&name, &format!("-{}-right", "y".repeat(40)), |_| false);

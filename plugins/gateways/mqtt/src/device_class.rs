@@ -1,5 +1,5 @@
-//! Device classes: the names that devices use for the quantities that they measure and the things that they
-//! switch, with the PDDL names for each.
+//! Device classes: the names that devices use for measured quantities and switched things, and the
+//! PDDL names for each.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -20,8 +20,8 @@ const KEYS: &[&str] = &[
 #[derive(Clone, Debug)]
 pub(crate) struct DeviceClasses(BTreeMap<String, DeviceClass>);
 
-/// The PDDL names of a device class. A class is a measured number, a yes or no, or a switch; see
-/// [`DeviceClass::kind`].
+/// The PDDL names of a device class. The kind of a class is a measured number, a yes or no, or a
+/// switch; see [`DeviceClass::kind`].
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct DeviceClass {
@@ -32,27 +32,27 @@ pub(crate) struct DeviceClass {
     pub(crate) agent: String,
     /// Name of the action that measures the value.
     action: Option<String>,
-    /// Name of the predicate that the value is known in a room.
+    /// Name of the predicate which states that the value is known in a room.
     known: Option<String>,
-    /// Name of the function that is the value in a room.
+    /// Name of the PDDL function with the value in a room.
     value: Option<String>,
     /// Unit of the value in PDDL.
     unit: Option<String>,
-    /// Name of the predicate that is true of a room if the device reports yes.
+    /// Name of the predicate that is true for a room if the device reports yes.
     yes: Option<String>,
-    /// Whether the device reports the inverse of the predicate: for a contact, devices report yes for
-    /// *open*, and the predicate is *closed*.
+    /// Whether the device reports the inverse of the predicate. For example, devices report yes for
+    /// an *open* contact, and the predicate is *closed*.
     #[serde(default)]
     pub(crate) inverted: bool,
-    /// Name of the predicate that is true of a room if the device is switched on.
+    /// Name of the predicate that is true for a room if the device is switched on.
     state: Option<String>,
-    /// Name of the predicate that is true of the device itself if it is on, or if it reports yes.
+    /// Name of the predicate that is true for the device itself if it is on, or if it reports yes.
     own: Option<String>,
-    /// Name of the predicate that the device is in a room; used if the ontology derives `yes` from `own`
-    /// and this predicate.
+    /// Name of the predicate which states that the device is in a room. It is used if the ontology
+    /// derives `yes` from `own` and this predicate.
     at: Option<String>,
-    /// Whether `state` is true of a room only if all such devices in the room are on. If `false`, one
-    /// device suffices.
+    /// Whether `state` requires all such devices in the room to be on. If `false`, one device is
+    /// enough.
     #[serde(default)]
     all: bool,
     /// Names of the actions that switch the device on and off.
@@ -65,26 +65,27 @@ pub(crate) struct DeviceClass {
 pub(crate) enum ClassKind<'c> {
     /// The class is a measured number.
     Number { action: &'c str, known: &'c str, value: &'c str, unit: &'c str },
-    /// The class is a yes or no that the device detects. `own` has the predicates `own` and `at` of the
-    /// class; `None` unless the class has both.
+    /// The class is a yes or no that the device detects. `own` is the pair of the class's
+    /// predicates `own` and `at`; `None` unless the class has both.
     YesOrNo { action: &'c str, known: &'c str, yes: &'c str, own: Option<(&'c str, &'c str)> },
     /// The class is a switch, with its predicates and the actions that switch it on and off.
     Switch { words: OnOffPredicates<'c>, on: &'c str, off: &'c str },
 }
 
 impl DeviceClasses {
-    /// Returns the built-in classes with the entries of `said` added. An entry overrides the built-in class
-    /// of the same name.
+    /// Returns the built-in classes, extended by the entries of `said`. An entry overrides the
+    /// built-in class of the same name.
     ///
     /// # Errors
     ///
-    /// Returns an error if an entry cannot be read, lacks names, or has a name that PDDL does not allow.
+    /// Returns an error if an entry is invalid, lacks names, or has a name that PDDL does not
+    /// allow.
     pub(crate) fn with(said: &Value) -> Result<DeviceClasses, String> {
         let mut classes: BTreeMap<String, DeviceClass> =
             toml::from_str(BUILT_IN).expect("invariant: a test reads what is built in");
         if !said.is_null() {
             let more = read(said)?;
-            // A name that an entry of `said` uses no longer stands for a built-in class.
+            // A name in an entry of `said` no longer refers to a built-in class.
             let said: BTreeSet<&String> =
                 more.iter().flat_map(|(name, class)| class.also.iter().chain([name])).collect();
             for class in classes.values_mut() {
@@ -115,8 +116,8 @@ impl DeviceClasses {
         }
     }
 
-    /// Returns the class's own name if devices call the class `called`; `None` if there is no such class.
-    /// Upper and lower case are the same.
+    /// Returns the class's own name for the name `called` that a device uses; `None` if there is no
+    /// such class. Case is ignored.
     pub(crate) fn find(&self, called: &str) -> Option<&str> {
         let called = called.to_ascii_lowercase();
         if let Some((name, _)) = self.0.get_key_value(&called) {
@@ -126,7 +127,7 @@ impl DeviceClasses {
         self.0.iter().find(is_it).map(|(name, _)| name.as_str())
     }
 
-    /// Returns a class by its own name.
+    /// Returns a class by its own name; `None` if there is no such class.
     pub(crate) fn get(&self, name: &str) -> Option<&DeviceClass> {
         self.0.get(name)
     }
@@ -136,7 +137,7 @@ impl DeviceClasses {
 ///
 /// # Errors
 ///
-/// Returns an error that names the class, and the key if there is no such key.
+/// Returns an error that names the class, and the unknown key if there is one.
 fn read(said: &Value) -> Result<BTreeMap<String, DeviceClass>, String> {
     let entries = said.as_object().ok_or("classes: write a table for each class")?;
     let class = |(name, entry): (&String, &Value)| {
@@ -155,7 +156,8 @@ fn read(said: &Value) -> Result<BTreeMap<String, DeviceClass>, String> {
 }
 
 impl DeviceClass {
-    /// Returns a name in the class's entry that PDDL does not allow; `None` if PDDL allows all of them.
+    /// Returns a name in the class's entry that PDDL does not allow; `None` if PDDL allows all
+    /// names.
     fn invalid_name(&self) -> Option<&str> {
         let DeviceClass { agent, action, known, value, yes, state, own, at, on, off, .. } = self;
         let words = [action, known, value, yes, state, own, at, on, off].into_iter().flatten();
@@ -163,7 +165,7 @@ impl DeviceClass {
         words.find(|word| acl::AgentId::new(word).is_err())
     }
 
-    /// Returns the kind of the class; `None` if the class lacks names for every kind.
+    /// Returns the kind of the class; `None` if the class does not have all names of any kind.
     pub(crate) fn kind(&self) -> Option<ClassKind<'_>> {
         if let (Some(state), Some(on), Some(off)) = (&self.state, &self.on, &self.off) {
             let (agent, own, all) = (&self.agent, self.own.as_ref()?, self.all);
@@ -194,7 +196,8 @@ mod tests {
 
     use super::*;
 
-    /// A lamp of the gateway and one of a driver have the same names, so that one goal is about both.
+    /// A lamp of the gateway and one of a driver need the same names, so that one goal can be about
+    /// both.
     #[test]
     fn switched_classes_have_the_names_of_all_drivers() {
         let classes = DeviceClasses::with(&serde_json::Value::Null).expect("it is whole");
@@ -210,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn the_built_in_table_is_whole_and_can_be_added_to() {
+    fn the_built_in_table_is_complete_and_can_be_extended() {
         let more = serde_json::json!({ "door": {
             "also": ["opening"], "agent": "door-sensor", "action": "report-door",
             "known": "known-door", "yes": "door-open" } });
@@ -234,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn a_misspelt_key_is_named_with_the_nearest_one() {
+    fn a_misspelt_key_is_reported_with_the_nearest_one() {
         for (entry, expected) in [
             (
                 json!({ "agnet": "barometer" }),

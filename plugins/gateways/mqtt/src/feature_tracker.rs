@@ -1,11 +1,13 @@
-//! The last values of a device, feature by feature: whether the feature can be reached, its value, and
-//! since when it has this value.
+//! The last values of a device, for each feature: whether the feature is available, its value, and
+//! the time at which the value was received.
 //!
-//! - A feature has a known value, has no known value, or is away. These are three different states.
-//! - Texts are processed in the order of their arrival. A text without a value of a feature changes nothing
-//!   of this feature.
-//! - A switch may have been switched by hand while there was no connection, so after a new connection its
-//!   earlier value is no longer known. If the device can be asked for the value, it is asked a few times.
+//! - A feature has a known value, has an unknown value, or is unavailable. These are three
+//!   different states.
+//! - Texts are processed in the order of their arrival. A text without a value of a feature does
+//!   not change the feature.
+//! - While there was no connection, a switch may have been switched by hand. Therefore its earlier
+//!   value is unknown after each connect. If the device supports requests for the value, a few
+//!   requests are sent.
 
 use std::future::poll_fn;
 use std::pin::Pin;
@@ -21,13 +23,13 @@ use crate::description::{Availability, AvailabilityMode, OutgoingMessage};
 use crate::device_class::ClassKind;
 use crate::part::{self, ClassifiedFeature};
 
-/// Pause after a connection before a device is asked for missing values. A random time up to
-/// `ASK_SPREAD_MS` is added, so that hundreds of devices are not asked at once.
+/// Pause after a connect before the first request for missing values. A random time up to
+/// [`ASK_SPREAD_MS`] is added, so that hundreds of devices are not queried at once.
 const ASK_AFTER: Duration = Duration::from_millis(300);
 const ASK_SPREAD_MS: u64 = 2_000;
 
-/// Pauses between repeated requests for a missing value. After the last one, no request is sent until the
-/// next connection.
+/// Pauses between repeated requests for a missing value. After the last one, no request is sent
+/// until the next connect.
 const ASK_AGAIN: [Duration; 4] = [
     Duration::from_secs(5),
     Duration::from_secs(30),
@@ -42,27 +44,28 @@ pub(crate) enum ObservedValue {
     Yes(bool),
 }
 
-/// The value of a feature that one text contains.
+/// The content of one text about a feature.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum TextContent {
     Is(ObservedValue),
-    /// The device reports that the value is not known, or reports an impossible value; with the reason.
+    /// The device reports that the value is unknown, or reports an impossible value; with the
+    /// reason.
     NotKnown(String),
 }
 
-/// The state of a feature: known, unknown or away.
+/// The state of a feature: known, unknown or unavailable.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum FeatureStatus {
     /// The value is known: this value, received at this time.
     Is(ObservedValue, Instant),
-    /// No value is known: no value was received, or, with the reason, no valid one.
+    /// The value is unknown: no value was received (`None`), or no valid value, for this reason.
     NotKnown(Option<String>),
-    /// The feature cannot be reached, for this reason.
+    /// The feature is unavailable, for this reason.
     Away(String),
 }
 
-/// Receives and keeps the values of a device's features. Clones share the values, but each clone has its
-/// own mark of the texts that it has already seen.
+/// Receives and keeps the values of a device's features. Clones share the values, but each clone
+/// waits for new texts independently.
 #[derive(Clone)]
 pub(crate) struct FeatureTracker {
     connection: Arc<BrokerConnection>,
@@ -84,27 +87,28 @@ struct TopicSubscription {
 enum TopicRole {
     State(usize),
     Voice(usize),
-    /// Texts of the topic are not read. The subscription only gives the number of the connection, for a
-    /// feature without state topics.
+    /// Texts of the topic are ignored. The subscription only gives the number of the connection,
+    /// for a feature without state topics.
     Connection,
 }
 
-/// The content of all texts processed so far.
+/// Content of all texts that were processed so far.
 struct ProcessedTexts {
     /// Number of processed texts of each topic.
     counts: Vec<u64>,
     features: Vec<FeatureState>,
 }
 
-/// The values of one feature, and the requests for them.
+/// Content of one feature, and the state of the requests for it.
 #[derive(Clone)]
 struct FeatureState {
     content: Option<(TextContent, Instant, u64)>,
-    /// The last text of each topic of availability, as online or not; `None` before the first text.
+    /// The last text of each topic of availability: `true` for online; `None` before the first
+    /// text.
     topics_online: Vec<Option<bool>>,
     latest: Option<bool>,
-    /// Number of the connection, how often the feature was asked during this connection, and the time of
-    /// the next request.
+    /// Number of the connection, number of requests during this connection, and time of the next
+    /// request.
     asked: (u64, usize, Instant),
 }
 
@@ -172,13 +176,13 @@ impl FeatureTracker {
         }
     }
 
-    /// Returns the state of a feature, combined with the other features of its class.
+    /// Returns the state of a feature, combined with those of the other features of its class.
     pub(crate) fn status(&self, feature: usize, now: Instant) -> FeatureStatus {
         self.status_with_source(feature, now).0
     }
 
-    /// Returns the state of a feature, combined with the other features of its class, and the number of the
-    /// feature that this state comes from.
+    /// Returns the state of a feature, combined with those of the other features of its class, and
+    /// the index of the feature that determines this state.
     pub(crate) fn status_with_source(
         &self,
         feature: usize,
@@ -221,8 +225,8 @@ impl FeatureTracker {
                     return FeatureStatus::NotKnown(Some(reason));
                 }
                 let is_over = known.feature.off_delay.is_some_and(|delay| age >= delay);
-                // The yes has expired. For an inverted class such as a contact, yes means open and is
-                // stored as no.
+                // The yes has expired. For an inverted class such as a contact, yes means open and
+                // is stored as `Yes(false)`.
                 let yes = ObservedValue::Yes(!known.class.inverted);
                 match value {
                     value if is_over && *value == yes => {
@@ -234,8 +238,8 @@ impl FeatureTracker {
         }
     }
 
-    /// Returns the reason why neither a feature nor any other of its class can be used now; `None` if at
-    /// least one of them can.
+    /// Returns the reason why all features of the class of `feature` are unavailable; `None` if at
+    /// least one of them is available.
     pub(crate) fn unavailable_reason(&self, feature: usize, _now: Instant) -> Option<String> {
         let all = part::together(&self.features, feature);
         let all: Option<Vec<_>> = all.map(|feature| self.own_unavailable_reason(feature)).collect();
@@ -274,7 +278,8 @@ impl FeatureTracker {
         })
     }
 
-    /// Returns the number of the connection in which the topics of the feature's values were subscribed to.
+    /// Returns the number of the latest connection with subscriptions to the topics of the
+    /// feature's values.
     fn session(&self, feature: usize) -> u64 {
         let of_state = self.topics.iter().find(|listened| {
             listened.feature == feature
@@ -283,7 +288,8 @@ impl FeatureTracker {
         of_state.map_or(0, |listened| listened.texts.borrow().session)
     }
 
-    /// Whether every feature with a state topic has a value, and every topic of availability has a text.
+    /// Whether every feature with a state topic has a value, and every topic of availability has a
+    /// text.
     pub(crate) fn is_complete(&self) -> bool {
         let taken = self.process_texts();
         taken.features.iter().zip(self.features.iter()).all(|(heard, known)| {
@@ -292,7 +298,7 @@ impl FeatureTracker {
         })
     }
 
-    /// Sets the value of a feature that does not report its state, after it was commanded.
+    /// Sets the value of a feature that does not report its state, after a command.
     pub(crate) fn assume_value(&self, feature: usize, value: ObservedValue) {
         let session = self.session(feature);
         if let Some(heard) = self.process_texts().features.get_mut(feature) {
@@ -308,7 +314,7 @@ impl FeatureTracker {
         }
     }
 
-    /// Requests the value of a feature and of the others of its class, each only if the value is not known.
+    /// Requests the values of a feature and of the others of its class, as far as they are unknown.
     pub(crate) fn ask(&self, feature: usize) {
         for feature in part::together(&self.features, feature) {
             let ask =
@@ -346,7 +352,7 @@ impl FeatureTracker {
                 TopicRole::Connection => (),
                 TopicRole::Voice(number) => {
                     let voice = &known.feature.availability.topics[*number];
-                    // Home Assistant uses the text as it is if its template fails.
+                    // Like Home Assistant, uses the text itself if its template fails.
                     let said = voice.source.word(&word.text);
                     let said = said.unwrap_or_else(|| word.text.trim().to_owned());
                     let is_online = match said {
@@ -385,8 +391,8 @@ impl FeatureTracker {
         .await;
     }
 
-    /// Waits until a text arrives, the connection changes or a value expires. Meanwhile asks for missing
-    /// values.
+    /// Waits until a text arrives, the connection changes or a value expires. Requests missing
+    /// values while waiting.
     pub(crate) async fn wait_for_news(&mut self) {
         loop {
             let now = Instant::now();
@@ -404,7 +410,7 @@ impl FeatureTracker {
         }
     }
 
-    /// Returns the time when the next value expires; `None` if no value expires.
+    /// Returns the time at which the next value expires; `None` if no value expires.
     fn next_over(&self, now: Instant) -> Option<Instant> {
         let taken = self.process_texts();
         let over = taken.features.iter().zip(self.features.iter()).flat_map(|(heard, known)| {
@@ -428,8 +434,8 @@ impl FeatureTracker {
             && matches!(self.own_status(feature, Instant::now()), FeatureStatus::NotKnown(_))
     }
 
-    /// Returns the number of the connection, how often the feature was asked during this connection, and
-    /// the time of the next request.
+    /// Returns the number of the connection, the number of requests for the feature during this
+    /// connection, and the time of the next request.
     fn asks(&self, feature: usize) -> (u64, usize, Instant) {
         let session = self.session(feature);
         let mut taken = self.process_texts();
@@ -465,9 +471,9 @@ impl FeatureTracker {
     }
 }
 
-/// Combines the states of several features of one class in one device, and returns the state and the
-/// feature that decides. One feature with the value `loud` (motion, or open) is enough for this value; the
-/// opposite value needs all features.
+/// Combines the states of several features of one class in one device. Returns the state, and the
+/// index of the feature that determines it; `None` if `all` is empty. The value `loud` (motion, or
+/// open) applies if one feature has it; the opposite value applies only if all features have it.
 fn combined_status(
     all: Vec<(FeatureStatus, usize)>,
     loud: ObservedValue,
@@ -493,7 +499,7 @@ fn combined_status(
             let reason = "another of its kind in the same device is unavailable".to_owned();
             Some((FeatureStatus::NotKnown(Some(reason)), *feature))
         }
-        // The oldest value decides: the result is valid for as long as this value is.
+        // The oldest value is used, because the result is valid only for as long as this value is.
         None => all.into_iter().min_by_key(|(one, _)| since(one).map(|(_, at)| at)),
     }
 }
@@ -508,7 +514,7 @@ mod tests {
     use crate::description::{AvailabilityTopic, ValueSource};
 
     #[test]
-    fn several_contacts_of_one_device_speak_together() {
+    fn the_states_of_several_contacts_of_one_device_are_combined() {
         let now = Instant::now();
         let (open, shut) = (
             FeatureStatus::Is(ObservedValue::Yes(false), now),
@@ -538,14 +544,15 @@ mod tests {
     }
 
     #[test]
-    fn several_topics_of_availability_mean_what_their_mode_says() {
+    fn topics_of_availability_are_combined_by_their_mode() {
         let voice = |at_first| AvailabilityTopic {
             source: ValueSource::whole("x"),
             online: "online".to_owned(),
             offline: "offline".to_owned(),
             is_online_at_first: at_first,
         };
-        // For texts of two topics: whether the feature is online by the modes `All`, `Any` and `Latest`.
+        // For texts of two topics: whether the feature is online by the modes `All`, `Any` and
+        // `Latest`.
         for (at_first, said, expected) in [
             (false, &[][..], [false, false, false]),
             (true, &[], [true, true, true]),

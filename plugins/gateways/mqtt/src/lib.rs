@@ -1,23 +1,24 @@
-//! A gateway to an MQTT broker: devices of the broker appear as agents automatically, with action models
-//! made from the devices' own descriptions.
+//! A gateway to an MQTT broker: devices of the broker automatically appear as agents, with action
+//! models that follow from the devices' own descriptions.
 //!
 //! - `zigbee2mqtt`, `home_assistant` (ESPHome and many others), `tasmota` and `shelly` read the
 //!   descriptions of devices; `description` is their common form.
-//! - `device_class` is the table from device classes to PDDL names (`classes.toml`); `part` divides a device into
-//!   agents and makes their action models.
-//! - `device_agents` lists the agents of all devices, with their rooms; `agent::discovery` starts and stops
-//!   them.
-//! - `device` is the agent of one part of a device. It announces values as facts, offers actions only while
-//!   the device is online, and switches lamps, relays and locks. A switch counts as switched only when the
-//!   device reports so.
-//! - `feature_tracker` keeps the last values of a device: a feature is known, not known, or away.
-//! - `text_reading` finds values in JSON and through templates; `template` renders the templates of Home
-//!   Assistant.
-//! - `room_air` decides which values are about the air of a room.
-//! - `naming` makes names of agents and compares names of rooms.
+//! - `device_class` is the table from device classes to PDDL names (`classes.toml`). `part` divides
+//!   a device into agents and builds their action models.
+//! - `device_agents` lists the agents of all devices, with their rooms; `agent::discovery` starts
+//!   and stops them.
+//! - `device` is the agent of one part of a device. It announces values as facts, offers actions
+//!   only while the device is online, and switches lamps, relays and locks. A switch counts as
+//!   switched only when the device reports its new state.
+//! - `feature_tracker` keeps the last values of a device: a feature is known, unknown, or
+//!   unavailable.
+//! - `text_reading` extracts values from JSON and through templates; `template` renders the
+//!   templates of Home Assistant.
+//! - `room_air` decides whether a value is about the air of a room.
+//! - `naming` builds names of agents and compares names of rooms.
 //!
-//! The gateway itself has no facts and offers no actions. When the gateway stops, the agents of its devices
-//! stop as well.
+//! The gateway itself has no facts and offers no actions. When the gateway stops, the agents of its
+//! devices stop as well.
 
 #[cfg(test)]
 mod corpus;
@@ -67,14 +68,14 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     build,
 };
 
-/// The most messages of the broker that are handled in one batch.
+/// Maximum number of messages of the broker that are handled in one batch.
 const MESSAGES_MAX: usize = 1_024;
 
-/// The most agents of one gateway.
+/// Maximum number of agents of one gateway.
 const AGENTS_MAX: usize = 2_048;
 
-/// Range of the delay between a connection and the request to devices to describe themselves, in
-/// milliseconds. The delay is random, so that the gateways of several daemons do not all send at once.
+/// Range of the delay between a connect and the request for descriptions, in milliseconds. The
+/// delay is random, so that the gateways of several daemons do not send at the same time.
 const BIRTH_MS: std::ops::Range<u64> = 200..2_000;
 
 #[derive(Clone, Debug, Deserialize)]
@@ -85,29 +86,30 @@ struct Config {
     /// User name at the broker, and the path of the file with the password.
     user: Option<String>,
     password_file: Option<PathBuf>,
-    /// Path of the file with the trusted certificate authorities, if the broker is `mqtts://…`.
+    /// Path of the file with the trusted certificate authorities, for a broker `mqtts://…`.
     ca: Option<PathBuf>,
-    /// Room of each device, by the device's name or identifier; a `*` at the end of the name matches any
-    /// ending.
+    /// Room of each device, by the device's name or identifier; a `*` at the end of the name
+    /// matches any ending.
     #[serde(default)]
     rooms: BTreeMap<String, String>,
-    /// Names or identifiers of the devices that take part without an admission. Each other device needs an
-    /// admission; until then it is only listed.
+    /// Names or identifiers of the devices that take part without an admission. Any other device
+    /// needs an admission, and is only listed until then.
     #[serde(default)]
     devices: Vec<String>,
     /// Names or identifiers of the devices that are ignored.
     #[serde(default)]
     ignore: Vec<String>,
-    /// How long a measurement counts as known, such as `"10m"`; without this key, until the device is away.
+    /// Time for which a measurement counts as known, such as `"10m"`. Without this key, the time is
+    /// not limited.
     valid_for: Option<String>,
-    /// Topics below which Zigbee2MQTT, Home Assistant and Tasmota describe devices.
+    /// Base topics of the descriptions by Zigbee2MQTT, Home Assistant and Tasmota.
     #[serde(default = "zigbee2mqtt")]
     zigbee2mqtt: String,
     #[serde(default = "home_assistant")]
     home_assistant: String,
     #[serde(default = "tasmota")]
     tasmota: String,
-    /// Whether devices are asked to describe themselves after each connection to the broker.
+    /// Whether the gateway requests descriptions from devices after each connect to the broker.
     #[serde(default = "yes")]
     birth: bool,
     /// Additional device classes, and changes of built-in classes.
@@ -179,13 +181,13 @@ struct Gateway {
     tasmota: tasmota::TasmotaDiscovery,
     shelly: shelly::ShellyDiscovery,
     bringing: DiscoveredAgents<DevicePart>,
-    /// Names that were given to the devices.
+    /// Names that were assigned to the devices.
     given: Mutex<device_agents::AssignedNames>,
     /// Task of each subscription, by the number of the subscription.
     subscriptions: BTreeMap<usize, WorkHandle>,
-    /// Task that asks devices to describe themselves after each connection.
+    /// Task that requests descriptions from devices after each connect.
     birth: Option<WorkHandle>,
-    /// The task that watches the connection to the broker.
+    /// Task that watches the connection to the broker.
     following: Option<WorkHandle>,
 }
 
@@ -278,7 +280,7 @@ impl Gateway {
         self.subscriptions.insert(number, work);
     }
 
-    /// Handles a message of a device. Returns whether the message may change the set of agents.
+    /// Handles a message of a device. Returns `true` if the message may change the set of agents.
     fn handle_message(&mut self, topic: &str, text: &str) -> bool {
         let Config { zigbee2mqtt, home_assistant, tasmota, .. } = &self.config;
         let understood = if topic.starts_with(&format!("{zigbee2mqtt}/")) {
@@ -299,14 +301,14 @@ impl Gateway {
     }
 }
 
-/// Asks devices after each connection to describe themselves and report their state, in two ways: by the
-/// message that Home Assistant sends when it starts, and by the command that Shelly's first generation
-/// needs.
+/// Requests from devices, after each connect, to describe themselves and report their state. There
+/// are two requests: the message that Home Assistant sends when it starts, and the command for
+/// Shelly's first generation.
 async fn request_descriptions(connection: Arc<BrokerConnection>, home_assistant: String) {
     let mut trouble = connection.problem();
     while trouble.wait_for(Option::is_none).await.is_ok() {
         tokio::time::sleep(Duration::from_millis(fastrand::u64(BIRTH_MS))).await;
-        // If the connection is lost meanwhile, devices are asked again when it is back.
+        // If the connection is lost meanwhile, the requests are repeated after the next connect.
         let birth = format!("{home_assistant}/status");
         for (topic, text) in [(birth.as_str(), "online"), ("shellies/command", "announce")] {
             if let Err(problem) = connection.publish_text(topic, text) {

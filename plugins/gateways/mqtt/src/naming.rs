@@ -1,12 +1,12 @@
-//! Makes names of agents from device names in any script, and compares the names of rooms.
+//! Builds names of agents from device names in any script, and compares the names of rooms.
 
 use any_ascii::any_ascii;
 
-/// Length of the longest name that is made, in bytes.
+/// Maximum length of a name that is built here, in bytes.
 const CHARS_MAX: usize = 48;
 
-/// Returns a valid name of an agent for a device name: `Living Room / Lamp 1` gives `living-room-lamp-1`,
-/// `Küche` gives `kueche`, `Спальня` gives `spalnya`.
+/// Returns a valid name of an agent for a device name: `Living Room / Lamp 1` gives
+/// `living-room-lamp-1`, `Küche` gives `kueche`, `Спальня` gives `spalnya`.
 pub(crate) fn name_of(text: &str) -> String {
     let mut name = slug(text, "-");
     name.truncate(CHARS_MAX);
@@ -22,7 +22,7 @@ pub(crate) fn name_of(text: &str) -> String {
 pub(crate) fn slug(text: &str, separator: &str) -> String {
     let mut words: Vec<String> = Vec::new();
     let mut is_open = false;
-    // In a script without spaces, `any_ascii` makes of each letter a word of its own.
+    // In a script without spaces, `any_ascii` converts each letter to a word of its own.
     for c in text.chars() {
         let written = written(c);
         for c in written.chars() {
@@ -33,7 +33,7 @@ pub(crate) fn slug(text: &str, separator: &str) -> String {
                     }
                 }
                 true => words.push(c.to_string()),
-                // An apostrophe is part of a word: it stands for a soft sign, or is in the text itself.
+                // An apostrophe is part of a word, either as a soft sign or from the text itself.
                 false if matches!(c, '\'' | '’' | '`') => continue,
                 false => (),
             }
@@ -52,13 +52,15 @@ fn written(c: char) -> String {
     }
 }
 
-/// Returns the normalised name of a room, for comparisons: `Office 1` and `office1` give the same name.
+/// Returns the normalised name of a room for comparisons: `Office 1` and `office1` have the same
+/// one.
 pub(crate) fn core(text: &str) -> String {
     slug(text, "")
 }
 
-/// Whether the device name `name` begins with the name of a room. The room's name must end where a word of
-/// `name` ends, so that `Office 10 sensor` is not in `office1`, and `Hallway lamp` not in `hall`.
+/// Whether the device name `name` begins with the name of a room. The room's name must end at the
+/// end of a word, so that `Office 10 sensor` is not in `office1`, and `Hallway lamp` is not in
+/// `hall`.
 pub(crate) fn begins_with(name: &str, room: &str) -> bool {
     let room = core(room);
     if room.is_empty() {
@@ -77,8 +79,8 @@ pub(crate) fn begins_with(name: &str, room: &str) -> bool {
     false
 }
 
-/// Separates words in camel case: `KitchenLamp` becomes two words, and so does `Office1Lamp`, while
-/// `office1` stays one word.
+/// Separates words in camel case: `KitchenLamp` and `Office1Lamp` become two words, while `office1`
+/// stays one word.
 fn apart(name: &str) -> String {
     let mut apart = String::new();
     let mut before = None::<char>;
@@ -100,7 +102,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn any_text_gives_a_name() {
+    fn every_text_gives_a_valid_name() {
         for (text, expected) in [
             ("Living Room / Lamp 1", "living-room-lamp-1"),
             ("0x00158d0001a2b3c4", "device-0x00158d0001a2b3c4"),
@@ -127,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn a_room_is_named_by_whole_words() {
+    fn the_name_of_a_room_is_matched_by_whole_words() {
         for (name, room, expected) in [
             ("Office 1 sensor", "office1", true),
             ("office1/thermo", "office1", true),

@@ -1,5 +1,5 @@
-//! Parts of a device. One part becomes one agent: all that the device measures, or one thing that it
-//! switches.
+//! Parts of a device. One part becomes one agent: all quantities that the device measures, or one
+//! thing that it switches.
 
 use std::fmt::Write as _;
 use std::time::Duration;
@@ -13,7 +13,7 @@ use crate::device_class::{ClassKind, DeviceClass, DeviceClasses};
 use crate::naming::name_of;
 use crate::room_air;
 
-/// The most reasons that are reported for one device.
+/// Maximum number of reasons that are reported for one device.
 const REASONS_MAX: usize = 6;
 
 /// The part of a device that one agent represents.
@@ -24,14 +24,14 @@ pub(crate) struct DevicePart {
     /// Name of the room of the device.
     pub(crate) room: String,
     pub(crate) features: Vec<ClassifiedFeature>,
-    /// How long a measured value counts as known; `None` if for an unlimited time.
+    /// Time for which a measured value counts as known; `None` for an unlimited time.
     pub(crate) valid_for: Option<Duration>,
 }
 
 /// A feature with a known class.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct ClassifiedFeature {
-    /// Own name of the feature's class.
+    /// The class's own name.
     pub(crate) name: String,
     pub(crate) class: DeviceClass,
     pub(crate) feature: DeviceFeature,
@@ -40,7 +40,7 @@ pub(crate) struct ClassifiedFeature {
     pub(crate) offset: f64,
 }
 
-/// The result of dividing a device into parts: the features of each part with the suffix of the part's
+/// Result of dividing a device into parts: the features of each part with the suffix of the part's
 /// name, and the reasons why other features cannot be used.
 pub(crate) struct DividedDevice {
     pub(crate) parts: Vec<(String, Vec<ClassifiedFeature>)>,
@@ -91,7 +91,7 @@ impl DividedDevice {
                         "its {name} `{label}` is not about the room, as its name shows"
                     )));
                 }
-                // Of two thermometers in one device, the first is used.
+                // The first of several thermometers in one device is used.
                 Some(_) => match measured.iter().find(|other| other.name == known.name) {
                     Some(other) if other.feature.rank == known.feature.rank => {
                         let (name, speaks) = (&known.name, &other.feature.label);
@@ -110,8 +110,8 @@ impl DividedDevice {
     }
 }
 
-/// Returns the parts of a device: one for all that the device measures, and one for each thing that it
-/// switches.
+/// Returns the parts of a device: one for all that the device measures, and one for each thing that
+/// it switches.
 fn assembled(
     measured: Vec<ClassifiedFeature>,
     switched: Vec<ClassifiedFeature>,
@@ -126,7 +126,7 @@ fn assembled(
             true => String::new(),
             false => format!("-{}", name_of(&known.feature.label)),
         };
-        // Two with the same label get different numbers.
+        // Features with equal labels get different numbers.
         let is_taken = |suffix: &String| parts.iter().any(|(taken, _)| taken == suffix);
         let numbered = (2..).map(|number| format!("{suffix}-{number}"));
         let suffix = std::iter::once(suffix.clone()).chain(numbered).find(|one| !is_taken(one));
@@ -135,8 +135,8 @@ fn assembled(
     parts
 }
 
-/// Returns the problem of a feature that receives commands on the topic on which it reports its state: a
-/// command would look like a report. `None` if the feature has separate topics.
+/// Returns a problem if a feature receives commands on the same topic on which it reports its
+/// state, because a command would look like a report. Returns `None` if the topics are separate.
 fn echoes_commands(feature: &DeviceFeature) -> Option<String> {
     let command = feature.command.as_ref()?;
     let told = [command.on.topic.as_str(), command.off.topic.as_str()];
@@ -151,13 +151,14 @@ fn echoes_commands(feature: &DeviceFeature) -> Option<String> {
     ))
 }
 
-/// Whether a feature is the first of its class in a part. The first feature represents all of its class.
+/// Whether a feature is the first of its class in a part. The first feature represents all features
+/// of its class.
 pub(crate) fn leads(features: &[ClassifiedFeature], number: usize) -> bool {
     together(features, number).next() == Some(number)
 }
 
-/// The numbers of all features of a part that have the class of feature `number`. Their states are
-/// combined.
+/// Returns the indices of all features of a part with the same class as feature `number`. Their
+/// states are combined.
 pub(crate) fn together(
     features: &[ClassifiedFeature],
     number: usize,
@@ -180,7 +181,7 @@ fn known(
             "there is no class for its {called}; `classes.{called}` in the gateway's config adds \
              one"
         );
-        // Most devices measure things that no plan needs, such as their battery or their signal.
+        // Most devices have features that no plan needs, such as their battery or their signal.
         return Err(match feature.command {
             Some(_) => UnusedFeature::because(reason),
             None => UnusedFeature::as_usual(reason),
@@ -204,9 +205,11 @@ fn known(
     Ok(ClassifiedFeature { name: name.to_owned(), class, feature, factor, offset })
 }
 
-/// Returns the reasons to report about unused features, as one text; `None` if there are none to report.
+/// Returns the reasons to report about unused features, as one text; `None` if there is nothing to
+/// report.
 fn problem(unused: Vec<UnusedFeature>, is_useless: bool) -> Option<String> {
-    // Normal reasons are reported only if nothing of the device can be used and there are no others.
+    // Ordinary reasons are reported only if no feature of the device can be used and there are no
+    // other reasons.
     let tells_usual = is_useless && unused.iter().all(|one| one.is_usual);
     let mut reasons: Vec<String> = Vec::new();
     for one in unused {
@@ -225,8 +228,9 @@ fn problem(unused: Vec<UnusedFeature>, is_useless: bool) -> Option<String> {
 }
 
 impl DevicePart {
-    /// Returns the action model of the agent, with the types, predicates and functions that the shared
-    /// ontology lacks. `offers` returns for each feature whether its actions can be used now.
+    /// Returns the action model of the agent, with the types, predicates and functions that the
+    /// shared ontology lacks. `offers` returns for each feature whether its actions can be used at
+    /// present.
     pub(crate) fn model(&self, ontology: &Domain, offers: impl Fn(usize) -> bool) -> String {
         let DevicePart { agent, .. } = self;
         let kind = self.features.first().map_or("sensor", |known| known.class.agent.as_str());
@@ -247,7 +251,7 @@ impl DevicePart {
             }
         }
         let installed = match stands {
-            // The same declaration for a lamp and a lock, so that one ecosystem can have both.
+            // A lamp and a lock get the same declaration, so that one ecosystem can have both.
             "installed" => "(installed ?d - object ?r - room)",
             _ => "",
         };
@@ -325,8 +329,8 @@ impl ClassifiedFeature {
         }
     }
 
-    /// Returns the PDDL term of the feature's value: a function or a predicate, of the device or of its
-    /// room.
+    /// Returns the PDDL term for the feature's value: a function or a predicate, of the device or
+    /// of its room.
     pub(crate) fn term(&self, device: &str, room: &str, ontology: &Domain) -> String {
         match self.class.kind() {
             Some(ClassKind::Number { value, .. }) => format!("({value} {room})"),

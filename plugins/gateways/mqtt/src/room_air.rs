@@ -1,11 +1,11 @@
-//! Decides by the names that people and makers give whether a value is about the air of a room, or about a
-//! thing in it: a chip, a boiler, a fridge, a set point.
+//! Decides whether a value is about the air of a room, or about a thing in it: a chip, a boiler, a
+//! fridge, a set point. The decision is based on the names that people and makers choose.
 
 use crate::description::NOT_OF_THE_ROOM;
 use crate::naming::slug;
 
-/// Words in a feature's name that show that the feature is not about the air of the room. A word also
-/// stands for its plural.
+/// Words in a feature's name which show that the feature is not about the air of the room. The
+/// plural of a word counts as well.
 const NOT_THE_ROOM: &[&str] = &[
     "apparent",
     "aquarium",
@@ -73,7 +73,7 @@ const NOT_THE_ROOM: &[&str] = &[
     "wifi",
 ];
 
-/// Pairs of words that show the same.
+/// Pairs of successive words which show the same.
 const NOT_THE_ROOM_PAIRS: &[(&str, &str)] = &[
     ("feels", "like"),
     ("heat", "index"),
@@ -84,12 +84,12 @@ const NOT_THE_ROOM_PAIRS: &[(&str, &str)] = &[
     ("wind", "chill"),
 ];
 
-/// Words of [`NOT_THE_ROOM`] that do not count if they occur only in an identifier, because an identifier
-/// may contain the name of a board or a chip.
+/// Words of [`NOT_THE_ROOM`] that are ignored in an identifier, because an identifier may contain
+/// the name of a board or a chip.
 const OF_IDENTIFIERS: &[&str] = &["board", "device", "esp", "esp32", "external", "internal"];
 
-/// Things with air of their own, or none. Every number that a device with such a name measures is about the
-/// thing, because people name a thermometer after the thing that it is in.
+/// Things with air of their own, or without air. Every number from a device with such a name is
+/// about the thing, because people name a thermometer after the thing that it is in.
 const THINGS: &[&str] = &[
     "aquarium",
     "boiler",
@@ -110,17 +110,17 @@ const THINGS: &[&str] = &[
     "terrarium",
 ];
 
-/// Words after which a thing is the name of a room: `boiler room`.
+/// Words after a thing that make it the name of a room, as in `boiler room`.
 const ROOMS: &[&str] = &["room", "house", "hall"];
 
-/// Words that make a `floor` a storey: `ground floor`, `floor 2`.
+/// Words that make a `floor` a storey, as in `ground floor`.
 const STOREYS: &[&str] = &[
     "basement", "bottom", "fifth", "first", "fourth", "ground", "lower", "main", "second", "third",
     "top", "upper",
 ];
 
-/// Returns the rank of a sensor by its name, or by its identifier if it has no name. The higher the rank,
-/// the less likely the sensor is about the air of the room.
+/// Returns the rank of a sensor by its name, or by its identifier if it has no name. The higher the
+/// rank, the less likely the sensor is about the air of the room.
 pub(crate) fn rank(label: &str, name: Option<&str>) -> u8 {
     let of_label = telling_words(label, NOT_THE_ROOM, NOT_THE_ROOM_PAIRS);
     let says_so = match name {
@@ -134,12 +134,13 @@ pub(crate) fn rank(label: &str, name: Option<&str>) -> u8 {
     }
 }
 
-/// Whether a device is in a thing with air of its own, such as a fridge, by the device's name.
+/// Whether a device is in a thing with air of its own, such as a fridge, according to the device's
+/// name.
 pub(crate) fn is_in_a_thing(device: &str) -> bool {
     !telling_words(device, THINGS, &[]).is_empty()
 }
 
-/// Returns the words of a text that are in the list, or begin one of the pairs.
+/// Returns the words of a text that are in the list, or are the first word of one of the pairs.
 fn telling_words(text: &str, list: &[&str], pairs: &[(&str, &str)]) -> Vec<String> {
     let text = slug(text, " ");
     let words: Vec<&str> = text.split(' ').filter(|word| !word.is_empty()).collect();
@@ -168,7 +169,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_not_about_the_room_is_told_by_its_name() {
+    fn names_show_whether_a_value_is_about_the_room() {
         for (name, is_of_the_room) in [
             ("Temperature", true),
             ("Room temperature", true),

@@ -1,8 +1,8 @@
-//! Topics of Shelly devices. Devices of the first generation report everything under `shellies/NAME/…`.
-//! Later generations report their state under `ID/status/…` and `ID/events/rpc`, and receive commands as
-//! calls under `ID/rpc`.
+//! Topics of Shelly devices. Devices of the first generation report everything under
+//! `shellies/NAME/…`. Later generations report their state under `ID/status/…` and `ID/events/rpc`,
+//! and receive commands as calls under `ID/rpc`.
 //!
-//! These devices do not describe themselves: their features follow from the topics on which they report.
+//! Shelly devices send no descriptions; their features follow from the topics of their reports.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -13,20 +13,20 @@ use crate::description::{
     OutgoingMessage, SwitchCommand, UnusedFeature, ValueSource,
 };
 
-/// The prefix of the factory-set names of devices.
+/// Prefix of the factory-set names of devices.
 const BEGINNING: &str = "shelly";
 
-/// The end of the topic for events. The texts of this topic are about different parts of a device.
+/// Suffix of the topic for events. The texts of this topic are about different parts of a device.
 pub(crate) const EVENTS: &str = "/events/rpc";
 
-/// The most devices that are kept.
+/// Maximum number of devices that are kept.
 const DEVICES_MAX: usize = 4_096;
 
-/// The most parts of one device that are kept.
+/// Maximum number of parts of one device that are kept.
 const PARTS_MAX: usize = 64;
 
-/// The parts of devices seen so far, by the name of the device: for the first generation and for later
-/// ones.
+/// Parts of devices in the reports so far, by the name of the device: for the first generation and
+/// for later ones.
 #[derive(Debug, Default)]
 pub(crate) struct ShellyDiscovery {
     first: BTreeMap<String, BTreeSet<String>>,
@@ -50,12 +50,13 @@ pub(crate) fn is_own(topic: &str) -> bool {
 }
 
 impl ShellyDiscovery {
-    /// Handles a message; returns whether it shows a new device or part.
+    /// Handles a message. Returns `true` if it shows a new device or a new part.
     pub(crate) fn receive_report(&mut self, topic: &str, text: &str) -> bool {
         let levels: Vec<_> = topic.split('/').collect();
         match levels[..] {
             ["shellies", name, "online"] => note(&mut self.first, name, None),
-            // `…/relay/0/command` is a command; `…/relay/0/power` has one level more and does not match.
+            // `…/relay/0/command` is a command; `…/relay/0/power` has one level more and does not
+            // match.
             ["shellies", name, kind, number] if number != "command" => {
                 note(&mut self.first, name, Some(format!("{kind}/{number}")))
             }
@@ -110,8 +111,8 @@ fn described(
         offline: "false".to_owned(),
         is_online_at_first: true,
     };
-    // A device on a battery sleeps, and is offline meanwhile; only features that are switched have
-    // availability.
+    // A device with a battery sleeps, and is offline meanwhile. Therefore only features that are
+    // switched have availability.
     for feature in features.iter_mut().filter(|feature| feature.command.is_some()) {
         let voices = vec![voice.clone()];
         feature.availability = Availability { topics: voices, mode: AvailabilityMode::Latest };
@@ -140,7 +141,7 @@ fn of_first(name: &str, parts: &BTreeSet<String>) -> DescribedDevice {
                 features.push(DeviceFeature {
                     yes: word("on"),
                     no: word("off"),
-                    // The relay has switched itself off, but does not report that it is off.
+                    // The relay has switched itself off without reporting the state `off`.
                     neither: word("overpower"),
                     command: Some(SwitchCommand { on: told("on"), off: told("off") }),
                     value_request: Some(OutgoingMessage::new(format!("{base}/command"), "update")),
@@ -228,7 +229,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_a_device_has_is_seen_from_what_it_says() {
+    fn the_parts_of_a_device_follow_from_its_topics() {
         let mut discovery = ShellyDiscovery::default();
         for (topic, text, is_new) in [
             ("shellies/shelly1-A1/online", "true", true),

@@ -9,13 +9,13 @@ use crate::description::{
     OutgoingMessage, SwitchCommand, UnusedFeature, ValueSource,
 };
 
-/// Indices of the topic prefixes of a device: for commands, for answers, and for reports that the device
-/// sends by itself.
+/// Indices of the topic prefixes of a device: for commands, for answers, and for reports that the
+/// device sends by itself.
 const CMND: usize = 0;
 const STAT: usize = 1;
 const TELE: usize = 2;
 
-/// Beginnings of the names of chips that measure the device itself, not the room.
+/// Prefixes of the names of chips that measure the device itself instead of the room.
 const CHIPS: &[&str] = &["ESP32", "ENERGY", "AXP", "MPU", "BL09", "Shelly"];
 
 fn is_chip(name: &str) -> bool {
@@ -26,17 +26,17 @@ fn is_chip(name: &str) -> bool {
 #[derive(Debug, Default)]
 pub(crate) struct TasmotaDiscovery {
     devices: BTreeMap<String, (Value, Value)>,
-    /// Reason why the last message on a topic could not be read, by the address of the device and the last
-    /// level of the topic; the description of the device then stays as it was.
+    /// Reason why the last message on a topic was invalid, by the address of the device and the
+    /// last level of the topic. The description of the device is then that of an earlier message.
     problems: BTreeMap<(String, String), String>,
 }
 
 impl TasmotaDiscovery {
-    /// Handles a discovery message. An empty text withdraws the description that the topic had before.
+    /// Handles a discovery message. An empty text withdraws the previous description of the topic.
     ///
     /// # Errors
     ///
-    /// Returns the problem in words if the message cannot be read.
+    /// Returns the problem in words if the message is invalid.
     pub(crate) fn receive_discovery(&mut self, topic: &str, text: &str) -> Result<(), String> {
         let mut levels = topic.rsplit('/');
         let (Some(what), Some(address)) = (levels.next(), levels.next()) else { return Ok(()) };
@@ -69,7 +69,7 @@ impl TasmotaDiscovery {
         Ok(())
     }
 
-    /// Returns all devices that the messages describe.
+    /// Returns all devices in the descriptions.
     pub(crate) fn devices(&self) -> Vec<DescribedDevice> {
         let described = |(address, (config, sensors)): (&String, &(Value, Value))| {
             let mut device = described(address, config, sensors)?;
@@ -84,12 +84,12 @@ impl TasmotaDiscovery {
     }
 }
 
-/// Reads a discovery message. `known` has the config and the sensors that the device described before.
+/// Parses a discovery message. `known` has the previous config and sensors of the device.
 ///
 /// # Errors
 ///
-/// Returns the problem in words if the text is no JSON, or lacks what the description before had: such a
-/// message is no update.
+/// Returns the problem in words if the text is not JSON, or lacks a part of the previous
+/// description, because such a message is not an update.
 fn read(what: &str, text: &str, known: Option<&(Value, Value)>) -> Result<Value, String> {
     let said: Value = serde_json::from_str(text).map_err(|error| error.to_string())?;
     let lacks = |before: &Value, key: &str| {
@@ -111,7 +111,7 @@ fn read(what: &str, text: &str, known: Option<&(Value, Value)>) -> Result<Value,
     problem.map_or(Ok(said), Err)
 }
 
-/// The config message of a device, which states the device's topics and texts.
+/// The config message of a device, with the device's topics and texts.
 struct TasmotaConfig<'c> {
     said: &'c Value,
     /// Topic of the device itself, which is a part of its full topics.
@@ -130,8 +130,8 @@ impl<'c> TasmotaConfig<'c> {
         self.said[key].as_str()
     }
 
-    /// Returns the full topic of commands (`cmnd`, prefix 0), of answers (`stat`, 1) or of reports (`tele`,
-    /// 2).
+    /// Returns the full topic of commands (`cmnd`, prefix 0), of answers (`stat`, 1) or of reports
+    /// (`tele`, 2).
     fn topic(&self, prefix: usize, what: &str) -> String {
         let usual = ["cmnd", "stat", "tele"][prefix];
         let prefix = self.said["tp"][prefix].as_str().unwrap_or(usual);
@@ -147,14 +147,15 @@ impl<'c> TasmotaConfig<'c> {
         self.said["state"][index].as_str().unwrap_or(otherwise).to_owned()
     }
 
-    /// Returns the kind of each relay of the device: 0 none, 1 a relay, 2 a lamp, 3 part of a shutter.
+    /// Returns the kind of each relay of the device: 0 none, 1 a relay, 2 a lamp, 3 part of a
+    /// shutter.
     fn relays(&self) -> Vec<u64> {
         let relays = self.said["rl"].as_array().into_iter().flatten();
         relays.map(|relay| relay.as_u64().unwrap_or(0)).collect()
     }
 
     fn relay(&self, index: usize, kind: u64, is_alone: bool) -> Option<DeviceFeature> {
-        // Option 30 means that all its relays switch lamps.
+        // Option 30 means that all relays of the device switch lamps.
         let is_lamp = self.said["so"]["30"].as_u64() == Some(1);
         let class = match kind {
             1 if !is_lamp => "switch",
@@ -170,7 +171,7 @@ impl<'c> TasmotaConfig<'c> {
             ]
         };
         let mut said = states(&power).to_vec();
-        // If option 26 is set, a single relay reports under its number too.
+        // If option 26 is set, a single relay reports under its number as well.
         if is_alone {
             said.extend(states("POWER1"));
         }
@@ -252,7 +253,8 @@ fn described(address: &str, config: &Value, sensors: &Value) -> Option<Described
     })
 }
 
-/// Returns the features of a device's sensors, from `{"SI7021": {"Temperature": 21.5}, "TempUnit": "C"}`.
+/// Returns the features of a device's sensors, from a text such as `{"SI7021": {"Temperature":
+/// 21.5}, "TempUnit": "C"}`.
 fn measured(sensors: &Value, topics: &[String; 3], ask: &OutgoingMessage) -> Vec<DeviceFeature> {
     let unit_of_temperature = sensors["TempUnit"].as_str().unwrap_or("C");
     let chips = sensors.as_object().into_iter().flatten();
@@ -260,7 +262,7 @@ fn measured(sensors: &Value, topics: &[String; 3], ask: &OutgoingMessage) -> Vec
     for (chip, values) in chips {
         let Some(values) = values.as_object() else { continue };
         let has_humidity = values.contains_key("Humidity");
-        // The temperature of a chip is not that of the room.
+        // The temperature of a chip differs from that of the room.
         if is_chip(chip) {
             continue;
         }
@@ -283,7 +285,7 @@ fn measured(sensors: &Value, topics: &[String; 3], ask: &OutgoingMessage) -> Vec
                 yes: vec!["ON".to_owned()],
                 no: vec!["OFF".to_owned()],
                 value_request: Some(ask.clone()),
-                // A chip that measures humidity too is made for rooms.
+                // A chip that also measures humidity is made for rooms.
                 rank: u8::from(!has_humidity),
                 ..DeviceFeature::named(class, &format!("{chip}-{key}"))
             });
@@ -296,7 +298,7 @@ fn measured(sensors: &Value, topics: &[String; 3], ask: &OutgoingMessage) -> Vec
 mod tests {
     use super::*;
 
-    /// A config message as Tasmota 13 writes it, shortened to the keys that are read.
+    /// A config message of Tasmota 13, shortened to the keys that are used.
     const CONFIG: &str = r#"{"ip":"192.168.1.20","dn":"Desk","fn":["Lamp",null],"hn":"tasmota-d1e2f3",
         "mac":"A4CF12D1E2F3","md":"Sonoff TH","ofln":"Offline","onln":"Online","state":["OFF","ON","TOGGLE","HOLD"],
         "sw":"13.1.0","t":"tasmota_D1E2F3","ft":"%prefix%/%topic%/","tp":["cmnd","stat","tele"],
@@ -304,7 +306,7 @@ mod tests {
     const SENSORS: &str = r#"{"sn":{"Time":"2026-11-22T10:00:00","SI7021":{"Temperature":21.5,"Humidity":40.1},"TempUnit":"C"},"ver":1}"#;
 
     #[test]
-    fn relays_and_sensors_are_read() {
+    fn relays_and_sensors_become_features() {
         let mut discovery = TasmotaDiscovery::default();
         discovery
             .receive_discovery("tasmota/discovery/A4CF12D1E2F3/config", CONFIG)
@@ -332,7 +334,7 @@ mod tests {
         assert!(discovery.receive_discovery("tasmota/discovery/A4CF12D1E2F3/config", "{").is_err());
         let reason = &discovery.devices()[0].unused[0].reason;
         assert!(reason.contains("its last description cannot be read"), "{reason}");
-        // JSON of another shape takes nothing away, either.
+        // JSON of another form does not change the description either.
         for (what, text) in [
             ("config", r#"{"ver":1}"#),
             ("config", "{}"),

@@ -1,23 +1,24 @@
-//! Reads values from the texts of devices: from the whole text, from JSON, or through a template.
+//! Extracts values from the texts of devices: the whole text, a part of JSON, or the output of a
+//! template.
 
 use serde_json::Value;
 
 use crate::description::{ReadingMethod, ValueSource};
 
-/// The result of reading a text.
+/// Result of reading a text.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum ReadOutcome {
-    /// The text has this value.
+    /// The text has this value, which is not interpreted yet.
     Text(String),
-    /// The device states that the value is not known.
+    /// The device reports that the value is unknown.
     Unknown,
-    /// The text has no value; the earlier value of the feature stays.
+    /// The text has no value; the feature keeps its earlier value.
     Nothing,
-    /// The text could not be read, for this reason; the earlier value of the feature stays.
+    /// The text could not be read, for this reason; the feature keeps its earlier value.
     Unread(String),
 }
 
-/// Texts by which devices report that a value is not known.
+/// Texts by which devices report that a value is unknown.
 const UNKNOWN: &[&str] = &["none", "null", "unknown", "unavailable", "nan"];
 
 impl ReadOutcome {
@@ -45,7 +46,7 @@ impl ValueSource {
         }
     }
 
-    /// Reads the value in a text, and recognises texts for an unknown value.
+    /// Reads the value in a text; recognises texts for an unknown value.
     pub(crate) fn read(&self, text: &str) -> ReadOutcome {
         match &self.reading {
             ReadingMethod::Whole => ReadOutcome::of(text),
@@ -60,7 +61,7 @@ impl ValueSource {
 
 fn at(text: &str, keys: &[String]) -> ReadOutcome {
     let Ok(json) = serde_json::from_str::<Value>(text) else {
-        // Some devices send as one word what others send in JSON.
+        // Some devices send a single word where other devices send JSON.
         let is_word = keys.len() == 1 && !text.trim_start().starts_with(['{', '[']);
         return if is_word { ReadOutcome::of(text) } else { ReadOutcome::Nothing };
     };
@@ -90,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn values_are_found_and_what_is_not_known_is_told_from_what_is_not_said() {
+    fn values_are_extracted_and_an_unknown_value_differs_from_a_missing_one() {
         let keys = |keys: &[&str]| ValueSource::at("", keys).reading;
         let text = |text: &str| ReadOutcome::Text(text.to_owned());
         for (reading, said, expected) in [

@@ -1,5 +1,5 @@
-//! Reads Zigbee2MQTT's description of its devices (`zigbee2mqtt/bridge/devices`): the features that each
-//! device exposes.
+//! Reads Zigbee2MQTT's description of its devices (`zigbee2mqtt/bridge/devices`), which contains
+//! the features that each device exposes.
 
 use std::collections::BTreeMap;
 
@@ -35,7 +35,8 @@ struct ExposedFeature {
     name: String,
     property: Option<String>,
     unit: Option<String>,
-    /// Access to the feature, in bits: 1 the device reports it, 2 it can be set, 4 it can be asked for.
+    /// Access to the feature, as bits: 1 if the device reports it, 2 if it can be set, 4 if its
+    /// value can be requested.
     #[serde(default)]
     access: u8,
     value_on: Option<Value>,
@@ -48,18 +49,18 @@ const SAYS: u8 = 1;
 const SET: u8 = 2;
 const ASKED: u8 = 4;
 
-/// Kinds of exposed features of which nothing can be used, with the reasons.
+/// Kinds of exposed features that have no use here, with the reasons.
 const UNUSED: &[(&str, &str)] = &[
     ("cover", "there is no class for a blind or a curtain"),
     ("fan", "there is no class for a fan"),
     ("climate", "there is no class for a set temperature"),
 ];
 
-/// The devices that the bridge has described, by the address of the device.
+/// The devices in the descriptions of the bridge, by the address of the device.
 #[derive(Debug, Default)]
 pub(crate) struct ZigbeeDiscovery {
     devices: BTreeMap<String, DescribedDevice>,
-    /// Reason why the last message could not be read; the devices are then those of the message before.
+    /// Reason why the last message was invalid; the devices are then those of an earlier message.
     pub(crate) problem: Option<String>,
 }
 
@@ -68,10 +69,11 @@ impl ZigbeeDiscovery {
     ///
     /// # Errors
     ///
-    /// Returns an error if the text, or an entry without an address, cannot be read. The known devices that
-    /// it may mean then stay as they were; the others are updated.
+    /// Returns an error if the text is invalid, or has an invalid entry without an address. Devices
+    /// that such a text or entry may be about do not change; all other devices are updated.
     pub(crate) fn receive_devices(&mut self, base: &str, text: &str) -> Result<(), String> {
-        // An empty text means that the retained one was removed; the devices are removed too.
+        // An empty text means that the retained text was removed; therefore the devices are
+        // removed.
         let told: Result<Vec<Value>, _> = match text.trim().is_empty() {
             true => Ok(Vec::new()),
             false => serde_json::from_str(text),
@@ -92,7 +94,8 @@ impl ZigbeeDiscovery {
                     let address = device.ieee_address.clone();
                     devices.extend(described(base, device).map(|device| (address, device)));
                 }
-                // A device that cannot be read does not affect the others, and stays as it was.
+                // An invalid entry does not affect the other devices, and its own device does not
+                // change.
                 Err(error) => {
                     let Some(address) = address else {
                         unnamed = Some(error.to_string());
@@ -109,7 +112,7 @@ impl ZigbeeDiscovery {
             }
         }
         if unnamed.is_some() {
-            // It may be any of the devices that the text does not name.
+            // The invalid entry may be about any known device that the text does not contain.
             let earlier = std::mem::take(&mut self.devices).into_iter();
             let kept = earlier.filter(|(address, _)| !devices.contains_key(address));
             devices.extend(kept.collect::<Vec<_>>());
@@ -131,8 +134,8 @@ impl ZigbeeDiscovery {
     }
 }
 
-/// Returns a device without features, for an entry of which only the address and perhaps the name can be
-/// read.
+/// Returns a device without features, for an entry with a valid address and perhaps a name, but
+/// otherwise invalid.
 fn unread(address: &str, name: Option<String>) -> DescribedDevice {
     DescribedDevice {
         name: name.unwrap_or_else(|| address.to_owned()),
@@ -159,7 +162,7 @@ fn described(base: &str, device: ZigbeeDevice) -> Option<DescribedDevice> {
     for expose in &exposes {
         features_of(expose, &topic, &mut features, &mut unused);
     }
-    // Zigbee2MQTT 1.x exposes a raw value as `illuminance`, and beside it `illuminance_lux`.
+    // Besides `illuminance_lux`, Zigbee2MQTT 1.x exposes a raw value as `illuminance`.
     let is_raw =
         |feature: &DeviceFeature| feature.class == "illuminance" && feature.unit.is_empty();
     let has_lux = features.iter().any(|feature| feature.class == "illuminance_lux");
@@ -267,8 +270,8 @@ fn features_of(
     }
 }
 
-/// Whether a text for yes of a door, a window or a contact means closed. In the built-in device
-/// classes, yes means open for these devices.
+/// Whether a device's text for yes means closed, for a door, a window or a contact. In the built-in
+/// device classes, yes means open for these devices.
 fn is_closed(name: &str, word: &str) -> bool {
     let word = word.to_ascii_lowercase();
     match name {
@@ -287,7 +290,7 @@ fn because(kind: &str) -> UnusedFeature {
 
 fn switched(class: &str, part: &ExposedFeature, topic: &str) -> Option<DeviceFeature> {
     let property = part.property.clone()?;
-    // The texts that a lock receives differ from those that it reports.
+    // The commands for a lock differ from the texts of its reports.
     let (on, off) = match class {
         "lock" => ("LOCK", "UNLOCK"),
         _ => ("ON", "OFF"),
@@ -314,8 +317,8 @@ fn switched(class: &str, part: &ExposedFeature, topic: &str) -> Option<DeviceFea
 mod tests {
     use super::*;
 
-    /// A description as Zigbee2MQTT 1.40 writes it for an Aqara thermometer, an Innr plug and a motion
-    /// detector, shortened to the keys that are read.
+    /// A description by Zigbee2MQTT 1.40 of an Aqara thermometer, an Innr plug and a motion
+    /// detector, shortened to the keys that are used.
     const DEVICES: &str = r#"[
       {"ieee_address":"0x00124b0000000001","type":"Coordinator","friendly_name":"Coordinator","definition":null},
       {"ieee_address":"0x00158d0001a2b3c4","type":"EndDevice","friendly_name":"office1/thermo","supported":true,
@@ -334,7 +337,7 @@ mod tests {
     ]"#;
 
     #[test]
-    fn what_devices_expose_is_read() {
+    fn exposed_features_become_features() {
         let mut bridge = ZigbeeDiscovery::default();
         let problem = bridge.receive_devices("zigbee2mqtt", DEVICES).expect_err("one is nonsense");
         assert!(problem.contains("ieee_address"), "{problem}");
@@ -359,7 +362,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_read_takes_nothing_away() {
+    fn an_invalid_description_keeps_the_earlier_devices() {
         let mut bridge = ZigbeeDiscovery::default();
         bridge.receive_devices("z", DEVICES).expect_err("one is nonsense");
         for rubbish in ["{}", "[", "12", "{\"a\":1}"] {
@@ -369,10 +372,10 @@ mod tests {
             let reason = &devices[0].unused[0].reason;
             assert!(reason.contains("`bridge/devices` cannot be read"), "{reason}");
         }
-        // A device with a broken description stays as it was, and the other devices are updated.
+        // A device with an invalid description does not change, and the other devices are updated.
         let text = r#"[{"ieee_address":"0x00158d0001a2b3c4","friendly_name":7},
             {"ieee_address":"0x1","friendly_name":"new","definition":{"exposes":[]}}]"#;
-        // An entry without an address may be any device, so none is taken away.
+        // An entry without an address may be about any device, so that no device is removed.
         let with_another = text.replace("7},", "7},null,");
         bridge.receive_devices("z", &with_another).expect_err("one is null");
         assert_eq!(bridge.devices().len(), 4);

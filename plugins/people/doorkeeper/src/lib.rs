@@ -1,9 +1,9 @@
-//! The Doorkeeper: if the ecosystem file contains `admit = "ask"`, this agent asks people at all
+//! The Doorkeeper. If the ecosystem file contains `admit = "ask"`, this agent asks people at all
 //! keyboards whether discovered agents may take part, and stores the answers.
 //!
-//! - Agents that appear within a moment are put into one question (`question`).
-//! - An answer is on disk before it takes effect, so that an answered question is not asked again after
-//!   a restart.
+//! - Agents that appear shortly after each other are combined in one question (`question`).
+//! - An answer is on disk before it takes effect, so that an answered question is not asked again
+//!   after a restart.
 //! - A question without an answer is asked again. A keyboard that joins later receives the open
 //!   questions.
 
@@ -24,17 +24,17 @@ use agent::{
 use serde::{Deserialize, Serialize};
 use tokio::sync::watch;
 
-/// How long to wait for more agents to appear before people are asked about them. The devices of a
-/// gateway appear within this time of each other.
+/// Delay between the appearance of an agent and the question about it, during which more agents may
+/// appear. The devices of a gateway appear within this time of each other.
 const APPLICANT_DELAY: Duration = Duration::from_millis(500);
 
-/// How long a person has to answer a question.
+/// Time that a person has for answering a question.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(600);
 
-/// Delay before a question that no person has answered is asked again.
+/// Delay before a question is asked again that no person has answered.
 const REASK_DELAY: Duration = Duration::from_secs(10);
 
-/// Maximum number of open questions. Agents that appear when so many questions are open must wait.
+/// Maximum number of open questions. Agents that appear while so many questions are open must wait.
 const OPEN_QUESTIONS_MAX: usize = 8;
 
 /// The entry of the Doorkeeper in the daemon's table of plugins.
@@ -62,9 +62,9 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
 
 struct Doorkeeper {
     admissions: Arc<Admissions>,
-    /// File in which the answers are stored; with `None` they are kept only until the daemon stops.
+    /// File in which the answers are stored; `None` if they are kept only until the daemon stops.
     file: Option<PathBuf>,
-    /// The open questions by number, each with the agents that it is about.
+    /// Open questions by number, each with its agents.
     open_questions: BTreeMap<u64, AdmissionQuestion>,
     last_question_id: u64,
     /// Whether a check for agents that wait for admission is scheduled.
@@ -75,12 +75,12 @@ struct Doorkeeper {
 struct AdmissionQuestion {
     applicants: Vec<(Applicant, String)>,
     text: String,
-    /// Exchanges in which the question was put: one with all keyboards, and one with each keyboard that
-    /// has joined since.
+    /// Exchanges about the question: one with all keyboards, and one with each keyboard that has
+    /// joined since.
     exchanges: Vec<ReplyToken>,
 }
 
-/// The answer about one agent, as it is stored on disk.
+/// The answer about one agent, in the form in which it is stored on disk.
 #[derive(Serialize, Deserialize)]
 struct StoredAnswer {
     by: String,
@@ -136,8 +136,8 @@ impl Doorkeeper {
         });
     }
 
-    /// Asks people about those applicants (agents that wait for admission) that no open question is
-    /// about. Withdraws a question if all agents that it is about have left.
+    /// Asks people about the applicants (agents that wait for admission) without an open question.
+    /// Withdraws each question with no agent left that waits for admission.
     fn check_applicants(&mut self, ctx: &mut Context<Self>) {
         let open = self.admissions.open();
         let here: BTreeSet<_> = open.iter().map(|(applicant, _)| applicant).collect();
@@ -253,8 +253,8 @@ impl Doorkeeper {
         Some(asking)
     }
 
-    /// Stores answers on disk and applies them. Answers that cannot be stored apply until the daemon
-    /// stops; people are asked again after a restart.
+    /// Stores answers on disk and applies them. Answers that cannot be stored apply until the
+    /// daemon stops; after a restart people are asked again.
     fn store_answers(&self, answers: Vec<(Applicant, bool)>) {
         if let Some(file) = &self.file {
             let mut all: BTreeMap<_, _> = self.admissions.answers().into_iter().collect();
@@ -288,7 +288,7 @@ fn write(file: &Path, answers: BTreeMap<Applicant, bool>) -> Result<(), String> 
         .map(|(Applicant { by, name }, admitted)| StoredAnswer { by, name, admitted })
         .collect();
     let text = serde_json::to_string_pretty(&kept).map_err(|error| error.to_string())?;
-    // Written beside and renamed, so that the file is complete even after a power cut.
+    // The file is written under another name and renamed, so that readers find only complete files.
     let beside = file.with_extension("json.new");
     let written = std::fs::write(&beside, text).and_then(|()| std::fs::rename(&beside, file));
     written.map_err(|error| format!("keep the decisions: {error}"))
@@ -299,7 +299,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_said_is_kept() {
+    fn answers_are_stored_on_disk() {
         let folder = tempfile::tempdir().expect("a folder");
         let file = folder.path().join("admitted.json");
         assert_eq!(read(&file), Ok(Vec::new()), "no decisions yet");

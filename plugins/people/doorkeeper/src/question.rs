@@ -1,4 +1,4 @@
-//! The question that the Doorkeeper asks about discovered agents: making its text, and parsing answers
+//! The question of the Doorkeeper about discovered agents: composing its text, and parsing answers
 //! to it.
 
 use agent::Applicant;
@@ -6,8 +6,8 @@ use agent::Applicant;
 /// Maximum number of agents that a question lists by name; further agents are only counted.
 const NAMED_MAX: usize = 12;
 
-/// Returns the text of the question about the agents in `about`, preceded by the mistake in the last
-/// answer if there was one.
+/// Returns the text of the question about the agents in `about`. The text begins with the mistake
+/// in the last answer if there was one.
 pub(crate) fn question_text(about: &[(Applicant, String)], mistake: Option<&str>) -> String {
     let named: Vec<_> = about
         .iter()
@@ -29,11 +29,11 @@ pub(crate) fn question_text(about: &[(Applicant, String)], mistake: Option<&str>
     }
 }
 
-/// Parses an answer, and returns for each agent whether it may take part.
+/// Parses an answer. Returns for each agent whether it may take part.
 ///
 /// # Errors
 ///
-/// Returns what is wrong with the answer, as text for the next question.
+/// Returns the mistake in the answer, as text for the next question.
 pub(crate) fn parse_answer(
     answer: &str,
     about: &[(Applicant, String)],
@@ -71,7 +71,7 @@ mod tests {
     }
 
     #[test]
-    fn a_question_names_who_has_appeared() {
+    fn a_question_lists_the_new_agents() {
         assert_eq!(
             question_text(&about(&["t-1"]), None),
             "`t-1` (zigbee, office1) has appeared, and no file names it. Let it in? yes, no"
@@ -84,7 +84,7 @@ mod tests {
     }
 
     #[test]
-    fn answers_are_yes_no_or_names() {
+    fn answers_yes_no_and_names_are_parsed() {
         let about = about(&["t-1", "t-2", "t-3"]);
         let said = |answer: &str| {
             parse_answer(answer, &about)

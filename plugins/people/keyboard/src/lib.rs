@@ -3,9 +3,9 @@
 //! - Requests goals and single actions, changes the state and the planning mode (centralised or
 //!   decentralised), and passes the outcomes back to the person.
 //! - Cancels goals, also goals that another keyboard requested.
-//! - Keeps the questions that agents put to a person (`query-ref`) until a person at this or another
-//!   keyboard answers, or the asking agent withdraws them. A question that is still open at its
-//!   deadline is refused with a reason.
+//! - Keeps the questions that agents put to a person (`query-ref`) until a person at this or
+//!   another keyboard answers, or the asking agent withdraws them. A question that is still open at
+//!   its deadline is refused with a reason.
 //!
 //! There is one Keyboard Agent per terminal. The owner of the [`Terminal`] decides what is shown.
 
@@ -35,20 +35,21 @@ pub use crate::terminal::{
     RequestSender, Terminal, TerminalPeer, UserEvent, UserRequest,
 };
 
-/// How long a requested goal may go without any report. A maintained goal may hold for a year.
+/// Maximum time without any report about a requested goal. The limit is a year, because a kept goal
+/// may hold that long.
 const GOAL_TIMEOUT: Duration = Duration::from_secs(365 * 24 * 3_600);
 
-/// How long a new leader of the Plan Requesters may take to report the goals that it has taken over,
-/// before this keyboard requests its goals again. The leader reads the Journals first.
+/// Time that a new leader of the Plan Requesters has for reporting the goals that it has taken
+/// over. Afterwards this keyboard requests its goals again. The leader reads the Journals first.
 const TAKEOVER_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// How long a question without a deadline stays open: after this time, a person at the terminal has
-/// seen the question.
+/// Time for which a question without a deadline stays open. A person at the terminal sees the
+/// question within this time.
 const QUESTION_PATIENCE: Duration = Duration::from_secs(60);
 
-/// How long before its deadline a question without an answer is refused, so that the asking agent gets
-/// the reason while it still waits. If a tenth of the question's whole time is less, that tenth is
-/// used.
+/// Time before its deadline at which a question without an answer is refused, so that the asking
+/// agent receives the reason while it still waits. If a tenth of the question's whole time is less,
+/// that tenth is used.
 const QUESTION_MARGIN: Duration = Duration::from_millis(500);
 
 /// The entry of the Keyboard Agent in the daemon's table of plugins.
@@ -68,9 +69,8 @@ struct Config {
     goals: Vec<GoalRequest>,
 }
 
-/// Handling of a Plan Requester that leaves before it has received a goal: how long the keyboard waits
-/// for the Plan Requester's return, the interval of its checks, and how often this may happen to one
-/// goal.
+/// Handling of a Plan Requester that leaves before it has received a goal: the time limit for its
+/// return, the interval of the checks, and the maximum number of such departures for one goal.
 const RETURN_TIMEOUT: Duration = Duration::from_secs(5);
 const SEEK_INTERVAL: Duration = Duration::from_millis(200);
 const DEPARTURES_MAX: u32 = 5;
@@ -190,7 +190,7 @@ impl Keyboard {
             (next, said)
         };
         self.listening = Some(ctx.run(next, |keyboard: &mut Self, (next, said), ctx| {
-            // The terminal was dropped: there will be no more input.
+            // The terminal was dropped, so that there is no more input.
             let Some((id, request)) = next else { return };
             keyboard.handle_user_request(id, request, ctx);
             keyboard.user_requests = Some(said);
@@ -226,7 +226,7 @@ impl Keyboard {
         }
     }
 
-    /// Gives a request a conversation, and tells the person.
+    /// Assigns a conversation to a request, and notifies the person.
     fn begin(&self, id: Option<RequestId>, ctx: &mut Context<Self>) -> RequestRef {
         let about = RequestRef { id, conversation: ctx.new_conversation() };
         self.emit(UserEvent::Sent(about.clone()));
@@ -243,9 +243,9 @@ impl Keyboard {
         self.goals.insert(about.conversation, goal);
     }
 
-    /// Requests a goal again when a Plan Requester is present, because the former Plan Requester left
-    /// before it had received the request. A busy daemon may have been taken for one that is gone.
-    /// Reports a failure if no Plan Requester is present at `until`.
+    /// Requests a goal again when a Plan Requester is present, because the former Plan Requester
+    /// left before it had received the request. A busy daemon may also be mistaken for a missing
+    /// one. Reports a failure if no Plan Requester is present at `until`.
     fn request_on_return(
         &mut self,
         about: ConversationId,
@@ -324,7 +324,8 @@ impl Keyboard {
         (about, exchange)
     }
 
-    /// Cancels a goal or an action. An action of this keyboard answers by its own end.
+    /// Cancels a goal or an action. For an action of this keyboard, the report about its end is the
+    /// answer.
     fn cancel(&mut self, conversation: ConversationId, id: RequestId, ctx: &mut Context<Self>) {
         if let Some((action, _)) = self.actions_in_preparation.remove(&conversation) {
             let report = Report::new(Outcome::Cancelled, "cancelled before it was sent");
@@ -348,7 +349,8 @@ impl Keyboard {
 
     // === one action ===
 
-    /// Queries the domain, to make a plan of one step for an action that the person requested.
+    /// Queries the domain, in order to build a plan of one step for an action that the person
+    /// requested.
     fn prepare_action(&mut self, action: String, id: RequestId, ctx: &mut Context<Self>) {
         let about = self.begin(Some(id), ctx);
         let conversation = about.conversation.clone();
@@ -390,7 +392,7 @@ impl Keyboard {
             conversation: about.conversation.clone(),
             content: value(&Request::Execute(Box::new(execute))),
         };
-        // Time for the actuator's agreement, its method, and the executor's report.
+        // The time limit covers the actuator's agreement, its method, and the executor's report.
         let patience = timeout + ctx.settings().answer_deadline * 3;
         let token = self.open(opening, patience, about.id, ctx);
         self.running_actions.insert(about.conversation, token);
@@ -431,7 +433,8 @@ impl Keyboard {
         let to = opening.to.clone();
         let is_cancel = opening.performative == Performative::Cancel;
         ctx.open(opening, patience, move |keyboard: &mut Self, answer, ctx| match answer {
-            // The goal goes on; it must not be requested again because its cancellation failed.
+            // The goal continues; a failed cancellation must not cause the goal to be requested
+            // again.
             ExchangeEvent::Undelivered(why) if is_cancel => {
                 let who = to.as_ref().map_or("everyone", AgentId::as_str);
                 let why = format!("`{who}` could not be reached to cancel it: {why}");
@@ -486,7 +489,7 @@ impl Keyboard {
             UserEvent::Report(RequestRef { conversation, .. }, report) => {
                 tracing::info!(%conversation, outcome = %report.outcome, "{}", report.detail);
             }
-            // With a terminal it is shown there; the log would repeat it.
+            // If there is a terminal, the event is shown there, and the log would repeat it.
             UserEvent::Refused(about, refusal) if self.user_events.is_none() => {
                 tracing::warn!(conversation = %about.conversation, "refused: {}", refusal.detail);
             }
@@ -578,7 +581,7 @@ impl Keyboard {
         self.emit(heard);
     }
 
-    /// Handles a request of another keyboard, which contains an answer to a question that this keyboard
+    /// Handles a request of another keyboard, with an answer to a question that this keyboard
     /// keeps.
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
         let participation = Participation::of(&message);
@@ -607,7 +610,7 @@ impl Keyboard {
         ctx: &mut Context<Self>,
     ) -> Result<Report, Refusal> {
         let AnswerQuestion { question: number, answer: said } = answer;
-        // The keyboard that sends the answer may not know the key.
+        // The keyboard that sends the answer may not have the key.
         let said = match self.questions.seal_to(number).filter(|_| said.sealed.is_none()) {
             Some(key) => sealed(key, &said)?,
             None => said,
@@ -633,7 +636,8 @@ fn sealed(key: &str, said: &PersonsAnswer) -> Result<PersonsAnswer, Refusal> {
     }
 }
 
-/// Reads a message about a requested goal or action as an output to the person.
+/// Converts a message about a requested goal or action to an output to the person. Returns an error
+/// if the content is invalid.
 fn read(message: &Message, id: Option<RequestId>) -> Result<UserEvent, String> {
     let about = RequestRef { id, conversation: message.conversation_id.clone() };
     match message.performative {

@@ -8,7 +8,7 @@ use acl::{AgentId, Millis, ReplyToken};
 use agent::{Participation, TimerId};
 use tokio::time::Instant;
 
-/// Maximum number of open questions; further ones are refused. A person can answer only a few.
+/// Maximum number of open questions; further questions are refused. A person can answer only a few.
 const QUESTIONS_MAX: usize = 64;
 
 /// The open questions that one keyboard keeps.
@@ -25,9 +25,9 @@ pub(crate) struct PendingQuestion {
     pub(crate) participation: Participation,
     /// Text of the question.
     pub(crate) text: String,
-    /// Key that the answer is encrypted to; `None` if the answer travels in plain text.
+    /// Key for encrypting the answer; `None` if the answer is sent as plain text.
     pub(crate) seal_to: Option<String>,
-    /// How long the question stays open in all, from its arrival on.
+    /// Total time for which the question stays open, from its arrival on.
     pub(crate) patience: Duration,
     /// Timer that closes the question at the end of its time.
     pub(crate) timer: TimerId,
@@ -35,8 +35,7 @@ pub(crate) struct PendingQuestion {
 }
 
 impl Questions {
-    /// Returns the number that the next question will get; `None` if the maximum number of questions is
-    /// open.
+    /// Returns the number of the next question; `None` if the maximum number of questions is open.
     pub(crate) fn next_number(&self) -> Option<u64> {
         (self.open.len() < QUESTIONS_MAX).then_some(self.last_number + 1)
     }
@@ -58,17 +57,19 @@ impl Questions {
         self.last_number
     }
 
-    /// Returns the key that the answer to a question is encrypted to; `None` if there is no such key.
+    /// Returns the key for encrypting the answer to a question; `None` if there is no such question
+    /// or key.
     pub(crate) fn seal_to(&self, number: u64) -> Option<&str> {
         self.open.get(&number)?.seal_to.as_deref()
     }
 
-    /// Removes and returns the question `number`, because it is answered or has expired.
+    /// Removes and returns the question `number`, because it is answered or has expired; `None` if
+    /// it is not open.
     pub(crate) fn take(&mut self, number: u64) -> Option<PendingQuestion> {
         self.open.remove(&number)
     }
 
-    /// Removes and returns the question that `asker` put in this exchange.
+    /// Removes and returns the question that `asker` put in this exchange; `None` if there is none.
     pub(crate) fn take_by_exchange(
         &mut self,
         asker: &AgentId,
@@ -83,7 +84,7 @@ impl Questions {
         self.take(number).map(|question| (number, question))
     }
 
-    /// Removes and returns the oldest open question.
+    /// Removes and returns the oldest open question; `None` if no question is open.
     pub(crate) fn take_first(&mut self) -> Option<(u64, PendingQuestion)> {
         self.open.pop_first()
     }
@@ -100,7 +101,8 @@ impl Questions {
         open.map(|(number, question)| question.to_content(keyboard, *number, now)).collect()
     }
 
-    /// Returns one open question, in the form in which it is sent to other agents.
+    /// Returns one open question, in the form in which it is sent to other agents; `None` if it is
+    /// not open.
     pub(crate) fn find(
         &self,
         keyboard: &AgentId,

@@ -1,8 +1,10 @@
-//! Makes a plan of one step from a ground action that a person typed, and checks it against the Domain
-//! Maintainer's state: so a mistake is reported before any agent is asked to act.
+//! Builds a plan of one step from a ground action that a person typed, and checks the plan against
+//! the Domain Maintainer's state. A mistake is therefore reported before any agent is requested to
+//! act.
 //!
-//! The Plan Executor executes this plan like any other: it checks the precondition, gives the actuator
-//! a token that is executed at most once, and notifies the Domain Maintainer of the changes.
+//! The Plan Executor executes this plan like any other: it checks the precondition, gives the
+//! actuator a token that is executed at most once, and notifies the Domain Maintainer of the
+//! changes.
 
 use std::time::Duration;
 
@@ -10,8 +12,8 @@ use acl::AgentId;
 use acl::content::{Execute, Offer, Offers, Snapshot};
 use pddl::{Condition, Plan, PlanStep, Problem, Severity};
 
-/// Returns a plan with the given action as its only step, and the time limit of the method that carries
-/// out the action.
+/// Returns a plan with the given action as its only step, and the time limit of the method that
+/// carries out the action.
 ///
 /// # Errors
 ///
@@ -33,7 +35,7 @@ pub(crate) fn one_step_plan(
     if let Some(mistake) = found.iter().find(|found| found.severity == Severity::Error) {
         return Err(mistake.located(action));
     }
-    // An empty goal: the person wants the action, not a state.
+    // The goal is empty, because the person requests an action, not a state.
     let problem = Problem { goal: Condition::And(Vec::new()), ..problem };
     let offers = snapshot.offers.into_iter().filter(|(other, _)| *other == agent).collect();
     let execute = Execute {
@@ -50,7 +52,8 @@ pub(crate) fn one_step_plan(
     Ok((execute, timeout))
 }
 
-/// Returns the agent that is to act in a step, and the agent's offer of the action.
+/// Returns the agent of a step, and the agent's offer of the action. Returns an error, as text for
+/// a person, if no agent offers the action.
 fn offer_of(step: &PlanStep, offers: &Offers) -> Result<(AgentId, Offer), String> {
     let named = step.arguments.first().map_or("", |name| name.as_str());
     let hint = |word: &str, known: Vec<&str>| {
@@ -122,7 +125,7 @@ mod tests {
     }
 
     #[test]
-    fn an_action_is_a_plan_of_one_step() {
+    fn an_action_becomes_a_plan_of_one_step() {
         let (execute, timeout) =
             one_step_plan(snapshot(), "(move r2 hall office1)").expect("offered");
         assert_eq!(execute.plan.trim(), "(move--r r2 hall office1)");
@@ -131,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mistake_is_told_before_anyone_acts() {
+    fn a_mistake_is_reported_before_any_agent_acts() {
         check_mistake("(move r2 hall office1", "1:");
         check_mistake("(move r3 hall office1)", "did you mean `r2`?");
         check_mistake("(mov r2 hall office1)", "did you mean `move`?");

@@ -1,6 +1,6 @@
-//! The terminal of a Keyboard Agent: two channels between the agent and a person, and the messages in
-//! them. Each request has a number, and each output about it repeats that number: so an output that is
-//! lost changes the meaning of no other.
+//! The terminal of a Keyboard Agent: two channels between the agent and a person, and the messages
+//! in them. Each request has a number, and each output about the request repeats that number, so
+//! that the loss of an output does not change the meaning of the others.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -11,11 +11,11 @@ use serde::Deserialize;
 use serde_json::Value;
 use tokio::sync::mpsc;
 
-/// Capacity in messages of each of the two channels.
+/// Capacity of each of the two channels, in messages.
 const CHANNEL_CAPACITY: usize = 1_024;
 
-/// Places in the channel of outputs that progress may not take, so that the beginning and the end of
-/// requests arrive even if the person reads nothing for a while.
+/// Places in the channel of outputs that progress reports may not take. They keep room for the
+/// beginning and the end of requests, even if the person reads nothing for a while.
 const PLACES_FOR_ENDS: usize = CHANNEL_CAPACITY / 2;
 
 /// A goal that a person requests.
@@ -27,10 +27,10 @@ pub struct GoalRequest {
     /// Whether the goal is to be achieved once or kept.
     #[serde(default)]
     pub keep: Keep,
-    /// Priority of the goal; a goal of greater priority goes first.
+    /// Priority of the goal; a goal of greater priority takes precedence.
     #[serde(default)]
     pub priority: i32,
-    /// What happens to the goal during a partition of the ecosystem.
+    /// Handling of the goal during a partition of the ecosystem.
     #[serde(default)]
     pub partition: Partition,
 }
@@ -46,7 +46,7 @@ pub enum UserRequest {
     Act(String),
     /// Changes facts of the known state.
     Set(ChangeState),
-    /// Selects the planning mode (centralised or decentralised) in which plans are made from now on.
+    /// Selects the planning mode (centralised or decentralised) for future plans.
     Mode(Mode),
     /// Answers a question that this keyboard or another one keeps.
     Answer {
@@ -56,18 +56,18 @@ pub enum UserRequest {
         question: u64,
         /// Text of the answer.
         text: String,
-        /// Key that the answer is encrypted to, as the question gives it. May be `None` for a question
-        /// that this keyboard keeps, because the keyboard then knows the key.
+        /// Key for encrypting the answer, as given in the question. May be `None` for a question
+        /// that this keyboard keeps, because this keyboard has the key itself.
         seal_to: Option<String>,
     },
-    /// Sends a message as the person wrote it.
+    /// Sends a message that the person has written.
     Send(MessageDraft),
 }
 
-/// A message as a person wrote it; the keyboard adds the rest of the envelope.
+/// A message written by a person; the keyboard adds the rest of the envelope.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MessageDraft {
-    /// Receiver of the message; with `None` it is sent to all agents.
+    /// Receiver of the message; `None` for all agents.
     pub to: Option<AgentId>,
     /// Performative of the message; it must open an exchange of the protocol.
     pub performative: Performative,
@@ -77,7 +77,7 @@ pub struct MessageDraft {
     pub conversation: Option<ConversationId>,
     /// Content of the message.
     pub content: Value,
-    /// How long the keyboard waits for answers to the message.
+    /// Time for which the keyboard waits for answers to the message.
     pub patience: std::time::Duration,
 }
 
@@ -85,7 +85,7 @@ pub struct MessageDraft {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct RequestId(u64);
 
-/// The request that an output is about.
+/// Reference from an output to its request.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RequestRef {
     /// Number of the request; `None` if it was not made at the terminal.
@@ -103,17 +103,17 @@ pub enum UserEvent {
     Report(RequestRef, Report),
     /// The request was refused.
     Refused(RequestRef, Refusal),
-    /// No agent took the request, or none answered in time. The text is the reason.
+    /// No agent accepted the request, or no agent answered in time. The text is the reason.
     Unanswered(RequestRef, String),
-    /// An answer to a message that was sent as the person wrote it.
+    /// An answer to a message that the person has written.
     Answered(Option<RequestId>, Box<Message>),
-    /// An agent asks the person a question.
+    /// A question of an agent to the person.
     Question(OpenQuestion),
     /// The question with this number was closed, for the reason in the text.
     QuestionClosed(u64, String),
 }
 
-/// The ends of the two channels to a Keyboard Agent that belong to the person.
+/// The person's ends of the two channels to a Keyboard Agent.
 pub struct Terminal {
     /// Inputs of the person.
     pub requests: RequestSender,
@@ -121,7 +121,7 @@ pub struct Terminal {
     pub events: mpsc::Receiver<UserEvent>,
 }
 
-/// The ends of the two channels that belong to the Keyboard Agent.
+/// The Keyboard Agent's ends of the two channels.
 pub struct TerminalPeer {
     /// Inputs of the person, each with its number.
     pub requests: mpsc::Receiver<(RequestId, UserRequest)>,
@@ -129,7 +129,7 @@ pub struct TerminalPeer {
     pub events: EventSender,
 }
 
-/// Sends requests to a Keyboard Agent. Clones share the numbers of the requests.
+/// Sender of requests to a Keyboard Agent. Clones share the numbers of the requests.
 #[derive(Clone, Debug)]
 pub struct RequestSender {
     to: mpsc::Sender<(RequestId, UserRequest)>,
@@ -142,19 +142,20 @@ pub struct RequestPermit {
     id: RequestId,
 }
 
-/// A request did not get into the channel to the Keyboard Agent. Completes “failed to …”.
+/// Error for a request that did not get into the channel to the Keyboard Agent. The text of the
+/// error completes “failed to …”.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("reach the keyboard agent: it has ended, or too many requests wait for it")]
 pub struct RequestNotSent;
 
-/// Sends outputs to the person at a terminal.
+/// Sender of outputs to the person at a terminal.
 #[derive(Clone, Debug)]
 pub struct EventSender(mpsc::Sender<UserEvent>);
 
 // === impl Terminal ===
 
 impl Terminal {
-    /// Creates a terminal, and the ends of its channels that belong to the Keyboard Agent.
+    /// Creates a terminal, and the Keyboard Agent's ends of its channels.
     pub fn open() -> (Terminal, TerminalPeer) {
         let (to, requests) = mpsc::channel(CHANNEL_CAPACITY);
         let (tell, events) = mpsc::channel(CHANNEL_CAPACITY);
@@ -202,7 +203,7 @@ impl RequestSender {
 }
 
 impl RequestPermit {
-    /// Returns the number that the request will have.
+    /// Returns the number of the request to be sent.
     pub fn id(&self) -> RequestId {
         self.id
     }
@@ -217,8 +218,8 @@ impl RequestPermit {
 // === impl EventSender ===
 
 impl EventSender {
-    /// Sends an output. Returns `false` if it is lost, because the person has not read many earlier
-    /// ones, or because the terminal is closed. Progress is lost first.
+    /// Sends an output. Returns `false` if the output is lost, because too many earlier outputs are
+    /// unread, or because the terminal is closed. Progress reports are lost first.
     pub fn send(&self, event: UserEvent) -> bool {
         let has_room = !event.is_progress() || self.0.capacity() > PLACES_FOR_ENDS;
         has_room && self.0.try_send(event).is_ok()
@@ -253,7 +254,7 @@ impl UserEvent {
         }
     }
 
-    /// Whether no more outputs follow in the conversation that this output is about.
+    /// Whether this output is the last one in its conversation.
     pub fn is_final(&self) -> bool {
         match self {
             UserEvent::Sent(_) | UserEvent::Question(_) | UserEvent::QuestionClosed(..) => false,
@@ -263,12 +264,12 @@ impl UserEvent {
         }
     }
 
-    /// Whether this output reports progress of a request: neither its beginning nor its end.
+    /// Whether this output reports progress of a request, as opposed to its beginning or its end.
     fn is_progress(&self) -> bool {
         matches!(self, UserEvent::Report(..) | UserEvent::Answered(..)) && !self.is_final()
     }
 
-    /// Whether this output reports that the request has ended well, or that the goal holds.
+    /// Whether this output reports that the request has succeeded, or that the goal holds.
     pub fn is_success(&self) -> bool {
         match self {
             UserEvent::Report(_, Report { outcome, .. }) => {
@@ -282,9 +283,9 @@ impl UserEvent {
     }
 }
 
-/// Whether `message` is the last one that its sender sends in an exchange. A bid (`agree` to a `cfp`)
-/// counts as the last one, because a message that a person wrote is never followed by an acceptance or
-/// a rejection.
+/// Whether `message` is the last one that its sender sends in an exchange. A bid (`agree` to a
+/// `cfp`) counts as the last one, because a message that a person wrote is never followed by an
+/// acceptance or a rejection.
 fn is_last(message: &Message) -> bool {
     match message.performative {
         Performative::Confirm => {
@@ -306,7 +307,7 @@ mod tests {
         RequestRef { id: Some(id), conversation: ConversationId::new("c") }
     }
 
-    /// A person that reads nothing for a while loses progress, and learns the ends.
+    /// If a person reads nothing for a while, progress reports are lost, and the ends arrive.
     #[test]
     fn progress_leaves_places_for_ends() {
         let (mut terminal, mut peer) = Terminal::open();
@@ -324,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn clones_number_their_requests_together() {
+    fn clones_share_the_numbers_of_requests() {
         let (terminal, mut peer) = Terminal::open();
         let other = terminal.requests.clone();
         let first = terminal.requests.try_send(UserRequest::Act("(a)".to_owned()));

@@ -1,8 +1,8 @@
-//! Requests that change the running ecosystem (docs/design.md, “Action models”): its state, its plan
-//! metric, or its available actions. Observations are such requests as well.
+//! Requests that change the running ecosystem (docs/design.md, “Action models”): its state, its
+//! plan metric, or its available actions. Observations are such requests as well.
 //!
-//! A request is either confirmed, with remarks about facts that do not count now and about agents that
-//! contradict the request; or it is refused as a whole, with the reason.
+//! A request is either confirmed, or refused as a whole with the reason. A confirmation has remarks
+//! about facts that do not apply at present, and about agents that contradict the request.
 
 use acl::content::{
     ActionOf, ChangeActions, ChangeMetric, ChangeState, Observation, Outcome, Reason, Refusal,
@@ -19,7 +19,7 @@ use crate::{AnnouncementScope, DomainMaintainer};
 /// Result of an accepted request: the change of the domain, and the text of the answer.
 type AcceptedChange = (DomainChange, String);
 
-/// The function of which the value is the length of the way between two places.
+/// Function for the length of the way between two places.
 const LENGTH: &str = "distance";
 
 /// Maximum number of remarks in the answer to a request.
@@ -51,8 +51,8 @@ impl DomainMaintainer {
             Ok((change, detail)) => {
                 self.announcement_scope = self.announcement_scope.max(AnnouncementScope::Changes);
                 domain_sync::report_change(self, &change, ctx);
-                // A repeated request changes nothing here. Elsewhere it prolongs facts, or makes them
-                // newer than those of another agent.
+                // A repeated request changes nothing here. In other agents it prolongs facts, or
+                // makes them newer than those of another agent.
                 if change.is_empty() {
                     self.announce_requests(ctx);
                 }
@@ -92,9 +92,10 @@ impl DomainMaintainer {
         Ok((changed, with_remarks(detail, notes)))
     }
 
-    /// Checks the facts of a person's request against the present domain, and returns a refusal if one
-    /// has an error. A fact with an undeclared predicate would be stored, but would never become
-    /// visible. The facts of an agent are not checked: they may arrive before the agent's declarations.
+    /// Checks the facts of a person's request against the present domain, and returns a refusal if
+    /// a fact has an error. A fact with an undeclared predicate would be stored, but would never
+    /// become visible. The facts of an agent are not checked, because they may arrive before the
+    /// agent's declarations.
     fn check_against_domain(&self, change: &ChangeState, effects: &Effects) -> Result<(), Refusal> {
         let snapshot = self.domain_sync.maintainer.snapshot(self.domain_sync.timestamp());
         let texts = [(&change.believe, &effects.believe), (&change.retract, &effects.retract)];
@@ -156,8 +157,8 @@ impl DomainMaintainer {
         Ok((changed.map_err(|declined| declined.refusal())?, with_remarks("believed", notes)))
     }
 
-    /// Returns remarks about those of `facts` that do not count now, and about agents that contradict
-    /// them.
+    /// Returns remarks about those of `facts` that do not apply at present, and about agents that
+    /// contradict them.
     fn remarks(&self, facts: &[InitElement], speaker: &Owner) -> Vec<String> {
         let maintainer = &self.domain_sync.maintainer;
         let mut notes = Vec::new();
@@ -180,9 +181,9 @@ impl DomainMaintainer {
     }
 }
 
-/// Returns why a fact cannot be that gives the way between two places its length, as `althing check` does
-/// for the map; `None` if the fact is possible. A length of 0 would make the way free for every plan, and
-/// no robot could tell how long it takes.
+/// Returns the reason why a fact cannot be true if it gives the way between two places an
+/// impossible length, as `althing check` does for the map; `None` if the fact is possible. A length
+/// of 0 would make the way free in every plan, and the duration of a trip could not be computed.
 fn impossible_length(fact: &InitElement) -> Option<String> {
     let InitElement::Assign(fluent, length) = fact else { return None };
     let [from, to] = &fluent.arguments[..] else { return None };
@@ -218,7 +219,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_way_is_longer_than_nothing() {
+    fn the_length_of_a_way_must_be_positive() {
         let problem = |text: &str| {
             let facts = pddl::parse_init_elements(text).into_result().expect("a fact");
             impossible_length(&facts[0])

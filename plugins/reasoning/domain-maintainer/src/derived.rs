@@ -1,5 +1,5 @@
-//! Derived facts: facts that follow by axioms from the known facts. They are part of the answer to a
-//! query for the state.
+//! Derived facts: facts that follow by axioms from the known facts. They are part of the answer to
+//! a query for the state.
 
 use acl::content::BelievedFact;
 use capability::DomainSnapshot;
@@ -7,15 +7,15 @@ use pddl::knowledge::AuxiliaryPredicates;
 use pddl::{Atom, Condition, Name};
 use planner::validate::World;
 
-/// Text that an answer gives as the owner of a derived fact.
+/// Owner of a derived fact in an answer.
 const AXIOM: &str = "axiom";
 
-/// Maximum number of steps that evaluating the axioms takes. Those of the largest buildings take some
-/// thousands; the limit is reached after half a second.
+/// Maximum number of steps for evaluating the axioms. The largest buildings take some thousands of
+/// steps; the limit is reached after half a second.
 const EVALUATION_STEPS_MAX: u64 = 3_000_000;
 
-/// Returns the facts that axioms derive, and, marked as unknown, the facts that axioms neither derive
-/// nor rule out. Returns none if evaluating the axioms of the agents takes too many steps.
+/// Returns the facts that axioms derive, and, marked as unknown, the facts that axioms neither
+/// derive nor rule out. Returns an empty list if evaluating the axioms takes too many steps.
 pub(crate) fn derived_facts(snapshot: &DomainSnapshot) -> Vec<BelievedFact> {
     if snapshot.domain.derived.is_empty() {
         return Vec::new();
@@ -32,7 +32,7 @@ pub(crate) fn derived_facts(snapshot: &DomainSnapshot) -> Vec<BelievedFact> {
             matches!(words, AuxiliaryPredicates::Derived { maybe, .. } if *maybe == atom.predicate)
         });
         match maybe {
-            // A fact that is known is listed as itself.
+            // A known fact is listed as itself.
             Some((symbol, _)) => {
                 let atom = Atom { predicate: symbol.clone(), ..atom };
                 let is_known = world.holds(&Condition::Atom(atom.clone()));

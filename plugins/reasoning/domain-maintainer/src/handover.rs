@@ -1,9 +1,9 @@
-//! Hand-over after a partition: a Domain Maintainer that becomes a standby sends the leader those
-//! changes by request that it noted while both led, each in its own partition (docs/design.md,
+//! Hand-over after a partition: a Domain Maintainer that becomes a standby sends to the leader the
+//! requested changes that it recorded while both led, each in its own partition (docs/design.md,
 //! “Fail-over”).
 //!
-//! No agent repeats requested changes by itself, so the hand-over is tried until it is confirmed. If
-//! both sides changed the same thing, the change of the remaining leader stands.
+//! No agent repeats requested changes by itself; therefore the hand-over is retried until it is
+//! confirmed. If both sides have changed the same fact, the change of the remaining leader applies.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -18,28 +18,28 @@ use capability::{RequestedChangesSince, Timestamp};
 
 use crate::{AnnouncementScope, DomainMaintainer, REQUESTED};
 
-/// Interval between tries to hand changes over, and the maximum number of tries. The new leader may
-/// have left in the same moment, and a partition may last minutes.
+/// Interval between attempts to hand changes over, and the maximum number of repetitions. The new
+/// leader may have left at the same moment, and a partition may last for minutes.
 const RETRY_INTERVAL: Duration = Duration::from_secs(1);
 const RETRIES_MAX: u32 = 600;
 
-/// How long all replicas must be present to each other before the leader drops the changes that it
-/// noted for a hand-over.
+/// Time for which all replicas must be present before the leader drops the changes that it recorded
+/// for a hand-over.
 const REUNITED_AFTER: Duration = Duration::from_secs(10);
 
-/// Other replicas of this agent, and since when they are present.
+/// Other replicas of this agent, and the time since which they are present.
 #[derive(Debug, Default)]
 pub(crate) struct KnownReplicas {
-    /// Daemons on which other replicas were present. A daemon that is in this set and not present now
-    /// has left and not come back.
+    /// Daemons on which other replicas were present. A daemon in this set that is not present has
+    /// left and not returned.
     seen_on: BTreeSet<DaemonId>,
     /// Time since which the replicas on all these daemons are present; `None` if one is missing.
     complete_since: Option<Timestamp>,
 }
 
 impl DomainMaintainer {
-    /// Checks whether another leader may be active in another partition, and if so begins to note
-    /// changes. Must be called before each change, so that no change is left out.
+    /// Checks whether another leader may be active in another partition; if so, begins to record
+    /// changes. Must be called before each change, so that every change is recorded.
     pub(crate) fn check_replicas(&mut self, ctx: &Context<Self>) {
         let (directory, own) = (ctx.directory(), ctx.daemon());
         let daemons = directory.all(ctx.id()).iter().map(|resident| &resident.daemon);
@@ -58,7 +58,8 @@ impl DomainMaintainer {
         }
     }
 
-    /// Stands down from leading: sends the changes noted for a hand-over to the new leader.
+    /// Stands down as leader: sends the changes that were recorded for a hand-over to the new
+    /// leader.
     pub(crate) fn stand_down(&mut self, ctx: &mut Context<Self>) {
         let changed = self.domain_sync.maintainer.stand_down(self.domain_sync.timestamp());
         if changed != RequestedSince::default() {
@@ -74,7 +75,7 @@ impl DomainMaintainer {
         }
         let acts = ctx.find(ctx.id()).map(|resident| resident.incarnation);
         if acts.is_none_or(|incarnation| incarnation == ctx.incarnation()) {
-            // The new leader is not known here yet.
+            // The new leader has not been discovered here yet.
             return retry_handover(changed, times, ctx);
         }
         let record = self.journal_client.write(REQUESTED.to_owned(), value(&changed));
@@ -97,7 +98,7 @@ impl DomainMaintainer {
         });
     }
 
-    /// Takes over the changes that another incarnation of this agent sends when it becomes a standby.
+    /// Takes over the changes of another incarnation of this agent that has become a standby.
     pub(crate) fn receive_handover(
         &mut self,
         message: &Message,
@@ -105,7 +106,8 @@ impl DomainMaintainer {
         ctx: &mut Context<Self>,
     ) {
         if message.sender != *ctx.id() || message.incarnation == ctx.incarnation() {
-            // If the sender leads again, the message has come back to itself; the sender tries again.
+            // If the sender leads again, the message has returned to its own sender, which tries
+            // again.
             let detail = "a Domain Maintainer takes changes over only from its own standby";
             let refusal = Refusal::new(Reason::Incapable, detail);
             return ctx.answer(&Participation::of(message), Performative::Refuse, &refusal);
@@ -142,7 +144,8 @@ impl DomainMaintainer {
     }
 }
 
-/// Tries the hand-over again after [`RETRY_INTERVAL`], up to [`RETRIES_MAX`] times in all.
+/// Retries the hand-over after [`RETRY_INTERVAL`], unless it was retried [`RETRIES_MAX`] times
+/// already.
 fn retry_handover(changed: RequestedSince, times: u32, ctx: &mut Context<DomainMaintainer>) {
     if times >= RETRIES_MAX {
         return tracing::warn!("no leader takes over what was requested here");

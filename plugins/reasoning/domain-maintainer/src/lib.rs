@@ -4,9 +4,10 @@
 //! - Receives action models and heartbeats, follows the membership, and composes the domain
 //!   (`capability`).
 //! - Broadcasts every change (`inform`); answers queries for the domain and the state.
-//! - Takes `request`s that change the state, the plan metric or the available actions, and `request`s
-//!   with observations (`change_requests`). Announces the resulting changes to the actuators.
-//! - Does not plan, and decides nothing about goals.
+//! - Takes `request`s that change the state, the plan metric or the available actions, and
+//!   `request`s with observations (`change_requests`). Announces the resulting changes to the
+//!   actuators.
+//! - Other agents plan, and decide about goals.
 
 mod change_requests;
 mod derived;
@@ -35,14 +36,14 @@ use serde::Deserialize;
 use crate::handover::KnownReplicas;
 use crate::stored_requests::StoredRequests;
 
-/// Minimum time between two announcements of changes. The models of a daemon that starts arrive within
-/// this time, and one announcement serves them all. A single change after a longer pause is announced
-/// at once.
+/// Minimum time between two announcements of changes. The models of a starting daemon arrive within
+/// this time, and one announcement covers them all. A single change after a longer pause is
+/// announced at once.
 const ANNOUNCE_INTERVAL_MIN: Duration = Duration::from_millis(5);
 
 /// Delay between the announcement of new requested changes and the announcement of all requested
-/// changes. The full announcement serves agents that missed the first one; it is sent once, however
-/// many news come meanwhile.
+/// changes. The full announcement is for agents that missed the first one. It is sent once, even if
+/// more changes arrive meanwhile.
 const FULL_ANNOUNCEMENT_DELAY: Duration = Duration::from_secs(1);
 
 /// Key of the record in which the Journals keep all changes made by request.
@@ -63,7 +64,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
         Maintainer::new(Arc::clone(ontology), Arc::clone(map), MaintainerScope::Everything);
     let silence = blueprint.host.settings.silence_limit();
     let mut maintainer = maintainer.with_silence_limit(silence);
-    // Standby until the agent is told that it leads.
+    // The agent is a standby until it is notified that it leads.
     maintainer.set_standby(true);
     let mut domain_sync = DomainSync::new(maintainer);
     if let Some(configured) = blueprint.host.resources.get::<ConfiguredModels>() {
@@ -96,11 +97,12 @@ struct DomainMaintainer {
     /// The part of the requested changes that the next announcement contains.
     announcement_scope: AnnouncementScope,
     full_announcement_timer: Option<TimerId>,
-    /// Whether any requested changes, or marks of agents that are expected, were in force when requested
-    /// changes were last announced.
+    /// Whether requested changes, or marks of expected agents, were in force at the last
+    /// announcement of requested changes.
     has_announced: bool,
-    /// Whether requested changes were in force then. Marks of agents that are expected do not count:
-    /// they follow from the ecosystem file, and the Journals keep none of them alone.
+    /// Whether requested changes were in force at that announcement. Marks of expected agents do
+    /// not count, because they follow from the ecosystem file, and the Journals never store them
+    /// alone.
     has_requests: bool,
     journal_client: JournalClient<DomainMaintainer>,
     /// Whether this replica of the Domain Maintainer leads. A standby receives the same messages and
@@ -111,16 +113,15 @@ struct DomainMaintainer {
     known_replicas: KnownReplicas,
 }
 
-/// The part of the requested changes that an announcement contains. It is as large as the agent that
-/// lacks most of them needs.
+/// The part of the requested changes in an announcement: the largest part that any agent lacks.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum AnnouncementScope {
     Nothing,
     Changes,
     /// All requested changes, repeated for agents that missed the announcement of the new ones.
     FullRepeat,
-    /// All requested changes, because they are more than facts, or because an agent may have received
-    /// none of them yet.
+    /// All requested changes, because they are more than facts, or because an agent may have
+    /// received none of them yet.
     Full,
 }
 
@@ -198,7 +199,7 @@ impl MaintainsDomain for DomainMaintainer {
             tracing::info!(epoch = change.epoch, joined = ?change.joined, left = ?change.left,
                 "a new epoch");
         }
-        // An agent that has joined has not received what requests changed before.
+        // An agent that has joined has not received the earlier requested changes.
         if change.epoch_changed {
             self.announcement_scope = AnnouncementScope::Full;
         }
@@ -273,7 +274,8 @@ impl DomainMaintainer {
         self.announce_soon(EpochChange { epoch, revision, ..EpochChange::default() }, ctx);
     }
 
-    /// Sends the requested changes to the Journals, because no agent repeats such changes by itself.
+    /// Sends the requested changes to the Journals, because no agent repeats such changes by
+    /// itself.
     fn replicate_requests(&mut self, requested: Requested, ctx: &mut Context<Self>) {
         if self.journal_client.journals().is_empty() {
             return;
@@ -299,7 +301,7 @@ impl DomainMaintainer {
         let now = self.domain_sync.timestamp();
         let over = self.last_announced.map_or(ANNOUNCE_INTERVAL_MIN, |last| now.since(last));
         match ANNOUNCE_INTERVAL_MIN.saturating_sub(over) {
-            // Without a timer: even the shortest one fires a millisecond later.
+            // No timer is used, because even the shortest timer fires a millisecond later.
             Duration::ZERO => self.announce(ctx),
             wait => {
                 let announce =
@@ -323,15 +325,15 @@ impl DomainMaintainer {
         }
         let EpochChange { epoch, revision, .. } = change;
         let is_nothing = change == EpochChange { epoch, revision, ..EpochChange::default() };
-        // An announcement without a change still tells that there is a leader again.
+        // An announcement without a change still shows that there is a leader again.
         if !is_nothing || tells == AnnouncementScope::Full {
             ctx.inform_all(&Inform::Epoch(change));
         }
     }
 
-    /// Adds the new requested changes to the announcement `change`, and schedules the announcement of
-    /// all requested changes. So the message contains only what is new, and an agent that missed it
-    /// gets all requested changes soon.
+    /// Adds the new requested changes to the announcement `change`, and schedules the announcement
+    /// of all requested changes. The message contains only the new changes; an agent that missed it
+    /// receives all requested changes soon afterwards.
     fn add_changes(&mut self, change: &mut EpochChange, ctx: &mut Context<Self>) {
         let now = self.domain_sync.timestamp();
         let Some(since) = self.domain_sync.maintainer.requested_since(now) else {
@@ -372,7 +374,7 @@ impl DomainMaintainer {
         let since = self.domain_sync.maintainer.requested_since(now);
         let requested = self.domain_sync.maintainer.requested(now);
         let is_nothing = requested == Requested::default();
-        // That no requested change is in force any more is announced once.
+        // The end of the last requested change is announced once.
         let was_something = std::mem::replace(&mut self.has_announced, !is_nothing);
         let has_requests = self.domain_sync.maintainer.has_requests(now);
         let had_requests = std::mem::replace(&mut self.has_requests, has_requests);
@@ -380,7 +382,7 @@ impl DomainMaintainer {
             return;
         }
         change.requested = Some(requested.clone());
-        // A repetition is on record already, from when it was new.
+        // A repetition was recorded already, when it was new.
         let is_new = tells == AnnouncementScope::Full || since != Some(RequestedSince::default());
         if is_new && (had_requests || has_requests) {
             self.replicate_requests(requested, ctx);

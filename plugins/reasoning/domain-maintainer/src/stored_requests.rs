@@ -6,8 +6,8 @@ use acl::Millis;
 use acl::content::Requested;
 use serde::{Deserialize, Serialize};
 
-/// Requested changes, as a replica stores them: with the replica's wall-clock time at which they were
-/// in force.
+/// Requested changes in the form in which a replica stores them, with the replica's wall-clock
+/// time.
 #[derive(Debug, Serialize, Deserialize)]
 pub(crate) struct StoredRequests {
     /// Wall-clock time at which the changes were stored, in milliseconds since the Unix epoch.
@@ -22,9 +22,9 @@ impl StoredRequests {
         StoredRequests { at_ms: milliseconds(now), requested }
     }
 
-    /// Returns the stored changes that are in force `now`, with the remaining times of their facts. If
-    /// the clock shows an earlier time than the stored one, the remaining times are unknown, and facts
-    /// with a time limit are dropped.
+    /// Returns the stored changes that are in force `now`, with the remaining times of their facts.
+    /// If the clock shows an earlier time than the stored one, the remaining times are unknown, and
+    /// facts with a time limit are dropped.
     pub(crate) fn in_force_at(self, now: SystemTime) -> Requested {
         let passed = milliseconds(now).checked_sub(self.at_ms).map(Duration::from_millis);
         let mut requested = self.requested;
@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_known_for_a_while_is_known_for_the_rest_of_it() {
+    fn a_restored_fact_keeps_its_remaining_time() {
         let fact = |fact: &str, seconds: Option<u64>| RequestedFact {
             fact: fact.to_owned(),
             owner: AgentId::new("ann").expect("a name"),

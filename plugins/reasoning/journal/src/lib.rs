@@ -1,14 +1,14 @@
-//! The Journal: replica store for records that must outlive a process, such as goals and plans; a new
-//! leader reads them (docs/design.md, “Fail-over”).
+//! The Journal: replica store for records that must outlive a process, such as goals and plans; a
+//! new leader reads them (docs/design.md, “Fail-over”).
 //!
-//! - `request` (records) → `confirm` when these records are on this machine's disk, or `refuse` with
-//!   the reason if they cannot be stored. Of each key the newest version is kept, whichever agent wrote
-//!   it.
-//! - Answers queries for all its records. When another Journal joins, fetches newer records from that
-//!   Journal, so that the copies become equal after a crash or a partition.
-//! - Decides nothing about goals: it does not interpret records.
+//! - `request` (records) → `confirm` when these records are on this machine's disk, or `refuse`
+//!   with the reason if they cannot be stored. The newest version of each key is kept, regardless
+//!   of the agent that wrote it.
+//! - Answers queries for all its records. When another Journal joins, fetches newer records from
+//!   that Journal, so that the copies become equal after a crash or a partition.
+//! - Records are not interpreted; decisions about goals belong to other agents.
 //!
-//! There is one Journal on each daemon that keeps a copy, each under its own name.
+//! Each daemon that keeps a copy has one Journal, under a name of its own.
 
 mod records;
 mod store;
@@ -29,15 +29,15 @@ pub use crate::store::{FORMAT, MemoryStore};
 use crate::store::{Store, StoreError};
 
 /// Maximum number of requests that wait for the running write; further requests are refused. Each
-/// request is a change of one goal, and one write serves all that wait.
+/// request is a change of one goal, and one write covers all waiting requests.
 const QUEUED_MAX: usize = 256;
 
-/// Interval between tries to open the Journal's file. The disk may have been full when the daemon
-/// started, or an earlier process may still have the file open.
+/// Interval between attempts to open the Journal's file. The disk may have been full when the
+/// daemon started, or an earlier process may still have the file open.
 const REOPEN_INTERVAL: Duration = Duration::from_secs(5);
 
-/// Delay before another Journal that gave no answer is asked again; that Journal may still be opening
-/// its file.
+/// Delay before another query to a Journal that gave no answer, because that Journal may still be
+/// opening its file.
 const FETCH_RETRY_DELAY: Duration = Duration::from_secs(2);
 
 /// The entry of the Journal in the daemon's table of plugins.
@@ -78,8 +78,8 @@ struct Journal {
     location: StoreLocation,
     disk: DiskState,
     records: Records,
-    /// Records for the next write, with the exchange that waits for the answer. The exchange is `None`
-    /// for records from another Journal.
+    /// Records for the next write, with the exchange that waits for the answer. The exchange is
+    /// `None` for records from another Journal.
     queued: Vec<(Option<Participation>, Vec<Record>)>,
     /// The running write to the file, or the opening of the file.
     work: Option<WorkHandle>,
@@ -107,7 +107,7 @@ impl Agent for Journal {
 
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
         let who = &presence.resident().agent;
-        // An answer of a Journal that has left may still arrive, so a fetch is not cancelled.
+        // A fetch is not cancelled, because an answer of a Journal that has left may still arrive.
         if self.others.contains(who) && matches!(presence, Presence::Joined(_)) {
             self.fetch(who.clone(), ctx);
         }
@@ -163,7 +163,7 @@ impl Journal {
             early.into_iter().for_each(|(asker, records)| self.queue_records(asker, records, ctx));
         }
         if was_unusable && matches!(self.disk, DiskState::Open(_)) {
-            // Requests that arrived meanwhile were refused here.
+            // This Journal has refused the requests that arrived meanwhile.
             self.others.clone().into_iter().for_each(|other| self.fetch(other, ctx));
         }
     }
@@ -264,7 +264,8 @@ impl Journal {
         }
     }
 
-    /// Fetches all records of another Journal, and stores those that are newer than the records here.
+    /// Fetches all records of another Journal, and stores those that are newer than the records
+    /// here.
     fn fetch(&mut self, other: AgentId, ctx: &mut Context<Self>) {
         if ctx.find(&other).is_none() {
             return;

@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 
 use acl::content::Record;
 
-/// Maximum number of records. At the maximum, the oldest markers of deleted records are dropped to make
-/// room. A goal has two records, and a building has hundreds of goals at the very most.
+/// Maximum number of records. At the maximum, the oldest markers of deleted records are dropped to
+/// make room. A goal has two records, and a building has at most some hundreds of goals.
 const RECORDS_MAX: usize = 4_096;
 
-/// Maximum length of a record's key in bytes, and maximum length of a record's body as JSON in bytes.
-/// The composite domain of a large building is below 1 MiB.
+/// Maximum length of a record's key in bytes, and maximum length of a record's body as JSON in
+/// bytes. The composite domain of a large building is below 1 MiB.
 const KEY_BYTES_MAX: usize = 512;
 const BODY_BYTES_MAX: usize = 4 << 20;
 
@@ -36,7 +36,7 @@ impl Records {
         self.0.remove(key);
     }
 
-    /// Returns the reason why the Journal cannot take these records; `None` if it can.
+    /// Returns the reason why the Journal must refuse these records; `None` if it accepts them.
     pub(crate) fn rejection_reason(&self, records: &[Record]) -> Option<String> {
         let key = |record: &&Record| record.key.is_empty() || record.key.len() > KEY_BYTES_MAX;
         if let Some(record) = records.iter().find(key) {
@@ -68,7 +68,7 @@ impl Records {
         self.0.values().filter(|record| record.body.is_null())
     }
 
-    /// Returns all records as a JSON array.
+    /// Returns all records as a JSON array; `None` if they cannot be serialized.
     pub(crate) fn to_json(&self) -> Option<String> {
         serde_json::to_string(&self.0.values().collect::<Vec<_>>()).ok()
     }
@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn the_newest_counts_whenever_it_comes() {
+    fn the_newest_version_is_kept_in_any_order() {
         let mut records = Records::default();
         for count in [2, 1, 3, 2] {
             records.insert_if_newer(record("goal/a", count, json!(count)));
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_forgotten_makes_room() {
+    fn deletion_markers_are_dropped_to_make_room() {
         let mut records = Records::default();
         for number in 0..RECORDS_MAX {
             let body = if number < 10 { Value::Null } else { json!(number) };

@@ -1,5 +1,5 @@
-//! The Journal's records on disk, in one file of an embedded store (a database library). The file stays
-//! consistent after a crash.
+//! The Journal's records on disk, in one file of an embedded store (a database library). The file
+//! stays consistent after a crash.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -12,8 +12,8 @@ use redb::{
     Database, DatabaseError, ReadableDatabase, ReadableTable, StorageError, TableDefinition,
 };
 
-/// Format of the Journal's file that this version writes; this is also the newest format that it can
-/// read.
+/// Format of the Journal's file that this version writes; this is also the newest format that it
+/// can read.
 pub const FORMAT: u64 = 1;
 
 const RECORDS: TableDefinition<&str, &[u8]> = TableDefinition::new("records");
@@ -23,12 +23,12 @@ const FORMAT_KEY: &str = "format";
 /// Text that the embedded store's error contains if another version of the store wrote the file.
 const FOREIGN_FORMAT: &str = "file format version";
 
-/// Size of the database's cache, in bytes. All records are in memory already; the default size would be
-/// a gigabyte.
+/// Size of the database's cache, in bytes. All records are in memory already; the default size
+/// would be a gigabyte.
 const CACHE_BYTES: usize = 4 << 20;
 
-/// Storage of a Journal's records in memory, which outlives the Journal. It replaces the disk when a
-/// whole building runs in one process.
+/// Storage of a Journal's records in memory, which outlives the Journal. The tests that run a whole
+/// building in one process use it in place of the disk.
 #[derive(Debug, Default)]
 pub struct MemoryStore(Mutex<BTreeMap<String, Vec<u8>>>);
 
@@ -40,22 +40,22 @@ impl MemoryStore {
     }
 }
 
-/// Where a Journal's records are stored: in a file, or in memory.
+/// Storage of a Journal's records: a file, or memory.
 pub(crate) enum Store {
     File(JournalFile),
     Memory(std::sync::Arc<MemoryStore>),
 }
 
-/// A file of the embedded store. After a failed write the store accepts no further writes until it is
-/// opened again; so the next write opens the file again, and a disk that was full for a moment does no
-/// lasting harm.
+/// A file of the embedded store. After a failed write the store accepts no further writes until it
+/// is opened again. Therefore the next write opens the file again, and a disk that is full for a
+/// moment causes no lasting failure.
 pub(crate) struct JournalFile {
     path: PathBuf,
     /// The open database; `None` after a failed write.
     database: Mutex<Option<Database>>,
 }
 
-/// Why records cannot be stored. The text of each variant completes “failed to …”.
+/// Reason why records cannot be stored. The text of each variant completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub(crate) enum StoreError {
@@ -83,7 +83,7 @@ pub(crate) enum StoreError {
     Foreign {
         /// Path of the file that another version of the embedded store wrote.
         path: PathBuf,
-        /// The embedded store's error about the format of the file.
+        /// Error text of the embedded store about the format of the file.
         why: String,
     },
     /// Another process has the Journal's file open.
@@ -95,11 +95,11 @@ pub(crate) enum StoreError {
     /// The disk or the embedded store returned an error when the file was opened or moved.
     #[error("{what} {}: {why}", path.display())]
     Failed {
-        /// The operation that failed, as the words that follow “failed to”.
+        /// Name of the failed operation, as it follows “failed to” in the error's text.
         what: &'static str,
         /// Path of the file with which the operation failed.
         path: PathBuf,
-        /// Reason of the failure, as the disk or the store gave it.
+        /// Reason of the failure, as reported by the disk or the store.
         why: String,
     },
     /// The embedded store returned an error when records were written.
@@ -113,7 +113,7 @@ pub(crate) enum StoreError {
 // === impl StoreError ===
 
 impl StoreError {
-    /// Whether the cause of the error may disappear without a person's action.
+    /// Returns `true` if the cause of the error may disappear without action of a person.
     pub(crate) fn is_transient(&self) -> bool {
         match self {
             StoreError::Nowhere | StoreError::Newer { .. } | StoreError::Foreign { .. } => false,
@@ -128,8 +128,9 @@ impl StoreError {
 // === impl Store ===
 
 impl Store {
-    /// Opens the Journal's file, or creates it, and returns it with all records in it. A damaged file
-    /// is moved aside, and this is logged; the other Journals have the records of that file.
+    /// Opens the Journal's file, or creates it, and returns it with all records in it. A damaged
+    /// file is moved aside, which is logged as an error; the other Journals have the records of
+    /// that file.
     pub(crate) fn open(path: &Path) -> Result<(Store, Vec<Record>), StoreError> {
         if !path.exists() {
             return create_file(path);
@@ -151,8 +152,8 @@ impl Store {
         (Store::Memory(std::sync::Arc::clone(shelf)), shelf.records())
     }
 
-    /// Writes `records` and removes the records with the keys `gone`, all in one transaction; returns
-    /// when the transaction is on disk.
+    /// Writes `records` and removes the records with the keys `gone`, all in one transaction.
+    /// Returns when the transaction is on disk.
     pub(crate) fn write(&self, records: &[Record], gone: &[String]) -> Result<(), StoreError> {
         let bytes = |record: &Record| {
             serde_json::to_vec(record).map_err(|error| StoreError::Write(error.to_string()))
@@ -208,7 +209,7 @@ fn write(database: &Database, records: &[Record], gone: &[String]) -> Result<(),
     Ok(writing.commit()?)
 }
 
-/// Why the Journal's file cannot be opened or created.
+/// Reason why the Journal's file cannot be opened or created.
 enum OpenFailure {
     Broken(String),
     Newer(u64),
@@ -235,8 +236,8 @@ fn failed(what: &'static str, path: &Path, error: &io::Error) -> StoreError {
     StoreError::Failed { what, path: path.to_owned(), why: error.to_string() }
 }
 
-/// Creates the Journal's file. If this fails, removes the partial file that a full disk may leave: such
-/// a file would count as damaged when there is room again.
+/// Creates the Journal's file. If this fails, removes the partial file that a full disk may leave,
+/// because such a file would be treated as damaged at the next attempt.
 fn create_file(path: &Path) -> Result<(Store, Vec<Record>), StoreError> {
     read(path).map_err(|trouble| {
         if matches!(trouble, OpenFailure::Broken(_) | OpenFailure::Other(_)) {
@@ -283,7 +284,8 @@ fn read(path: &Path) -> Result<(Store, Vec<Record>), OpenFailure> {
     Ok((Store::File(JournalFile::new(path, database)), records))
 }
 
-/// Whether an I/O error comes from the content or the length of the file, and not from the disk.
+/// Returns `true` if an I/O error comes from the content or the length of the file, and not from
+/// the disk.
 fn is_content_error(kind: io::ErrorKind) -> bool {
     matches!(kind, io::ErrorKind::InvalidData | io::ErrorKind::UnexpectedEof)
 }
@@ -299,7 +301,7 @@ impl<E: Into<redb::Error>> From<E> for ReadFailure {
     }
 }
 
-/// Returns all records in a database. If the database is new, writes the format number to it first.
+/// Returns all records in a database. First writes the format number to the database if it is new.
 fn read_all(database: &Database) -> Result<Vec<Record>, ReadFailure> {
     let writing = database.begin_write()?;
     {
@@ -338,7 +340,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_there_when_it_is_opened_again() {
+    fn written_records_are_restored_on_reopening() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("journal.redb");
         let (store, empty) = Store::open(&path).expect("made");
@@ -352,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn after_a_write_that_failed_the_file_is_opened_again() {
+    fn the_file_is_opened_again_after_a_failed_write() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("journal.redb");
         let (store, _) = Store::open(&path).expect("made");
@@ -366,7 +368,7 @@ mod tests {
     }
 
     #[test]
-    fn a_newer_format_is_refused_and_left_as_it_is() {
+    fn a_newer_format_is_refused_and_left_unchanged() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("journal.redb");
         let (store, _) = Store::open(&path).expect("made");
@@ -383,7 +385,7 @@ mod tests {
     }
 
     #[test]
-    fn a_newer_format_of_the_store_is_refused_and_left_as_it_is() {
+    fn a_newer_format_of_the_store_is_refused_and_left_unchanged() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("journal.redb");
         drop(Store::open(&path).expect("made"));
@@ -400,7 +402,7 @@ mod tests {
     }
 
     #[test]
-    fn broken_files_are_moved_aside_each_under_a_name_of_its_own() {
+    fn damaged_files_are_moved_aside_under_separate_names() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("journal.redb");
         let (store, _) = Store::open(&path).expect("made");

@@ -1,18 +1,19 @@
-//! The Plan Executor (the paper, “Plan Executor”): turns a plan into requests to actuators and follows
-//! each one to its `confirm`.
+//! The Plan Executor (the paper, “Plan Executor”): converts a plan into requests to actuators, and
+//! follows each request to its `confirm`.
 //!
-//! - Takes a plan by `request` from the Plan Requester. Sends a `request` (an action) to an actuator as
-//!   soon as the steps that the action depends on are done; steps run side by side where the order
-//!   allows it.
-//! - Notifies the Domain Maintainer of the effects of each confirmed action. Reports every step and the
-//!   outcome to the Plan Requester.
-//! - Watches running plans: when the known state or the action models change, checks whether the rest
-//!   of each plan still reaches its goal. Does not believe a `confirm` that the agent's next heartbeat
+//! - Receives a plan as a `request` from the Plan Requester. Sends a `request` (an action) to an
+//!   actuator as soon as the steps that the action depends on are done. Steps run in parallel where
+//!   the order permits it.
+//! - Notifies the Domain Maintainer of the effects of each confirmed action. Reports every step and
+//!   the outcome to the Plan Requester.
+//! - Monitors running plans: when the known state or the action models change, checks whether the
+//!   rest of each plan still reaches its goal. Rejects a `confirm` that the agent's next heartbeat
 //!   contradicts.
-//! - Does not replan: on failure it cancels the running steps and reports; the Plan Requester decides.
+//! - Does not replan. On a failure it cancels the running steps and reports to the Plan Requester,
+//!   which decides about replanning.
 //!
-//! The execution of each plan is the state machine of `plan-execution`. Start reading at
-//! `PlanExecutor::handle`, which wraps it.
+//! The execution of each plan is the state machine of the crate `plan-execution`. Start reading at
+//! `PlanExecutor::handle`, which calls that state machine.
 
 mod monitoring;
 mod takeover;
@@ -31,8 +32,8 @@ use serde::Deserialize;
 
 use crate::takeover::{FinishedPlans, PlanId, Subscribers};
 
-/// Maximum number of plans that run side by side. Each plan keeps a copy of the state. A building has
-/// few goals at a time.
+/// Maximum number of plans that run in parallel. Each plan keeps a copy of the state. A building
+/// has few goals at a time.
 const EXECUTIONS_MAX: usize = 64;
 
 /// The entry of the Plan Executor in the daemon's table of plugins.
@@ -48,7 +49,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 struct Config {
-    /// Name of the Domain Maintainer that the Plan Executor works with.
+    /// Name of the Domain Maintainer that the Plan Executor notifies and queries.
     domain_maintainer: AgentId,
 }
 
@@ -76,27 +77,29 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
 struct PlanExecutor {
     domain_maintainer: AgentId,
     last_heartbeats: LastHeartbeats,
-    /// Running plans, by the exchange in which each was first requested.
+    /// Running plans, by the exchange of the first request for the plan.
     running_plans: BTreeMap<ReplyToken, RunningPlan>,
     finished_plans: FinishedPlans,
-    /// Timer that runs while any agent has left less than the grace ago; `None` if there is no such
-    /// agent.
+    /// Timer that runs during the grace period after the last departure of an agent; `None` at all
+    /// other times.
     departure_timer: Option<TimerId>,
 }
 
 /// A running plan.
 struct RunningPlan {
-    /// Exchanges in which the plan was requested. All reports about the plan are sent in each of them.
+    /// Exchanges in which the plan was requested. All reports about the plan are sent in each of
+    /// these exchanges.
     subscribers: Subscribers,
     plan: PlanId,
     /// The request for the plan, as the Plan Requester sent it.
     original_request: Box<Execute>,
     state: PlanState,
-    /// The exchanges with the actuators that carry out a step, by the index of the step.
+    /// Exchanges with the actuators that carry out a step, by the index of the step.
     step_exchanges: BTreeMap<usize, StepExchange>,
     check_timer: Option<TimerId>,
     state_query: Option<WorkHandle>,
-    /// Timer that limits how long a completed plan waits for the heartbeats that verify its effects.
+    /// Timer that limits the time for which a completed plan waits for the heartbeats that verify
+    /// its effects.
     verification_timer: Option<TimerId>,
 }
 
@@ -105,7 +108,7 @@ struct RunningPlan {
 struct StepExchange {
     exchange: ReplyToken,
     agent: AgentId,
-    /// Incarnation of the agent that was asked to carry out the step; `None` if the agent was not
+    /// Incarnation of the agent that received the request for the step; `None` if the agent was not
     /// present.
     agent_incarnation: Option<Incarnation>,
 }
@@ -219,7 +222,8 @@ impl PlanExecutor {
 
     // === the state machine ===
 
-    /// Tells a running plan what happened, and carries out the commands that follow.
+    /// Gives an event to the state machine of a running plan, and carries out the commands that
+    /// follow.
     fn handle(&mut self, token: &ReplyToken, event: ExecutionEvent, ctx: &mut Context<Self>) {
         let Some(running) = self.running_plans.get_mut(token) else { return };
         let commands = running.state.handle(event, &self.last_heartbeats);
@@ -309,7 +313,7 @@ impl PlanExecutor {
             }
             ExchangeEvent::Message(message) => match message.performative {
                 Performative::Agree => {
-                    // The agent has agreed: from now on it has the time that its method may take.
+                    // The agent has agreed; from now on the time limit is that of its method.
                     let margin = ctx.settings().answer_deadline;
                     return ctx.extend(exchange, timeout + margin);
                 }
@@ -335,8 +339,9 @@ impl PlanExecutor {
         self.handle(token, event, ctx);
     }
 
-    /// Asks the actuator of a step to stop. Returns the step if the actuator is absent: it receives the
-    /// `cancel` if it comes back soon, but its answer is not waited for.
+    /// Requests the actuator of a step to cancel the action. Returns the step if the actuator is
+    /// absent. An absent actuator receives the `cancel` when it returns soon, and its answer is not
+    /// awaited.
     fn cancel_step(
         &mut self,
         token: &ReplyToken,

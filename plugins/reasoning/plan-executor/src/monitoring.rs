@@ -1,5 +1,5 @@
-//! Watching of running plans: news of the Domain Maintainer and heartbeats are passed on to the plans,
-//! and their checks are scheduled.
+//! Monitoring of running plans: passes changes from the Domain Maintainer and heartbeats of agents
+//! on to the plans, and schedules the checks of the plans.
 
 use std::time::Duration;
 
@@ -10,8 +10,8 @@ use plan_execution::{CheckDelay, ExecutionEvent};
 
 use crate::{PlanExecutor, RunningPlan};
 
-/// Delay between a change of the world and the check of the running plans. News of one event arrive in
-/// several messages, which one check then covers.
+/// Delay between a change of the world and the check of the running plans. One event causes several
+/// messages, and one check after this delay covers them all.
 const SETTLE_DELAY: Duration = Duration::from_millis(30);
 
 impl PlanExecutor {
@@ -37,7 +37,8 @@ impl PlanExecutor {
     }
 
     /// Waits for the next heartbeats of agents that confirmed a step although their last heartbeat
-    /// contradicts it. The wait is at most as long as an agent may be silent.
+    /// contradicts it. The wait ends at the latest after the heartbeat lease, the longest time
+    /// between two heartbeats of an agent that is present.
     pub(crate) fn await_effects(&mut self, token: &ReplyToken, ctx: &mut Context<Self>) {
         let Some(running) = self.running_plans.get_mut(token) else { return };
         let waiting = token.clone();
@@ -47,7 +48,7 @@ impl PlanExecutor {
         }));
     }
 
-    /// Schedules a check of the rest of a plan, in place of one that is scheduled.
+    /// Schedules a check of the rest of a plan. Replaces an earlier scheduled check of the plan.
     pub(crate) fn schedule_check(
         &mut self,
         token: &ReplyToken,
@@ -70,7 +71,8 @@ impl PlanExecutor {
         former.into_iter().for_each(|former| ctx.cancel_timer(former));
     }
 
-    /// Asks the Domain Maintainer for the known state, to check the rest of a plan against this state.
+    /// Queries the Domain Maintainer for the known state, in order to check the rest of a plan
+    /// against it.
     pub(crate) fn query_state(&mut self, token: &ReplyToken, ctx: &mut Context<Self>) {
         let Some(running) = self.running_plans.get_mut(token) else { return };
         let asked = ctx.ask(Resource::Domain, &self.domain_maintainer);

@@ -1,18 +1,18 @@
-//! One plan per goal at a time, whichever replica of the Plan Requester asks for it (docs/design.md,
-//! “Fail-over”).
+//! Ensures that one plan per goal runs at a time, whichever replica of the Plan Requester requests
+//! it (docs/design.md, “Fail-over”).
 //!
-//! A Plan Requester that takes a goal over asks for the plan that its predecessor was running. Three
-//! cases:
+//! A Plan Requester that takes a goal over requests the plan that its predecessor was running.
+//! There are three cases:
 //!
-//! - The plan runs here: it goes on, and the new requester gets the plan's reports in addition to the
-//!   former one.
+//! - The plan runs here: it continues, and the new requester also receives the plan's reports.
 //! - The plan has ended here: its outcome is sent again.
-//! - The plan is not known here, because the executor that had it is gone: it is begun here, and the
-//!   steps that are known to be done are left out. The other steps are requested under the same tokens,
-//!   so that their actuators do nothing twice.
+//! - The plan is unknown here, because the executor that ran it is gone: this executor starts the
+//!   plan, and leaves out the steps that are known to be done. The other steps are requested under
+//!   the same tokens, so that their actuators do nothing twice.
 //!
 //! For a moment two daemons may disagree about the leader, and a request of the former leader may
-//! arrive after one of the new leader. So all requesters of a plan get its reports.
+//! arrive after a request of the new leader. Therefore all requesters of a plan receive its
+//! reports.
 
 use std::collections::VecDeque;
 
@@ -23,11 +23,11 @@ use plan_execution::ExecutionPhase;
 
 use crate::{PlanExecutor, RunningPlan, StepExchange};
 
-/// Maximum number of outcomes that are kept for replicas of the Plan Requester that take over. It
-/// exceeds the number of plans that can run at the same time.
+/// Maximum number of outcomes that are kept for replicas of the Plan Requester that take over. The
+/// number exceeds the number of plans that can run at the same time.
 const ENDED_MAX: usize = 128;
 
-/// Identifier of a plan for a goal. Of two plans, the one with the greater identifier was made later.
+/// Identifier of a plan for a goal. The later one of two plans has the greater identifier.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct PlanId {
     pub(crate) conversation: ConversationId,
@@ -37,16 +37,16 @@ pub(crate) struct PlanId {
     pub(crate) round: u32,
 }
 
-/// Maximum number of requesters that get the reports of one plan: enough for one on each daemon that
-/// hosts a Plan Requester, and for requests that are repeated after the leader of the Plan Executors
-/// has changed.
+/// Maximum number of requesters that receive the reports of one plan. The number suffices for one
+/// requester on each daemon that hosts a Plan Requester, and for requests that are repeated after
+/// the leader of the Plan Executors has changed.
 const SUBSCRIBERS_MAX: usize = 8;
 
-/// Exchanges in which a plan was requested, the latest last.
+/// Exchanges in which a plan was requested; the latest one is the last.
 #[derive(Clone, Debug)]
 pub(crate) struct Subscribers(Vec<Participation>);
 
-/// Outcomes of the plans that ended last.
+/// Outcomes of the plans that ended last; the latest one is the last.
 #[derive(Debug, Default)]
 pub(crate) struct FinishedPlans(VecDeque<(PlanId, Report)>);
 
@@ -70,9 +70,9 @@ impl Subscribers {
         Subscribers(vec![first])
     }
 
-    /// Adds a requester of a plan. A requester that asks twice gets each report twice: its requests may
-    /// arrive in any order, so it is not known in which exchange it still listens. If the list of
-    /// requesters is full, drops a requester that is not the leader.
+    /// Adds a requester of a plan. A requester that requests the plan twice receives each report
+    /// twice: its requests may arrive in any order, so that the exchange in which it still waits is
+    /// unknown. If the list of requesters is full, drops a requester that is not the leader.
     fn add(&mut self, asker: &Participation, ctx: &Context<PlanExecutor>) {
         if self.has(Some(&asker.exchange)) {
             return;
@@ -113,10 +113,9 @@ impl FinishedPlans {
 // === impl PlanExecutor ===
 
 impl PlanExecutor {
-    /// Answers a request for a plan that this Plan Executor already runs or has ended, and refuses the
-    /// request if a newer plan, or a plan of another term, runs for the same goal. Returns whether the
-    /// request was answered. If an older plan of the same goal and the same term runs, gives that plan
-    /// up.
+    /// Answers a request for a plan that this Plan Executor runs or has ended. Refuses the request
+    /// if a newer plan, or a plan of another term, runs for the same goal. Gives up an older plan
+    /// of the same goal and the same term. Returns `true` if the request was answered or refused.
     pub(crate) fn answer_if_known(
         &mut self,
         participation: &Participation,
@@ -158,7 +157,7 @@ impl PlanExecutor {
     }
 
     /// Cancels a plan that is no longer needed. If the plan does not run here, stores it as ended,
-    /// because a request for the plan may still be on its way.
+    /// because a request for the plan may arrive later.
     pub(crate) fn called_off(
         &mut self,
         participation: &Participation,
@@ -182,9 +181,9 @@ impl PlanExecutor {
         running.is_some_and(|running| running.state.phase() != ExecutionPhase::GivingUp)
     }
 
-    /// Refuses a request for a new plan for a goal, and sends the running plan with the refusal. The
-    /// requester did not know of the running plan, which was made just before the requester took over,
-    /// or on the other side of a partition.
+    /// Refuses a request for a new plan for a goal, and sends the running plan with the refusal.
+    /// The running plan is unknown to the requester: it was made just before the requester took
+    /// over, or on the other side of a partition.
     fn refuse_with_running(
         &mut self,
         token: &ReplyToken,
@@ -217,8 +216,9 @@ impl PlanExecutor {
         }
     }
 
-    /// Repeats the requests to an actuator that was restarted during a step, under the same tokens. The
-    /// new incarnation answers whether the step had begun; the former incarnation will not answer.
+    /// Repeats the requests to an actuator that was restarted during a step, under the same tokens.
+    /// The new incarnation answers whether the step had begun; the former incarnation cannot answer
+    /// any more.
     pub(crate) fn repeat_requests(&mut self, resident: &Resident, ctx: &mut Context<Self>) {
         let is_active =
             |running: &&mut RunningPlan| running.state.phase() != ExecutionPhase::GivingUp;
@@ -236,9 +236,9 @@ impl PlanExecutor {
         }
     }
 
-    /// Stops following all running plans: another Plan Executor leads and continues these plans under
-    /// the same tokens. A step that the new leader does not continue, because that leader has another
-    /// plan for the goal, is cancelled by the actuator of the step.
+    /// Stops following all running plans, because another Plan Executor leads and continues these
+    /// plans under the same tokens. A step that the new leader does not continue, because it has
+    /// another plan for the goal, is cancelled by the actuator of the step.
     pub(crate) fn abandon_all(&mut self, ctx: &mut Context<Self>) {
         let cancelling = value(&CancelAction { unless_followed: true });
         for (_, running) in std::mem::take(&mut self.running_plans) {

@@ -1,10 +1,10 @@
-//! The decentralised planning flow, from the side of the initiator of the contract net. The Plan
-//! Requester calls all actuators for proposals. The cheapest set that covers the goal wins (the paper,
-//! “Flow of Control in Decentralized Plan Execution”).
+//! The decentralised planning flow, on the side of the initiator of the contract net. The Plan
+//! Requester sends a call for proposals to all actuators. The cheapest set of proposals that covers
+//! the goal wins (the paper, “Flow of Control in Decentralized Plan Execution”).
 //!
 //! A round of calls closes when all called agents have answered or left, or at the deadline of the
-//! round. If one agent is the cheapest bidder for several conjuncts, a second round asks it for all of
-//! them together.
+//! round. If one agent is the cheapest bidder for several conjuncts, a second round calls that
+//! agent for a proposal for all these conjuncts together.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -28,7 +28,7 @@ use crate::proposals::ContractNetState;
 use crate::selection::{Selection, bundles, uncovered};
 
 impl PlanRequester {
-    /// Calls all actuators for proposals for a goal.
+    /// Sends a call for proposals for a goal to all actuators.
     pub(crate) fn call_for_proposals(
         &mut self,
         id: &ConversationId,
@@ -88,7 +88,8 @@ impl PlanRequester {
             conversation: id.clone(),
             content: value(&content),
         };
-        // Longer than a round: the winners are notified in this exchange after the round has closed.
+        // The time limit is longer than a round, because the winners are notified in this exchange
+        // after the round has closed.
         let patience = ctx.settings().proposals_deadline * 3;
         let called = id.clone();
         ctx.open(opening, patience, move |requester: &mut Self, answer, ctx| {
@@ -104,8 +105,9 @@ impl PlanRequester {
         ctx.after(deadline, move |requester: &mut Self, ctx| requester.close_round(&called, ctx))
     }
 
-    /// Starts the timer that sends the call again to agents without an answer: first after the time
-    /// `after`, then at doubled intervals until the round ends.
+    /// Starts the timer that sends the call again to agents that have not answered. The first
+    /// repetition is after the time `after`; the following ones are at doubled intervals until the
+    /// round ends.
     fn reminder(
         &mut self,
         id: &ConversationId,
@@ -147,13 +149,14 @@ impl PlanRequester {
                     {
                         call.ahead.insert(bidder.clone());
                     }
-                    // The bidder may not know which of its actions are avoided.
+                    // The bidder may use avoided actions, because it does not receive the list of
+                    // avoided actions.
                     bid.proposals.retain(|proposal| call.known.admits(&proposal.plan));
                     let covers = |proposal: &Proposal| {
                         (bidder.clone(), proposal.covers.clone(), token.clone())
                     };
                     call.made_in.extend(bid.proposals.iter().map(covers));
-                    // Agents that were not called are in use by other goals.
+                    // An agent that was not called is in use by another goal.
                     if is_called {
                         call.bids.entry(bidder.clone()).or_default().extend(bid.proposals);
                     }
@@ -161,7 +164,7 @@ impl PlanRequester {
                 Err(error) => ctx.not_understood(&message, error.to_string()),
             }
         } else {
-            // A refusal as incapable is the normal case and is not reported.
+            // A refusal as incapable is the ordinary case and is not reported.
             let is_news = |refusal: &Refusal| refusal.reason != Reason::Incapable;
             let refusal = message.content_as::<Refusal>().ok().filter(is_news);
             call.refusals.extend(refusal.map(|refusal| (bidder.clone(), refusal.detail)));
@@ -223,7 +226,8 @@ impl PlanRequester {
         call.reminder = reminder;
     }
 
-    /// Takes the call for proposals of a goal out, to end it; `None` if there is none.
+    /// Removes and returns the call for proposals of a goal, in order to end the call; `None` if
+    /// there is none.
     fn take_call(&mut self, id: &ConversationId) -> Option<ContractNetState> {
         let work = &mut self.goals.get_mut(id)?.work;
         match std::mem::take(work) {
@@ -235,7 +239,7 @@ impl PlanRequester {
         }
     }
 
-    /// Rejects all proposals for a goal, if it is called for.
+    /// Rejects all proposals for a goal, if a call for proposals is open for it.
     pub(crate) fn reject_proposals(
         &mut self,
         id: &ConversationId,
@@ -283,8 +287,8 @@ impl PlanRequester {
         self.plan_missing(id, attempt, explained, ctx);
     }
 
-    /// Handles a valid set of proposals that was chosen: executes the combined plan, unless other goals
-    /// come first.
+    /// Handles a valid set of proposals that was chosen. Executes the combined plan, unless the
+    /// decision is that the goal must wait for other goals.
     fn chosen(
         &mut self,
         id: &ConversationId,
@@ -309,8 +313,8 @@ impl PlanRequester {
     }
 }
 
-/// Returns the reason why no set of proposals is valid. `missing` are the conjuncts that no proposal
-/// covers.
+/// Returns the reason why no set of proposals is valid. `missing` lists the conjuncts that no
+/// proposal covers.
 fn why_none(
     known: &PlanningSnapshot,
     goal: &Condition,

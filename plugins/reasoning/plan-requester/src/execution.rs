@@ -1,5 +1,5 @@
-//! Execution of a plan, and replanning when it fails. Centralised and decentralised planning share this
-//! module.
+//! Execution of a plan, and replanning when the plan fails, for centralised and decentralised
+//! planning.
 
 use std::time::Duration;
 
@@ -12,7 +12,8 @@ use crate::PlanRequester;
 use crate::goal::{PlanningRound, Work};
 
 impl PlanRequester {
-    /// Reports the plan that was found for a goal to the user and asks the Plan Executor to execute it.
+    /// Reports the plan that was found for a goal to the user, and requests the Plan Executor to
+    /// execute it.
     pub(crate) fn execute(
         &mut self,
         id: &ConversationId,
@@ -49,9 +50,9 @@ impl PlanRequester {
         self.send_report(id, report, ctx);
     }
 
-    /// Asks the Plan Executor to execute the goal's plan from the first step that is not done. The Plan
-    /// Executor may already run this plan, for this replica or for another replica of the Plan
-    /// Requester.
+    /// Requests the Plan Executor to execute the goal's plan from the first step that is not done.
+    /// The Plan Executor may already run this plan, for this replica or for another replica of the
+    /// Plan Requester.
     pub(crate) fn ask_executor(
         &mut self,
         id: &ConversationId,
@@ -62,8 +63,8 @@ impl PlanRequester {
         let Some(execute) = goal.plan.clone() else { return };
         let offers = execute.offers.values().flat_map(|actions| actions.values());
         let timeouts = offers.filter_map(|offer| Some(offer.method.as_ref()?.timeout.0));
-        // No step takes longer than the longest method and two answers. Each progress report restarts
-        // this time.
+        // The time limit covers the longest method of a step and three answer deadlines. Each
+        // progress report restarts it.
         let patience = timeouts.max().unwrap_or_default() + ctx.settings().answer_deadline * 3;
         let opening = ExchangeOpening {
             to: Some(self.config.plan_executor.clone()),
@@ -94,7 +95,7 @@ impl PlanRequester {
         };
         let is_executing = goal.state.phase() == GoalPhase::Executing;
         if is_executing && matches!(answer, ExchangeEvent::Undelivered(DeliveryError::Restarted)) {
-            // The executor may have lost the plan, or another executor leads now.
+            // The executor may have lost the plan, or another executor may lead now.
             return self.handle(id, GoalEvent::ExecutorRestarted(attempt), ctx);
         }
         let answer = match running_plan_of_refusal(answer) {
@@ -131,7 +132,7 @@ impl PlanRequester {
     }
 
     /// Adopts a plan of the goal that is already running, in place of the plan made here. Another
-    /// replica of the Plan Requester made the running plan without the knowledge of this one.
+    /// replica of the Plan Requester made the running plan.
     pub(crate) fn adopt_running_plan(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         let Some(plan) = goal.other_plan.take() else { return };
@@ -141,8 +142,12 @@ impl PlanRequester {
     }
 }
 
-/// Returns the plan that is running instead of the requested one, if the Plan Executor refused the
-/// request for that reason; otherwise returns `answer` unchanged.
+/// Returns the plan that runs instead of the requested one, if the Plan Executor refused the
+/// request for that reason.
+///
+/// # Errors
+///
+/// Returns `answer` unchanged if it is anything else.
 pub(crate) fn running_plan_of_refusal(
     answer: ExchangeEvent,
 ) -> Result<Box<Execute>, ExchangeEvent> {
@@ -154,8 +159,11 @@ pub(crate) fn running_plan_of_refusal(
     refusal.and_then(|refusal| refusal.under_way).ok_or(answer)
 }
 
-/// Returns the Plan Executor's report from `answer`. If the answer contains no report, returns the
-/// reason and how long to wait before the next try.
+/// Returns the Plan Executor's report from `answer`.
+///
+/// # Errors
+///
+/// If the answer contains no report, returns the reason and the delay before the next attempt.
 fn read(answer: ExchangeEvent) -> Result<Report, (String, Duration)> {
     let message = match answer {
         ExchangeEvent::Message(message) => message,
@@ -173,8 +181,8 @@ fn read(answer: ExchangeEvent) -> Result<Report, (String, Duration)> {
     })
 }
 
-/// Returns the agent and the action name of a ground action that failed; `None` if `action` cannot be
-/// parsed.
+/// Returns the agent and the action name of a ground action that failed; `None` if `action` cannot
+/// be parsed.
 fn blamed(action: &str) -> Option<(AgentId, String)> {
     let step = pddl::parse_step(action).into_result().ok()?;
     let agent = AgentId::new(step.arguments.first()?.as_str()).ok()?;

@@ -1,5 +1,6 @@
-//! Explanations for people: why there is no plan, why these agents were chosen, what changed since the
-//! last plan. All functions here are pure: they turn results of the other modules into text.
+//! Explanations for people: the reason why there is no plan, the reason why these agents were
+//! chosen, and the changes since the last plan. All functions in this module are pure: they convert
+//! results of the other modules to text.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,11 +13,11 @@ use planner::explain::Explanation;
 use crate::planning_snapshot::PlanningSnapshot;
 use crate::selection::{Bids, Selection};
 
-/// Maximum number of things of one kind that are listed by name; the rest is only counted.
+/// Maximum number of items of one kind that are listed by name; the others are only counted.
 const NAMED_MAX: usize = 3;
 
-/// Returns why a goal cannot be reached; `None` if the relaxation (planning as if no action undid
-/// another) shows no obstacle.
+/// Returns the reason why a goal cannot be reached; `None` if the delete relaxation (planning as if
+/// no action undid another) shows no obstacle.
 pub(crate) fn obstacles(explanation: &Explanation, avoided: &AvoidedActions) -> Option<String> {
     if explanation.obstacles.is_empty() {
         return None;
@@ -24,7 +25,8 @@ pub(crate) fn obstacles(explanation: &Explanation, avoided: &AvoidedActions) -> 
     Some(format!("{explanation}{}", describe_avoided(avoided)))
 }
 
-/// Returns the avoided actions and their reasons, in brackets; an empty string if there are none.
+/// Returns the avoided actions and their reasons, in parentheses; an empty string if there are
+/// none.
 pub(crate) fn describe_avoided(avoided: &AvoidedActions) -> String {
     let told = avoided.iter().map(|((agent, action), held)| {
         let again = if held.is_withdrawn {
@@ -40,8 +42,9 @@ pub(crate) fn describe_avoided(avoided: &AvoidedActions) -> String {
     if told.is_empty() { told } else { format!(" ({told})") }
 }
 
-/// Returns, as text for a person, why the agents of the chosen proposals were chosen, and the bids,
-/// refusals and silence of the other agents. `None` if there is nothing to report of any other agent.
+/// Returns, as text for a person, the reason why the agents of the chosen proposals were chosen,
+/// and the bids, refusals and missing answers of the other agents. Returns `None` if no other agent
+/// bid, refused or failed to answer.
 pub(crate) fn describe_choice(
     chosen: &Selection,
     bids: &Bids,
@@ -86,9 +89,9 @@ pub(crate) fn describe_choice(
     Some(text)
 }
 
-/// Returns the proposal among `others` that shares most conjuncts with the chosen proposal, and the
-/// number of shared conjuncts. If several share as many, returns the cheapest of them; `None` if no
-/// proposal shares any conjunct.
+/// Returns the proposal among `others` that shares the most conjuncts with the chosen proposal, and
+/// the number of shared conjuncts. Of several such proposals, returns the cheapest. Returns `None`
+/// if no proposal shares a conjunct.
 fn closest<'a>(chosen: &Proposal, others: &'a [Proposal]) -> Option<(usize, &'a Proposal)> {
     let shared = |other: &Proposal| {
         other.covers.iter().filter(|conjunct| chosen.covers.contains(conjunct)).count()
@@ -99,11 +102,11 @@ fn closest<'a>(chosen: &Proposal, others: &'a [Proposal]) -> Option<(usize, &'a 
         .max_by(|(one, first), (two, second)| one.cmp(two).then(second.cost.total_cmp(&first.cost)))
 }
 
-/// The facts, and the actions offered by agents, that concern a goal, as one round of planning saw
-/// them. The next round reports what has changed since.
+/// The facts and offered actions that concerned a goal in one round of planning. The next round
+/// reports the changes since then.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct GoalContext {
-    /// Agents that offer any action at all.
+    /// Agents that offer at least one action.
     agents: BTreeSet<AgentId>,
     /// Preconditions and effects of each action, by the agent that offers the action and by the
     /// action's name.
@@ -114,8 +117,8 @@ pub(crate) struct GoalContext {
 // === impl GoalContext ===
 
 impl GoalContext {
-    /// Collects what concerns a goal: the actions that could contribute to the goal, and the facts that
-    /// the goal or these actions use.
+    /// Collects the offered actions that could contribute to a goal, and the facts that the goal or
+    /// these actions use.
     pub(crate) fn of(known: &PlanningSnapshot, goal: &Condition) -> GoalContext {
         let relevant = RelevantSymbols::to(known, goal);
         let guards: BTreeSet<&Name> = known.guards.values().map(|guard| &guard.predicate).collect();
@@ -145,9 +148,9 @@ impl GoalContext {
         }
     }
 
-    /// Returns the differences between the earlier context `self` and the present context `now` as text
-    /// for a person; `None` if there are none. Facts that plans change are left out, unless they are
-    /// among the `open` conjuncts of the goal.
+    /// Returns the differences between the earlier context `self` and the present context `now`, as
+    /// text for a person; `None` if there are none. Facts that actions can change are left out,
+    /// unless they are among the `open` conjuncts of the goal.
     pub(crate) fn describe_changes(
         &self,
         now: &GoalContext,
@@ -189,8 +192,9 @@ impl GoalContext {
     }
 }
 
-/// Symbols and actions that may matter to a goal: the symbols of the goal, every action that changes
-/// one of them, the symbols in the preconditions of these actions, and so on, transitively.
+/// Symbols and actions that may matter to a goal: the symbols of the goal, every action that
+/// changes one of these symbols, the symbols in the preconditions of these actions, and so on,
+/// transitively.
 struct RelevantSymbols<'k> {
     symbols: BTreeSet<&'k Name>,
     actions: BTreeSet<&'k Name>,
@@ -231,7 +235,7 @@ impl<'k> RelevantSymbols<'k> {
     }
 }
 
-/// Whether `effect` changes any of `symbols`.
+/// Returns `true` if `effect` changes any of `symbols`.
 fn touches(effect: &Effect, symbols: &BTreeSet<&Name>) -> bool {
     effect.parts().any(|part| match part {
         Effect::Add(atom) | Effect::Delete(atom) => symbols.contains(&atom.predicate),
@@ -275,18 +279,18 @@ fn changed_by(effect: &Effect, names: &mut BTreeSet<String>) {
     }
 }
 
-/// Whether a fact, given as text, is an atom of `predicate`.
+/// Returns `true` if a fact, given as text, is an atom of `predicate`.
 fn is_of(fact: &str, predicate: &str) -> bool {
     let inner = fact.trim_start_matches('(').trim_end_matches(')');
     inner.split(' ').next().is_some_and(|first| first.eq_ignore_ascii_case(predicate))
 }
 
-/// Joins sentences about parts of one goal; joins at most [`NAMED_MAX`] of them.
+/// Joins sentences about parts of one goal. At most [`NAMED_MAX`] sentences are included.
 pub(crate) fn listed_all(sentences: impl Iterator<Item = String>) -> String {
     listed(sentences.collect(), ". Also, ")
 }
 
-/// Joins the first [`NAMED_MAX`] of `things` and adds how many more there are.
+/// Joins the first [`NAMED_MAX`] of `things`, and appends the number of the others.
 fn listed(mut things: Vec<String>, separator: &str) -> String {
     let rest = things.len().saturating_sub(NAMED_MAX);
     things.truncate(NAMED_MAX);
@@ -360,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn an_action_that_is_avoided_is_told_with_the_obstacle() {
+    fn an_avoided_action_is_reported_with_the_obstacle() {
         let held = |is_for_good| AvoidedAction {
             why: "`a` is stuck".to_owned(),
             is_for_good,
@@ -385,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn a_choice_names_what_others_asked_and_why_they_declined() {
+    fn a_choice_is_explained_with_the_other_bids_and_refusals() {
         let bids: Bids = [
             (id("a"), vec![proposal(&["(x)"], 2.0), proposal(&["(x)", "(y)"], 3.0)]),
             (id("b"), vec![proposal(&["(x)"], 2.5), proposal(&["(y)"], 1.5)]),
@@ -414,7 +418,7 @@ mod tests {
     }
 
     #[test]
-    fn news_are_what_plans_do_not_change_and_what_the_goal_lost() {
+    fn changes_of_lasting_facts_and_open_conjuncts_are_reported() {
         let none = AvoidedActions::new();
         let before = known(&["a"], "(open hall) (known hall) (known lab)", &none);
         let open = goal("(known hall)");
@@ -436,11 +440,11 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_concern_a_goal_is_no_news_for_it() {
+    fn changes_irrelevant_to_a_goal_are_not_reported() {
         let none = AvoidedActions::new();
         let before = known(&["a"], "(open hall) (in a hall)", &none);
         let after = known(&["b"], "(in a hall)", &none);
-        // No action is needed for an open door.
+        // No action contributes to the goal of an open door.
         let open = goal("(open hall)");
         assert_eq!(
             news(&before, &after, &open[0], &open).as_deref(),

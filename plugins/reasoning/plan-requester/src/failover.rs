@@ -1,14 +1,16 @@
-//! Fail-over of goals from one replica of the Plan Requester to another (docs/design.md, “Fail-over”).
+//! Fail-over of goals from one replica of the Plan Requester to another (docs/design.md,
+//! “Fail-over”).
 //!
-//! - The Journals keep a record of each goal, `goal/CONVERSATION`, and while its plan runs, of the
-//!   plan, `plan/CONVERSATION`. A goal is accepted once it is on disk on this machine and on one other
-//!   that can be reached. The initiator is told which Journals have it.
-//! - A new leader resumes every goal from these records. It asks the executor for the plan that was
-//!   running, with the steps that are known to be done; a running step is not begun again.
-//! - After a heal, both sides of a partition may have pursued the same goal. The merge rule: (1) an end
-//!   on either side is final; (2) the surviving leader keeps its own state of the goal, unless only the
-//!   other side has a running plan; (3) the losing plan is given up: no executor continues its steps,
-//!   and so their actuators end them.
+//! - The Journals keep a record of each goal, `goal/CONVERSATION`, and a record of its plan while
+//!   the plan runs, `plan/CONVERSATION`. A goal is accepted when its record is on the disks of this
+//!   machine and of one other reachable machine. The initiator receives the names of the Journals
+//!   that have the record.
+//! - A new leader resumes every goal from these records. It requests the plan that was running from
+//!   the executor, with the steps that are known to be done. A running step is not started again.
+//! - When a partition ends, both sides may have pursued the same goal. The merge rule is: (1) an
+//!   end on either side is final; (2) the surviving leader keeps its own state of the goal, unless
+//!   only the other side has a running plan; (3) the losing plan is given up: no executor continues
+//!   its steps, and therefore their actuators end them.
 
 use std::collections::BTreeMap;
 
@@ -28,7 +30,7 @@ use crate::goal::Goal;
 const GOAL: &str = "goal/";
 const PLAN: &str = "plan/";
 
-/// Record of a goal, as it is replicated to the Journals.
+/// Record of a goal, in the form in which it is replicated to the Journals.
 #[derive(Debug, Serialize, Deserialize)]
 struct GoalRecord {
     #[serde(alias = "engagement")]
@@ -42,12 +44,11 @@ struct GoalRecord {
     /// Identifier of the running plan of the goal; `None` if no plan runs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     running: Option<RunningPlanId>,
-    /// History of the goal, oldest entry first. Records that older versions of Althing wrote lack the
-    /// history.
+    /// History of the goal, oldest entry first. Empty in records of older versions of Althing.
     #[serde(default)]
     happened: Vec<HistoryEntry>,
-    /// Whether the goal is being cancelled. The agent that requested the cancellation has received the
-    /// confirmation.
+    /// Whether the goal is being cancelled. The agent that requested the cancellation has received
+    /// the confirmation.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     cancelled: bool,
     /// The final report about the goal; `None` if the goal has not ended.
@@ -88,7 +89,7 @@ impl ReplicatesRecords for PlanRequester {
                 Err(error) => tracing::warn!(key, %error, "a goal record cannot be read"),
             }
         }
-        // These plans belong to goals that have no record any more.
+        // The remaining plans belong to goals without a record.
         for (id, plan) in plans {
             let id = ConversationId::new(&id);
             self.cancel_orphan(&id, &plan, 0, ctx);
@@ -101,8 +102,8 @@ impl ReplicatesRecords for PlanRequester {
 impl PlanRequester {
     // === replication ===
 
-    /// Sends the record of a new goal to the Journals, and reports to the initiator which Journals have
-    /// it.
+    /// Sends the record of a new goal to the Journals, and reports to the initiator which Journals
+    /// have the record.
     pub(crate) fn replicate_new_goal(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         if self.journal_client.journals().is_empty() {
             if self.goals.get(id).is_some_and(|goal| goal.partition == Partition::Wait) {
@@ -143,8 +144,8 @@ impl PlanRequester {
         self.send(&records, ctx);
     }
 
-    /// Records in the Journals that a goal is cancelled, and calls `then` once enough Journals have
-    /// answered or the time for an answer has passed.
+    /// Records in the Journals that a goal is cancelled. Calls `then` when enough Journals have
+    /// answered or the time limit for an answer has passed.
     pub(crate) fn replicate_cancellation(
         &mut self,
         id: &ConversationId,
@@ -157,8 +158,8 @@ impl PlanRequester {
         replication::replicate(self, &[record], ctx, move |_, _, ctx| then(ctx));
     }
 
-    /// Sends all records to the Journals again. Called when a Journal joins, because it may have missed
-    /// any of the records.
+    /// Sends all records to the Journals again. Must be called when a Journal joins, because that
+    /// Journal may have missed any of the records.
     pub(crate) fn replicate_all(&mut self, ctx: &mut Context<Self>) {
         let goals: Vec<_> = self.goals.keys().cloned().collect();
         goals.iter().for_each(|id| self.replicate_plan(id, ctx));
@@ -168,8 +169,8 @@ impl PlanRequester {
         }
     }
 
-    /// Sends the outcomes of ended goals, and which kept goals hold, to their initiator when it has
-    /// joined: it may have missed these reports.
+    /// Sends to an initiator that has joined the outcomes of its ended goals, and reports about its
+    /// kept goals that hold, because the initiator may have missed these reports.
     pub(crate) fn send_missed_outcomes(&mut self, asker: &Resident, ctx: &mut Context<Self>) {
         for (participation, report) in self.ended.of_asker(asker) {
             self.send_or_queue(&participation, report, ctx);
@@ -182,7 +183,8 @@ impl PlanRequester {
         }
     }
 
-    /// Records in the Journals how a goal ended, and removes the records of goals that ended long ago.
+    /// Records the outcome of a goal in the Journals, and removes the records of the oldest ended
+    /// goals there.
     pub(crate) fn replicate_outcome(
         &mut self,
         goal: &Goal,
@@ -215,8 +217,8 @@ impl PlanRequester {
         self.send(&records, ctx);
     }
 
-    /// Removes the plan of a goal from the Journals when the goal has ended or holds. The replica that
-    /// ended the goal may not know of this plan, if the plan was made on the other side of a partition.
+    /// Removes the plan of a goal from the Journals when the goal has ended or holds. A plan made
+    /// on the other side of a partition may be unknown to the replica that ended the goal.
     pub(crate) fn forget_plan(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let forgotten = self.journal_client.write(format!("{PLAN}{id}"), Value::Null);
         self.send(&[forgotten], ctx);
@@ -249,8 +251,8 @@ impl PlanRequester {
 
     // === resuming ===
 
-    /// Merges the record of a goal with what this replica knows, and resumes the goal if it has not
-    /// ended.
+    /// Merges the record of a goal with this replica's own state of the goal, and resumes the goal
+    /// if it has not ended.
     fn resume(
         &mut self,
         mut record: GoalRecord,
@@ -263,7 +265,7 @@ impl PlanRequester {
         if record.cancelled || record.ended.is_some() || ended_here.is_some() {
             self.drop_plan(&id, plan.as_ref(), ctx);
         }
-        // An end or a cancellation counts even if a later record says that the goal goes on.
+        // An end or a cancellation is final, even if a later record has the goal as pursued.
         let is_later_here = self.goals.get(&id).is_some_and(|goal| goal.version >= version);
         let is_known = is_later_here && record.ended.is_none() && !record.cancelled;
         if is_known {
@@ -275,8 +277,8 @@ impl PlanRequester {
         if record.ended.is_none()
             && let Some(report) = ended_here
         {
-            // The replica that wrote this record did not know of the end and may have reported
-            // otherwise.
+            // The end was unknown to the replica that wrote this record, and that replica may have
+            // reported another state of the goal.
             self.send_outcome(&record, &report, ctx);
             return self.replicate_finished(&id, report, record, ctx);
         }
@@ -284,8 +286,8 @@ impl PlanRequester {
             return self.cancel_restored(&id, record, ctx);
         }
         if record.ended.is_none() && self.keeps_own_state(&id, record.running.is_some()) {
-            // Both sides of a partition pursued the goal, and this side wins. The next record has a
-            // later version.
+            // Both sides of a partition pursued the goal, and this side wins. The next record of
+            // this side has a later version.
             if record.running.is_some() {
                 self.follow_again(&id, ctx);
             }
@@ -318,8 +320,8 @@ impl PlanRequester {
         self.resume_from_record(record, version, plan, ctx);
     }
 
-    /// Whether a later incarnation of the initiator has requested the same goal again here, before the
-    /// record of the earlier request arrived.
+    /// Returns `true` if a later incarnation of the initiator has requested the same goal from this
+    /// replica, before the record of the earlier request arrived.
     fn is_asked_anew(
         &self,
         GoalRecord { participation, incarnation, asked, .. }: &GoalRecord,
@@ -332,15 +334,16 @@ impl PlanRequester {
         })
     }
 
-    /// Returns the exchange in which this replica was asked for the goal by the same incarnation of the
-    /// initiator that asked `elsewhere`; `None` if that incarnation has not asked this replica.
+    /// Returns the exchange in which this replica received the request for the goal from the same
+    /// incarnation of the initiator as in `elsewhere`; `None` if it received no such request.
     fn local_exchange(&self, elsewhere: &Participation) -> Option<Participation> {
         let participation = &self.goals.get(&elsewhere.conversation)?.participation;
         (participation.incarnation == elsewhere.incarnation).then(|| participation.clone())
     }
 
-    /// Handles a record that is older than this replica's own state of the goal. If no plan runs here,
-    /// cancels the plan of the other replica: a kept goal may already hold without that plan.
+    /// Handles a record that is older than this replica's own state of the goal. If no plan runs
+    /// here, cancels the plan of the other replica, because a kept goal may already hold without
+    /// that plan.
     fn keep_own_state(
         &mut self,
         id: &ConversationId,
@@ -380,7 +383,7 @@ impl PlanRequester {
     }
 
     /// Sends the outcome of a goal to its initiator, if the incarnation that requested the goal is
-    /// still present. The initiator may have missed the outcome; if not, the repetition has no effect.
+    /// still present. The initiator may have missed the outcome. A repeated outcome has no effect.
     fn send_outcome(&mut self, record: &GoalRecord, report: &Report, ctx: &mut Context<Self>) {
         let GoalRecord { participation, incarnation, .. } = record;
         self.ended.store_sent(participation.clone(), report.clone());
@@ -434,21 +437,21 @@ impl PlanRequester {
         self.carry_out(&id, commands, ctx);
     }
 
-    /// Whether this replica keeps its own state of a goal that was pursued on both sides of a
-    /// partition: always, unless only the other side has a running plan (`theirs_runs`).
+    /// Returns `true` if this replica keeps its own state of a goal that both sides of a partition
+    /// pursued: always, unless only the other side has a running plan (`theirs_runs`).
     fn keeps_own_state(&self, id: &ConversationId, theirs_runs: bool) -> bool {
         self.goals.get(id).is_some_and(|goal| goal.state.phase().is_running() || !theirs_runs)
     }
 
-    /// Asks the Plan Executor again for the running plan of a goal. If the other side has asked for the
-    /// same plan, the Plan Executor would otherwise report to that side only.
+    /// Requests the running plan of a goal from the Plan Executor again. If the other side has
+    /// requested the same plan, the Plan Executor would otherwise report to that side only.
     fn follow_again(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         if let Some(attempt) = self.goals.get(id).map(|goal| goal.state.attempt()) {
             self.handle(id, GoalEvent::ExecutorRestarted(attempt), ctx);
         }
     }
 
-    /// Stands down from leading: hands all goals over to the new leader.
+    /// Stands down as leader: hands all goals over to the new leader.
     pub(crate) fn resign(&mut self, ctx: &mut Context<Self>) {
         let mut records = self.ended.records();
         let goals: Vec<_> = self.goals.keys().cloned().collect();
@@ -461,10 +464,11 @@ impl PlanRequester {
         self.hand_over(records, 0, ctx);
     }
 
-    /// Asks a new leader or incarnation of the Plan Executor for all running plans.
+    /// Requests all running plans from a new leader or incarnation of the Plan Executor.
     ///
-    /// The requests are sent after [`SETTLE_DELAY`]: if the leader of the Plan Requesters changes at the
-    /// same time, this replica stands down first, and only the new leader asks.
+    /// The requests are sent after [`SETTLE_DELAY`]. If the leader of the Plan Requesters changes
+    /// at the same time, this replica stands down first, and only the new leader sends the
+    /// requests.
     pub(crate) fn executor_came(&mut self, ctx: &mut Context<Self>) {
         let is_executing = |goal: &Goal| goal.state.phase() == GoalPhase::Executing;
         let running = self.goals.iter().filter(|(_, goal)| is_executing(goal));
@@ -479,9 +483,10 @@ impl PlanRequester {
 
     // === partitions ===
 
-    /// Returns the reason why this partition must not plan for the goal: it does not hold a quorum. A
-    /// partition has the quorum if it reaches a majority of the configured Journals, or exactly half of
-    /// them including the Journal that is listed first. `None` if the goal may be planned for.
+    /// Returns the reason why this partition must not plan for the goal: it does not have the
+    /// quorum. A partition has the quorum if it reaches a majority of the configured Journals, or
+    /// exactly half of them including the Journal that is configured first. Returns `None` if the
+    /// goal may be planned for.
     pub(crate) fn missing_quorum(
         &self,
         id: &ConversationId,
@@ -502,7 +507,7 @@ impl PlanRequester {
         })
     }
 
-    /// Considers again all goals that wait for the quorum.
+    /// Considers all goals that wait for the quorum again.
     pub(crate) fn reconsider_waiting(&mut self, ctx: &mut Context<Self>) {
         let waits = |goal: &Goal| {
             goal.partition == Partition::Wait && goal.state.phase() == GoalPhase::WaitingForChange
@@ -513,8 +518,8 @@ impl PlanRequester {
     }
 }
 
-/// Returns the conversation of the goal that the key of a record names; `None` if `key` is not the key
-/// of a goal's record.
+/// Returns the conversation of the goal in the key of a record; `None` if `key` is not the key of a
+/// goal's record.
 pub(crate) fn conversation_of(key: &str) -> Option<ConversationId> {
     key.strip_prefix(GOAL).map(ConversationId::new)
 }
@@ -549,7 +554,7 @@ fn record_of(goal: &Goal) -> GoalRecord {
     }
 }
 
-/// Returns the text that tells the initiator which Journals have its new goal.
+/// Returns the report, as text for a person, about the Journals that have a new goal.
 fn acceptance(kept: &ReplicationOutcome, listed: usize) -> String {
     let mut names: Vec<_> = kept.stored_by.iter().map(|journal| format!("`{journal}`")).collect();
     names.sort();

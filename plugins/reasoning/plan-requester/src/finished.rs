@@ -1,5 +1,6 @@
-//! Cache of goals that have ended. It prevents a replica from resuming an ended goal from an older
-//! record, and it serves outcomes to initiators that could not be reached when their goals ended.
+//! Cache of goals that have ended. The cache prevents a replica from resuming an ended goal from an
+//! older record. It also has the outcomes for initiators that could not be reached when their goals
+//! ended.
 
 use std::collections::VecDeque;
 
@@ -12,12 +13,12 @@ use crate::failover::conversation_of;
 /// Maximum number of ended goals in the cache.
 const KNOWN_MAX: usize = 128;
 
-/// Maximum number of final records that are sent once more to Journals that join and to a new leader.
+/// Maximum number of final records that are sent again to Journals that join and to a new leader.
 /// The Journals and the new leader may have missed the first message.
 const OWN_MAX: usize = 32;
 
-/// Maximum number of outcomes that are sent once more to initiators that come back or ask again: the
-/// number of goals that can be pursued at a time.
+/// Maximum number of outcomes that are sent again to initiators that return or repeat their
+/// requests. The number equals the maximum number of goals that are pursued at a time.
 const TOLD_MAX: usize = crate::GOALS_MAX;
 
 /// Cache of goals that have ended.
@@ -32,12 +33,13 @@ pub(crate) struct FinishedGoals {
 }
 
 impl FinishedGoals {
-    /// Whether the cache knows that a goal has ended, from a record of this version or a later one.
+    /// Returns `true` if the cache has the end of a goal from a record of this version or a later
+    /// one.
     pub(crate) fn has(&self, id: &ConversationId, version: Version) -> bool {
         self.known.iter().any(|(other, at, _)| other == id && *at >= version)
     }
 
-    /// Returns the outcome of a goal; `None` if it is not known to have ended.
+    /// Returns the outcome of a goal; `None` if the cache has no end of this goal.
     pub(crate) fn outcome_of(&self, id: &ConversationId) -> Option<&Report> {
         self.known.iter().find(|(other, ..)| other == id).map(|(_, _, report)| report)
     }
@@ -55,7 +57,7 @@ impl FinishedGoals {
         self.known.drain(..surplus).map(|(oldest, ..)| oldest).collect()
     }
 
-    /// Stores the final record of a goal, so that it can be sent again.
+    /// Stores the final record of a goal, in order to send it again later.
     pub(crate) fn store_record(&mut self, record: Record) {
         self.own.retain(|other| other.key != record.key);
         if self.own.len() >= OWN_MAX {
@@ -64,13 +66,13 @@ impl FinishedGoals {
         self.own.push_back(record);
     }
 
-    /// Returns the final record of a goal; `None` if the cache has no record of it.
+    /// Returns the final record of a goal; `None` if the cache has no record of the goal.
     pub(crate) fn record(&self, id: &ConversationId) -> Option<Record> {
         let is_it = |record: &&Record| conversation_of(&record.key).as_ref() == Some(id);
         self.own.iter().find(is_it).cloned()
     }
 
-    /// Returns the final records of the goals that this replica ended last, the oldest first.
+    /// Returns the final records of the goals that this replica ended last, oldest first.
     pub(crate) fn records(&self) -> Vec<Record> {
         self.own.iter().cloned().collect()
     }
@@ -91,8 +93,8 @@ impl FinishedGoals {
         self.unsent.push_back((participation, report));
     }
 
-    /// Clears the cache except for the outcomes that could not be sent: no other replica knows of
-    /// these.
+    /// Clears the cache except for the outcomes that could not be sent, because no other replica
+    /// has these outcomes.
     pub(crate) fn clear_except_unsent(&mut self) {
         *self =
             FinishedGoals { unsent: std::mem::take(&mut self.unsent), ..FinishedGoals::default() };
@@ -118,7 +120,7 @@ impl FinishedGoals {
         self.sent.iter().find(|(other, _)| is_it(other)).map(|(_, report)| report)
     }
 
-    /// Returns the outcomes that `asker`, an agent that has just joined, may not have received.
+    /// Returns the outcomes that `asker`, an agent that has just joined, may have missed.
     pub(crate) fn of_asker(&self, asker: &Resident) -> Vec<(Participation, Report)> {
         let is_its = |participation: &Participation| {
             participation.initiator == asker.agent
@@ -138,7 +140,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_remembered_has_a_bound_and_the_later_end_counts() {
+    fn the_cache_of_ended_goals_is_bounded() {
         let mut ended = FinishedGoals::default();
         let id = |n: usize| ConversationId::new(&format!("c{n}"));
         let version = |term| Version { term, count: 0 };

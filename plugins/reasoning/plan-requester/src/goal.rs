@@ -1,4 +1,5 @@
-//! One goal of the Plan Requester: what was asked for, its state, and the work that is under way for it.
+//! One goal of the Plan Requester: the requested condition, the goal's state, and the work in
+//! progress for the goal.
 
 use std::sync::Arc;
 use std::time::SystemTime;
@@ -29,51 +30,54 @@ pub(crate) struct Goal {
     pub(crate) partition: Partition,
     pub(crate) state: GoalState,
     pub(crate) work: Work,
-    /// What the present round of planning works with; `None` if the goal is not being planned for.
+    /// Data of the present round of planning; `None` if no plan is being made for the goal.
     pub(crate) round: Option<PlanningRound>,
-    /// The plan of this goal that runs or ran last, as it was requested from the Plan Executor, with
-    /// the steps that are known to be done.
+    /// The plan of this goal that runs or ran last, as it was requested from the Plan Executor,
+    /// with the steps that are known to be done. `None` if there is no such plan.
     pub(crate) plan: Option<Box<Execute>>,
-    /// A plan for this goal that the Plan Executor runs instead of the requested one, to be adopted.
+    /// A plan for this goal that the Plan Executor runs instead of the requested plan, and that
+    /// this replica is to adopt; `None` if there is none.
     pub(crate) other_plan: Option<Box<Execute>>,
-    /// Steps of the running plan that are not known to be done, with the action names that their agents
-    /// use.
+    /// Steps of the running plan that are not known to be done, with the action names that their
+    /// agents use.
     pub(crate) steps_left: Vec<PlanStep>,
     /// Steps of the failed plan that were not done; the planner may reuse them.
     pub(crate) failed_steps: Vec<PlanStep>,
     /// Version of the last record of this goal that was sent to the Journals.
     pub(crate) version: Version,
     pub(crate) timer: Option<TimerId>,
-    /// Facts and offered actions that concern the goal, as the last round of planning saw them.
+    /// Facts and offered actions that concerned the goal in the last round of planning; `None`
+    /// before the first round.
     pub(crate) last_context: Option<GoalContext>,
     history: Vec<HistoryEntry>,
 }
 
-/// The work that is under way for a goal.
+/// The work in progress for a goal.
 #[derive(Default)]
 pub(crate) enum Work {
-    /// There is none.
+    /// No work is in progress.
     #[default]
     Nothing,
-    /// The domain and the state are asked for.
+    /// A query for the domain and the state is running.
     Question(#[expect(dead_code, reason = "ends the question when it is dropped")] WorkHandle),
-    /// The Planning Agent is asked for a plan, in this exchange.
+    /// The Planning Agent was requested to make a plan, in this exchange.
     Planning(ReplyToken),
-    /// The actuators are called for proposals.
+    /// A call for proposals was sent to the actuators.
     Proposals(Box<ContractNetState>),
-    /// The reason for a missing plan is computed.
+    /// The reason for a missing plan is being computed.
     Explanation(#[expect(dead_code, reason = "ends the work when it is dropped")] ExplanationTask),
-    /// A plan is executed; its reports come in this exchange.
+    /// A plan is being executed; its reports arrive in this exchange.
     Execution(ReplyToken),
 }
 
-/// Background computation of the reason why there is no plan for a goal; cancelled when it is dropped.
+/// Background computation of the reason why there is no plan for a goal. Dropping the task cancels
+/// the computation.
 pub(crate) struct ExplanationTask {
     pub(crate) cancel: Cancel,
     pub(crate) _work: WorkHandle,
 }
 
-/// A computation that returns the reason why there is no plan.
+/// A function that returns the reason, as text for a person, why there is no plan.
 pub(crate) type WhyMissing = Box<dyn FnOnce(&PlanningSnapshot, &Cancel) -> String + Send>;
 
 /// A round of planning for a goal.
@@ -81,9 +85,9 @@ pub(crate) struct PlanningRound {
     pub(crate) known: Arc<PlanningSnapshot>,
     /// The parts of the goal that do not hold.
     pub(crate) open: Vec<Condition>,
-    /// The plan that was found, with its cost.
+    /// The plan that was found, and its cost; `None` if no plan was found yet.
     pub(crate) found: Option<(Plan, f64)>,
-    /// The computation that explains why no plan was found.
+    /// Function that explains why no plan was found; `None` until planning has failed.
     pub(crate) why_missing: Option<WhyMissing>,
 }
 
@@ -127,12 +131,12 @@ impl Goal {
         &self.participation.conversation
     }
 
-    /// Whether `attempt` is the work that was begun last for this goal.
+    /// Returns `true` if `attempt` is the latest attempt for this goal.
     pub(crate) fn is_current(&self, attempt: Attempt) -> bool {
         self.state.attempt() == attempt
     }
 
-    /// Drops what belongs to work that has ended.
+    /// Drops the data of work that has ended.
     pub(crate) fn drop_ended_work(&mut self) {
         let phase = self.state.phase();
         if !phase.is_planning() {
@@ -143,13 +147,14 @@ impl Goal {
         }
     }
 
-    /// Returns the agents that act in the plan's steps that are not known to be done.
+    /// Returns the agents that act in those steps of the plan that are not known to be done.
     pub(crate) fn acting(&self) -> impl Iterator<Item = AgentId> + '_ {
         let actors = self.steps_left.iter().filter_map(|step| step.arguments.first());
         actors.filter_map(|actor| AgentId::new(actor.as_str()).ok())
     }
 
-    /// Adopts `plan`, of which the steps `done` were carried out for another replica.
+    /// Adopts `plan` as the running plan of this goal. The steps `done` were carried out for
+    /// another replica.
     pub(crate) fn adopt_plan(&mut self, plan: Execute, done: Vec<u32>) {
         let steps = pddl::parse_plan(&plan.plan).into_result().map(|plan| plan.steps);
         let is_left = |step: &usize| u32::try_from(*step).is_ok_and(|step| !done.contains(&step));
@@ -164,7 +169,7 @@ impl Goal {
         &self.history
     }
 
-    /// Restores the part of the goal's history from before this replica took the goal over.
+    /// Restores the earlier history of the goal, from before this replica took the goal over.
     pub(crate) fn recall_history(&mut self, mut history: Vec<HistoryEntry>) {
         let surplus = history.len().saturating_sub(HISTORY_ENTRIES_MAX);
         history.drain(..surplus);
@@ -183,8 +188,8 @@ impl Goal {
         }
     }
 
-    /// Adds an entry to the history of the goal, at wall-clock time `at`. Drops the oldest entry if the
-    /// history is full.
+    /// Adds an entry to the history of the goal, at wall-clock time `at`. Drops the oldest entry if
+    /// the history is full.
     pub(crate) fn add_history(
         &mut self,
         at: SystemTime,
@@ -199,15 +204,15 @@ impl Goal {
         self.history.push(HistoryEntry { at_ms, outcome, text: text.into() });
     }
 
-    /// Whether the request `asked` repeats the request of this goal. An initiator repeats a request if
-    /// it did not learn that the goal was received.
+    /// Returns `true` if the request `asked` repeats the request of this goal. An initiator repeats
+    /// a request if it received no confirmation of the first one.
     pub(crate) fn is_asked_again(&self, by: &Participation, asked: &Achieve) -> bool {
         let is_same = self.text == asked.goal && self.keep == asked.keep;
         is_same && self.participation.initiator == by.initiator
     }
 
-    /// Whether `asked` requests the same as this goal, but comes from a later incarnation of the
-    /// initiator. Two requests of one incarnation are two goals.
+    /// Returns `true` if `asked` requests the same as this goal, but comes from a later incarnation
+    /// of the initiator. Two requests of one incarnation are two goals.
     pub(crate) fn is_asked_anew(
         &self,
         by: &AgentId,

@@ -1,9 +1,9 @@
 //! Hand-over from a leader that becomes a standby to the new leader (docs/design.md, “Fail-over”).
 //!
-//! The Journals may lack some goals: those goals that were requested in a partition without a Journal,
-//! and goals that ended a moment ago. So the former leader sends its records to the new leader
-//! directly, until the new leader confirms them. Of two records of a goal the later version counts, as
-//! it does for records from the Journals.
+//! The Journals may lack two kinds of goals: goals that were requested in a partition without a
+//! Journal, and goals that ended a moment ago. Therefore the former leader sends its records to the
+//! new leader directly, until the new leader confirms them. Of two records of a goal the later
+//! version applies, as for records from the Journals.
 
 use std::time::Duration;
 
@@ -15,14 +15,14 @@ use agent::{Context, ExchangeEvent, ExchangeOpening, Participation};
 use crate::PlanRequester;
 use crate::failover::conversation_of;
 
-/// Interval between tries to hand the records over, and the maximum number of tries. The new leader may
-/// have left in the same moment, and a partition may last minutes.
+/// Interval between attempts to hand the records over, and the maximum number of repetitions. The
+/// new leader may have left at the same moment, and a partition may last for minutes.
 const AGAIN: Duration = Duration::from_secs(1);
 const TIMES_MAX: u32 = 600;
 
 impl PlanRequester {
-    /// Sends the records of this replica to the new leader, until the new leader confirms them. `times`
-    /// counts the tries so far.
+    /// Sends the records of this replica to the new leader, until the new leader confirms them.
+    /// `times` is the number of earlier attempts.
     pub(crate) fn hand_over(&mut self, records: Vec<Record>, times: u32, ctx: &mut Context<Self>) {
         if records.is_empty() {
             return;
@@ -33,7 +33,7 @@ impl PlanRequester {
         }
         let acts = ctx.find(ctx.id()).map(|resident| resident.incarnation);
         if acts.is_none_or(|incarnation| incarnation == ctx.incarnation()) {
-            // The new leader is not known here yet.
+            // The new leader has not been discovered here yet.
             return retry_handover(records, times, ctx);
         }
         let opening = ExchangeOpening {
@@ -55,7 +55,7 @@ impl PlanRequester {
         });
     }
 
-    /// Takes over the records that another incarnation of this agent sends when it becomes a standby.
+    /// Takes over the records of another incarnation of this agent that has become a standby.
     pub(crate) fn receive_handover(
         &mut self,
         message: &Message,
@@ -63,8 +63,8 @@ impl PlanRequester {
         ctx: &mut Context<Self>,
     ) {
         if message.incarnation == ctx.incarnation() {
-            // The message came back to its own sender, which has become the leader meanwhile. The
-            // sender tries again.
+            // The message has returned to its own sender, which has become the leader meanwhile.
+            // The sender tries again.
             return;
         }
         let participation = Participation::of(message);
@@ -82,7 +82,7 @@ impl PlanRequester {
             .collect();
         self.records_restored(records, ctx);
         for (id, version) in handed {
-            // The goal goes on here, and it is not known whether any Journal has this record.
+            // The goal continues here, and it is unknown whether any Journal has this record.
             if self.goals.get(&id).is_some_and(|goal| goal.version == version) {
                 self.replicate_new_goal(&id, ctx);
             }
@@ -90,7 +90,7 @@ impl PlanRequester {
     }
 }
 
-/// Tries the hand-over again after [`AGAIN`], up to [`TIMES_MAX`] times in all.
+/// Retries the hand-over after [`AGAIN`], unless it was retried [`TIMES_MAX`] times already.
 fn retry_handover(records: Vec<Record>, times: u32, ctx: &mut Context<PlanRequester>) {
     if times >= TIMES_MAX {
         return tracing::warn!(goals = records.len(), "no leader takes these goals over");

@@ -1,12 +1,13 @@
-//! Explains what several agents could do together if no agent proposes a plan of its own. The
-//! explanation is taken from a plan made with the actions of all agents, so that it is true.
+//! Explains whether several agents could reach a goal together if no single agent proposes a plan.
+//! The explanation is taken from a plan made with the actions of all agents, so that it is true.
 
 use pddl::{Condition, Plan};
 use planner::{Cancel, StopReason};
 
 use crate::planning_snapshot::PlanningSnapshot;
 
-/// Maximum number of conjuncts of a goal for which pairs of conjuncts are tested for mutual exclusion.
+/// Maximum number of conjuncts of a goal for which pairs of conjuncts are tested for mutual
+/// exclusion.
 const PARTS_MAX: usize = 6;
 
 /// Result of planning with the actions of all agents.
@@ -15,7 +16,7 @@ pub(crate) enum JointPlanning {
     Plan(Plan),
     /// Planning has proved that no plan exists.
     NoPlan,
-    /// Planning reached its bounds with neither a plan nor a proof that none exists.
+    /// Planning reached its limits without a plan and without a proof that no plan exists.
     Undecided,
 }
 
@@ -33,9 +34,9 @@ impl JointPlanning {
     }
 }
 
-/// Returns the reason why no agent proposes a plan for the conjuncts in `names`, although each conjunct
-/// can be reached in the relaxation (planning as if no action undid another). `parts` are all conjuncts
-/// of the goal.
+/// Returns the reason, as text for a person, why no agent proposes a plan for the conjuncts in
+/// `names`, although each conjunct can be reached in the delete relaxation (planning as if no
+/// action undid another). `parts` are all conjuncts of the goal.
 pub(crate) fn reason(
     known: &PlanningSnapshot,
     parts: &[Condition],

@@ -1,16 +1,18 @@
-//! The Plan Requester (the paper, “Plan Requester”): takes goals, obtains a plan for each goal, and has
-//! the plan carried out.
+//! The Plan Requester (the paper, “Plan Requester”): receives goals, obtains a plan for each goal,
+//! and has the plan executed.
 //!
-//! - `request` (a goal) from a user or an agent → `confirm`s of progress and outcome.
-//! - Reads domain and state from the Domain Maintainer. Then, depending on the planning mode of the
-//!   ecosystem (centralised or decentralised), asks the Planning Agent for a plan (`planning`) or calls
-//!   all actuators for proposals (`contract_net`). Asks the Plan Executor to execute the chosen plan.
-//! - Replans at once when a plan fails, and reports the reason. Plans again for a kept goal whenever it
-//!   no longer holds.
-//! - Several goals run side by side; no plan breaks another's causal links (`scheduling`).
+//! - `request` (a goal) from a user or an agent → `confirm`s with the progress and the outcome.
+//! - Queries the Domain Maintainer for domain and state. Then, depending on the planning mode of
+//!   the ecosystem (centralised or decentralised), requests a plan from the Planning Agent
+//!   (`planning`), or sends a call for proposals to all actuators (`contract_net`). Requests the
+//!   Plan Executor to execute the chosen plan.
+//! - Replans at once when a plan fails, and reports the reason. Plans for a kept goal again
+//!   whenever the goal no longer holds.
+//! - Pursues several goals in parallel; no plan breaks the causal links of another plan
+//!   (`scheduling`).
 //!
-//! The life of each goal is the state machine of `goal-lifecycle`; `lifecycle` wraps it. Start reading
-//! there.
+//! The lifecycle of each goal is the state machine of the crate `goal-lifecycle`; the module
+//! `lifecycle` calls it. Start reading there.
 
 mod absent_agents;
 mod contract_net;
@@ -53,17 +55,17 @@ use crate::finished::FinishedGoals;
 use crate::goal::{Goal, PlanningRound, Work};
 use crate::planning_snapshot::{PlanningSnapshot, first};
 
-/// Maximum number of goals pursued at a time. A building has tens of goals. A further goal is refused
-/// with a reason, not dropped silently.
+/// Maximum number of goals pursued at a time. A building has tens of goals. Further goals are
+/// refused with a reason.
 const GOALS_MAX: usize = 256;
 
-/// Delay before a question to another agent is asked again if no answer was received.
+/// Delay before a request to another agent is repeated if no answer arrived.
 const ASK_AGAIN: Duration = Duration::from_millis(500);
 
-/// Delay before the outcome of a goal is sent again, if there was no room for it in the outbox.
+/// Delay before the outcome of a goal is sent again, if the outbox was full.
 const TELL_AGAIN: Duration = Duration::from_millis(200);
 
-/// Delay before another try of a plan that was declined because an actuator is busy.
+/// Delay before the next attempt of a plan that was refused because an actuator is busy.
 const BUSY: Duration = Duration::from_millis(200);
 
 /// The entry of the Plan Requester in the daemon's table of plugins.
@@ -75,8 +77,8 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     build,
 };
 
-/// The `config` of a Plan Requester in the ecosystem file: the names of the other agents that take part
-/// in planning, where they are not those of the ecosystem's settings.
+/// The `config` of a Plan Requester in the ecosystem file: the names of the other agents that take
+/// part in planning. A missing name is taken from the ecosystem's settings.
 #[derive(Debug, Default, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 struct FileConfig {
@@ -140,9 +142,11 @@ struct PlanRequester {
     journal_client: JournalClient<PlanRequester>,
     /// Background work that checks whether running plans could be replaced by much cheaper ones.
     cheaper_plan_check: Option<WorkHandle>,
-    /// Timer until the next try to send outcomes for which there was no room in the outbox.
+    /// Timer until the next attempt to send outcomes for which the outbox had no room; `None` if
+    /// there are no such outcomes.
     resend_timer: Option<TimerId>,
-    /// Origin of the time that the goals' states count from: the first time at which one is needed.
+    /// Origin of the time in the goals' states: the first time at which a time was needed; `None`
+    /// before.
     began_at: Option<Instant>,
 }
 
@@ -242,9 +246,9 @@ impl PlanRequester {
         }
     }
 
-    /// Cancels the goals that an earlier incarnation of the sender requested and that the new request
-    /// `asked` repeats. The earlier incarnation can no longer receive the outcomes of these goals or
-    /// cancel them, so the new goal replaces them.
+    /// Cancels the goals that an earlier incarnation of the sender requested and that the new
+    /// request `asked` repeats. The earlier incarnation can no longer receive the outcomes of these
+    /// goals or cancel them. Therefore the new goal replaces them.
     fn take_place(&mut self, message: &Message, asked: &Achieve, ctx: &mut Context<Self>) {
         let (by, incarnation) = (&message.sender, message.incarnation);
         let former =
@@ -289,15 +293,16 @@ impl PlanRequester {
         let id = &message.conversation_id;
         let is_here = self.goals.contains_key(id);
         self.cancel(id, ctx);
-        // A `cancel` within the goal's own exchange gets the goal's final report and needs no answer of
-        // its own. Only a sender that opens an exchange for the `cancel` is answered here.
+        // A `cancel` within the goal's own exchange is answered by the goal's final report. Only a
+        // sender that opens a new exchange for the `cancel` is answered here.
         let other = message.opens_exchange().then(|| Participation::of(&message));
         if !is_here {
             let unknown = || format!("there is no goal `{id}`");
             other.iter().for_each(|other| ctx.refuse(other, Reason::Unknown, unknown()));
             return;
         }
-        // Confirmed only when it is on record: then a standby that takes over cancels the goal too.
+        // The cancellation is confirmed only when it is recorded, so that a standby that takes over
+        // cancels the goal too.
         self.replicate_cancellation(id, ctx, move |ctx| {
             let report = Report::new(Outcome::Cancelled, "the goal is given up");
             other.iter().for_each(|other| ctx.answer(other, Performative::Confirm, &report));
@@ -312,7 +317,8 @@ impl PlanRequester {
 
     // === comparing ===
 
-    /// Asks the Domain Maintainer for the domain and the state, to compare a goal with them.
+    /// Queries the Domain Maintainer for the domain and the state, in order to compare a goal with
+    /// them.
     fn fetch_domain(&mut self, id: &ConversationId, attempt: Attempt, ctx: &mut Context<Self>) {
         let asked = ctx.ask(Resource::Domain, &self.config.domain_maintainer);
         let considered = id.clone();
@@ -329,8 +335,8 @@ impl PlanRequester {
         }
     }
 
-    /// Compares a goal with the domain and the state. If the goal does not hold, prepares a round of
-    /// planning. `None` if the goal has ended.
+    /// Compares a goal with the domain and the state. Prepares a round of planning if the goal does
+    /// not hold. Returns `None` if the goal has ended.
     fn compare_goal(
         &mut self,
         id: &ConversationId,
@@ -384,7 +390,7 @@ impl PlanRequester {
         Some(GoalEvent::GoalOpen(attempt, flow))
     }
 
-    /// Looks for a plan for a goal, in the flow that its phase tells.
+    /// Searches a plan for a goal, in the planning flow of the goal's phase.
     fn plan(&mut self, id: &ConversationId, attempt: Attempt, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get(id) else { return };
         let Some(round) = &goal.round else { return };
@@ -423,8 +429,7 @@ impl PlanRequester {
         }
     }
 
-    /// Sends the outcome of a goal to its initiator: at once, or as soon as there is room in the
-    /// outbox.
+    /// Sends the outcome of a goal to its initiator. If the outbox is full, queues the outcome.
     fn send_or_queue(&mut self, to: &Participation, report: Report, ctx: &mut Context<Self>) {
         if ctx.try_answer(to, Performative::Confirm, &report).is_err() {
             self.ended.queue_unsent(to.clone(), report);
@@ -432,7 +437,7 @@ impl PlanRequester {
         }
     }
 
-    /// Starts the timer after which outcomes that are still unsent are sent.
+    /// Starts the timer for the next attempt to send queued outcomes, if it is not running.
     fn schedule_resend(&mut self, ctx: &mut Context<Self>) {
         if self.resend_timer.is_none() {
             self.resend_timer = Some(ctx.after(TELL_AGAIN, |requester: &mut Self, ctx| {
@@ -453,14 +458,14 @@ impl PlanRequester {
 
     // === changes of the world ===
 
-    /// Handles a change of the world: a goal that held may not hold now, and a waiting goal may have a
-    /// plan.
+    /// Handles a change of the world: a goal that held may not hold any more, and a goal that waits
+    /// may have a plan now.
     fn informed(&mut self, message: Message, ctx: &mut Context<Self>) {
         if message.sender != self.config.domain_maintainer {
             return;
         }
         let Ok(Inform::Epoch(change)) = message.content_as::<Inform>() else { return };
-        // When planning for one goal ends, the next goal is taken up from there.
+        // When planning for one goal ends, planning for the next goal is started there.
         let event = GoalEvent::WorldChanged {
             joined: change.joined.clone(),
             have_agents_changed: !change.joined.is_empty() || !change.left.is_empty(),
@@ -474,22 +479,22 @@ impl PlanRequester {
     }
 }
 
-/// Returns the errors that checking a goal against the composite domain finds.
+/// Returns the errors of checking a goal against the composite domain.
 fn errors_in(goal: &Goal, known: &PlanningSnapshot) -> Vec<pddl::Diagnostic> {
     let diagnostics = pddl::check::check_condition(&known.domain, &known.problem, &goal.condition);
     diagnostics.into_iter().filter(pddl::Diagnostic::is_error).collect()
 }
 
-/// Returns, as text for a person, the parts of a goal that were valid before and are not valid now,
-/// because the agent that declared the names in them has left. `None` if there are no such parts.
+/// Returns, as text for a person, the parts of a goal that are not valid any more, because the
+/// agent that declared the names in them has left. Returns `None` if there are no such parts.
 fn lost_to(goal: &Goal, known: &PlanningSnapshot) -> Option<String> {
     let errors = errors_in(goal, known);
     let lost: Vec<_> = errors.iter().map(|error| error.message.as_str()).collect();
     (!lost.is_empty()).then(|| format!("{}: its agent is not here", lost.join(", ")))
 }
 
-/// Returns, as text for a person, the errors that checking a goal against the composite domain finds;
-/// `None` if there are none.
+/// Returns, as text for a person, the errors of checking a goal against the composite domain, or a
+/// contradiction within the goal. Returns `None` if there is neither.
 fn wrong_in(goal: &Goal, known: &PlanningSnapshot) -> Option<String> {
     let errors = errors_in(goal, known);
     if errors.is_empty() {

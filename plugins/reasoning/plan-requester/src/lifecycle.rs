@@ -1,5 +1,6 @@
-//! Wraps the state machine of a goal (`goal-lifecycle`): tells it what happened and carries out its
-//! commands. No other module changes the phase of a goal.
+//! Connects the state machine of a goal (the crate `goal-lifecycle`) with the Plan Requester: gives
+//! events to the state machine and carries out its commands. No other module changes the phase of a
+//! goal.
 
 use std::time::Duration;
 
@@ -12,7 +13,7 @@ use crate::PlanRequester;
 use crate::goal::{Goal, Work};
 
 impl PlanRequester {
-    /// Tells a goal what happened, and carries out the commands that follow.
+    /// Gives an event to the state machine of a goal, and carries out the commands that follow.
     pub(crate) fn handle(
         &mut self,
         id: &ConversationId,
@@ -25,7 +26,7 @@ impl PlanRequester {
         self.carry_out(id, commands, ctx);
     }
 
-    /// Carries out the commands of a goal in their order.
+    /// Carries out the commands of a goal in order.
     pub(crate) fn carry_out(
         &mut self,
         id: &ConversationId,
@@ -58,7 +59,7 @@ impl PlanRequester {
             GoalCommand::ForgetPlan => {
                 let plan = self.goals.get_mut(id).and_then(|goal| goal.plan.take());
                 if plan.is_some() {
-                    // A replica that takes over does not need this plan.
+                    // A replica that takes over does not need this plan any more.
                     self.forget_plan(id, ctx);
                 }
             }
@@ -71,7 +72,8 @@ impl PlanRequester {
         }
     }
 
-    /// Returns the time since this replica began.
+    /// Returns the time since the first call of this function, the origin of the time in the goals'
+    /// states.
     pub(crate) fn elapsed(&mut self, ctx: &Context<Self>) -> Duration {
         let now = ctx.now();
         now - *self.began_at.get_or_insert(now)
@@ -81,7 +83,7 @@ impl PlanRequester {
         Policy { is_replanning: self.config.replanning, grace: ctx.settings().grace }
     }
 
-    /// Considers a goal: if it may be planned for now, compares it with the known state.
+    /// Considers a goal: if it may be planned for, compares it with the known state.
     pub(crate) fn consider(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let turn = Turn {
             missing_quorum: self.missing_quorum(id, ctx),
@@ -122,7 +124,7 @@ impl PlanRequester {
         ctx.close(token);
     }
 
-    /// Tells the initiator the outcome of a goal, and the Journals.
+    /// Sends the outcome of a goal to its initiator, and records the outcome in the Journals.
     fn end(
         &mut self,
         id: &ConversationId,

@@ -1,5 +1,5 @@
 //! Cancels orphan plans: plans that another replica of the Plan Requester made for goals that have
-//! ended or already hold. That replica was cut off or died, and its plans may still run
+//! ended or already hold. That replica was cut off or has crashed, and its plans may still run
 //! (docs/design.md, “Fail-over”).
 
 use acl::content::{CancelPlan, Execute, Request, value};
@@ -9,13 +9,13 @@ use agent::{Context, ExchangeOpening};
 use crate::PlanRequester;
 use crate::execution::running_plan_of_refusal;
 
-/// Maximum number of orphan plans that are cancelled one after the other for one goal. The Plan
-/// Executor may answer each cancellation with another running plan of the same goal.
+/// Maximum number of further orphan plans of one goal that are cancelled after the first one. The
+/// Plan Executor may answer each cancellation with another running plan of the same goal.
 const TIMES_MAX: u32 = 4;
 
 impl PlanRequester {
-    /// Asks the Plan Executor to cancel an orphan plan. `times` counts the plans of the goal cancelled
-    /// so far.
+    /// Requests the Plan Executor to cancel an orphan plan. `times` is the number of orphan plans
+    /// that were already cancelled for the goal.
     pub(crate) fn cancel_orphan(
         &mut self,
         id: &ConversationId,
@@ -41,8 +41,8 @@ impl PlanRequester {
         });
     }
 
-    /// Whether `plan` is the plan that this replica runs for the goal. It may have started to run this
-    /// plan since the cancellation was decided.
+    /// Returns `true` if `plan` is the plan that this replica runs for the goal. The replica may
+    /// have adopted this plan after the cancellation was decided.
     fn runs(&self, id: &ConversationId, plan: &Execute) -> bool {
         let running = self.goals.get(id).filter(|goal| goal.state.phase().is_running());
         let own = running.and_then(|goal| goal.plan.as_deref());

@@ -1,5 +1,5 @@
-//! The centralised planning flow: the Planning Agent computes the plan (the paper, “Flow of Control in
-//! Centralized Plan Execution”).
+//! The centralised planning flow: the Planning Agent computes the plan (the paper, “Flow of Control
+//! in Centralized Plan Execution”).
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -20,7 +20,7 @@ use crate::goal::Work;
 use crate::planning_snapshot::PlanningSnapshot;
 
 impl PlanRequester {
-    /// Asks the Planning Agent for a plan for a goal.
+    /// Requests the Planning Agent to make a plan for a goal.
     pub(crate) fn ask_planner(
         &mut self,
         id: &ConversationId,
@@ -116,8 +116,11 @@ impl PlanRequester {
         }
     }
 
-    /// Returns the plan in the Planning Agent's proposal and its cost, or the reason why the proposal
-    /// has no plan that is valid here.
+    /// Returns the plan in the Planning Agent's proposal and its cost.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason, as text for a person, if the proposal has no plan that is valid here.
     fn judge(
         &self,
         id: &ConversationId,
@@ -137,8 +140,11 @@ impl PlanRequester {
     }
 }
 
-/// Returns the Planning Agent's proposal and its sender. If the answer contains no proposal, returns the
-/// reason and how long to wait before the next try.
+/// Returns the Planning Agent's proposal and its sender.
+///
+/// # Errors
+///
+/// If the answer contains no proposal, returns the reason and the delay before the next attempt.
 fn read(answer: ExchangeEvent) -> Result<(AgentId, PlanProposal), (String, Duration)> {
     let message = match answer {
         ExchangeEvent::Message(message) => message,
@@ -158,9 +164,9 @@ fn read(answer: ExchangeEvent) -> Result<(AgentId, PlanProposal), (String, Durat
     Ok((message.sender, proposal))
 }
 
-/// Explains which conjuncts cannot be reached and what is missing for them, if the known facts or the
-/// relaxation (planning as if no action undid another) show this; otherwise returns the text of
-/// `otherwise`. `None` if the domain cannot be analysed.
+/// Returns, as text for a person, which conjuncts cannot be reached and what is missing for them,
+/// if the known facts or the delete relaxation (planning as if no action undid another) show this.
+/// Otherwise returns the text of `otherwise`. Returns `None` if the domain cannot be analysed.
 pub(crate) fn explain(
     known: &PlanningSnapshot,
     open: &[Condition],
@@ -175,8 +181,8 @@ pub(crate) fn explain(
     let obstacles = explanations::obstacles(&explanation, &known.avoided);
     match (plain.is_empty(), obstacles) {
         (true, Some(obstacles)) => Some(obstacles),
-        // The avoided action may be all that is missing, so `otherwise`, which blames interference,
-        // would mislead.
+        // Perhaps only the avoided action is missing. The text of `otherwise`, which names
+        // interference as the reason, would mislead in that case.
         (true, None) if !known.avoided.is_empty() => {
             Some(format!("there is no other way{}", explanations::describe_avoided(&known.avoided)))
         }

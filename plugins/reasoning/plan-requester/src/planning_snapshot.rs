@@ -1,6 +1,6 @@
-//! The domain and the state as the Domain Maintainer knows them, read once per round of planning: “the
-//! plan request compiles all the state and domain information that may be required to solve a planning
-//! problem” (the paper, “Plan Requester”).
+//! The Domain Maintainer's domain and state, read once per round of planning: “the plan request
+//! compiles all the state and domain information that may be required to solve a planning problem”
+//! (the paper, “Plan Requester”).
 
 use std::collections::{BTreeMap, BTreeSet, HashSet};
 use std::sync::OnceLock;
@@ -18,44 +18,44 @@ use planner::order::interference;
 use planner::validate::{Fault, World, cost_from};
 use planner::{Budget, Cancel, Options, StopReason};
 
-/// Maximum number of grounding candidates that are examined to explain why there is no plan. The limit
-/// is reached after about a second in the largest buildings.
+/// Maximum number of grounding candidates that are examined for explaining why there is no plan.
+/// The limit is reached after about a second in the largest buildings.
 const EXPLAINING_STEPS_MAX: u64 = 20_000_000;
 
-/// Maximum number of states that are examined to explain why there is no plan. The limit is reached
-/// after some seconds in the largest buildings.
+/// Maximum number of states that are examined for explaining why there is no plan. The limit is
+/// reached after some seconds in the largest buildings.
 const EXPLAINING_EXPANSIONS_MAX: u64 = 50_000;
 
-/// Maximum number of steps that evaluating one goal in the state of a snapshot takes. The goals of the
-/// largest buildings take some thousands; the limit is reached after half a second, in which the Plan
-/// Requester answers no message.
+/// Maximum number of steps for evaluating one goal in the state of a snapshot. The goals of the
+/// largest buildings take some thousands of steps. The limit is reached after half a second, during
+/// which the Plan Requester answers no message.
 const EVALUATION_STEPS_MAX: u64 = 3_000_000;
 
-/// The domain and the state that a round of planning works with.
+/// The domain and the state for one round of planning.
 #[derive(Clone, Debug)]
 pub(crate) struct PlanningSnapshot {
     pub(crate) epoch: u64,
     pub(crate) domain: Domain,
     pub(crate) problem: Problem,
-    /// The initial state of the problem, or the reason why it cannot be made. Computed at first use.
+    /// The initial state of the problem, computed at the first use. An error is the reason, as text
+    /// for a person, why this state cannot be made.
     world: OnceLock<Result<World, String>>,
     pub(crate) domain_text: String,
     pub(crate) offers: Offers,
-    /// Actions offered by all agents, including agents that are left out of planning.
+    /// Actions offered by all agents, including the agents that are left out of planning.
     pub(crate) all_offers: Offers,
-    /// The problem that includes all agents, also those that are left out of planning.
+    /// The problem with all agents, including the agents that are left out of planning.
     whole: Problem,
     /// The guard of each action schema: the fact that lets one agent use the action.
     pub(crate) guards: BTreeMap<Name, ActionGuard>,
     /// Former action models: models that agents offered earlier and no longer offer.
     former: Vec<ActionModel>,
-    /// The predicates that the domain uses for unknown facts.
+    /// The predicates that stand for unknown facts in the domain.
     knowledge: Knowledge,
-    /// The predicates that the domain uses for unknown facts, in the form in which messages contain
-    /// them.
+    /// The predicates that stand for unknown facts in the domain, in the form that messages use.
     pub(crate) words: BTreeMap<String, content::Auxiliary>,
     pub(crate) avoided: AvoidedActions,
-    /// Agents that other goals use; planning leaves them out.
+    /// Agents that are in use by other goals and left out of planning.
     pub(crate) spared: BTreeSet<AgentId>,
 }
 
@@ -64,7 +64,7 @@ impl PlanningSnapshot {
     ///
     /// # Errors
     ///
-    /// Returns an error if the snapshot is not valid PDDL, as text for a person.
+    /// Returns an error, as text for a person, if the snapshot is not valid PDDL.
     pub(crate) fn read(snapshot: Snapshot) -> Result<PlanningSnapshot, String> {
         let Snapshot { epoch, domain, problem, offers, guards, former, knowledge, .. } = snapshot;
         let domain_text = domain;
@@ -75,7 +75,7 @@ impl PlanningSnapshot {
             (Name::new(&inside), ActionGuard { outside, predicate })
         };
         let guards = guards.into_iter().map(guard).collect();
-        // A former model that cannot be parsed is left out: it would explain nothing.
+        // A former model that cannot be parsed is left out; only explanations use it.
         let read = |text: &String| pddl::parse_action_model(text).into_result().ok();
         let former = former.iter().filter_map(read).collect();
         let (all_offers, whole, avoided) = (offers.clone(), problem.clone(), AvoidedActions::new());
@@ -97,7 +97,7 @@ impl PlanningSnapshot {
         })
     }
 
-    /// Returns the snapshot without the actions `avoided`, which failed a short time ago.
+    /// Returns the snapshot without the actions `avoided`, which failed recently.
     pub(crate) fn without_avoided(mut self, avoided: AvoidedActions) -> PlanningSnapshot {
         let guards = take_avoided(&mut self.offers, &avoided);
         if !guards.is_empty() {
@@ -108,7 +108,7 @@ impl PlanningSnapshot {
         self
     }
 
-    /// Returns the snapshot without the agents `reserved`, which other goals use.
+    /// Returns the snapshot without the agents `reserved`, which are in use by other goals.
     pub(crate) fn without_agents(mut self, reserved: &BTreeSet<AgentId>) -> PlanningSnapshot {
         let taken = reserved.iter().filter_map(|agent| self.offers.remove(agent));
         let guards = taken.flat_map(BTreeMap::into_values).map(|offer| offer.guard).collect();
@@ -117,10 +117,10 @@ impl PlanningSnapshot {
         self
     }
 
-    /// Removes the facts `guards` from the problem, so that the agents they belong to cannot act in
-    /// plans.
+    /// Removes the facts `guards` from the problem, so that the agents of these guards cannot act
+    /// in plans.
     fn leave_out(&mut self, guards: &BTreeSet<String>) {
-        // Parsing cannot fail here: a Domain Maintainer printed the guards.
+        // Parsing cannot fail here, because a Domain Maintainer printed the guards.
         let read = |guard: &String| pddl::parse_init_elements(guard).into_result().ok();
         let guards: HashSet<InitElement> = guards.iter().filter_map(read).flatten().collect();
         self.problem.init.retain(|fact| !guards.contains(fact));
@@ -134,14 +134,14 @@ impl PlanningSnapshot {
         world.as_ref().map_err(String::as_str)
     }
 
-    /// Returns the condition that `condition` is known to hold, written in the predicates that the
-    /// domain uses for unknown facts.
+    /// Returns the condition that `condition` is known to hold. The result uses the predicates that
+    /// stand for unknown facts in the domain.
     pub(crate) fn sure(&self, condition: &Condition) -> Condition {
         self.knowledge.known_to_hold(condition)
     }
 
-    /// Returns the problem of reaching a state in which `goal` is known to hold, from the present
-    /// state.
+    /// Returns the problem of reaching, from the present state, a state in which `goal` is known to
+    /// hold.
     pub(crate) fn problem_of(&self, goal: &Condition) -> Problem {
         Problem { goal: self.knowledge.known_to_hold(goal), ..self.problem.clone() }
     }
@@ -150,8 +150,8 @@ impl PlanningSnapshot {
     ///
     /// # Errors
     ///
-    /// Returns an error, as text for a person, if the state cannot be made, or if the goal is too large
-    /// to be split or evaluated.
+    /// Returns an error, as text for a person, if the state cannot be made, or if the goal is too
+    /// large to be split into conjuncts or evaluated.
     pub(crate) fn open_conjuncts(&self, goal: &Condition) -> Result<Vec<Condition>, String> {
         let world = self.world()?;
         world.renew_work();
@@ -165,16 +165,17 @@ impl PlanningSnapshot {
         }
     }
 
-    /// Returns the conjuncts of a goal, written in the goal's own predicates; returns the goal itself
-    /// as the only part if it cannot be split.
+    /// Returns the conjuncts of a goal, without the predicates that stand for unknown facts.
+    /// Returns the goal itself as the only part if it cannot be split.
     pub(crate) fn parts(&self, goal: &Condition) -> Vec<Condition> {
         let parts = self.world().ok().and_then(|world| self.conjuncts(world, goal).ok());
         parts.unwrap_or_else(|| vec![goal.clone()])
     }
 
-    /// Splits a goal into its conjuncts. `world` gives the objects over which quantifiers are expanded.
+    /// Splits a goal into its conjuncts. Quantifiers are expanded over the objects in `world`.
     fn conjuncts(&self, world: &World, goal: &Condition) -> Result<Vec<Condition>, GoalTooLarge> {
-        // A fact about a room may come from a device that has left, although no device derives it now.
+        // A fact about a room may come from a device that has left, although no present device
+        // derives it.
         let is_unknown = |atom: &pddl::Atom| {
             let unknown = self.knowledge.unknown(atom);
             unknown.is_some_and(|unknown| world.holds(&Condition::Atom(unknown)))
@@ -187,8 +188,8 @@ impl PlanningSnapshot {
         world.holds(&self.knowledge.known_to_hold(condition))
     }
 
-    /// Returns a conjunct of the goal that the goal requires both to hold and not to hold; `None` if
-    /// there is no such conjunct.
+    /// Returns a conjunct of the goal if the goal requires both this conjunct and its negation;
+    /// `None` if there is no such conjunct.
     pub(crate) fn contradiction(&self, goal: &Condition) -> Option<Condition> {
         let conjuncts = self.conjuncts(self.world().ok()?, goal).ok()?;
         let denied = conjuncts.iter().filter_map(|conjunct| match conjunct {
@@ -199,8 +200,8 @@ impl PlanningSnapshot {
         conjuncts.iter().find(|conjunct| denied.contains(conjunct)).cloned()
     }
 
-    /// Whether a condition cannot be reached with the actions of all agents even in the relaxation
-    /// (planning as if no action undid another).
+    /// Returns `true` if a condition cannot be reached with the actions of all agents even in the
+    /// delete relaxation (planning as if no action undid another).
     pub(crate) fn is_hopeless(&self, condition: &Condition, cancel: &Cancel) -> bool {
         let Ok(open) = self.open_conjuncts(condition) else { return true };
         let open: Vec<_> = open.iter().map(|part| self.knowledge.known_to_hold(part)).collect();
@@ -208,8 +209,8 @@ impl PlanningSnapshot {
             .is_ok_and(|unreachable| !unreachable.is_empty())
     }
 
-    /// Returns the status of a ground condition that is not known to hold (false or unknown), as text
-    /// for a person.
+    /// Returns the status (false or unknown) of a ground condition that is not known to hold, as
+    /// text for a person.
     pub(crate) fn describe_status(&self, condition: &Condition) -> String {
         let denied = Condition::Not(Box::new(condition.clone()));
         match self.holds(&denied) {
@@ -218,8 +219,9 @@ impl PlanningSnapshot {
         }
     }
 
-    /// Returns why a ground condition does not hold, if the known facts alone explain it: the condition
-    /// is unknown, or it compares numbers that no action changes. Otherwise `None`.
+    /// Returns the reason why a ground condition does not hold, if the known facts alone explain
+    /// it: the condition is unknown, or it compares numbers that no action changes. Otherwise
+    /// returns `None`.
     pub(crate) fn plain_reason(&self, condition: &Condition) -> Option<String> {
         let standing = self.describe_status(condition);
         let denied = Condition::Not(Box::new(condition.clone()));
@@ -250,7 +252,7 @@ impl PlanningSnapshot {
         Some(format!("{standing}: {}, and no action here changes it", values.join(", ")))
     }
 
-    /// Whether a condition is known to hold.
+    /// Returns `true` if a condition is known to hold.
     pub(crate) fn holds(&self, condition: &Condition) -> bool {
         self.world().is_ok_and(|world| {
             world.renew_work();
@@ -258,16 +260,16 @@ impl PlanningSnapshot {
         })
     }
 
-    /// Whether a plan can run at the same time as the remaining steps of other plans without undoing
-    /// what already holds of the goals of those plans. The remaining steps use the action names of
-    /// their agents.
+    /// Returns `true` if a plan can run at the same time as the remaining steps of other plans,
+    /// without undoing the conjuncts of the goals of those plans that hold now. The remaining steps
+    /// use the action names of their agents.
     pub(crate) fn can_run_beside<'g>(
         &self,
         plan: &Plan,
         steps: impl IntoIterator<Item = &'g PlanStep>,
         goals: impl IntoIterator<Item = &'g Condition>,
     ) -> bool {
-        // A step that no agent offers any more fails by itself.
+        // A step without an agent that offers its action fails by itself.
         let named = |step: &PlanStep| self.named(step, &self.all_offers).ok();
         let theirs: Vec<_> = steps.into_iter().filter_map(named).collect();
         self.world().is_ok_and(|now| {
@@ -276,7 +278,7 @@ impl PlanningSnapshot {
         })
     }
 
-    /// Whether every conjunct of `goals` that holds now also holds after a plan.
+    /// Returns `true` if every conjunct of `goals` that holds now also holds after a plan.
     fn leaves<'g>(
         &self,
         now: &World,
@@ -292,16 +294,17 @@ impl PlanningSnapshot {
             && now.work_limit_reached().is_none()
     }
 
-    /// Returns the cost of the remaining steps of a plan from the present state; `None` if these steps
-    /// do not reach the goal.
+    /// Returns the cost of the remaining steps of a plan from the present state; `None` if these
+    /// steps do not reach the goal.
     pub(crate) fn cost_of_rest(&self, steps: &[PlanStep], goal: &Condition) -> Option<f64> {
         let steps = steps.iter().map(|step| self.named(step, &self.all_offers));
         let plan = Plan { steps: steps.collect::<Result<_, _>>().ok()?, cost: None };
         self.validate(&plan, goal).ok()
     }
 
-    /// Returns the longest part at the end of a plan in which agents still offer the action of every
-    /// step, with the action names of the composite domain; `None` if the last step is not offered.
+    /// Returns the longest part at the end of a plan in which agents still offer the action of
+    /// every step, with the action names of the composite domain. Returns `None` if the action of
+    /// the last step is not offered any more.
     pub(crate) fn nameable(&self, steps: &[PlanStep]) -> Option<Plan> {
         let named = steps.iter().rev().map_while(|step| self.named(step, &self.all_offers).ok());
         let mut steps: Vec<_> = named.collect();
@@ -309,9 +312,9 @@ impl PlanningSnapshot {
         (!steps.is_empty()).then_some(Plan { steps, cost: None })
     }
 
-    /// Plans for some conjuncts of a goal with the actions of all agents, within the bounds that are
-    /// set for explanations. Returns the plan, if one was found, and the reason why planning ended;
-    /// `None` if planning is not possible at all.
+    /// Plans for some conjuncts of a goal with the actions of all agents, within the limits for
+    /// explanations. Returns the plan, if one was found, and the reason why planning ended. Returns
+    /// `None` if the domain or the problem cannot be planned with.
     pub(crate) fn plan_for(
         &self,
         parts: &[Condition],
@@ -323,8 +326,9 @@ impl PlanningSnapshot {
         Some((outcome.plan, outcome.stop_reason))
     }
 
-    /// Returns which of `conjuncts` are unreachable even in the relaxation, where no action undoes
-    /// another, and what is missing for them. `None` if the domain cannot be analysed.
+    /// Returns those of `conjuncts` that are unreachable even in the delete relaxation (planning as
+    /// if no action undid another), and what is missing for each of them. Returns `None` if the
+    /// domain cannot be analysed.
     pub(crate) fn explain(&self, conjuncts: &[Condition], cancel: &Cancel) -> Option<Explanation> {
         let PlanningSnapshot { domain, whole: problem, guards, former, .. } = self;
         let known = explain::ExplanationInput { domain, problem, guards, former };
@@ -332,7 +336,13 @@ impl PlanningSnapshot {
         explain::explain(known, conjuncts, &bounded(), cancel).ok()
     }
 
-    /// Joins the plans of several agents into one, with the action names of the composite domain.
+    /// Joins the plans of several agents into one plan, with the action names of the composite
+    /// domain.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error, as text for a person, if a plan cannot be parsed, or if the action of a
+    /// step is avoided or not offered.
     pub(crate) fn combine(&self, plans: &[&str]) -> Result<Plan, String> {
         let mut steps = Vec::new();
         for text in plans {
@@ -344,7 +354,12 @@ impl PlanningSnapshot {
         Ok(Plan { steps, cost: None })
     }
 
-    /// Returns the cost of `plan` if it reaches `goal`; otherwise the reason why it does not.
+    /// Returns the cost of `plan` if it reaches `goal`.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason, as text for a person, if the plan does not reach the goal or cannot be
+    /// evaluated.
     pub(crate) fn validate(&self, plan: &Plan, goal: &Condition) -> Result<f64, String> {
         let goal = self.knowledge.known_to_hold(goal);
         let fault = |fault: Box<Fault>| {
@@ -355,15 +370,15 @@ impl PlanningSnapshot {
         cost_from(world, &plan.steps, &goal).map_err(fault)
     }
 
-    /// Whether the plan that an agent proposes has steps, and the action of each step is offered and
-    /// not avoided.
+    /// Returns `true` if an agent's proposed plan has at least one step, and the action of each
+    /// step is offered and not avoided.
     pub(crate) fn admits(&self, plan: &str) -> bool {
         self.combine(&[plan]).is_ok_and(|plan| !plan.steps.is_empty())
     }
 
-    /// Whether a plan has a step that its agent is not known to offer, though the agent itself is
-    /// known: such an agent has announced a newer action model that the Domain Maintainer does not have
-    /// yet.
+    /// Returns `true` if a plan has a step with an action that its agent is not known to offer,
+    /// although other actions of the agent are known. Such an agent has announced a newer action
+    /// model that has not reached this snapshot yet.
     pub(crate) fn uses_newer_model(&self, plan: &str) -> bool {
         let is_newer = |step: &PlanStep| {
             let agent = step.arguments.first().map_or("", |agent| agent.as_str());
@@ -373,8 +388,8 @@ impl PlanningSnapshot {
         pddl::parse_plan(plan).into_result().is_ok_and(|plan| plan.steps.iter().any(is_newer))
     }
 
-    /// Whether the plan of a proposal reaches all conjuncts that the proposal covers, without steps of
-    /// other plans.
+    /// Returns `true` if the plan of a proposal reaches all conjuncts that the proposal covers,
+    /// without steps of other plans.
     pub(crate) fn is_sound(&self, proposal: &Proposal) -> bool {
         let read = |text: &String| pddl::parse_condition(text).into_result().ok();
         let covered: Option<Vec<_>> = proposal.covers.iter().map(read).collect();
@@ -393,8 +408,12 @@ impl PlanningSnapshot {
         self.named(&step, &self.offers)
     }
 
-    /// Returns a step with the action name of the composite domain in place of the name that its agent
-    /// uses.
+    /// Returns a step with the action name of the composite domain in place of the agent's own
+    /// action name.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error, as text for a person, if the agent does not offer the action in `offers`.
     fn named(&self, step: &PlanStep, offers: &Offers) -> Result<PlanStep, String> {
         let offer = step
             .arguments
@@ -405,7 +424,7 @@ impl PlanningSnapshot {
         Ok(PlanStep { action: offer.schema.as_str().into(), ..step.clone() })
     }
 
-    /// Returns a plan as people are to read it: every action has the name that its agent uses.
+    /// Returns a plan with the agents' own action names, for reports to people.
     pub(crate) fn outside(&self, plan: &Plan) -> Plan {
         let steps = plan.steps.iter().map(|step| outside(step, &self.offers));
         Plan { steps: steps.collect(), cost: plan.cost }
@@ -425,8 +444,7 @@ impl PlanningSnapshot {
     }
 }
 
-/// Returns a step with the action name that its agent uses, in place of the name in the composite
-/// domain.
+/// Returns a step with the agent's own action name in place of the name in the composite domain.
 pub(crate) fn outside(step: &PlanStep, offers: &Offers) -> PlanStep {
     let agent = step.arguments.first().map_or("", |agent| agent.as_str());
     let offered = offers.get(agent).into_iter().flatten();
@@ -435,7 +453,7 @@ pub(crate) fn outside(step: &PlanStep, offers: &Offers) -> PlanStep {
     PlanStep { action: action.into(), ..step.clone() }
 }
 
-/// Returns planner options with the bounds that are set for explanations.
+/// Returns planner options with the limits for explanations.
 fn bounded() -> Options {
     let budget = Budget {
         join_steps_max: EXPLAINING_STEPS_MAX,
@@ -445,8 +463,8 @@ fn bounded() -> Options {
     Options { budget, ..Options::default() }
 }
 
-/// Returns planner options with the bounds for a plan of several agents. The plan is needed for one
-/// sentence of an explanation only.
+/// Returns planner options with the limits for a plan of several agents, which is needed only for
+/// one sentence of an explanation.
 fn looking() -> Options {
     let budget = Budget { expansions_max: EXPLAINING_EXPANSIONS_MAX, ..bounded().budget };
     Options { budget, ..Options::default() }
@@ -496,7 +514,7 @@ mod tests {
     }
 
     #[test]
-    fn a_goal_that_is_too_large_is_refused_with_the_limit_and_others_are_not() {
+    fn only_a_goal_that_is_too_large_is_refused() {
         let known = snapshot();
         let body = "(imply (door ?a ?b) (or (door ?b ?a) (door ?c ?d)))";
         for goal in [
@@ -514,8 +532,8 @@ mod tests {
     }
 
     #[test]
-    fn a_goal_that_takes_too_long_to_evaluate_is_refused_and_never_holds() {
-        // It does not hold, and every combination of rooms has to be tried.
+    fn an_evaluation_beyond_the_limit_is_refused_and_never_holds() {
+        // The goal does not hold; every combination of rooms must be tested to detect this.
         let goal = condition(&format!("(not (not {}))", quantified("exists", "(not (= ?z ?z))")));
         let goal = Condition::Or(vec![goal.clone(), goal]);
         let known = snapshot();
@@ -527,7 +545,7 @@ mod tests {
         let none = Plan { steps: Vec::new(), cost: None };
         let fault = known.validate(&none, &goal).expect_err("it is not found out");
         assert!(fault.contains("takes more than 3000000 steps"), "{fault}");
-        // Other goals are evaluated, also in the same snapshot.
+        // Other goals are still evaluated in the same snapshot.
         assert_eq!(known.open_conjuncts(&condition("(open hall)")), Ok(Vec::new()));
         assert!(known.holds(&condition("(door hall lab)")));
         assert!(known.validate(&none, &condition("(open hall)")).is_ok());

@@ -1,5 +1,5 @@
-//! The proposals that actuators make for one goal: which set of them is chosen, and how the bidders are
-//! told.
+//! The proposals of actuators for one goal: selects a set of them, and sends acceptances and
+//! rejections to the bidders.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use crate::PlanRequester;
 use crate::planning_snapshot::PlanningSnapshot;
 use crate::selection::{Bids, Selection, selections};
 
-/// State of a call for proposals that has not ended.
+/// State of an open call for proposals.
 pub(crate) struct ContractNetState {
     pub(crate) attempt: Attempt,
     pub(crate) known: Arc<PlanningSnapshot>,
@@ -27,19 +27,23 @@ pub(crate) struct ContractNetState {
     /// Agents with bids that use actions which the Domain Maintainer does not list for these agents
     /// yet.
     pub(crate) ahead: BTreeSet<AgentId>,
-    /// The agent and the conjuncts of each proposal, with the exchange in which the proposal was made.
+    /// Agent and conjuncts of each proposal, with the exchange of the proposal.
     pub(crate) made_in: Vec<(AgentId, Vec<String>, ReplyToken)>,
     pub(crate) tokens: Vec<ReplyToken>,
     /// Timer that closes the round at its deadline.
     pub(crate) timer: TimerId,
-    /// Timer that sends the call again to agents that have not answered.
+    /// Timer that repeats the call to agents that have not answered.
     pub(crate) reminder: TimerId,
     pub(crate) is_second_round: bool,
 }
 
 impl ContractNetState {
-    /// Returns the cheapest set of proposals that together reach the goal, with the combined plan and
-    /// its cost. Otherwise returns the reasons why the sets that were tried are not valid.
+    /// Returns the cheapest valid set of proposals that together reach the goal, with the combined
+    /// plan and its cost.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reasons, as texts for a person, why each of the examined sets is not valid.
     pub(crate) fn cheapest_valid(
         &mut self,
         wanted: &Condition,
@@ -48,8 +52,8 @@ impl ContractNetState {
             Ok(valid) => return Ok(valid),
             Err(problems) => problems,
         };
-        // A proposal that does not even reach its own conjuncts may have kept valid sets from being
-        // tried.
+        // A proposal that does not reach its own conjuncts may have crowded valid sets out of the
+        // limited number of examined sets.
         if !self.drop_unsound() {
             return Err(problems);
         }
@@ -74,7 +78,7 @@ impl ContractNetState {
     }
 
     /// Drops each proposal with a plan that does not reach all conjuncts that the proposal covers.
-    /// Returns whether any proposal was dropped.
+    /// Returns `true` if any proposal was dropped.
     fn drop_unsound(&mut self) -> bool {
         let count = |bids: &Bids| bids.values().map(Vec::len).sum::<usize>();
         let before = count(&self.bids);
@@ -88,8 +92,8 @@ impl ContractNetState {
         self.award(None, why, ctx);
     }
 
-    /// Accepts the chosen proposals, rejects all others with the reason `why`, and closes the exchanges
-    /// with the bidders.
+    /// Accepts the chosen proposals, rejects all others with the reason `why`, and closes the
+    /// exchanges with the bidders.
     pub(crate) fn award(
         self,
         chosen: Option<&Selection>,
@@ -123,7 +127,7 @@ impl ContractNetState {
             let choice = value(&Choice { covers: Vec::new(), detail: why.to_owned() });
             match agents.as_slice() {
                 [agent] => ctx.send_turn(token, agent, Performative::RejectProposal, choice),
-                // A rejection has no receiver-specific content: one multicast is enough.
+                // A rejection is the same for all receivers, so that one multicast is enough.
                 _ => ctx.multicast_turn(token, agents, Performative::RejectProposal, choice),
             }
         }

@@ -1,15 +1,16 @@
-//! Scheduling of several goals: which goal is planned for next, which agents each goal uses, which
-//! plans may run side by side, and which goal yields.
+//! Scheduling of several goals: selects the goal that is planned for next, the agents for each
+//! goal, the plans that may run in parallel, and the goals that must yield.
 //!
-//! - One goal is planned for at a time, by priority; plans run side by side.
-//! - A plan is first made without the agents that act in other plans ([`PlanningMode::Cooperative`]),
-//!   then also with the agents that act for goals of lower priority, which yield
-//!   ([`PlanningMode::Preemptive`]). If neither succeeds, the goal waits.
-//! - A plan must not undo kept goals of at least the priority of its own goal. If there is no such
-//!   plan, one is made without this constraint, only to explain which goals conflict
+//! - One goal is planned for at a time, by priority; plans run in parallel.
+//! - The first attempt plans without the agents that act in other plans
+//!   ([`PlanningMode::Cooperative`]). The second attempt also uses the agents that act for goals of
+//!   lower priority; these goals yield ([`PlanningMode::Preemptive`]). If neither attempt finds a
+//!   plan, the goal waits.
+//! - A plan must not undo kept goals of at least the same priority. If there is no such plan, a
+//!   plan is made without this constraint, only to explain which goals conflict
 //!   ([`PlanningMode::DiagnoseConflict`]).
-//! - When an agent joins that would make a running plan much cheaper, the goal of that plan is planned
-//!   for again. For a small gain the running plan is not given up.
+//! - If an agent joins that would make a running plan much cheaper, the goal of that plan is
+//!   planned for again. A running plan is not given up for a small gain.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -26,22 +27,22 @@ use crate::PlanRequester;
 use crate::goal::{ExplanationTask, Goal, Work};
 use crate::planning_snapshot::PlanningSnapshot;
 
-/// A running plan is replaced only by a plan that costs at most this share of the running plan's
-/// remaining cost: steps that have begun are lost, and two plans of about the same cost must not
-/// alternate.
+/// Maximum cost of a plan that replaces a running plan, as a share of the running plan's remaining
+/// cost. The share is less than 1, because steps that have begun are lost, and because two plans of
+/// about the same cost must not replace each other repeatedly.
 const WORTH_CHANGING: f64 = 0.8;
 
 impl PlanRequester {
     // === before planning ===
 
-    /// Whether any goal is being planned for. One goal is planned for at a time.
+    /// Returns `true` if any goal is being planned for. Only one goal is planned for at a time.
     pub(crate) fn is_planning_busy(&self) -> bool {
         self.goals.values().any(|goal| goal.state.phase().is_planning())
     }
 
     /// Returns the goals that use all agents with any action, if none of these goals has a lower
-    /// priority than the goal `id`; otherwise `None`. No search is needed then to see that there is no
-    /// plan.
+    /// priority than the goal `id`; otherwise `None`. In this case there is no plan, and no search
+    /// is needed.
     pub(crate) fn all_in_use(
         &self,
         id: &ConversationId,
@@ -59,8 +60,8 @@ impl PlanRequester {
         Some(Blockers { goals, agents: known.spared.clone() })
     }
 
-    /// Returns the agents that other goals use and that the goal's present [`PlanningMode`] leaves to
-    /// them.
+    /// Returns the agents that are in use by other goals and that the goal's present
+    /// [`PlanningMode`] leaves to those goals.
     pub(crate) fn agents_in_use(&self, id: &ConversationId) -> BTreeSet<AgentId> {
         let Some(goal) = self.goals.get(id) else { return BTreeSet::new() };
         let respects = |other: &Goal| match goal.state.planning_mode() {
@@ -92,7 +93,7 @@ impl PlanRequester {
         })
     }
 
-    /// Returns the other kept goals that hold and have at least the priority of a goal.
+    /// Returns the other kept goals that hold and have at least the priority of the goal `id`.
     fn kept_beside<'a>(
         &'a self,
         id: &'a ConversationId,
@@ -117,7 +118,7 @@ impl PlanRequester {
 
     // === a plan ===
 
-    /// Decides what is done with a plan that was found for a goal.
+    /// Decides whether a plan that was found for a goal runs, or waits for other goals.
     pub(crate) fn decide(
         &self,
         id: &ConversationId,
@@ -138,7 +139,7 @@ impl PlanRequester {
         let steps = self.running_beside(id).flat_map(|(_, other)| &other.steps_left);
         let conditions = self.running_beside(id).map(|(_, other)| &other.condition);
         if known.can_run_beside(plan, steps, conditions) {
-            // All plans are checked at once; blockers are searched only if that check fails.
+            // All plans are checked at once; blocking plans are searched only if that check fails.
             return PlanDecision::Run;
         }
         let is_in_the_way = |(_, other): &(_, &Goal)| {
@@ -157,7 +158,7 @@ impl PlanRequester {
         }
     }
 
-    /// Handles a valid plan that was found for a goal, with the decision about it.
+    /// Handles a valid plan that was found for a goal, and the decision about the plan.
     pub(crate) fn plan_found(
         &mut self,
         id: &ConversationId,
@@ -172,7 +173,8 @@ impl PlanRequester {
         self.handle(id, GoalEvent::PlanFound(attempt, decision), ctx);
     }
 
-    /// Handles that the present attempt found no plan. `why` computes the reason.
+    /// Handles the failure of the present attempt to find a plan. `why` computes the reason, as
+    /// text for a person.
     pub(crate) fn plan_missing(
         &mut self,
         id: &ConversationId,
@@ -186,14 +188,15 @@ impl PlanRequester {
         self.handle(id, GoalEvent::PlanMissing(attempt), ctx);
     }
 
-    /// Returns the parts of a goal that did not hold when its round of planning began.
+    /// Returns the conjuncts of a goal that did not hold when its round of planning began.
     pub(crate) fn open_conjuncts(&self, id: &ConversationId) -> Vec<Condition> {
         let round = self.goals.get(id).and_then(|goal| goal.round.as_ref());
         round.map(|round| round.open.clone()).unwrap_or_default()
     }
 
-    /// Computes in the background why there is no plan for a goal, and whether the agents of other goals
-    /// would help; this computation takes tens of milliseconds in a large building.
+    /// Computes in the background the reason why there is no plan for a goal, and whether the goal
+    /// could be reached with the agents of other goals. This computation takes tens of milliseconds
+    /// in a large building.
     pub(crate) fn explain_missing_plan(
         &mut self,
         id: &ConversationId,
@@ -209,8 +212,7 @@ impl PlanRequester {
         let flag = cancel.clone();
         let look = move || {
             let why = why(&known, &flag);
-            // A goal may wait only if there is hope: it must be reachable with the actions of all
-            // agents.
+            // A goal may wait only if it could be reached with the actions of all agents.
             let has_hope = !is_alone && !known.is_hopeless(&condition, &flag);
             (known, why, has_hope)
         };
@@ -221,7 +223,8 @@ impl PlanRequester {
         goal.work = Work::Explanation(ExplanationTask { cancel, _work: work });
     }
 
-    /// Returns why there is no plan for a goal, with the other goals that matter.
+    /// Returns the reason why there is no plan for a goal, and the other goals that are relevant to
+    /// it.
     fn missing_plan(
         &self,
         id: &ConversationId,
@@ -244,7 +247,7 @@ impl PlanRequester {
 
     // === preemption ===
 
-    /// Asks other goals to yield to a goal.
+    /// Makes other goals yield to a goal.
     pub(crate) fn preempt(
         &mut self,
         id: &ConversationId,
@@ -258,8 +261,8 @@ impl PlanRequester {
         }
     }
 
-    /// Frees the agents that were in use by the plan of a goal which no longer runs; goals that waited
-    /// for these agents may be planned for.
+    /// Frees the agents that were in use by the plan of a goal that does not run any more. Goals
+    /// that waited for these agents may be planned for.
     pub(crate) fn release_agents(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         if let Some(goal) = self.goals.get_mut(id) {
             goal.steps_left.clear();
@@ -270,7 +273,7 @@ impl PlanRequester {
         }
     }
 
-    /// Plans for the queued goal of the greatest priority.
+    /// Starts planning for the queued goal of the greatest priority.
     pub(crate) fn schedule_next(&mut self, ctx: &mut Context<Self>) {
         let first = self
             .goals
@@ -306,7 +309,8 @@ impl PlanRequester {
             }));
     }
 
-    /// Estimates in the background what the plan of each running goal would cost if it were made now.
+    /// Estimates in the background the cost of a new plan for each running goal. Plans again for a
+    /// goal if the new plan would be much cheaper.
     fn compare(&mut self, snapshot: &Snapshot, joined: &str, ctx: &mut Context<Self>) {
         let Ok(known) = PlanningSnapshot::read(snapshot.clone()) else { return };
         let now = self.elapsed(ctx);

@@ -1,8 +1,9 @@
-//! Selection of proposals (docs/design.md, “The two flows”): the cheapest set that covers the goal and
-//! has a valid combined plan.
+//! Selection of proposals (docs/design.md, “The two flows”): finds the cheapest set of proposals
+//! that covers the goal and has a valid combined plan.
 //!
-//! The proposals of one agent are alternatives: at most one proposal of each agent is chosen. Ties are
-//! broken by fewer agents, then by agent names, so that every Plan Requester chooses the same set.
+//! The proposals of one agent are alternatives: at most one proposal of each agent is chosen. Sets
+//! of the same cost are ordered by their number of agents, then by agent names, so that every Plan
+//! Requester chooses the same set.
 
 use std::collections::BTreeMap;
 
@@ -10,15 +11,15 @@ use acl::AgentId;
 use acl::content::Proposal;
 
 /// Maximum number of conjuncts for which the cheapest set of proposals is found exactly, by dynamic
-/// programming over sets of conjuncts. For more conjuncts, each one goes to its cheapest bidder, and
-/// the second round asks for bundles of conjuncts.
+/// programming over sets of conjuncts. If there are more conjuncts, each one is assigned to its
+/// cheapest bidder, and the second round calls for proposals for bundles of conjuncts.
 const EXACT_CONJUNCTS_MAX: usize = 10;
 
-/// Number of sets of proposals that are kept for each covered set of conjuncts. The next best sets are
-/// tried if the combined plan of the best set is not valid.
+/// Number of sets of proposals that are kept for each covered set of conjuncts. The next best sets
+/// are tried if the combined plan of the best set is not valid.
 const SETS_KEPT: usize = 4;
 
-/// Alternative proposals of each bidder, one per set of conjuncts.
+/// Alternative proposals of each bidder, one for each set of conjuncts.
 pub(crate) type Bids = BTreeMap<AgentId, Vec<Proposal>>;
 
 /// Proposals of different agents that together cover all conjuncts.
@@ -41,9 +42,8 @@ pub(crate) fn uncovered(conjuncts: &[String], bids: &Bids) -> Vec<String> {
     conjuncts.iter().filter(|conjunct| !is_covered(conjunct)).cloned().collect()
 }
 
-/// Returns the bundles of conjuncts that the second round asks for, each with the agent that is asked:
-/// if one agent is the cheapest for several conjuncts, it is asked for the cost of all of them
-/// together.
+/// Returns the bundles of conjuncts for the second round, each with its agent. An agent that is the
+/// cheapest bidder for several conjuncts is called for one proposal for all of them together.
 pub(crate) fn bundles(conjuncts: &[String], bids: &Bids) -> Vec<(AgentId, Vec<String>)> {
     let mut wanted: BTreeMap<&AgentId, Vec<String>> = BTreeMap::new();
     for conjunct in conjuncts {
@@ -72,7 +72,7 @@ fn offers(proposals: &[Proposal], bundle: &[String]) -> bool {
     })
 }
 
-/// Returns sets of proposals that cover all conjuncts, the cheapest first.
+/// Returns sets of proposals that cover all conjuncts, cheapest first.
 pub(crate) fn selections(conjuncts: &[String], bids: &Bids) -> Vec<Selection> {
     let mut selections = if conjuncts.len() <= EXACT_CONJUNCTS_MAX {
         exact(conjuncts, bids)
@@ -130,8 +130,8 @@ fn keep(kept: &mut Vec<Selection>, selection: Selection) {
     kept.truncate(SETS_KEPT);
 }
 
-/// Gives each conjunct to its cheapest bidder, with that bidder's bundle if it offered one; in addition
-/// returns every proposal that covers all conjuncts alone.
+/// Assigns each conjunct to its cheapest bidder, and uses that bidder's proposal for the whole
+/// bundle if there is one. Also returns every proposal that covers all conjuncts alone.
 fn by_cheapest_bidder(conjuncts: &[String], bids: &Bids) -> Vec<Selection> {
     let mut groups: BTreeMap<&AgentId, Vec<String>> = BTreeMap::new();
     for conjunct in conjuncts {
@@ -164,7 +164,7 @@ fn by_cheapest_bidder(conjuncts: &[String], bids: &Bids) -> Vec<Selection> {
 mod tests {
     use super::*;
 
-    /// Parses lines such as `robot: a=5 b=6 ab=8`, each of which has the bids of one agent.
+    /// Parses lines such as `robot: a=5 b=6 ab=8`, one for each agent with its bids.
     fn bids(lines: &[&str]) -> Bids {
         let proposal = |text: &str| {
             let (covers, cost) = text.split_once('=').expect("a cost");
@@ -184,8 +184,8 @@ mod tests {
         text.chars().map(String::from).collect()
     }
 
-    /// Checks that the best selection from the bids `lines` is `expected`, written as `agent:covers` in
-    /// order.
+    /// Checks that the best selection from the bids `lines` is `expected`, written as
+    /// `agent:covers` in order.
     #[track_caller]
     fn check(wanted: &str, lines: &[&str], expected: &str) {
         let best = selections(&conjuncts(wanted), &bids(lines)).into_iter().next();
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn sensors_do_what_they_can_and_the_robot_the_rest() {
+    fn sensors_and_a_robot_share_the_conjuncts() {
         let bids = ["robot: a=5 b=6 c=7 abc=12", "sensor-b: b=1", "sensor-c: c=1"];
         check("abc", &bids, "robot:a sensor-b:b sensor-c:c");
     }
@@ -217,13 +217,13 @@ mod tests {
     }
 
     #[test]
-    fn two_robots_share_where_that_is_cheaper() {
+    fn two_robots_share_conjuncts_if_that_is_cheaper() {
         check("ab", &["one: a=5 b=6 ab=10", "two: b=4"], "one:a two:b");
         check("ab", &["one: a=5 b=6 ab=8", "two: b=4"], "one:ab");
     }
 
     #[test]
-    fn bundles_are_asked_for_where_one_is_cheapest_for_several() {
+    fn bundles_are_called_for_if_one_agent_is_cheapest_for_several() {
         let bids = bids(&["robot: a=5 b=6 c=7 abc=30", "sensor: c=1"]);
         let robot = AgentId::new("robot").expect("a name");
         assert_eq!(bundles(&conjuncts("abc"), &bids), [(robot, conjuncts("ab"))]);

@@ -1,7 +1,8 @@
-//! Verification: whether a goal holds after its plan was carried out.
+//! Verification: checks whether a goal holds after its plan was carried out.
 //!
-//! The plan's effects are only expectations; the known state decides whether the goal holds: a lamp of
-//! another agent may still be on in the room, or a measured value may be too low.
+//! The plan's effects are only expectations, and the known state decides whether the goal holds.
+//! For example, a lamp of another agent may still be on in the room, or a measured value may be too
+//! low.
 
 use std::time::Duration;
 
@@ -15,8 +16,8 @@ use crate::goal::{Goal, Work};
 use crate::planning_snapshot::PlanningSnapshot;
 
 impl PlanRequester {
-    /// Checks after the time `wait` whether a goal that is to be achieved once holds, now that its plan
-    /// was carried out.
+    /// Checks, after the time `wait`, whether a goal that is to be achieved once holds after its
+    /// plan was carried out.
     pub(crate) fn verify(
         &mut self,
         id: &ConversationId,
@@ -50,7 +51,7 @@ impl PlanRequester {
     }
 }
 
-/// Compares the known state with a goal.
+/// Compares a goal with the known state.
 fn verdict(goal: &Goal, snapshot: Snapshot) -> GoalVerdict {
     let unmet = PlanningSnapshot::read(snapshot).and_then(|known| {
         let open = known.open_conjuncts(&goal.condition)?;

@@ -1,11 +1,12 @@
-//! The Planning Agent (the paper, “Planning Agent”): computes a plan from domain and problem.
+//! The Planning Agent (the paper, “Planning Agent”): computes a plan from a domain and a problem.
 //!
-//! - `request` from the Plan Requester → `propose` with the plan, or with the reason why there is none.
-//! - Plans in the background, one request per thread, with a bound on their number. A `cancel` or the
-//!   deadline of the request ends the search.
-//! - Keeps the ground task from one request to the next, and reuses the rest of a former plan if the
-//!   request contains one.
-//! - Does not choose, execute, or decide when to plan again.
+//! - `request` from the Plan Requester → `propose` with the plan, or with the reason why there is
+//!   none.
+//! - Plans in the background, with one thread for each request and a maximum number of requests. A
+//!   `cancel` or the deadline of the request ends the search.
+//! - Keeps the ground task from one request to the next, and reuses the remaining steps of a former
+//!   plan if the request contains them.
+//! - The choice of a plan, its execution, and the decision about replanning belong to other agents.
 
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex};
@@ -19,8 +20,8 @@ use agent::{
 use pddl::{Domain, PlanStep};
 use planner::{Budget, Cancel, Options, PlanError, Replanner, StopReason};
 
-/// Maximum number of searches side by side. A board has few cores. A further request is refused instead
-/// of waiting, so that the requester can report the refusal.
+/// Maximum number of searches that run in parallel. A board has few cores. Further requests are
+/// refused at once instead of waiting, so that the requester can report the refusal.
 const SEARCHES_MAX: usize = 8;
 
 /// The entry of the Planning Agent in the daemon's table of plugins.
@@ -38,7 +39,7 @@ fn build(_: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
 
 struct PlanningAgent {
     searches: BTreeMap<ReplyToken, RunningSearch>,
-    /// Data kept for the next search, used by one search at a time. A search that runs at the same time
+    /// Data for the next search, used by one search at a time. A search that runs at the same time
     /// starts with an empty cache instead of waiting.
     cache: Arc<Mutex<PlannerCache>>,
 }
@@ -99,7 +100,7 @@ impl PlanningAgent {
         let patience = message.reply_within.map_or(ctx.settings().planning_deadline, |by| by.0);
         let cancel = Cancel::new();
         let (flag, deadline) = (cancel.clone(), cancel.clone());
-        // The planner reads no clock, so a timer sets the cancel flag.
+        // The planner reads no clock; therefore a timer sets the cancel flag.
         ctx.after(patience.mul_f32(0.9), move |_, _| deadline.set());
         let token = participation.exchange.clone();
         let finished = token.clone();
@@ -130,8 +131,12 @@ impl PlanningAgent {
 }
 
 impl PlannerCache {
-    /// Returns the parsed form of a domain's text. The text is parsed only if it differs from the text
-    /// of the last request.
+    /// Returns the parsed form of a domain's text. The text is parsed only if it differs from the
+    /// text of the last request.
+    ///
+    /// # Errors
+    ///
+    /// Returns the diagnostics of the parser if the text is not valid PDDL.
     fn domain(&mut self, text: &str) -> Result<Arc<Domain>, Vec<pddl::Diagnostic>> {
         if let Some((_, known)) = self.domain.as_ref().filter(|(known, _)| known == text) {
             return Ok(Arc::clone(known));
@@ -142,7 +147,7 @@ impl PlannerCache {
     }
 }
 
-/// Plans for a request, and returns the plan or the reason why there is none.
+/// Plans for a request. Returns the plan, or the reason why there is none.
 fn propose(request: &PlanRequest, memory: &mut PlannerCache, cancel: &Cancel) -> PlanProposal {
     let nothing = |status, detail: String| PlanProposal {
         status,
@@ -182,7 +187,12 @@ fn propose(request: &PlanRequest, memory: &mut PlannerCache, cancel: &Cancel) ->
     }
 }
 
-/// Returns the remaining steps of the plan that was running for the goal, as the request gives them.
+/// Returns the remaining steps of the plan that was running for the goal; empty if the request
+/// contains none.
+///
+/// # Errors
+///
+/// Returns the diagnostics of the parser if the steps are not valid.
 fn remaining_steps(request: &PlanRequest) -> Result<Vec<PlanStep>, Vec<pddl::Diagnostic>> {
     let Some(text) = &request.remaining_steps else { return Ok(Vec::new()) };
     Ok(pddl::parse_plan(text).into_result()?.steps)

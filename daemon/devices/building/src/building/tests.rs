@@ -21,7 +21,7 @@ fn departed(event: &BuildingEvent) -> bool {
     matches!(event, BuildingEvent::Departed { .. })
 }
 
-/// Lets a robot drive, and runs `fate` while the robot is under way. Returns the outcome and the duration
+/// Makes a trip of the robot, and runs `fate` during the trip. Returns the outcome and the duration
 /// of the trip.
 async fn trip_with(
     building: &Building,
@@ -58,7 +58,7 @@ async fn a_trip_takes_distance_by_speed_and_carries_the_sensor_along() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn time_can_be_scaled_and_only_by_what_is_possible() {
+async fn time_can_be_scaled_only_within_the_limits() {
     let began = Instant::now();
     let building = Building::new(Layout::seeded(0).layout, 0.1).unwrap();
     building.navigate("turtlebot-1", "conf-room").await.unwrap();
@@ -70,7 +70,7 @@ async fn time_can_be_scaled_and_only_by_what_is_possible() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn an_order_that_is_repeated_after_arrival_changes_nothing() {
+async fn a_trip_to_the_present_location_changes_nothing() {
     let building = office();
     building.navigate("turtlebot-1", "office1").await.unwrap();
     let before = building.truth();
@@ -79,7 +79,7 @@ async fn an_order_that_is_repeated_after_arrival_changes_nothing() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_cannot_be_done_is_refused_with_what_could() {
+async fn a_refusal_names_the_possible_alternatives() {
     let building = office();
     building.navigate("turtlebot-1", "office1").await.unwrap();
     building.lock_door("corridor", "office1").unwrap();
@@ -104,7 +104,7 @@ async fn what_cannot_be_done_is_refused_with_what_could() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_trip_that_is_called_off_ends_where_it_began_and_frees_the_robot() {
+async fn a_cancelled_trip_ends_at_its_start_and_frees_the_robot() {
     let building = office();
     let trip = building.navigate("turtlebot-1", "office1");
     assert!(timeout(Duration::from_secs(5), trip).await.is_err());
@@ -120,7 +120,7 @@ async fn a_trip_that_is_called_off_ends_where_it_began_and_frees_the_robot() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_robot_runs_one_errand_at_a_time_and_two_robots_pass_each_other() {
+async fn a_robot_makes_one_trip_at_a_time_and_two_robots_pass_each_other() {
     let building = office();
     let robot = |name: &str, start: &str| BuildingDevice::Robot {
         name: name.to_owned(),
@@ -147,7 +147,7 @@ async fn a_robot_runs_one_errand_at_a_time_and_two_robots_pass_each_other() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_befalls_a_robot_under_way_is_noticed() {
+async fn changes_during_a_trip_affect_its_outcome() {
     let breaks = office();
     let (arrived, took) = trip_with(&breaks, async |building| {
         building.break_device("turtlebot-1", DeviceFault::Fails).unwrap();
@@ -180,7 +180,7 @@ async fn what_befalls_a_robot_under_way_is_noticed() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_robot_replaced_under_way_does_not_inherit_the_errand() {
+async fn a_robot_replaced_during_a_trip_does_not_continue_the_trip() {
     let building = office();
     let (arrived, _) = trip_with(&building, async |building| {
         let robot = building.truth().layout().device("turtlebot-1").cloned().unwrap();
@@ -194,7 +194,7 @@ async fn a_robot_replaced_under_way_does_not_inherit_the_errand() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_device_that_hangs_goes_on_when_it_is_repaired() {
+async fn a_hanging_device_continues_after_repair() {
     let building = office();
     let (arrived, took) = trip_with(&building, async |building| {
         building.break_device("turtlebot-1", DeviceFault::Hangs).unwrap();
@@ -219,7 +219,7 @@ async fn a_slow_sensor_takes_longer_and_no_fault_can_overflow_time() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_sensor_can_die_in_the_instant_it_is_first_asked() {
+async fn a_sensor_can_break_at_its_next_use() {
     let building = office();
     building.break_at_next_use("thermometer-office2", DeviceFault::Fails).unwrap();
     building.set_temperature("office2", 30.0).unwrap();
@@ -240,7 +240,7 @@ async fn a_sensor_can_die_in_the_instant_it_is_first_asked() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn fate_is_told_of_its_mistakes_too() {
+async fn control_operations_report_their_mistakes() {
     let building = office();
     let refusals = [
         building.set_temperature("ofice1", 20.0).unwrap_err(),
@@ -258,7 +258,7 @@ async fn fate_is_told_of_its_mistakes_too() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn the_log_forgets_the_oldest_and_says_how_many() {
+async fn the_log_drops_the_oldest_occurrences_and_counts_them() {
     let building = office();
     for extra in 0..LOG_MAX + 3 {
         building.set_temperature("office1", extra as f64 / 100.0).unwrap();
@@ -268,7 +268,8 @@ async fn the_log_forgets_the_oldest_and_says_how_many() {
     assert_eq!((kept.len(), kept[0], truth.forgotten_count()), (LOG_MAX, 3, 3));
 }
 
-/// Agents run on a multi-threaded runtime, and so do their drivers.
+/// Agents and their drivers run on a multi-threaded runtime, which requires futures that are
+/// `Send`.
 #[tokio::test]
 async fn every_operation_can_be_spawned() {
     fn check(_: impl Send) {}

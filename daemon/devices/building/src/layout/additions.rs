@@ -1,7 +1,7 @@
 //! Additions to a layout, and the check of each addition.
 //!
-//! Every part of a layout is added here, one at a time. Each new part is checked against the parts that are
-//! there; a refused addition leaves the layout unchanged.
+//! Every part of a layout is added here, one at a time. Each new part is checked against the
+//! existing parts; a refused addition leaves the layout unchanged.
 
 use super::{BuildingDevice, Layout, Location, LocationConnection, LocationKind};
 use crate::bounds::{CELSIUS_MAX, CELSIUS_MIN, METERS_MAX, NAME_MAX, SPEED_MAX, SPEED_MIN};
@@ -16,7 +16,7 @@ impl Layout {
         Layout::default()
     }
 
-    /// Adds a room that has the true temperature `celsius`, in °C.
+    /// Adds a room with the true temperature `celsius`, in °C.
     ///
     /// # Errors
     ///
@@ -26,7 +26,7 @@ impl Layout {
         self.add_location(Location { name: name.to_owned(), kind, celsius })
     }
 
-    /// Adds a corridor that has the true temperature `celsius`, in °C.
+    /// Adds a corridor with the true temperature `celsius`, in °C.
     ///
     /// # Errors
     ///
@@ -46,8 +46,8 @@ impl Layout {
         self.add_connection(LocationConnection { from, to, meters, one_way: false })
     }
 
-    /// Connects two locations in one direction, from the first to the second. `meters` is the length of the
-    /// connection.
+    /// Connects two locations in one direction, from the first to the second. `meters` is the
+    /// length of the connection.
     ///
     /// # Errors
     ///
@@ -91,12 +91,12 @@ impl Layout {
         self.add_device(BuildingDevice::Sensor { name, location, quantity })
     }
 
-    /// Adds a robot that stands at `start`.
+    /// Adds a robot with the location `start`.
     ///
     /// # Errors
     ///
-    /// Returns an error if the name is invalid or taken, if there is no such location, or if the speed is
-    /// out of range.
+    /// Returns an error if the name is invalid or taken, if there is no such location, or if the
+    /// speed is out of range.
     pub fn add_robot(
         &mut self,
         name: &str,
@@ -133,8 +133,8 @@ impl Layout {
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no such location, if both ends are one location or are connected
-    /// already, or if the length is out of range.
+    /// Returns an error if there is no such location, if both ends are one location or are
+    /// connected already, or if the length is out of range.
     pub fn add_connection(
         &mut self,
         connection: LocationConnection,
@@ -158,12 +158,12 @@ impl Layout {
         Ok(self)
     }
 
-    /// Adds a device.
+    /// Adds a device of any kind.
     ///
     /// # Errors
     ///
-    /// Returns an error if the name is invalid or taken, if there is no such location or robot, or if the
-    /// speed of a robot or a view of a camera is not possible.
+    /// Returns an error if the name is invalid or taken, if there is no such location or robot, or
+    /// if the speed of a robot or a view of a camera is out of range.
     pub fn add_device(&mut self, device: BuildingDevice) -> Result<&mut Layout, LayoutError> {
         self.check_new_name(device.name())?;
         match &device {
@@ -189,8 +189,8 @@ impl Layout {
         Ok(self)
     }
 
-    /// Removes a device, and the devices that it carries if it is a robot. Returns the names of all removed
-    /// devices.
+    /// Removes a device and, if it is a robot, the devices that it carries. Returns the names of
+    /// all removed devices; empty if there is no device of this name.
     pub(crate) fn remove_device(&mut self, name: &str) -> Vec<String> {
         let leaves =
             |device: &BuildingDevice| device.name() == name || device.carrier() == Some(name);
@@ -245,7 +245,7 @@ impl Layout {
     }
 }
 
-/// Returns an error if the temperature is outside the possible range or NaN.
+/// Returns an error if the temperature is out of range or NaN.
 pub(crate) fn check_temperature(location: &str, celsius: f64) -> Result<(), LayoutError> {
     if (CELSIUS_MIN..=CELSIUS_MAX).contains(&celsius) {
         return Ok(());

@@ -25,7 +25,7 @@ fn check(build: impl FnOnce(&mut Layout) -> Result<&mut Layout, LayoutError>, ex
 }
 
 #[test]
-fn mistakes_are_answered_with_what_would_be_right() {
+fn errors_of_a_layout_name_the_correction() {
     check(
         |layout| layout.connect("ofice1", "office2", 3.0),
         expect!["failed to find the location `ofice1`; did you mean `office1`?"],

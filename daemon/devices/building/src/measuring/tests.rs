@@ -7,7 +7,8 @@ use tokio::time::{Instant, timeout};
 use crate::fixture::log_lines;
 use crate::{Building, BuildingHandle, DeviceFault, Layout, Quantity, serve};
 
-/// Returns a building with a thermometer, and one sensor of each quantity that has the quantity's name.
+/// Returns a building with a thermometer, and one sensor per quantity with the same name as the
+/// quantity.
 fn house() -> Building {
     let mut layout = Layout::new();
     layout.add_room("lab", 20.0).unwrap().add_room("den", 20.0).unwrap();
@@ -19,7 +20,7 @@ fn house() -> Building {
 }
 
 #[tokio::test(start_paused = true)]
-async fn each_quantity_is_measured_as_it_is() {
+async fn each_quantity_is_measured_with_its_true_value() {
     for quantity in Quantity::all() {
         let (house, name) = (house(), quantity.name());
         let (min, max) = quantity.bounds();
@@ -34,7 +35,7 @@ async fn each_quantity_is_measured_as_it_is() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn what_cannot_be_is_refused() {
+async fn impossible_values_and_devices_are_refused() {
     let house = house();
     let check = |outcome: Result<(), crate::LayoutError>, expected: &str| {
         assert_eq!(outcome.unwrap_err().to_string(), expected);
@@ -67,7 +68,8 @@ async fn a_sensor_measures_its_own_quantity_and_a_thermometer_the_humidity() {
     assert!(house.read_temperature("co2").await.is_err());
 }
 
-/// Waits until the motion in the lab is no longer 0, while `fate` runs. The wait ends after ten seconds.
+/// Waits until the motion in the lab is no longer 0, while `fate` runs. The wait ends after ten
+/// seconds.
 async fn awaited(
     house: &Building,
     handle: BuildingHandle,
@@ -84,7 +86,7 @@ async fn awaited(
 }
 
 #[tokio::test(start_paused = true)]
-async fn who_moves_is_noticed_at_once() {
+async fn motion_is_reported_at_once() {
     let house = house();
     let begun = Instant::now();
     let seen = awaited(&house, house.handle(), async {
@@ -99,7 +101,7 @@ async fn who_moves_is_noticed_at_once() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_sensor_that_breaks_or_hangs_notices_nothing() {
+async fn a_broken_or_hanging_sensor_reports_no_change() {
     let house = house();
     let broken = awaited(&house, house.handle(), async {
         house.break_device("motion", DeviceFault::Fails).unwrap();

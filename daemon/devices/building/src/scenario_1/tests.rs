@@ -1,4 +1,4 @@
-//! Plays scenario 1 for every seed as it should be, and once with every way to fake it.
+//! Plays scenario 1 for every seed correctly, and once with each way to fake it.
 
 use std::collections::BTreeMap;
 
@@ -24,9 +24,9 @@ impl Played {
     }
 }
 
-/// Does the agents' work as simply as possible: every fixed sensor measures, and the robot goes to every
-/// room without a sensor. After the death the robot also goes to the dead sensor's room, if `replans` is
-/// `true`.
+/// Does the agents' work in the simplest way: every fixed sensor measures, and the robot goes to
+/// every room without a sensor. After the death, the robot also goes to the dead sensor's room, if
+/// `replans` is `true`.
 async fn play(seed: u64, replans: bool) -> Played {
     let scenario = Layout::seeded(seed);
     let building = Building::new(scenario.layout.clone(), 1.0).unwrap();
@@ -67,8 +67,8 @@ async fn measure_by_robot(building: &Building, room: &str) -> f64 {
     building.read_temperature(sensor).await.unwrap().celsius
 }
 
-/// Returns the way from `from` to `to`. The search begins at the destination; `next` has the next step
-/// towards `to` for each place.
+/// Returns the way from `from` to `to`. The search begins at the destination; `next` has the next
+/// step towards `to` for each place.
 fn route(layout: &Layout, from: &str, to: &str) -> Vec<String> {
     let mut next = BTreeMap::from([(to, to)]);
     let mut frontier = vec![to];
@@ -90,7 +90,7 @@ fn route(layout: &Layout, from: &str, to: &str) -> Vec<String> {
 }
 
 #[tokio::test(start_paused = true)]
-async fn holds_for_every_seed_when_somebody_replans_and_for_none_when_nobody_does() {
+async fn the_check_passes_for_every_seed_only_if_the_agents_replan() {
     for seed in 0..200 {
         let problems = play(seed, true).await.problems();
         assert_eq!(problems, Vec::<String>::new(), "seed {seed}");
@@ -100,8 +100,8 @@ async fn holds_for_every_seed_when_somebody_replans_and_for_none_when_nobody_doe
     }
 }
 
-/// Plays the first seed with this kind of death, lets `tamper` change the log or the values that the user
-/// received, and compares the result of the check with `expected`.
+/// Plays the first seed with this kind of death, lets `tamper` change the log or the values that
+/// the user received, and compares the result of the check with `expected`.
 async fn check(dies: DeathTime, tamper: impl FnOnce(&mut Played), expected: Expect) {
     let seed = (0..).find(|seed| Layout::seeded(*seed).dies == dies).unwrap();
     let mut played = play(seed, true).await;
@@ -111,12 +111,13 @@ async fn check(dies: DeathTime, tamper: impl FnOnce(&mut Played), expected: Expe
 
 fn forget(played: &mut Played, sort: impl Fn(&BuildingEvent) -> bool) {
     played.truth.log.occurrences.retain(|occurrence| !sort(&occurrence.event));
-    // Only the events are missing; the log must not look as if it had dropped its oldest.
+    // Only the events are removed; the log must not look as if it had dropped its oldest
+    // occurrences.
     played.truth.log.next_sequence = played.truth.log.occurrences.len() as u64;
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_second_trip_that_never_was_is_missed() {
+async fn a_missing_second_trip_fails_the_check() {
     for dies in [DeathTime::AfterReport, DeathTime::BeforeReport] {
         check(
             dies,
@@ -142,7 +143,7 @@ async fn a_second_trip_that_never_was_is_missed() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn claims_that_the_building_denies_are_found() {
+async fn false_reports_to_the_user_fail_the_check() {
     let read_by_robot = |event: &BuildingEvent| matches!(event, BuildingEvent::Read { sensor, .. } if sensor == "ir-1");
     check(
         DeathTime::AfterReport,
@@ -198,7 +199,7 @@ async fn claims_that_the_building_denies_are_found() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_death_at_the_wrong_time_proves_nothing() {
+async fn a_death_at_the_wrong_time_fails_the_check() {
     check(
         DeathTime::AfterReport,
         |played| played.scenario.dies = DeathTime::BeforeReport,
@@ -218,7 +219,7 @@ async fn a_death_at_the_wrong_time_proves_nothing() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn only_a_robot_and_only_after_the_death_replaces_the_dead() {
+async fn only_a_measurement_by_robot_after_the_death_replaces_the_sensor() {
     let dies = |played: &mut Played| {
         let device = played.scenario.dying_sensor.clone();
         played.truth.log.record(BuildingEvent::Broken { device, fault: DeviceFault::Fails })
@@ -245,7 +246,7 @@ async fn only_a_robot_and_only_after_the_death_replaces_the_dead() {
 }
 
 #[tokio::test(start_paused = true)]
-async fn a_robot_that_goes_where_it_cannot_is_found() {
+async fn an_impossible_trip_fails_the_check() {
     for (from, to) in [("conf-room", "corridor"), ("office2", "office1")] {
         let went = |played: &mut Played| {
             let (robot, from, to) = ("turtlebot-1".to_owned(), from.to_owned(), to.to_owned());

@@ -1,4 +1,4 @@
-//! Plays scenario 2 for every seed as it should be, and once with every way to fake it.
+//! Plays scenario 2 for every seed correctly, and once with each way to fake it.
 
 use std::collections::BTreeMap;
 
@@ -44,7 +44,8 @@ impl Stage {
                 break;
             }
             let layout = self.building.truth().layout().clone();
-            // With two corridors as hubs, the way leads through at most two of them.
+            // The corridors of the wings are connected, so that the way leads through at most two
+            // corridors.
             let next = layout.neighbors(&place).find(|next| *next == room);
             let near = |next: &&str| layout.neighbors(next).any(|further| further == room);
             let next = next.or_else(|| layout.neighbors(&place).find(near));
@@ -92,14 +93,14 @@ async fn problems(seed: u64, flaw: Flaw) -> Vec<String> {
 }
 
 #[tokio::test(start_paused = true)]
-async fn it_holds_for_every_seed_where_all_is_done() {
+async fn the_check_passes_for_every_seed_if_nothing_is_left_out() {
     for seed in 0..200 {
         assert_eq!(problems(seed, Flaw::None).await, [""; 0], "seed {seed}");
     }
 }
 
 #[tokio::test(start_paused = true)]
-async fn it_fails_where_anything_is_left_out() {
+async fn the_check_fails_for_each_flaw() {
     for (flaw, word) in [
         (Flaw::NobodyReplans, "no robot measured"),
         (Flaw::OneRobotDoesAll, "to which the other robot was closer"),

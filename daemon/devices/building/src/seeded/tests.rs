@@ -1,4 +1,4 @@
-//! Tests of what holds for every seed, and of how seeds differ.
+//! Tests of the properties that hold for every seed, and of the differences between seeds.
 
 use std::collections::BTreeSet;
 
@@ -39,13 +39,13 @@ fn check(seed: u64) {
 }
 
 #[test]
-fn every_seed_is_a_building_in_which_the_scenario_can_hold() {
+fn the_scenario_is_possible_in_the_building_of_every_seed() {
     for seed in (0..SEEDS).chain([u64::MAX]) {
         check(seed);
     }
 }
 
-/// If the buildings of seeds did not differ, a hundred seeds would test less than they seem to.
+/// If the buildings of different seeds were equal, a hundred seeds would test little more than one.
 #[test]
 fn seeds_differ_in_everything_that_they_draw() {
     let scenarios: Vec<_> = (1..SEEDS).map(Layout::seeded).collect();
@@ -78,9 +78,9 @@ fn seed_0_is_the_office_of_the_paper() {
     assert_eq!(devices, ["thermometer-office2", "thermometer-conf-room", "turtlebot-1", "ir-1"]);
 }
 
-/// If this test fails, the buildings of all existing seeds have changed.
+/// A failure of this test means that the buildings of all existing seeds have changed.
 #[test]
-fn seed_1_stays_what_it_is() {
+fn the_building_of_seed_1_never_changes() {
     expect![[r#"
         seed = 1
         dying-sensor = "thermometer-office1"

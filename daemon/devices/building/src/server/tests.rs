@@ -16,7 +16,7 @@ use crate::{
     Building, BuildingEvent, BuildingHandle, DeviceError, DeviceFault, Layout, ServeError, Truth,
 };
 
-/// Time limit of each test. A socket works in real time; no test should come near this limit.
+/// Time limit of each test. A socket works in real time, but no test should come near this limit.
 const PATIENCE: Duration = Duration::from_secs(20);
 
 struct Served {
@@ -45,8 +45,8 @@ async fn serve_building(building: Building) -> Served {
     Served { building, server, folder }
 }
 
-/// Returns a served building. Trips in it take thirteen seconds: long enough to test what happens during a
-/// trip.
+/// Returns a served building. A trip in it takes thirteen seconds, which is long enough to test
+/// changes during a trip.
 async fn served() -> Served {
     serve_building(office()).await
 }
@@ -60,7 +60,7 @@ fn stayed(event: &BuildingEvent) -> bool {
 }
 
 #[tokio::test]
-async fn a_driver_in_another_process_does_what_one_in_this_process_does() {
+async fn drivers_in_both_processes_have_the_same_effects() {
     let fast = || Building::new(Layout::seeded(0).layout, 0.001).unwrap();
     let (near, far) = (fast(), serve_building(fast()).await);
     for handle in [near.handle(), far.connect().await] {
@@ -74,7 +74,7 @@ async fn a_driver_in_another_process_does_what_one_in_this_process_does() {
 }
 
 #[tokio::test]
-async fn only_this_user_can_use_the_socket_and_it_is_gone_when_served_no_more() {
+async fn only_this_user_can_use_the_socket_and_the_end_of_serving_removes_it() {
     let served = served().await;
     let mode = std::fs::metadata(served.path()).unwrap().permissions().mode();
     assert_eq!(mode & 0o777, 0o600);
@@ -85,7 +85,7 @@ async fn only_this_user_can_use_the_socket_and_it_is_gone_when_served_no_more() 
 }
 
 #[tokio::test]
-async fn a_living_server_and_a_file_are_left_alone_and_a_dead_socket_is_replaced() {
+async fn a_live_server_and_a_file_are_left_alone_and_a_dead_socket_is_replaced() {
     let first = served().await;
     let second = serve(first.building.handle(), first.path()).await;
     assert!(matches!(second, Err(ServeError::InUse { .. })), "{second:?}");
@@ -101,7 +101,7 @@ async fn a_living_server_and_a_file_are_left_alone_and_a_dead_socket_is_replaced
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn of_many_that_replace_a_dead_server_one_serves() {
+async fn one_of_many_rivals_replaces_a_dead_server() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("building.sock");
     for _ in 0..20 {
@@ -121,7 +121,7 @@ async fn of_many_that_replace_a_dead_server_one_serves() {
 }
 
 #[tokio::test]
-async fn a_trip_is_called_off_when_its_future_is_dropped() {
+async fn a_trip_is_cancelled_when_its_future_is_dropped() {
     let served = served().await;
     let driver = served.connect().await;
     tokio::select! {
@@ -133,7 +133,7 @@ async fn a_trip_is_called_off_when_its_future_is_dropped() {
 }
 
 #[tokio::test]
-async fn a_client_that_dies_takes_its_trip_with_it() {
+async fn the_trips_of_a_dead_client_are_cancelled() {
     let served = served().await;
     let mut dying = UnixStream::connect(served.path()).await.unwrap();
     let ask = br#"{"id":1,"ask":{"navigate":{"robot":"turtlebot-1","to":"office1"}}}"#;
@@ -144,7 +144,7 @@ async fn a_client_that_dies_takes_its_trip_with_it() {
 }
 
 #[tokio::test]
-async fn a_server_that_dies_fails_what_is_under_way_and_its_successor_is_found() {
+async fn the_end_of_a_server_fails_open_requests_and_its_successor_is_found() {
     let served = served().await;
     let driver = served.connect().await;
     let path = served.path();
@@ -162,9 +162,9 @@ async fn a_server_that_dies_fails_what_is_under_way_and_its_successor_is_found()
     assert_eq!(driver.place_of("turtlebot-1").await.unwrap(), "corridor");
 }
 
-/// Tokio's clock is paused, so waiting for the silence limit takes no real time.
+/// Tokio's clock is paused, so that waiting for the silence limit takes no real time.
 #[tokio::test(start_paused = true)]
-async fn a_server_that_is_frozen_is_noticed() {
+async fn a_frozen_server_is_detected() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("frozen.sock");
     let _frozen = UnixListener::bind(&path).unwrap();
@@ -193,7 +193,7 @@ async fn answers(served: &Served, lines: &[&[u8]]) -> Vec<String> {
 }
 
 #[tokio::test]
-async fn nonsense_is_answered_and_disturbs_nobody() {
+async fn invalid_lines_are_answered_and_do_no_harm() {
     let served = served().await;
     let deep = "[".repeat(LINE_MAX - 1);
     let nonsense: &[&[u8]] = &[
@@ -222,7 +222,7 @@ async fn nonsense_is_answered_and_disturbs_nobody() {
 }
 
 #[tokio::test]
-async fn a_client_may_not_pile_up_requests_nor_may_clients() {
+async fn the_numbers_of_requests_and_clients_are_bounded() {
     let served = served().await;
     served.building.break_device("ir-1", DeviceFault::Hangs).unwrap();
     let mut stream = UnixStream::connect(served.path()).await.unwrap();
@@ -256,7 +256,7 @@ async fn a_client_may_not_pile_up_requests_nor_may_clients() {
 }
 
 #[tokio::test]
-async fn a_driver_may_be_there_before_the_building_is() {
+async fn a_driver_may_start_before_the_building() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("building.sock");
     let driver = BuildingHandle::at(&path);

@@ -1,8 +1,8 @@
-//! A virtual machine with a GPIO chip (PL061): QEMU's `virt`, with Debian's kernel for arm64. The machine's
-//! power button is connected to line 3 of the chip; QEMU presses the button on a command.
+//! A virtual machine with a GPIO chip (PL061): QEMU's `virt`, with Debian's kernel for arm64. The
+//! machine's power button is connected to line 3 of the chip; QEMU presses the button on a command.
 //!
-//! No kernel of Debian has a simulated GPIO chip, so this is the smallest setup with a real driver. Inside
-//! the machine, this same test program runs as the only process, built for arm64.
+//! No kernel of Debian has a simulated GPIO chip, so that this is the smallest setup with a real
+//! driver. Inside the machine, this same test program, built for arm64, runs as the only process.
 
 #[path = "../../../../../tests/support/left_out.rs"]
 mod left_out;
@@ -14,20 +14,20 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Prefix of the test program's output, to distinguish that output from the output of the kernel.
+/// Prefix of the test program's output, which distinguishes it from the output of the kernel.
 pub(crate) const SAID: &str = "@said ";
 
-/// Output with which the test program asks for a press of the power button.
+/// Output with which the test program requests a press of the power button.
 pub(crate) const PRESS: &str = "press the button";
 
 const QEMU: &str = "qemu-system-aarch64";
 const TARGET: &str = "aarch64-unknown-linux-musl";
 
-/// Environment variable with the path of the arm64 kernel, for a machine on which the kernel is not
-/// installed: `dpkg -x` can unpack the kernel to any folder.
+/// Environment variable with the path of the arm64 kernel, for a machine without an installed
+/// kernel: `dpkg -x` can unpack the kernel to any folder.
 const KERNEL: &str = "ALTHING_ARM64_KERNEL";
 
-/// Longest time that the virtual machine may take from its start to its end; it usually takes about ten
+/// Time limit for the virtual machine from its start to its end; it usually takes about ten
 /// seconds.
 const PATIENCE: Duration = Duration::from_secs(120);
 
@@ -38,8 +38,8 @@ struct Needed {
 }
 
 impl Needed {
-    /// Finds the programs that the tests need. If one is missing, returns its name and the way to install
-    /// it as an error.
+    /// Finds the programs that the tests need. If a program is missing, returns its name and the
+    /// way to install it as an error.
     fn find() -> Result<Needed, String> {
         let path = std::env::var_os("PATH").unwrap_or_default();
         let qemu = std::env::split_paths(&path).map(|folder| folder.join(QEMU));
@@ -66,8 +66,9 @@ impl Needed {
     }
 }
 
-/// Runs a test of this program inside a virtual machine, and returns the output of the test. Returns `None`
-/// with a message if something is missing: then nothing is tested, and with `CI=true` the test fails.
+/// Runs a test of this program inside a virtual machine, and returns the output of the test. If
+/// something is missing, prints a message and returns `None`, so that nothing is tested; with
+/// `CI=true` the test then fails.
 pub(crate) fn said_by(test: &str) -> Option<Vec<String>> {
     let needed = match Needed::find() {
         Ok(needed) => needed,
@@ -97,7 +98,7 @@ pub(crate) fn said_by(test: &str) -> Option<Vec<String>> {
     }
     drop(watchdog);
     if said.is_empty() {
-        // Shown if the test fails, which it will without output.
+        // The output of the kernel is shown, because a test without output fails.
         println!("{heard}");
     }
     Some(said)

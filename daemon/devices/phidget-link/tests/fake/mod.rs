@@ -1,5 +1,5 @@
-//! A fake `libphidget22` in C that the test compiles; a test sets, unplugs and plugs in the devices of the
-//! library. `phidget22.c` describes what the library does.
+//! A fake `libphidget22` in C that the test compiles. A test sets, unplugs and plugs in the devices
+//! of the library. `phidget22.c` describes the behaviour of the library.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -38,20 +38,21 @@ impl Fake {
         self.folder.path().join(format!("libphidget22.so.0.{ending}"))
     }
 
-    /// Sets a line of the file that the fake library reads: `plugged`, `CLASS.PORT.TYPE`, `fail_every` …
+    /// Sets a line of the file that the fake library reads: `plugged`, `CLASS.PORT.TYPE`,
+    /// `fail_every` …
     pub(crate) fn set(&mut self, key: &str, value: f64) {
         self.lines.retain(|(known, _)| known != key);
         self.lines.push((key.to_owned(), value));
         let text: String =
             self.lines.iter().map(|(key, value)| format!("{key} {value}\n")).collect();
-        // The library may read the file at any time, so it is replaced by a rename.
+        // The library may read the file at any time, so the file is replaced by a rename.
         let draft = self.beside("draft");
         std::fs::write(&draft, text).expect("a file");
         std::fs::rename(draft, self.beside("state")).expect("a file");
     }
 
-    /// Returns how often a function of the fake library for channels was called: `create`, `open`, `close`,
-    /// `delete`.
+    /// Returns the number of calls of one of the functions for channels of the fake library:
+    /// `create`, `open`, `close`, `delete`.
     #[allow(dead_code, reason = "not every test counts")]
     pub(crate) fn count(&self, what: &str) -> usize {
         let log = std::fs::read_to_string(self.beside("log")).unwrap_or_default();

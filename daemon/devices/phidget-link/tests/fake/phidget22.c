@@ -1,12 +1,13 @@
-/* A libphidget22 for tests: has the functions that phidget-link calls, and devices that are lines
- * of a text file beside itself. Written from what the interface promises; no code of Phidgets Inc.
+/* A substitute for libphidget22 in tests. It has the functions that phidget-link calls; its devices
+ * are lines of a text file beside the library. Written from the documented interface, without any
+ * code of Phidgets Inc.
  *
- * <itself>.state    plugged N        0: no device; another number than before: plugged in anew
- *                   serial S         the device's serial number (12345)
+ * <library>.state   plugged N        0: no device; another number than before: the device is new
+ *                   serial S         the device's serial number (12345 if there is no such line)
  *                   CLASS.PORT.TYPE V  the value of a channel, if this type of sensor is set
- *                   fail_every N     of N readings one fails
- *                   hang_ms N        a reading takes so long
- * <itself>.log      a line for each channel that is made, opened, closed and deleted
+ *                   fail_every N     one of N readings fails
+ *                   hang_ms N        duration of a reading in milliseconds
+ * <library>.log     one line for each channel that is created, opened, closed or deleted
  */
 #define _GNU_SOURCE
 #include <dlfcn.h>

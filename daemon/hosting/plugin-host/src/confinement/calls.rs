@@ -1,12 +1,13 @@
 //! Filters of the system calls that a plugin may make (seccomp).
 //!
-//! - [`ALLOWED`] are the calls that programs in any language need. All other calls, also those of later
-//!   kernels, fail with `ENOSYS`, as on a kernel that does not have them, so that programs do without.
-//! - [`FORBIDDEN`] calls fail with “Operation not permitted”. Allowed calls fail in the same way if their
-//!   arguments reach beyond the plugin: another process, a namespace, a device node, a socket of another
-//!   family.
-//! - If the kernel has no other means, calls that connect a socket, signal a process or start one wait for
-//!   the daemon's answer (`mediator`).
+//! - [`ALLOWED`] are the calls that programs in any language need. All other calls fail with
+//!   `ENOSYS`, also those of later kernels. Programs take `ENOSYS` to mean that the kernel does not
+//!   have the call, and then work without the call.
+//! - [`FORBIDDEN`] calls fail with “Operation not permitted”. Allowed calls fail in the same way if
+//!   their arguments reach beyond the plugin: another process, a namespace, a device node, a socket
+//!   of another family.
+//! - If the kernel has no other means, calls that connect a socket, signal a process or start a
+//!   process wait for the daemon's answer (`mediator`).
 
 use std::collections::BTreeMap;
 use std::str::FromStr as _;
@@ -17,8 +18,8 @@ use seccompiler::{
 };
 use syscalls::Sysno;
 
-/// System calls that programs in any language need. Names that do not exist on this architecture are left
-/// out.
+/// System calls that programs in any language need. Names that do not exist on this architecture
+/// are left out.
 const ALLOWED: &str = "
     read write readv writev pread64 pwrite64 preadv pwritev preadv2 pwritev2 lseek _llseek
     sendfile sendfile64 splice tee vmsplice copy_file_range readahead fadvise64 fadvise64_64
@@ -67,8 +68,8 @@ const ALLOWED: &str = "
     setsockopt sendto send sendmsg sendmmsg recvfrom recv recvmsg recvmmsg recvmmsg_time64 shutdown
     getrandom";
 
-/// System calls that fail with “Operation not permitted” instead of `ENOSYS`, so that a person sees why a
-/// program fails.
+/// System calls that fail with “Operation not permitted” instead of `ENOSYS`, so that a person sees
+/// why a program fails.
 const FORBIDDEN: &str = "
     acct add_key bpf chroot clock_adjtime clock_settime delete_module finit_module init_module
     io_uring_enter io_uring_register io_uring_setup kcmp kexec_load keyctl migrate_pages mount
@@ -78,31 +79,33 @@ const FORBIDDEN: &str = "
     shmdt shmget swapoff swapon umount2 unshare userfaultfd
     setpgid setsid";
 
-/// System calls that change metadata of a file. Landlock does not control them, so they are forbidden
-/// unless mounts protect the files.
+/// System calls that change metadata of a file. Landlock does not control them, so they are
+/// forbidden unless mounts protect the files.
 const METADATA: &str = "
     chmod fchmod fchmodat chown fchown lchown fchownat chown32 fchown32 lchown32
     utime utimes futimesat utimensat utimensat_time64
     setxattr lsetxattr fsetxattr removexattr lremovexattr fremovexattr";
 
-/// System call that watches a path. A watch reports when a file is opened, read or written, and Landlock
-/// does not control watches. So the call is forbidden unless mounts hide the files of others.
+/// System call that watches a path. A watch reports when a file is opened, read or written, and
+/// Landlock does not control watches. Therefore the call is forbidden unless mounts hide the files
+/// of others.
 const WATCHES: &str = "inotify_add_watch";
 
-/// System calls that read the extended attributes of a file by its path, even if Landlock hides the file.
-/// Unless mounts hide the files of others, these calls fail as on a file system without extended
-/// attributes, and programs do without.
+/// System calls that read the extended attributes of a file by its path, even if Landlock hides the
+/// file. Unless mounts hide the files of others, these calls fail with `ENOTSUP`, as on a file
+/// system without extended attributes. Programs expect this error and work without attributes.
 const ATTRIBUTES: &str = "getxattr lgetxattr listxattr llistxattr";
 
-/// System calls that change a property of the process with a given number; 0 is the calling process.
+/// System calls that change a property of the process with a given number; 0 is the calling
+/// process.
 const ABOUT_PROCESSES: &str =
     "prlimit64 sched_setaffinity sched_setparam sched_setscheduler sched_setattr";
 
 /// System calls that signal the process or thread with a given number.
 const SIGNALS: &str = "kill tkill tgkill rt_sigqueueinfo rt_tgsigqueueinfo";
 
-/// Flags of `clone` that a plugin may not use: those that create namespaces, and the flag (`CLONE_PARENT`)
-/// that makes the new process a child of the daemon, which would not know of this child.
+/// Flags of `clone` that a plugin may not use: those that create namespaces, and `CLONE_PARENT`,
+/// which makes the new process a child of the daemon without the daemon's knowledge.
 const CLONE_FLAGS: &[i32] = &[
     libc::CLONE_NEWNS,
     libc::CLONE_NEWCGROUP,
@@ -114,30 +117,32 @@ const CLONE_FLAGS: &[i32] = &[
     libc::CLONE_PARENT,
 ];
 
-/// Commands of `fcntl` that a plugin may not use: those that choose the process which receives a file's
-/// signals, and those for leases and notifications, which delay or observe other processes that open the
-/// file.
+/// Commands of `fcntl` that a plugin may not use. Some choose the process that receives a file's
+/// signals. Others are for leases and notifications, which delay or observe other processes that
+/// open the file.
 const FCNTL: &[i32] = &[F_SETOWN, F_SETOWN_EX, F_SETSIG, libc::F_SETLEASE, libc::F_NOTIFY];
 const F_SETOWN: i32 = 8;
 const F_SETSIG: i32 = 10;
 const F_SETOWN_EX: i32 = 15;
 
-/// Requests of `ioctl` that a plugin may not use: those that choose the process which receives the signals
-/// of a socket or terminal, and those that insert input into a terminal.
+/// Requests of `ioctl` that a plugin may not use: those that choose the process that receives the
+/// signals of a socket or terminal, and those that insert input into a terminal.
 const IOCTL: &[u64] = &[FIOSETOWN, SIOCSPGRP, TIOCSTI, TIOCLINUX];
 const FIOSETOWN: u64 = 0x8901;
 const SIOCSPGRP: u64 = 0x8902;
 const TIOCSTI: u64 = 0x5412;
 const TIOCLINUX: u64 = 0x541c;
 
-/// Types of `ioctl` requests that read or set metadata of an open file, or act on the whole file system of
-/// the file: flags such as “immutable”, encryption, quotas, freezing, snapshots. Only a mount protects
-/// files from these requests. Programs that ask for flags work without them. Requests about sockets, pipes
-/// and terminals are of other types ('T', 0x89), and so are those of device drivers.
+/// Types of `ioctl` requests that read or set metadata of an open file, or act on the whole file
+/// system of the file: flags such as “immutable”, encryption, quotas, freezing, snapshots. Only a
+/// mount protects files from these requests. Programs that query the flags can do without the
+/// answer. Requests about sockets, pipes and terminals have other types ('T', 0x89), and so do
+/// those of device drivers.
 const IOCTL_OF_FILES: &[u8] = b"fXv";
 /// Type of the `ioctl` requests of Btrfs, which act on files and file systems like those of
-/// [`IOCTL_OF_FILES`]. `FICLONE` and `FICLONERANGE` are of this type, but all file systems have them: they
-/// copy into a file that may be written, and programs do not expect “Operation not permitted”.
+/// [`IOCTL_OF_FILES`]. `FICLONE` and `FICLONERANGE` have this type, but are allowed: all file
+/// systems have them, they copy only into a file that may be written, and programs do not expect
+/// the error “Operation not permitted”.
 const IOCTL_OF_BTRFS: u8 = 0x94;
 const FICLONE: u64 = 0x4004_9409;
 const FICLONERANGE: u64 = 0x4020_940d;
@@ -158,9 +163,10 @@ pub(super) struct CallFilterOptions {
     pub(super) network: bool,
     /// Whether mounts protect the files that the plugin may not change.
     pub(super) has_own_mounts: bool,
-    /// Whether the kernel lets `truncate` work only on files that the plugin may write.
+    /// Whether the kernel restricts `truncate` to files that the plugin may write.
     pub(super) truncates_own_only: bool,
-    /// Whether a control group counts the memory of the plugin, also memory that belongs to no process.
+    /// Whether a control group counts the memory of the plugin, also memory that belongs to no
+    /// process.
     pub(super) counts_memory: bool,
 }
 
@@ -178,7 +184,8 @@ pub enum CallsError {
 
 type CallRules = BTreeMap<i64, Vec<SeccompRule>>;
 
-/// Returns the architecture of this machine, or `None` if no filters of system calls can be made for it.
+/// Returns the architecture of this machine, or `None` if no filters of system calls can be made
+/// for it.
 pub(super) fn target() -> Option<TargetArch> {
     std::env::consts::ARCH.try_into().ok()
 }
@@ -196,7 +203,8 @@ pub(super) fn forbid(choice: CallFilterOptions, target: TargetArch) -> Result<()
         let none = errno(libc::ENOTSUP);
         filters.push(SeccompFilter::new(rules, SeccompAction::Allow, none, target)?);
     }
-    // If two filters return different errors, that of the filter installed last counts.
+    // If two filters return different errors, the error of the filter that was installed last
+    // applies.
     for filter in filters {
         let program: BpfProgram = filter.try_into()?;
         seccompiler::apply_filter(&program)?;
@@ -204,8 +212,9 @@ pub(super) fn forbid(choice: CallFilterOptions, target: TargetArch) -> Result<()
     Ok(())
 }
 
-/// Returns the filter for the system calls that the daemon answers: those that connect, those that signal a
-/// process other than `own`, and, with `counts_processes`, those that start a process.
+/// Returns the filter for the system calls that the daemon answers: those that connect a socket,
+/// those that signal a process other than `own`, and, with `counts_processes`, those that start a
+/// process.
 pub(super) fn mediated(
     counts_processes: bool,
     own: u32,
@@ -240,8 +249,8 @@ fn forbidden(choice: CallFilterOptions) -> Result<CallRules, BackendError> {
         // Pages that are lent to a pipe stay in memory when the process has given them back.
         rules.extend(numbers("vmsplice").map(|call| (call, Vec::new())));
         larger_buffers(&mut rules)?;
-        // Shared anonymous pages are not limited as data of the process. When the process gives them back
-        // (`MADV_DONTNEED`), they stay in memory, but outside of its resident set.
+        // Shared anonymous pages are not limited as data of the process. When the process gives
+        // them back (`MADV_DONTNEED`), they stay in memory, but outside of its resident set.
         let shared = (libc::MAP_SHARED | libc::MAP_ANONYMOUS).unsigned_abs().into();
         for call in ["mmap", "mmap2"] {
             add(&mut rules, call, vec![vec![masked(3, shared, shared)?]]);
@@ -253,8 +262,8 @@ fn forbidden(choice: CallFilterOptions) -> Result<CallRules, BackendError> {
     Ok(rules)
 }
 
-/// Forbids to enlarge the buffers of sockets and pipes, which hold memory that belongs to no process. The
-/// daemon counts buffers of the default size (`buffers`).
+/// Forbids to enlarge the buffers of sockets and pipes, which hold memory that belongs to no
+/// process. The daemon counts buffers of the default size (`buffers`).
 fn larger_buffers(rules: &mut CallRules) -> Result<(), BackendError> {
     let level = u64::from(libc::SOL_SOCKET.unsigned_abs());
     let mut options = Vec::new();
@@ -268,8 +277,8 @@ fn larger_buffers(rules: &mut CallRules) -> Result<(), BackendError> {
     Ok(())
 }
 
-/// Forbids sockets of families that the plugin may not use, and Unix sockets without a connection, because
-/// the latter reach any socket with a known address.
+/// Forbids sockets of families that the plugin may not use. Also forbids Unix sockets without a
+/// connection, because they reach any socket with a known address.
 fn sockets(rules: &mut CallRules, network: bool) -> Result<(), BackendError> {
     let mut families = vec![libc::AF_UNIX];
     if network {
@@ -291,7 +300,7 @@ fn sockets(rules: &mut CallRules, network: bool) -> Result<(), BackendError> {
     Ok(())
 }
 
-/// Forbids system calls that affect other processes, or that hide this process.
+/// Forbids system calls that affect other processes, or that hide this process from the daemon.
 fn processes(rules: &mut CallRules) -> Result<(), BackendError> {
     for call in ABOUT_PROCESSES.split_whitespace() {
         add(rules, call, vec![vec![is_not(0, 0)?]]);
@@ -303,8 +312,8 @@ fn processes(rules: &mut CallRules) -> Result<(), BackendError> {
     let flags = flags.map(|flag| Ok(vec![masked(0, flag, flag)?]));
     add(rules, "clone", flags.collect::<Result<_, BackendError>>()?);
     let option = |option: i32| u64::from(option.unsigned_abs());
-    // A process that is not dumpable hides what it holds from other processes of its user, such as the
-    // daemon.
+    // A process that is not dumpable hides its open files and memory from other processes of its
+    // user, such as the daemon.
     let hidden = vec![is(0, option(libc::PR_SET_DUMPABLE))?, is_not(1, 1)?];
     add(rules, "prctl", vec![hidden, vec![is(0, option(libc::PR_SCHED_CORE))?]]);
     let others = vec![is_not(0, 0)?, is_not(0, ASK_PERSONALITY)?];
@@ -319,8 +328,8 @@ fn files(rules: &mut CallRules) -> Result<(), BackendError> {
     add(rules, "fcntl64", fcntl);
     let ioctl = IOCTL.iter().map(|command| Ok(vec![is(1, *command)?]));
     add(rules, "ioctl", ioctl.collect::<Result<_, BackendError>>()?);
-    // `O_TRUNC` empties a file even if it is opened for reading only, or with the fourth access mode
-    // (neither reading nor writing), for which Landlock requires no right.
+    // `O_TRUNC` empties a file even if it is opened for reading only, or with the fourth access
+    // mode (neither reading nor writing), for which Landlock requires no right.
     let mask = (libc::O_ACCMODE | libc::O_TRUNC).unsigned_abs().into();
     for (call, index) in [("open", 1), ("openat", 2)] {
         let empties = [libc::O_RDONLY, libc::O_ACCMODE].map(|mode| mode | libc::O_TRUNC);
@@ -351,7 +360,7 @@ fn requests_of_files() -> Result<Vec<Vec<SeccompCondition>>, BackendError> {
 }
 
 /// Forbids a system call if one of the conditions `any` holds. A call that is already forbidden
-/// unconditionally stays so.
+/// under all conditions stays so.
 fn add(rules: &mut CallRules, call: &str, any: Vec<Vec<SeccompCondition>>) {
     let Some(call) = known(call) else { return };
     let added: Result<Vec<_>, _> = any.into_iter().map(SeccompRule::new).collect();
@@ -375,8 +384,8 @@ fn masked(index: u8, mask: u64, value: u64) -> Result<SeccompCondition, BackendE
     SeccompCondition::new(index, SeccompCmpArgLen::Dword, SeccompCmpOp::MaskedEq(mask), value)
 }
 
-/// Returns the numbers of the system calls with these names; names that this architecture does not have are
-/// left out.
+/// Returns the numbers of the system calls with these names; names that this architecture does not
+/// have are left out.
 fn numbers(names: &str) -> impl Iterator<Item = i64> {
     names.split_whitespace().filter_map(known)
 }
@@ -390,7 +399,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_are_calls_of_some_machine_and_none_is_both_allowed_and_forbidden() {
+    fn call_names_exist_and_none_is_both_allowed_and_forbidden() {
         let has = |list: &str, name: &str| list.split_whitespace().any(|known| known == name);
         let both = FORBIDDEN.split_whitespace().find(|name| has(ALLOWED, name));
         assert_eq!(both, None);
@@ -421,7 +430,7 @@ mod tests {
     }
 
     #[test]
-    fn memory_that_is_shared_is_forbidden_only_where_it_is_not_counted() {
+    fn shared_memory_is_forbidden_only_if_it_is_not_counted() {
         for counts_memory in [true, false] {
             let choice = CallFilterOptions {
                 network: false,
@@ -439,7 +448,7 @@ mod tests {
     }
 
     #[test]
-    fn hidden_files_are_not_asked_about_where_there_are_no_mounts() {
+    fn calls_about_hidden_files_fail_without_own_mounts() {
         use rustix::fs::inotify::{CreateFlags, WatchFlags, add_watch, init};
         use rustix::io::Errno;
         let Some(target) = target() else { return };

@@ -7,13 +7,14 @@ use landlock::{
     PathBeneath, PathFd, RulesetAttr as _, RulesetCreatedAttr as _, RulesetError, Scope,
 };
 
-/// Newest Landlock version that this code knows. Restrictions that an older kernel does not support are
-/// left out.
+/// Newest Landlock version that this code supports. Restrictions that an older kernel does not
+/// support are left out.
 const KNOWN: ABI = ABI::V9;
 
 /// First Landlock version that forbids emptying (`truncate`) a file that may not be written.
 pub(super) const TRUNCATES: i32 = 3;
-/// First Landlock version that restricts signals and abstract sockets to the plugin's own processes.
+/// First Landlock version that restricts signals and abstract sockets to the plugin's own
+/// processes.
 pub(super) const SCOPES: i32 = 6;
 /// First Landlock version that restricts connections to sockets with a path.
 pub(super) const SOCKETS: i32 = 9;
@@ -31,8 +32,8 @@ pub(super) struct AccessibleFiles<'f> {
     pub(super) network: bool,
 }
 
-/// Restricts this process to these files and sockets; the restriction cannot be removed. Returns the
-/// version of Landlock that the kernel has, or 0 if it has none.
+/// Restricts this process to these files and sockets; the restriction cannot be removed. Returns
+/// the version of Landlock that the kernel has, or 0 if it has none.
 pub(super) fn restrict(files: &AccessibleFiles<'_>) -> Result<i32, RulesetError> {
     let all = AccessFs::from_all(KNOWN);
     let ruleset = landlock::Ruleset::default().set_compatibility(CompatLevel::BestEffort);

@@ -1,8 +1,9 @@
-//! Means of confinement that this kernel offers, how they are used for one plugin, and which restrictions
-//! cannot be enforced with them.
+//! Means of confinement that this kernel offers, the choice of means for each plugin, and the
+//! restrictions that cannot be enforced with the chosen means.
 //!
-//! The means are tried out, and not derived from a kernel version: a process of the daemon's own program
-//! confines itself step by step, and reports which steps succeeded ([`ConfinementMeans::try_out`]).
+//! The means are tried out, and not derived from a kernel version: a process of the daemon's own
+//! program confines itself step by step, and reports which steps succeeded
+//! ([`ConfinementMeans::try_out`]).
 
 use std::path::{Path, PathBuf};
 
@@ -14,7 +15,7 @@ use super::room::{self, RoomContents};
 use super::{PLAIN_DEVICES, SYSTEM, ZERO};
 use crate::rights::Permissions;
 
-/// Means of confinement that the kernel offers.
+/// Means of confinement that the kernel offers to the daemon.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct ConfinementMeans {
@@ -24,19 +25,21 @@ pub struct ConfinementMeans {
     pub no_namespaces: Option<String>,
     /// Reason why system calls cannot be forbidden (seccomp); `None` if they can be.
     pub no_calls: Option<String>,
-    /// Reason why the daemon cannot answer system calls (seccomp user notification); `None` if it can.
+    /// Reason why the daemon cannot answer system calls (seccomp user notification); `None` if it
+    /// can.
     pub no_questions: Option<String>,
     /// Whether plugins run as root; the kernel does not limit the number of processes of root.
     pub is_root: bool,
 }
 
-/// Means of confinement that are used for one plugin, and the properties of the plugin that decide about
-/// them.
+/// Means of confinement that are used for one plugin, and the properties of the plugin that
+/// determine this choice.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct ConfinementPlan {
     /// Whether the plugin runs in a namespace room of its own.
     pub(crate) has_room: bool,
-    /// Version of Landlock, which hides files and other processes from the plugin; 0 if there is none.
+    /// Version of Landlock, which hides files and other processes from the plugin; 0 if there is
+    /// none.
     pub(crate) landlock: i32,
     /// Whether system calls that the plugin does not need are forbidden.
     pub(crate) forbids_calls: bool,
@@ -49,15 +52,16 @@ pub(crate) struct ConfinementPlan {
     pub(crate) is_counted: bool,
     /// Whether the plugin may use the Internet.
     pub(crate) network: bool,
-    /// Whether the plugin may read files and folders of others, which may contain sockets.
+    /// Whether the plugin may read files and folders other than its own, which may contain sockets.
     pub(crate) reads_more: bool,
     /// Whether the daemon runs as root.
     pub(crate) is_root: bool,
 }
 
 impl ConfinementMeans {
-    /// Confines this process as plugins are confined, step by step, and returns which means succeeded. Only
-    /// a process that ends afterwards may call this. `folder` is any folder that exists.
+    /// Confines this process as plugins are confined, step by step, and returns the means that
+    /// succeeded. Must be called only in a process that ends afterwards. `folder` is any folder
+    /// that exists.
     pub(crate) fn try_out(folder: &Path) -> ConfinementMeans {
         let why = |error: &dyn std::error::Error| error.to_string();
         let target = calls::target();
@@ -93,7 +97,7 @@ impl ConfinementMeans {
         }
     }
 
-    /// Returns a value that offers no means of confinement at all, with `why` as the reason for each.
+    /// Returns a value without any means of confinement, with `why` as the reason for each.
     pub(crate) fn none(why: &str) -> ConfinementMeans {
         let why = || Some(why.to_owned());
         ConfinementMeans {
@@ -105,8 +109,8 @@ impl ConfinementMeans {
         }
     }
 
-    /// Returns the means that are used for a plugin with these permissions. `is_counted` tells whether the
-    /// plugin has a control group.
+    /// Returns the means that are used for a plugin with these permissions. `is_counted` is `true`
+    /// if the plugin has a control group.
     pub(crate) fn plan(&self, permissions: &Permissions, is_counted: bool) -> ConfinementPlan {
         let mut plan = ConfinementPlan {
             has_room: self.no_namespaces.is_none(),
@@ -128,29 +132,32 @@ impl ConfinementMeans {
 }
 
 impl ConfinementPlan {
-    /// Whether the plugin cannot reach sockets of others that have a path. A socket in a folder that is
-    /// shown in the namespace room can be connected to, although the folder is read-only.
+    /// Whether the plugin cannot connect to other programs' sockets with a path. In a namespace
+    /// room, a process can connect to any socket in a visible folder, even if the folder is
+    /// read-only.
     fn hides_sockets(&self) -> bool {
         (self.has_room && !self.reads_more) || self.landlock >= files::SOCKETS || self.is_mediated
     }
 
-    /// Whether the plugin cannot reach sockets of others that have only a name (abstract ones).
+    /// Whether the plugin cannot connect to other programs' sockets that have only a name (abstract
+    /// sockets).
     fn hides_names(&self) -> bool {
         let has_own_network = self.has_room && !self.network;
         has_own_network || self.landlock >= files::SCOPES || self.is_mediated
     }
 
-    /// Whether the plugin cannot signal processes of others.
+    /// Whether processes of others are protected from signals of the plugin.
     fn hides_processes(&self) -> bool {
         self.landlock >= files::SCOPES || self.is_mediated
     }
 
-    /// Whether the kernel, or the daemon by its answers, limits the number of processes of the plugin.
+    /// Whether the number of processes of the plugin is limited, by the kernel or by the daemon's
+    /// answers.
     fn bounds_processes(&self) -> bool {
         self.is_counted || (self.has_room && !self.is_root) || self.counts_processes
     }
 
-    /// Whether the plugin cannot change files other than its own.
+    /// Whether the files of others are protected from changes by the plugin.
     fn keeps_files(&self) -> bool {
         self.has_room || (self.forbids_calls && self.landlock > 0)
     }
@@ -164,7 +171,8 @@ impl ConfinementPlan {
         }
     }
 
-    /// Returns the restrictions that cannot be enforced for the plugin, each as a sentence for a person.
+    /// Returns the restrictions that cannot be enforced for the plugin, each as a sentence for a
+    /// person.
     pub(crate) fn lacks(&self) -> Vec<String> {
         let mut lacks = Vec::new();
         let mut say = |is_lacking: bool, what: &str| {
@@ -219,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn kernels_of_debian_leave_nothing_open_with_namespaces_or_without() {
+    fn every_restriction_is_enforced_on_debian_kernels() {
         for landlock in [2, 6, 7, 9] {
             for namespaces in [true, false] {
                 for network in [true, false] {
@@ -237,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn the_daemon_is_asked_only_where_the_kernel_has_no_means() {
+    fn calls_are_mediated_only_if_the_kernel_has_no_other_means() {
         assert!(!means(6, true, true).plan(&asking(false, &[]), false).is_mediated);
         assert!(!means(9, false, true).plan(&asking(true, &[]), true).is_mediated);
         assert!(means(2, true, true).plan(&asking(false, &[]), false).is_mediated, "signals");
@@ -249,7 +257,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_lacking_is_said() {
+    fn restrictions_that_cannot_be_enforced_are_listed() {
         let without = means(2, false, false).plan(&asking(false, &[]), false).lacks().join("; ");
         for expected in ["Unix sockets of this user", "abstract", "signal", "four times a second"] {
             assert!(without.contains(expected), "{without}");

@@ -1,18 +1,18 @@
-//! Confinement of a plugin's process. The process confines itself before it becomes the plugin's program,
-//! because after a `fork` in a daemon with many threads no call but `exec` is safe.
+//! Confinement of a plugin's process. The process confines itself before it becomes the plugin's
+//! program, because after a `fork` in a daemon with many threads no call but `exec` is safe.
 //!
-//! - `room`: Linux namespaces for this process alone, if the kernel allows them; they hold only the files
-//!   and networks that the process may see.
-//! - `files`: access only to the files of the system, of the plugin's package, of its data folder, and to
-//!   those that its manifest names; no signals and sockets to other processes (Landlock).
-//! - `calls`: only the system calls that programs need, with no effect beyond the process (seccomp). Calls
-//!   that the kernel cannot decide are answered by the daemon (`mediator`).
-//! - Limits of memory, open files, file sizes, processes and priority, no core dumps (`setrlimit`), and no
-//!   capabilities. The resources of all processes of the plugin together are counted by a control group
-//!   (`cgroup`), or measured by the host (`usage`).
+//! - `room`: Linux namespaces for this process alone, if the kernel allows them; they hold only the
+//!   files and networks that the process may see.
+//! - `files`: access only to files of the system, the plugin's package, its data folder, and the
+//!   files that its manifest names; no signals and sockets to other processes (Landlock).
+//! - `calls`: only the system calls that programs need, with no effect beyond the process
+//!   (seccomp). Calls that the kernel cannot decide are answered by the daemon (`mediator`).
+//! - Limits of memory, open files, file sizes, processes and priority, no core dumps (`setrlimit`),
+//!   and no capabilities. The resources of all processes of the plugin together are counted by a
+//!   control group (`cgroup`), or measured by the host (`usage`).
 //! - The process is killed when the thread that started it ends.
 //!
-//! `means` finds out which of these restrictions this kernel supports, and which cannot be enforced.
+//! `means` finds out the restrictions that this kernel supports, and those that cannot be enforced.
 
 mod calls;
 mod files;
@@ -33,8 +33,8 @@ pub use means::ConfinementMeans;
 pub(crate) use means::ConfinementPlan;
 use room::RoomContents;
 
-/// Files and folders of the system that every plugin may read. Of `/etc`, only the files that programs need
-/// are among them, and none with keys.
+/// Files and folders of the system that every plugin may read. The list contains only those files
+/// of `/etc` that programs need, and none with keys.
 const SYSTEM: &[&str] = &[
     "/usr",
     "/bin",
@@ -67,8 +67,8 @@ const SYSTEM: &[&str] = &[
 /// Devices that every plugin may use, because they hold no data of others.
 const PLAIN_DEVICES: &[&str] = &["/dev/null", "/dev/full", "/dev/random", "/dev/urandom"];
 
-/// Device that plugins may only read. A process that maps this device shared and for writing would hold
-/// memory that is counted for no process.
+/// Device that plugins may only read. With write access, a process could map the device as shared
+/// memory that is not counted for any process.
 const ZERO: &str = "/dev/zero";
 
 /// Confinement of one process of a plugin, with everything that the process needs to enter it.
@@ -87,7 +87,8 @@ pub struct Confinement {
     pub(crate) sockets: Vec<PathBuf>,
     /// Data folder of the plugin, in which the process may write.
     pub(crate) home: PathBuf,
-    /// Folder of the control group that the process joins; `None` if the plugin has no control group.
+    /// Folder of the control group that the process joins; `None` if the plugin has no control
+    /// group.
     pub(crate) cgroup: Option<PathBuf>,
 }
 
@@ -100,20 +101,20 @@ pub(crate) struct ProcessLimits {
     pub(crate) files: u64,
     /// Limit of the size of a file that the process writes, in bytes.
     pub(crate) file_size: u64,
-    /// Limit of the number of threads of all processes of the plugin together; enforced where the kernel
-    /// counts them per namespace.
+    /// Limit of the number of threads of all processes of the plugin together. The limit is
+    /// enforced only if the kernel counts threads per namespace.
     pub(crate) tasks: u64,
 }
 
-/// Report of a process about its own confinement, sent over the standard input of the process before the
-/// process becomes the plugin's program.
+/// Report of a process about its own confinement, sent over the standard input of the process
+/// before the process becomes the plugin's program.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct ConfinementReport {
-    /// Version of Landlock that restricts the process; 0 if Landlock does not.
+    /// Version of Landlock that restricts the process; 0 if none does.
     pub(crate) landlock: i32,
 }
 
-/// Reason why a process cannot become a plugin. Completes “failed to …”.
+/// Reason why a process cannot become a plugin. The text of the error completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ConfinementError {
@@ -123,7 +124,7 @@ pub enum ConfinementError {
     /// A resource limit of the process could not be set.
     #[error("limit {what}: {source}")]
     Limit {
-        /// Name of the resource that should be limited.
+        /// Name of the resource.
         what: &'static str,
         /// Error of the system.
         #[source]
@@ -132,7 +133,7 @@ pub enum ConfinementError {
     /// The process could not enter a namespace room.
     #[error(transparent)]
     Room(#[from] room::RoomError),
-    /// The files of others could not be hidden from the process.
+    /// The files of others could not be hidden from the process (Landlock).
     #[error("hide the file system from it: {0}")]
     Landlock(#[from] landlock::RulesetError),
     /// The kernel supports less of Landlock than when the daemon started.
@@ -154,8 +155,8 @@ pub enum ConfinementError {
 }
 
 impl Confinement {
-    /// Confines this process and replaces it with `program`. Returns only on failure, with a message for a
-    /// person.
+    /// Confines this process and replaces it with `program`. Returns only if that fails, with a
+    /// message for a person.
     pub fn become_program(&self, program: &Path, arguments: &[String]) -> String {
         if let Err(error) = self.enter() {
             return format!("failed to {error}");
@@ -176,12 +177,13 @@ impl Confinement {
             PLAIN_DEVICES.iter().map(PathBuf::from).chain(self.devices.iter().cloned()).collect();
         let system: Vec<PathBuf> = SYSTEM.iter().map(PathBuf::from).collect();
         if self.plan.has_room {
-            // With Landlock, all of `/proc` is mounted, because Landlock limits it to the process's own
-            // part. Without, only the listed files of it are.
+            // With Landlock, all of `/proc` is mounted, because Landlock limits access to the
+            // process's own part. Without Landlock, only the listed files of `/proc` are mounted.
             let is_shown = |path: &&PathBuf| self.plan.landlock == 0 || !path.starts_with("/proc");
             let proc = (self.plan.landlock > 0).then(|| PathBuf::from("/proc"));
             let shown = system.iter().filter(is_shown).chain(&proc).chain(&self.read);
-            // Only Landlock can restrict a device to reading, so without it `/dev/zero` is left out.
+            // Only Landlock can restrict a device to reading. Without Landlock, `/dev/zero` is left
+            // out.
             let zero = (self.plan.landlock > 0).then(|| PathBuf::from(ZERO));
             let furniture = RoomContents {
                 shown: shown.cloned().collect(),
@@ -191,8 +193,8 @@ impl Confinement {
                 network: self.plan.network,
             };
             room::enter(&furniture)?;
-            // The current folder is at the same path in the room. If it is not there, the current folder
-            // stays the root.
+            // The current folder has the same path in the room. If the room does not contain it,
+            // the root becomes the current folder.
             let _ = std::env::set_current_dir(&folder);
         }
         self.limit()?;
@@ -234,15 +236,15 @@ impl Confinement {
         set("message queues", Resource::Msgqueue, 0)?;
         set("real-time priority", Resource::Rtprio, 0)?;
         set("priority", Resource::Nice, 0)?;
-        // Without a namespace of users, all processes of this user would count.
+        // Outside of a user namespace, the kernel would count all processes of this user.
         if self.plan.has_room {
             set("processes", Resource::Nproc, tasks)?;
         }
         Ok(())
     }
 
-    /// Does the last step of the confinement: installs the filters of system calls, and sends the report to
-    /// the daemon, with the listener for the calls that the daemon answers.
+    /// Does the last step of the confinement: installs the filters of system calls, and sends the
+    /// report to the daemon, together with the listener for the calls that the daemon answers.
     fn forbid_calls(&self, entered: &ConfinementReport) -> Result<(), ConfinementError> {
         let target = calls::target().filter(|_| self.plan.forbids_calls);
         if let Some(target) = target {
@@ -262,24 +264,27 @@ impl Confinement {
     }
 }
 
-/// Returns the limit to set for the length of a core dump, in bytes. At 0 the kernel writes no file, but
-/// still hands the dump to a program that collects dumps (a `core_pattern` that begins with `|`); at 1 it
-/// does neither. A hard limit of 0 is kept, because raising it takes a capability.
+/// Returns the limit to set for the length of a core dump, in bytes. At 0 the kernel writes no
+/// file, but still passes the dump to a program that collects dumps (a `core_pattern` that begins
+/// with `|`). At 1 the kernel does neither. A hard limit of 0 is kept, because raising it requires
+/// a capability.
 fn core_limit() -> u64 {
     getrlimit(Resource::Core).maximum.map_or(1, |most| most.min(1))
 }
 
-/// Drops all capabilities of this process, also those that a program started by root would get again.
+/// Drops all capabilities of this process, also those that a program would regain because root
+/// starts it.
 fn drop_capabilities() -> std::io::Result<()> {
     let none = CapabilitySet::empty();
-    // Only a process with the capability to set capabilities can reduce its bounding set; any other has
-    // none to lose.
+    // Only a process with the capability to set capabilities can reduce its bounding set; any other
+    // process has no capabilities to lose.
     for capability in CapabilitySet::all().iter() {
         let _ = rustix::thread::remove_capability_from_bounding_set(capability);
     }
     let _ = rustix::thread::clear_ambient_capability_set();
     let sets = CapabilitySets { effective: none, permitted: none, inheritable: none };
-    // A service manager may have forbidden the call and left no capabilities to drop.
+    // A service manager may have forbidden the call and left no capabilities to drop; then the
+    // failure does not matter.
     if rustix::thread::capabilities(None) != Ok(sets) {
         rustix::thread::set_capabilities(None, sets)?;
     }
@@ -291,8 +296,8 @@ fn limit(what: &'static str, source: std::io::Error) -> ConfinementError {
     ConfinementError::Limit { what, source }
 }
 
-/// Finds out, in a process for this purpose alone, what the kernel offers to confine plugins. Returns
-/// [`ConfinementMeans`] in JSON, for the daemon to read.
+/// Tries out the means that the kernel offers to confine plugins, in a process that was started for
+/// this purpose alone. Returns [`ConfinementMeans`] in JSON, for the daemon to read.
 pub fn probe(folder: &Path) -> String {
     serde_json::to_string(&ConfinementMeans::try_out(folder)).unwrap_or_default()
 }

@@ -1,10 +1,10 @@
-//! Namespace room of a plugin's process: Linux namespaces of users, mounts and System V IPC, and, for a
-//! plugin without the right `network`, of networks (namespaces(7)).
+//! Namespace room of a plugin's process: Linux namespaces of users, mounts and System V IPC, and,
+//! for a plugin without the right `network`, of networks (namespaces(7)).
 //!
-//! The room holds only the files that the plugin may see. Everything is mounted read-only except the
-//! plugin's data folder, so contents, modes, times and attributes of other files cannot change. The only
-//! sockets in the room are those that the plugin may connect to, and a network namespace has no interface.
-//! The user is the same as outside, without capabilities.
+//! The room holds only the files that the plugin may see. Everything is mounted read-only except
+//! the plugin's data folder. Contents, modes, times and attributes of other files therefore cannot
+//! change. The only sockets in the room are those that the plugin may connect to, and a network
+//! namespace has no network interface. The user is the same as outside, without capabilities.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::fs;
@@ -23,11 +23,12 @@ const OLD: &str = "/old";
 /// Path of the namespace room's root until the room is entered.
 const NEW: &str = "/new";
 
-/// Number of symbolic links that are followed in one path; a path with more is taken for a cycle.
+/// Number of symbolic links that are followed in one path; a path with more links counts as a
+/// cycle.
 const LINKS_MAX: usize = 64;
 
-/// Symbolic links in the namespace room to the open files of each process, which shells and interpreters
-/// use.
+/// Symbolic links in the namespace room to the open files of each process, which shells and
+/// interpreters use.
 const OPEN_FILES: [(&str, &str); 4] = [
     ("/dev/fd", "/proc/self/fd"),
     ("/dev/stdin", "/proc/self/fd/0"),
@@ -38,20 +39,20 @@ const OPEN_FILES: [(&str, &str); 4] = [
 /// Contents of a namespace room.
 #[derive(Clone, Debug, Default)]
 pub(super) struct RoomContents {
-    /// Files and folders that are visible in the room, at the same path as outside. Those that do not exist
-    /// are left out.
+    /// Files and folders that are visible in the room, at the same path as outside. Paths that do
+    /// not exist are left out.
     pub(super) shown: Vec<PathBuf>,
     /// Devices of the room, which can be opened for writing.
     pub(super) devices: Vec<PathBuf>,
     /// Sockets of the room that can be connected to.
     pub(super) sockets: Vec<PathBuf>,
-    /// The only folder of the room that can be written to; `/tmp` links to it.
+    /// The only folder of the room with write access; `/tmp` links to it.
     pub(super) home: PathBuf,
     /// Whether the network of this machine is available in the room.
     pub(super) network: bool,
 }
 
-/// Reason why a namespace room could not be entered. Completes “failed to …”.
+/// Reason why a namespace room could not be entered. The text of the error completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[error("{doing}: {source}")]
 pub struct RoomError {
@@ -59,7 +60,8 @@ pub struct RoomError {
     source: io::Error,
 }
 
-/// Real files and folders that a list of paths leads to, and all symbolic links on the way.
+/// Targets of a list of paths: the real files and folders, and all symbolic links on the way to
+/// them.
 #[derive(Debug, Default, PartialEq)]
 struct ResolvedPaths {
     /// Targets of the symbolic links, by the path of the link.
@@ -74,8 +76,8 @@ enum FileKind {
     File,
 }
 
-/// Moves this process into a new namespace room; the process cannot leave the room. The process must have a
-/// single thread.
+/// Moves this process into a new namespace room; the process cannot leave the room. The process
+/// must have a single thread.
 pub(super) fn enter(furniture: &RoomContents) -> Result<(), RoomError> {
     let RoomContents { shown, devices, sockets, home, network } = furniture;
     let seen = ResolvedPaths::of(shown.iter().chain(devices).chain(sockets));
@@ -106,11 +108,13 @@ pub(super) fn enter(furniture: &RoomContents) -> Result<(), RoomError> {
     enter_new()
 }
 
-/// Moves the machine's files below [`OLD`], and mounts an empty root for the namespace room at [`NEW`].
+/// Moves the machine's files below [`OLD`], and mounts an empty root for the namespace room at
+/// [`NEW`].
 fn leave(somewhere: &Path) -> Result<(), RoomError> {
     let private = MountPropagationFlags::PRIVATE | MountPropagationFlags::REC;
     mount_change("/", private).map_err(|errno| failed("keep mounts private", errno.into()))?;
-    // Any existing folder serves as a mount point; it is reachable again once the mount is the root.
+    // Any existing folder serves as a mount point; its contents are visible again once the new
+    // mount is the root.
     tmpfs(somewhere)?;
     let base = |name: &str| somewhere.join(name.trim_start_matches('/'));
     for name in [OLD, NEW] {
@@ -140,7 +144,7 @@ fn pivot(root: &Path, old: &Path) -> Result<(), RoomError> {
 
 fn tmpfs(at: &Path) -> Result<(), RoomError> {
     let flags = MountFlags::NOSUID | MountFlags::NODEV;
-    // Small, because it holds only names and links.
+    // A small size is enough, because the file system holds only names and links.
     let mounted = mount("althing", at, "tmpfs", flags, Some(c"mode=0755,size=4m"));
     mounted.map_err(|errno| failed(&format!("mount a tmpfs at {}", at.display()), errno.into()))
 }
@@ -148,7 +152,7 @@ fn tmpfs(at: &Path) -> Result<(), RoomError> {
 // === impl ResolvedPaths ===
 
 impl ResolvedPaths {
-    /// Follows paths on the machine. Paths that lead nowhere are left out.
+    /// Follows paths on the machine. Paths that do not exist are left out.
     fn of<'p>(paths: impl Iterator<Item = &'p PathBuf>) -> ResolvedPaths {
         let mut places = ResolvedPaths::default();
         for path in paths {
@@ -156,7 +160,7 @@ impl ResolvedPaths {
         }
         let folders = places.real.iter().filter(|(_, kind)| **kind == FileKind::Folder);
         let folders: Vec<PathBuf> = folders.map(|(folder, _)| folder.clone()).collect();
-        // The contents of a visible folder are visible with it.
+        // The contents of a visible folder are visible anyway.
         let is_within =
             |path: &Path| folders.iter().any(|folder| path != folder && path.starts_with(folder));
         places.real.retain(|path, _| !is_within(path));
@@ -164,7 +168,7 @@ impl ResolvedPaths {
         places
     }
 
-    /// Returns the real files and folders that paths lead to, with all symbolic links resolved.
+    /// Returns the real files and folders behind paths, with all symbolic links resolved.
     fn real_ones(paths: &[PathBuf]) -> Vec<PathBuf> {
         ResolvedPaths::of(paths.iter()).real.into_keys().collect()
     }
@@ -215,17 +219,17 @@ fn owned(part: Component<'_>) -> PathBuf {
     PathBuf::from(part.as_os_str())
 }
 
-/// Returns the path at which a file of the machine can be reached while the machine's root is at [`OLD`].
+/// Returns the path of a file of the machine while the machine's root is at [`OLD`].
 fn outside(path: &Path) -> PathBuf {
     Path::new(OLD).join(path.strip_prefix("/").unwrap_or(path))
 }
 
-/// Returns the path at which a file of the namespace room can be reached until the room is entered.
+/// Returns the path of a file of the namespace room before the process enters the room.
 fn inside(path: &Path) -> PathBuf {
     Path::new(NEW).join(path.strip_prefix("/").unwrap_or(path))
 }
 
-/// Mounts a file or folder at the same path in the namespace room, with everything that is mounted below
+/// Mounts a file or folder at the same path in the namespace room, together with all mounts below
 /// it.
 fn bind(path: &Path, kind: FileKind) -> Result<(), RoomError> {
     let (from, to) = (outside(path), inside(path));
@@ -257,8 +261,7 @@ fn make_folder(folder: &Path) -> Result<(), RoomError> {
     fs::create_dir_all(folder).map_err(|error| failed_at("make", folder, error))
 }
 
-/// Makes everything that is mounted so far read-only, and forbids opening any device except those in
-/// `devices`.
+/// Makes all mounts so far read-only, and forbids opening any device except those in `devices`.
 fn protect(devices: &[PathBuf]) -> Result<(), RoomError> {
     let devices: Vec<_> = devices.iter().map(|device| inside(device)).collect();
     for mounted in mounts()?.iter().filter(|mounted| mounted.as_path() != Path::new(NEW)) {
@@ -300,8 +303,8 @@ fn unescaped(text: &str) -> PathBuf {
     PathBuf::from(std::ffi::OsString::from_vec(bytes))
 }
 
-/// Returns the flags of a mount. A remount has to keep the flags that this process did not set, because the
-/// kernel does not let this process clear them.
+/// Returns the flags of a mount. A remount has to keep the flags that another process has set,
+/// because the kernel does not let this process clear them.
 fn flags(mounted: &Path) -> Result<MountFlags, RoomError> {
     let known = rustix::fs::statvfs(mounted);
     let known = known.map_err(|errno| failed_at("look at", mounted, errno.into()))?.f_flag;
@@ -342,7 +345,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn links_are_kept_and_what_is_in_a_shown_folder_comes_with_it() {
+    fn links_are_kept_and_files_below_a_visible_folder_are_merged() {
         let folder = tempfile::tempdir().expect("a folder");
         let root = folder.path().canonicalize().expect("it is there");
         let at = |name: &str| root.join(name);
@@ -366,7 +369,7 @@ mod tests {
     }
 
     #[test]
-    fn blanks_of_the_kernels_tables_are_blanks() {
+    fn octal_escapes_in_mount_paths_are_decoded() {
         assert_eq!(unescaped("/a\\040b\\134"), Path::new("/a b\\"));
         assert_eq!(unescaped("/a\\04"), Path::new("/a\\04"));
     }

@@ -1,5 +1,5 @@
-//! Converts each component of Home Assistant's discovery into features that are measured or switched, or
-//! into a reason why it is not used.
+//! Converts each component of Home Assistant's discovery into features that are measured or
+//! switched, or into a reason why it is not used.
 
 use serde_json::json;
 
@@ -10,7 +10,7 @@ use crate::description::{
 use crate::room_air::rank;
 use crate::template::Template;
 
-/// Components of Home Assistant of which nothing can be used, with the reasons.
+/// Components of Home Assistant that have no use here, with the reasons.
 const UNUSED: &[(&str, &str)] = &[
     ("alarm_control_panel", "arming and disarming an alarm is left to people"),
     ("button", "a press leaves no state that a goal could ask for"),
@@ -31,8 +31,8 @@ const UNUSED: &[(&str, &str)] = &[
     ("water_heater", "it measures its water, not the room"),
 ];
 
-/// Variables that the template of a light may use, and that are undefined when the light is only switched
-/// on or off.
+/// Variables that the template of a light may use, and that are undefined in a command that only
+/// switches the light on or off.
 const OF_LIGHTS: &[&str] = &[
     "blue",
     "brightness",
@@ -46,7 +46,7 @@ const OF_LIGHTS: &[&str] = &[
     "transition",
 ];
 
-/// Topics without which Home Assistant rejects the config of a component.
+/// Topics that are required in the config of a component, as in Home Assistant.
 const REQUIRED: &[(&str, &str)] = &[
     ("binary_sensor", "state_topic"),
     ("fan", "command_topic"),
@@ -57,8 +57,8 @@ const REQUIRED: &[(&str, &str)] = &[
     ("switch", "command_topic"),
 ];
 
-/// Returns the reason why a config has not the shape of its component's configs; `None` if it has. Such a
-/// config cannot be read, unlike one that can be read and describes a thing that has no use here.
+/// Returns the reason why a config does not have the form that its component requires; `None` if it
+/// has. A valid config of a thing without any use here is not malformed.
 pub(crate) fn malformed(component: &str, config: &EntityConfig) -> Option<String> {
     let mut required = REQUIRED.iter().filter(|(name, _)| *name == component);
     if let Some((_, topic)) = required.find(|(_, topic)| config.text(topic).is_none()) {
@@ -76,8 +76,8 @@ pub(crate) fn malformed(component: &str, config: &EntityConfig) -> Option<String
     })
 }
 
-/// Returns the syntax error in a template; `None` if it has none. A template that uses what is unknown here
-/// has none.
+/// Returns the syntax error in a template; `None` if there is none. The use of an unknown filter or
+/// function is not a syntax error.
 fn template_error(text: &str) -> Option<String> {
     let problem = Template::new(text, &[]).err()?;
     problem.contains("syntax error").then_some(problem)
@@ -159,7 +159,8 @@ fn binary_sensor(config: &EntityConfig, label: &str) -> Result<DeviceFeature, St
     })
 }
 
-/// Returns the device class that has this unit, for a sensor that states no class.
+/// Returns the device class for a unit, for a sensor without a class; `None` if the unit does not
+/// determine the class.
 fn class_of_unit(unit: &str) -> Option<&'static str> {
     match unit {
         "°C" | "°F" => Some("temperature"),
@@ -168,7 +169,7 @@ fn class_of_unit(unit: &str) -> Option<&'static str> {
     }
 }
 
-/// Returns a feature that two payloads switch, and that reports its state by these payloads or by two
+/// Returns a feature that two payloads switch. Its state is reported by the same payloads or by two
 /// others.
 fn switched(
     class: &str,
@@ -180,7 +181,7 @@ fn switched(
 ) -> Result<DeviceFeature, String> {
     let [on, off] = payloads;
     for (payload, _) in payloads {
-        // A `null` payload tells Home Assistant that there is no such command.
+        // To Home Assistant, a `null` payload means that there is no such command.
         if config.0.get(payload).is_some_and(serde_json::Value::is_null) {
             return Err(format!("its `{payload}` is null: it takes no such command"));
         }
@@ -189,7 +190,7 @@ fn switched(
         on: config.telegram("command_topic", Some("command_template"), on)?,
         off: config.telegram("command_topic", Some("command_template"), off)?,
     };
-    // The device reports the payload that it was sent, unless the config states another text.
+    // The device reports the payload of the command, unless the config has another text.
     let words = |state: (&str, &str), payload: (&str, &str)| match config.has(state.0) {
         true => config.words(state.0, state.1),
         false if state.1.is_empty() => config.words(payload.0, payload.1),
@@ -229,7 +230,7 @@ fn basic_light(config: &EntityConfig, label: &str) -> Result<DeviceFeature, Stri
     let none = ("", "");
     let mut light = switched("light", config, label, payloads, [none, none], source)?;
     if config.text("on_command_type") == Some("brightness") {
-        // It is switched on by setting its brightness, and in no other way.
+        // This light is switched on by setting its brightness, and in no other way.
         let full = config.payload("brightness_scale", "255");
         let number: f64 = full
             .trim()
@@ -309,13 +310,13 @@ fn lock(config: &EntityConfig, label: &str) -> Result<DeviceFeature, String> {
     Ok(lock)
 }
 
-/// Whether a template needs a variable: the template is invalid without the variable, and valid with it.
+/// Whether a template requires a variable: it is invalid without the variable, and valid with it.
 fn wants(template: &str, variable: &str) -> bool {
     Template::new(template, &["value"]).is_err()
         && Template::new(template, &["value", variable]).is_ok()
 }
 
-/// Returns the features for the values of the room's air that a heater or a humidifier measures.
+/// Returns the features for the room's air, as measured by a heater or a humidifier.
 fn surroundings(
     config: &EntityConfig,
     label: &str,
@@ -355,7 +356,7 @@ fn on_off(component: &str, config: &EntityConfig, label: &str) -> Result<DeviceF
     let states = [("state_on", ""), ("state_off", "")];
     let mut siren = switched(component, config, label, payloads, states, source)?;
     let Some(command) = &mut siren.command else { return Ok(siren) };
-    // Without a template, a siren is commanded in JSON.
+    // Without a template, the commands for a siren are in JSON.
     if !config.has("command_template") {
         for telegram in [&mut command.on, &mut command.off] {
             telegram.text = json!({ "state": telegram.text }).to_string();

@@ -1,5 +1,5 @@
-//! Reads one discovery message: expands short keys, replaces `~`, and interprets values as Home Assistant
-//! does.
+//! Reads one discovery message: expands short keys, replaces `~`, and interprets values in the same
+//! way as Home Assistant.
 
 use std::collections::HashMap;
 use std::sync::OnceLock;
@@ -12,10 +12,11 @@ use crate::description::{
 };
 use crate::template::Template;
 
-/// Table of the short forms of keys: first the keys of an entity, then the keys of an entity's device.
+/// Table of the short forms of keys: first the keys of an entity, then the keys of an entity's
+/// device.
 const SHORT: &str = include_str!("../abbreviations.tsv");
 
-/// Keys that apply to all components of a message if they stand beside the list of components.
+/// Keys that apply to all components of a message if they are beside the list of components.
 const SHARED: &[&str] = &[
     "availability",
     "availability_mode",
@@ -34,7 +35,8 @@ pub(crate) struct EntityConfig(pub(crate) Map<String, Value>);
 
 type KeyForms = HashMap<&'static str, &'static str>;
 
-/// Returns the long form of each short key: first for keys of an entity, then for keys of a device.
+/// Returns the long forms of short keys, in two tables: for keys of an entity, and for keys of a
+/// device.
 fn long_forms() -> &'static (KeyForms, KeyForms) {
     static FORMS: OnceLock<(KeyForms, KeyForms)> = OnceLock::new();
     FORMS.get_or_init(|| {
@@ -87,16 +89,16 @@ impl EntityConfig {
         EntityConfig(map)
     }
 
-    /// Returns the components of a message that describes a whole device: the name of each component, and
-    /// its config merged with the keys that apply to all.
+    /// Returns the components of a message about a whole device: the name of each component, and
+    /// its config merged with the shared keys.
     pub(crate) fn components(&self) -> Vec<(String, EntityConfig)> {
         let Some(Value::Object(components)) = self.0.get("components") else { return Vec::new() };
         let shared = |key: &&str| Some(((*key).to_owned(), self.0.get(*key)?.clone()));
         let shared: Map<_, _> = SHARED.iter().filter_map(shared).collect();
         let of = |(name, component): (&String, &Value)| {
-            // An entry that is no object has no keys, and therefore no platform.
+            // An entry that is not an object has no keys, and therefore no platform.
             let own = EntityConfig::of(component.as_object().cloned().unwrap_or_default()).0;
-            // A component with nothing but its platform is to be removed.
+            // A component with only its platform is to be removed.
             if own.keys().all(|key| key == "platform") && !own.is_empty() {
                 return None;
             }
@@ -175,7 +177,7 @@ impl EntityConfig {
         Duration::try_from_secs_f64(seconds).ok().filter(|duration| !duration.is_zero())
     }
 
-    /// Returns the payload under a key in the form in which it is sent, or `otherwise` if the key is
+    /// Returns the payload under a key in the form in which it is sent; `otherwise` if the key is
     /// missing. A JSON value that is not a string is sent as JSON.
     pub(crate) fn payload(&self, key: &str, otherwise: &str) -> String {
         match self.0.get(key) {
@@ -185,8 +187,8 @@ impl EntityConfig {
         }
     }
 
-    /// Returns the payload under a key in the form in which a template sees it: booleans as Python prints
-    /// them.
+    /// Returns the payload under a key in the form that templates produce, with booleans as Python
+    /// prints them; `otherwise` if the key is missing.
     pub(crate) fn payload_in_python(&self, key: &str, otherwise: &str) -> String {
         match self.0.get(key) {
             Some(Value::Bool(true)) => "True".to_owned(),
@@ -195,8 +197,8 @@ impl EntityConfig {
         }
     }
 
-    /// Returns the texts that count as the payload under a key when they are received: the payload as JSON,
-    /// and as Python prints it.
+    /// Returns the received texts that mean the payload under a key: the payload as JSON, and as
+    /// Python prints it.
     pub(crate) fn words(&self, key: &str, otherwise: &str) -> Vec<String> {
         let mut words = vec![self.payload(key, otherwise), self.payload_in_python(key, otherwise)];
         words.dedup();
@@ -212,9 +214,9 @@ impl EntityConfig {
         template(&self.0, key, &["value", "value_json"])
     }
 
-    /// Returns the source of a value: the topic under one key, and the template under another key that
-    /// reads the value. `None` if the config has no such topic. Without a template, the value is read by
-    /// `otherwise`.
+    /// Returns the source of a value, from the topic under one key and the template for reading the
+    /// value under another key. Without a template, the value is read by `otherwise`. Returns
+    /// `None` if the config has no such topic.
     ///
     /// # Errors
     ///
@@ -233,7 +235,8 @@ impl EntityConfig {
         Ok(Some(ValueSource { topic: topic.to_owned(), reading }))
     }
 
-    /// Returns the message of a command: a payload, rendered by the command's template if there is one.
+    /// Returns the message of a command: a payload, rendered by the command's template if there is
+    /// one.
     ///
     /// # Errors
     ///
@@ -257,13 +260,13 @@ impl EntityConfig {
         Ok(OutgoingMessage::new(to, text))
     }
 
-    /// Returns the output of a command's template for the given variables. The template may also use the
-    /// variables `missing`, which are undefined.
+    /// Returns the output of a command's template for the given variables. The template may also
+    /// use the variables `missing`, which are undefined.
     ///
     /// # Errors
     ///
-    /// Returns an error if the template is missing or invalid, cannot be rendered, or renders to an empty
-    /// text.
+    /// Returns an error if the template is missing or invalid, cannot be rendered, or renders to an
+    /// empty text.
     pub(crate) fn rendered(
         &self,
         key: &str,
@@ -349,7 +352,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_base_topic_stands_for_itself_at_both_ends() {
+    fn a_base_topic_replaces_a_tilde_at_both_ends() {
         for (base, topic, expected) in [
             ("lab/n", "~", "lab/n"),
             ("lab/", "~n", "lab/n"),
@@ -373,7 +376,7 @@ mod tests {
     }
 
     #[test]
-    fn short_keys_are_written_out() {
+    fn short_keys_are_expanded() {
         let text = r#"{"cmd_on_tpl":"a","ret":true,"dev":{"ids":["x"],"sa":"Kitchen","sn":"7"},"bri_cmd_t":"b"}"#;
         let config = EntityConfig::read(text).expect("an object");
         assert_eq!(config.text("command_on_template"), Some("a"));

@@ -1,13 +1,13 @@
-//! Home Assistant's MQTT discovery, by which ESPHome, OpenMQTTGateway and many others describe themselves.
-//! The topic is `homeassistant/COMPONENT/[NODE/]OBJECT/config`; one message may also describe a whole
-//! device.
+//! Home Assistant's MQTT discovery, which ESPHome, OpenMQTTGateway and many others use for their
+//! descriptions. The topic is `homeassistant/COMPONENT/[NODE/]OBJECT/config`; one message may also
+//! describe a whole device.
 //!
-//! - `config` reads one message; `component` makes features of an entity.
-//! - A message usually describes one *entity*. This module groups entities into devices: entities that
-//!   share an identifier or a connection belong to one device. Any of them may state the name and the area
-//!   of the device.
-//! - A message that cannot be read, or has not the shape of a description, leaves the entities of its topic
-//!   as they were; the problem is reported.
+//! - `config` reads one message; `component` converts an entity to features.
+//! - A message usually describes one *entity*. This module groups entities into devices: entities
+//!   that share an identifier or a connection belong to one device. The name and the area of the
+//!   device may be in the description of any of its entities.
+//! - A message that is not valid JSON or not a valid description does not change the entities of
+//!   its topic; the problem is reported.
 
 mod component;
 mod config;
@@ -19,7 +19,7 @@ use serde_json::{Map, Value};
 use crate::description::{DescribedDevice, DeviceFeature, UnusedFeature};
 use config::EntityConfig;
 
-/// The most topics of which a description is kept.
+/// Maximum number of topics with a stored description.
 const ENTITIES_MAX: usize = 1 << 16;
 
 /// The descriptions received so far, by topic.
@@ -33,13 +33,14 @@ pub(crate) struct HomeAssistantDiscovery {
 struct TopicEntities {
     /// The entities by their names in the message; the name is empty in a message about one entity.
     entities: BTreeMap<String, DescribedEntity>,
-    /// Reason why the last message could not be read; the entities are then those of an earlier message.
+    /// Reason why the last message was invalid; the entities are then those of an earlier message.
+    /// `None` if the last message was valid.
     problem: Option<String>,
 }
 
 #[derive(Clone, Debug)]
 struct DescribedEntity {
-    /// Identifiers and connections of the entity's device: at least one.
+    /// Identifiers and connections of the entity's device; there is at least one.
     keys: Vec<String>,
     device_name: Option<String>,
     /// The name of the entity itself.
@@ -50,11 +51,11 @@ struct DescribedEntity {
 }
 
 impl HomeAssistantDiscovery {
-    /// Handles a discovery message. An empty text withdraws the description that the topic had before.
+    /// Handles a discovery message. An empty text withdraws the previous description of the topic.
     ///
     /// # Errors
     ///
-    /// Returns the problem in words if the message cannot be read, or if too many topics are known.
+    /// Returns the problem in words if the message is invalid, or if too many topics are known.
     pub(crate) fn receive_description(
         &mut self,
         prefix: &str,
@@ -91,7 +92,7 @@ impl HomeAssistantDiscovery {
         })
     }
 
-    /// Returns all devices that the messages describe.
+    /// Returns all devices in the descriptions.
     pub(crate) fn devices(&self) -> Vec<DescribedDevice> {
         let mut groups = DeviceGroups::default();
         for (topic, text) in &self.texts {
@@ -103,7 +104,7 @@ impl HomeAssistantDiscovery {
             for (number, entity) in text.entities.values().enumerate() {
                 groups.add(entity, trouble.clone().filter(|_| number == 0));
             }
-            // If no message of a device could be read, its topic is all that is known.
+            // If no message of a device is valid, only its topic is known.
             if let Some(trouble) = trouble.filter(|_| text.entities.is_empty()) {
                 let object = topic.trim_end_matches("/config");
                 let object = object.splitn(3, '/').last().unwrap_or(object);
@@ -115,8 +116,8 @@ impl HomeAssistantDiscovery {
 }
 
 impl TopicEntities {
-    /// Takes the entities of a new message in place of the earlier ones. An entity that has features stays
-    /// as it was if its new description is malformed.
+    /// Replaces the entities by those of a new message. An entity with features keeps them if its
+    /// new description is malformed.
     ///
     /// # Errors
     ///
@@ -138,7 +139,8 @@ impl TopicEntities {
     }
 }
 
-/// A description of an entity, and the reason why the description has not the shape of one, if it has not.
+/// A description of an entity, and the reason why the description is malformed; `None` if it is
+/// well-formed.
 struct EntityMessage {
     entity: DescribedEntity,
     malformed: Option<String>,
@@ -166,7 +168,7 @@ fn unread(object: &str) -> DescribedEntity {
 #[derive(Default)]
 struct DeviceGroups {
     devices: Vec<Option<DeviceGroup>>,
-    /// Index in `devices` of the device that has an identifier, by identifier.
+    /// Index in `devices` of the device with an identifier, by identifier.
     by_key: HashMap<String, usize>,
 }
 
@@ -193,7 +195,7 @@ impl DeviceGroups {
             }));
             self.devices.len() - 1
         });
-        // An entity that shares identifiers with several devices merges them into one.
+        // An entity that shares identifiers with several devices merges them into one device.
         for other in known.into_iter().skip(1) {
             let Some(other) = self.devices[other].take() else { continue };
             if let Some(group) = &mut self.devices[at] {
@@ -236,7 +238,7 @@ impl DeviceGroups {
     }
 }
 
-/// Returns the entities that a message about a whole device describes.
+/// Returns the entities in a message about a whole device.
 fn whole(config: &EntityConfig, object: &str) -> Vec<(String, EntityMessage)> {
     let components = config.components();
     let is_said = config.0.get("components").and_then(Value::as_object);
@@ -268,17 +270,17 @@ fn entity(component: &str, config: EntityConfig, object: &str) -> EntityMessage 
         Ok(features) => (features, None),
         Err(unused) => (Vec::new(), Some(unused)),
     };
-    // A description with features has been read.
+    // A description with features is well-formed.
     let malformed =
         if features.is_empty() { component::malformed(component, &config) } else { None };
     let entity = DescribedEntity { features, unused, ..about(&config, object) };
     EntityMessage { entity, malformed }
 }
 
-/// Returns an entity without features, with everything that the config states about its device.
+/// Returns an entity without features, with the data of its device from the config.
 fn about(config: &EntityConfig, object: &str) -> DescribedEntity {
     let device = config.0.get("device").and_then(Value::as_object);
-    // An `object_id` is not unique: entities of other nodes may have the same.
+    // An `object_id` is not unique: entities of other nodes may have the same one.
     let own = config.text("unique_id").unwrap_or(object);
     let mut keys = device.map(identifiers).unwrap_or_default();
     if keys.is_empty() {
@@ -298,7 +300,8 @@ fn about(config: &EntityConfig, object: &str) -> DescribedEntity {
     }
 }
 
-/// Returns the identifiers of a device, followed by its connections. Numbers count as texts.
+/// Returns the identifiers of a device, followed by its connections. Numbers are converted to
+/// texts.
 fn identifiers(device: &Map<String, Value>) -> Vec<String> {
     let plain = |value: &Value| match value {
         Value::String(text) => Some(text.trim().to_owned()).filter(|text| !text.is_empty()),
@@ -321,7 +324,8 @@ fn identifiers(device: &Map<String, Value>) -> Vec<String> {
     keys
 }
 
-/// Returns the canonical spelling of the address of a network card.
+/// Returns the canonical spelling of the address of a network card; returns any other text
+/// unchanged.
 fn mac(address: &str) -> String {
     let digits: String =
         address.chars().filter(char::is_ascii_hexdigit).collect::<String>().to_ascii_lowercase();
@@ -337,7 +341,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_invalid_topic_or_template_takes_nothing_away() {
+    fn an_invalid_topic_or_template_keeps_the_earlier_features() {
         let mut discovery = HomeAssistantDiscovery::default();
         let topic = "homeassistant/sensor/t/config";
         let mut receive = |text: &str| {
@@ -358,7 +362,7 @@ mod tests {
             assert!(problem.contains(expected), "{problem}");
             assert_eq!(features, 1, "{bad}");
         }
-        // A template that uses what is unknown here can be read, and refuses the entity by name.
+        // A template that uses an unknown function is valid, and makes the entity unusable.
         let other =
             r#"{"uniq_id":"t","dev_cla":"temperature","stat_t":"t","val_tpl":"{{ now() }}"}"#;
         assert_eq!(receive(other), (Ok(()), 0));

@@ -1,4 +1,4 @@
-//! Evaluates a Jinja template by Python's rules.
+//! Evaluates a Jinja template according to Python's rules.
 
 use std::cmp::Ordering;
 use std::collections::BTreeMap;
@@ -15,10 +15,10 @@ use super::numbers::{
     self, ArithmeticOperator, TEXT_BYTES_MAX, WEIGHT_OF_STEP, calculated, missing, weight, wrong,
 };
 
-/// The most steps of one rendering of a template; minijinja gets the same number as its fuel.
+/// Maximum number of steps in one rendering of a template, which is also the fuel of minijinja.
 pub(super) const STEPS_MAX: u64 = 50_000;
 
-/// Filters that iterate over the parts of the value that they are applied to.
+/// Filters that iterate over the parts of their value.
 const GO_THROUGH: &[&str] = &[
     "batch",
     "count",
@@ -44,7 +44,7 @@ const GO_THROUGH: &[&str] = &[
 /// One evaluation of a template.
 pub(super) struct Evaluation<'e> {
     state: State<'e, 'e>,
-    /// Variables of each block of the template that is being evaluated, the innermost block last.
+    /// Variables of each enclosing block of the template, with the innermost block last.
     scopes: Vec<BTreeMap<String, Value>>,
     steps: u64,
     text: String,
@@ -147,7 +147,7 @@ impl<'e> Evaluation<'e> {
                 self.scopes.pop();
                 done
             }
-            // All other statements are refused by name when the template is read.
+            // All other statements are refused by name when the template is parsed.
             _ => Err(wrong("it has a statement that is not known here")),
         }
     }
@@ -229,8 +229,8 @@ impl<'e> Evaluation<'e> {
         parts.iter().zip(values).try_for_each(|(part, value)| self.assign(part, value))
     }
 
-    /// Returns the value of an expression. The size of a computed value is charged to the budget, so that
-    /// no value nests or grows without end.
+    /// Returns the value of an expression. The size of a computed value is charged to the budget,
+    /// so that no value can nest or grow without limit.
     fn value(&mut self, expression: &Expr<'_>) -> Result<Value, Error> {
         self.step()?;
         let value = self.evaluate(expression)?;
@@ -243,7 +243,8 @@ impl<'e> Evaluation<'e> {
         Ok(value)
     }
 
-    /// Charges `weight` to the budget of this rendering. Returns an error if the budget is exceeded.
+    /// Charges `weight` to the budget of this rendering. Returns an error if the budget is
+    /// exceeded.
     fn charge(&self, weight: usize) -> Result<(), Error> {
         let steps = u64::try_from(weight / WEIGHT_OF_STEP).unwrap_or(u64::MAX);
         self.state.consume_fuel(steps)
@@ -479,7 +480,7 @@ impl<'e> Evaluation<'e> {
                     None => Err(wrong(format!("there is no `{name}`"))),
                 }
             }
-            // All other functions are filters too.
+            // All other functions are also filters.
             name => self.applied(name, arguments),
         }
     }
@@ -536,7 +537,7 @@ impl<'e> Evaluation<'e> {
     }
 }
 
-/// Returns the slice `items[start:stop:step]` as Python computes it.
+/// Returns the slice `items[start:stop:step]` as Python does.
 fn python_slice(
     items: Vec<Value>,
     start: Option<i64>,
@@ -562,8 +563,8 @@ fn python_slice(
     Ok(taken)
 }
 
-/// Whether a value is a namespace or contains one: such a value could contain itself. This recursion ends,
-/// because the size of every variable was checked before.
+/// Whether a value is a namespace or contains one, so that the value could contain itself. This
+/// recursion ends, because the size of every variable was checked before.
 fn has_namespace(value: &Value) -> bool {
     if value.downcast_object_ref::<JinjaNamespace>().is_some() {
         return true;
@@ -588,8 +589,8 @@ fn letters(text: &Value) -> impl Iterator<Item = String> {
     letters.into_iter()
 }
 
-/// Returns the part of `whole` under `key`; undefined if there is no such part. Returns an error if `whole`
-/// itself is undefined.
+/// Returns the part of `whole` under `key`; the undefined value if there is no such part. Returns
+/// an error if `whole` itself is undefined.
 fn part(whole: &Value, key: &Value) -> Result<Value, Error> {
     match whole.kind() {
         ValueKind::Undefined => Err(missing()),

@@ -1,4 +1,4 @@
-//! Home Assistant's own filters and tests, and those of Jinja's that Home Assistant defines in another way.
+//! Home Assistant's own filters and tests, and those of Jinja that Home Assistant redefines.
 
 use minijinja::value::{Kwargs, Rest, Tuple, ValueKind, from_args};
 use minijinja::{Environment, Error, State, Value};
@@ -7,10 +7,10 @@ use regex::{Regex, RegexBuilder};
 use super::numbers::{PythonNumber, TEXT_BYTES_MAX, WEIGHT_OF_STEP, missing, weight, wrong};
 use crate::naming::slug;
 
-/// The largest size of a compiled regular expression, in bytes.
+/// Maximum size of a compiled regular expression, in bytes.
 const PATTERN_BYTES_MAX: usize = 1 << 18;
 
-/// The arguments of a filter. The value that the filter is applied to is the first.
+/// The arguments of a filter. The first argument is the value to which the filter is applied.
 pub(super) struct FilterArguments<'g> {
     values: &'g [Value],
     named: Kwargs,
@@ -80,7 +80,7 @@ pub(super) fn register(environment: &mut Environment<'_>) {
             filter(&FilterArguments::of(&values)?)
         });
     }
-    // Jinja's own `format`, which does not check the length of its result.
+    // This is Jinja's own `format`, which does not check the length of its result.
     let jinja = Value::from_function(minijinja::filters::format);
     environment.add_filter("format", move |state: &mut State<'_, '_>, values: Rest<Value>| {
         formattable(&values, '%')?;
@@ -94,8 +94,8 @@ pub(super) fn register(environment: &mut Environment<'_>) {
     }
 }
 
-/// Charges the cost of a filter or a test to the budget: for the length of its texts, and for compiling a
-/// regular expression, which is done at each use.
+/// Charges the cost of a filter or a test to the budget of the rendering. The cost is that of the
+/// length of its texts, and of compiling a regular expression, which happens at each use.
 fn pay(state: &State<'_, '_>, name: &str, arguments: &[Value]) -> Result<(), Error> {
     const EXPRESSION: usize = 50;
     let bytes: usize = arguments.iter().filter_map(|one| one.as_str()).map(str::len).sum();
@@ -130,7 +130,7 @@ pub(super) fn tested(
     Some(FilterArguments::of(arguments).and_then(|given| test(&given)))
 }
 
-/// Returns a value as Python prints it; an undefined value gives an empty text.
+/// Formats a value as Python prints it; an undefined value gives an empty text.
 pub(super) fn printed(value: &Value) -> String {
     match PythonNumber::of(value) {
         _ if value.is_undefined() => String::new(),
@@ -156,16 +156,16 @@ impl<'g> FilterArguments<'g> {
         self.values.first().unwrap_or(&Value::UNDEFINED)
     }
 
-    /// Returns an argument by its position (the value is at 0) or its name; `None` if the argument is
-    /// missing.
+    /// Returns an argument by its position (the value is at position 0) or by its name; `None` if
+    /// the argument is missing.
     fn argument(&self, place: usize, name: &str) -> Option<Value> {
         let is_named = self.named.has(name);
         let named = || self.named.get::<Value>(name).ok().filter(|_| is_named);
         self.values.get(place).cloned().or_else(named).filter(|value| !value.is_undefined())
     }
 
-    /// Returns the result, or the argument `default` if there is no result. Returns an error if there is
-    /// neither of them, or if the value is undefined.
+    /// Returns the result, or the argument `default` if there is no result. Returns an error if
+    /// there is neither, or if the value is undefined.
     fn or(&self, result: Option<Value>, place: usize, what: &str) -> Result<Value, Error> {
         if self.value().is_undefined() {
             return Err(missing());
@@ -178,7 +178,7 @@ impl<'g> FilterArguments<'g> {
     }
 }
 
-/// Converts a value to a real number as Python's `float(…)` does.
+/// Converts a value to a real number like Python's `float(…)`; `None` if that is not possible.
 fn real(value: &Value) -> Option<f64> {
     if let Some(number) = PythonNumber::of(value) {
         return Some(number.real());
@@ -188,8 +188,8 @@ fn real(value: &Value) -> Option<f64> {
     text.parse().ok()
 }
 
-/// Converts a value to an integer as Python's `int(…)` does, and as Jinja's `int`, which also accepts
-/// `21.7`.
+/// Converts a value to an integer like Python's `int(…)`, or like Jinja's `int`, which also accepts
+/// `21.7`. Returns `None` if that is not possible.
 fn whole(value: &Value, base: u32) -> Option<i128> {
     if let Some(text) = value.as_str() {
         let text = text.trim();
@@ -257,8 +257,8 @@ fn half_even(real: f64) -> f64 {
     to_places(real, 0)
 }
 
-/// Rounds a number as Python's `round` does: a half goes to the even neighbor, judged by the exact value of
-/// the number.
+/// Rounds a number like Python's `round`: a half is rounded to the even neighbor. The exact value
+/// of the number decides whether it is a half.
 fn to_places(real: f64, places: i32) -> f64 {
     let Ok(digits) = usize::try_from(places) else {
         let scale = 10_f64.powi(-places);
@@ -302,7 +302,7 @@ fn iif(given: &FilterArguments<'_>) -> Result<Value, Error> {
     Ok(chosen.unwrap_or_else(|| Value::from(otherwise)))
 }
 
-/// Returns an error for an undefined value, so that the whole template gives no value.
+/// Returns an error for an undefined value, so that the whole template has no output.
 fn is_defined(given: &FilterArguments<'_>) -> Result<Value, Error> {
     if given.value().is_undefined() { Err(missing()) } else { Ok(given.value().clone()) }
 }
@@ -377,8 +377,8 @@ fn log(given: &FilterArguments<'_>) -> Result<Value, Error> {
     given.or(result.map(Value::from), 2, "log")
 }
 
-/// Returns the numbers of the list that is the first argument. If that argument is no list, returns all
-/// arguments as numbers.
+/// Returns the numbers of the list in the first argument. If that argument is not a list, returns
+/// all arguments as numbers.
 fn numbers(given: &FilterArguments<'_>) -> Result<Vec<f64>, Error> {
     let values: Vec<Value> = match given.value().kind() {
         ValueKind::Seq => given.value().try_iter()?.collect(),
@@ -453,7 +453,7 @@ fn is_in(given: &FilterArguments<'_>) -> Result<bool, Error> {
     }
 }
 
-/// Compiles a regular expression that is written in Python's syntax.
+/// Compiles a regular expression in Python's syntax.
 pub(super) fn pattern(text: &str, ignores_case: bool) -> Result<Regex, Error> {
     let mut builder = RegexBuilder::new(text);
     builder.case_insensitive(ignores_case).size_limit(PATTERN_BYTES_MAX);
@@ -503,8 +503,9 @@ fn regex_replace(given: &FilterArguments<'_>) -> Result<Value, Error> {
     Ok(Value::from(made))
 }
 
-/// Returns an error if a formatted text could become too long. The check runs before formatting. It assumes
-/// that each placeholder (after `%` or `{`) takes all values and is as wide as it states.
+/// Returns an error if a formatted text could become too long. The check is made before formatting.
+/// It assumes that each placeholder (after `%` or `{`) takes all values, and has the width that it
+/// states.
 pub(super) fn formattable(values: &[Value], place: char) -> Result<(), Error> {
     let Some((Some(text), rest)) = values.split_first().map(|(text, rest)| (text.as_str(), rest))
     else {
@@ -520,7 +521,7 @@ pub(super) fn formattable(values: &[Value], place: char) -> Result<(), Error> {
     within(widths.fold(text.len().saturating_add(filled), usize::saturating_add))
 }
 
-/// Returns an error if a text of this length is too long. The function is called before the text is made.
+/// Returns an error if a text of this length would be too long; called before the text is created.
 fn within(bytes: usize) -> Result<(), Error> {
     if bytes > TEXT_BYTES_MAX { Err(wrong("the text becomes too long")) } else { Ok(()) }
 }
@@ -556,8 +557,9 @@ fn reference(text: &str) -> String {
     made
 }
 
-/// Returns all matches of an expression. If the expression has one group, a match is the text of the group;
-/// with several groups, a match is a tuple of their texts.
+/// Returns all matches of an expression, as Python's `re.findall` does. With one group in the
+/// expression, a match is the text of the group; with several groups, a match is a tuple of their
+/// texts.
 fn found(text: &str, expression: &Regex) -> Result<Vec<Value>, Error> {
     let (mut all, mut bytes) = (Vec::new(), 0_usize);
     for captures in expression.captures_iter(text) {

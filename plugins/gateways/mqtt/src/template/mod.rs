@@ -1,14 +1,16 @@
-//! Renders templates as Home Assistant does: Jinja with Home Assistant's filters and tests, Python's
+//! Renders templates like Home Assistant: Jinja with Home Assistant's filters and tests, Python's
 //! methods, and Python's rules for errors.
 //!
-//! - `minijinja` parses a template and has Jinja's own filters; `eval` evaluates it. It follows Python
-//!   where `minijinja` does not: comparing a number with an undefined value is an error, not false.
-//! - `names` finds every filter, test, function and method in a template before any message arrives, so
-//!   that an unknown one is refused by its name when a device is discovered.
-//! - `filters` has Home Assistant's own filters and tests; `numbers` has Python's arithmetic.
+//! - `minijinja` parses a template and implements Jinja's own filters; `eval` evaluates the
+//!   template. `eval` follows Python where `minijinja` does not: for example, comparing a number
+//!   with an undefined value is an error, not false.
+//! - `names` checks every filter, test, function and method in a template before any message
+//!   arrives. Therefore an unknown one is refused by its name when a device is discovered.
+//! - `filters` implements Home Assistant's own filters and tests; `numbers` implements Python's
+//!   arithmetic.
 //!
-//! The results were compared with Home Assistant 2024.3; `plugins/gateways/mqtt/tests/templates.tsv` has the
-//! outputs of Home Assistant.
+//! The results were compared with Home Assistant 2024.3. The outputs of Home Assistant are in
+//! `plugins/gateways/mqtt/tests/templates.tsv`.
 
 mod eval;
 mod filters;
@@ -22,24 +24,24 @@ use minijinja::{Environment, Error, Value};
 
 use eval::Evaluation;
 
-/// Length of the longest template, in bytes.
+/// Maximum length of a template, in bytes.
 const BYTES_MAX: usize = 1 << 13;
 
-/// A valid template: it parses, and all names in it are known. Rendering may still fail.
+/// A valid template: it can be parsed, and contains no unknown names. Rendering may still fail.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Template(String);
 
-/// The reason why a template gives no output for one particular text.
+/// Reason why a template has no output for one particular text.
 #[derive(Debug)]
 pub(crate) struct Unrendered(pub(crate) String);
 
 impl Template {
-    /// Reads a template that may use the variables `variables`.
+    /// Parses a template that may use the variables `variables`.
     ///
     /// # Errors
     ///
-    /// Returns an error if the template is too long or nested too deeply, has a syntax error, or uses an
-    /// unknown name.
+    /// Returns an error if the template is too long or nested too deeply, has a syntax error, or
+    /// uses an unknown name.
     pub(crate) fn new(text: &str, variables: &[&str]) -> Result<Template, String> {
         let said = |problem: String| format!("the template `{}`: {problem}", shortened(text));
         if text.len() > BYTES_MAX {
@@ -55,13 +57,13 @@ impl Template {
         }
     }
 
-    /// Returns the output of the template for a text of a device: the variable `value` is the text, and
-    /// `value_json` is its content if the text is JSON.
+    /// Returns the output of the template for a text of a device. The variable `value` is the text,
+    /// and `value_json` is its content if the text is JSON.
     ///
     /// # Errors
     ///
-    /// Returns an error if the template cannot be rendered. Home Assistant ignores such a text of a device,
-    /// and the earlier value of the feature stays.
+    /// Returns an error if the template cannot be rendered. Like Home Assistant, the caller then
+    /// ignores the text and keeps the earlier value of the feature.
     pub(crate) fn of_word(&self, word: &str) -> Result<String, Unrendered> {
         let mut variables = vec![("value", Value::from(word))];
         if let Ok(json) = serde_json::from_str::<serde_json::Value>(word) {
@@ -96,7 +98,7 @@ fn read(text: &str) -> Result<ast::Stmt<'_>, Error> {
     parse(text, "template", SyntaxConfig::default())
 }
 
-/// Whether a text could exhaust the stack of the parser, which recurses at each bracket and sign.
+/// Whether a text could exhaust the stack of the parser, which recurses for each bracket and sign.
 fn is_deep(text: &str) -> bool {
     const DEPTH_MAX: usize = 50;
     let mut depth = 0_usize;
@@ -135,12 +137,12 @@ fn shortened(text: &str) -> String {
 mod tests {
     use super::*;
 
-    /// Templates, texts of devices, and the outputs of Home Assistant; `!` means that Home Assistant
-    /// ignores the text.
+    /// Templates, texts of devices, and the outputs of Home Assistant; `!` means that Home
+    /// Assistant ignores the text.
     const CASES: &str = include_str!("../../tests/templates.tsv");
 
     #[test]
-    fn templates_say_what_they_say_in_home_assistant() {
+    fn templates_render_as_in_home_assistant() {
         let (mut wrong, mut usual) = (Vec::new(), "");
         for line in CASES.lines().filter(|line| !line.starts_with('#')) {
             let parts: Vec<_> = line.split('\t').collect();
@@ -162,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_known_here_is_refused_by_its_name() {
+    fn an_unknown_name_in_a_template_is_refused_by_name() {
         for (template, name) in [
             ("{{ states('sensor.x') }}", "`states`"),
             ("{{ is_state('sensor.x', 'on') }}", "`is_state`"),
@@ -186,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn a_template_that_takes_too_much_gives_nothing() {
+    fn a_template_that_exceeds_its_budget_is_an_error() {
         for template in [
             "{% for i in range(100000) %}{{ i }}{% endfor %}",
             "{% for i in range(9999) %}{% for j in range(9999) %}x{% endfor %}{% endfor %}",
@@ -219,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn what_nests_or_grows_without_end_is_an_error_and_not_the_end_of_the_daemon() {
+    fn endless_nesting_or_growth_is_an_error() {
         let again = |body: &str| {
             format!(
                 "{{% set ns = namespace(x=[], y='') %}}{{% for i in range(7000) %}}{body}\
@@ -269,7 +271,7 @@ mod tests {
             assert!(template.of_word("{}").is_err(), "{template:?}");
             assert!(began.elapsed().as_secs() < 60, "{template:?}");
         }
-        // A value as large as a text of a device may be is accepted.
+        // A value of the maximum size of a device's text is accepted.
         let nest = format!("{}7{}", "[".repeat(120), "]".repeat(120));
         let template = Template::new("{{ [value_json] }}", &["value_json"]).expect("it is right");
         assert_eq!(template.of_word(&nest).expect("it is no nest"), format!("[{nest}]"));

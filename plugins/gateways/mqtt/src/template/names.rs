@@ -1,10 +1,10 @@
-//! Checks the names that a template uses, so that an unknown name is found when the template is read.
+//! Checks the names in a template, so that an unknown name is reported when the template is parsed.
 
 use minijinja::machinery::ast::{CallArg, Expr, Stmt};
 
 use super::filters::{FILTERS, TESTS, pattern};
 
-/// Names of Jinja's filters that `minijinja` has with the same meaning.
+/// Names of Jinja's filters that have the same meaning in `minijinja`.
 const JINJA_FILTERS: &[&str] = &[
     "abs",
     "batch",
@@ -113,13 +113,13 @@ const METHODS: &[&str] = &[
     "values",
 ];
 
-/// Largest depth to which a template may nest, because templates are evaluated by recursion. A chain of
+/// Maximum nesting depth of a template, because templates are evaluated by recursion. A chain of
 /// operators counts as nested as well.
 const DEPTH_MAX: usize = 100;
 
 const CONSTANTS: &[&str] = &["e", "inf", "pi", "tau"];
 
-/// Returns the problem of the first unknown name in a template; `None` if all names are known.
+/// Returns a problem about the first unknown name in a template; `None` if all names are known.
 pub(super) fn unknown(tree: &Stmt<'_>, variables: &[&str]) -> Option<String> {
     let variables = variables.iter().map(|name| (*name).to_owned()).collect();
     let mut search = NameChecker { variables, depth: 0 };
@@ -127,7 +127,7 @@ pub(super) fn unknown(tree: &Stmt<'_>, variables: &[&str]) -> Option<String> {
 }
 
 struct NameChecker {
-    /// Names of the variables defined so far, anywhere in the template.
+    /// Names of the variables that were defined so far, in any part of the template.
     variables: Vec<String>,
     depth: usize,
 }

@@ -1,29 +1,30 @@
-//! Arithmetic and comparisons by Python's rules, for templates.
+//! Arithmetic and comparisons for templates, according to Python's rules.
 
 use std::cmp::Ordering;
 
 use minijinja::value::ValueKind;
 use minijinja::{Error, ErrorKind, Value};
 
-/// Length of the longest text that repeating or joining may make, in bytes.
+/// Maximum length of a text from repeating or joining, in bytes.
 pub(super) const TEXT_BYTES_MAX: usize = 1 << 20;
 
-/// Largest depth to which a value may nest, because values are printed, compared and dropped by recursion.
-/// JSON nests up to 128 deep.
+/// Maximum nesting depth of a value, because values are printed, compared and dropped by recursion.
+/// JSON may be nested up to 128 levels deep.
 const DEPTH_MAX: usize = 200;
 
 /// Weight of a part of a value, in addition to the bytes of its text.
 const WEIGHT_OF_PART: usize = 8;
 
-/// Weight of a value for which one step is charged to the budget of a rendering.
+/// Weight of a value that corresponds to one step of the budget of a rendering.
 pub(super) const WEIGHT_OF_STEP: usize = 64;
 
-/// Returns the weight of a value: the sum of the weights of its parts and the bytes of its texts. A part
-/// that occurs several times counts each time.
+/// Returns the weight of a value: the sum of the weights of its parts and of the bytes of its
+/// texts. A part that occurs several times is counted each time.
 ///
 /// # Errors
 ///
-/// Returns an error if the value nests too deeply or is too large. The computation stops at this point.
+/// Returns an error if the value is nested too deeply or is too large. The computation stops at
+/// this point.
 pub(super) fn weight(value: &Value) -> Result<usize, Error> {
     let mut left = TEXT_BYTES_MAX;
     weigh(value, 0, &mut left)?;
@@ -48,7 +49,7 @@ fn weigh(value: &Value, depth: usize, left: &mut usize) -> Result<(), Error> {
     }
 }
 
-/// A number in one of the forms that Python has.
+/// A number, in one of the two forms that Python has.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum PythonNumber {
     Whole(i128),
@@ -64,8 +65,8 @@ pub(super) fn missing() -> Error {
 }
 
 impl PythonNumber {
-    /// Returns the number that Python calculates with for a number or a boolean; `None` for any other
-    /// value.
+    /// Returns the number with which Python calculates for a number or a boolean; `None` for any
+    /// other value.
     pub(super) fn of(value: &Value) -> Option<PythonNumber> {
         match value.kind() {
             ValueKind::Bool => Some(PythonNumber::Whole(i128::from(value.is_true()))),
@@ -90,7 +91,8 @@ impl PythonNumber {
 
     fn value(self) -> Value {
         match self {
-            // Not as i128: minijinja prints and compares small numbers best.
+            // The value is not an i128 if possible, because minijinja prints and compares small
+            // numbers best.
             PythonNumber::Whole(whole) => {
                 i64::try_from(whole).map_or(Value::from(whole), Value::from)
             }
@@ -179,7 +181,7 @@ fn of_numbers(
             ArithmeticOperator::Add => one.checked_add(other),
             ArithmeticOperator::Subtract => one.checked_sub(other),
             ArithmeticOperator::Multiply => one.checked_mul(other),
-            // Python rounds down, not towards zero.
+            // Python rounds down instead of towards zero.
             ArithmeticOperator::DivideWhole => one
                 .checked_div_euclid(other)
                 .map(|quotient| quotient - i128::from(other < 0 && one.rem_euclid(other) != 0)),
@@ -217,7 +219,8 @@ fn of_reals(operator: ArithmeticOperator, one: f64, other: f64) -> Result<Python
     Ok(PythonNumber::Real(real))
 }
 
-/// Whether two values are equal by Python's rules. Undefined equals only undefined, and `None` only `None`.
+/// Whether two values are equal according to Python's rules. Undefined equals only undefined, and
+/// `None` equals only `None`.
 pub(super) fn is_equal(one: &Value, other: &Value) -> bool {
     if one.is_undefined() || other.is_undefined() {
         return one.is_undefined() && other.is_undefined();
@@ -234,12 +237,13 @@ pub(super) fn is_equal(one: &Value, other: &Value) -> bool {
     }
 }
 
-/// Compares two values by Python's rules. Returns `None` if they have no order, as with NaN.
+/// Compares two values according to Python's rules. Returns `None` if they have no order, as with
+/// NaN.
 ///
 /// # Errors
 ///
-/// Returns an error if only one value is a number, if their types cannot be compared, or if one is
-/// undefined.
+/// Returns an error if only one value is a number, if the types cannot be compared, or if one value
+/// is undefined.
 pub(super) fn compared(one: &Value, other: &Value) -> Result<Option<Ordering>, Error> {
     if one.is_undefined() || other.is_undefined() {
         return Err(missing());
