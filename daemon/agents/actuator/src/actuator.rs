@@ -55,7 +55,7 @@ pub struct Actuator {
 /// Data that the planner keeps from one bid for the next.
 #[derive(Default)]
 struct BidCache {
-    sight: CompositionCache,
+    composition: CompositionCache,
     replanner: Replanner,
 }
 
@@ -191,14 +191,14 @@ impl Actuator {
         &self,
         ctx: &Context<Self>,
     ) -> impl FnOnce(&mut CompositionCache) -> DomainSnapshot + Send + 'static {
-        let commons = ctx.shared_domain(&self.host);
-        let (known, _) = commons.current();
+        let shared_domain = ctx.shared_domain(&self.host);
+        let (known, _) = shared_domain.current();
         let whole = known.with_carried(ctx.id());
         // The domain is read again when the computation starts. A reference that is held until then
         // would force a copy at the next message.
-        move |sight| {
-            let (known, now) = commons.current();
-            known.snapshot_again(sight, &whole, now)
+        move |composition| {
+            let (known, now) = shared_domain.current();
+            known.snapshot_again(composition, &whole, now)
         }
     }
 
@@ -302,8 +302,8 @@ impl Actuator {
         }
         let Act { action, method, arguments, token } = act;
         let timeout = self.admissible(&action, &method, ctx.id())?;
-        if let Some(acting) = &self.running_command {
-            let detail = format!("{} is under way", acting.call.action);
+        if let Some(running) = &self.running_command {
+            let detail = format!("{} is under way", running.call.action);
             return Err(Refusal::new(Reason::Busy, detail));
         }
         let call = MethodCall { action, method, arguments };
@@ -354,14 +354,15 @@ impl Actuator {
             Err(Refusal::new(Reason::BadContent, detail))
         };
         let agreement = Agreement { token: token.clone() };
-        if let Some(acting) = self.running_command.as_mut().filter(|acting| acting.token == *token)
+        if let Some(running) =
+            self.running_command.as_mut().filter(|running| running.token == *token)
         {
-            if acting.call.action != *action {
-                return differs(&acting.call.action);
+            if running.call.action != *action {
+                return differs(&running.call.action);
             }
-            acting.subscribers.push(participation.clone());
-            let is_over = acting.subscribers.len() > SUBSCRIBERS_MAX;
-            acting.subscribers.drain(..usize::from(is_over));
+            running.subscribers.push(participation.clone());
+            let is_over = running.subscribers.len() > SUBSCRIBERS_MAX;
+            running.subscribers.drain(..usize::from(is_over));
             ctx.answer(participation, Performative::Agree, &agreement);
             return Ok(true);
         }
@@ -477,8 +478,8 @@ impl Actuator {
                 return self.requester_stood_down(exchange, ctx);
             }
             // A requester that another one has replaced cannot cancel the action.
-            let is_this = |acting: &RunningCommand| {
-                acting.subscribers.last().is_some_and(|asker| asker.exchange == *exchange)
+            let is_this = |running: &RunningCommand| {
+                running.subscribers.last().is_some_and(|asker| asker.exchange == *exchange)
             };
             if self.running_command.as_ref().is_some_and(is_this) {
                 self.cancel_command("given up as asked", ctx);
@@ -489,12 +490,12 @@ impl Actuator {
     /// Handles that a requester of the running action has stood down. The action goes on if another
     /// requester follows it now or soon.
     fn requester_stood_down(&mut self, exchange: &ReplyToken, ctx: &mut Context<Self>) {
-        let Some(acting) = &mut self.running_command else { return };
-        if !acting.subscribers.iter().any(|asker| asker.exchange == *exchange) {
+        let Some(running) = &mut self.running_command else { return };
+        if !running.subscribers.iter().any(|asker| asker.exchange == *exchange) {
             return;
         }
-        acting.subscribers.retain(|asker| asker.exchange != *exchange);
-        let token = acting.token.clone();
+        running.subscribers.retain(|asker| asker.exchange != *exchange);
+        let token = running.token.clone();
         self.check_orphaned(token, false, ctx);
     }
 
@@ -505,8 +506,8 @@ impl Actuator {
         // action.
         let wait = if is_second { ctx.settings().grace } else { ORPHAN_TIMEOUT };
         ctx.after(wait, move |actuator: &mut Self, ctx| {
-            let Some(acting) =
-                actuator.running_command.as_ref().filter(|acting| acting.token == token)
+            let Some(running) =
+                actuator.running_command.as_ref().filter(|running| running.token == token)
             else {
                 return;
             };
@@ -516,11 +517,11 @@ impl Actuator {
                     directory.find_incarnation(&asker.initiator, incarnation).is_some()
                 })
             };
-            if acting.subscribers.is_empty()
-                || (is_second && !acting.subscribers.iter().any(is_here))
+            if running.subscribers.is_empty()
+                || (is_second && !running.subscribers.iter().any(is_here))
             {
                 actuator.cancel_command("no agent waits for it any more", ctx);
-            } else if !acting.subscribers.iter().any(is_here) {
+            } else if !running.subscribers.iter().any(is_here) {
                 actuator.check_orphaned(token, true, ctx);
             }
         });
@@ -571,8 +572,9 @@ impl Actuator {
             move || {
                 let mut afresh = BidCache::default();
                 let mut kept = planner.try_lock().ok();
-                let BidCache { sight, replanner } = kept.as_deref_mut().unwrap_or(&mut afresh);
-                bid(local(sight), &call, replanner, &flag)
+                let BidCache { composition, replanner } =
+                    kept.as_deref_mut().unwrap_or(&mut afresh);
+                bid(local(composition), &call, replanner, &flag)
             },
             move |actuator: &mut Self, bid, ctx| {
                 actuator.running_bids.remove(&finished);

@@ -63,9 +63,9 @@ impl Observer {
     pub fn of(agents: impl Iterator<Item = AgentId>) -> (Observer, BTreeMap<AgentId, AgentWatch>) {
         let watched: BTreeMap<_, _> =
             agents.map(|agent| (agent, watch::Sender::new(None))).collect();
-        let sights =
+        let watches =
             watched.iter().map(|(agent, seen)| (agent.clone(), seen.subscribe())).collect();
-        (Observer { watched, ..Observer::default() }, sights)
+        (Observer { watched, ..Observer::default() }, watches)
     }
 
     /// Creates an observer of all agents that join; `newcomers` gets the receiver of snapshots of
@@ -121,10 +121,10 @@ impl Observer {
             }
         };
         let heartbeat = &announced.heartbeat;
-        let is_old = |sighted: &AgentSnapshot| {
-            sighted.incarnation > message.incarnation
-                || sighted.incarnation == message.incarnation
-                    && sighted.sequence > heartbeat.sequence
+        let is_old = |snapshot: &AgentSnapshot| {
+            snapshot.incarnation > message.incarnation
+                || snapshot.incarnation == message.incarnation
+                    && snapshot.sequence > heartbeat.sequence
         };
         if seen.borrow().as_ref().is_some_and(is_old) {
             return;
@@ -145,21 +145,21 @@ impl Observer {
     fn heard(&mut self, message: &Message, beat: &Heartbeat) -> bool {
         let Some(seen) = self.watched.get(&message.sender) else { return true };
         let (mut is_known, silence) = (false, self.silence);
-        seen.send_if_modified(|sighted| {
-            let of_it = |sighted: &&mut AgentSnapshot| {
-                sighted.incarnation == message.incarnation && sighted.digest == beat.digest
+        seen.send_if_modified(|snapshot| {
+            let of_it = |snapshot: &&mut AgentSnapshot| {
+                snapshot.incarnation == message.incarnation && snapshot.digest == beat.digest
             };
-            let Some(sighted) = sighted.as_mut().filter(of_it) else { return false };
+            let Some(snapshot) = snapshot.as_mut().filter(of_it) else { return false };
             is_known = true;
-            if sighted.sequence >= beat.sequence {
+            if snapshot.sequence >= beat.sequence {
                 return false;
             }
             let facts = facts_of(beat);
             let told = |facts: &[(InitElement, Option<Instant>)]| -> Vec<InitElement> {
                 facts.iter().map(|(fact, _)| fact.clone()).collect()
             };
-            let is_news = told(&facts) != told(&sighted.facts);
-            (sighted.facts, sighted.sequence, sighted.due) =
+            let is_news = told(&facts) != told(&snapshot.facts);
+            (snapshot.facts, snapshot.sequence, snapshot.due) =
                 (facts, beat.sequence, due(beat, silence));
             is_news
         });
@@ -192,7 +192,7 @@ impl Observer {
     fn look_around(&mut self, ctx: &mut Context<Self>) {
         let now = ctx.now();
         for (agent, seen) in &self.watched {
-            let is_silent = seen.borrow().as_ref().is_some_and(|sighted| sighted.due < now);
+            let is_silent = seen.borrow().as_ref().is_some_and(|snapshot| snapshot.due < now);
             if is_silent {
                 tracing::info!(%agent, "its heartbeats have stopped");
                 seen.send_replace(None);
@@ -224,7 +224,7 @@ impl Agent for Observer {
             Presence::Joined(_) => self.fetch(&resident.agent, ctx),
             Presence::Left(_) => {
                 self.fetching.remove(&resident.agent);
-                let is_it = |sighted: &AgentSnapshot| sighted.incarnation <= resident.incarnation;
+                let is_it = |snapshot: &AgentSnapshot| snapshot.incarnation <= resident.incarnation;
                 if seen.borrow().as_ref().is_some_and(is_it) {
                     seen.send_replace(None);
                 }

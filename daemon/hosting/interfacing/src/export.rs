@@ -81,36 +81,36 @@ pub enum ExportError {
 ///
 /// Returns an error if none of the agent's types is exported.
 pub fn export(
-    words: &InterfaceVocabulary,
-    passage: &AgentMapping,
-    shores: EcosystemFiles<'_>,
+    vocabulary: &InterfaceVocabulary,
+    mapping: &AgentMapping,
+    endpoints: EcosystemFiles<'_>,
     model: &ActionModel,
     methods: &Methods,
 ) -> Result<ExportedModel, String> {
-    let translator = Translator::of_model(words, passage, shores.far, model);
-    let own = own_type(passage, shores, model, &translator)?;
-    let mut mirror = ActionModel::of(passage.proxy.as_str(), shores.near.0.name.clone());
-    mirror.types = declared_types(words, shores.near.0, &translator);
-    mirror.predicates = declared_predicates(words, shores, model, &translator);
-    mirror.functions = declared_functions(words, shores, model, &translator);
-    mirror.objects = objects(words, passage, shores, model, &translator, &own);
-    let mut standing = facts(&shores.far.1.init, &translator);
-    standing.extend(add_guards(words, passage, shores, &mut mirror));
-    mirror.init = standing.clone();
+    let translator = Translator::of_model(vocabulary, mapping, endpoints.far, model);
+    let own = own_type(mapping, endpoints, model, &translator)?;
+    let mut proxy_model = ActionModel::of(mapping.proxy.as_str(), endpoints.near.0.name.clone());
+    proxy_model.types = declared_types(vocabulary, endpoints.near.0, &translator);
+    proxy_model.predicates = declared_predicates(vocabulary, endpoints, model, &translator);
+    proxy_model.functions = declared_functions(vocabulary, endpoints, model, &translator);
+    proxy_model.objects = objects(vocabulary, mapping, endpoints, model, &translator, &own);
+    let mut standing = facts(&endpoints.far.1.init, &translator);
+    standing.extend(add_guards(vocabulary, mapping, endpoints, &mut proxy_model));
+    proxy_model.init = standing.clone();
     let own_facts = facts(&model.init, &translator);
-    mirror.init.extend(own_facts.into_iter().filter(|fact| !standing.contains(fact)));
+    proxy_model.init.extend(own_facts.into_iter().filter(|fact| !standing.contains(fact)));
     let (mut timeouts, mut left_out) = (BTreeMap::new(), Vec::new());
-    for (action, near) in &passage.actions {
+    for (action, near) in &mapping.actions {
         let offered = model.actions.iter().find(|schema| schema.name == action.as_str());
         let is_durative = || model.durative_actions.iter().any(|it| it.name == action.as_str());
         let exported = match offered {
-            Some(schema) => exported_schema(schema, near, passage, shores, &translator, &own),
+            Some(schema) => exported_schema(schema, near, mapping, endpoints, &translator, &own),
             None if is_durative() => Err(ExportError::Durative),
             None => Err(ExportError::NotOffered),
         };
         match exported {
             Ok(schema) => {
-                mirror.actions.push(schema);
+                proxy_model.actions.push(schema);
                 let timeout = methods.get(action).map_or(Duration::ZERO, |it| it.timeout.0);
                 timeouts.insert(near.as_str().to_owned(), timeout);
             }
@@ -120,21 +120,21 @@ pub fn export(
             }
         }
     }
-    Ok(ExportedModel { model: mirror, constant_facts: standing, timeouts, excluded: left_out })
+    Ok(ExportedModel { model: proxy_model, constant_facts: standing, timeouts, excluded: left_out })
 }
 
 /// Returns the type of the proxy agent: the narrowest exported type that contains the real agent.
 /// Returns an error if the agent is not declared, or if no such type is exported.
 fn own_type(
-    passage: &AgentMapping,
-    shores: EcosystemFiles<'_>,
+    mapping: &AgentMapping,
+    endpoints: EcosystemFiles<'_>,
     model: &ActionModel,
     translator: &Translator<'_>,
 ) -> Result<TypeExpr, String> {
     let brought = model.objects.iter().map(|declared| &declared.object);
-    let mapped = shores.far.1.objects.iter().map(|declared| &declared.object);
-    let own = { brought.chain(mapped) }.find(|object| object.name == passage.agent.as_str());
-    let own = own.ok_or_else(|| format!("`{}` does not say what it is", passage.agent))?;
+    let mapped = endpoints.far.1.objects.iter().map(|declared| &declared.object);
+    let own = { brought.chain(mapped) }.find(|object| object.name == mapping.agent.as_str());
+    let own = own.ok_or_else(|| format!("`{}` does not say what it is", mapping.agent))?;
     translator
         .nearest_type(&own.ty)
         .ok_or_else(|| format!("`{}` is of the type `{}`, which is not exported", own.name, own.ty))
@@ -142,12 +142,12 @@ fn own_type(
 
 /// Returns the exported types that the near ontology does not declare.
 fn declared_types(
-    words: &InterfaceVocabulary,
+    vocabulary: &InterfaceVocabulary,
     near: &Domain,
     translator: &Translator<'_>,
 ) -> Vec<Typed> {
     let is_new = |name: &Name| *name != "object" && near.types.iter().all(|it| it.name != *name);
-    let declared = words.types.iter().filter(|(_, name)| is_new(name));
+    let declared = vocabulary.types.iter().filter(|(_, name)| is_new(name));
     declared
         .map(|(far, name)| {
             let above = translator.nearest_supertype(far);
@@ -157,13 +157,13 @@ fn declared_types(
 }
 
 fn declared_predicates(
-    words: &InterfaceVocabulary,
-    shores: EcosystemFiles<'_>,
+    vocabulary: &InterfaceVocabulary,
+    endpoints: EcosystemFiles<'_>,
     model: &ActionModel,
     translator: &Translator<'_>,
 ) -> Vec<PredicateDeclaration> {
-    let near = &shores.near.0.predicates;
-    let far = shores.far.0.predicates.iter().chain(&model.predicates);
+    let near = &endpoints.near.0.predicates;
+    let far = endpoints.far.0.predicates.iter().chain(&model.predicates);
     far.filter_map(|declared| {
         let name = translator.predicate(&declared.name).ok()?;
         let is_new = near.iter().all(|it| it.name != name);
@@ -171,20 +171,20 @@ fn declared_predicates(
         let parameters = translator.typed(&declared.parameters).ok()?;
         is_new.then_some(PredicateDeclaration { name, parameters, privacy: Privacy::Public })
     })
-    .filter(|declared| words.predicates.values().any(|name| *name == declared.name))
+    .filter(|declared| vocabulary.predicates.values().any(|name| *name == declared.name))
     .collect()
 }
 
 fn declared_functions(
-    words: &InterfaceVocabulary,
-    shores: EcosystemFiles<'_>,
+    vocabulary: &InterfaceVocabulary,
+    endpoints: EcosystemFiles<'_>,
     model: &ActionModel,
     translator: &Translator<'_>,
 ) -> Vec<FunctionDeclaration> {
-    let near = &shores.near.0.functions;
-    let far = shores.far.0.functions.iter().chain(&model.functions);
+    let near = &endpoints.near.0.functions;
+    let far = endpoints.far.0.functions.iter().chain(&model.functions);
     far.filter_map(|declared| {
-        let name = words.functions.get(declared.name.as_str())?.clone();
+        let name = vocabulary.functions.get(declared.name.as_str())?.clone();
         let is_private = translator.is_private(declared.name.as_str());
         let is_new = near.iter().all(|it| it.name != name);
         translator.reset_variables();
@@ -198,9 +198,9 @@ fn declared_functions(
 /// Returns the objects of the proxy agent's model: the proxy agent itself, and the exported objects
 /// that the near map does not declare.
 fn objects(
-    words: &InterfaceVocabulary,
-    passage: &AgentMapping,
-    shores: EcosystemFiles<'_>,
+    vocabulary: &InterfaceVocabulary,
+    mapping: &AgentMapping,
+    endpoints: EcosystemFiles<'_>,
     model: &ActionModel,
     translator: &Translator<'_>,
     own: &TypeExpr,
@@ -209,14 +209,14 @@ fn objects(
         object: Typed { name, ty },
         privacy: Privacy::Public,
     };
-    let mut objects = vec![declare(Name::new(passage.proxy.as_str()), own.clone())];
-    let near_map = shores.near.1.objects.iter().map(|declared| &declared.object);
+    let mut objects = vec![declare(Name::new(mapping.proxy.as_str()), own.clone())];
+    let near_map = endpoints.near.1.objects.iter().map(|declared| &declared.object);
     let near: Vec<&Name> =
-        near_map.chain(&shores.near.0.constants).map(|object| &object.name).collect();
+        near_map.chain(&endpoints.near.0.constants).map(|object| &object.name).collect();
     let brought = model.objects.iter().map(|declared| &declared.object);
-    let mapped = shores.far.1.objects.iter().map(|declared| &declared.object);
-    for object in brought.chain(mapped).chain(&shores.far.0.constants) {
-        let Some(name) = words.objects.get(object.name.as_str()) else { continue };
+    let mapped = endpoints.far.1.objects.iter().map(|declared| &declared.object);
+    for object in brought.chain(mapped).chain(&endpoints.far.0.constants) {
+        let Some(name) = vocabulary.objects.get(object.name.as_str()) else { continue };
         if near.contains(&name) || translator.is_private(object.name.as_str()) {
             continue;
         }
@@ -242,21 +242,25 @@ fn facts(said: &[InitElement], translator: &Translator<'_>) -> Vec<InitElement> 
 /// Declares the guard predicate in the proxy agent's model. Returns one fact of this predicate for
 /// each exported object, so that actions can use exported objects only.
 fn add_guards(
-    words: &InterfaceVocabulary,
-    passage: &AgentMapping,
-    shores: EcosystemFiles<'_>,
-    mirror: &mut ActionModel,
+    vocabulary: &InterfaceVocabulary,
+    mapping: &AgentMapping,
+    endpoints: EcosystemFiles<'_>,
+    proxy_model: &mut ActionModel,
 ) -> Vec<InitElement> {
     let parameters = vec![Typed { name: Name::new("thing"), ty: TypeExpr::default() }];
-    let name = passage.guard.clone();
-    mirror.predicates.push(PredicateDeclaration { name, parameters, privacy: Privacy::Public });
-    let near_map = shores.near.1.objects.iter().map(|declared| &declared.object);
-    let near = near_map.chain(&shores.near.0.constants).map(|object| &object.name);
+    let name = mapping.guard.clone();
+    proxy_model.predicates.push(PredicateDeclaration {
+        name,
+        parameters,
+        privacy: Privacy::Public,
+    });
+    let near_map = endpoints.near.1.objects.iter().map(|declared| &declared.object);
+    let near = near_map.chain(&endpoints.near.0.constants).map(|object| &object.name);
     let near: Vec<&Name> =
-        near.filter(|name| words.objects.values().any(|it| it == *name)).collect();
-    let brought = mirror.objects.iter().map(|declared| &declared.object.name);
+        near.filter(|name| vocabulary.objects.values().any(|it| it == *name)).collect();
+    let brought = proxy_model.objects.iter().map(|declared| &declared.object.name);
     let shared: Vec<Name> = near.into_iter().chain(brought).cloned().collect();
-    let fact = |name: Name| InitElement::Atom(guard_atom(&passage.guard, Term::Object(name)));
+    let fact = |name: Name| InitElement::Atom(guard_atom(&mapping.guard, Term::Object(name)));
     shared.into_iter().map(fact).collect()
 }
 
@@ -268,8 +272,8 @@ fn guard_atom(guard: &Name, thing: Term) -> Atom {
 fn exported_schema(
     schema: &ActionSchema,
     near: &Name,
-    passage: &AgentMapping,
-    shores: EcosystemFiles<'_>,
+    mapping: &AgentMapping,
+    endpoints: EcosystemFiles<'_>,
     translator: &Translator<'_>,
     own: &TypeExpr,
 ) -> Result<ActionSchema, ExportError> {
@@ -284,15 +288,15 @@ fn exported_schema(
     }
     let needed = translator.precondition(&schema.precondition).map_err(ExportError::Condition)?;
     let variables = parameters.iter().map(|it| Term::Variable(it.name.clone()));
-    let guards = variables.map(|it| Condition::Atom(guard_atom(&passage.guard, it)));
+    let guards = variables.map(|it| Condition::Atom(guard_atom(&mapping.guard, it)));
     let precondition = Condition::And([needed].into_iter().chain(guards).collect());
     let effect = translator.effect(&schema.effect).map_err(ExportError::Effect)?;
     let effect = effect.ok_or(ExportError::NoEffect)?;
-    let cost = match passage.costs.get(near.as_str()) {
+    let cost = match mapping.costs.get(near.as_str()) {
         Some(cost) => Some(Expression::Number(Number(*cost))),
         None => translator.cost(&schema.effect).map_err(ExportError::Cost)?,
     };
-    let is_measured = shores.near.0.functions.iter().any(|it| it.name == TOTAL_COST);
+    let is_measured = endpoints.near.0.functions.iter().any(|it| it.name == TOTAL_COST);
     let effect = match cost.filter(|_| is_measured) {
         Some(cost) => Effect::And(vec![effect, cost_effect(cost)]),
         None => effect,
@@ -448,7 +452,7 @@ mod tests {
     /// Returns the exported form of one action of the robot `r1`. On the near side, the action is
     /// `do` of the agent `helper`.
     fn exported(action: &str) -> Result<String, String> {
-        let words = InterfaceVocabulary {
+        let vocabulary = InterfaceVocabulary {
             types: table(&[("place", "spot"), ("robot", "aide")]),
             predicates: table(&[
                 ("at", "is-in"),
@@ -460,7 +464,7 @@ mod tests {
             objects: table(&[("h1", "here"), ("h2", "there"), ("safe", "strongbox")]),
         };
         let agent = |name| AgentId::new(name).expect("a name");
-        let passage = AgentMapping {
+        let mapping = AgentMapping {
             agent: agent("r1"),
             proxy: agent("helper"),
             guard: Name::new(&format!("shared-with-{}", EcosystemId::new("far").expect("a name"))),
@@ -475,9 +479,9 @@ mod tests {
         let domain = |text| pddl::parse_domain(text).into_result().expect("a domain");
         let problem = |text| pddl::parse_problem(text).into_result().expect("a map");
         let (far, near) = ((domain(FAR), problem(FAR_MAP)), (domain(NEAR), problem(NEAR_MAP)));
-        let shores = EcosystemFiles { far: (&far.0, &far.1), near: (&near.0, &near.1) };
+        let endpoints = EcosystemFiles { far: (&far.0, &far.1), near: (&near.0, &near.1) };
         let model = pddl::parse_action_model(&model).into_result().expect("a model");
-        let exported = export(&words, &passage, shores, &model, &Methods::new())?;
+        let exported = export(&vocabulary, &mapping, endpoints, &model, &Methods::new())?;
         match exported.excluded.first() {
             Some(left_out) => Err(left_out.to_string()),
             None => {

@@ -1,9 +1,9 @@
-//! The goal desk: the agent that accepts goals in one ecosystem for the other ecosystem.
+//! The goal gateway: the agent that accepts goals in one ecosystem for the other ecosystem.
 //!
-//! A goal desk accepts goals over the predicates of its rule, translates them, and requests them
-//! from the Plan Requester of the other ecosystem. The goal desk passes reports about each goal
+//! A goal gateway accepts goals over the predicates of its rule, translates them, and requests them
+//! from the Plan Requester of the other ecosystem. The goal gateway passes reports about each goal
 //! back to the initiator, in texts of its own. A goal of a proxy agent is refused: otherwise two
-//! goal desks could pass one goal to each other for ever.
+//! goal gateways could pass one goal to each other for ever.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -22,7 +22,7 @@ use super::remote_client::{RemoteClient, RemoteRequest, RemoteUpdate};
 use super::translate::Translator;
 use super::vocabulary::InterfaceVocabulary;
 
-/// Maximum number of goals that one goal desk follows at a time.
+/// Maximum number of goals that one goal gateway follows at a time.
 const GOALS_MAX: usize = 64;
 
 pub(super) struct GoalGateway {
@@ -32,10 +32,10 @@ pub(super) struct GoalGateway {
     /// requested.
     pub(super) goals: BTreeSet<String>,
     /// Vocabulary of the interface for goals: far name of each near symbol.
-    pub(super) words: InterfaceVocabulary,
+    pub(super) vocabulary: InterfaceVocabulary,
     pub(super) near: (Arc<Domain>, Arc<Problem>),
     pub(super) revocable: bool,
-    pub(super) voice: RemoteClient,
+    pub(super) client: RemoteClient,
     pub(super) outward: Arc<RateLimiter>,
     pub(super) counters: Arc<InterfaceCounters>,
     /// Open goals, by initiator and token. The token alone is not enough, because different
@@ -74,14 +74,14 @@ impl GoalGateway {
     /// Translates a requested goal. Returns a refusal if the goal must not pass to the other
     /// ecosystem.
     fn admit(&self, message: &Message, achieve: Achieve) -> Result<GoalRequest, Refusal> {
-        let GoalGateway { far, goals, words, near, outward, counters, .. } = self;
+        let GoalGateway { far, goals, vocabulary, near, outward, counters, .. } = self;
         if !message.via.is_empty() {
             counters.looped_goals.fetch_add(1, Ordering::Relaxed);
             let detail = "it comes from another ecosystem itself, and is not passed on";
             return Err(Refusal::new(Reason::Conflict, detail));
         }
         let Achieve { goal, keep, priority, partition } = achieve;
-        let translator = Translator::of_ontology(words, (&near.0, &near.1));
+        let translator = Translator::of_ontology(vocabulary, (&near.0, &near.1));
         let goal = export::goal(&goal, goals, &translator).map_err(|why| {
             counters.unexported.fetch_add(1, Ordering::Relaxed);
             Refusal::new(Reason::BadContent, why)
@@ -106,11 +106,11 @@ impl GoalGateway {
         ctx: &mut Context<Self>,
     ) {
         self.counters.passed.fetch_add(1, Ordering::Relaxed);
-        let (voice, revocable) = (self.voice.clone(), self.revocable);
-        let asked = async move { voice.request_goal(wish, revocable).await };
+        let (client, revocable) = (self.client.clone(), self.revocable);
+        let asked = async move { client.request_goal(wish, revocable).await };
         let asking = request_key(&participation);
-        let work = ctx.run(asked, move |desk: &mut Self, asked, ctx| {
-            desk.await_update(participation, asked, ctx);
+        let work = ctx.run(asked, move |gateway: &mut Self, asked, ctx| {
+            gateway.await_update(participation, asked, ctx);
         });
         self.open.insert(asking, work);
     }
@@ -127,12 +127,12 @@ impl GoalGateway {
             let news = asked.next().await;
             (news, asked)
         };
-        let work = ctx.run(next, move |desk: &mut Self, (news, asked), ctx| {
-            desk.answer(&participation, &news, ctx);
+        let work = ctx.run(next, move |gateway: &mut Self, (news, asked), ctx| {
+            gateway.answer(&participation, &news, ctx);
             if news.is_final() {
-                desk.open.remove(&self::request_key(&participation));
+                gateway.open.remove(&self::request_key(&participation));
             } else {
-                desk.await_update(participation, asked, ctx);
+                gateway.await_update(participation, asked, ctx);
             }
         });
         self.open.insert(asking, work);

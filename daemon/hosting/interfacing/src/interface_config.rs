@@ -44,7 +44,7 @@ pub struct InterfaceEntry {
 pub struct RuleEntry {
     /// The agent to represent, by its name in its own ecosystem; `None` if the rule is about goals.
     pub agent: Option<AgentId>,
-    /// Name of the proxy agent, or of the goal desk, in the ecosystem where it runs.
+    /// Name of the proxy agent, or of the goal gateway, in the ecosystem where it runs.
     pub proxy_name: AgentId,
     /// Performatives of messages that may pass under the rule.
     pub performatives: BTreeSet<Performative>,

@@ -141,16 +141,16 @@ impl InterfaceDirection<'_> {
         if rules.is_empty() {
             return;
         }
-        let voice = self.launch_client();
+        let client = self.launch_client();
         let watched = rules.iter().filter_map(|rule| rule.agent.clone());
-        let (observer, sights) = Observer::of(watched);
-        if !sights.is_empty() {
+        let (observer, watches) = Observer::of(watched);
+        if !watches.is_empty() {
             self.launch_agent(&self.far.spawner, watcher, observer, self.client_route());
         }
         for rule in rules {
             match AgentMapping::of(rule, &self.far.name, self.direction) {
-                Some(passage) => self.launch_proxy(rule, passage, &sights, &voice),
-                None => self.launch_gateway(rule, &voice),
+                Some(mapping) => self.launch_proxy(rule, mapping, &watches, &client),
+                None => self.launch_gateway(rule, &client),
             }
         }
     }
@@ -163,61 +163,62 @@ impl InterfaceDirection<'_> {
 
     fn launch_client(&self) -> RemoteClient {
         let (keyboard, terminal) = Keyboard::with_terminal();
-        let (voice, speaking) = RemoteClient::new(terminal);
+        let (client, speaking) = RemoteClient::new(terminal);
         self.launch_agent(&self.far.spawner, &self.client_name, keyboard, self.client_route());
         self.far.spawner.tasks.spawn(speaking);
-        voice
+        client
     }
 
     fn launch_proxy(
         &self,
         rule: &RuleEntry,
-        passage: AgentMapping,
-        sights: &BTreeMap<AgentId, AgentWatch>,
-        voice: &RemoteClient,
+        mapping: AgentMapping,
+        watches: &BTreeMap<AgentId, AgentWatch>,
+        client: &RemoteClient,
     ) {
-        let Some(sight) = sights.get(&passage.agent).cloned() else { return };
-        let files =
-            |shore: &EcosystemEndpoint| (Arc::clone(&shore.domain), Arc::clone(&shore.problem));
-        let crossing = ProxyContext {
-            mapping: passage,
+        let Some(watch) = watches.get(&mapping.agent).cloned() else { return };
+        let files = |endpoint: &EcosystemEndpoint| {
+            (Arc::clone(&endpoint.domain), Arc::clone(&endpoint.problem))
+        };
+        let context = ProxyContext {
+            mapping,
             performatives: rule.performatives.clone(),
             vocabulary: InterfaceVocabulary::of(self.entry, self.direction),
             far: self.far.name.clone(),
             far_files: files(&self.far),
             near_files: files(&self.near),
-            voice: voice.clone(),
+            client: client.clone(),
             far_limit: Arc::clone(&self.outbound_limit),
             near_limit: Arc::clone(&self.inbound_limit),
             counters: Arc::clone(&self.counters),
         };
         let near = self.near.spawner.clone();
-        self.near.spawner.tasks.spawn(proxy_lifecycle::run_proxy(Arc::new(crossing), sight, near));
+        self.near.spawner.tasks.spawn(proxy_lifecycle::run_proxy(Arc::new(context), watch, near));
     }
 
-    fn launch_gateway(&self, rule: &RuleEntry, voice: &RemoteClient) {
+    fn launch_gateway(&self, rule: &RuleEntry, client: &RemoteClient) {
         // Rules name goals in this ecosystem's vocabulary; a rule of exports lets the other
         // ecosystem request them in its own.
-        let words = InterfaceVocabulary::of(self.entry, self.direction).reversed();
+        let vocabulary = InterfaceVocabulary::of(self.entry, self.direction).reversed();
         let goals = match self.direction {
             RuleDirection::Import => rule.goals.clone(),
             RuleDirection::Export => { rule.goals.iter() }
                 .filter_map(|goal| self.entry.predicates.get(goal).cloned())
                 .collect(),
         };
-        let desk = GoalGateway {
+        let gateway = GoalGateway {
             far: self.far.name.clone(),
             goals,
-            words,
+            vocabulary,
             near: (Arc::clone(&self.near.domain), Arc::clone(&self.near.problem)),
             revocable: rule.performatives.contains(&Performative::Cancel),
-            voice: voice.clone(),
+            client: client.clone(),
             outward: Arc::clone(&self.outbound_limit),
             counters: Arc::clone(&self.counters),
             open: BTreeMap::new(),
         };
         let via = vec![self.far.name.clone()];
-        self.launch_agent(&self.near.spawner, &rule.proxy_name, desk, via);
+        self.launch_agent(&self.near.spawner, &rule.proxy_name, gateway, via);
     }
 
     fn launch_agent(

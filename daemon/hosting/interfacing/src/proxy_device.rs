@@ -48,7 +48,7 @@ pub(super) struct ProxyContext {
     pub(super) far_files: (Arc<Domain>, Arc<Problem>),
     pub(super) near_files: (Arc<Domain>, Arc<Problem>),
     /// Client that makes requests in the far ecosystem.
-    pub(super) voice: RemoteClient,
+    pub(super) client: RemoteClient,
     /// Limit on the rate of messages to the far side; `near_limit` limits the rate of messages from
     /// it.
     pub(super) far_limit: Arc<RateLimiter>,
@@ -87,13 +87,14 @@ impl ProxyContext {
     /// # Errors
     ///
     /// Returns an error if no part of the agent can be represented.
-    pub(super) fn export(&self, sighted: &AgentSnapshot) -> Result<ExportedModel, String> {
-        let shores = EcosystemFiles {
+    pub(super) fn export(&self, snapshot: &AgentSnapshot) -> Result<ExportedModel, String> {
+        let endpoints = EcosystemFiles {
             far: (&self.far_files.0, &self.far_files.1),
             near: (&self.near_files.0, &self.near_files.1),
         };
-        let AgentSnapshot { model, methods, .. } = sighted;
-        let mut exported = export::export(&self.vocabulary, &self.mapping, shores, model, methods)?;
+        let AgentSnapshot { model, methods, .. } = snapshot;
+        let mut exported =
+            export::export(&self.vocabulary, &self.mapping, endpoints, model, methods)?;
         if !self.passes(Performative::Request) {
             exported.model.actions.clear();
         }
@@ -110,11 +111,12 @@ impl ProxyContext {
     fn to_far_step(&self, action: &str) -> Result<String, String> {
         let step = pddl::parse_step(action).into_result();
         let step = step.map_err(|_| "the action cannot be read".to_owned())?;
-        let AgentMapping { agent, proxy: mirror, actions, .. } = &self.mapping;
+        let AgentMapping { agent, proxy: proxy_model, actions, .. } = &self.mapping;
         let actions: BTreeMap<String, Name> =
             actions.iter().map(|(far, near)| (near.as_str().to_owned(), Name::new(far))).collect();
-        let words = self.vocabulary.reversed();
-        translate::step(&step, &actions, (mirror, agent), &words).map(|step| step.to_string())
+        let vocabulary = self.vocabulary.reversed();
+        translate::step(&step, &actions, (proxy_model, agent), &vocabulary)
+            .map(|step| step.to_string())
     }
 }
 
@@ -123,30 +125,30 @@ impl ProxyContext {
 /// Device that lets an actuator act as a proxy agent: it passes actions to the real agent.
 pub(super) struct ProxyDevice {
     context: Arc<ProxyContext>,
-    sight: AgentWatch,
-    sighted: AgentSnapshot,
+    watch: AgentWatch,
+    snapshot: AgentSnapshot,
     exported: ExportedModel,
 }
 
 impl ProxyDevice {
     /// Returns a device for the real agent as it is observed now.
     pub(super) fn new(
-        crossing: Arc<ProxyContext>,
-        sight: AgentWatch,
-        sighted: AgentSnapshot,
+        context: Arc<ProxyContext>,
+        watch: AgentWatch,
+        snapshot: AgentSnapshot,
         exported: ExportedModel,
     ) -> ProxyDevice {
-        report_left_out(&crossing, &exported.excluded);
-        ProxyDevice { context: crossing, sight, sighted, exported }
+        report_left_out(&context, &exported.excluded);
+        ProxyDevice { context, watch, snapshot, exported }
     }
 
     /// Updates the model and state of the proxy agent from the latest observation of the real
     /// agent. If the real agent is gone, changes nothing, because `proxy_lifecycle` ends the proxy
     /// agent.
     fn update(&mut self) {
-        let Some(sighted) = self.sight.borrow_and_update().clone() else { return };
-        if sighted.digest != self.sighted.digest {
-            match self.context.export(&sighted) {
+        let Some(snapshot) = self.watch.borrow_and_update().clone() else { return };
+        if snapshot.digest != self.snapshot.digest {
+            match self.context.export(&snapshot) {
                 Ok(exported) => {
                     if exported.excluded != self.exported.excluded {
                         report_left_out(&self.context, &exported.excluded);
@@ -154,28 +156,28 @@ impl ProxyDevice {
                     self.exported = exported;
                 }
                 Err(why) => {
-                    let mirror = &self.context.mapping.proxy;
-                    tracing::warn!(%mirror, why, "it offers nothing that can be expressed here");
+                    let proxy_model = &self.context.mapping.proxy;
+                    tracing::warn!(%proxy_model, why, "it offers nothing that can be expressed here");
                     self.exported.model.actions.clear();
                 }
             }
         }
-        self.sighted = sighted;
+        self.snapshot = snapshot;
     }
 
     fn observed(&self, observations: &str) -> Vec<InitElement> {
         if !self.context.passes(Performative::Inform) {
             return Vec::new();
         }
-        let translator = self.context.translator(&self.sighted.model);
+        let translator = self.context.translator(&self.snapshot.model);
         let said = pddl::parse_init_elements(observations).value.unwrap_or_default();
         said.iter().filter_map(|fact| translator.fact(fact)).collect()
     }
 }
 
-fn report_left_out(crossing: &ProxyContext, left_out: &[ExcludedAction]) {
+fn report_left_out(context: &ProxyContext, left_out: &[ExcludedAction]) {
     for left_out in left_out {
-        tracing::warn!(mirror = %crossing.mapping.proxy, "{left_out}");
+        tracing::warn!(proxy_model = %context.mapping.proxy, "{left_out}");
     }
 }
 
@@ -203,8 +205,8 @@ impl Device for ProxyDevice {
             return self.exported.model.init.iter().cloned().map(OwnFact::from).collect();
         }
         let now = Instant::now();
-        let translator = self.context.translator(&self.sighted.model);
-        let current = self.sighted.facts.iter().filter_map(|(fact, until)| {
+        let translator = self.context.translator(&self.snapshot.model);
+        let current = self.snapshot.facts.iter().filter_map(|(fact, until)| {
             let known_for = until.map(|until| until.saturating_duration_since(now));
             let is_over = known_for.is_some_and(|left| left.is_zero());
             let fact = translator.fact(fact).filter(|_| !is_over)?;
@@ -224,7 +226,7 @@ impl Device for ProxyDevice {
             return None;
         }
         let count = counters.over_rate.fetch_add(1, Ordering::Relaxed) + 1;
-        tracing::warn!(mirror = %self.context.mapping.proxy, count, "too many messages");
+        tracing::warn!(proxy_model = %self.context.mapping.proxy, count, "too many messages");
         let detail = format!(
             "{} messages a second may pass to `{}`, and that limit is reached; ask again later",
             outward.per_second(),
@@ -234,21 +236,21 @@ impl Device for ProxyDevice {
     }
 
     fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<Report, MethodFailure>> {
-        let crossing = Arc::clone(&self.context);
-        let step = match crossing.to_far_step(&call.action) {
+        let context = Arc::clone(&self.context);
+        let step = match context.to_far_step(&call.action) {
             Ok(step) => step,
             Err(why) => return Box::pin(std::future::ready(Err(MethodFailure::Driver(why)))),
         };
         let timeout = self.exported.timeouts.get(&call.method).copied().unwrap_or_default();
         let within = timeout.saturating_add(REQUEST_MARGIN);
         Box::pin(async move {
-            crossing.counters.passed.fetch_add(1, Ordering::Relaxed);
-            let revocable = crossing.passes(Performative::Cancel);
-            let mut asked = crossing.voice.request_action(step, revocable, within).await;
+            context.counters.passed.fetch_add(1, Ordering::Relaxed);
+            let revocable = context.passes(Performative::Cancel);
+            let mut asked = context.client.request_action(step, revocable, within).await;
             loop {
                 let news = asked.next().await;
                 if news.is_final() {
-                    return method_result(&crossing, news);
+                    return method_result(&context, news);
                 }
             }
         })
@@ -261,17 +263,17 @@ impl Device for ProxyDevice {
     }
 
     fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<ProxyDevice>>> {
-        let mut sight = self.sight.clone();
+        let mut watch = self.watch.clone();
         let inward = Arc::clone(&self.context.near_limit);
         Some(Box::pin(async move {
-            if sight.changed().await.is_err() {
+            if watch.changed().await.is_err() {
                 // The observer has ended, and the proxy agent ends too.
                 return std::future::pending().await;
             }
             // An observation that is replaced during this wait is never announced.
             inward.acquire().await;
-            let stir: DeviceEvent<ProxyDevice> = Box::new(|mirror| {
-                mirror.update();
+            let stir: DeviceEvent<ProxyDevice> = Box::new(|proxy_model| {
+                proxy_model.update();
                 Vec::new()
             });
             stir
@@ -285,8 +287,8 @@ impl Device for ProxyDevice {
 
 /// Converts the last report on a far request to the result of the action. The texts of the other
 /// ecosystem are left out.
-fn method_result(crossing: &ProxyContext, news: RemoteUpdate) -> Result<Report, MethodFailure> {
-    let far = &crossing.far;
+fn method_result(context: &ProxyContext, news: RemoteUpdate) -> Result<Report, MethodFailure> {
+    let far = &context.far;
     let reason = news.reason();
     match news {
         RemoteUpdate::Report(report) if report.outcome == Outcome::Done => Ok(report),

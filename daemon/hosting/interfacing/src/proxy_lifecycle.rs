@@ -23,34 +23,34 @@ const RESTART_DELAY: Duration = Duration::from_secs(5);
 
 /// Keeps the proxy agent of one real agent running for as long as the real agent is present, until
 /// the daemon drains.
-pub(super) async fn run_proxy(crossing: Arc<ProxyContext>, mut sight: AgentWatch, near: Spawner) {
+pub(super) async fn run_proxy(context: Arc<ProxyContext>, mut watch: AgentWatch, near: Spawner) {
     let stopping = near.stopping.clone();
     loop {
-        let sighted = tokio::select! {
+        let snapshot = tokio::select! {
             biased;
             () = stopping.cancelled() => return,
-            sighted = wait_until_present(&mut sight) => match sighted {
-                Some(sighted) => sighted,
+            snapshot = wait_until_present(&mut watch) => match snapshot {
+                Some(snapshot) => snapshot,
                 None => return,
             },
         };
-        let seen = (sighted.incarnation, sighted.digest.clone());
-        let Some(via) = route(&crossing, &sighted, near.router.ecosystem()) else {
-            crossing.counters.looped_agents.fetch_add(1, Ordering::Relaxed);
-            wait_until_changed(&mut sight, seen).await;
+        let seen = (snapshot.incarnation, snapshot.digest.clone());
+        let Some(via) = route(&context, &snapshot, near.router.ecosystem()) else {
+            context.counters.looped_agents.fetch_add(1, Ordering::Relaxed);
+            wait_until_changed(&mut watch, seen).await;
             continue;
         };
-        let exported = match crossing.export(&sighted) {
+        let exported = match context.export(&snapshot) {
             Ok(exported) => exported,
             Err(why) => {
-                tracing::warn!(agent = %crossing.mapping.agent, why, "it gets no proxy agent");
-                wait_until_changed(&mut sight, seen).await;
+                tracing::warn!(agent = %context.mapping.agent, why, "it gets no proxy agent");
+                wait_until_changed(&mut watch, seen).await;
                 continue;
             }
         };
-        let incarnation = sighted.incarnation;
-        let device = ProxyDevice::new(Arc::clone(&crossing), sight.clone(), sighted, exported);
-        if !run_incarnation(&crossing, device, via, incarnation, &mut sight, &near).await {
+        let incarnation = snapshot.incarnation;
+        let device = ProxyDevice::new(Arc::clone(&context), watch.clone(), snapshot, exported);
+        if !run_incarnation(&context, device, via, incarnation, &mut watch, &near).await {
             tokio::select! {
                 biased;
                 () = stopping.cancelled() => return,
@@ -62,14 +62,14 @@ pub(super) async fn run_proxy(crossing: Arc<ProxyContext>, mut sight: AgentWatch
 
 /// Runs one incarnation of a proxy agent. Returns `true` if it ended because the real agent left.
 async fn run_incarnation(
-    crossing: &ProxyContext,
+    context: &ProxyContext,
     device: ProxyDevice,
     via: Vec<EcosystemId>,
     incarnation: Incarnation,
-    sight: &mut AgentWatch,
+    watch: &mut AgentWatch,
     near: &Spawner,
 ) -> bool {
-    let id = &crossing.mapping.proxy;
+    let id = &context.mapping.proxy;
     let blueprint = Blueprint {
         id: id.clone(),
         driver: String::new(),
@@ -85,12 +85,12 @@ async fn run_incarnation(
     };
     let stopping = near.stopping.child_token();
     let mut task = agent.launch(near.launch_context(id, via, &stopping));
-    tracing::info!(%id, of = %crossing.mapping.agent, far = %crossing.far, "has a proxy agent");
+    tracing::info!(%id, of = %context.mapping.agent, far = %context.far, "has a proxy agent");
     let ended = tokio::select! {
         biased;
         ended = &mut task => ended,
-        () = wait_until_gone(sight, incarnation) => {
-            tracing::info!(%id, of = %crossing.mapping.agent, far = %crossing.far, "has left");
+        () = wait_until_gone(watch, incarnation) => {
+            tracing::info!(%id, of = %context.mapping.agent, far = %context.far, "has left");
             // The proxy agent cancels its request, withdraws its presence, and ends.
             stopping.cancel();
             let _ = task.await;
@@ -109,13 +109,13 @@ async fn run_incarnation(
 /// Returns the route by which a real agent reaches this ecosystem. Returns `None` if the agent must
 /// not be represented here, because the route contains this ecosystem or is too long.
 fn route(
-    crossing: &ProxyContext,
-    sighted: &AgentSnapshot,
+    context: &ProxyContext,
+    snapshot: &AgentSnapshot,
     near: &EcosystemId,
 ) -> Option<Vec<EcosystemId>> {
-    let mut via = sighted.via.clone();
-    via.push(crossing.far.clone());
-    let agent = &crossing.mapping.agent;
+    let mut via = snapshot.via.clone();
+    via.push(context.far.clone());
+    let agent = &context.mapping.agent;
     if via.contains(near) {
         tracing::warn!(%agent, ?via, "comes from here itself: it gets no proxy agent");
         return None;
@@ -129,24 +129,24 @@ fn route(
 
 /// Waits until the real agent is present, and returns its observed state. Returns `None` if the
 /// observer has ended.
-async fn wait_until_present(sight: &mut AgentWatch) -> Option<AgentSnapshot> {
-    sight.wait_for(Option::is_some).await.ok()?.clone()
+async fn wait_until_present(watch: &mut AgentWatch) -> Option<AgentSnapshot> {
+    watch.wait_for(Option::is_some).await.ok()?.clone()
 }
 
 /// Waits until the real agent is gone or has another incarnation.
-async fn wait_until_gone(sight: &mut AgentWatch, incarnation: Incarnation) {
-    let is_gone = |sighted: &Option<AgentSnapshot>| {
-        sighted.as_ref().is_none_or(|it| it.incarnation != incarnation)
+async fn wait_until_gone(watch: &mut AgentWatch, incarnation: Incarnation) {
+    let is_gone = |snapshot: &Option<AgentSnapshot>| {
+        snapshot.as_ref().is_none_or(|it| it.incarnation != incarnation)
     };
     // An observer that has ended counts as a missing agent.
-    let _ = sight.wait_for(is_gone).await;
+    let _ = watch.wait_for(is_gone).await;
 }
 
 /// Waits until the real agent has another incarnation or another model, or is gone. Used if the
 /// agent cannot be represented with its present model.
-async fn wait_until_changed(sight: &mut AgentWatch, (incarnation, digest): (Incarnation, String)) {
-    let is_other = |sighted: &Option<AgentSnapshot>| {
-        sighted.as_ref().is_none_or(|it| it.incarnation != incarnation || it.digest != digest)
+async fn wait_until_changed(watch: &mut AgentWatch, (incarnation, digest): (Incarnation, String)) {
+    let is_other = |snapshot: &Option<AgentSnapshot>| {
+        snapshot.as_ref().is_none_or(|it| it.incarnation != incarnation || it.digest != digest)
     };
-    let _ = sight.wait_for(is_other).await;
+    let _ = watch.wait_for(is_other).await;
 }

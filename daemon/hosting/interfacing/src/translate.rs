@@ -42,7 +42,7 @@ pub enum Untranslatable {
 /// Translates symbols of the far side (where an agent runs) to those of the near side (where it is
 /// represented).
 pub struct Translator<'t> {
-    words: &'t InterfaceVocabulary,
+    vocabulary: &'t InterfaceVocabulary,
     /// Names of the agent and of its proxy agent; `None` if the translator is for facts and goals
     /// instead of a model.
     agent_and_proxy: Option<(&'t AgentId, &'t AgentId)>,
@@ -61,13 +61,13 @@ type Translation<T> = Result<T, Untranslatable>;
 impl<'t> Translator<'t> {
     /// Returns a translator for the model of an agent that is based on the far ontology.
     pub fn of_model(
-        words: &'t InterfaceVocabulary,
-        passage: &'t AgentMapping,
+        vocabulary: &'t InterfaceVocabulary,
+        mapping: &'t AgentMapping,
         (ontology, map): (&Domain, &Problem),
         model: &ActionModel,
     ) -> Translator<'t> {
-        let mut translator = Translator::of_ontology(words, (ontology, map));
-        translator.agent_and_proxy = Some((&passage.agent, &passage.proxy));
+        let mut translator = Translator::of_ontology(vocabulary, (ontology, map));
+        translator.agent_and_proxy = Some((&mapping.agent, &mapping.proxy));
         translator.types = Types::new(ontology.types.iter().chain(&model.types));
         let of_model = model.predicates.iter().map(|declared| (&declared.name, &declared.privacy));
         let functions = model.functions.iter().map(|declared| (&declared.name, &declared.privacy));
@@ -81,14 +81,14 @@ impl<'t> Translator<'t> {
     /// Returns a translator for facts and goals over an ontology and a map, without an agent's
     /// model.
     pub fn of_ontology(
-        words: &'t InterfaceVocabulary,
+        vocabulary: &'t InterfaceVocabulary,
         (ontology, map): (&Domain, &Problem),
     ) -> Translator<'t> {
         let derived = ontology.derived.iter().map(|axiom| axiom.predicate.clone()).collect();
         let (types, private) = (Types::of(ontology), BTreeSet::new());
         let variables = RefCell::default();
         let mut translator =
-            Translator { words, agent_and_proxy: None, types, private, derived, variables };
+            Translator { vocabulary, agent_and_proxy: None, types, private, derived, variables };
         let predicates = ontology.predicates.iter().map(|it| (&it.name, &it.privacy));
         let functions = ontology.functions.iter().map(|it| (&it.name, &it.privacy));
         let objects = map.objects.iter().map(|it| (&it.object.name, &it.privacy));
@@ -112,11 +112,11 @@ impl<'t> Translator<'t> {
         if self.derived.contains(name) {
             return Err(Untranslatable::Derived(name.clone()));
         }
-        self.symbol("predicate", &self.words.predicates, name)
+        self.symbol("predicate", &self.vocabulary.predicates, name)
     }
 
     fn function(&self, name: &Name) -> Translation<Name> {
-        self.symbol("function", &self.words.functions, name)
+        self.symbol("function", &self.vocabulary.functions, name)
     }
 
     fn symbol(
@@ -134,8 +134,10 @@ impl<'t> Translator<'t> {
 
     pub(crate) fn object(&self, name: &Name) -> Translation<Name> {
         match self.agent_and_proxy {
-            Some((agent, mirror)) if *name == agent.as_str() => Ok(Name::new(mirror.as_str())),
-            _ => self.symbol("object", &self.words.objects, name),
+            Some((agent, proxy_model)) if *name == agent.as_str() => {
+                Ok(Name::new(proxy_model.as_str()))
+            }
+            _ => self.symbol("object", &self.vocabulary.objects, name),
         }
     }
 
@@ -176,7 +178,7 @@ impl<'t> Translator<'t> {
             return Ok(TypeExpr::default());
         }
         let known = |name: &Name| {
-            let near = self.words.types.get(name.as_str()).cloned();
+            let near = self.vocabulary.types.get(name.as_str()).cloned();
             near.ok_or_else(|| Untranslatable::Unexported("type", name.clone()))
         };
         let alternatives = ty.alternatives.iter().map(known).collect::<Translation<_>>()?;
@@ -187,7 +189,7 @@ impl<'t> Translator<'t> {
     /// there is none.
     pub(crate) fn nearest_type(&self, ty: &TypeExpr) -> Option<TypeExpr> {
         let [name] = &ty.alternatives[..] else { return None };
-        match self.words.types.get(name.as_str()) {
+        match self.vocabulary.types.get(name.as_str()) {
             Some(near) => Some(TypeExpr::of(near.clone())),
             None => self.nearest_supertype(name.as_str()),
         }
@@ -198,7 +200,7 @@ impl<'t> Translator<'t> {
     pub(crate) fn nearest_supertype(&self, name: &str) -> Option<TypeExpr> {
         // The nearest supertype comes first.
         let mut above = self.types.supertypes(name);
-        above.find_map(|ty| self.words.types.get(ty.as_str())).cloned().map(TypeExpr::of)
+        above.find_map(|ty| self.vocabulary.types.get(ty.as_str())).cloned().map(TypeExpr::of)
     }
 
     pub(crate) fn typed(&self, typed: &[Typed]) -> Translation<Vec<Typed>> {
@@ -390,7 +392,7 @@ pub(crate) fn step(
     step: &PlanStep,
     actions: &BTreeMap<String, Name>,
     who: (&AgentId, &AgentId),
-    words: &InterfaceVocabulary,
+    vocabulary: &InterfaceVocabulary,
 ) -> Result<PlanStep, String> {
     let action = actions.get(step.action.as_str());
     let action = action.ok_or_else(|| format!("`{}` is not exported", step.action))?;
@@ -399,7 +401,7 @@ pub(crate) fn step(
         if *name == from.as_str() {
             return Ok(Name::new(to.as_str()));
         }
-        let known = words.objects.get(name.as_str()).cloned();
+        let known = vocabulary.objects.get(name.as_str()).cloned();
         known.ok_or_else(|| format!("`{name}` is not exported"))
     };
     let arguments = step.arguments.iter().map(object).collect::<Result<Vec<_>, _>>()?;

@@ -170,7 +170,7 @@ struct AgentReception {
 impl AgentReception {
     async fn run(self, mut met: mpsc::Receiver<(AgentId, AgentWatch)>) {
         loop {
-            let (agent, sight) = tokio::select! {
+            let (agent, watch) = tokio::select! {
                 biased;
                 () = self.stopping.cancelled() => return,
                 met = met.recv() => match met {
@@ -195,7 +195,7 @@ impl AgentReception {
             self.meter.allow_more();
             let escort = ProxyRunner {
                 agent,
-                sight,
+                watch,
                 client: self.client.clone(),
                 package: Arc::clone(&self.package),
                 own,

@@ -45,7 +45,7 @@ pub(crate) type AdmittedAgents =
 /// brings that agent.
 pub(crate) struct ProxyRunner {
     pub(crate) agent: AgentId,
-    pub(crate) sight: AgentWatch,
+    pub(crate) watch: AgentWatch,
     pub(crate) client: PluginClientHandle,
     pub(crate) package: Arc<Package>,
     /// Action model of the agent in the package; `None` if the package has none.
@@ -61,28 +61,28 @@ impl ProxyRunner {
     pub(crate) async fn run(mut self) {
         let stopping = self.stopping.clone();
         loop {
-            let sighted = tokio::select! {
+            let snapshot = tokio::select! {
                 biased;
                 () = stopping.cancelled() => return self.note(None),
-                sighted = appeared(&mut self.sight) => match sighted {
-                    Some(sighted) => sighted,
+                snapshot = appeared(&mut self.watch) => match snapshot {
+                    Some(snapshot) => snapshot,
                     None => return self.note(None),
                 },
             };
-            let seen = (sighted.incarnation, sighted.digest.clone());
-            if let Some(objection) = self.objection(&sighted) {
+            let seen = (snapshot.incarnation, snapshot.digest.clone());
+            if let Some(objection) = self.objection(&snapshot) {
                 tracing::warn!(agent = %self.agent, plugin = self.package.manifest.name,
                     "is rejected: {objection}");
                 self.note(Some(Err(objection)));
                 tokio::select! {
                     biased;
                     () = stopping.cancelled() => (),
-                    () = wait_until_changed(&mut self.sight, seen) => (),
+                    () = wait_until_changed(&mut self.watch, seen) => (),
                 }
                 self.note(None);
                 continue;
             }
-            if let Err(problem) = self.run_incarnation(sighted).await {
+            if let Err(problem) = self.run_incarnation(snapshot).await {
                 self.note(Some(Err(problem)));
                 tokio::select! {
                     biased;
@@ -101,20 +101,20 @@ impl ProxyRunner {
         });
     }
 
-    fn objection(&self, sighted: &AgentSnapshot) -> Option<String> {
-        objection(&self.agent, &self.package, self.own.as_deref(), sighted)
+    fn objection(&self, snapshot: &AgentSnapshot) -> Option<String> {
+        objection(&self.agent, &self.package, self.own.as_deref(), snapshot)
     }
 
     /// Runs one incarnation of the proxy agent. Returns an error, as text for a person, if the
     /// proxy agent could not run.
-    async fn run_incarnation(&mut self, sighted: AgentSnapshot) -> Result<(), String> {
+    async fn run_incarnation(&mut self, snapshot: AgentSnapshot) -> Result<(), String> {
         let device = PluginProxy {
             agent: self.agent.clone(),
             package: Arc::clone(&self.package),
             own: self.own.clone(),
-            sight: self.sight.clone(),
-            sighted: Some(sighted.clone()),
-            last: sighted,
+            watch: self.watch.clone(),
+            snapshot: Some(snapshot.clone()),
+            last: snapshot,
             client: self.client.clone(),
         };
         let blueprint = Blueprint {
@@ -132,9 +132,9 @@ impl ProxyRunner {
             tokio::select! {
                 biased;
                 ended = &mut task => break ended,
-                () = wait_until_absent(&mut self.sight) => {
+                () = wait_until_absent(&mut self.watch) => {
                     self.note(None);
-                    if tokio::time::timeout(ABSENCE_MAX, appeared(&mut self.sight)).await.is_ok() {
+                    if tokio::time::timeout(ABSENCE_MAX, appeared(&mut self.watch)).await.is_ok() {
                         // An agent that returned with another action model is reported, and offers
                         // no actions.
                         self.note(Some(self.refused().map_or(Ok(()), Err)));
@@ -154,43 +154,43 @@ impl ProxyRunner {
     }
 
     fn refused(&self) -> Option<String> {
-        let sighted = self.sight.borrow().clone()?;
-        self.objection(&sighted)
+        let snapshot = self.watch.borrow().clone()?;
+        self.objection(&snapshot)
     }
 }
 
-/// Returns the reason why the agent of the plugin in the snapshot `sighted` is not admitted; `None`
+/// Returns the reason why the agent of the plugin in `snapshot` is not admitted; `None`
 /// if it is admitted.
 fn objection(
     agent: &AgentId,
     package: &Package,
     own: Option<&ActionModel>,
-    sighted: &AgentSnapshot,
+    snapshot: &AgentSnapshot,
 ) -> Option<String> {
-    if sighted.model.agent != agent.as_str() {
-        return Some(format!("it describes itself as `{}`", sighted.model.agent));
+    if snapshot.model.agent != agent.as_str() {
+        return Some(format!("it describes itself as `{}`", snapshot.model.agent));
     }
-    package.objection(&sighted.model, &sighted.methods, own)
+    package.objection(&snapshot.model, &snapshot.methods, own)
 }
 
 /// Waits until the plugin's agent is present, and returns its snapshot; `None` if the observer has
 /// ended.
-async fn appeared(sight: &mut AgentWatch) -> Option<AgentSnapshot> {
-    sight.wait_for(Option::is_some).await.ok()?.clone()
+async fn appeared(watch: &mut AgentWatch) -> Option<AgentSnapshot> {
+    watch.wait_for(Option::is_some).await.ok()?.clone()
 }
 
-async fn wait_until_absent(sight: &mut AgentWatch) {
+async fn wait_until_absent(watch: &mut AgentWatch) {
     // If the observer has ended, the agent counts as absent.
-    let _ = sight.wait_for(Option::is_none).await;
+    let _ = watch.wait_for(Option::is_none).await;
 }
 
 /// Waits until the plugin's agent is absent, or present with another incarnation or description
 /// than the rejected ones.
-async fn wait_until_changed(sight: &mut AgentWatch, (incarnation, digest): (Incarnation, String)) {
-    let is_other = |sighted: &Option<AgentSnapshot>| {
-        sighted.as_ref().is_none_or(|it| it.incarnation != incarnation || it.digest != digest)
+async fn wait_until_changed(watch: &mut AgentWatch, (incarnation, digest): (Incarnation, String)) {
+    let is_other = |snapshot: &Option<AgentSnapshot>| {
+        snapshot.as_ref().is_none_or(|it| it.incarnation != incarnation || it.digest != digest)
     };
-    let _ = sight.wait_for(is_other).await;
+    let _ = watch.wait_for(is_other).await;
 }
 
 /// Device of the proxy agent's actuator, which forwards each action to the plugin.
@@ -198,9 +198,9 @@ struct PluginProxy {
     agent: AgentId,
     package: Arc<Package>,
     own: Option<Arc<ActionModel>>,
-    sight: AgentWatch,
+    watch: AgentWatch,
     /// Snapshot of the plugin's agent; `None` while the agent is absent or not admitted.
-    sighted: Option<AgentSnapshot>,
+    snapshot: Option<AgentSnapshot>,
     /// Latest snapshot with which the plugin's agent was admitted.
     last: AgentSnapshot,
     client: PluginClientHandle,
@@ -209,14 +209,14 @@ struct PluginProxy {
 impl PluginProxy {
     /// Updates the snapshot of the plugin's agent.
     fn update_snapshot(&mut self) {
-        let now = self.sight.borrow_and_update().clone();
-        let may = |sighted: &AgentSnapshot| {
-            sighted.digest == self.last.digest
-                || objection(&self.agent, &self.package, self.own.as_deref(), sighted).is_none()
+        let now = self.watch.borrow_and_update().clone();
+        let may = |snapshot: &AgentSnapshot| {
+            snapshot.digest == self.last.digest
+                || objection(&self.agent, &self.package, self.own.as_deref(), snapshot).is_none()
         };
-        self.sighted = now.filter(may);
-        if let Some(sighted) = &self.sighted {
-            self.last = sighted.clone();
+        self.snapshot = now.filter(may);
+        if let Some(snapshot) = &self.snapshot {
+            self.last = snapshot.clone();
         }
     }
 
@@ -242,7 +242,7 @@ impl Device for PluginProxy {
                 method.timeout = Millis(method.timeout.0.min(known.timeout.0));
             }
         }
-        if self.sighted.is_none() {
+        if self.snapshot.is_none() {
             model.actions.clear();
             methods.clear();
         }
@@ -250,11 +250,11 @@ impl Device for PluginProxy {
     }
 
     fn facts(&self) -> Vec<OwnFact> {
-        let Some(sighted) = &self.sighted else {
+        let Some(snapshot) = &self.snapshot else {
             return self.last.model.init.iter().cloned().map(OwnFact::from).collect();
         };
         let now = Instant::now();
-        let current = sighted.facts.iter().filter_map(|(fact, until)| {
+        let current = snapshot.facts.iter().filter_map(|(fact, until)| {
             let known_for = until.map(|until| until.saturating_duration_since(now));
             let is_over = known_for.is_some_and(|left| left.is_zero());
             (!is_over).then(|| OwnFact { fact: fact.clone(), known_for })
@@ -265,17 +265,17 @@ impl Device for PluginProxy {
     fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<Report, MethodFailure>> {
         let (bell, to, call) = (self.client.clone(), self.agent.clone(), call.clone());
         let timeout = self.timeout(&call);
-        let mut sight = self.sight.clone();
+        let mut watch = self.watch.clone();
         let incarnation = self.last.incarnation;
         let number = ASKED.fetch_add(1, Ordering::Relaxed);
         Box::pin(async move {
-            let is_gone = |sighted: &Option<AgentSnapshot>| {
-                sighted.as_ref().is_none_or(|sighted| sighted.incarnation != incarnation)
+            let is_gone = |snapshot: &Option<AgentSnapshot>| {
+                snapshot.as_ref().is_none_or(|snapshot| snapshot.incarnation != incarnation)
             };
             tokio::select! {
                 biased;
                 outcome = bell.act(to, call, timeout, number) => outcome,
-                _ = sight.wait_for(is_gone) => {
+                _ = watch.wait_for(is_gone) => {
                     Err(MethodFailure::Driver("act: its plugin has ended meanwhile".to_owned()))
                 }
             }
@@ -293,9 +293,9 @@ impl Device for PluginProxy {
     }
 
     fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<PluginProxy>>> {
-        let mut sight = self.sight.clone();
+        let mut watch = self.watch.clone();
         Some(Box::pin(async move {
-            if sight.changed().await.is_err() {
+            if watch.changed().await.is_err() {
                 // The observer has ended; the proxy agent will end together with its plugin.
                 return std::future::pending().await;
             }

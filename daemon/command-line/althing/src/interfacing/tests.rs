@@ -422,7 +422,7 @@ fn goal_for_desk(goal: &str) -> UserRequest {
     })
 }
 
-/// Waits for the final answer of a goal desk to a goal, and returns it.
+/// Waits for the final answer of a goal gateway to a goal, and returns it.
 async fn desk_answers(clerk: &mut Terminal) -> Result<Outcome, Refusal> {
     loop {
         let heard = timeout(PATIENCE, clerk.events.recv()).await.expect("in time").expect("lives");
