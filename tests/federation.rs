@@ -110,8 +110,9 @@ fn a_machine_moves_while_its_daemon_runs() {
     let Some(mut site) = Site::on_lan(office, &BOARDS) else { return };
     BOARDS.iter().for_each(|board| site.up(board, &[]));
     site.await_all(&BOARDS, &AGENTS);
+    let before = site.incarnation_seen("reasoning", "thermometer-office2").expect("it is seen");
     site.readdress("office2-pi", "10.0.0.3", "10.0.0.99");
-    site.await_seen("reasoning", |seen| !has(seen, "thermometer-office2"));
+    site.await_later_incarnation("reasoning", "thermometer-office2", before);
     site.await_all(&BOARDS, &AGENTS);
     reaches(&site, "reasoning", "(known-temperature office2)");
 }

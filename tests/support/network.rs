@@ -228,6 +228,26 @@ impl Site {
         agents.iter().filter_map(|each| Some(each["daemon"].as_str()?.to_owned())).collect()
     }
 
+    /// Returns the incarnation of an agent as it is seen from a machine; `None` if it is not seen.
+    pub(crate) fn incarnation_seen(&self, machine: &str, agent: &str) -> Option<u64> {
+        let answer = self.ask_json(&self.office.file, machine, &["agents"]);
+        let agents = answer["agents"].as_array().cloned().unwrap_or_default();
+        agents.iter().find(|each| each["agent"] == agent)?["incarnation"].as_u64()
+    }
+
+    /// Waits until a later incarnation of an agent than `before` is seen from a machine. The absence
+    /// in between may be too short to be seen.
+    pub(crate) fn await_later_incarnation(&self, machine: &str, agent: &str, before: u64) {
+        let deadline = Instant::now() + PATIENCE;
+        loop {
+            let seen = self.incarnation_seen(machine, agent);
+            if seen.is_some_and(|seen| seen > before) {
+                return;
+            }
+            assert!(Instant::now() < deadline, "from `{machine}` is seen {agent} {seen:?}");
+        }
+    }
+
     /// Waits until the agents seen from a machine satisfy `is_right`.
     pub(crate) fn await_seen(&self, machine: &str, is_right: impl Fn(&[String]) -> bool) {
         let deadline = Instant::now() + PATIENCE;
