@@ -15,7 +15,7 @@ use crate::initiative::{DeviceEvent, Initiative, InitiativeUpdate};
 /// block. Slow work belongs into the future that [`Device::perform`] returns. Dropping that future
 /// cancels the method.
 pub trait Device: Sized + Send + 'static {
-    /// The result of a method of the device that has succeeded.
+    /// The value that a method of the device yields if it succeeds.
     type Yield: Send + 'static;
 
     /// Returns the action model and the methods that the device offers at present. Called again
@@ -27,9 +27,9 @@ pub trait Device: Sized + Send + 'static {
     /// false.
     fn facts(&self) -> Vec<OwnFact>;
 
-    /// Returns a future that reads the device's real state, which may differ from the config after
-    /// an earlier incarnation. Nothing is announced until the future ends, so its time must be
-    /// bounded. `None` if there is no state to read.
+    /// Returns a future that reads the real state of the device, which may differ from the config
+    /// after an earlier incarnation. The agent announces nothing until the future ends, so the time
+    /// of the future must be bounded. Returns `None` if there is no state to read.
     fn read_state(&self) -> Option<BoxFuture<()>> {
         None
     }
@@ -50,9 +50,10 @@ pub trait Device: Sized + Send + 'static {
     fn on_failure(&mut self, _call: &MethodCall, _failure: &MethodFailure) {}
 
     /// Returns a future that waits for the next event that no request caused: a person moves, a
-    /// battery runs low. The future returns a [`DeviceEvent`], which changes the device. The new
-    /// facts and the new action model are then announced at once, and the initiatives of the event
-    /// are carried out.
+    /// battery runs low. The future returns a [`DeviceEvent`], which changes the device and returns
+    /// its initiatives: goals that the device requests, and questions that it asks people. The new
+    /// facts and the new action model are then announced at once, and the initiatives are carried
+    /// out.
     ///
     /// Called on activation and again after each event. The future is dropped with the agent.
     /// Returns `None` if the device has no such events.
@@ -60,9 +61,9 @@ pub trait Device: Sized + Send + 'static {
         None
     }
 
-    /// Called with news about the initiative `name`. Returns the initiatives that follow from the
-    /// news. A device should not request a refused goal again at once, because it would be refused
-    /// again.
+    /// Called with news about the goal that this device has requested under `name`, or about the
+    /// question that it has asked under `name`. Returns the next initiatives of the device. A goal
+    /// that was refused should not be requested again at once, because it would be refused again.
     fn receive_news(&mut self, _name: &str, _news: &InitiativeUpdate) -> Vec<Initiative> {
         Vec::new()
     }
@@ -87,7 +88,7 @@ pub struct Description {
 pub struct OwnFact {
     /// The fact, as it is written in the `:init` section of a problem.
     pub fact: InitElement,
-    /// How long the fact is still known; with `None` it is known until the device reports
+    /// How long the fact remains known; with `None` it remains known until the device reports
     /// otherwise.
     pub known_for: Option<Duration>,
 }

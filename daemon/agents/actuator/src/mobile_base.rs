@@ -27,12 +27,12 @@ use crate::device::{MethodCall, MethodFailure, MethodResult};
 use crate::initiative::Initiative;
 use crate::pddl_text::{PlaceName, facts_of};
 
-/// Share of the full range at which the battery counts as empty. With less charge the cells are
-/// damaged, and the next place is too far anyway.
+/// Share of the full range at or below which the battery counts as empty. With less charge the
+/// cells are damaged, and the next place is too far anyway.
 const EMPTY: f64 = 0.01;
 
-/// Share of the full range at which the base requests a charge. The rest is enough for the way to
-/// the dock in most buildings.
+/// Share of the full range at or below which the base requests a charge. The rest is enough for the
+/// way to the dock in most buildings.
 const LOW: f64 = 0.25;
 
 /// Priority of charging, above people's goals: a robot that is stranded in a doorway is of no use.
@@ -41,9 +41,8 @@ const CHARGING_PRIORITY: i32 = 10;
 /// Time that the action of charging may take for docking, in addition to the charging itself.
 const DOCKING: Duration = Duration::from_secs(60);
 
-/// How long the driver may take to report the robot's place after a start: longer than a
-/// localization that is already running needs, and short enough that the robot's absence has no
-/// effect.
+/// How long the driver may take after a start to report the robot's place. A localization that is
+/// already running needs less, and the robot's absence during this time has no effect.
 const LOOKED_WITHIN: Duration = Duration::from_secs(1);
 
 /// Cost of charging in a plan, in meters of driving, so that a plan charges the battery only if it
@@ -106,7 +105,7 @@ struct BatteryConfig {
 }
 
 /// A pose, which is a spot beside a place of the map. The config gives the place alone, or the
-/// place with its distance from the pose in meters.
+/// place and its distance from the pose in meters.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(untagged)]
 enum PoseConfig {
@@ -147,8 +146,8 @@ struct PowerSupply {
     dock: PlaceName,
 }
 
-/// State of a mobile base. The future that moves the base shares this state, because that future
-/// may be dropped at any time.
+/// State of a mobile base. The base shares it with the future that moves the base, because that
+/// future may be dropped at any time.
 #[derive(Clone)]
 struct BaseState {
     place: String,
@@ -161,7 +160,7 @@ impl BaseState {
     }
 }
 
-/// Result of a method of the base that has succeeded.
+/// Outcome of a method of the base that has succeeded.
 #[derive(Clone, Debug, PartialEq)]
 pub enum BaseOutcome {
     /// The base stands at this place now.
@@ -234,8 +233,8 @@ impl MobileBase {
         self.current_state().charge.is_some_and(|charge| charge <= power.range * EMPTY)
     }
 
-    /// Waits until the base has an initiative of its own: a request to be charged when its battery
-    /// runs low. [`MobileBase::take_initiatives`] then returns this initiative.
+    /// Waits until the charge of the battery becomes low, or ceases to be low. If it is low,
+    /// [`MobileBase::take_initiatives`] then returns the request to charge it.
     pub fn next_initiative(&self) -> BoxFuture<()> {
         let Some(PowerSupply { range, .. }) = self.power else { return Box::pin(pending()) };
         let (mut changes, wants_charge) = (self.state.subscribe(), self.wants_charge);
@@ -249,7 +248,8 @@ impl MobileBase {
         })
     }
 
-    /// Returns the initiatives that the base has at present, such as a request to be charged.
+    /// Returns the initiatives that the base has at present: the request to charge its battery,
+    /// once each time that the charge becomes low.
     pub fn take_initiatives(&mut self) -> Vec<Initiative> {
         let Some(PowerSupply { range, .. }) = self.power else { return Vec::new() };
         let is_low = self.current_state().is_low(range);
@@ -289,7 +289,8 @@ impl PowerSupply {
 }
 
 impl PoseConfig {
-    /// Distance between pose and place in meters if the config gives none: one step into a room.
+    /// Distance between a pose and its place in meters, if the config gives none: one step into a
+    /// room.
     const METERS: f64 = 1.0;
 
     fn of(
@@ -358,8 +359,9 @@ impl MobileBase {
         text
     }
 
-    /// Returns the actions that the base offers at present, as PDDL. `guard` is an additional
-    /// precondition of moving: a condition on `?b`, the robot.
+    /// Returns the PDDL of the actions that the base offers at present. `guard` is one more
+    /// condition in the precondition of `move`, such as `(not (presenting ?b))`; `?b` is the robot.
+    /// An empty text adds no condition.
     pub fn actions(&self, guard: &str) -> String {
         let kind = self.kind;
         if self.power.is_none() {
@@ -441,7 +443,7 @@ impl MobileBase {
         }
     }
 
-    /// Returns the report about a method of the base that has succeeded.
+    /// Returns the result that the base reports for a method that has succeeded.
     pub fn performed(&self, moved: &BaseOutcome) -> MethodResult {
         let (detail, observed) = match moved {
             BaseOutcome::Arrived(place) => {

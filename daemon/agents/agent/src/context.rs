@@ -119,17 +119,20 @@ impl<A: 'static> Context<A> {
         self.router().directory()
     }
 
-    /// Returns the agent that holds a name; `None` if no agent of that name is present.
+    /// Returns the agent that holds this name: of several agents with the name, the one with the
+    /// smallest incarnation; of several replicas, this is the one that leads or will lead. Returns
+    /// `None` if no agent of this name is present.
     pub fn find(&self, agent: &AgentId) -> Option<Resident> {
         self.router().find(agent)
     }
 
-    /// Returns the domain model that the actuators of this daemon share. The first call creates it.
+    /// Returns the composite domain that the actuators of this daemon share. The first call creates
+    /// it.
     pub fn shared_domain(&self, host: &Host) -> Arc<SharedDomain> {
         self.router().shared_domain(host)
     }
 
-    /// Returns the failure counters of the daemon. This agent uses them to count records that it
+    /// Returns the failure counters of the daemon, in which this agent counts the records that it
     /// could not store.
     pub fn failure_counters(&self) -> Arc<FailureCounters> {
         Arc::clone(self.router().counters())
@@ -250,8 +253,8 @@ impl<A: 'static> Context<A> {
     }
 
     /// Broadcasts a heartbeat of this agent a few milliseconds later, in one batch with heartbeats
-    /// of other agents of the same daemon. The delay is acceptable for heartbeats that report no
-    /// urgent change.
+    /// of other agents of the same daemon. For heartbeats without an urgent change this delay is
+    /// acceptable.
     pub fn batch_heartbeat(&mut self, heartbeat: Heartbeat) {
         let message = self.beating(&Inform::Heartbeat(heartbeat));
         self.router().batch_heartbeat(&message.sender, acl::encode(&message));
@@ -281,8 +284,8 @@ impl<A: 'static> Context<A> {
         self.timers.remove(&timer);
     }
 
-    /// Runs `work` in the background and calls `then` with its result. Dropping the returned handle
-    /// aborts the work.
+    /// Runs `work` in the background, and calls `then` with its result. Dropping the returned
+    /// handle aborts the work.
     pub fn run<T: Send + 'static>(
         &mut self,
         work: impl Future<Output = T> + Send + 'static,

@@ -30,14 +30,14 @@ use crate::domain_tracker::{ANNOUNCED_WITHIN, DomainTracker, PresenceOutcome, an
 /// thousand models takes some milliseconds.
 const COMPOSING_APART: Duration = Duration::from_millis(20);
 
-/// Resolution of a timestamp. A timer for a timestamp waits that much longer, so that it never
-/// fires too early.
+/// Resolution of a timestamp. A timer that is set for a timestamp waits this much longer, so that
+/// it never fires too early.
 const TIMESTAMP_STEP: Duration = Duration::from_millis(1);
 
-/// First wait before an agent that gave no answer is asked for its model again; the wait doubles
-/// each time, and `ASKED_AGAIN` is the number of repetitions. Presence is known a moment before
-/// queries reach the agent; Zenoh's routes are there after a tenth of a second at most. An agent
-/// without a model never answers.
+/// First wait before an agent that gave no answer is asked for its model again. The wait doubles
+/// each time, and `ASKED_AGAIN` is the number of repetitions. A query can be lost because Zenoh
+/// announces the presence of an agent a moment before queries reach it; the routes are there after
+/// a tenth of a second at most. An agent without a model never answers.
 const ASK_AGAIN: Duration = Duration::from_millis(15);
 const ASKED_AGAIN: u32 = 5;
 
@@ -47,7 +47,8 @@ pub struct DomainSync {
     pub maintainer: Maintainer,
     tracker: DomainTracker,
     began: Instant,
-    /// Timer of the next expiry or removal.
+    /// Timer of the next time at which a fact expires, an agent counts as silent, or the objects
+    /// and facts of an agent that has left are removed.
     due: Option<TimerId>,
     /// Time of the last composition of models.
     composed: Option<Instant>,
@@ -55,7 +56,7 @@ pub struct DomainSync {
     fetching: BTreeMap<AgentId, WorkHandle>,
 }
 
-/// Agent that keeps a Domain Maintainer.
+/// An agent that keeps a Domain Maintainer.
 pub trait MaintainsDomain: Agent {
     /// Returns the maintainer and the data for keeping it up to date.
     fn domain_sync(&mut self) -> &mut DomainSync;
@@ -149,7 +150,7 @@ pub fn compose<A: MaintainsDomain>(agent: &mut A, ctx: &mut Context<A>) {
     timer.into_iter().for_each(|timer| ctx.cancel_timer(timer));
 }
 
-/// Handles that another agent has joined or left.
+/// Handles the news that another agent has joined or left.
 pub fn presence<A: MaintainsDomain>(agent: &mut A, presence: &Presence, ctx: &mut Context<A>) {
     let (name, incarnation) = (presence.resident().agent.clone(), presence.resident().incarnation);
     let now = agent.domain_sync().timestamp();
@@ -171,8 +172,8 @@ pub fn presence<A: MaintainsDomain>(agent: &mut A, presence: &Presence, ctx: &mu
     report(agent, &change, ctx);
 }
 
-/// Reports a change of the domain to the agent, and schedules the next expiry or removal. Call this
-/// function after any change that the agent makes in the maintainer itself.
+/// Reports a change of the domain to the agent, and sets the timer of the next expiry or removal.
+/// Call this function after any change that the agent itself makes in the maintainer.
 pub fn report_change<A: MaintainsDomain>(
     agent: &mut A,
     change: &DomainChange,
@@ -191,7 +192,8 @@ fn report<A: MaintainsDomain>(agent: &mut A, change: &DomainChange, ctx: &mut Co
     }
 }
 
-/// Sets the timer of the next expiry or removal.
+/// Sets the timer to the next time at which a fact expires, an agent counts as silent, or the
+/// objects and facts of an agent that has left are removed.
 fn schedule_due<A: MaintainsDomain>(agent: &mut A, ctx: &mut Context<A>) {
     let sync = agent.domain_sync();
     let next = sync.tracker.next_due(&sync.maintainer, ctx.settings().removal);
@@ -203,7 +205,8 @@ fn schedule_due<A: MaintainsDomain>(agent: &mut A, ctx: &mut Context<A>) {
     sync.due = wait.map(|wait| ctx.after(wait, advance));
 }
 
-/// Applies the expiries and removals that are due, and reports them.
+/// Handles the facts that have expired, the agents that have become silent, and the removals that
+/// are due. Reports the changes to the agent.
 fn advance<A: MaintainsDomain>(agent: &mut A, ctx: &mut Context<A>) {
     let (now, removal) = (agent.domain_sync().timestamp(), ctx.settings().removal);
     let DomainSync { maintainer, tracker, .. } = agent.domain_sync();

@@ -48,7 +48,7 @@ enum AgentEvent<A: Agent> {
     Finished(DeferredCallback<A>),
     /// A timer or a retry is due.
     Due,
-    /// The daemon is draining.
+    /// The agent must stop.
     Stopping,
 }
 
@@ -64,12 +64,12 @@ struct AgentTask<A: Agent> {
     /// the memory of the daemon's directory if the agent was notified of all changes. `None` while
     /// the agent ignores presence changes, so that idle agents do not keep outdated directories.
     told: Option<Arc<Directory>>,
-    /// Future that completes when the daemon drains. This future and `alarm` live as long as the
-    /// task. If they were created for each event, a thousand agents that wake at once would each
-    /// add them to the runtime's lists and remove them every time.
+    /// Completes when the agent must stop, because its daemon shuts down or its owner stops it.
+    /// This future and `alarm` are created once, not for each event. Otherwise a thousand agents
+    /// that wake at once would each register both futures with the runtime, and remove them again.
     stopping: Pin<Box<WaitForCancellationFutureOwned>>,
     alarm: Pin<Box<Sleep>>,
-    /// State of the agent as leader or standby; `None` for an agent without replicas.
+    /// Whether the agent is the leader or a standby; `None` for an agent without replicas.
     standing: Option<Leadership>,
     /// Presence token: keeps the agent present until the task ends.
     _token: PresenceToken,
@@ -184,8 +184,8 @@ impl<A: Agent> AgentTask<A> {
         }
     }
 
-    /// Whether presence changes matter now: for the agent itself, for messages without a receipt,
-    /// or for leadership.
+    /// Whether this agent must be notified of presence changes now: because the agent wants them,
+    /// because it awaits the receipts of messages, or because it has replicas.
     fn heeds_presence(&self) -> bool {
         self.standing.is_some()
             || self.ctx.communication.awaits_receipts()
@@ -221,7 +221,8 @@ impl<A: Agent> AgentTask<A> {
         self.update_leadership();
     }
 
-    /// Checks whether this agent has become the leader or a standby, and acts on the change.
+    /// Checks whether this agent has become the leader or a standby, and notifies the agent of the
+    /// change.
     fn update_leadership(&mut self) {
         if self.standing.is_none() {
             return;
@@ -334,7 +335,8 @@ impl<A: Agent> AgentTask<A> {
         }
     }
 
-    /// Handles a turn that the initiator of an exchange with this agent has sent.
+    /// Handles a further message of an exchange with this agent, which the initiator of the
+    /// exchange has sent.
     fn turn(&mut self, message: Message) {
         if self.ctx.communication.continues_engagement(&message) {
             let to_all = message.receiver.is_empty();

@@ -37,26 +37,28 @@ enum Threads {
     Simulated(Arc<dyn MachineSimulation>, Arc<Semaphore>),
 }
 
-/// A simulated machine: its wall clock, and the duration of its work.
+/// A simulated machine: its wall clock, and the duration of the work that its agents run besides
+/// their callbacks.
 pub trait MachineSimulation: Send + Sync + 'static {
     /// Returns the time of day of the simulated machine; it may jump.
     fn wall_clock(&self) -> SystemTime;
 
-    /// Returns how long the next piece of work takes, in simulated time.
+    /// Returns how long the next work takes in simulated time. Work is a computation or an access
+    /// to a disk, which an agent runs besides its callbacks.
     fn work_duration(&self) -> Duration;
 
     /// Called when an agent of this machine has handled an event, or when its incarnation has
-    /// ended. `_exchanges` summarises the exchanges that the agent has open.
+    /// ended. `_exchanges` summarises the exchanges that are open then.
     fn waits_changed(&self, _agent: &AgentId, _life: Incarnation, _exchanges: ExchangeSummary) {}
 }
 
-/// Error of work that did not finish: it panicked, or the daemon is ending. The message completes
-/// “failed to …”.
+/// Error of work that did not finish: the work panicked, or the daemon is ending. The message
+/// completes “failed to …”.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("finish a piece of work: {0}")]
 pub struct WorkError(String);
 
-/// Counter that holds the number of the last incarnation, in memory and on disk.
+/// Counter of incarnations: the number of the last one, in memory and on disk.
 #[derive(Default)]
 struct IncarnationCounter {
     last: Mutex<u64>,
@@ -64,8 +66,9 @@ struct IncarnationCounter {
 }
 
 impl HostServices {
-    /// Creates the services of the machine on which this process runs. The folder `state` keeps
-    /// data for the next process; with `None` no data are kept.
+    /// Creates the services of the machine on which this process runs. The number of the last
+    /// incarnation is read from a file in the folder `state`, and kept there for the next process;
+    /// with `None` the number is neither read nor kept.
     pub fn new(state: Option<PathBuf>) -> HostServices {
         // One computation per core, and two if there is one core, so that a long search does not
         // delay a short one.
@@ -73,7 +76,8 @@ impl HostServices {
         HostServices { threads, lives: Arc::new(IncarnationCounter::open(state)) }
     }
 
-    /// Creates the services of a simulated machine.
+    /// Creates the services of a simulated machine. The folder `state` is used as in
+    /// [`HostServices::new`].
     pub fn simulated(
         simulated: Arc<dyn MachineSimulation>,
         state: Option<PathBuf>,
@@ -157,7 +161,8 @@ impl HostServices {
 }
 
 impl Default for HostServices {
-    /// Creates the services of this machine, without data of earlier processes.
+    /// Creates the services of the machine on which this process runs, without a state folder. No
+    /// incarnation number is read from an earlier process or kept for a later one.
     fn default() -> HostServices {
         HostServices::new(None)
     }
@@ -178,8 +183,8 @@ impl IncarnationCounter {
     fn open(state: Option<PathBuf>) -> IncarnationCounter {
         let path = state.map(|folder| folder.join(LIVES));
         let text = path.as_ref().and_then(|path| std::fs::read_to_string(path).ok());
-        // A file that cannot be read counts as missing. The clock alone then decides, as on a new
-        // machine.
+        // A file that cannot be read counts as missing. The clock alone then determines the next
+        // number, as on a new machine.
         let last = text.and_then(|text| text.trim().parse().ok()).unwrap_or(0);
         IncarnationCounter { last: Mutex::new(last), path }
     }

@@ -10,7 +10,7 @@ use conversation::DuplicateWindow;
 use substrate::ReceivedQuery;
 use tokio::sync::mpsc;
 
-/// Item in a mailbox: a message, some receipts, a query, or a notice of the router.
+/// Item in a mailbox: a message, receipts, a query, or a notice of the router.
 pub(crate) enum MailboxItem {
     /// A message to this agent alone, not decoded.
     Direct(Bytes),
@@ -46,7 +46,7 @@ struct FilterWindows {
     refused: DuplicateWindow,
 }
 
-/// State of a message that an agent takes out of its mailbox.
+/// State of a message that an agent takes out of its mailbox, by the agent's duplicate window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum MessageState {
     /// The message is new.
@@ -57,7 +57,7 @@ pub(crate) enum MessageState {
     Refused,
 }
 
-/// Counters of a mailbox.
+/// Counts of items: those that were put into a mailbox, and those that found it full.
 #[derive(Default)]
 struct MailboxCounters {
     received: AtomicU64,

@@ -8,8 +8,8 @@ use tokio::sync::broadcast;
 
 use crate::directory::Directory;
 
-/// Capacity of the channel of presence changes. An agent that misses changes because it lags
-/// further behind compares directories instead.
+/// Capacity of the channel of presence changes. An agent that lags further behind misses changes,
+/// and compares directories instead.
 const CHANGES_MAX: usize = 1_024;
 
 /// The present agents, and the subscribers to changes of presence.
@@ -37,7 +37,8 @@ impl AgentMembership {
         (Arc::clone(&self.directory), self.changes.subscribe())
     }
 
-    /// Returns the directory if the receiver has no unread change; otherwise `None`.
+    /// Returns the directory if `receiver` has no unread change, so that its agent has received all
+    /// changes in the directory; otherwise `None`.
     pub(crate) fn directory_if_read(
         &self,
         receiver: &broadcast::Receiver<Presence>,
@@ -45,8 +46,8 @@ impl AgentMembership {
         receiver.is_empty().then(|| Arc::clone(&self.directory))
     }
 
-    /// Applies a change of presence. Sends the resulting changes of holders to the subscribers, and
-    /// returns these changes.
+    /// Applies a change of presence. If the holder of the name changes, sends that change to the
+    /// subscribers, and returns it: the former holder has left, and the new one has joined.
     pub(crate) fn update(&mut self, presence: &Presence) -> Vec<Presence> {
         let changes = Arc::make_mut(&mut self.directory).update(presence);
         for change in &changes {

@@ -59,11 +59,11 @@ pub struct MessageRouter {
     domain_feed: DomainFeed,
     reports: DaemonReports,
     counters: Arc<FailureCounters>,
-    /// Counters and log of rejected messages.
+    /// Counters and log of the messages that this daemon has rejected.
     rejections: Arc<Rejections>,
 }
 
-/// State under one lock, so that a broadcast is cached only as long as its sender is present.
+/// State under one lock, so that a broadcast is in the cache only as long as its sender is present.
 #[derive(Default)]
 struct RouterState {
     membership: AgentMembership,
@@ -131,8 +131,8 @@ impl MessageRouter {
         self.reports.set_files(files);
     }
 
-    /// Replaces the list of agents that the finder `by` has discovered. A finder is a gateway, or
-    /// the folder of plugins.
+    /// Replaces the list of agents that `by` has discovered: the name of a gateway, the name of an
+    /// agent that watches a board, or `plugins` for the folder of plugins.
     pub fn discovered(&self, by: &str, agents: Vec<Discovered>) {
         self.reports.set_discovered(by, agents);
     }
@@ -174,7 +174,9 @@ impl MessageRouter {
         Arc::clone(self.read().membership.directory())
     }
 
-    /// Returns the agent that holds a name; `None` if no agent of that name is present.
+    /// Returns the agent that holds this name: of several agents with the name, the one with the
+    /// smallest incarnation; of several replicas, this is the one that leads or will lead. Returns
+    /// `None` if no agent of this name is present.
     pub fn find(&self, agent: &AgentId) -> Option<Resident> {
         self.read().membership.directory().find(agent).cloned()
     }
@@ -186,7 +188,8 @@ impl MessageRouter {
         self.read().membership.subscribe()
     }
 
-    /// Returns the directory if the receiver has no unread presence change; otherwise `None`.
+    /// Returns the directory if `receiver` has no unread presence change, so that its agent has
+    /// received all changes in the directory; otherwise `None`.
     pub(crate) fn directory_if_read(
         &self,
         receiver: &broadcast::Receiver<Presence>,
@@ -271,8 +274,9 @@ impl MessageRouter {
         self.domain_feed.domain()?.announcement(agent, incarnation, digest)
     }
 
-    /// Counts and logs that an announcement or heartbeat was not accepted. Does nothing if the
-    /// shared domain exists, because the domain feed then counts and logs it.
+    /// Counts and logs an announcement or heartbeat that a Domain Maintainer of this daemon has not
+    /// accepted, for the reason `why`. Does nothing if the actuators of this daemon share a domain:
+    /// the feed of the shared domain receives the same message, and counts and logs it there.
     pub(crate) fn not_taken(&self, message: &Message, why: &str) {
         if self.domain_feed.domain().is_none() {
             self.rejections.not_taken(message, why);

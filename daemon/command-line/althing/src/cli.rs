@@ -596,7 +596,7 @@ pub(crate) enum ShellArg {
 pub(crate) enum SubstrateArg {
     /// Zenoh
     Zenoh,
-    /// A transport in memory
+    /// The memory of this process, without a network
     Memory,
 }
 

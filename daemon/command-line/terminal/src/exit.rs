@@ -17,8 +17,8 @@ pub const UNPROVEN_OUT_OF_MEMORY: u8 = 1;
 /// Exit code of `plan --optimal`: a plan was found, and time ran out before it was proven to be the
 /// cheapest.
 pub const UNPROVEN_OUT_OF_TIME: u8 = 2;
-/// Exit code of `plan --optimal`: a plan was found, which for another reason is not proven to be
-/// the cheapest.
+/// Exit code of `plan --optimal`: a plan was found, but is not proven to be the cheapest, for a
+/// reason other than time or memory.
 pub const UNPROVEN: u8 = 4;
 /// Exit code of `plan`: memory ran out before a plan was found.
 pub const OUT_OF_MEMORY: u8 = 22;
@@ -38,7 +38,7 @@ pub const UNAVAILABLE: u8 = 69;
 pub const OUTPUT: u8 = 74;
 /// `EX_NOPERM`: the user did not grant a permission that the command needs.
 pub const NOT_ALLOWED: u8 = 77;
-/// `EX_CONFIG`: the configuration is wrong; a service manager need not try again.
+/// `EX_CONFIG`: the configuration is wrong, so a service manager need not start the process again.
 pub const CONFIG: u8 = 78;
 
 /// Returns the exit code of a process that a signal ended, as a shell gives it: 130 for SIGINT, 143

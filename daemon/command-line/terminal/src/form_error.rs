@@ -1,6 +1,6 @@
-//! Parses the messages of serde about a text that has the wrong form. A caller then expresses the
-//! error in words for the author of the text, because serde uses terms of Rust: “invalid type: map,
-//! expected a sequence”.
+//! Parses the error messages of serde about a text (JSON or TOML) that has the wrong form. A caller
+//! then expresses the error in words for the author of the text, because serde uses terms of Rust:
+//! “invalid type: map, expected a sequence”.
 
 use std::borrow::Cow;
 
@@ -68,14 +68,15 @@ fn without_place(said: &str) -> &str {
     }
 }
 
-/// Returns the first word in backquotes in a text, and all other words in backquotes. Returns
+/// Returns the first word that stands between backquotes in a text, and the further ones. Returns
 /// `None` if there is none.
 fn first_and_rest(text: &str) -> Option<(&str, Vec<&str>)> {
     let mut quoted = text.split('`').skip(1).step_by(2);
     Some((quoted.next()?, quoted.collect()))
 }
 
-/// Describes a Rust type as a kind of value, in words for the author of a text.
+/// Converts serde's name of an expected type to words for the author of the text: `a sequence`
+/// becomes `a list in [ ]`.
 pub fn kind(wanted: &str) -> Cow<'_, str> {
     let whole = |to: u32| Cow::from(format!("a whole number from 0 to {to}"));
     match wanted {
@@ -95,7 +96,8 @@ pub fn kind(wanted: &str) -> Cow<'_, str> {
     }
 }
 
-/// Describes a value that a message of serde contains, in words for the author of a text.
+/// Converts serde's description of a value to words for the author of the text: ``string "x"``
+/// becomes ``the text "x"``, and `map` becomes `a table`.
 pub fn got(said: &str) -> String {
     let within = |prefix: &str| said.strip_prefix(prefix).map(|rest| rest.trim_matches('`'));
     match said {

@@ -6,23 +6,25 @@ use crate::formatting::{self, Color};
 use crate::visible;
 
 /// A text that can be sent to a terminal safely. It consists of escape sequences of this program,
-/// and of other texts in which control characters were made visible.
+/// and of other texts in which control characters were replaced by visible ones.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Styled(String);
 
 impl Styled {
-    /// Creates a styled text from a part of a line, in which control characters are made visible.
+    /// Creates a styled text from `text`, which then stands in one line: each control character,
+    /// also a line break, is replaced by a visible one, such as `␊`.
     pub fn line(text: &str) -> Styled {
         Styled(visible::line(text).into_owned())
     }
 
-    /// Creates a styled text from a part of a line, in which control characters are made visible.
-    /// The text is colored if stdout is colored.
+    /// Creates a styled text from `text`, as [`Styled::line`] does, and colors it if stdout is
+    /// colored.
     pub fn painted(color: Color, text: &str) -> Styled {
         Styled(formatting::paint(color, &visible::line(text)))
     }
 
-    /// Appends a part of a line, in which control characters are made visible.
+    /// Appends `text`. As in [`Styled::line`], control characters in it are replaced by visible
+    /// ones.
     #[must_use]
     pub fn and(mut self, text: &str) -> Styled {
         self.0.push_str(&visible::line(text));

@@ -2,12 +2,13 @@
 
 use crate::{Building, BuildingEvent, Layout, Truth};
 
-/// Returns the building of the paper's office, in real time by Tokio's clock, which tests pause.
+/// Returns the simulated building of seed 0, which is the paper's office. Its durations are those
+/// of reality, measured by Tokio's clock; while a test pauses that clock, no time passes.
 pub(crate) fn office() -> Building {
     Building::new(Layout::seeded(0).layout, 1.0).expect("the time scale is possible")
 }
 
-/// Returns the log of the building, one line per occurrence, in the form that tests expect.
+/// Returns the log of the building: one line per occurrence, in the form that the tests expect.
 pub(crate) fn log_lines(truth: &Truth) -> Vec<String> {
     truth.occurrences().map(|occurrence| line(&occurrence.event)).collect()
 }

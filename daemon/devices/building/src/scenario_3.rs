@@ -1,5 +1,6 @@
 //! Scenario 3 of the paper: people come to the entry, the camera sees them, and a robot goes to the
-//! entry. The people then log in at the robot's screen, or fail to log in.
+//! entry. At the robot's screen each visitor must be validated: the robot puts a question to the
+//! keyboards, and a visitor with a right answer is validated.
 //!
 //! Seed 0 is the paper's office; its entry is the corridor. Every other seed draws another
 //! building, another entry, and the order of the visitors.
@@ -19,7 +20,7 @@ const ROBOT: &str = "turtlebot-1";
 /// Name of the camera with the view of the entry.
 const CAMERA: &str = "camera-1";
 
-/// The answers of the people at the keyboards to the question about a visitor.
+/// The answers that people at the keyboards give to the robot's question about a visitor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum AnswerPattern {
@@ -50,14 +51,14 @@ pub struct Visit {
     pub manner: AnswerPattern,
 }
 
-/// The outcome of a visit, as the ecosystem reports it.
+/// The outcome of a visit, as the agents of the ecosystem report it.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct VisitOutcome {
     /// The name of the person.
     pub person: String,
-    /// Times at which the question was shown at a keyboard. Each time is the sequence number of the
-    /// building's next occurrence.
+    /// Times at which the question about this person was shown at a keyboard. Each time is the
+    /// sequence number of the building's next occurrence.
     pub asked: Vec<u64>,
     /// Whether the person was validated.
     pub validated: bool,
@@ -78,7 +79,7 @@ pub struct AccessScenario {
 }
 
 impl AccessScenario {
-    /// Returns the scenario of this seed, which is the same on every machine.
+    /// Returns the scenario of this seed. It is the same on every machine.
     pub fn seeded(seed: u64) -> AccessScenario {
         let drawn = if seed == 0 { paper_office() } else { draw(seed) };
         drawn.expect("invariant: word lists and ranges stay within what a layout allows")
@@ -94,7 +95,7 @@ impl AccessScenario {
         ROBOT
     }
 
-    /// Checks the scenario against the truth and the reported outcomes.
+    /// Checks the truth of the building and the reported outcomes of the visits.
     ///
     /// The following must hold:
     /// 1. All visitors came, in the order of the visits, and the question was asked for each of
@@ -183,8 +184,9 @@ fn draw(seed: u64) -> Result<AccessScenario, LayoutError> {
     finish(seed, layout, entry, &manners)
 }
 
-/// Adds the camera and the visits. The visit with only wrong answers locks the screen; therefore it
-/// is the last.
+/// Completes the building with the camera, and returns the scenario with its visits. Each visitor
+/// gets the answers of one element of `manners`, and a last visitor gets wrong answers only. That
+/// visitor comes last, because wrong answers lock the robot's screen.
 fn finish(
     seed: u64,
     mut layout: Layout,

@@ -25,30 +25,29 @@ use tokio_util::sync::CancellationToken;
 use crate::package::Package;
 use crate::plugin_client::PluginClientHandle;
 
-/// Time for which a proxy agent stays in the ecosystem, without actions, while the plugin's process
-/// is absent. The agent stays because most absences are short: a plugin that ended is restarted.
+/// How long a proxy agent stays in the ecosystem, without actions, while the plugin's process is
+/// absent. The agent stays because most absences are short: a plugin that has ended is restarted.
 const ABSENCE_MAX: Duration = Duration::from_secs(5);
 
 /// Pause before another attempt to run a proxy agent that could not run in the ecosystem. A reason
 /// for such a failure is that another agent has the same name.
 const RETRY_WAIT: Duration = Duration::from_secs(5);
 
-/// Timeout of a method without a known timeout.
+/// Timeout of a call if the plugin's agent describes no method for the action.
 const UNSAID: Duration = Duration::from_secs(60);
 
-/// Agents that have joined the endpoint of a plugin, by name. The value is `Ok` for an admitted
-/// agent, and otherwise the reason why the agent is not admitted.
+/// Agents that have joined the endpoint of a plugin, by name. The value is `Ok` for an agent that
+/// is accepted as it describes itself, and otherwise the reason why it is not accepted.
 pub(crate) type AdmittedAgents =
     watch::Sender<std::collections::BTreeMap<AgentId, Result<(), String>>>;
 
-/// Task that keeps the proxy agent for one agent of a plugin in the ecosystem while the plugin
-/// brings that agent.
+/// Task that runs the proxy agent for one agent of a plugin while the plugin brings that agent.
 pub(crate) struct ProxyRunner {
     pub(crate) agent: AgentId,
     pub(crate) watch: AgentWatch,
     pub(crate) client: PluginClientHandle,
     pub(crate) package: Arc<Package>,
-    /// Action model of the agent in the package; `None` if the package has none.
+    /// Action model of the agent, as the package contains it; `None` if the package contains none.
     pub(crate) own: Option<Arc<ActionModel>>,
     pub(crate) spawner: Spawner,
     pub(crate) accepted: Arc<AdmittedAgents>,
@@ -56,7 +55,7 @@ pub(crate) struct ProxyRunner {
 }
 
 impl ProxyRunner {
-    /// Runs the proxy agent whenever the plugin's agent is present and admitted. Returns when the
+    /// Runs the proxy agent whenever the plugin's agent is present and accepted. Returns when the
     /// endpoint is closed.
     pub(crate) async fn run(mut self) {
         let stopping = self.stopping.clone();
@@ -159,8 +158,8 @@ impl ProxyRunner {
     }
 }
 
-/// Returns the reason why the agent of the plugin in `snapshot` is not admitted; `None`
-/// if it is admitted.
+/// Returns the reason why the plugin's agent is not accepted as `snapshot` describes it; `None` if
+/// it is accepted.
 fn objection(
     agent: &AgentId,
     package: &Package,
@@ -173,8 +172,8 @@ fn objection(
     package.objection(&snapshot.model, &snapshot.methods, own)
 }
 
-/// Waits until the plugin's agent is present, and returns its snapshot; `None` if the observer has
-/// ended.
+/// Waits until the plugin's agent is present, and returns its snapshot; `None` if the observer of
+/// the plugin's agents has ended.
 async fn appeared(watch: &mut AgentWatch) -> Option<AgentSnapshot> {
     watch.wait_for(Option::is_some).await.ok()?.clone()
 }
@@ -184,8 +183,8 @@ async fn wait_until_absent(watch: &mut AgentWatch) {
     let _ = watch.wait_for(Option::is_none).await;
 }
 
-/// Waits until the plugin's agent is absent, or present with another incarnation or description
-/// than the rejected ones.
+/// Waits until the plugin's agent is absent, or is present with another incarnation or another
+/// digest than the given ones.
 async fn wait_until_changed(watch: &mut AgentWatch, (incarnation, digest): (Incarnation, String)) {
     let is_other = |snapshot: &Option<AgentSnapshot>| {
         snapshot.as_ref().is_none_or(|it| it.incarnation != incarnation || it.digest != digest)
@@ -199,15 +198,17 @@ struct PluginProxy {
     package: Arc<Package>,
     own: Option<Arc<ActionModel>>,
     watch: AgentWatch,
-    /// Snapshot of the plugin's agent; `None` while the agent is absent or not admitted.
+    /// Snapshot of the plugin's agent; `None` while the agent is absent or not accepted.
     snapshot: Option<AgentSnapshot>,
-    /// Latest snapshot with which the plugin's agent was admitted.
+    /// Latest snapshot with which the plugin's agent was accepted: its action model, methods and
+    /// facts. While `snapshot` is `None`, the proxy agent has no actions, and the facts of the
+    /// model in `last`.
     last: AgentSnapshot,
     client: PluginClientHandle,
 }
 
 impl PluginProxy {
-    /// Updates the snapshot of the plugin's agent.
+    /// Takes over the present snapshot of the plugin's agent, if the agent is accepted with it.
     fn update_snapshot(&mut self) {
         let now = self.watch.borrow_and_update().clone();
         let may = |snapshot: &AgentSnapshot| {

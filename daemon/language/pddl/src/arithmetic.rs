@@ -9,17 +9,17 @@
 
 use crate::tree::{Assignment, Comparison, Operator};
 
-/// Number of decimal digits that every 64-bit binary number preserves.
+/// Number of decimal digits that `f64` preserves in every number.
 const DIGITS: i32 = 15;
 
-/// Number of digits to which a quotient is rounded, if this changes it by no more than a rounding
-/// error.
+/// Number of decimal digits to which a quotient is rounded, if this changes the quotient by no more
+/// than a rounding error.
 const QUOTIENT_DIGITS: i32 = 12;
 
-/// Bound up to which a 64-bit binary number represents every whole number exactly.
+/// 2^53: up to this bound, `f64` represents every whole number exactly.
 const WHOLE_MAX: f64 = 9_007_199_254_740_992.0;
 
-/// Powers of ten that a 64-bit binary number represents exactly.
+/// Powers of ten that `f64` represents exactly.
 const POWERS: [f64; 23] = [
     1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16,
     1e17, 1e18, 1e19, 1e20, 1e21, 1e22,
@@ -136,8 +136,8 @@ fn round_fraction(value: f64, magnitude: f64, digits: i32) -> f64 {
     if scaled.abs() <= WHOLE_MAX { scaled / power } else { value }
 }
 
-/// Rounds a small number to `places` decimal places by formatting and parsing it, because the power
-/// of ten is not exact there.
+/// Rounds a number to `places` decimal places by formatting and parsing it. Used for so many places
+/// that `f64` does not represent the power of ten exactly.
 fn of_text(value: f64, places: usize) -> f64 {
     format!("{value:.places$}").parse().unwrap_or(value)
 }

@@ -14,16 +14,16 @@ use crate::event::{
 use crate::transitions::is_lawful;
 
 /// Delay between a change of the world and the next check of the goals. One change causes several
-/// messages, and a single check covers all of them.
+/// messages, and one check covers all of them.
 pub const SETTLE_DELAY: Duration = Duration::from_millis(20);
 
-/// Interval at which waiting and holding goals are checked even without any message of a change,
+/// Interval at which waiting and holding goals are checked even if no message reports a change,
 /// because a broadcast may be lost.
 pub const RECHECK_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Number of plans in a row that may fail before a goal that is to be achieved once is given up.
-/// Every failure rules out an action for a while, so this many failures mean that no other way is
-/// left.
+/// Each failure excludes an action from planning for a while, so after this many failures no other
+/// way is left.
 pub const FAILURES_MAX: u32 = 12;
 
 /// Delay before planning again when no plan was found. Within this delay the latest announcements
@@ -33,19 +33,21 @@ const ANNOUNCEMENT_DELAY: Duration = Duration::from_millis(100);
 /// Delay before a query to another agent is repeated if no answer was received.
 const ASK_AGAIN: Duration = Duration::from_millis(500);
 
-/// Duration of the warm-up after a fail-over, during which a missing agent does not count as gone.
-/// Daemons that boot together need this long to connect and to announce their models.
+/// Length of the warm-up, which begins when this replica takes a goal over. During the warm-up a
+/// missing agent does not count as gone. After a power cut all machines start at once, and this
+/// replica takes over the goals of its earlier incarnation. The daemons then need this long to
+/// connect and to announce the action models of their agents.
 const WARM_UP: Duration = Duration::from_secs(10);
 
-/// How long a goal counts as blocked by agents that other goals use, without planning for it again.
-/// After this time planning is tried again, because the state may have changed.
+/// How long a goal is not planned for again because other goals use the agents that it needs. After
+/// this time planning is tried again, because the state may have changed.
 const STILL_BLOCKED: Duration = Duration::from_secs(5);
 
 /// Maximum number of blocking goals that a message to the initiator lists by name.
 const BLOCKERS_TOLD: usize = 3;
 
-/// Number of checks of the goal before its executed plan counts as ineffective. The last heartbeat
-/// of an agent may arrive after the first check.
+/// Number of checks of the goal after which its executed plan counts as ineffective. The last
+/// heartbeat of an agent may arrive after the first check.
 const LOOKS_MAX: u32 = 3;
 
 /// Number of failed plans in a row before replanning backs off, so that a permanent fault does not
@@ -76,7 +78,8 @@ pub struct GoalState {
     /// Number of plans in a row that have failed.
     failures: u32,
     planning_mode: PlanningMode,
-    /// Time at which this replica took the goal over; `None` if it has had the goal from the start.
+    /// Time at which this replica took the goal over from the records in the Journals; `None` if it
+    /// has had the goal from the start.
     adopted_at: Option<Duration>,
     /// The blockers that the last report to the initiator named, as text.
     blocked_by: String,
@@ -163,12 +166,13 @@ impl GoalState {
         &self.waits_because
     }
 
-    /// Returns the number of the work that the state machine began last.
+    /// Returns the number of the work that this state began last. Events of earlier work have a
+    /// smaller number.
     pub fn attempt(&self) -> Attempt {
         self.attempt
     }
 
-    /// Returns the number of plans for this goal executed so far.
+    /// Returns the number of plans that were executed for this goal so far.
     pub fn rounds(&self) -> u32 {
         self.rounds
     }
@@ -178,18 +182,18 @@ impl GoalState {
         self.failures
     }
 
-    /// Returns the constraints of the next round of planning.
+    /// Returns which other plans and goals the next round of planning must respect.
     pub fn planning_mode(&self) -> PlanningMode {
         self.planning_mode
     }
 
-    /// Returns the back-off of actions that failed in earlier plans.
+    /// Returns the back-off of the actions that failed in earlier plans.
     pub fn backoffs(&self) -> &ActionBackoffs {
         &self.backoffs
     }
 
-    /// Returns the back-off of failed actions for changes, such as a comparison with the present
-    /// offers.
+    /// Returns the back-off of the failed actions, to be changed: for example, to compare it with
+    /// the present offers.
     pub fn backoffs_mut(&mut self) -> &mut ActionBackoffs {
         &mut self.backoffs
     }
@@ -275,8 +279,7 @@ impl GoalState {
     }
 
     /// Whether the goal was taken over less than [`WARM_UP`] ago. The agents that could reach the
-    /// goal may not be known yet: after a power cut all machines start at once, some of them
-    /// slowly.
+    /// goal may not be known yet.
     fn in_warm_up(&self, now: Duration) -> bool {
         self.adopted_at.is_some_and(|adopted| now < adopted.saturating_add(WARM_UP))
     }
@@ -396,7 +399,7 @@ impl GoalState {
         }
     }
 
-    /// Handles the reason for the missing plan: tries the next mode of planning, waits for other
+    /// Handles the reason why there is no plan: tries the next mode of planning, waits for other
     /// goals, or reports the reason.
     fn explained(
         &mut self,
@@ -473,9 +476,9 @@ impl GoalState {
         commands
     }
 
-    /// Handles a round of planning without a plan. While messages of recent changes may still
-    /// arrive, plans once more. After that, a goal that is to be achieved once ends; a kept goal
-    /// waits until the ecosystem changes, or until a failed action may be tried again.
+    /// Handles a round of planning that found no plan. While messages about recent changes may
+    /// still arrive, plans once more. After that, a goal that is to be achieved once ends; a kept
+    /// goal waits until the ecosystem changes, or until a failed action may be tried again.
     fn no_plan(&mut self, why: String, now: Duration, policy: Policy) -> Vec<GoalCommand> {
         if std::mem::take(&mut self.is_request_stale) {
             // The search used an outdated state of the world.
@@ -507,8 +510,8 @@ impl GoalState {
 
     // === execution ===
 
-    /// Continues with a plan of the goal that already runs, in place of the plan made here. If the
-    /// replaced plan was to be cancelled, the running plan is cancelled.
+    /// Continues with a plan of the goal that already runs, instead of the plan made here. If that
+    /// plan was to be cancelled, the running plan is cancelled.
     fn other_plan_runs(&mut self, round: u32) -> Vec<GoalCommand> {
         self.rounds = self.rounds.max(round);
         let adopted =

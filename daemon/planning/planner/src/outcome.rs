@@ -22,8 +22,8 @@ pub struct PlanningOutcome {
     /// plan is proved to be optimal, if there is no plan, or if no proof was requested.
     pub unproven: Option<StopReason>,
     /// Property of the costs that makes a proof of optimality impossible; `None` if there is no
-    /// such property. Always set if this property is why [`PlanningOutcome::unproven`] is
-    /// [`StopReason::Exhausted`].
+    /// such property. Always set if [`PlanningOutcome::unproven`] is [`StopReason::Exhausted`]
+    /// because of this property.
     pub unprovable: Option<Unprovable>,
     /// Amount of work of the planning call.
     pub statistics: Statistics,
@@ -62,7 +62,8 @@ pub enum StopReason {
     GoalReached,
     /// No plan exists. This is a proof.
     Unsolvable {
-        /// Whether the delete relaxation of the initial state was enough for the proof.
+        /// Whether the proof needed no search, because even the delete relaxation of the initial
+        /// state has no plan.
         before_search: bool,
     },
     /// No state was left to expand, but pruning or a cost bound had excluded some states. This is
@@ -70,22 +71,24 @@ pub enum StopReason {
     Exhausted,
     /// The limit on expansions was reached.
     ExpansionLimit {
-        /// Limit on the number of expansions.
+        /// The limit that was reached: the number of states that may be expanded.
         limit: u64,
     },
-    /// The limit on grounding work was reached.
+    /// The limit on the work of grounding was reached.
     JoinStepLimit {
-        /// Limit on the number of join steps (candidate tuples).
+        /// The limit that was reached: the number of candidate tuples that the joins of grounding
+        /// may visit.
         limit: u64,
     },
     /// The limit on memory was reached.
     MemoryLimit {
-        /// Limit on memory, in bytes.
+        /// The limit that was reached, in bytes.
         limit: usize,
     },
     /// The limit on the work of validating a plan was reached, so the plan is not returned.
     ValidationLimit {
-        /// Limit on the number of evaluation steps.
+        /// The limit that was reached: the number of steps that the evaluation of conditions may
+        /// take while a plan is validated.
         limit: u64,
     },
     /// The caller set the [`crate::Cancel`] flag.
@@ -116,7 +119,7 @@ pub struct Statistics {
     pub facts: usize,
     /// Number of operators of the ground task.
     pub operators: usize,
-    /// Number of candidate tuples that grounding visited.
+    /// Number of candidate tuples that the joins of grounding visited.
     pub join_steps: u64,
     /// Number of states that the first search expanded.
     pub expansions: u64,
@@ -165,8 +168,8 @@ pub enum InputText {
 
 impl PlanningOutcome {
     /// Returns the process exit code for the outcome. The codes are those of Fast Downward, except
-    /// for a plan without a requested proof of optimality. In this case the code is 1 if a memory
-    /// limit was the reason, 2 if the call was cancelled, and 4 otherwise.
+    /// if a plan lacks the requested proof of optimality. The code is then 1 if a memory limit was
+    /// the reason, 2 if the call was cancelled, and 4 otherwise.
     pub fn exit_code(&self) -> u8 {
         match self.unproven {
             None => self.stop_reason.exit_code(),

@@ -19,11 +19,13 @@ pub(crate) struct GroundAxiom {
     pub(crate) stratum: u32,
 }
 
-/// The atoms of the basic facts of a task: predicate and arguments of each fact.
+/// The atoms of the basic facts of a task: the predicate and the arguments of each fact, in the
+/// order of the facts.
 #[derive(Clone, Debug)]
 pub(crate) struct Atoms {
     predicates: Vec<u32>,
-    /// Per fact: the end of its arguments. The first entry is zero, the start of the first fact.
+    /// Bounds of the facts in `arguments`: the arguments of fact `i` are those from `ends[i]` to
+    /// `ends[i + 1]`. The first entry is zero.
     ends: Vec<u32>,
     arguments: Vec<ObjectId>,
 }
@@ -98,7 +100,7 @@ impl Task {
         self.operators.len()
     }
 
-    /// Returns the operator as a step of a plan, with the names of the PDDL texts.
+    /// Returns an operator as a step of a plan, with the names of the PDDL texts.
     pub(crate) fn step(&self, id: OperatorId) -> PlanStep {
         let operator = self.operator(id);
         let arguments =

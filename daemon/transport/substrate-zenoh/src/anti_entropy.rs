@@ -9,17 +9,18 @@
 //! router that was cut off for a moment are not.) So declarations that were missed have to be made
 //! again:
 //!
-//! - Each session has a liveliness token of its own, with its Zenoh id. `known_sessions` is the set of sessions
-//!   from which a session has received such a token.
-//! - Each session answers a call with three things: the agents that it hosts, its `known_sessions`, and
-//!   the daemons that do not answer its own calls. The agents are usually left out: the call carries, for
-//!   each daemon, a digest of the agents that the caller knows, and a daemon lists its agents only if its
-//!   own digest is different.
-//! - In a secured ecosystem the answer also carries the sequence numbers that the daemon has signed so
-//!   far. A session that has just begun to listen can then reject recordings of messages sent earlier.
-//! - A session makes all its declarations again in three cases: if an answer does not list it or calls
-//!   its daemon silent, if an answer lists a session that it does not know, or if it has a link to a
-//!   router that it does not know.
+//! - Each session has a liveliness token of its own, with its Zenoh id. The `known_sessions` of a
+//!   session are those from which it has received such a token.
+//! - Each session answers a roll call with three things: the agents that it hosts, its
+//!   `known_sessions`, and the daemons that do not answer its own roll calls. The agents are
+//!   usually left out: the roll call carries, for each daemon, a digest of the agents that the
+//!   caller knows, and a daemon lists its agents only if its own digest is different.
+//! - In a secured ecosystem the answer also carries the sequence numbers that the daemon has signed
+//!   so far. A session that has just begun to listen can then reject recordings of messages sent
+//!   earlier.
+//! - A session makes all its declarations again in three cases: if an answer does not list the
+//!   session or calls its daemon silent, if an answer lists a session that this session does not
+//!   know, or if this session has a link to a router that it does not know.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
@@ -36,7 +37,7 @@ use crate::presence::LivelinessSubscriber;
 use crate::queries::QuerySender;
 
 /// Pause between two roll calls while the membership changes or is in doubt, and the time within
-/// which a roll call must be answered. It is far longer than the tenth of a second after which
+/// which a roll call must be answered. Both are far longer than the tenth of a second after which
 /// Zenoh's routes are computed anew. If there are no changes, one roll call is sent per lease.
 const UNREST_PERIOD: Duration = Duration::from_secs(1);
 
@@ -44,12 +45,14 @@ const UNREST_PERIOD: Duration = Duration::from_secs(1);
 /// `UNREST_PERIOD`.
 const UNREST: Duration = Duration::from_secs(3);
 
-/// Longest pause between two repetitions of all declarations.
+/// Longest pause after which a session makes all its declarations once more (those of its
+/// subscribers, its queryables and its agents' tokens), while others still miss some of them. The
+/// pause doubles each time, up to this value.
 const PAUSE_MAX: Duration = Duration::from_secs(60);
 
-/// Maximum number of repetitions of all declarations that one unknown session causes. Such a
-/// session may be a plain router, a foreign program, or a dead session that another router still
-/// advertises.
+/// How often one unknown session can cause this session to make all its declarations again. An
+/// unknown session may be a plain router, a foreign program, or a dead session that another router
+/// still advertises.
 const TOLD_MAX: u32 = 3;
 
 /// Task that sends roll calls until the session is closed.
@@ -77,10 +80,10 @@ struct SyncRound {
 /// State that is kept between roll calls, to decide whether all declarations have to be made again.
 #[derive(Debug)]
 struct RedeclarePolicy {
-    /// Whether the last roll call found that a declaration is missing. One such finding alone does
-    /// not count, because the roll call may have come too early.
+    /// Whether the last roll call found that a declaration is missing. Declarations are made again
+    /// only if two roll calls in a row find this, because the first one may have come too early.
     is_suspicious: bool,
-    /// Number of repetitions of all declarations that each unknown session has caused.
+    /// How often each unknown session has caused all declarations to be made again.
     tries: BTreeMap<String, u32>,
     not_before: Instant,
     pause: Duration,
@@ -205,9 +208,9 @@ impl RedeclarePolicy {
         }
     }
 
-    /// Decides what to do after a roll call. All declarations are repeated, at growing intervals,
-    /// for as long as another daemon has no token of this session. An unknown session may be one
-    /// that declares nothing, so it causes only [`TOLD_MAX`] repetitions.
+    /// Decides after a roll call whether all declarations are made again. As long as another daemon
+    /// has no token of this session, this is repeated, at growing intervals. An unknown session may
+    /// be one that declares nothing, so it causes only [`TOLD_MAX`] repetitions.
     fn judge(&mut self, answers: &SyncRound, now: Instant) -> SyncDecision {
         self.tries.retain(|zid, _| answers.unknown_sessions.contains(zid));
         let tries = |zid: &String| self.tries.get(zid).copied().unwrap_or_default();

@@ -26,15 +26,16 @@ const CALLERS_MAX: usize = 1_024;
 /// (short-lived sessions) come and go. Every answer lists all of these sessions.
 const SESSIONS_MAX: usize = 2 * CALLERS_MAX;
 
-/// Maximum number of declarations of one session's token that are recorded: normally there is one,
-/// or two for a moment when the token is declared again.
+/// Maximum number of declarations of one session's token that are recorded. Normally there is one,
+/// or two for a moment while the token is declared again.
 const TELLINGS_MAX: usize = 8;
 
-/// Maximum length of an answer that is read, in bytes.
+/// Maximum length of an answer or a query that is read, in bytes.
 const ANSWER_BYTES_MAX: usize = 1 << 20;
 
-/// How long the roll calls of other daemons are awaited. Every daemon sends one at least once a
-/// second while the membership changes.
+/// Longest wait of [`KnownSessions::called_by`] for the roll calls of other daemons. Every daemon
+/// sends one at least once a second while the membership changes. Daemons that have sent none by
+/// then are not waited for any longer.
 const CALLED_WITHIN: Duration = Duration::from_secs(2);
 
 /// Answer of a daemon to a roll call (the periodic query to all daemons) or a probe.
@@ -54,7 +55,8 @@ pub(crate) struct SyncReply {
     pub(crate) signed: Option<SequenceState>,
 }
 
-/// Content of a roll call (the periodic query to all daemons) or a probe.
+/// Content of a roll call (the periodic query to all daemons) or a probe (the same query to one
+/// daemon).
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(crate) struct SyncRequest {
     /// For each daemon, a [`digest`] of its agents, as the sender of the query has recorded them.
@@ -65,9 +67,9 @@ pub(crate) struct SyncRequest {
     by: Option<DaemonId>,
 }
 
-/// The sessions from which this session has received a token, the daemons that are silent, and the
-/// daemons that have sent a roll call. The first two are the part of an answer that concerns other
-/// daemons.
+/// The sessions from which this session has received a token, the daemons that are silent (that do
+/// not answer its roll calls), and the daemons that have sent a roll call. The first two are part
+/// of each answer to a roll call.
 #[derive(Clone, Default)]
 pub(crate) struct KnownSessions {
     table: Arc<Mutex<SessionTable>>,
@@ -87,7 +89,7 @@ struct SessionTable {
 
 impl SyncReply {
     /// Builds the answer of this session to a roll call or a probe. The hosted agents are left out
-    /// if the query contains their digest.
+    /// if the query contains the right digest of them.
     pub(crate) fn answer(
         hosts: Vec<(AgentId, Incarnation)>,
         sessions: &KnownSessions,
@@ -170,7 +172,7 @@ impl KnownSessions {
         Ok(told)
     }
 
-    /// Handles that the token of a session has come or gone; returns `false` if there is no room to
+    /// Records that the token of a session has come or gone; returns `false` if there is no room to
     /// record it.
     pub(crate) fn receive_token(&self, zid: &str, telling: u64, kind: SampleKind) -> bool {
         let told = &mut lock(&self.table).sessions;
@@ -206,7 +208,9 @@ impl KnownSessions {
         }
     }
 
-    /// Waits until all daemons in `those` have sent a roll call, for two seconds at most.
+    /// Waits until all daemons in `those` have sent a roll call, for [`CALLED_WITHIN`] at most. In
+    /// a secured ecosystem a daemon accepts the broadcasts of this daemon only after this daemon
+    /// has answered its roll call.
     pub(crate) async fn called_by(&self, those: &BTreeSet<DaemonId>) {
         let called = async {
             loop {

@@ -28,7 +28,7 @@ use crate::known_sessions::{KnownSessions, SyncReply, SyncRequest};
 use crate::open_error::{OpenError, undeclared};
 use crate::sealing::{Security, UnverifiedAnswer, seal_answer};
 
-/// The agents that a daemon has announced.
+/// Looks up the agents that a daemon has announced as present.
 pub(crate) trait AnnouncedAgents: Send + Sync {
     /// Whether the daemon has announced an agent of this name.
     fn hosts(&self, agent: &AgentId) -> bool;
@@ -95,9 +95,9 @@ pub(crate) fn ask(
 // === impl QuerySender ===
 
 impl QuerySender {
-    /// Returns a nonce for one question, to which the answers are bound. Returns `None` if the
-    /// ecosystem is not secured, or if the system has no randomness; in a secured ecosystem no
-    /// answer is then accepted.
+    /// Returns a nonce for one question; the answers are signed together with it. Returns `None` if
+    /// the ecosystem is not secured, or if the system has no randomness. In a secured ecosystem, no
+    /// answer to a question without a nonce is accepted.
     pub(crate) fn nonce(&self) -> Option<Nonce> {
         self.security.as_ref().and_then(|_| credentials::nonce())
     }
@@ -130,9 +130,9 @@ impl QuerySender {
         get.wait().ok()
     }
 
-    /// Returns the daemon that has answered a call, and its answer if that can be parsed. Returns `None`
-    /// if the reply is an error, is not under the key of a probe, or has no valid signature in a secured
-    /// ecosystem.
+    /// Returns the daemon that has answered a roll call or a probe, and its answer if that can be
+    /// parsed. Returns `None` if the reply is an error, is not under the key of a probe, or has no
+    /// valid signature in a secured ecosystem.
     fn reply(&self, reply: &Reply, nonce: Option<&Nonce>) -> Option<(DaemonId, Option<SyncReply>)> {
         let sample = reply.result().ok()?;
         let daemon = self.keys.reached(sample.key_expr().as_str())?;
@@ -186,8 +186,8 @@ impl QueryResponder {
         ])
     }
 
-    /// Passes on a query for resources, which may ask for several by a wildcard. A roll call or a
-    /// probe is answered here.
+    /// Answers a roll call or a probe. Passes on every other query for a resource; a query with a
+    /// wildcard asks for several resources.
     fn resources(&self, query: &Query) {
         let probed = self.keys.reach(self.keys.daemon());
         if *query.key_expr() == probed || *query.key_expr() == self.keys.everyone_reached() {

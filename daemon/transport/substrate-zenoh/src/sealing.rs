@@ -54,22 +54,24 @@ impl Security {
         ZBytes::from(self.identity.seal(SealChannel::Message, key_expr, payload, incarnation))
     }
 
-    /// Returns the sequence numbers that this daemon has signed so far, which it sends in its
-    /// answers to roll calls.
+    /// Returns the sequence numbers that this daemon has signed so far. The daemon sends them in
+    /// its answers to roll calls.
     pub(crate) fn said(&self) -> SequenceState {
         self.identity.sequence_state()
     }
 
-    /// Handles the answer of a daemon to a roll call. From now on, broadcasts of that daemon are
-    /// rejected if their sequence numbers are not greater than those in `said`.
+    /// Records the sequence numbers `said`, with which a daemon has answered a roll call. From now
+    /// on, broadcasts of that daemon are rejected if their sequence numbers are not greater.
     pub(crate) fn record_reply(&self, answerer: Origin, said: SequenceState) {
         let Origin { daemon: signer, signing_daemon: voucher } = answerer;
         self.verifier
             .record_reply(&VerifiedOrigin { sender: signer, signing_daemon: voucher }, said);
     }
 
-    /// Returns the verified origin of a message; `None` if the origin cannot be verified. Such a
-    /// message is reported to `inbound`, except if its daemon has just started.
+    /// Returns the origin of a message, if its seal proves the origin; otherwise `None`. A message
+    /// without a proven origin is reported to `inbound` as rejected. It is only logged if its seal
+    /// may be valid, but the sender's daemon or this one started so recently that this cannot be
+    /// checked.
     pub(crate) fn origin(
         &self,
         keys: &KeySpace,
@@ -85,8 +87,8 @@ impl Security {
         self.open(keys, inbound, channel, key, payload, sample.attachment(), None)
     }
 
-    /// Whether `answered` is an answer to the question with this nonce, from a daemon that may
-    /// answer it.
+    /// Whether `answered` is sealed as an answer to the question with this nonce, by a daemon that
+    /// may answer it.
     pub(crate) fn admits(&self, answered: &UnverifiedAnswer<'_>) -> bool {
         let origin = self.answerer(answered);
         let about = answered.keys.answered_resource(answered.sample.key_expr().as_str());
@@ -102,8 +104,8 @@ impl Security {
         })
     }
 
-    /// Returns the verified origin of an answer to the question with this nonce; `None` if the
-    /// origin cannot be verified. The origin is the daemon that the key of the answer names.
+    /// Returns the origin of an answer to the question with this nonce, if its seal proves the
+    /// origin; otherwise `None`. The origin is the daemon that the key of the answer names.
     pub(crate) fn answerer(&self, answered: &UnverifiedAnswer<'_>) -> Option<Origin> {
         let UnverifiedAnswer { keys, inbound, sample, payload, nonce } = *answered;
         let (key, seal, channel) =
@@ -144,7 +146,8 @@ impl Security {
             .map_err(|(why, claimed)| {
                 if why == DistrustReason::NotSynced {
                     // Nothing is wrong with the message; its daemon has just started and has not
-                    // joined yet.
+                    // answered a roll call yet, or it does not know yet that this daemon has just
+                    // started.
                     return tracing::debug!(from = claimed, key = key_expr, "ignored: it {why}");
                 }
                 let (violation, detail) = (violation(why), why.to_string());

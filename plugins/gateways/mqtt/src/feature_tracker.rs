@@ -87,8 +87,8 @@ struct TopicSubscription {
 enum TopicRole {
     State(usize),
     Voice(usize),
-    /// Texts of the topic are ignored. The subscription only gives the number of the connection,
-    /// for a feature without state topics.
+    /// Texts of the topic are ignored. The subscription only gives the number of the connection to
+    /// the broker, for a feature without state topics.
     Connection,
 }
 
@@ -99,7 +99,7 @@ struct ProcessedTexts {
     features: Vec<FeatureState>,
 }
 
-/// Content of one feature, and the state of the requests for it.
+/// Content of the last text about one feature, and the state of the requests for its value.
 #[derive(Clone)]
 struct FeatureState {
     content: Option<(TextContent, Instant, u64)>,
@@ -107,8 +107,8 @@ struct FeatureState {
     /// text.
     topics_online: Vec<Option<bool>>,
     latest: Option<bool>,
-    /// Number of the connection, number of requests during this connection, and time of the next
-    /// request.
+    /// State of the requests for the value: the number of the connection to the broker, how many
+    /// requests were sent during that connection, and the time of the next one.
     asked: (u64, usize, Instant),
 }
 
@@ -314,7 +314,8 @@ impl FeatureTracker {
         }
     }
 
-    /// Requests the values of a feature and of the others of its class, as far as they are unknown.
+    /// Requests the values of a feature and of the other features of its class in the device, if
+    /// they are unknown and can be requested.
     pub(crate) fn ask(&self, feature: usize) {
         for feature in part::together(&self.features, feature) {
             let ask =
@@ -410,7 +411,7 @@ impl FeatureTracker {
         }
     }
 
-    /// Returns the time at which the next value expires; `None` if no value expires.
+    /// Returns the next time at which a value expires; `None` if none expires.
     fn next_over(&self, now: Instant) -> Option<Instant> {
         let taken = self.process_texts();
         let over = taken.features.iter().zip(self.features.iter()).flat_map(|(heard, known)| {
@@ -434,8 +435,9 @@ impl FeatureTracker {
             && matches!(self.own_status(feature, Instant::now()), FeatureStatus::NotKnown(_))
     }
 
-    /// Returns the number of the connection, the number of requests for the feature during this
-    /// connection, and the time of the next request.
+    /// Returns the state of the requests for the value of the feature with the index `feature`: the
+    /// number of the latest connection to the broker, how many requests were sent during that
+    /// connection, and the time of the next one.
     fn asks(&self, feature: usize) -> (u64, usize, Instant) {
         let session = self.session(feature);
         let mut taken = self.process_texts();
@@ -471,9 +473,9 @@ impl FeatureTracker {
     }
 }
 
-/// Combines the states of several features of one class in one device. Returns the state, and the
-/// index of the feature that determines it; `None` if `all` is empty. The value `loud` (motion, or
-/// open) applies if one feature has it; the opposite value applies only if all features have it.
+/// Combines the states of all features of one class in one device. Returns the combined state, and
+/// the index of the feature that determines it; `None` if `all` is empty. The value `loud` (motion,
+/// or open) applies if one feature has it; the opposite value applies only if all features have it.
 fn combined_status(
     all: Vec<(FeatureStatus, usize)>,
     loud: ObservedValue,

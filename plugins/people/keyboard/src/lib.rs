@@ -35,21 +35,22 @@ pub use crate::terminal::{
     RequestSender, Terminal, TerminalPeer, UserEvent, UserRequest,
 };
 
-/// Maximum time without any report about a requested goal. The limit is a year, because a kept goal
-/// may hold that long.
+/// Time after which a goal without any report counts as unanswered. It is a year, because a kept
+/// goal may hold that long.
 const GOAL_TIMEOUT: Duration = Duration::from_secs(365 * 24 * 3_600);
 
-/// Time that a new leader of the Plan Requesters has for reporting the goals that it has taken
-/// over. Afterwards this keyboard requests its goals again. The leader reads the Journals first.
+/// How long a new leader of the Plan Requesters may take to report the goals that it has taken
+/// over. It reads them from the Journals first. Afterwards this keyboard requests the goals again
+/// that it has not reported.
 const TAKEOVER_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Time for which a question without a deadline stays open. A person at the terminal sees the
-/// question within this time.
+/// How long a question without a deadline stays open. A person at the terminal sees the question
+/// within this time.
 const QUESTION_PATIENCE: Duration = Duration::from_secs(60);
 
-/// Time before its deadline at which a question without an answer is refused, so that the asking
-/// agent receives the reason while it still waits. If a tenth of the question's whole time is less,
-/// that tenth is used.
+/// How long before its deadline a question without an answer is refused, so that the asking agent
+/// receives the reason while it still waits. If a tenth of the question's whole time is less, that
+/// tenth is used.
 const QUESTION_MARGIN: Duration = Duration::from_millis(500);
 
 /// The entry of the Keyboard Agent in the daemon's table of plugins.
@@ -69,8 +70,9 @@ struct Config {
     goals: Vec<GoalRequest>,
 }
 
-/// Handling of a Plan Requester that leaves before it has received a goal: the time limit for its
-/// return, the interval of the checks, and the maximum number of such departures for one goal.
+/// How long a Plan Requester that left before it received a goal may stay away. `SEEK_INTERVAL` is
+/// the interval of the checks whether it has returned, and `DEPARTURES_MAX` the maximum number of
+/// such departures for one goal.
 const RETURN_TIMEOUT: Duration = Duration::from_secs(5);
 const SEEK_INTERVAL: Duration = Duration::from_millis(200);
 const DEPARTURES_MAX: u32 = 5;
@@ -226,7 +228,7 @@ impl Keyboard {
         }
     }
 
-    /// Assigns a conversation to a request, and notifies the person.
+    /// Assigns a new conversation to a request, and notifies the person of it.
     fn begin(&self, id: Option<RequestId>, ctx: &mut Context<Self>) -> RequestRef {
         let about = RequestRef { id, conversation: ctx.new_conversation() };
         self.emit(UserEvent::Sent(about.clone()));
@@ -243,9 +245,9 @@ impl Keyboard {
         self.goals.insert(about.conversation, goal);
     }
 
-    /// Requests a goal again when a Plan Requester is present, because the former Plan Requester
-    /// left before it had received the request. A busy daemon may also be mistaken for a missing
-    /// one. Reports a failure if no Plan Requester is present at `until`.
+    /// Requests a goal again once a Plan Requester is present, because the former one left before
+    /// it received the request, or seemed to have left because its daemon was busy. Reports a
+    /// failure if no Plan Requester is present at the time `until`.
     fn request_on_return(
         &mut self,
         about: ConversationId,
@@ -281,8 +283,8 @@ impl Keyboard {
         }
     }
 
-    /// Requests goals again from the Plan Requester that has led since the time `came`, if it has
-    /// reported nothing about them. In that case no Journal had these goals.
+    /// Requests those goals again about which the Plan Requester that has led since the time `came`
+    /// has reported nothing. In that case no Journal had these goals.
     fn reopen_goals(&mut self, came: Instant, ctx: &mut Context<Self>) {
         for asked in self.goals.values().filter(|asked| asked.last_report_at < came) {
             ctx.reopen_with_leader(&asked.exchange);
@@ -324,8 +326,8 @@ impl Keyboard {
         (about, exchange)
     }
 
-    /// Cancels a goal or an action. For an action of this keyboard, the report about its end is the
-    /// answer.
+    /// Cancels a goal or an action. For an action of this keyboard, the report about the end of the
+    /// action is the answer.
     fn cancel(&mut self, conversation: ConversationId, id: RequestId, ctx: &mut Context<Self>) {
         if let Some((action, _)) = self.actions_in_preparation.remove(&conversation) {
             let report = Report::new(Outcome::Cancelled, "cancelled before it was sent");
@@ -349,8 +351,8 @@ impl Keyboard {
 
     // === one action ===
 
-    /// Queries the domain, in order to build a plan of one step for an action that the person
-    /// requested.
+    /// Queries the composite domain, from which a plan of one step is built for an action that the
+    /// person requested.
     fn prepare_action(&mut self, action: String, id: RequestId, ctx: &mut Context<Self>) {
         let about = self.begin(Some(id), ctx);
         let conversation = about.conversation.clone();
@@ -581,8 +583,8 @@ impl Keyboard {
         self.emit(heard);
     }
 
-    /// Handles a request of another keyboard, with an answer to a question that this keyboard
-    /// keeps.
+    /// Handles a request to this keyboard: an answer that a person has given at another keyboard,
+    /// to a question that this keyboard keeps. Refuses any other request.
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
         let participation = Participation::of(&message);
         let answer = match message.content_as::<Request>() {

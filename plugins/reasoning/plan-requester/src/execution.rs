@@ -51,8 +51,8 @@ impl PlanRequester {
     }
 
     /// Requests the Plan Executor to execute the goal's plan from the first step that is not done.
-    /// The Plan Executor may already run this plan, for this replica or for another replica of the
-    /// Plan Requester.
+    /// The Plan Executor may run this plan already, for this replica of the Plan Requester or for
+    /// another one.
     pub(crate) fn ask_executor(
         &mut self,
         id: &ConversationId,
@@ -131,8 +131,8 @@ impl PlanRequester {
         self.handle(id, GoalEvent::ExecutionEnded(attempt, end), ctx);
     }
 
-    /// Adopts a plan of the goal that is already running, in place of the plan made here. Another
-    /// replica of the Plan Requester made the running plan.
+    /// Adopts a plan of the goal that already runs, instead of the plan made here. Another replica
+    /// of the Plan Requester made the running plan.
     pub(crate) fn adopt_running_plan(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
         let Some(goal) = self.goals.get_mut(id) else { return };
         let Some(plan) = goal.other_plan.take() else { return };
@@ -142,12 +142,12 @@ impl PlanRequester {
     }
 }
 
-/// Returns the plan that runs instead of the requested one, if the Plan Executor refused the
-/// request for that reason.
+/// Returns the plan of the goal that already runs, if `answer` is the refusal of the Plan Executor
+/// because of that plan.
 ///
 /// # Errors
 ///
-/// Returns `answer` unchanged if it is anything else.
+/// Returns every other `answer` unchanged.
 pub(crate) fn running_plan_of_refusal(
     answer: ExchangeEvent,
 ) -> Result<Box<Execute>, ExchangeEvent> {

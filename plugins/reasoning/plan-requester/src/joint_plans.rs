@@ -1,13 +1,14 @@
-//! Explains whether several agents could reach a goal together if no single agent proposes a plan.
-//! The explanation is taken from a plan made with the actions of all agents, so that it is true.
+//! Explains whether several agents together could reach a goal for which no single agent proposes a
+//! plan. The explanation is taken from a plan made with the actions of all agents, so that it is
+//! true.
 
 use pddl::{Condition, Plan};
 use planner::{Cancel, StopReason};
 
 use crate::planning_snapshot::PlanningSnapshot;
 
-/// Maximum number of conjuncts of a goal for which pairs of conjuncts are tested for mutual
-/// exclusion.
+/// Maximum number of conjuncts of a goal in which pairs of conjuncts that exclude each other are
+/// searched for. For a goal with more conjuncts, no pair is tested.
 const PARTS_MAX: usize = 6;
 
 /// Result of planning with the actions of all agents.
@@ -81,7 +82,8 @@ fn actors(plan: &Plan) -> Vec<String> {
     actors
 }
 
-/// Returns a sentence about two conjuncts that exclude each other; `None` if no such pair is found.
+/// Returns a sentence about two conjuncts that exclude each other; `None` if no such pair is found,
+/// or if there are more than [`PARTS_MAX`] conjuncts.
 fn exclusion(known: &PlanningSnapshot, parts: &[Condition], cancel: &Cancel) -> Option<String> {
     if parts.len() > PARTS_MAX {
         return None;

@@ -33,10 +33,11 @@ const DISK_AGAIN: Duration = Duration::from_secs(5);
 const RECORDS_AT_ONCE: usize = 64;
 const BYTES_AT_ONCE: usize = 128 << 10;
 
-/// Callback that a caller of `replicate` gives, to be called with the outcome.
+/// Callback that a caller of `replicate` gives. It is called with the Journals that have stored the
+/// records, and the reasons why others have not.
 type OutcomeCallback<A> = Box<dyn FnOnce(&mut A, ReplicationOutcome, &mut Context<A>) + Send>;
 
-/// Progress of one call of `replicate`.
+/// A call of `replicate` that waits for Journals.
 struct PendingWrite<A: Agent> {
     keys: BTreeSet<String>,
     kept: ReplicationOutcome,
@@ -77,7 +78,7 @@ struct JournalQueue {
     is_disk_in_trouble: bool,
 }
 
-/// Outcome of one request to a Journal.
+/// Outcome of a request to a Journal to store records.
 #[derive(Debug, PartialEq, Eq)]
 enum WriteOutcome {
     Kept,
@@ -284,8 +285,8 @@ fn answered<A: ReplicatesRecords>(
     send(agent, from, ctx);
 }
 
-/// Handles that a Journal refuses one record: records the failure for the calls of `replicate` that
-/// contain the record.
+/// Handles the refusal of one record by a Journal: records the failure for the calls of `replicate`
+/// that contain the record.
 fn refused<A: ReplicatesRecords>(
     agent: &mut A,
     by: &AgentId,
@@ -301,7 +302,8 @@ fn refused<A: ReplicatesRecords>(
     }
 }
 
-/// Records the outcome of a Journal for all calls of `replicate` that wait for that Journal.
+/// Records for all calls of `replicate` that wait for a Journal whether the Journal has stored
+/// their records. An error states the reason why it has not.
 fn settle<A: ReplicatesRecords>(
     agent: &mut A,
     journal: &AgentId,
@@ -336,8 +338,8 @@ fn settle_kept<A: ReplicatesRecords>(agent: &mut A, journal: &AgentId, ctx: &mut
     }
 }
 
-/// Records the outcome of a Journal for one call of `replicate`. Runs the callback of the call if
-/// enough machines have its records, or if all Journals have answered.
+/// Records for one call of `replicate` whether a Journal has stored its records. Runs the callback
+/// of the call if enough machines have the records, or if all Journals have answered.
 fn note<A: ReplicatesRecords>(
     agent: &mut A,
     number: u64,
@@ -365,7 +367,7 @@ fn note<A: ReplicatesRecords>(
     }
 }
 
-/// Converts the answer of a Journal to the outcome of the request.
+/// Converts the answer of a Journal to the outcome of the request to store records.
 fn outcome(answer: ExchangeEvent) -> WriteOutcome {
     match answer {
         ExchangeEvent::Message(message) if message.performative == Performative::Confirm => {

@@ -1,6 +1,6 @@
-//! A second link to the ecosystem, through which a command reads the reports on its goal while the
-//! daemon of its first link is stopped. The second link only reads: the goal's keyboard agent stays
-//! at the first link, and receives the final report there.
+//! A second link to the ecosystem. A command reads the reports on its goal through it while the
+//! daemon of the first link is suspended, for example by SIGSTOP. The second link only reads: the
+//! goal's keyboard agent stays at the first link, and receives the final report there.
 
 use std::time::Duration;
 
@@ -13,18 +13,20 @@ use crate::commands::{daemon_sockets, goals};
 /// Interval between two readings of the goals.
 const PERIOD: Duration = Duration::from_millis(500);
 
-/// How long opening the second link may take; after that, the command waits for the first one.
+/// How long opening the second link may take. After that, the command has no second link, and waits
+/// for the first one.
 const OPEN_WITHIN: Duration = Duration::from_secs(3);
 
-/// The second link of a command, and the times at which it reads.
+/// The second link of a command, and the times at which the command reads through it.
 pub(super) struct SideLink {
     link: ClientLink,
     ticks: Interval,
 }
 
 impl SideLink {
-    /// Opens a link through a daemon of this machine that is not stopped. Returns `None` if there
-    /// is no such daemon, or if it does not answer in time.
+    /// Opens the second link, through a daemon of this machine. Suspended daemons, and those that
+    /// accept no connection, are left out. Returns `None` if no other daemon is there, or if the
+    /// link is not open within [`OPEN_WITHIN`].
     pub(super) async fn open(view: &EcosystemView) -> Option<SideLink> {
         let endpoints = daemon_sockets::running(&view.endpoints);
         if endpoints.is_empty() {
@@ -55,7 +57,7 @@ impl SideLink {
         }
     }
 
-    /// Closes the link, if there is one.
+    /// Closes the second link, if there is one.
     pub(super) async fn close(side: &mut Option<SideLink>) {
         if let Some(SideLink { link, .. }) = side.take() {
             link.node.drain().await;

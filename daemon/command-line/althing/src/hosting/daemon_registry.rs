@@ -38,16 +38,16 @@ const LOCK_POLL_PERIOD: Duration = Duration::from_millis(2);
 const _: () = assert!(LOCK_POLL_PERIOD.as_millis() < LOCK_TIMEOUT.as_millis());
 
 /// Maximum number of times that a daemon waits because another daemon has left. Without this bound,
-/// a service that exits at every start, and is always restarted, would keep all other daemons from
+/// a daemon that exits at every start, and is always restarted, would keep all other daemons from
 /// entering.
 const RESTS_MAX: usize = 8;
 
 /// The extension of the ticket file, which shows that a daemon is present.
 const PRESENCE_EXTENSION: &str = "here";
 
-/// Number of hexadecimal digits that name an incarnation. They are the last digits of its start
-/// time in microseconds, and repeat after twelve days. With more digits, the path of the symbolic
-/// link could be longer than that of the socket.
+/// Number of hexadecimal digits in the name of an incarnation. They are the last digits of its
+/// start time in microseconds, and repeat after twelve days. With more digits, the path of the
+/// symbolic link could be longer than that of the socket.
 const LIFE_DIGITS: usize = 10;
 
 /// The reason why a daemon cannot enter. The message completes the sentence “failed to …”.
@@ -74,8 +74,8 @@ pub(crate) enum RegisterError {
     },
 }
 
-/// The presence of a daemon among the daemons of its machine. Dropping this value records that the
-/// daemon has left.
+/// The presence of a daemon among the daemons of its machine. Dropping this value records in the
+/// ticket file that the daemon has left.
 #[derive(Debug)]
 pub(crate) struct PresenceGuard {
     /// The daemon's ticket file. The lock on it lasts until the kernel closes the file.
@@ -86,14 +86,14 @@ pub(crate) struct PresenceGuard {
     pub(crate) others: Vec<PathBuf>,
 }
 
-/// The ticket of a daemon, as it was read from its file.
+/// The content and the state of the ticket file of a daemon, as they were read.
 struct PresenceFile {
     daemon: String,
     /// Whether the ticket file is locked, which means that the daemon is present.
     is_here: bool,
-    /// The incarnation in the ticket; empty if the daemon has left in good order.
+    /// The incarnation that the ticket file contains; empty if the daemon has left in good order.
     incarnation: String,
-    /// Time of the last change of the ticket file.
+    /// Time of the last change of the ticket file: the time at which the daemon began or left.
     since: SystemTime,
 }
 
@@ -164,7 +164,8 @@ fn clean_up_crashed(folder: &Path, daemon: &DaemonId) -> Result<(), RegisterErro
     open(&path)?.set_len(0).map_err(failed)
 }
 
-/// Returns how much longer a daemon must wait before it enters, given the tickets of all daemons.
+/// Returns how much longer a daemon must wait before it enters: until [`REOPEN_DELAY`] has passed
+/// since the last daemon left. `tickets` are those of all daemons.
 fn remaining_delay(tickets: &[PresenceFile], now: SystemTime) -> Duration {
     let said = tickets.iter().filter(|ticket| !ticket.is_here && ticket.incarnation.is_empty());
     // A clock that was set back must not make the wait longer.

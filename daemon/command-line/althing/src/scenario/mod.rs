@@ -1,5 +1,5 @@
 //! The scenarios of the paper (“Demonstrations”, and Figure 1). They are played in the simulated
-//! building, and judged by its true state.
+//! building, and judged by its truth, which is its real state.
 //!
 //! - `setting` writes the ecosystem that follows from a seed, as the files that a user would write.
 //! - `launched` launches the agents of that ecosystem: in this process, or in several.
@@ -48,8 +48,8 @@ pub(crate) struct ScenarioOptions {
     pub(crate) seed: u64,
     pub(crate) mode: Mode,
     pub(crate) stage: ScenarioSubstrate,
-    /// Whether plans are repaired. `false` is used only in tests, which show that the scenario then
-    /// fails.
+    /// Whether the agents plan again when a plan has failed. `false` is used only in tests, which
+    /// show that the scenario fails without replanning.
     pub(crate) replanning: bool,
     /// Whether the agent of the dying sensor in scenario 1 dies together with the sensor. If not,
     /// the sensor hangs, and the agent has to notice that.
@@ -70,7 +70,7 @@ pub(crate) struct ScenarioEvent {
 /// The result of playing a scenario.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ScenarioResult {
-    /// The requirements that the true state of the building does not meet; empty on success.
+    /// The requirements that the truth of the building does not meet; empty on success.
     pub(crate) problems: Vec<String>,
     /// The text to print on success.
     pub(crate) verdict: String,

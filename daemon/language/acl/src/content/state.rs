@@ -42,8 +42,9 @@ pub struct Snapshot {
     pub conflicts: BTreeMap<AgentId, Vec<String>>,
 }
 
-/// Predicates that describe unknown facts of one symbol. The composite domain contains them,
-/// because planners support only true and false; see `pddl::knowledge`.
+/// Predicates of the composite domain that state which facts of one predicate or function are
+/// unknown. Planners support only true and false, so the composite domain needs them; see
+/// `pddl::knowledge`.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "of", rename_all = "kebab-case")]
@@ -86,7 +87,7 @@ pub struct Guard {
     pub predicate: String,
 }
 
-/// The believed state of the Domain Maintainer, with the origin of each fact.
+/// The state that the Domain Maintainer believes, with the origin of each fact.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BelievedState {
@@ -254,8 +255,8 @@ pub struct EpochChange {
     /// PDDL facts that have ceased to be believed.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub retracted: String,
-    /// All changes made by requests that no heartbeat reports. They are sent when an agent joins
-    /// that lacks them, and once more shortly after a change; otherwise `None`.
+    /// All changes made by requests that no heartbeat reports. Sent when an agent joins that lacks
+    /// them, and once more shortly after a change; otherwise `None`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub requested: Option<Requested>,
     /// The changes made by requests since the last announcement; `None` if they are not announced.
@@ -268,7 +269,7 @@ pub struct EpochChange {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Requested {
-    /// Requested facts that their owners do not report in heartbeats.
+    /// Requested facts that the heartbeats of their owners do not report.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub facts: Vec<RequestedFact>,
     /// PDDL facts of the map that requests have retracted.
@@ -288,10 +289,11 @@ pub struct Requested {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RequestedSince {
-    /// Requested facts that are new or have a new expiry.
+    /// Requested facts that are new, or have a new value or expiry.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub facts: Vec<RequestedFact>,
-    /// Withdrawn requested facts. The value of a function has no meaning here.
+    /// Requested facts that their owners no longer claim. If such a fact gives the value of a
+    /// function, the value is arbitrary: only the function and its arguments count.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub withdrawn: Vec<RequestedFact>,
     /// PDDL facts of the map that requests have retracted.
@@ -299,7 +301,9 @@ pub struct RequestedSince {
     pub retracted: String,
 }
 
-/// A requested fact and its owner.
+/// A fact that the central Domain Maintainer announces, because no heartbeat reports it. An agent
+/// has requested or observed the fact, an action has caused it, or it is unknown because the agent
+/// that was responsible for it has left.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RequestedFact {

@@ -8,13 +8,15 @@ use crate::tree::{
     Atom, Domain, FluentTerm, InitElement, Number, ObjectDeclaration, Problem, Span,
 };
 
-/// Treatment of facts and values of undeclared symbols, and of a second value of one function.
+/// Treatment of two mistakes in the initial state: a fact or value of a symbol that the domain does
+/// not declare, and a second value of one function.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum UndeclaredSymbols {
-    /// Facts and values of undeclared symbols are warnings, and so is a second value. Competition
-    /// problems contain values of undeclared functions and give some numbers twice.
+    /// Facts and values of undeclared symbols are superfluous and cause warnings, and so does a
+    /// second value. Competition problems contain values of undeclared functions, and give some
+    /// numbers twice.
     Spare,
-    /// Treatment for the map of a building: a fact of an undeclared predicate and a second value
+    /// Treatment for the map of an ecosystem: a fact of an undeclared predicate and a second value
     /// are errors, but a value of an undeclared function is a warning.
     Map,
     /// Facts and values of undeclared symbols are errors, and so is a second value.
@@ -80,8 +82,8 @@ impl<'t> Checker<'_, 't> {
         self.contradictions(elements);
     }
 
-    /// Reports facts that are stated both to be true and to be false. Such a fact is true, as after
-    /// an action that both adds and deletes it.
+    /// Reports facts that are stated to be true and also to be false. Such a fact counts as true,
+    /// as after an action that both adds and deletes it.
     fn contradictions(&mut self, elements: &'t [InitElement]) {
         let mut denied: HashMap<&Atom, &Atom> = HashMap::default();
         for element in elements {
@@ -127,7 +129,8 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Whether the function is unknown and not similar to any function of the domain.
+    /// Whether the value of this function is superfluous: the domain has no symbol of this name,
+    /// and no function with a similar name that could be meant.
     fn is_spare(&mut self, fluent: &'t FluentTerm) -> bool {
         let symbols = self.symbols;
         let name = &fluent.function;
@@ -136,8 +139,8 @@ impl<'t> Checker<'_, 't> {
             && self.nearest(name.as_str(), symbols.function_names()).is_none()
     }
 
-    /// Whether the domain has no symbol with the name of this fact's predicate. No other part of
-    /// the task can then use the fact, because every use would be reported.
+    /// Whether this fact is superfluous: the domain has no symbol with the name of its predicate.
+    /// No other part of the task can then use the fact, because each use would be reported.
     fn is_spare_fact(&self, atom: &Atom) -> bool {
         self.symbols.predicate(&atom.predicate).is_none()
             && self.symbols.function(&atom.predicate).is_none()
@@ -170,8 +173,8 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Checks that a function has only one value in the initial state. In competition problems, the
-    /// last value is used.
+    /// Checks that a function has only one value in the initial state. In competition problems the
+    /// last value counts.
     fn one_value(
         &mut self,
         fluent: &'t FluentTerm,

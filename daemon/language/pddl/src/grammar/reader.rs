@@ -13,7 +13,8 @@ use crate::tree::{Name, Span};
 
 /// State of the parser for one text.
 pub(crate) struct GrammarReader<'f> {
-    /// Names by spelling. Each spelling is allocated once, even if it occurs several times.
+    /// Names by spelling. Each spelling is allocated once, even if it occurs several times in the
+    /// text.
     names: HashMap<&'f str, Name>,
     problems: DiagnosticList,
     place: ExpressionPlace,
@@ -23,21 +24,23 @@ pub(crate) struct GrammarReader<'f> {
     passed_over: Option<u32>,
 }
 
-/// Maximum number of words in advice that rewrites a call of another language.
+/// Maximum number of arguments that are repeated in the advice to write `(at r1 hall)` instead of
+/// `at(r1, hall)`.
 const CALL_WORDS_MAX: usize = 6;
 
 /// Maximum number of variables that may be copied when `forall`s are flattened; see
 /// [`GrammarReader::afford_copies`].
 const COPIES_MAX: usize = 100_000;
 
-/// Place of an expression, which determines the special terms that are allowed there.
+/// Place of an expression. It determines which of the terms `?duration`, `#t` and `total-time` the
+/// expression may contain.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum ExpressionPlace {
     /// The expression is in an action, a goal or a fact.
     Plain,
-    /// The expression is inside `:durative-action`, where `?duration` and `#t` have a meaning.
+    /// The expression is inside `:durative-action`, where `?duration` and `#t` are allowed.
     Durative,
-    /// The expression is inside `:metric`, where `total-time` has a meaning.
+    /// The expression is inside `:metric`, where `total-time` is allowed.
     Metric,
 }
 
@@ -91,7 +94,7 @@ impl<'f> GrammarReader<'f> {
         self.place
     }
 
-    /// Runs `production` with the special terms of `place`.
+    /// Runs `production`, which parses expressions that stand at `place`.
     pub(super) fn within<T>(
         &mut self,
         place: ExpressionPlace,
@@ -182,13 +185,13 @@ impl<'f> GrammarReader<'f> {
         self.report_call(word)
     }
 
-    /// Whether a node belongs to a larger part of the text that was reported as a whole.
+    /// Whether a node is a list that was reported together with the word before it.
     pub(super) fn is_already_reported(&self, node: SyntaxNode<'f>) -> bool {
         self.passed_over == Some(node.span().start)
     }
 
-    /// Returns the candidate that a word most likely misspells; `None` if no candidate is near
-    /// enough or no more mistakes are listed.
+    /// Returns the candidate that `word` most likely misspells; `None` if no candidate is similar
+    /// enough, or if so many mistakes were found that no more are listed.
     pub(super) fn nearest(
         &self,
         word: &str,

@@ -82,8 +82,8 @@ fn functions(list: &[FunctionDeclaration]) -> Vec<PrintLayout<'_>> {
     by_privacy(declared)
 }
 
-/// Lays out declarations, grouped by their privacy: `(DECLARATION | (:private [VARIABLE - TYPE]
-/// DECLARATION*))*`.
+/// Lays out declarations. Consecutive ones that are private to the same owner stand in one block:
+/// `(DECLARATION | (:private [VARIABLE - TYPE] DECLARATION*))*`.
 fn by_privacy<'t>(
     declared: impl Iterator<Item = (&'t Privacy, PrintLayout<'t>)>,
 ) -> Vec<PrintLayout<'t>> {
@@ -109,8 +109,8 @@ fn by_privacy<'t>(
     items
 }
 
-/// Lays out objects, grouped by their privacy and type: `(NAME+ - TYPE | (:private [NAME] NAME+ -
-/// TYPE))*`.
+/// Lays out objects, grouped by type. Consecutive ones that are private to the same owner stand in
+/// one block: `(NAME+ - TYPE | (:private [NAME] NAME+ - TYPE))*`.
 fn objects(list: &[ObjectDeclaration]) -> Vec<PrintLayout<'_>> {
     let mut items = Vec::new();
     let mut owners = Vec::new();
@@ -241,14 +241,16 @@ impl fmt::Display for InitElement {
     }
 }
 
-/// Prints the declaration of the predicate, without its privacy.
+/// Prints the declaration of the predicate, without the `:private` block of MA-PDDL that it may
+/// stand in.
 impl fmt::Display for PredicateDeclaration {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write(&signature(&self.name, &self.parameters), f)
     }
 }
 
-/// Prints the declaration of the function, without its privacy.
+/// Prints the declaration of the function, without the `:private` block of MA-PDDL that it may
+/// stand in.
 impl fmt::Display for FunctionDeclaration {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write(&signature(&self.name, &self.parameters), f)

@@ -1,17 +1,18 @@
-//! Refuses features of a task that no pass can remove, with their name and place, before an engine
-//! is started.
+//! Rejects tasks with features that no pass can remove, before an engine is started. The error has
+//! the name and the place of the feature.
 
 use pddl::{Condition, Domain, Expression, Problem, Span};
 use planner::{InputText, Unsupported};
 
 use super::{Dialect, task_parts};
 
-/// Returns the refusal of a task because of a feature at the place `span` of one of its texts.
+/// Returns the error that `feature` is not supported. The feature is used at `span` in `text`,
+/// which is the domain or the problem.
 pub(super) fn unsupported(feature: impl Into<String>, span: Span, text: InputText) -> Unsupported {
     Unsupported { feature: feature.into(), span, text }
 }
 
-/// Returns an error if the task has time, which neither engine supports, or a feature that the
+/// Returns an error if the task uses time, which neither engine supports, or a feature that the
 /// dialect of the engine lacks.
 pub(super) fn refuse(
     domain: &Domain,

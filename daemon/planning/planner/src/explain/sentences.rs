@@ -8,12 +8,12 @@ use super::{
     Alternative, Explanation, MissingCapability, Obstacle, Placement, RequiredPlace, SupposedObject,
 };
 
-/// Maximum number of similar items that a list names; further ones are counted.
+/// Maximum number of similar items that a list names; the further ones are only counted.
 const NAMED_MAX: usize = 3;
 
 impl fmt::Display for Explanation {
-    /// Writes one sentence, without a period, for each group of parts of the goal with the same
-    /// missing capabilities.
+    /// Writes one sentence, without a period, for each group of conjuncts that lack the same
+    /// capabilities.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut sentences: Vec<(String, Vec<String>, String)> = Vec::new();
         for obstacle in &self.obstacles {
@@ -45,9 +45,10 @@ impl fmt::Display for Explanation {
 // === impl Obstacle ===
 
 impl Obstacle {
-    /// Returns three parts of a sentence: the beginning, which is the same for all parts of the
-    /// goal with the same missing capabilities; the name of this part; and the capabilities that
-    /// would suffice.
+    /// Explains in one sentence why this conjunct of the goal cannot be reached. Returns the three
+    /// parts of the sentence: its beginning, its subject (the conjunct), and its end (the
+    /// capabilities that would suffice). Sentences with equal beginnings and equal ends can be
+    /// joined.
     fn sentence(&self) -> (String, String, String) {
         let there = self.there();
         let (lead, subject) = match (self.actions.as_slice(), self.unreachable.as_slice()) {
@@ -100,14 +101,14 @@ impl Obstacle {
         }
     }
 
-    /// Returns the objects in the unreachable facts of this part of the goal.
+    /// Returns the objects in the unreachable facts of this conjunct.
     fn there(&self) -> Vec<&Name> {
         let terms = self.unreachable.iter().flat_map(|atom| &atom.arguments);
         terms.map(text).collect()
     }
 
-    /// Whether a new agent would have to be at one of the objects in `there`, the objects of this
-    /// part of the goal.
+    /// Whether a new agent would have to be at one of the objects in `there`, which are the objects
+    /// of this conjunct.
     fn is_place(&self, there: &[&Name]) -> bool {
         let missing = self.alternatives.iter().flat_map(|alternative| &alternative.missing);
         missing.flat_map(|missing| &missing.places).any(|placement| placement.is_there(there))
@@ -118,7 +119,8 @@ impl Obstacle {
 
 impl Alternative {
     /// Describes the alternative in words. `known` is the action that the sentence has already
-    /// named. `there` has the objects of the part of the goal.
+    /// named; it is not named again. `there` has the objects of the conjunct; a place among them is
+    /// called “there”.
     fn words(&self, known: Option<&Name>, there: &[&Name]) -> String {
         let mut missing: Vec<&MissingCapability> = self.missing.iter().collect();
         missing.sort_by_key(|missing| known != Some(&missing.action));

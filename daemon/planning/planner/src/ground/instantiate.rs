@@ -56,9 +56,10 @@ pub(super) struct SchemaTemplate<'s> {
     numeric: Vec<EffectTemplate<'s, LiftedNumeric>>,
 }
 
-/// A part of a schema's effect, with its condition.
+/// A part of a schema's effect, with the condition of that part.
 struct EffectTemplate<'s, T> {
-    /// Join that binds the variables of the effect's own quantifiers; `None` without quantifiers.
+    /// Join that finds the bindings of the variables that the effect itself quantifies; `None` if
+    /// it quantifies none.
     plan: Option<JoinPlan>,
     condition: ConjunctionTemplate,
     part: &'s T,
@@ -355,8 +356,8 @@ impl Instantiation<'_, '_, '_> {
         })
     }
 
-    /// Returns the last grounded condition as one tree. Its literals are in `self.literals`; `rest`
-    /// contains its other parts.
+    /// Returns the condition that was grounded last as one tree: the literals in `self.literals`,
+    /// and its other parts in `rest`.
     fn whole(&self, rest: GroundFormula) -> GroundFormula {
         let literals = self.literals.iter().map(|literal| GroundFormula::Literal(*literal));
         GroundFormula::and(literals.chain([rest]))
@@ -439,9 +440,9 @@ impl Instantiation<'_, '_, '_> {
     }
 }
 
-/// Whether repeating a change by a fixed amount can exceed the range of `f64` in a plan that fits
-/// into memory. If so, the fluent must be part of the state, because an operator with an undefined
-/// result is not applicable.
+/// Whether a fluent can leave the range of `f64` if a plan repeats this change as often as fits
+/// into memory. The change then remains a numeric effect, even if it only adds to the cost of a
+/// plan: an operator with an undefined result is not applicable.
 fn may_outgrow(assignment: Assignment, amount: &ExpressionValue) -> bool {
     let &ExpressionValue::Fixed(amount) = amount else { return false };
     match assignment {
@@ -452,8 +453,8 @@ fn may_outgrow(assignment: Assignment, amount: &ExpressionValue) -> bool {
     }
 }
 
-/// Returns the cost that a change of a fluent by `amount` adds to a plan; zero for assignments and
-/// scalings.
+/// Returns the cost that a change of a fluent by `amount` adds to a plan. An assignment or a
+/// scaling adds none.
 fn cost(
     lifted: &Lifted,
     fluent: &LiftedFluent,

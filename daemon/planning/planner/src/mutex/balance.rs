@@ -9,11 +9,12 @@ use crate::task::{FactId, GroundOperator, Literal, Task};
 /// Checks sets of facts against all operators of a task.
 pub(super) struct BalanceCheck<'t> {
     task: &'t Task,
-    /// Per fact: the start of its operators in `adders`.
+    /// Start of the operators of each fact in `adders`. The last entry is the length of `adders`.
     starts: Vec<u32>,
     /// Operators that may add each fact. The lists of all facts are in one array.
     adders: Vec<u32>,
-    /// Work so far, in visited effect parts.
+    /// Work so far: the number of visited preconditions and added facts of effects, and one for
+    /// each visited operator.
     pub(super) work: u64,
 }
 
@@ -23,8 +24,9 @@ pub(super) enum BalanceResult {
     Holds,
     /// An operator may add two facts of the set at the same time.
     TooHeavy,
-    /// An operator adds a fact of the set and deletes none. `deleted` contains all facts, inside
-    /// and outside the set, that the effect requires and deletes.
+    /// An operator adds a fact of the set without requiring and deleting another one. `deleted`
+    /// contains all facts, inside and outside the set, that the operator requires and deletes
+    /// whenever it adds this fact.
     Unbalanced {
         deleted: Vec<FactId>,
     },
@@ -33,9 +35,12 @@ pub(super) enum BalanceResult {
 /// An effect of an operator that adds a fact of the checked set.
 struct Addition<'t> {
     fact: FactId,
-    /// Conditions of the effect, in addition to the operator's precondition.
+    /// Conditions of a conditional effect; empty for the unconditional effect. The precondition of
+    /// the operator is not repeated here.
     conditions: &'t [Literal],
-    /// Facts that the effect deletes, in addition to those of the unconditional effect.
+    /// Facts that a conditional effect deletes; empty for the unconditional effect of the operator.
+    /// The deletions of the unconditional effect count for every addition, and are read from the
+    /// operator.
     deletes: &'t [FactId],
 }
 
@@ -66,8 +71,8 @@ impl<'t> BalanceCheck<'t> {
         BalanceCheck { task, starts, adders, work: 0 }
     }
 
-    /// Checks the set of facts `facts`, which are the facts with the value `instance` in
-    /// `instance_of`.
+    /// Checks the set of facts `facts`. In `instance_of`, exactly these facts have the value
+    /// `instance`.
     pub(super) fn check(
         &mut self,
         facts: &[FactId],
@@ -92,7 +97,7 @@ impl<'t> BalanceCheck<'t> {
 }
 
 /// Finds the effects of an operator that add a fact of the set. Returns the number of visited
-/// effect parts.
+/// preconditions and added facts.
 fn collect<'t>(
     operator: GroundOperator<'t>,
     is_in: &impl Fn(FactId) -> bool,
@@ -174,8 +179,8 @@ fn contradict(left: &[Literal], right: &[Literal]) -> bool {
     left.iter().any(|literal| right.contains(&literal.negated()))
 }
 
-/// Whether `fact` is deleted whenever the addition occurs. Another effect may add the fact again,
-/// but is then checked as an addition of its own.
+/// Whether `fact` is deleted whenever the addition occurs. Another effect may add `fact` again;
+/// that effect is checked as an addition of its own.
 fn is_deleted(operator: GroundOperator<'_>, addition: &Addition<'_>, fact: FactId) -> bool {
     let follows = |literal: &Literal| {
         addition.conditions.contains(literal) || operator.preconditions.contains(literal)

@@ -10,12 +10,13 @@ use rustc_hash::FxHashMap;
 
 use crate::task::{FactId, GroundOperator, Literal, OperatorId, Task};
 
-/// A task with additional last operators: macro operators for suffixes of an old plan.
+/// A task with additional macro operators for suffixes of an old plan. They follow all other
+/// operators.
 pub(super) struct ResumableTask<'r> {
     pub(super) task: Task,
     /// Index of the first macro operator.
     first: usize,
-    /// Per macro operator: the position in `rest` where its suffix begins.
+    /// Position in `rest` at which the suffix of each macro operator begins.
     starts: Vec<usize>,
     rest: &'r [PlanStep],
 }
@@ -23,9 +24,10 @@ pub(super) struct ResumableTask<'r> {
 // === impl ResumableTask ===
 
 impl<'r> ResumableTask<'r> {
-    /// Returns the task with a macro operator for each suffix of `rest` that can be regressed: its
-    /// steps must be operators of the task without conditional effects. Returns `None` if there is
-    /// no such suffix.
+    /// Returns the task with additional macro operators, one for each suffix of `rest` through
+    /// which the goal can be regressed. `rest` consists of the steps of the old plan that are not
+    /// done. Only suffixes of operators of the task without conditional effects can be regressed.
+    /// Returns `None` if there is no such suffix.
     pub(super) fn new(task: &Task, rest: &'r [PlanStep]) -> Option<ResumableTask<'r>> {
         let suffixes = suffixes(task, rest);
         if suffixes.is_empty() {
@@ -53,8 +55,8 @@ impl<'r> ResumableTask<'r> {
         Some(ResumableTask { task, first, starts, rest })
     }
 
-    /// Converts operators to a plan, in which a macro operator is replaced by its steps. Also
-    /// returns whether there is a macro operator.
+    /// Converts operators to a plan, in which the steps of its suffix replace each macro operator.
+    /// Also returns whether the operators contain a macro operator.
     pub(super) fn plan(&self, operators: &[OperatorId]) -> (Plan, bool) {
         let (mut steps, mut resumes) = (Vec::new(), false);
         for id in operators {
@@ -78,7 +80,8 @@ struct Suffix {
     cost: u64,
 }
 
-/// Returns the suffixes of `rest`, from the shortest to the longest that can be regressed.
+/// Returns the suffixes of `rest` through which the goal can be regressed, from the shortest to the
+/// longest.
 fn suffixes(task: &Task, rest: &[PlanStep]) -> Vec<Suffix> {
     let first_derived = task.basic_count;
     if task.goal.iter().any(|literal| literal.fact().index() >= first_derived) {
@@ -98,7 +101,7 @@ fn suffixes(task: &Task, rest: &[PlanStep]) -> Vec<Suffix> {
     suffixes
 }
 
-/// Returns the operator of each step in `rest`; `None` for a step that is no longer an operator.
+/// Returns the operator of each step in `rest`; `None` if the task has no such operator any more.
 fn operators(task: &Task, rest: &[PlanStep]) -> Vec<Option<OperatorId>> {
     let mut wanted: FxHashMap<&PlanStep, Option<OperatorId>> =
         rest.iter().map(|step| (step, None)).collect();
@@ -120,7 +123,8 @@ fn operators(task: &Task, rest: &[PlanStep]) -> Vec<Option<OperatorId>> {
 }
 
 /// Regresses the literals `asked` through an operator: returns the literals that must hold before
-/// it. Returns `None` if they cannot be computed, or if `asked` cannot hold after the operator.
+/// the operator, so that `asked` holds after it. Returns `None` if they cannot be computed, or if
+/// `asked` cannot hold after the operator.
 fn regressed(task: &Task, asked: &[Literal], operator: GroundOperator<'_>) -> Option<Vec<Literal>> {
     let is_basic = |literal: &Literal| literal.fact().index() < task.basic_count;
     let comparisons = task.basic_count..task.basic_count + task.comparisons.len();

@@ -1,5 +1,5 @@
 //! State of the faulty network: which links are broken, which items are on their way, and which
-//! daemon sees which agents.
+//! agents each daemon sees as present.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -24,7 +24,7 @@ pub(super) struct NetworkState {
     pub(super) cuts: BTreeMap<CutId, IsolatedDaemons>,
     pub(super) cuts_count: u64,
     pub(super) slow: BTreeMap<DaemonId, Duration>,
-    /// Items on their way, with their destinations, in the order of arrival.
+    /// Items on their way, with their destinations, by their time of arrival and a running number.
     pub(super) due: BTreeMap<(Instant, u64), (ConnectionId, InFlight)>,
     pub(super) due_count: u64,
     /// Time at which the last message of each link arrives. Later messages of the link arrive
@@ -43,7 +43,7 @@ pub(super) struct ConnectedDaemon {
     pub(super) under_way: usize,
 }
 
-/// Daemons with broken links to all other daemons.
+/// Daemons that a cut separates: their links to all other daemons are broken.
 pub(super) struct IsolatedDaemons {
     pub(super) daemons: BTreeSet<DaemonId>,
     /// Time at which the daemons at the ends of the broken links detect the break.
@@ -66,8 +66,9 @@ pub(super) enum InFlight {
     Question(ReceivedQuery),
     /// An answer, on its way to the daemon that asked.
     Answer(mpsc::Sender<Bytes>, Bytes),
-    /// Placeholder for a lost question or answer. The placeholder keeps the channel of the daemon
-    /// that asked open, so that this daemon waits until the item is due.
+    /// Stands for a question or answer that was lost. It holds the reply channel of the asking
+    /// daemon open until the deadline of the question. The asking daemon then waits that long, as
+    /// in a real network, instead of seeing a closed channel at once.
     LostReply(#[expect(dead_code, reason = "held, so that the asker waits")] mpsc::Sender<Bytes>),
     /// A lease has passed: the daemon must check which agents it still sees as present.
     RefreshPresence,
@@ -109,8 +110,8 @@ impl NetworkState {
         self.due.insert((at, self.due_count), (target, coming));
     }
 
-    /// Sends one item over a link, subject to the quality of the link. If the item is lost, returns
-    /// it as the error.
+    /// Sends one item over a link. Depending on the quality of the link, the item may be lost,
+    /// delayed, delivered twice or overtaken. If it is lost, returns it as the error.
     pub(super) fn send(
         &mut self,
         from: &DaemonId,
@@ -152,8 +153,8 @@ impl NetworkState {
         self.in_order(from, to, Instant::now() + delay + slow)
     }
 
-    /// Returns the time for which the next item to a daemon is under way, and the additional delay
-    /// if the daemon reads slowly.
+    /// Returns how long the next item to a daemon is under way, and how much longer if the daemon
+    /// reads slowly.
     fn sample_delay(&mut self, to: &DaemonId) -> (Duration, Duration) {
         let micros = self.rng.u64(self.conditions.delay.clone());
         let (delay, slow) = (Duration::from_micros(micros), self.slow.get(to).copied());
@@ -170,7 +171,8 @@ impl NetworkState {
         *last
     }
 
-    /// Whether a link is broken. Every cut that breaks the link counts one stopped message.
+    /// Whether a link is broken. If so, counts one stopped message for each cut that breaks the
+    /// link.
     fn is_cut(&mut self, a: &DaemonId, b: &DaemonId) -> bool {
         let breaks =
             |cut: &&mut IsolatedDaemons| cut.daemons.contains(a) != cut.daemons.contains(b);

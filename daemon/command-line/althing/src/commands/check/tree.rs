@@ -13,7 +13,8 @@ use terminal::{exit, output, visible};
 
 use crate::cli::CheckArgs;
 
-/// The kinds of PDDL files, in the order in which the table of results shows them.
+/// The kinds of PDDL files, in the order of the rows of the table. Each has its name in the JSON
+/// output and its name in the table.
 const KINDS: [(&str, &str); 4] = [
     ("domain", "domains"),
     ("problem", "problems"),
@@ -21,7 +22,8 @@ const KINDS: [(&str, &str); 4] = [
     ("unknown", "other files"),
 ];
 
-/// Reads the PDDL files below `folder`, and prints the counts and the files that are refused.
+/// Reads the PDDL files below `folder`, and prints the counts and the refused files. Returns the
+/// exit code.
 pub(super) fn run(args: &CheckArgs, folder: &Path, deadline: &LimitWatch) -> ExitCode {
     let tree = match pddl_tree::read(folder, &mut |_| ()) {
         Ok(tree) => tree,
@@ -42,8 +44,9 @@ pub(super) fn run(args: &CheckArgs, folder: &Path, deadline: &LimitWatch) -> Exi
     })
 }
 
-/// Formats the results for people: the table of counts, then the refused files, then the
-/// unsupported features and how many files use each.
+/// Formats the results for people: the table of counts, the refused files, the files without a
+/// domain, and the unsupported features with the number of files that use each. If `warnings` is
+/// true, the warnings with the number of files follow.
 fn people(tree: &PddlTree, warnings: bool) -> String {
     let mut text = format!(
         "{:<15}{:>8}{:>8}{:>8}{:>13}{:>11}{:>9}\n",
@@ -107,7 +110,8 @@ fn reasons(text: &mut String, title: &str, reasons: BTreeMap<String, usize>) {
     }
 }
 
-/// Counts, for each unsupported feature, the files that use it.
+/// Counts, for each unsupported feature, the files that use it. Messages that differ only in names
+/// count as one.
 fn unsupported(tree: &PddlTree) -> BTreeMap<String, usize> {
     let features = tree.files.iter().filter_map(|file| match &file.outcome {
         FileOutcome::Unsupported(feature) => Some(general(feature)),
@@ -116,7 +120,8 @@ fn unsupported(tree: &PddlTree) -> BTreeMap<String, usize> {
     counted(features)
 }
 
-/// Counts, for each warning, the files that cause it.
+/// Counts, for each warning, the files that cause it. Messages that differ only in names count as
+/// one.
 fn odd(tree: &PddlTree) -> BTreeMap<String, usize> {
     let read = tree.files.iter().filter(|file| file.outcome == FileOutcome::Read);
     counted(read.flat_map(|file| {
@@ -135,8 +140,8 @@ fn counted(all: impl Iterator<Item = String>) -> BTreeMap<String, usize> {
     counts
 }
 
-/// Replaces the names that stand between backquotes in a message, because they belong to one file;
-/// keywords of PDDL are not replaced.
+/// Replaces each name between backquotes in a message by `…`, so that messages of several files can
+/// be equal. Keywords of PDDL, which begin with a colon, are kept.
 fn general(message: &str) -> String {
     let mut parts = message.split('`');
     let mut general = parts.next().unwrap_or_default().to_owned();

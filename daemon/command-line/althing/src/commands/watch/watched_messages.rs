@@ -1,5 +1,5 @@
 //! The messages that `althing watch` shows, in a queue that never blocks Zenoh. The user is
-//! notified if messages are lost because the output is slow, and if a conversation is quiet.
+//! notified if messages are lost because the output is slow, and if a conversation has no messages.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -10,8 +10,9 @@ use bytes::Bytes;
 use tokio::sync::mpsc;
 use tokio::time::Instant;
 
-/// Time without any message of a conversation after which the user is notified, because the
-/// identifier may be mistyped. Agents that work on a conversation send messages within seconds.
+/// How long `althing watch` waits for the first message of a conversation before the user is
+/// notified, because the identifier may be mistyped. Agents that work on a conversation send
+/// messages within seconds.
 pub(super) const QUIET_AFTER: Duration = Duration::from_secs(10);
 
 /// The receiving end of the queue.
@@ -20,8 +21,9 @@ pub(super) struct WatchedMessages {
     lost: Arc<AtomicU64>,
     /// The conversation that is shown; `None` if all messages are shown.
     conversation: Option<String>,
-    /// Time at which the user is notified that the conversation is quiet; `None` after a message
-    /// has arrived or the user has been notified.
+    /// Time at which the user is notified that no message of the conversation has arrived. Set when
+    /// the queue is created; `None` once a message of the conversation has arrived, once the user
+    /// has been notified, or if all messages are shown.
     quiet_at: Option<Instant>,
 }
 
@@ -125,7 +127,8 @@ mod tests {
         assert_eq!(shown(&mut messages).await, "f", "each loss is told once");
     }
 
-    /// Messages of other conversations do not delay the notice that the watched one is quiet.
+    /// Messages of other conversations do not delay the notice that the watched conversation has
+    /// none.
     #[tokio::test(start_paused = true)]
     async fn a_quiet_conversation_is_reported_once() {
         let (tap, mut messages) = queue(100, Some("mistyped".to_owned()));

@@ -1,5 +1,5 @@
 //! Named goals: PDDL inside TOML. Mistakes are reported at their place in the text of the goal.
-//! Whether the words of a goal are known is checked later, in `review`, when the agents' action
+//! Whether the names in a goal are known is checked later, in `review`, when the agents' action
 //! models are known.
 
 use std::collections::BTreeMap;
@@ -15,7 +15,8 @@ use terminal::report::SourceText;
 // === impl Interpreter ===
 
 impl Interpreter<'_> {
-    /// Parses each named goal, and reports mistakes.
+    /// Parses each named goal and reports its mistakes. Returns the goals by name, also those with
+    /// mistakes; a goal without text is left out.
     pub(super) fn goals(
         &mut self,
         goals: BTreeMap<String, RawNamedGoal>,
@@ -41,8 +42,8 @@ impl Interpreter<'_> {
     }
 }
 
-/// Moves the spans of a diagnostic from the text of a goal to the place where that text stands in
-/// the ecosystem file.
+/// Moves the spans of a diagnostic about the text of a goal to the places of that text in the
+/// ecosystem file.
 pub(crate) fn relocate(
     mut found: Diagnostic,
     source: &SourceText,
@@ -64,9 +65,9 @@ pub(crate) fn relocate(
     found
 }
 
-/// Returns the offset at which `content` begins in `written`, the same TOML string as it stands in
-/// the file; `None` if the two differ because of escapes. A value from the environment has no
-/// quotes.
+/// Returns the offset of `content` in `written`, the same string as it is written: behind the
+/// quotes in TOML, or 0 in an environment variable, where there are no quotes. Returns `None` if
+/// the two differ in more than the quotes, because of escapes.
 fn content_start(written: &str, content: &str) -> Option<usize> {
     ["\"\"\"\n", "\"\"\"\r\n", "'''\n", "'''\r\n", "\"\"\"", "'''", "\"", "'", ""]
         .iter()
