@@ -30,7 +30,7 @@ pub struct DecodeError {
 /// Mistake in a text that is not a message.
 #[derive(Debug, thiserror::Error)]
 pub enum Problem {
-    /// The text is too large to be parsed.
+    /// The text is larger than [`MESSAGE_BYTES_MAX`], so it is not parsed.
     #[error("{bytes} bytes are more than the {MESSAGE_BYTES_MAX} that are read")]
     TooLarge {
         /// Size of the text, in bytes.
@@ -45,7 +45,7 @@ pub enum Problem {
          install one version of Althing on all machines"
     )]
     UnknownVersion {
-        /// The version in the text.
+        /// The protocol version that the text names.
         version: u64,
     },
 }

@@ -21,7 +21,7 @@ pub use self::state::{
     RequestedSince, Snapshot,
 };
 
-/// Content of a `request`.
+/// Content of a `request`: the act that the receiver is to carry out.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "act", rename_all = "kebab-case")]
@@ -213,7 +213,8 @@ pub struct Method {
     /// Arguments of the method, by name. A value is a variable of the action (`?to`) or a literal.
     #[serde(default)]
     pub arguments: BTreeMap<String, String>,
-    /// Longest time that the method may take.
+    /// Longest time that the method may take. After it, the action is reported as timed
+    /// out.
     pub timeout: Millis,
 }
 
@@ -467,10 +468,10 @@ pub struct Report {
     /// completed step.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub step: Option<u32>,
-    /// The chosen plan; `None` if the report does not announce a plan.
+    /// The chosen plan; `None` in a report of any other event.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plan: Option<String>,
-    /// Cost of the announced plan; `None` if the report does not announce a plan.
+    /// Cost of the chosen plan; `None` in a report of any other event.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub cost: Option<f64>,
     /// PDDL facts that were observed.
@@ -617,7 +618,7 @@ pub struct MailboxStatus {
     pub agent: AgentId,
     /// Number of messages that wait in the mailbox now.
     pub waiting: u64,
-    /// Largest number of messages that have waited in the mailbox at one time.
+    /// Largest number of messages that have waited in the mailbox at one time in this incarnation.
     pub waiting_max: u64,
     /// Number of messages that were put into the mailbox.
     pub received: u64,

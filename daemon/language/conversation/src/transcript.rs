@@ -16,8 +16,9 @@ pub const TRANSCRIPT_EXCHANGES_MAX: usize = 10_000;
 #[derive(Clone, Debug)]
 pub struct Transcript {
     duplicates: DuplicateWindow,
-    /// State of each exchange, by token and participant. The key `None` is the state of a broadcast
-    /// after its first message, before any participant has answered.
+    /// State of each exchange. The key is the token of the exchange and its participant. The
+    /// participant is `None` for a broadcast after its first message, before any participant has
+    /// answered.
     exchanges: BTreeMap<(ReplyToken, Option<AgentId>), Exchange>,
 }
 

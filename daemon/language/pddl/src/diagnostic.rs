@@ -43,12 +43,12 @@ pub struct Diagnostic {
     pub is_unsupported: bool,
 }
 
-/// Another place that is related to a mistake.
+/// A place that is related to a mistake, other than the place of the mistake itself.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Note {
-    /// The other place, in the same text.
+    /// The related place, in the same text as the mistake.
     pub span: Span,
-    /// Description of the other place.
+    /// Description of the related place.
     pub message: String,
 }
 
@@ -70,8 +70,8 @@ pub(crate) struct DiagnosticList {
     omitted: usize,
 }
 
-/// Maximum number of stored mistakes. A screen shows about 50, and a text with a thousand mistakes
-/// is not PDDL.
+/// Maximum number of stored mistakes; further mistakes are only counted. A screen shows about 50,
+/// and a text with a thousand mistakes is not PDDL.
 const DIAGNOSTICS_MAX: usize = 1_000;
 
 /// Returns the line and the column of a byte offset, both counted from 1. Columns count characters.
@@ -168,7 +168,8 @@ impl Diagnostic {
         self
     }
 
-    /// Adds another place of the same text, with a description of that place.
+    /// Adds a place of the same text that is related to the mistake, with a description of that
+    /// place.
     #[must_use]
     pub fn with_note(mut self, span: Span, message: impl Into<String>) -> Diagnostic {
         self.notes.push(Note { span, message: message.into() });

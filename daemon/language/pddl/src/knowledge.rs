@@ -26,7 +26,7 @@ use crate::tree::{
     FluentTerm, Name, PredicateDeclaration, Privacy, Span, Term, Typed,
 };
 
-/// The auxiliary predicates of one symbol.
+/// The auxiliary predicates that represent what is unknown about one predicate or function.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum AuxiliaryPredicates {
     /// Auxiliary predicates of a predicate that is not derived.
@@ -161,8 +161,8 @@ impl Knowledge {
         }
     }
 
-    /// Returns the auxiliary fact that `fluent` has a known value; `None` if the function has no
-    /// such predicate.
+    /// Returns the auxiliary fact that `fluent` has a known value; `None` if the domain has no
+    /// auxiliary predicate for this function.
     pub fn defined(&self, fluent: &FluentTerm) -> Option<Atom> {
         match self.symbols.get(&fluent.function)? {
             AuxiliaryPredicates::Function { defined, .. } => {
@@ -438,8 +438,9 @@ impl Knowledge {
         (!open.is_empty()).then(|| one_or(open))
     }
 
-    /// Returns the functions of a comparison that may have no value. With each function, returns
-    /// the fact that it is defined and the predicate that it was observed, if there is one.
+    /// Returns the functions of a comparison that may have no value. Each entry is the function
+    /// with its arguments, the auxiliary fact that it has a value, and the predicate that it was
+    /// observed, if there is one.
     fn tracked(&self, compare: &Compare) -> Vec<(FluentTerm, Atom, Option<Name>)> {
         let mut fluents: Vec<&FluentTerm> = Vec::new();
         for fluent in compare.left.fluents().chain(compare.right.fluents()) {

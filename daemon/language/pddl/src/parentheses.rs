@@ -9,7 +9,7 @@ use crate::diagnostic::{Diagnostic, DiagnosticList};
 use crate::lexer::{self, LexToken};
 use crate::tree::Span;
 
-/// Maximum number of levels of nested parentheses.
+/// Maximum number of levels of nested parentheses. A list that is nested deeper is an error.
 ///
 /// With a stack of 2 MiB, recursion over a tree, here or in another crate, has 16 KiB for each
 /// level. The deepest of 224 competition files nests 14 levels deep.
@@ -44,7 +44,7 @@ pub(crate) struct StoredNode {
     /// Index of the first node after this node and its content.
     pub(crate) next: u32,
     pub(crate) kind: NodeKind,
-    /// Number of lists around the node.
+    /// Number of lists that enclose the node.
     pub(crate) depth: u8,
 }
 

@@ -241,7 +241,7 @@ pub struct PredicateDeclaration {
     pub name: Name,
     /// Parameters of the predicate.
     pub parameters: Vec<Typed>,
-    /// Visibility of the predicate to other agents.
+    /// Privacy of the predicate: visible to every agent, or only to its owner.
     pub privacy: Privacy,
 }
 
@@ -252,7 +252,7 @@ pub struct FunctionDeclaration {
     pub name: Name,
     /// Parameters of the function.
     pub parameters: Vec<Typed>,
-    /// Visibility of the function to other agents.
+    /// Privacy of the function: visible to every agent, or only to its owner.
     pub privacy: Privacy,
 }
 
@@ -386,9 +386,9 @@ pub struct Domain {
 /// An object of a problem or an action model.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct ObjectDeclaration {
-    /// The object and its type.
+    /// The name of the object, with its type.
     pub object: Typed,
-    /// Visibility of the object to other agents.
+    /// Privacy of the object: visible to every agent, or only to its owner.
     pub privacy: Privacy,
 }
 
@@ -497,9 +497,9 @@ pub struct PlanStep {
     /// The arguments of the action: the agent, if the action has one, then one object for each
     /// parameter.
     pub arguments: Vec<Name>,
-    /// Start time of the step in a temporal plan; otherwise `None`.
+    /// Start time of the step, in a temporal plan; `None` in any other plan.
     pub time: Option<Number>,
-    /// Duration of the step in a temporal plan; otherwise `None`.
+    /// Duration of the step, in a temporal plan; `None` in any other plan.
     pub duration: Option<Number>,
     /// Place in the text, from `(` to `)`.
     pub span: Span,
@@ -558,7 +558,7 @@ impl Name {
         Name { spelling: Arc::new(Spelling { canonical, spelled }), span }
     }
 
-    /// Returns the same name with another place in the text.
+    /// Returns a copy of the name that stands at the place `span`.
     pub fn at(&self, span: Span) -> Name {
         Name { spelling: Arc::clone(&self.spelling), span }
     }
@@ -716,7 +716,7 @@ impl fmt::Display for Number {
 // === impl Condition ===
 
 impl Condition {
-    /// Returns the condition that always holds.
+    /// Returns the condition that always holds: `(and)`.
     pub fn always() -> Condition {
         Condition::And(Vec::new())
     }
@@ -740,7 +740,7 @@ impl Default for Effect {
 }
 
 impl Effect {
-    /// Returns the effect that changes nothing.
+    /// Returns the effect that changes nothing: `(and)`.
     pub fn nothing() -> Effect {
         Effect::And(Vec::new())
     }

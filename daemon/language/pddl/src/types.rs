@@ -25,8 +25,9 @@ pub struct Types {
 
 const OBJECT: &str = "object";
 
-/// Maximum number of supertypes of one type that are considered. Buildings need less than a tenth
-/// of this number. With the limit, every query about a type takes bounded time.
+/// Maximum number of supertypes of one type that are considered, the nearest ones first; a type
+/// with more is reported as an error. Buildings need less than a tenth of this number. With the
+/// limit, every query about a type takes bounded time.
 pub const SUPERTYPES_MAX: usize = 256;
 
 // === impl Types ===

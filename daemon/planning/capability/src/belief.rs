@@ -61,8 +61,8 @@ impl StampedClaim {
     }
 }
 
-/// All claims about one fact, sorted by owner. A list is used because most facts have one owner
-/// only.
+/// All claims about one fact, sorted by owner. Each entry is the owner and its claim. A list is
+/// used because most facts have one owner only.
 #[derive(Clone, Debug)]
 struct ClaimsByOwner(Vec<(Owner, StampedClaim)>);
 
@@ -85,8 +85,9 @@ pub(crate) struct Beliefs {
     /// Whether a fact may have begun or ceased to hold since the last call of
     /// [`Beliefs::take_moved`].
     is_moved: bool,
-    /// Claims that came by request, from another maintainer, or from an action. Each of them ends
-    /// when an agent that is responsible for the fact contradicts the claim.
+    /// Claims that came by request, from another maintainer, or from an action. Each entry is the
+    /// fact and the owner of the claim. A claim ends when an agent that is responsible for the fact
+    /// contradicts it.
     requested: BTreeSet<(FactKey, Owner)>,
     /// Predicates that have or had an unknown fact. A predicate stays in the set after the fact has
     /// become known, so that the domain does not change each time.
@@ -104,8 +105,8 @@ pub(crate) struct Beliefs {
 // === impl ClaimSource ===
 
 impl ClaimSource {
-    /// Whether this maintainer must announce the claim to other maintainers. The others cannot
-    /// receive such a claim in any other way.
+    /// Whether this maintainer must send a claim of this origin to other maintainers, because they
+    /// cannot receive the claim in any other way.
     pub(crate) fn is_requested(self) -> bool {
         match self {
             ClaimSource::Request
@@ -257,8 +258,8 @@ impl Beliefs {
         self.is_newly_unknowable = true;
     }
 
-    /// Returns the facts of one symbol with a claim in `requested`, each with the owner of the
-    /// claim.
+    /// Returns the facts of one symbol about which a claim came by request, from another
+    /// maintainer, or from an action. Each entry is the fact and the owner of the claim.
     pub(crate) fn requested_of(
         &self,
         space: FactSymbolKind,
@@ -271,7 +272,8 @@ impl Beliefs {
             .map(|(fact, owner)| (fact, owner))
     }
 
-    /// Returns all facts with a claim in `requested`, each with the owner of the claim.
+    /// Returns the facts about which a claim came by request, from another maintainer, or from an
+    /// action. Each entry is the fact and the owner of the claim.
     pub(crate) fn all_requested(&self) -> impl Iterator<Item = &(FactKey, Owner)> {
         self.requested.iter()
     }
@@ -312,7 +314,8 @@ impl Beliefs {
         self.partition_log.as_ref().is_some_and(|apart| apart.has(fact, owner))
     }
 
-    /// Returns the claims that may have changed since the last call, so that they can be announced.
+    /// Returns the claims that may have changed since the last call, so that they can be sent to
+    /// other maintainers.
     pub(crate) fn take_untold(&mut self) -> PendingChanges {
         self.pending_changes.take()
     }
@@ -488,7 +491,7 @@ impl Beliefs {
         }
     }
 
-    /// Removes all claims that another maintainer announced, except those in `stays`, which must be
+    /// Removes all claims that the central maintainer sent, except those in `stays`, which must be
     /// sorted.
     pub(crate) fn withdraw_announced(&mut self, stays: &[(FactKey, Owner)]) {
         // A merge join: both sequences are long and nearly equal.
@@ -510,7 +513,7 @@ impl Beliefs {
         }
     }
 
-    /// Turns all claims that another maintainer announced into claims that came to this maintainer
+    /// Turns all claims that the central maintainer sent into claims that came to this maintainer
     /// by request.
     pub(crate) fn adopt_announced(&mut self) {
         for owners in self.claims.values_mut() {
@@ -522,9 +525,8 @@ impl Beliefs {
         }
     }
 
-    /// Turns all claims that came to this maintainer by request into claims that another maintainer
-    /// announced. A claim that the announcements of that maintainer do not contain is later
-    /// removed.
+    /// Turns all claims that came to this maintainer by request into claims that the leader sent. A
+    /// claim that the leader's messages do not contain is later removed.
     pub(crate) fn demote_requests(&mut self) {
         for owners in self.claims.values_mut() {
             for claim in owners.0.iter_mut().map(|(_, stamped)| &mut stamped.claim) {
@@ -543,8 +545,8 @@ impl Beliefs {
         self.stamped_claim_of(fact, owner).map(|(_, claim)| claim)
     }
 
-    /// Returns the claim of `owner` about `fact`, with its stamp: its position in the order of all
-    /// claims.
+    /// Returns the claim of `owner` about `fact`, after its stamp: the position of the claim in the
+    /// order of all claims.
     pub(crate) fn stamped_claim_of(
         &self,
         fact: &FactKey,
@@ -660,18 +662,18 @@ impl Beliefs {
         holding.map(|holding| holding.value)
     }
 
-    /// Returns all claims of one owner.
+    /// Returns all claims of one owner. Each entry is the fact and the claim.
     pub(crate) fn claims_by(&self, owner: &Owner) -> impl Iterator<Item = (&FactKey, &FactClaim)> {
         self.facts_of(owner).filter_map(move |fact| Some((fact, self.claim_of(fact, owner)?)))
     }
 
-    /// Returns all claims about one fact.
+    /// Returns all claims about one fact. Each entry is the owner and its claim.
     pub(crate) fn claims_of(&self, fact: &FactKey) -> impl Iterator<Item = (&Owner, &FactClaim)> {
         let owners = self.claims.get(fact).into_iter().flat_map(ClaimsByOwner::iter);
         owners.map(|(owner, stamped)| (owner, &stamped.claim))
     }
 
-    /// Returns all claims, grouped by fact.
+    /// Returns all facts with a claim. Each entry is the fact and its claims, each with the owner.
     pub(crate) fn claims(&self) -> impl Iterator<Item = (&FactKey, Vec<(&Owner, &FactClaim)>)> {
         self.claims.iter().map(|(fact, owners)| {
             (fact, owners.iter().map(|(owner, stamped)| (owner, &stamped.claim)).collect())

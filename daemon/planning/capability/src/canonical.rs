@@ -19,7 +19,7 @@ use pddl::{
 
 use crate::digest;
 
-/// The symbols that a schema uses.
+/// The symbols that an action schema or axiom uses.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct UsedSymbols {
     /// Predicates that the schema uses, each with its number of arguments.

@@ -62,7 +62,8 @@ pub(crate) struct CompositionMemory {
     names: ActionNames,
 }
 
-/// Composes the models of `parties`, sorted by the name of the agent, into one domain.
+/// Composes the models of `parties`, sorted by the name of the agent, into one domain. Returns the
+/// composite, and the parts that were left out of it as conflicts.
 ///
 /// If `everything` is true, the private facts of all agents are visible in the composite.
 pub(crate) fn compose(
@@ -149,7 +150,8 @@ fn private_names<'a>(declarations: impl Iterator<Item = &'a Declaration>) -> BTr
 #[derive(Default)]
 struct ConflictReport<'a> {
     conflicts: BTreeSet<Conflict>,
-    /// Declarations left out because a different declaration of another agent is in force.
+    /// Declarations left out because a different declaration of another agent is in force. Each
+    /// entry is the agent, the kind of the part and the name of the part.
     lost: BTreeSet<(&'a AgentId, ModelPartKind, &'a Name)>,
 }
 

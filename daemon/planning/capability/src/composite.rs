@@ -19,7 +19,7 @@ use crate::vocabulary::DomainVocabulary;
 /// Name of the function that is the default metric of plans.
 pub(crate) const TOTAL_COST: &str = "total-cost";
 
-/// One domain made of many models.
+/// The domain that is composed of the ontology, the map and the models of agents.
 #[derive(Clone, Debug)]
 pub(crate) struct Composite {
     pub(crate) domain: Arc<Domain>,
@@ -157,15 +157,15 @@ impl Composite {
         self.digest.get_or_init(|| text_digest(&self.domain.to_string()))
     }
 
-    /// Uses the allocation of the domain of `other`, if the two domains have the same text.
+    /// Shares the memory of the domain of `other`, if the two domains have the same text.
     pub(crate) fn share_domain(&mut self, other: &Composite) {
         if self.domain == other.domain && self.digest() == other.digest() {
             self.domain = Arc::clone(&other.domain);
         }
     }
 
-    /// Whether planning with this composite gives the same plans as with `other`. The two
-    /// composites must share the allocation of their domain.
+    /// Whether planning with this composite gives the same plans as with `other`. Domains that do
+    /// not share their memory (see [`Composite::share_domain`]) count as different.
     pub(crate) fn is_as(&self, other: &Composite) -> bool {
         Arc::ptr_eq(&self.domain, &other.domain)
             && self.objects == other.objects

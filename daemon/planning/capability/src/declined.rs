@@ -20,7 +20,7 @@ pub enum Declined {
     },
     /// The model is based on an ontology other than the shared one.
     OtherOntology {
-        /// The ontology that the model names.
+        /// The ontology on which the model is based.
         named: String,
         /// The ontology that the agents of this ecosystem share.
         shared: String,
@@ -43,9 +43,9 @@ pub enum Declined {
         /// The number of the newest heartbeat received.
         current: u64,
     },
-    /// This incarnation of the agent has not announced its model.
+    /// This incarnation of the agent has not announced its action model.
     UnknownAgent {
-        /// The agent that is unknown.
+        /// The agent without an announced action model.
         agent: AgentId,
     },
     /// The input does not fit the composite domain.
@@ -84,7 +84,7 @@ pub enum Declined {
     TooMany {
         /// The kind of thing of which there are too many, in the plural.
         what: &'static str,
-        /// The largest number that is allowed.
+        /// The limit that the input exceeds.
         limit: usize,
     },
 }

@@ -40,12 +40,12 @@ pub(crate) enum FactValue {
 
 /// Meaning of an element of `:init`, as a statement about a term.
 pub(crate) enum FactStatement {
-    /// The term has the given value.
+    /// The fact or function has the given value.
     Is(FactKey, FactValue),
-    /// The term is false.
+    /// The fact is false.
     Not(FactKey),
-    /// The element cannot be believed, because it contains a variable or is about a time other than
-    /// the start.
+    /// The element is no fact that can be believed: it contains a variable, or is about a time
+    /// other than the start.
     Unusable,
 }
 
@@ -74,7 +74,7 @@ pub enum ClaimSource {
     Observation,
     /// The fact is claimed to be unknown, because the agent that was responsible for it has left.
     Departure,
-    /// The central Domain Maintainer has announced this claim of another owner.
+    /// The central Domain Maintainer has sent this claim, which a different owner makes.
     Announced,
 }
 

@@ -15,16 +15,16 @@ pub struct Follower {
     facts: BTreeMap<FactKey, FactValue>,
 }
 
-/// Reason why an announced change could not be applied to a copy of the state. The copy is
-/// unchanged; the caller must request a fresh one.
+/// Reason why a received change could not be applied to a copy of the state. The copy is unchanged;
+/// the caller must request a fresh one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum FollowError {
-    /// An earlier change has been lost.
+    /// A change between the copy and the received change has been lost.
     Gap {
         /// The revision (number of changes) of the copy.
         known: u64,
-        /// The revision (number of changes) after the announced change.
+        /// The revision (number of changes) after the received change.
         announced: u64,
     },
     /// The set of capabilities has changed, so the domain and the objects differ from those of the
@@ -32,10 +32,10 @@ pub enum FollowError {
     NewEpoch {
         /// The epoch of the copy.
         known: u64,
-        /// The epoch of the announced change.
+        /// The epoch of the received change.
         announced: u64,
     },
-    /// The facts in the announced change are not valid PDDL.
+    /// The facts in the received change are not valid PDDL.
     Unreadable(Vec<Diagnostic>),
 }
 
@@ -49,7 +49,7 @@ impl Follower {
         follower
     }
 
-    /// Applies an announced change to the copy. A change that the copy already contains is ignored.
+    /// Applies a received change to the copy. A change that the copy already contains is ignored.
     ///
     /// # Errors
     ///

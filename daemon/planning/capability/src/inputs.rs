@@ -28,7 +28,7 @@ pub struct SilenceLimit {
 /// An announced action model with its methods. Cloning is cheap, because clones share the model.
 #[derive(Clone, Debug)]
 pub struct Announcement {
-    /// The agent that sent the announcement.
+    /// The agent that sent the announcement and offers the actions of the model.
     pub agent: AgentId,
     /// Incarnation of the sender.
     pub incarnation: Incarnation,
@@ -64,11 +64,12 @@ pub struct RepeatedHeartbeat<'h> {
     pub incarnation: Incarnation,
     /// Digest of the sender's action model and methods.
     pub digest: &'h str,
-    /// Number of the previous heartbeat.
+    /// Number of the heartbeat that the agent sent before this one.
     pub before: u64,
     /// Number of this heartbeat.
     pub sequence: u64,
-    /// Longest time until the next heartbeat is sent.
+    /// Longest time until the next heartbeat is sent. After several such periods without a
+    /// heartbeat, the agent counts as silent.
     pub period: Duration,
 }
 
@@ -95,24 +96,25 @@ pub struct Effects {
 /// All changes that requests have made at the central Domain Maintainer.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RequestedChanges {
-    /// Facts that were requested, each with its owner.
+    /// Facts that were requested. Each entry is the owner and the fact.
     pub facts: Vec<(AgentId, KnownFact)>,
     /// Facts of the map that requests have retracted.
     pub retracted: Vec<InitElement>,
     /// The requested metric of plans; `None` if the metric of the map is in use.
     pub metric: Option<Metric>,
-    /// Actions that requests withhold from planning, each with the agent; `None` stands for all
-    /// agents.
+    /// Actions that requests withhold from planning. Each entry is the name of the action and the
+    /// agent; `None` stands for all agents.
     pub withheld: Vec<(Name, Option<AgentId>)>,
 }
 
-/// Changes that requests have made since the last announcement.
+/// Changes that requests have made since the central Domain Maintainer last sent changes of this
+/// kind.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct RequestedChangesSince {
-    /// New or changed requested facts, each with its owner.
+    /// New or changed requested facts. Each entry is the owner and the fact.
     pub facts: Vec<(AgentId, KnownFact)>,
-    /// Withdrawn requested facts, each with its former owner. The value of a function has no
-    /// meaning here.
+    /// Requests for facts that were taken back. Each entry is the former owner and the fact. A
+    /// value of a function is ignored: the function and its arguments identify the request.
     pub withdrawn: Vec<(AgentId, InitElement)>,
     /// Facts of the map that requests have retracted.
     pub retracted: Vec<InitElement>,
@@ -259,12 +261,11 @@ impl Effects {
 // === impl RequestedChanges ===
 
 impl RequestedChanges {
-    /// Parses an announcement of all requested changes that was received at `now`.
+    /// Parses a message with all requested changes that was received at `now`.
     ///
     /// # Errors
     ///
-    /// Returns diagnostics if the announcement is not valid PDDL, with places in the first invalid
-    /// text.
+    /// Returns diagnostics if the message is not valid PDDL, with places in the first invalid text.
     pub fn read(told: &Requested, now: Timestamp) -> Result<RequestedChanges, Vec<Diagnostic>> {
         let Requested { facts, retracted, metric, withheld } = told;
         let metric = metric.as_ref().map(|metric| pddl::parse_metric(metric).into_result());
@@ -282,12 +283,11 @@ impl RequestedChanges {
 // === impl RequestedChangesSince ===
 
 impl RequestedChangesSince {
-    /// Parses an announcement of recent requested changes that was received at `now`.
+    /// Parses a message with recent requested changes that was received at `now`.
     ///
     /// # Errors
     ///
-    /// Returns diagnostics if the announcement is not valid PDDL, with places in the first invalid
-    /// text.
+    /// Returns diagnostics if the message is not valid PDDL, with places in the first invalid text.
     pub fn read(
         told: &RequestedSince,
         now: Timestamp,

@@ -37,7 +37,8 @@ pub(crate) struct Member {
     /// Number of the newest heartbeat that was parsed. Later heartbeats equal it and were not
     /// parsed.
     pub(crate) read: u64,
-    /// Symbols of all facts that any heartbeat of the agent has contained.
+    /// Symbols of all facts that any heartbeat of the agent has contained. Each entry tells whether
+    /// the symbol is a predicate or a function, and its name.
     reported_symbols: BTreeSet<(FactSymbolKind, Name)>,
     /// Facts that any heartbeat of the agent has contained and that mention no object of the agent.
     reported_facts: BTreeSet<FactKey>,
@@ -49,9 +50,9 @@ pub(crate) struct KnownAgents {
     members: BTreeMap<AgentId, Member>,
     former: BTreeMap<AgentId, Incarnation>,
     arrivals: u64,
-    /// Times at which to check whether an agent is silent, at most one for each agent. With this
-    /// index, a heartbeat never requires a scan of all agents, of which there may be a thousand. A
-    /// heartbeat that is on time does not change the entry.
+    /// Times at which to check whether an agent is silent, each with the agent; at most one for
+    /// each agent. With this index, a heartbeat never requires a scan of all agents, of which there
+    /// may be a thousand. A heartbeat that is on time does not change the entry.
     dues: BTreeSet<(Timestamp, AgentId)>,
     /// Agents with capabilities that may have become available or unavailable since the last call
     /// of [`KnownAgents::take_presence_changes`].
@@ -84,7 +85,7 @@ impl Member {
         }
     }
 
-    /// Returns the same agent in the same incarnation, with another model.
+    /// Returns the agent in the same incarnation, with the given model in place of its own.
     pub(crate) fn with(self, described: ParsedModel) -> Member {
         Member { described, ..self }
     }
@@ -137,7 +138,8 @@ impl Member {
         self.reported_symbols.contains(&like) || self.described.manifest.owned.contains(&like)
     }
 
-    /// Returns the symbols of facts that the agent may be responsible for.
+    /// Returns the symbols of facts that the agent may be responsible for. Each entry tells whether
+    /// the symbol is a predicate or a function, and its name.
     pub(crate) fn symbols(&self) -> impl Iterator<Item = &(FactSymbolKind, Name)> {
         self.reported_symbols.union(&self.described.manifest.said)
     }
@@ -204,7 +206,7 @@ impl KnownAgents {
     }
 
     /// Returns the contribution of an agent, with its whole model, to a composition; `None` if the
-    /// agent is unknown.
+    /// agent has not announced a model.
     pub(crate) fn party(&self, agent: &AgentId) -> Option<Contribution<'_>> {
         let (agent, member) = self.members.get_key_value(agent)?;
         let manifest = &*member.described.manifest;
@@ -256,8 +258,8 @@ impl KnownAgents {
         }
     }
 
-    /// Records that a heartbeat of a known agent has arrived. Returns an error if the agent is
-    /// unknown.
+    /// Records that a heartbeat of an agent has arrived. Returns an error if the agent has not
+    /// announced its model.
     pub(crate) fn record_heartbeat(
         &mut self,
         agent: &AgentId,
@@ -328,8 +330,8 @@ impl KnownAgents {
         }
     }
 
-    /// Returns the data of an agent. Returns an error if the agent is unknown, or if `reported` is
-    /// not its current incarnation.
+    /// Returns the data of an agent. Returns an error if the agent has not announced its model, or
+    /// if `reported` is not its current incarnation.
     pub(crate) fn current(
         &mut self,
         agent: &AgentId,
@@ -374,7 +376,7 @@ impl KnownAgents {
     }
 
     /// Removes an agent, and records its incarnation as a former one. Returns the data of the
-    /// agent; `None` if it was unknown.
+    /// agent; `None` if it has not announced a model.
     pub(crate) fn remove_member(&mut self, agent: &AgentId) -> Option<Member> {
         let member = self.members.remove(agent)?;
         self.unindex(agent, &member);

@@ -58,10 +58,11 @@ struct Uncomposed {
     others: bool,
 }
 
-/// Result of admitting a model.
+/// Result of adding a model and composing all models.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AdmitResult {
-    /// The change that the model made; empty if the same model was known already.
+    /// The change of the composite domain and state that the model caused; empty if this maintainer
+    /// had the same model already.
     pub change: DomainChange,
     /// New conflicts because of the model: parts of it or of other models that can no longer be
     /// composed as written. Each conflict must be sent to the agents that it names.
@@ -78,8 +79,7 @@ pub struct Maintainer {
     shared: Arc<SharedModel>,
     scope: MaintainerScope,
     silence: SilenceLimit,
-    /// Whether this maintainer adopts the changes by requests that the central maintainer
-    /// announces.
+    /// Whether this maintainer adopts the changes by requests that the central maintainer sends.
     follows: bool,
     roster: KnownAgents,
     remembered: FormerActions,
@@ -93,11 +93,11 @@ pub struct Maintainer {
     beliefs: Beliefs,
     /// Departed agents with facts that are kept as unknown, in the order of their departure.
     departed: VecDeque<AgentId>,
-    /// Facts that were marked as unknown because an agent of the ecosystem file had not joined,
-    /// each with this agent. A fact stays in the set after its mark has ended.
+    /// Facts that were marked as unknown because an agent of the ecosystem file had not joined.
+    /// Each entry is the fact and this agent. A fact stays in the set after its mark has ended.
     expected: BTreeSet<(FactKey, Owner)>,
-    /// Actions that requests withhold from planning, each with the agent; `None` stands for all
-    /// agents.
+    /// Actions that requests withhold from planning. Each entry is the name of the action and the
+    /// agent; `None` stands for all agents.
     withheld: BTreeSet<(Name, Option<AgentId>)>,
     metric: Option<Metric>,
     /// Agents with capabilities that were available at the end of the last call.
@@ -381,8 +381,8 @@ impl Maintainer {
         }
     }
 
-    /// Adds the predicates that may have unknown facts to the domain. Must be called when a
-    /// predicate is added to this set.
+    /// Adds the predicates that may have unknown facts to the domain. Must be called when an
+    /// unknown fact of a further predicate has been recorded.
     fn unknowable_changed(&mut self) {
         self.memory.unknowable.clone_from(self.beliefs.unknowable());
         match self.scope {
@@ -432,7 +432,8 @@ impl Maintainer {
     }
 
     /// Composes one domain of all models. If `trusts` returns `true` for an agent, its whole model
-    /// is used, and otherwise only the public part.
+    /// is used, and otherwise only the public part. Returns the composite, and the parts that were
+    /// left out of it as conflicts.
     fn compose(
         &self,
         trusts: impl Fn(&AgentId) -> bool,

@@ -74,9 +74,11 @@ pub(crate) struct ModelSummary {
     pub(crate) offers: Vec<ModelAction>,
     pub(crate) init: Vec<(FactKey, FactValue)>,
     /// Symbols of the facts that the model states at the start and the agent's actions can change.
-    /// The agent's heartbeats list all true facts with these symbols.
+    /// Each entry tells whether the symbol is a predicate or a function, and its name. The agent's
+    /// heartbeats list all true facts with these symbols.
     pub(crate) owned: BTreeSet<(FactSymbolKind, Name)>,
-    /// Symbols of all facts that the model states at the start.
+    /// Symbols of all facts that the model states at the start. Each entry tells whether the symbol
+    /// is a predicate or a function, and its name.
     pub(crate) said: BTreeSet<(FactSymbolKind, Name)>,
     /// The objects that the model declares.
     pub(crate) objects: BTreeSet<Name>,
@@ -86,7 +88,8 @@ pub(crate) struct ModelSummary {
 // === impl Declaration ===
 
 impl Declaration {
-    /// Whether the declarations of two agents are the same.
+    /// Whether two agents declare a part in the same way: with the same signature and the same
+    /// axioms.
     pub(crate) fn agrees(&self, other: &Declaration) -> bool {
         self.signature == other.signature
             && self.axioms.len() == other.axioms.len()

@@ -31,7 +31,8 @@ struct ActionVariant {
 // === impl ActionNames ===
 
 impl ActionNames {
-    /// Returns a name inside the domain for every variant in `live`. Drops the names of all other
+    /// Returns a name inside the domain for every variant in `live`. The key is the agents' own
+    /// name for the action and the canonical text of the schema. Drops the names of all other
     /// variants.
     pub(crate) fn assign<'a>(
         &mut self,

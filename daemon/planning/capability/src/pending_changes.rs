@@ -6,22 +6,22 @@ use std::collections::BTreeSet;
 use crate::fact::{ClaimSource, FactKey, Owner};
 
 /// Maximum number of changed claims that are recorded individually. If more have changed, all
-/// claims are announced.
+/// claims are sent to the other maintainers.
 const UNTOLD_MAX: usize = 1_024;
 
-/// Claims that may have changed since they were last announced.
+/// Claims that may have changed since claims were last sent to other maintainers.
 #[derive(Clone, Debug, Default)]
 pub(crate) enum PendingChanges {
-    /// Any claim may have changed, because no claim has been announced yet or too many have
-    /// changed.
+    /// Any claim may have changed, because no claim has been sent to other maintainers yet, or too
+    /// many claims have changed.
     #[default]
     All,
     These(BTreeSet<(FactKey, Owner)>),
 }
 
 impl PendingChanges {
-    /// Records a claim that was made or withdrawn, if it must be announced: the owner is the map,
-    /// or the claim came by request.
+    /// Records a claim that was made or withdrawn, if it must be sent to other maintainers: the
+    /// owner is the map, or the claim came by request.
     pub(crate) fn record(&mut self, fact: &FactKey, owner: &Owner, source: ClaimSource) {
         let PendingChanges::These(untold) = self else { return };
         if *owner != Owner::Map && !source.is_requested() {
@@ -38,7 +38,7 @@ impl PendingChanges {
         std::mem::replace(self, PendingChanges::nothing())
     }
 
-    /// Creates an empty record.
+    /// Creates a record without changes.
     pub(crate) fn nothing() -> PendingChanges {
         PendingChanges::These(BTreeSet::new())
     }

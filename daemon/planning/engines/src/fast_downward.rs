@@ -20,10 +20,10 @@ const PLAN: &str = "plan";
 const LANDMARK_CUT: &str = "astar(lmcut())";
 
 /// Search configuration for a cheapest plan without a heuristic: A* that expands blindly. It is
-/// used if landmark cut refuses the task because of axioms or conditional effects.
+/// used if landmark cut does not support the task because of axioms or conditional effects.
 const BLIND: &str = "astar(blind())";
 
-/// Exit code of Fast Downward for “unsupported”: the search refuses a feature of the task.
+/// Exit code of Fast Downward for “unsupported”: the search does not support a feature of the task.
 const UNSUPPORTED: i32 = 34;
 
 /// Runs Fast Downward for a task and reads the result of the run.
@@ -54,9 +54,9 @@ pub(crate) fn answer(job: &EngineJob<'_>) -> Result<EngineResult, EngineError> {
     Ok(EngineResult { ending, plans, proven_optimal })
 }
 
-/// Whether landmark cut certainly refuses the task, so that a run with it is useless. Fast
-/// Downward's translator may produce features that landmark cut refuses in other tasks, too; these
-/// are found by trying.
+/// Whether landmark cut certainly does not support the task, so that a run with it is useless. In
+/// other tasks, too, Fast Downward's translator may produce features that landmark cut does not
+/// support; these tasks are found by trying.
 fn is_refused_anyway(job: &EngineJob<'_>) -> bool {
     ["(:derived ", "(when "].iter().any(|word| job.lowered.domain.contains(word))
 }

@@ -23,9 +23,11 @@ pub enum PlanningAim {
 /// Options of an engine's run: limits on time and memory, and the aim of planning.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct EngineOptions {
-    /// Limit on the wall-clock time of planning, from the call on; `None` for no limit.
+    /// Limit on the wall-clock time of planning, from the call on; `None` for no limit. An engine
+    /// that still runs then is killed.
     pub time_limit: Option<Duration>,
     /// Limit on the address space of each of the engine's processes, in bytes; `None` for no limit.
+    /// A process that needs more fails to allocate memory.
     pub memory_limit: Option<u64>,
     /// Kind of plan that the engine must find.
     pub aim: PlanningAim,

@@ -26,7 +26,7 @@ const FOUND: &str = "found legal plan as follows";
 /// Text that Metric-FF prints if the initial state satisfies the goal.
 const TRUE_ALREADY: &str = "goal can be simplified to TRUE";
 
-/// Texts that Metric-FF prints if it finds no plan, each with its meaning.
+/// Texts that Metric-FF prints if it finds no plan, each with the ending of planning that it means.
 ///
 /// The last text alone is no proof that no plan exists: a search that prunes unpromising states
 /// prints it, too.

@@ -62,7 +62,7 @@ pub enum EngineError {
     /// The engine reported that it does not support the task, without a place in the task.
     #[error("plan with {engine}, which says: {said}")]
     Beyond {
-        /// The engine that reported this.
+        /// The engine that does not support the task.
         engine: ExternalEngine,
         /// The message that the engine printed.
         said: String,

@@ -36,7 +36,8 @@ pub(crate) struct EngineLaunch<'l> {
     pub(crate) folder: &'l Path,
     /// Time at which a running program is killed; `None` for no limit.
     pub(crate) deadline: Option<Instant>,
-    /// Limit on the address space of each process of the program, in bytes; `None` for no limit.
+    /// Limit on the address space of each process of the program, in bytes; `None` for no limit. A
+    /// process that needs more fails to allocate memory.
     pub(crate) memory_limit: Option<u64>,
 }
 
@@ -61,7 +62,7 @@ pub(crate) enum EngineEnd {
 }
 
 /// Maximum number of bytes of a program's output that are read: enough for a plan of a hundred
-/// thousand steps.
+/// thousand steps. The rest of the output is ignored.
 const OUTPUT_MAX: u64 = 64 << 20;
 
 /// Interval at which the caller's cancel flag is checked, too short for a person to notice the

@@ -46,7 +46,7 @@ struct ActionBackoff {
     until: Duration,
     span: Duration,
     times: u32,
-    /// Whether the agent refused its last request for the action as [`Reason::Incapable`].
+    /// Whether the agent refused the last request for the action with [`Reason::Incapable`].
     is_refused: bool,
     /// Whether the agent no longer offers the action.
     is_withdrawn: bool,
@@ -78,7 +78,8 @@ impl ActionBackoffs {
         backoff.why.clone_from(&report.detail);
     }
 
-    /// Stops avoiding all actions of an agent, because the agent has announced itself anew.
+    /// Stops avoiding all actions of an agent, because the agent has announced its action model
+    /// anew.
     pub fn reset(&mut self, agent: &AgentId) {
         self.failed.retain(|(avoided, _), _| avoided != agent);
     }
@@ -111,9 +112,9 @@ impl ActionBackoffs {
             .collect()
     }
 
-    /// Whether the action has failed too often, or its agent has declined it as incapable. Such an
-    /// action is not tried for this goal until its agent offers it again. Always `false` for a kept
-    /// goal: its actions are tried any number of times, at growing intervals.
+    /// Whether the action has failed too often, or its agent has declined it as incapable. An
+    /// action of this kind is not tried for this goal until its agent offers it again. Always
+    /// `false` for a kept goal: its actions are tried any number of times, at growing intervals.
     fn is_done_with(&self, backoff: &ActionBackoff) -> bool {
         self.keep == Keep::Achieve && (backoff.is_refused || backoff.times >= TRIES_MAX)
     }

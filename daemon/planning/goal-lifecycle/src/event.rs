@@ -27,7 +27,7 @@ pub enum PlanningMode {
 /// Agents that compute a plan: the Planning Agent, or the actuators.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PlanningFlow {
-    /// The Planning Agent computes the plan.
+    /// The Planning Agent computes the plan, in the centralised flow.
     Centralized,
     /// The actuators propose plans, and the cheapest set of proposals is chosen.
     Decentralized,
@@ -41,50 +41,55 @@ pub enum GoalEvent {
     Considered(Turn),
     /// No Domain Maintainer has answered the query for the domain and the state.
     DomainMissing(Attempt),
-    /// The domain or the state cannot be used. The text gives the reason.
+    /// The domain or the state that this attempt fetched cannot be used. The text gives the reason.
     DomainUnusable(Attempt, String),
-    /// The goal does not fit the domain, or contradicts itself. The text gives the reason.
+    /// This attempt has found that the goal does not fit the domain, or contradicts itself. The
+    /// text gives the reason.
     GoalInvalid(Attempt, String),
     /// The goal holds in the known state.
     GoalHolds(Attempt),
-    /// The goal uses names that are no longer valid, because the agent that declared them has left.
-    /// The text gives the reason.
+    /// This attempt has found that the goal uses names that are no longer valid, because the agent
+    /// that declared them has left. The text gives the reason.
     GoalLost(Attempt, String),
-    /// The goal does not hold, and other goals use all agents that offer any action.
+    /// This attempt has found that the goal does not hold, and that the listed blockers use all
+    /// agents that offer any action.
     AgentsBusy(Attempt, Blockers),
-    /// The goal does not hold, and a plan can be searched for.
+    /// This attempt has found that the goal does not hold. A plan can be searched for, by the given
+    /// agents.
     GoalOpen(Attempt, PlanningFlow),
-    /// The Planning Agent has not answered, or has declined. The text gives the reason; planning is
-    /// tried again after the duration.
+    /// The Planning Agent has not answered this attempt, or has declined it. The text gives the
+    /// reason; planning is tried again after the duration.
     PlannerFailed(Attempt, String, Duration),
-    /// Bids use action models that are newer than the known domain. The text gives the reason to
-    /// wait.
+    /// Bids for this attempt use action models that are newer than the known domain. The text gives
+    /// the reason to wait.
     BidsOutdated(Attempt, String),
-    /// A valid plan was found.
+    /// This attempt has found a valid plan. The decision tells whether to execute it.
     PlanFound(Attempt, PlanDecision),
-    /// No valid plan was found.
+    /// This attempt has found no valid plan.
     PlanMissing(Attempt),
-    /// The reason why there is no plan was found.
+    /// This attempt has found the reason why there is no plan.
     Explained(Attempt, MissingPlan),
-    /// The Plan Executor was restarted, or another replica of it is now the leader, so the plan may
+    /// The Plan Executor was restarted, or a replica of it has become the leader, so the plan may
     /// be lost.
     ExecutorRestarted(Attempt),
-    /// The Plan Executor already runs another plan for the goal. The number is that of the plan.
+    /// The Plan Executor has declined the plan of this attempt, because a different plan runs for
+    /// the goal. The number is that of the running plan.
     OtherPlanRuns(Attempt, u32),
-    /// The execution of the plan has ended.
+    /// The execution of this attempt's plan has ended, in the given way.
     ExecutionEnded(Attempt, ExecutionEnd),
-    /// The known state was compared with the goal after the plan was executed.
+    /// This attempt has compared the known state with the goal after the plan was executed, with
+    /// the given result.
     Verified(Attempt, GoalVerdict),
     /// The initiator has cancelled the goal.
     Cancelled,
-    /// The goal must yield to another goal or to a better plan. The text gives the reason, for the
-    /// initiator.
+    /// The goal must yield to a different goal or to a better plan. The text gives the reason, for
+    /// the initiator.
     Yielded(String),
     /// Agents that other goals used are available again.
     AgentsReleased,
     /// The known state has changed.
     WorldChanged {
-        /// Agents that have joined or have announced themselves anew.
+        /// Agents that have joined, or have announced their action models anew.
         joined: Vec<AgentId>,
         /// Whether agents have joined or left.
         have_agents_changed: bool,
@@ -92,9 +97,9 @@ pub enum GoalEvent {
         /// one.
         is_planning_busy: bool,
     },
-    /// The goal has ended on another replica.
+    /// A different replica has ended the goal.
     EndedElsewhere,
-    /// Another replica pursues the goal from now on.
+    /// A different replica of the Plan Requester pursues the goal from now on.
     TakenOver,
 }
 
@@ -154,19 +159,19 @@ pub enum GoalEventKind {
 pub struct Turn {
     /// Reason why this partition must not plan for the goal; `None` if planning is allowed.
     pub missing_quorum: Option<String>,
-    /// Whether another goal is being planned for.
+    /// Whether planning is under way for a different goal.
     pub is_planning_busy: bool,
     /// Agents that other goals use and that this goal must not take, in its planning mode.
     pub agents_in_use: BTreeSet<AgentId>,
 }
 
-/// Goals that another goal must wait for.
+/// Goals that a goal must wait for.
 #[derive(Clone, Debug, Default)]
 pub struct Blockers {
-    /// Conditions of these goals, as text.
+    /// Conditions of the goals to wait for, as text.
     pub goals: Vec<String>,
-    /// Agents that planning was not allowed to use, because these goals use them. The set is empty
-    /// if the wait has another reason.
+    /// Agents that planning was not allowed to use, because the goals in `goals` use them. The set
+    /// is empty if the wait has a reason other than agents in use.
     pub agents: BTreeSet<AgentId>,
 }
 
@@ -175,7 +180,7 @@ pub struct Blockers {
 pub enum PlanDecision {
     /// Execute the plan at once.
     Run,
-    /// Execute the plan after the listed goals have yielded.
+    /// Execute the plan after the listed goals have yielded. The blockers describe these goals.
     Preempt(Vec<ConversationId>, Blockers),
     /// Do not execute the plan yet. Wait for other goals.
     WaitFor(Blockers),
@@ -207,11 +212,11 @@ pub enum ExecutionEnd {
     Done,
     /// The Plan Executor has cancelled the plan. The text gives its reason.
     Cancelled(String),
-    /// The plan has failed. The pair is the agent and its action that failed; `None` if no action
-    /// is to blame.
+    /// The plan has failed, as the report says. The pair is the agent of the failed action, and the
+    /// agent's own name for the action; `None` if no action is to blame.
     Failed(Report, Option<(AgentId, String)>),
-    /// The Plan Executor does not answer or has declined the plan. The text gives the reason;
-    /// planning is tried again after the duration.
+    /// The Plan Executor does not answer or has declined the plan, so the end of the execution is
+    /// not known. The text gives the reason; planning is tried again after the duration.
     Unknown(String, Duration),
 }
 
@@ -255,7 +260,7 @@ pub enum GoalCommand {
     CancelExecution,
     /// Request the Planning Agent to stop planning.
     CancelPlanning,
-    /// Compare the known state with the goal after this time.
+    /// Compare the known state with the goal after the given time, in this attempt.
     Verify(Attempt, Duration),
     /// Forget the goal's plan, because the goal holds.
     ForgetPlan,
@@ -267,9 +272,9 @@ pub enum GoalCommand {
     ScheduleNext,
     /// Send this report to the initiator.
     Report(Report),
-    /// End the goal with this outcome and reason.
+    /// End the goal with the given outcome. The text gives the reason.
     End(Outcome, String),
-    /// Drop all work for the goal, because another replica pursues it.
+    /// Drop all work for the goal, because a different replica pursues it.
     Abandon,
 }
 

@@ -26,11 +26,11 @@ pub const RECHECK_INTERVAL: Duration = Duration::from_secs(10);
 /// way is left.
 pub const FAILURES_MAX: u32 = 12;
 
-/// Delay before planning again when no plan was found. Within this delay the latest announcements
-/// of all agents arrive here, even on a busy machine.
+/// Delay before planning again when no plan was found. Within this delay the latest messages of all
+/// agents arrive here, even on a busy machine.
 const ANNOUNCEMENT_DELAY: Duration = Duration::from_millis(100);
 
-/// Delay before a query to another agent is repeated if no answer was received.
+/// Delay before an unanswered query to an agent, such as the Domain Maintainer, is repeated.
 const ASK_AGAIN: Duration = Duration::from_millis(500);
 
 /// Length of the warm-up, which begins when this replica takes a goal over. During the warm-up a
@@ -43,7 +43,8 @@ const WARM_UP: Duration = Duration::from_secs(10);
 /// this time planning is tried again, because the state may have changed.
 const STILL_BLOCKED: Duration = Duration::from_secs(5);
 
-/// Maximum number of blocking goals that a message to the initiator lists by name.
+/// Maximum number of blocking goals that a message to the initiator lists by name; further ones are
+/// only counted.
 const BLOCKERS_TOLD: usize = 3;
 
 /// Number of checks of the goal after which its executed plan counts as ineffective. The last
@@ -62,7 +63,7 @@ const CANCELLED: &str = "cancelled as asked";
 pub struct Policy {
     /// Whether a new plan is made when a plan fails.
     pub is_replanning: bool,
-    /// How long an agent may be absent before it counts as gone.
+    /// How long an agent may be absent before the other agents act on its absence.
     pub grace: Duration,
 }
 
@@ -83,9 +84,9 @@ pub struct GoalState {
     adopted_at: Option<Duration>,
     /// The blockers that the last report to the initiator named, as text.
     blocked_by: String,
-    /// The agents that blocked this goal at the last check because other goals used them, and the
-    /// time until which this result is valid. Planning again is useless while all of them are still
-    /// in use.
+    /// The agents that blocked this goal at the last check because different goals used them, and
+    /// the time until which this result is valid. Planning again is useless while all these agents
+    /// are still in use.
     blocked_by_agents: Option<(BTreeSet<AgentId>, Duration)>,
     /// Reason why the last round of planning found no plan, as reported to the initiator.
     no_plan_because: String,
@@ -137,8 +138,9 @@ impl GoalState {
     }
 
     /// Returns the state of a goal that this replica takes over, and the commands that resume it.
-    /// `rounds` is the number of plans that earlier replicas executed, `failures` how many of the
-    /// last ones failed in a row, and `is_running` whether a plan of the goal runs now.
+    /// `rounds` is the number of plans that earlier replicas executed. `failures` is the number of
+    /// these plans that failed in a row, up to the last one. `is_running` tells whether a plan of
+    /// the goal runs now.
     pub fn resumed(
         keep: Keep,
         (rounds, failures): (u32, u32),

@@ -10,9 +10,9 @@ use crate::event::GoalEventKind;
 /// Set of phases in which an event has an effect.
 #[derive(Clone, Copy, Debug)]
 pub enum PhaseSet {
-    /// Exactly these phases.
+    /// Exactly the listed phases.
     Only(&'static [GoalPhase]),
-    /// All phases except these and `Ended`.
+    /// All phases except the listed ones and `Ended`.
     AllBut(&'static [GoalPhase]),
 }
 
@@ -26,7 +26,7 @@ pub struct GoalTransition {
     pub from: PhaseSet,
     /// Phases that the event may lead to.
     pub to: &'static [GoalPhase],
-    /// Whether the goal may also stay in its phase.
+    /// Whether the event may also leave the goal in its phase.
     pub may_stay: bool,
 }
 
@@ -123,7 +123,7 @@ pub(crate) fn is_expected(event: GoalEventKind, phase: GoalPhase) -> bool {
     TRANSITIONS.iter().any(|row| row.event == event && row.from.contains(phase))
 }
 
-/// Whether the event may lead from one phase to the other.
+/// Whether the event may lead from the phase `from` to the phase `to`.
 pub fn is_lawful(event: GoalEventKind, from: GoalPhase, to: GoalPhase) -> bool {
     TRANSITIONS.iter().any(|row| {
         let is_target = row.to.contains(&to) || (row.may_stay && from == to);

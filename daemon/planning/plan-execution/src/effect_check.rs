@@ -11,7 +11,7 @@ use acl::content::{ChangeState, Heartbeat};
 use acl::{AgentId, Incarnation};
 use pddl::{Atom, InitElement};
 
-/// The last heartbeat of every agent that is present.
+/// The last heartbeat of every agent that is present, by agent.
 #[derive(Debug, Default)]
 pub struct LastHeartbeats(BTreeMap<AgentId, LastHeartbeat>);
 

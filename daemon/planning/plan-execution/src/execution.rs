@@ -10,8 +10,9 @@ use planner::validate::{Fault, World, cost_from, rest_reaches};
 
 use crate::translate::{ActionRequest, acting_agent, translate};
 
-/// Limit on the work of evaluating conditions for one plan, in the validator's steps. Plans of the
-/// largest buildings need some thousands; this limit takes some seconds to reach.
+/// Limit on the work of evaluating conditions for one plan, in the validator's steps. After it is
+/// reached, no condition holds, so the plan cannot be validated. Plans of the largest buildings
+/// need some thousands of steps; this limit takes some seconds to reach.
 const EVALUATION_STEPS_MAX: u64 = 20_000_000;
 
 /// A plan that is being executed.
@@ -73,8 +74,8 @@ impl Execution {
         Ok(execution)
     }
 
-    /// Marks a step as done that another executor completed before this Plan Executor took the plan
-    /// over.
+    /// Marks a step as done, because an earlier Plan Executor completed it before this one took the
+    /// plan over.
     fn take_over(&mut self, step: usize) -> Result<(), String> {
         match self.phases.get(step) {
             Some(StepPhase::Waiting) => self.finish(step).map(drop),
@@ -83,8 +84,8 @@ impl Execution {
         }
     }
 
-    /// Returns the steps that are done, each with its ground action under the agent's own name for
-    /// it.
+    /// Returns the steps that are done. Each entry is the number of the step, from 0, and its
+    /// ground action under the agent's own name for it.
     pub(crate) fn done(&self) -> Vec<(usize, String)> {
         let is_done = |step: &usize| self.phases[*step] == StepPhase::Done;
         (0..self.steps.len()).filter(is_done).map(|step| (step, self.outside(step))).collect()

@@ -16,11 +16,12 @@ use crate::translate::ActionRequest;
 pub enum ExecutionEvent {
     /// The plan begins, or continues after a take-over.
     Started,
-    /// The agent of a step has sent a report about the step.
+    /// The agent has sent a report about the step with this number.
     StepReported(usize, Report),
-    /// The agent of a step has refused it.
+    /// The agent has refused the step with this number.
     StepRefused(usize, Refusal),
-    /// The agent of a step does not answer. The text describes the problem and names the agent.
+    /// The agent of the step with this number does not answer. The text describes the problem and
+    /// names the agent.
     StepLost(usize, String),
     /// The agent of a cancelled step is absent, so its answer is not awaited.
     StepAbandoned(usize),
@@ -56,11 +57,11 @@ pub enum ExecutionEvent {
 /// Command that the owner of a running plan must carry out.
 #[derive(Clone, Debug)]
 pub enum ExecutionCommand {
-    /// Request this step from its actuator.
+    /// Send the request for the step with this number to its actuator.
     RequestStep(usize, Box<ActionRequest>),
     /// Cancel this step. If its agent is absent, [`ExecutionEvent::StepAbandoned`] follows.
     CancelStep(usize),
-    /// Close the exchange about this step.
+    /// Close the exchange about the step with this number.
     CloseStep(usize),
     /// Send this effect to the Domain Maintainer. [`ExecutionEvent::ChangeAnswered`] follows.
     SendChange(ChangeState),
@@ -188,8 +189,8 @@ impl PlanState {
         self.phase
     }
 
-    /// Returns the steps that are done, each with its ground action under the agent's own name for
-    /// it.
+    /// Returns the steps that are done. Each entry is the number of the step, from 0, and its
+    /// ground action under the agent's own name for it.
     pub fn done(&self) -> Vec<(usize, String)> {
         self.execution.done()
     }
@@ -349,7 +350,8 @@ impl PlanState {
     }
 
     /// Handles a step with an uncertain result: the facts that the step would have changed become
-    /// unknown. The action does not count as failed if its agent was restarted.
+    /// unknown. `why` and `detail` are the agent's reason, as a code and as text. The action does
+    /// not count as failed if its agent was restarted.
     fn step_uncertain(
         &mut self,
         step: usize,

@@ -44,7 +44,7 @@ pub enum ExecutionEventKind {
     CancelRequested,
 }
 
-/// Row of the table of transitions.
+/// Row of the table of transitions between the phases of an execution.
 #[derive(Clone, Copy, Debug)]
 pub struct ExecutionTransition {
     /// Kind of the event.
@@ -96,7 +96,7 @@ pub(crate) fn is_expected(event: ExecutionEventKind, phase: ExecutionPhase) -> b
     TRANSITIONS.iter().any(|row| row.event == event && row.from == phase)
 }
 
-/// Whether the event may lead from one phase to the other.
+/// Whether the event may lead from the phase `from` to the phase `to`.
 pub fn is_lawful(event: ExecutionEventKind, from: ExecutionPhase, to: ExecutionPhase) -> bool {
     TRANSITIONS.iter().any(|row| row.event == event && row.from == from && row.to.contains(&to))
 }

@@ -19,7 +19,8 @@ pub struct ActionRequest {
     pub method: String,
     /// Arguments of the method, by name.
     pub arguments: BTreeMap<String, String>,
-    /// Longest time that the method may take.
+    /// Longest time that the method may take. After it, the action is reported as timed
+    /// out.
     pub timeout: Duration,
 }
 

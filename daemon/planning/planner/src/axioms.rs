@@ -20,9 +20,9 @@ pub(crate) struct AxiomEvaluator {
     /// of them are in one array; `ends` contains the end of each axiom's literals.
     known: Vec<Literal>,
     ends: Vec<u32>,
-    /// Per axiom: the number of facts in its body that are derived in the same stratum.
+    /// Per axiom: the number of facts in its body that are derived in the axiom's own stratum.
     own: Vec<u32>,
-    /// Per fact: the axioms of the same stratum with the fact in their body.
+    /// Per derived fact: the axioms of the fact's stratum that have the fact in their body.
     waiting: Rows,
     /// Scratch space. Per axiom: the number of facts in its body that belong to the same stratum
     /// and are not derived yet.

@@ -20,15 +20,15 @@ use crate::validate::World;
 use crate::validate::bindings::Bindings;
 use crate::validate::model::Model;
 
-/// Maximum size of a goal: the number of its conditions and terms with every quantifier expanded.
-/// At the limit, splitting takes a fraction of a second and some tens of megabytes. Goals of
-/// buildings have some thousands of conditions and terms.
+/// Maximum size of a goal: the number of its conditions and terms with every quantifier expanded. A
+/// larger goal is an error. At the limit, splitting takes a fraction of a second and some tens of
+/// megabytes. Goals of buildings have some thousands of conditions and terms.
 pub const GOAL_SIZE_MAX: usize = 200_000;
 
 /// Error for a goal that is larger than [`GOAL_SIZE_MAX`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GoalTooLarge {
-    /// Maximum number of conditions and terms.
+    /// Maximum number of conditions and terms of a goal: [`GOAL_SIZE_MAX`].
     pub limit: usize,
 }
 
@@ -69,9 +69,9 @@ pub fn conjuncts_but(
     }
 }
 
-/// Returns the first conjuncts of a goal without duplicates, at most `parts_max`, and whether they
-/// are complete. If they are incomplete, conjuncts without quantifiers come first, because a single
-/// quantifier may expand to all of the others.
+/// Returns the first conjuncts of a goal without duplicates, at most `parts_max`. The flag is
+/// `true` if these are all conjuncts. Otherwise, conjuncts without quantifiers come first, because
+/// a single quantifier may expand to all of the others.
 pub(crate) fn first_conjuncts(
     world: &World,
     goal: &Condition,

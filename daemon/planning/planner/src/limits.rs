@@ -11,13 +11,15 @@ use std::sync::atomic::{AtomicBool, Ordering};
 /// Limits on the work and the memory of one planning call.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
-    /// Maximum number of states that the search may expand.
+    /// Maximum number of states that the search may expand. At the limit, the search ends.
     pub expansions_max: u64,
-    /// Maximum number of candidate tuples of grounding, and of steps of evaluating the conditions
-    /// of one plan.
+    /// Maximum number of candidate tuples of grounding, after which grounding ends without a
+    /// result. Also the maximum number of steps of evaluating the conditions of one plan, after
+    /// which the plan is not returned.
     pub join_steps_max: u64,
-    /// Maximum number of bytes of the tables of grounding and of the states of the search. The
-    /// planner's estimate of these bytes is a lower bound of the memory that they occupy.
+    /// Maximum number of bytes of the tables of grounding and of the states of the search; at the
+    /// limit, the call ends. The planner's estimate of these bytes is a lower bound of the memory
+    /// that they occupy.
     pub memory_max_bytes: usize,
 }
 

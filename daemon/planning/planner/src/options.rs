@@ -10,7 +10,7 @@ pub struct Options {
     /// Limits on the work and the memory of the call.
     pub budget: Budget,
     /// Maximum number of states that the optimal search may expand. On small tasks, this search
-    /// follows the first plan; 0 disables it.
+    /// follows the first plan; 0 disables it. At the limit, the first plan is kept.
     pub optimal_expansions_max: u64,
     /// Search configuration for the first plan.
     pub configuration: &'static Configuration,

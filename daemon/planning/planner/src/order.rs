@@ -27,8 +27,9 @@ pub fn deorder(world: &World, steps: &[PlanStep]) -> PartialOrder {
     PartialOrder::reduced(footprints.len(), must_wait)
 }
 
-/// Returns the positions of the first pair of steps, one of each plan, for which the order may
-/// matter. Returns `None` if the two plans can run in parallel with any interleaving.
+/// Returns the first pair of steps for which the order may matter: the position of a step in
+/// `ours`, and that of a step in `theirs`. Returns `None` if the two plans can run in parallel with
+/// any interleaving.
 pub fn interference(
     world: &World,
     ours: &[PlanStep],

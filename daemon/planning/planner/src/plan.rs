@@ -86,7 +86,8 @@ pub fn plan_with_progress(
 
 /// Grounds a task. If the task has wide actions (actions with many parameters) and grounding
 /// reaches a limit, the task is grounded again in a form that applies these actions piecewise, one
-/// parameter at a time.
+/// parameter at a time. That form is returned with the ground task; `None` if the first grounding
+/// is used.
 fn ground_whole_or_piecewise(
     lifted: &Lifted,
     budget: Budget,
@@ -131,7 +132,7 @@ pub(crate) struct PlanJudge<'j> {
     pub(crate) world: Option<World>,
     pub(crate) best: Option<Plan>,
     pub(crate) defect: Option<PlanError>,
-    /// Maximum number of evaluation steps for one plan.
+    /// Maximum number of evaluation steps for one plan. A plan that needs more is not returned.
     work_max: u64,
     cancel: &'j Cancel,
     /// Reason why the validation of a plan was not completed; `None` if all were completed.

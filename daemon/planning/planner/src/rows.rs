@@ -36,8 +36,8 @@ impl Rows {
         Rows { starts, items }
     }
 
-    /// Returns the inverse lists: for each item below `count`, the indices of the lists with this
-    /// item.
+    /// Returns the inverse lists: for each item below `count`, the indices of the lists that
+    /// contain the item.
     pub(crate) fn inverted(&self, count: usize) -> Rows {
         let rows = 0..self.len() as u32;
         Rows::collect(
@@ -67,7 +67,7 @@ impl Rows {
         &self.items[self.range(row)]
     }
 
-    /// Returns the item at this position among the items of all lists.
+    /// Returns the item at the position `index` in the sequence of all lists.
     #[inline]
     pub(crate) fn item(&self, index: usize) -> u32 {
         self.items[index]

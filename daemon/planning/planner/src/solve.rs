@@ -24,16 +24,17 @@ use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
 
 /// Limit on the work of an optimal search without a requested proof, which follows a first plan.
-/// The work is the number of explorations of the delete relaxation times its size. The limit allows
-/// about a tenth of a second, and is sufficient for problems of buildings.
+/// When it is exceeded, the first plan is kept. The work is the number of explorations of the
+/// delete relaxation times its size. The limit allows about a tenth of a second, and is sufficient
+/// for problems of buildings.
 const OPTIMAL_WORK_MAX: u64 = 5_000_000;
 
 /// Weights of the heuristic in the consecutive searches for better plans: LAMA's sequence (Richter
 /// and Westphal, 2010). `None` is greedy search.
 const WEIGHTS: [Option<u32>; 5] = [None, Some(5), Some(3), Some(2), Some(1)];
 
-/// Limit on the work of pruning after hill climbing, in words of 64 pairs of literals. Pruning
-/// within this limit takes about half a second.
+/// Limit on the work of pruning after hill climbing, in words of 64 pairs of literals. If it is
+/// exceeded, the task is searched unpruned. Pruning within this limit takes about half a second.
 const PRUNING_MAX: u64 = 300_000_000;
 
 /// Minimum limit on the expansions of one search for a better plan. When it reaches its limit, the
@@ -104,8 +105,8 @@ impl<'t> Solver<'t> {
         self.task.unprovable.is_none()
     }
 
-    /// Runs hill climbing if the configuration includes it; otherwise returns
-    /// [`ClimbingOutcome::GaveUp`].
+    /// Runs hill climbing. Returns [`ClimbingOutcome::GaveUp`] also if the configuration does not
+    /// include it.
     fn climb(&mut self) -> ClimbingOutcome {
         if !matches!(self.options.configuration.method, SearchMethod::Lists { climb: true, .. }) {
             return ClimbingOutcome::GaveUp;
@@ -215,8 +216,8 @@ impl<'t> Solver<'t> {
         }
     }
 
-    /// Returns a cheapest plan if it is requested or can be found with little work, and otherwise
-    /// `first`. Also returns the reason why the search for a cheapest plan ended.
+    /// Returns the cheapest plan if it is requested or can be found with little work, and otherwise
+    /// `first`. Also returns the reason why the search for the cheapest plan ended.
     fn cheapest(
         &mut self,
         first: Vec<OperatorId>,

@@ -81,7 +81,7 @@ impl Atoms {
         self.predicates.len()
     }
 
-    /// Returns the predicate and arguments of a basic fact.
+    /// Returns the number of the predicate of a basic fact, and the arguments of the fact.
     pub(crate) fn get(&self, fact: FactId) -> (u32, &[ObjectId]) {
         let (start, end) = (self.ends[fact.index()], self.ends[fact.index() + 1]);
         (self.predicates[fact.index()], &self.arguments[start as usize..end as usize])

@@ -229,7 +229,8 @@ pub struct Heartbeat {
     /// Remaining validity of each fact that expires.
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     pub known_for: BTreeMap<String, Millis>,
-    /// Longest time until the next heartbeat is sent.
+    /// Longest time until the next heartbeat is sent. After several such periods without a
+    /// heartbeat, the agent counts as silent.
     pub period: Millis,
 }
 
@@ -239,8 +240,8 @@ pub struct Heartbeat {
 pub struct EpochChange {
     /// The epoch after the change: the number of changes of the set of capabilities so far.
     pub epoch: u64,
-    /// The revision after the change: the number of changes of any kind so far. A gap between the
-    /// revisions of two announcements means that an announcement was lost.
+    /// The revision after the change: the number of changes of any kind so far. If a revision is
+    /// missing between those of two messages, a message was lost.
     pub revision: u64,
     /// Agents with capabilities that have become available.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -259,13 +260,14 @@ pub struct EpochChange {
     /// them, and once more shortly after a change; otherwise `None`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub requested: Option<Requested>,
-    /// The changes made by requests since the last announcement; `None` if they are not announced.
+    /// The changes made by requests since the last message of a change; `None` if they are not
+    /// sent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub requested_since: Option<RequestedSince>,
 }
 
 /// All changes of the state and of planning by requests. The list is complete, so a receiver needs
-/// no earlier announcement.
+/// no earlier message.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Requested {
@@ -283,9 +285,9 @@ pub struct Requested {
     pub withheld: Vec<ActionOf>,
 }
 
-/// Changes made by requests since the last announcement of such changes. The length of this content
-/// depends on these changes only. A receiver that missed the previous announcement may still apply
-/// this one, because an announcement of all changes follows soon.
+/// Changes made by requests since the last message of this kind. The length of this content depends
+/// on these changes only. A receiver that missed the previous message may still apply this one,
+/// because a message with all changes follows soon.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct RequestedSince {

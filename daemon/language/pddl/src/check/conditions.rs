@@ -176,7 +176,7 @@ impl<'t> Checker<'_, 't> {
         self.report(diagnostic.with_rule(rule()));
     }
 
-    /// Whether all alternatives of a type are known. Unknown types are reported at their
+    /// Whether all alternatives of a type are declared. Undeclared types are reported at their
     /// declaration.
     pub(super) fn are_types_known(&self, ty: &TypeExpr) -> bool {
         ty.alternatives.iter().all(|name| self.symbols.types.contains(name.as_str()))
@@ -188,7 +188,7 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Returns the type of a term; `None` if the variable or object is unknown.
+    /// Returns the type of a term; `None` if the variable or object is not declared.
     pub(super) fn term(&mut self, term: &'t Term) -> Option<&'t TypeExpr> {
         match term {
             Term::Variable(name) => self.variable(name),

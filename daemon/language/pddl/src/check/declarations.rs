@@ -226,7 +226,7 @@ impl<'t> Checker<'_, 't> {
         }
     }
 
-    /// Reports the unknown types of a variable. The report has the given `severity` if a similar
+    /// Reports the undeclared types of a variable. The report has the given `severity` if a similar
     /// type exists; otherwise it is a warning.
     fn types_if_any(&mut self, variable: &'t Typed, severity: Severity) {
         let symbols = self.symbols;

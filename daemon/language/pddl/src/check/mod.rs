@@ -48,7 +48,7 @@ pub fn check_problem(domain: &Domain, problem: &Problem) -> Vec<Diagnostic> {
     checker.problems.into_sorted()
 }
 
-/// Checks the map of a building against its domain. A fact of an unknown predicate is an error
+/// Checks the map of a building against its domain. A fact of an undeclared predicate is an error
 /// here, but not in [`check_problem`].
 pub fn check_map(domain: &Domain, map: &Problem) -> Vec<Diagnostic> {
     let symbols = Symbols::of_problem(domain, map);
@@ -127,7 +127,7 @@ pub fn check_plan(domain: &Domain, problem: &Problem, plan: &Plan) -> Vec<Diagno
 }
 
 /// Maximum number of name comparisons for suggestions in one text. After that no suggestions are
-/// made, so that the time does not grow with the square of a text full of unknown words.
+/// made, so that the time does not grow with the square of a text full of undeclared names.
 const COMPARISONS_MAX: usize = 100_000;
 
 /// State of a check: visits a tree and collects mistakes.
@@ -139,9 +139,9 @@ struct Checker<'s, 't> {
     /// For each name: the positions in `scope` of the variables with this name, the outermost
     /// first.
     bound: HashMap<&'t str, Vec<usize>>,
-    /// Types of the other text on which the checked text builds.
+    /// Types of the text on which the checked text builds, such as the domain of a problem.
     foreign_types: Option<&'t [Typed]>,
-    /// Unknown objects that other agents must declare and that have been reported already.
+    /// Undeclared objects that other agents must declare and that have been reported already.
     reported_objects: HashSet<&'t str>,
     comparisons_left: usize,
 }

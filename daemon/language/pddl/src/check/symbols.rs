@@ -18,7 +18,8 @@ pub(super) struct Symbols<'t> {
     objects: DeclarationTable<'t, Typed>,
     derived: HashSet<&'t str>,
     actions: &'t [ActionSchema],
-    /// Whether other agents may declare further objects.
+    /// Whether other agents may declare objects, so that an object without a declaration may be
+    /// valid.
     pub(super) is_open: bool,
     /// Whether only the constants of the domain are known, and not the objects of problems.
     pub(super) is_of_domain: bool,
@@ -37,7 +38,7 @@ struct DeclarationTable<'t, T> {
 /// Number of look-ups after which the index is created.
 const SCANS_MAX: u8 = 4;
 
-/// A declaration with a name.
+/// A declaration in a PDDL text, which has a name.
 pub(super) trait NamedDeclaration {
     fn name(&self) -> &Name;
 }

@@ -156,8 +156,9 @@ impl<'f> ActionParts<'f> {
         Some(ActionParts { name, items, seen: Vec::new(), rule })
     }
 
-    /// Returns the next key and the node after it; `None` at the end. The key is one of `:agent`,
-    /// `:parameters` and `keys`. Unknown and repeated parts are reported and skipped.
+    /// Returns the next key of an action and the node after it; `None` at the end. The key is one
+    /// of `:agent`, `:parameters` and `keys`. Keys that are not expected, and repeated ones, are
+    /// reported and skipped.
     fn next(
         &mut self,
         reader: &mut GrammarReader<'f>,

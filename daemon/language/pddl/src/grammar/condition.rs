@@ -236,7 +236,8 @@ fn imply<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>) -> Option<Con
     Some(Condition::Imply(Box::new(premise?), Box::new(conclusion?)))
 }
 
-/// Parses a quantifier after its keyword: `(VARIABLES) CONDITION`.
+/// Parses a quantifier after its keyword: `(VARIABLES) CONDITION`. Returns the variables and the
+/// condition.
 fn quantified<'f>(
     reader: &mut GrammarReader<'f>,
     mut items: Items<'f>,

@@ -153,7 +153,8 @@ pub(super) fn opt_typed_variable<'f>(
     Some(Typed { name, ty })
 }
 
-/// Parses the signature of a predicate or function: `(NAME VARIABLES)`.
+/// Parses the signature of a predicate or function: `(NAME VARIABLES)`. Returns the name and the
+/// variables.
 pub(super) fn signature<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,

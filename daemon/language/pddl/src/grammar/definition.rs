@@ -9,7 +9,7 @@ use crate::tree::{Document, Name, Span};
 
 const DEFINE: &str = "(define (domain|problem|agent NAME) SECTION*)";
 
-/// Kind of a file.
+/// Kind of a PDDL file: domain, problem or action model.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum DocumentKind {
     Domain,
@@ -86,7 +86,7 @@ fn definition<'f>(
     })
 }
 
-/// Parses the title of a definition: `(KIND NAME)`.
+/// Parses the title of a definition: `(KIND NAME)`. Returns the kind and the name.
 fn title_of<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,
@@ -154,8 +154,8 @@ const REPEATED: &[&str] = &[":action", ":durative-action", ":derived"];
 const JOINED: &[&str] =
     &[":requirements", ":types", ":constants", ":objects", ":predicates", ":functions", ":init"];
 
-/// Keywords of sections that are valid in PDDL or its extensions but unsupported here, with their
-/// names for a message.
+/// Keywords of sections that are valid in PDDL or its extensions but unsupported here. Each pair is
+/// the keyword and the name of the feature in a message.
 const UNSUPPORTED: &[(&str, &str)] = &[
     (":constraints", "constraints on trajectories (`:constraints`)"),
     (":event", "events (`:event`)"),
@@ -170,7 +170,8 @@ const UNSUPPORTED: &[(&str, &str)] = &[
     (":htn", "task networks (`:htn`)"),
 ];
 
-/// Keywords of all sections, with the kinds of files that may contain them.
+/// Pairs of the keyword of a section and the kinds of files that may contain it, as text for a
+/// message.
 const ELSEWHERE: &[(&str, &str)] = &[
     (":types", "domains and action models"),
     (":constants", "domains"),
@@ -196,8 +197,8 @@ impl<'f> Sections<'f> {
         self.items.end()
     }
 
-    /// Returns the next section; `None` at the end. Nodes that are not sections, unknown sections,
-    /// and forbidden repetitions are reported and skipped.
+    /// Returns the next section; `None` at the end. Nodes that are not sections, sections that are
+    /// not expected, and forbidden repetitions are reported and skipped.
     pub(super) fn next(&mut self, reader: &mut GrammarReader<'f>) -> Option<Section<'f>> {
         while let Some(node) = self.items.next() {
             let Some(mut items) = reader.expect_list(node, "a section", "(:KEYWORD …)") else {

@@ -64,7 +64,8 @@ fn collect_duration<'f>(
     reader.expect_end(items, "a duration", DURATION);
 }
 
-/// Parses `start|end|all X` after `at` or `over`. Returns the time and the node of `X`.
+/// Parses `start|end|all X` after `at` or `over`. Returns the time, which is the first word, and
+/// the node of `X`.
 fn timed<'f>(
     reader: &mut GrammarReader<'f>,
     node: SyntaxNode<'f>,

@@ -48,7 +48,7 @@ pub(crate) fn init_element<'f>(
     }
 }
 
-/// Parses the single fact after `word`, which is `not` or `unknown`.
+/// Parses the only fact after the keyword `word`, which is `not` or `unknown`.
 fn about<'f>(reader: &mut GrammarReader<'f>, mut items: Items<'f>, word: &str) -> Option<Atom> {
     let inner = reader.expect(&mut items, "fact", ELEMENT)?;
     reader.expect_end(items, word, ELEMENT);

@@ -7,12 +7,13 @@ use crate::tree::{Name, Number, Span, Term, TypeExpr, Typed};
 
 const NAME: &str = "NAME = a letter or digit, then letters, digits, `-` and `_`";
 const VARIABLE: &str = "VARIABLE = ?NAME";
-/// Maximum number of alternatives of a type. Every name of a typed list has its own copy of the
-/// type, and types are compared pairwise. With the limit, a short text cannot become many large
-/// types.
+/// Maximum number of alternatives of a type; a type with more is an error. Every name of a typed
+/// list has its own copy of the type, and types are compared pairwise. With the limit, a short text
+/// cannot become many large types.
 const ALTERNATIVES_MAX: usize = 16;
 
-/// Maximum number of words without parentheses that a message quotes.
+/// Maximum number of words that a message quotes from a list of variables without parentheses.
+/// Further words are replaced by “…”.
 const BARE_WORDS_MAX: usize = 12;
 
 const TYPE: &str = "TYPE = NAME | (either NAME+)";

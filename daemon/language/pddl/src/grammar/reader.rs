@@ -28,8 +28,8 @@ pub(crate) struct GrammarReader<'f> {
 /// `at(r1, hall)`.
 const CALL_WORDS_MAX: usize = 6;
 
-/// Maximum number of variables that may be copied when `forall`s are flattened; see
-/// [`GrammarReader::afford_copies`].
+/// Maximum number of variables that may be copied when nested `forall`s are flattened. A text that
+/// needs more copies is an error; see [`GrammarReader::afford_copies`].
 const COPIES_MAX: usize = 100_000;
 
 /// Place of an expression. It determines which of the terms `?duration`, `#t` and `total-time` the

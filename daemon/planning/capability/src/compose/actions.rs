@@ -14,7 +14,8 @@ use crate::conflict::{ModelPart, ModelPartKind};
 use crate::model_summary::ModelAction;
 use crate::names::{ActionNames, ActionVariants};
 
-/// The selected action schemas, by the agents' own name for the action and by its canonical text.
+/// The selected action schemas. The key is the agents' own name for the action and the canonical
+/// text of the schema.
 pub(super) type SelectedSchemas<'a> = BTreeMap<(&'a Name, &'a CanonicalText), SelectedSchema<'a>>;
 
 /// A selected action schema, with the agents that offer it.
@@ -106,7 +107,8 @@ fn wrong_agent(
         .then(|| format!("its agent is a `{}`, and `{name}` is a `{ty}`", agent.ty))
 }
 
-/// Returns the name in the composite domain for each selected schema.
+/// Returns the name in the composite domain for each selected schema. The key is the agents' own
+/// name for the action and the canonical text of the schema.
 pub(super) fn name<'a>(
     schemas: &SelectedSchemas<'a>,
     parties: &[Contribution<'a>],

@@ -35,11 +35,11 @@ pub(super) struct SelectedDeclaration<'a> {
     trusted: bool,
 }
 
-/// The declaration that one agent makes of a part, with the agent's contribution.
+/// A declaration of a part, after the contribution of the agent that declares it.
 type ContributedDeclaration<'a> = (Contribution<'a>, &'a Declaration);
 
-/// Signature and axioms of a declaration, as canonical texts. Two declarations of a part are equal
-/// if both are equal.
+/// Signature of a declaration, and its axioms, as canonical texts. Two declarations of a part are
+/// equal if both are equal.
 pub(super) type DeclarationVariant = (CanonicalText, Vec<CanonicalText>);
 
 pub(super) fn select_declarations<'a>(

@@ -17,8 +17,8 @@ use crate::model_summary::{Declaration, DeclaredItem, ModelAction, ModelSummary}
 /// Objects and offers that an agent adds.
 struct AgentAdditions<'p> {
     objects: Vec<(&'p Name, &'p ObjectDeclaration)>,
-    /// The action schemas that the agent offers: the agent's name for the action, and the index
-    /// among the selected schemas of that name.
+    /// The action schemas that the agent offers. Each entry is the agent's name for the action, and
+    /// the index of the schema among the selected schemas of that name.
     offers: Vec<(&'p Name, usize)>,
 }
 

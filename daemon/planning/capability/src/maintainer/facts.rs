@@ -166,7 +166,8 @@ impl Maintainer {
     ///
     /// # Errors
     ///
-    /// Returns an error if the confirmation is of a former incarnation, or if the agent is unknown.
+    /// Returns an error if the confirmation is of a former incarnation, or if the agent has not
+    /// announced its model.
     pub fn apply_effects(
         &mut self,
         agent: &AgentId,

@@ -20,7 +20,7 @@ use crate::pending_changes::PendingChanges;
 use crate::timestamp::Timestamp;
 
 /// Smallest difference between two expiry times of a fact that counts as a change, in milliseconds.
-/// Smaller differences arise because messages take time.
+/// A smaller difference is ignored, because it arises from the time that messages take.
 const SAME_END_MS: u64 = 1_000;
 
 type ActionOfAgent = (Name, Option<AgentId>);
@@ -140,8 +140,8 @@ impl Maintainer {
         Ok(self.take_change(now))
     }
 
-    /// Returns all changes by requests that no heartbeat reports. They must be announced to agents
-    /// that otherwise receive only heartbeats.
+    /// Returns all changes by requests that no heartbeat reports. They must be sent to agents that
+    /// otherwise receive only heartbeats.
     pub fn requested(&self, now: Timestamp) -> Requested {
         let mut facts = Vec::new();
         for (fact, claims) in self.beliefs.claims() {
@@ -168,9 +168,8 @@ impl Maintainer {
     }
 
     /// Returns the changes by requests since the last call, without the metric and the withheld
-    /// actions. Returns `None` if all of [`requested`](Maintainer::requested) must be announced
-    /// instead: at the first call, if facts of the map hold again, or if very many facts have
-    /// changed.
+    /// actions. Returns `None` if all of [`requested`](Maintainer::requested) must be sent instead:
+    /// at the first call, if facts of the map hold again, or if very many facts have changed.
     pub fn requested_since(&mut self, now: Timestamp) -> Option<RequestedSince> {
         let PendingChanges::These(untold) = self.beliefs.take_untold() else { return None };
         let is_back = |(fact, owner): &(FactKey, Owner)| {
@@ -182,8 +181,8 @@ impl Maintainer {
         Some(self.announced_claims(&untold, now))
     }
 
-    /// Returns the current claims about these facts by these owners, in the form of an
-    /// announcement.
+    /// Returns the current claims about the facts in `of` by the owners in `of`, as the content of
+    /// a message to other maintainers.
     fn announced_claims(&self, of: &BTreeSet<(FactKey, Owner)>, now: Timestamp) -> RequestedSince {
         let mut since = RequestedSince::default();
         let (mut told, mut gone) = (Vec::new(), Vec::new());
@@ -233,7 +232,7 @@ impl Maintainer {
 
     /// Makes this maintainer a standby after a partition has healed. Returns the changes by
     /// requests since [`begin_partition_log`](Maintainer::begin_partition_log), for a merge by the
-    /// surviving leader. From now on, this maintainer adopts the announcements of that leader.
+    /// surviving leader. From now on, this maintainer adopts the changes that the leader sends.
     pub fn stand_down(&mut self, now: Timestamp) -> RequestedSince {
         let changed = match self.beliefs.take_partition_log() {
             None => RequestedSince::default(),
@@ -290,8 +289,8 @@ impl Maintainer {
         Ok(self.take_change(now))
     }
 
-    /// Returns a claim in the form of an announcement. Returns `None` if the owner's model or
-    /// heartbeats report the fact, or if the claim has expired.
+    /// Returns a claim as the content of a message to other maintainers. Returns `None` if the
+    /// owner's model or heartbeats report the fact, or if the claim has expired.
     pub(super) fn announced_claim(
         &self,
         owner: &AgentId,
@@ -315,15 +314,15 @@ impl Maintainer {
         self.roster.get(agent).is_some_and(|member| member.owns(fact))
     }
 
-    /// Whether this maintainer adopts the changes by requests that another maintainer announces. If
-    /// not, the caller need not parse these announcements.
+    /// Whether this maintainer adopts the changes by requests that the central maintainer sends. If
+    /// not, the caller need not parse messages with these changes.
     pub fn is_follower(&self) -> bool {
         self.follows
     }
 
-    /// Adopts all changes by requests that the central maintainer announces, in place of those
-    /// announced before. Claims of owners with heartbeats to this maintainer take precedence. Has
-    /// no effect on a maintainer that does not follow another one.
+    /// Adopts all changes by requests that the central maintainer has sent, in place of those that
+    /// it sent before. Claims of owners with heartbeats to this maintainer take precedence. Has no
+    /// effect on a maintainer that does not follow the central one.
     ///
     /// # Errors
     ///
@@ -339,8 +338,8 @@ impl Maintainer {
         self.adopt(requests, now)
     }
 
-    /// Adopts the changes by requests that the central maintainer has made since its last
-    /// announcement. Earlier announced changes stay.
+    /// Adopts the changes by requests that the central maintainer has made since it last sent
+    /// changes. Changes that it sent earlier stay.
     ///
     /// # Errors
     ///
@@ -371,8 +370,7 @@ impl Maintainer {
     }
 
     /// Sets whether this central maintainer is a standby, which adopts the changes that the leader
-    /// announces. When it becomes the leader, the adopted changes count as its own requested
-    /// changes.
+    /// sends. When it becomes the leader, the adopted changes count as its own requested changes.
     pub fn set_standby(&mut self, stands_by: bool) {
         self.follows = stands_by;
         if !stands_by {
@@ -423,8 +421,9 @@ impl Maintainer {
         }
     }
 
-    /// Claims a fact that another maintainer announced, unless this maintainer receives the
-    /// heartbeats of the fact's owner.
+    /// Claims a fact that the central maintainer sent, unless this maintainer receives the
+    /// heartbeats of the fact's owner. Returns the fact and its owner; `None` if the sent element
+    /// is a denial or cannot be believed.
     fn claim_announced(
         &mut self,
         agent: &AgentId,
@@ -449,8 +448,9 @@ impl Maintainer {
     }
 }
 
-/// Whether the announced claim `told` differs from the claim `known`. Equal claims must be skipped,
-/// because a repeated claim would become newer than those of other owners.
+/// Whether the claim `told`, which the central maintainer sent, differs from the claim `known`.
+/// Equal claims must be skipped, because a repeated claim would become newer than those of other
+/// owners.
 fn is_other(known: &FactClaim, told: &FactClaim) -> bool {
     let is_same_end = match (known.until, told.until) {
         (Some(known), Some(told)) => known.0.abs_diff(told.0) < SAME_END_MS,

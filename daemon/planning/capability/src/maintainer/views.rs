@@ -284,9 +284,9 @@ impl Maintainer {
         }
     }
 
-    /// Returns the claims of owners other than `speaker` that contradict `fact`. If `fact` gives a
-    /// function a number, these are claims of another number. If `fact` is a denial, these are
-    /// claims of the denied fact.
+    /// Returns the claims of owners other than `speaker` that contradict `fact`, each as the owner
+    /// and the claimed fact. If `fact` gives a function a number, these are claims of another
+    /// number. If `fact` is a denial, these are claims of the denied fact.
     pub fn contradicting(&self, fact: &InitElement, speaker: &Owner) -> Vec<(Owner, InitElement)> {
         let (key, value) = match FactStatement::of(fact) {
             FactStatement::Is(key, value @ FactValue::Number(_)) => (key, Some(value)),
@@ -342,8 +342,8 @@ impl Maintainer {
         self.roster.get(agent).is_some_and(Member::is_present)
     }
 
-    /// Returns the incarnation of a known agent, even if it is not present; `None` if the agent is
-    /// unknown.
+    /// Returns the current incarnation of an agent, even if the agent is not present; `None` if it
+    /// has not announced a model.
     pub fn incarnation(&self, agent: &AgentId) -> Option<Incarnation> {
         self.roster.get(agent).map(|member| member.incarnation)
     }

@@ -23,14 +23,17 @@ use super::task_parts;
 
 const TOTAL_COST: &str = "total-cost";
 
-/// Maximum number of values of one action's cost function. Each value is a line of `:init`.
+/// Maximum number of values of one action's cost function; a task with more is unsupported. Each
+/// value is a line of `:init`.
 const TABLE_MAX: usize = 1_000_000;
 
-/// Largest cost of a step after fractions are scaled up. The sum of two thousand such costs fits
-/// into the 31 bits that Fast Downward uses for costs.
+/// Largest cost of a step after fractions are scaled up. If exact scaling would exceed it, the
+/// largest cost becomes this value, and the other costs are scaled alike and rounded. The sum of
+/// two thousand such costs fits into the 31 bits that Fast Downward uses for costs.
 const SCALED_MAX: f64 = 1e6;
 
-/// Largest cost of a step without scaling, if all costs are whole numbers.
+/// Largest cost of a step up to which whole costs are used without scaling. If any cost is greater,
+/// all costs are scaled down and rounded.
 const WHOLE_MAX: f64 = 1e9;
 
 type FluentValues = BTreeMap<(Name, Vec<Name>), f64>;
@@ -85,7 +88,8 @@ struct FunctionProperties {
 /// The numeric part of one action: its costs, and the fluents that it requires to have a value.
 #[derive(Default)]
 struct ActionNumbers {
-    /// The costs of the action, each with its weight in the metric and its value.
+    /// The costs of the action. Each entry is the weight of the cost in the metric, and the value
+    /// of the cost.
     costs: Vec<(f64, Expression)>,
     /// Fluents that must have a value for the action to be applicable.
     needs: Vec<FluentTerm>,

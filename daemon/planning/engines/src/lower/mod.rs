@@ -34,10 +34,10 @@ pub(crate) use names::EngineNames;
 /// The dialect of PDDL that an engine reads.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Dialect {
-    /// Requirements that are declared for every task. An engine refuses requirement flags that it
+    /// Requirements that are declared for every task. An engine rejects requirement flags that it
     /// does not support, but accepts flags that the task does not need.
     requirements: &'static [&'static str],
-    /// Whether the engine supports numbers other than costs.
+    /// Whether the engine supports numeric fluents, and not only action costs.
     has_numbers: bool,
     /// Whether the engine supports derived predicates.
     has_axioms: bool,

@@ -88,7 +88,8 @@ fn plain(parameters: &mut [Typed]) {
 // === impl EngineNames ===
 
 impl EngineNames {
-    /// Returns a plan with the task's own names. Returns an unknown name in the plan as an error.
+    /// Returns a plan with the task's own names. Returns an error with the name if the plan
+    /// contains a name that the task does not have.
     pub(crate) fn restore_names(&self, plan: Plan) -> Result<Plan, String> {
         let raise = |name: &Name| {
             self.back.get(name.as_str()).cloned().ok_or_else(|| name.spelled().to_owned())

@@ -34,8 +34,8 @@ pub(super) fn all_conditions<'t>(
     problem.goal.parts().for_each(|part| look(part, InputText::Problem));
 }
 
-/// Returns the values that `:init` gives to ground fluents. If a fluent has several values, the
-/// last one is used, as in the validator.
+/// Returns the values that `:init` gives to ground fluents. The key is the function and its
+/// arguments. If a fluent has several values, the last one is used, as in the validator.
 pub(super) fn values(
     problem: &Problem,
 ) -> std::collections::BTreeMap<(pddl::Name, Vec<pddl::Name>), f64> {

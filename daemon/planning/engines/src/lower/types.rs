@@ -68,7 +68,7 @@ fn hierarchy(domain: &Domain, problem: &Problem, types: &Types) -> Option<Vec<Ty
         .collect()
 }
 
-/// Type expressions that have become predicates.
+/// Type expressions that have been replaced by predicates.
 struct TypeGuards {
     has_types: bool,
     seen: Vec<TypeExpr>,
@@ -179,7 +179,7 @@ fn name(index: usize) -> Name {
     Name::new(&format!("is'{}", index + 1))
 }
 
-/// Returns `(and GUARD* CONDITION)`; each GUARD is a condition that replaces a type.
+/// Returns the conjunction of the conditions in `guarding`, which replace types, and `condition`.
 fn both(mut guarding: Vec<Condition>, condition: Condition) -> Condition {
     if guarding.is_empty() {
         return condition;

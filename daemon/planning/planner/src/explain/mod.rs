@@ -37,7 +37,8 @@ use crate::normalize::normalize;
 use crate::options::Options;
 use crate::outcome::PlanError;
 
-/// Maximum number of alternatives for one part of the goal. More would not help a person.
+/// Maximum number of alternatives that are listed for one part of the goal, the smallest ones
+/// first. More would not help a person.
 const ALTERNATIVES_MAX: usize = 3;
 
 /// Inputs of an explanation.
@@ -70,7 +71,7 @@ pub struct Explanation {
     pub obstacles: Vec<Obstacle>,
     /// Number of parts of the goal that the explanation covers.
     pub parts: usize,
-    /// Whether the computation finished before it reached a limit.
+    /// Whether the explanation is complete: the computation finished before it reached a limit.
     pub is_complete: bool,
 }
 
@@ -93,7 +94,7 @@ pub struct Obstacle {
 /// A set of missing capabilities that together would suffice.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Alternative {
-    /// The missing capabilities, one or two.
+    /// The missing capabilities of this set, one or two.
     pub missing: Vec<MissingCapability>,
 }
 

@@ -14,11 +14,12 @@ use super::{
     ALTERNATIVES_MAX, Alternative, MissingCapability, Placement, RequiredPlace, SupposedObject,
 };
 
-/// Maximum number of places that are tried for one fact about one new agent.
+/// Maximum number of places that are tried for one fact about one new agent; further places are not
+/// listed in the explanation.
 const PLACES_MAX: usize = 128;
 
-/// Limit on the number of rules visited in all explorations together. Visiting this many takes
-/// about a second.
+/// Limit on the number of rules visited in all explorations together. After it is reached, the
+/// explanation is incomplete. Visiting this many rules takes about a second.
 const STEPS_MAX: u64 = 50_000_000;
 
 /// The alternatives for each part of the goal.
@@ -118,7 +119,8 @@ impl PlacementSearch<'_> {
         Alternative { missing: missing.collect() }
     }
 
-    /// Computes the places of the new agents of a set, for each part of the goal in `parts`.
+    /// Computes the places of the new agents of a set, for each part of the goal in `parts`. Each
+    /// entry of the result is the number of the supposition, and the place of its agent.
     fn place(
         &mut self,
         set: &SuppositionSet,

@@ -21,20 +21,22 @@ use crate::options::Options;
 use crate::outcome::{PlanError, StopReason};
 use crate::validate::World;
 
-/// Maximum number of parts of the goal that are checked. Each of them is grounded separately.
+/// Maximum number of parts of the goal that are checked; further parts are left out. Each part is
+/// grounded separately.
 const PARTS_MAX: usize = 64;
 
 /// Maximum number of unreachable parts that are explained; further ones are only counted.
 const EXPLAINED_PARTS_MAX: usize = 3;
 
 /// Maximum number of links in a chain from a part of the goal to a fact that no action makes true.
+/// A longer chain is shown without its end.
 const LINKS_MAX: usize = 6;
 
 /// Maximum number of achievers of one fact (actions and axioms that could make it true) that are
-/// named.
+/// named; further ones are only counted.
 const ACHIEVERS_MAX: usize = 3;
 
-/// Maximum number of characters of a condition that are shown.
+/// Maximum number of characters of a condition that are shown; the rest is replaced by “…”.
 const TEXT_CHARS_MAX: usize = 120;
 
 /// Text for a problem without a known reason.
@@ -47,13 +49,13 @@ const EXPANSIONS_MAX: u64 = 5_000;
 /// Reasons why a problem has no plan.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Unsolvability {
-    /// The first few parts of the goal that are unreachable even alone, each with the reason as
-    /// text.
+    /// The first few parts of the goal that are unreachable even alone. Each entry is the part and
+    /// the reason as text.
     pub parts: Vec<(Condition, String)>,
     /// Number of unreachable parts of the goal beyond those in `parts`.
     pub more: usize,
     /// Reason why the parts of the goal are unreachable together although each alone is reachable;
-    /// `None` otherwise.
+    /// `None` if any part alone is unreachable.
     pub together: Option<String>,
 }
 
@@ -114,7 +116,7 @@ struct Achiever {
     vacant: Option<Typed>,
 }
 
-/// Terms that replace variables.
+/// Replacements of variables: each entry is a variable and the term that replaces it.
 type TermBindings = Vec<(Name, Term)>;
 
 // === impl UnsolvabilityExplainer ===
@@ -238,8 +240,8 @@ impl UnsolvabilityExplainer<'_> {
         }
     }
 
-    /// Describes the missing conditions of the achievers of one fact. Also returns the first
-    /// missing condition.
+    /// Describes, as text, the missing conditions of the achievers of one fact. Also returns the
+    /// first missing condition, which may be explained in turn.
     fn link(
         &self,
         subject: &str,

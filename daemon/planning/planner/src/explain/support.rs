@@ -9,11 +9,13 @@ use pddl::Name;
 use super::suppose::{OperatorMeaning, SupposedTask};
 use crate::task::{Changes, Literal, Task};
 
-/// Maximum number of sets of suppositions for one literal. More would not be shown to the user.
+/// Maximum number of sets of suppositions that are kept for one literal, the smallest ones first.
+/// If there are more, the explanation is incomplete. More would not be shown to the user.
 const SETS_MAX: usize = 12;
 
-/// Limit on the work: the sum, over the literals of rule bodies, of the number of their sets. For a
-/// building of hundreds of rooms, this takes about a second.
+/// Limit on the work: the sum, over the literals of rule bodies, of the number of their sets. After
+/// it is reached, the explanation is incomplete. For a building of hundreds of rooms, the work
+/// takes about a second.
 const STEPS_MAX: u64 = 20_000_000;
 
 /// A set of at most two suppositions. The empty set means that no supposition is needed.
@@ -25,7 +27,7 @@ pub(super) struct SuppositionSet {
     members: [u32; 2],
 }
 
-/// Origin of a rule.
+/// Origin of a rule in the supposed task.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum RuleOrigin {
     /// An action that an agent offers, or an axiom: no supposition is needed.

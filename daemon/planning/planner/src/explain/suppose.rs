@@ -19,7 +19,8 @@ use pddl::{
 
 use super::{ActionGuard, ExplanationInput, SupposedObject};
 
-/// Maximum number of models of former agents that are used. Each model is checked separately.
+/// Maximum number of models of former agents that are used; further models are ignored. Each model
+/// is checked separately.
 const FORMER_MAX: usize = 64;
 
 /// Name of an auxiliary predicate. PDDL does not allow such names, so they are different from all
@@ -60,7 +61,7 @@ pub(super) struct SupposedTask {
     pub(super) placements: Vec<SupposableFact>,
     /// For each part of the goal: the ground facts that the part requires.
     pub(super) atoms: Vec<Vec<Atom>>,
-    /// New agents with their types.
+    /// New agents that may be supposed, by name, with their types.
     new: BTreeMap<Name, TypeExpr>,
 }
 

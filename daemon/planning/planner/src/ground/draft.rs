@@ -26,7 +26,8 @@ pub(super) struct ChangesDraft {
     pub(super) numeric: Vec<NumericChange>,
 }
 
-/// Maximum number of conditions that are compared one by one; more are hashed.
+/// Maximum number of conditions of an operator's effects that are searched one by one. Above it, a
+/// hash table is used.
 const FEW_CONDITIONS: usize = 8;
 
 // === impl OperatorDraft ===

@@ -133,9 +133,9 @@ fn set_costs(task: &mut Task, is_unit: bool) {
     task.costs_equal = first > 0 && !has_negative && all.iter().all(|cost| *cost == first);
 }
 
-/// Returns the factor that converts costs to whole numbers. Also returns the reason for a loss of
-/// precision, if there is one. `exact` is a factor that makes all costs whole numbers, if one
-/// exists.
+/// Returns the factor by which costs are multiplied to make them whole numbers, and the reason for
+/// a loss of precision, if there is one. `exact` is a factor that makes all costs whole numbers, if
+/// one exists.
 fn countable(exact: Option<f64>, costs: &[u64]) -> (f64, Option<Unprovable>) {
     let largest = costs.iter().map(|cost| f64::from_bits(*cost)).fold(0.0, f64::max);
     let scale = exact.unwrap_or(1e6);

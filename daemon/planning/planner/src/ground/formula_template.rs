@@ -50,7 +50,7 @@ pub(super) struct Comparisons {
     known: FxHashMap<String, usize>,
 }
 
-/// Truth value of a ground literal.
+/// Truth value of a literal after its variables are replaced by objects.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum LiteralTruth {
     True,
@@ -59,8 +59,8 @@ pub(super) enum LiteralTruth {
     Open(Literal),
 }
 
-/// Number of raw fact numbers that are reserved for comparisons, because their number is unknown in
-/// advance.
+/// Number of raw fact numbers that are reserved for comparisons. More numbers than needed are
+/// reserved, because the number of comparisons is not known in advance.
 pub(super) const COMPARISONS_MAX: usize = 1 << 24;
 
 // === impl FormulaTemplate ===
@@ -253,8 +253,8 @@ impl FormulaGrounder<'_> {
         Ok(trees)
     }
 
-    /// Appends all bindings that a join returns to `found`, one after the other. `binding` must
-    /// have at least one entry, even without variables.
+    /// Appends all bindings that a join finds to `found`, one after the other. `binding` must have
+    /// at least one entry, even without variables.
     pub(super) fn bindings(
         &self,
         plan: &JoinPlan,

@@ -200,7 +200,8 @@ impl Auxiliaries {
     }
 }
 
-/// Maximum number of parts of a formula that are compared pairwise; more are hashed.
+/// Maximum number of parts of a formula that are compared pairwise to find duplicates. Above it, a
+/// hash table is used.
 const FEW_PARTS: usize = 8;
 
 /// Maximum number of conjunctions that one part of a disjunction is expanded into. If there would

@@ -20,8 +20,8 @@ pub(super) struct GroundingMeter<'c> {
 /// nanoseconds.
 const STEPS_BETWEEN_CANCEL_CHECKS: u64 = 1 << 14;
 
-/// Number of units of other work between two checks of the caller's [`Cancel`] flag. A unit takes
-/// about a hundred nanoseconds.
+/// Number of units of work other than join steps between two checks of the caller's [`Cancel`]
+/// flag. A unit takes about a hundred nanoseconds.
 const UNITS_BETWEEN_CANCEL_CHECKS: u32 = 1 << 12;
 
 // === impl GroundingMeter ===

@@ -16,14 +16,16 @@ use crate::normalize::lifted::{Formula, Lifted, LiftedAtom, LiftedTerm, SlotInde
 use crate::task::ObjectId;
 
 /// Maximum number of alternatives that one condition is expanded into. If there would be more, a
-/// disjunction is assumed to hold.
+/// disjunction in the condition is assumed to hold.
 const DISJUNCTS_MAX: usize = 8;
 
-/// Limit on the rows of static facts that narrowing reads for all rules together. Reading them
+/// Limit on the rows of static facts that narrowing reads for all rules together. Atoms with more
+/// rows than are left are skipped, so the variables of their rules stay wider. Reading the rows
 /// takes about a tenth of a second.
 pub(super) const NARROWING_ROWS_MAX: u64 = 20_000_000;
 
-/// Maximum number of narrowing passes over the atoms of a rule.
+/// Maximum number of narrowing passes over the atoms of a rule. After the last one, the sets of
+/// objects stay as they are, even if another pass could narrow them further.
 const NARROWING_PASSES_MAX: usize = 4;
 
 /// A Horn rule, `head(terms) :- body`: the head is reachable if the whole body is reachable.

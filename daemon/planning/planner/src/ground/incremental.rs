@@ -60,7 +60,8 @@ pub(crate) struct PresenceMask {
 /// Initial state of a problem (`:init`), with numbers instead of names.
 #[derive(Debug, Default)]
 pub(crate) struct InitialState {
-    /// Facts that are true, each as a predicate and a row of the predicate's relation.
+    /// Facts that are true. Each entry is the predicate of the fact, and the row of the fact in the
+    /// predicate's relation.
     facts: Vec<(PredicateIndex, usize)>,
     values: Vec<(usize, Vec<ObjectId>, f64)>,
 }
@@ -70,7 +71,7 @@ pub(crate) struct InitialState {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct NeedsRegrounding;
 
-/// Number of spare facts per predicate, in addition to twice the present number of its facts.
+/// Number of facts that are reserved for each predicate beyond twice the number of its facts now.
 const ROOM: usize = 8;
 
 /// Limit on comparisons, disjunctions and types that earlier goals have added. If it is exceeded,
@@ -118,7 +119,7 @@ impl IncrementalGrounding {
         })
     }
 
-    /// Returns the number of the object with this name; `None` if the name is unknown.
+    /// Returns the number of the object with this name; `None` if no known text declares it.
     pub(crate) fn object(&self, name: &pddl::Name) -> Option<ObjectId> {
         self.symbols.known_object(name)
     }
@@ -139,8 +140,8 @@ impl IncrementalGrounding {
         self.values.has_tuples(&now.values)
     }
 
-    /// Converts the names in `:init` to numbers. Returns `None` if `:init` contains unknown facts
-    /// or values.
+    /// Converts the names in `:init` to numbers. Returns `None` if `:init` contains facts or values
+    /// that the ground problem has no numbers for.
     pub(crate) fn convert_initial_state(
         &mut self,
         problem: &pddl::Problem,
@@ -289,8 +290,8 @@ impl IncrementalGrounding {
         finish(&self.lifted, relations, start, raw, &mut work).map(Ok)
     }
 
-    /// Returns, for each of `facts`, whether it is reachable in the delete relaxation; `false` for
-    /// unknown facts.
+    /// Returns, for each of `facts`, whether it is reachable in the delete relaxation. The result
+    /// is `false` for a fact that the ground problem does not contain.
     pub(crate) fn reaches(
         &mut self,
         now: &InitialState,
@@ -305,8 +306,9 @@ impl IncrementalGrounding {
         facts.iter().map(can).collect()
     }
 
-    /// Converts a condition that is a single fact to a predicate number and object numbers. Returns
-    /// `None` for other conditions and for unknown names.
+    /// Converts a condition that is a single fact to the number of its predicate and the numbers of
+    /// its objects. Returns `None` for other conditions, and for names that the ground problem has
+    /// no numbers for.
     pub(crate) fn fact(&mut self, condition: &pddl::Condition) -> Option<(usize, Vec<ObjectId>)> {
         let pddl::Condition::Atom(atom) = condition else { return None };
         let objects = atom.arguments.iter().map(|term| match term {
@@ -319,8 +321,9 @@ impl IncrementalGrounding {
         Some((predicate?, objects))
     }
 
-    /// Returns the layout of the fact numbers, the true facts (by raw fact number), and the facts
-    /// and operators that are reachable from them in the delete relaxation.
+    /// Returns three things: the layout of the fact numbers; for each raw fact number, whether the
+    /// fact is true; and the facts and operators that are reachable from the true facts in the
+    /// delete relaxation.
     fn possible(
         &mut self,
         now: &InitialState,

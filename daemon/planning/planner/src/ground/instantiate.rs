@@ -108,8 +108,8 @@ pub(super) fn ready_axioms(catalog: &mut Catalog<'_>) -> Vec<AxiomTemplate> {
 }
 
 /// Removes the `exists` from a formula that is an `exists`, or the first `exists` from a
-/// conjunction. Returns its variables and the formula without it; without an `exists`, returns no
-/// variables and the formula itself.
+/// conjunction. Returns the variables of the `exists`, and the formula without it. Without an
+/// `exists`, returns no variables and the formula itself.
 fn open(formula: &Formula) -> (Vec<SlotIndex>, Formula) {
     match formula {
         Formula::Exists(slots, inner) => (slots.clone(), inner.as_ref().clone()),

@@ -81,7 +81,8 @@ pub(super) struct Join<'g> {
     pub(super) values: &'g GroundFluents,
     /// Per slot (variable): the set of objects that it may be bound to.
     pub(super) frame: &'g [TypeIndex],
-    /// Relation and row of the tuple that triggered the join; `None` for a join without a trigger.
+    /// Relation of the tuple that triggered the join, and the row of the tuple in it; `None` for a
+    /// join without a trigger.
     pub(super) cause: Option<(usize, usize)>,
 }
 

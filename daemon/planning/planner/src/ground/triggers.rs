@@ -43,7 +43,8 @@ struct RelationTriggers {
     open: Vec<usize>,
     /// Columns with a fixed object in some trigger.
     columns: Vec<usize>,
-    /// Triggers with a fixed object in a column; the key is the column and the object.
+    /// Triggers with a fixed object in a column. The key is the index of the column, and the
+    /// object.
     fixed: FxHashMap<(usize, ObjectId), Vec<usize>>,
 }
 

@@ -302,9 +302,9 @@ impl Cliques {
     }
 }
 
-/// Returns the common cost of the relaxed operators with `proposition` as their only precondition,
-/// and the set of `proposition` and all propositions that they add. Returns `None` if there is no
-/// such operator or the costs differ.
+/// Returns the common cost of the relaxed operators with `proposition` as their only precondition.
+/// Also returns the set of `proposition` and all propositions that these operators add. Returns
+/// `None` if there is no operator of this kind, or if the costs differ.
 fn members(
     relaxation: &Relaxation,
     alone: &Rows,

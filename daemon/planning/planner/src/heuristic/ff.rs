@@ -7,7 +7,8 @@ use super::relaxation::{Relaxation, Weights};
 use crate::state::{State, all_hold};
 use crate::task::{OperatorId, Task};
 
-/// Maximum length of the stored relaxed plan. A longer plan is unlikely to be executable.
+/// Maximum length of the stored relaxed plan; further steps are not stored. A longer plan is
+/// unlikely to be executable.
 const PLAN_MAX: usize = 10_000;
 
 /// Number of occurrences of an operator in a relaxed plan.

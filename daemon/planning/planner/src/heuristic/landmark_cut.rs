@@ -53,16 +53,16 @@ pub(crate) struct LandmarkCut {
 /// Stored landmarks of evaluated states, up to a limit on memory.
 #[derive(Debug, Default)]
 struct LandmarkStore {
-    /// Per state: the range of its landmarks in `prices`.
+    /// Per state: the start and the end of its landmarks in `prices`.
     ranges: Vec<(u32, u32)>,
-    /// Per landmark: its cost, and the end of its operators in `operators`. Their start is the end
-    /// of the previous landmark's operators.
+    /// Per landmark: its cost, and the end of its operators in `operators`. The operators begin at
+    /// the end of the previous landmark's operators.
     prices: Vec<(u64, u32)>,
     operators: Vec<u32>,
 }
 
-/// Limit on the number of operators in all stored landmarks: about 64 MiB. When it is reached, the
-/// landmarks of later states are not stored.
+/// Limit on the number of operators in all stored landmarks: about 64 MiB. When it is exceeded, the
+/// landmarks of further states are not stored.
 const KEPT_MAX: usize = 1 << 24;
 
 /// Zone of a proposition in the justification graph, relative to a cut.
@@ -76,7 +76,7 @@ enum Zone {
 }
 
 /// Limit on the number of cuts in one evaluation, far above the number of goals in a task that is
-/// small enough for LM-cut.
+/// small enough for LM-cut. At the limit, the costs of the cuts found so far are the estimate.
 const CUTS_MAX: u64 = 500;
 
 /// Supporter of a relaxed operator without preconditions.
@@ -210,8 +210,8 @@ impl LandmarkCut {
         }
     }
 
-    /// Returns the goal proposition with the greatest h_max cost, after this cost; `None` without a
-    /// goal.
+    /// Returns the goal proposition with the greatest h_max cost, as a pair of cost and
+    /// proposition; `None` without a goal.
     fn most_expensive_goal(&self) -> Option<(u64, u32)> {
         let goal = self.relaxation.goal().iter();
         goal.map(|goal| (self.costs[*goal as usize], *goal)).max()

@@ -6,8 +6,9 @@ use rustc_hash::FxHashMap;
 use crate::state::{State, is_true, true_facts};
 use crate::task::Task;
 
-/// Maximum number of facts of a task for which pairs of facts are checked, too. For more facts, the
-/// table of pairs and the time to check them are too large.
+/// Maximum number of facts of a task for which pairs of facts are checked, too. In a task with more
+/// facts, only single facts are checked, because the table of pairs and the time to check them
+/// would be too large.
 const PAIR_FACTS_MAX: usize = 700;
 
 /// Limit on the bytes of all tables. When it is reached, new partitions share the last table.
@@ -52,8 +53,8 @@ impl Novelty {
     }
 
     /// Returns 1 if a fact of the state is new in the partition, 2 if only a pair of facts is new,
-    /// and [`NOT_NOVEL`] otherwise. If the parent state is in the same partition, only facts that
-    /// it lacks are checked.
+    /// and [`NOT_NOVEL`] otherwise. `parent` is the parent state and its partition. If the
+    /// partition is the same, only facts that the parent state lacks are checked.
     pub(crate) fn evaluate(
         &mut self,
         state: &State,
@@ -93,7 +94,7 @@ impl Novelty {
         novelty
     }
 
-    /// Returns the table of a partition, and whether this call created it.
+    /// Returns the index of the table of a partition, and whether this call created the table.
     fn table(&mut self, partition: u32) -> (usize, bool) {
         if let Some(&table) = self.of_partition.get(&partition) {
             return (table, false);

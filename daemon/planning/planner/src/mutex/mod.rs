@@ -33,10 +33,11 @@ pub(crate) struct MutexGroups {
     variables: Vec<Vec<FactId>>,
 }
 
-/// Maximum number of candidate invariants to check.
+/// Maximum number of candidate invariants to check. After it, the groups found so far are used.
 const CANDIDATES_MAX: usize = 2_000;
 
-/// Maximum number of atoms in one candidate invariant.
+/// Maximum number of atoms in one candidate invariant. A candidate of this size is not refined by
+/// further atoms.
 const PARTS_MAX: usize = 16;
 
 /// Value for facts in no instance of the candidate.

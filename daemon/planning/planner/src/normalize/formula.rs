@@ -72,8 +72,8 @@ impl<'s> FormulaScope<'s> {
         }
     }
 
-    /// Adds variables to the scope. Returns a number to pass to [`FormulaScope::leave`], and the
-    /// slots of the variables.
+    /// Adds variables to the scope. Returns the number of visible variables before, which
+    /// [`FormulaScope::leave`] needs, and the slots of the added variables.
     pub(super) fn enter(&mut self, variables: &[Typed]) -> (usize, Vec<SlotIndex>) {
         let outside = self.visible.len();
         (outside, variables.iter().map(|variable| self.declare(variable)).collect())

@@ -154,14 +154,16 @@ pub(crate) struct FunctionUse {
     pub(crate) arity: usize,
     /// Whether an effect changes the function.
     pub(crate) changed: bool,
-    /// Whether a condition depends on the function, directly or through another value.
+    /// Whether a condition depends on the function, directly or because the function is used to
+    /// compute a value that a condition depends on.
     pub(crate) read: bool,
 }
 
 /// Computation of the cost of a plan, as given by the metric.
 #[derive(Clone, Debug)]
 pub(crate) struct Costs {
-    /// Weight of each ground fluent in the cost of a plan; `None` if every step costs one.
+    /// Weights of ground fluents in the cost of a plan. Each entry is the function, its arguments
+    /// and the weight. `None` if every step costs one.
     pub(crate) weights: Option<Vec<(FunctionIndex, Vec<ObjectId>, f64)>>,
     /// Additional cost of every step: the weight of `total-time` in the metric. A sequential plan
     /// takes one unit of time per step.

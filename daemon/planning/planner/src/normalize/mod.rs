@@ -35,8 +35,8 @@ pub(crate) fn normalize(domain: &Domain, problem: &Problem) -> Result<Lifted, Pl
     Ok(Lifted { objects, predicates, functions, types, ..lifted })
 }
 
-/// Does the same as [`normalize`]. Also returns the symbol table, so that later texts can be
-/// converted with the same numbers.
+/// Does the same as [`normalize`]. Also returns the symbol table, so that texts can be converted
+/// with the same numbers afterwards.
 pub(crate) fn normalize_named(
     domain: &Domain,
     problem: &Problem,
@@ -82,9 +82,9 @@ fn lift(
     Ok(Lifted { schemas, axioms, goal, init, values, costs, ..Lifted::default() })
 }
 
-/// Maximum number of variables of one action, axiom or goal, including those of its quantifiers.
-/// Every binding has an entry for each variable. Texts written by people have less than a hundredth
-/// of this number.
+/// Maximum number of variables of one action, axiom or goal, including those of its quantifiers; a
+/// text with more is unsupported. Every binding has an entry for each variable. Texts written by
+/// people have less than a hundredth of this number.
 const VARIABLES_MAX: usize = 10_000;
 
 fn bound_frame(
@@ -197,7 +197,7 @@ fn mark_functions(
     }
 }
 
-/// Returns the true facts of `:init`.
+/// Returns the true facts of `:init`. Each entry is the number of the predicate and the arguments.
 fn initial_facts(symbols: &mut SymbolTable, problem: &Problem) -> Vec<(usize, Vec<ObjectId>)> {
     let mut scope = FormulaScope::new(symbols, []);
     let fact = |element: &InitElement| match element {
@@ -210,7 +210,8 @@ fn initial_facts(symbols: &mut SymbolTable, problem: &Problem) -> Vec<(usize, Ve
     problem.init.iter().filter_map(fact).collect()
 }
 
-/// Returns the initial values of functions in `:init`.
+/// Returns the initial values of functions in `:init`. Each entry is the number of the function,
+/// the arguments and the value.
 pub(crate) fn initial_values(
     symbols: &mut SymbolTable,
     problem: &Problem,

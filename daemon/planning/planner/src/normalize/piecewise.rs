@@ -24,12 +24,13 @@ use super::wide::{renumber, scope};
 /// Number of parameters from which an action is expected to have too many ground instances.
 const WIDE: usize = 8;
 
-/// Maximum number of parameters of an action that is not split. The limit is small because the
-/// relaxation loses relations between chosen objects. More facts are therefore relaxed reachable,
-/// and joins of four variables over them are too large.
+/// Maximum number of parameters of an action that is kept whole; an action with more is split. The
+/// limit is small because the relaxation loses relations between chosen objects. More facts are
+/// therefore relaxed reachable, and joins of four variables over them are too large.
 const WHOLE_MAX: usize = 3;
 
-/// Maximum number of parameters in one piece, unless a single test needs more.
+/// Maximum number of parameters in one piece. The piece of a single test with more
+/// parameters is larger.
 const PIECE_MAX: usize = 2;
 
 /// A lifted task with its wide actions split into pieces.

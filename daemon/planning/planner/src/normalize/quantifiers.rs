@@ -13,11 +13,13 @@ use rustc_hash::FxHashMap;
 
 use super::lifted::{Formula, LiftedTerm, SlotIndex};
 
-/// Maximum number of alternatives that one quantifier is split into.
+/// Maximum number of alternatives that one quantifier is split into. If there would be more, the
+/// quantifier is not split.
 const ALTERNATIVES_MAX: usize = 8;
 
-/// Limit on the number of visited and copied parts of conditions. Reaching it takes a fraction of a
-/// second and a fraction of a gigabyte.
+/// Limit on the number of visited and copied parts of conditions. After it is reached, the
+/// remaining quantifiers stay as they are. Reaching it takes a fraction of a second and a fraction
+/// of a gigabyte.
 const WORK_MAX: u64 = 3_000_000;
 
 /// Rearrangement of the conditions of one task, with a limit on work.
@@ -91,7 +93,8 @@ impl QuantifierRearrangement {
         junction(parts, !existential)
     }
 
-    /// Merges inner quantifiers of the same kind into this one.
+    /// Merges quantifiers in `parts` that are of the same kind as the outer quantifier, with the
+    /// variables `slots`, into the outer one.
     fn pull_up(&mut self, slots: &mut Vec<SlotIndex>, parts: &mut Vec<Formula>, existential: bool) {
         let mut position = 0;
         while position < parts.len() {

@@ -18,7 +18,8 @@ use super::lifted::{
 /// joins are not split, because a derived predicate adds work to every state of a search.
 const BINDINGS_MAX: f64 = 10_000_000.0;
 
-/// Number of bindings below which a join is not split any further.
+/// Number of bindings at which the splitting of a join ends: a join with fewer bindings is not
+/// split any further.
 const BINDINGS_FEW: f64 = 10_000.0;
 
 /// Minimum ratio between the number of bindings of the whole join and that of a part. With a

@@ -28,11 +28,11 @@ use self::fixpoint::AnalysisDirection as _;
 use self::operator_views::OperatorViews;
 use self::pairs::{LiteralPairs, LiteralSet};
 
-/// Maximum number of rounds of forward and backward analysis. The second round usually finds the
-/// last changes.
+/// Maximum number of rounds of forward and backward analysis; the result of the last round is used.
+/// The second round usually finds the last changes.
 const ROUNDS_MAX: usize = 8;
 
-/// Result of pruning.
+/// Result of pruning a task.
 #[derive(Debug)]
 pub(crate) enum Pruned {
     /// The whole task remains: no part was pruned, or the task is too large for the limits.
@@ -63,7 +63,8 @@ pub(super) struct WorkBudget<'c> {
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct WorkExceeded;
 
-/// Maximum number of sets of pairs that exist at the same time.
+/// Maximum number of sets of pairs that pruning has in memory at one time. A task for which this
+/// many sets are too large is not pruned.
 const SETS: u64 = 4;
 
 /// Prunes a task, with at most `bytes_max` bytes of memory and `work_max` units of work. A unit is

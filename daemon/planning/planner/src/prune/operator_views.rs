@@ -101,8 +101,8 @@ impl OperatorViews {
     }
 }
 
-/// Returns two sorted lists: the literals that every application of an operator makes true, and the
-/// literals that an application may make true.
+/// Returns two sorted lists of literals: those that every application of an operator makes true,
+/// and those that some application may make true.
 fn outcomes(operator: GroundOperator<'_>) -> (Vec<Literal>, Vec<Literal>) {
     let literals = |facts: &[FactId], positive| -> Vec<Literal> {
         facts.iter().map(|fact| Literal::new(*fact, positive)).collect()

@@ -41,8 +41,8 @@ pub(super) struct TextAdditions {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct StructuralDifference;
 
-/// Number of known objects or actions that may be absent, in addition to half of all. If more are
-/// absent, all texts are grounded again.
+/// Number of known objects or actions that may be absent beyond half of all. If more are absent,
+/// all texts are grounded again.
 const GONE_MAX: usize = 16;
 
 // === impl KnownTexts ===
@@ -66,8 +66,8 @@ impl KnownTexts {
         Arc::make_mut(&mut self.objects).extend(new);
     }
 
-    /// Compares the texts with the known texts. Returns the additions, and the mask of the known
-    /// parts that are present.
+    /// Compares the texts with the known texts. Returns the parts of the texts that are not known
+    /// yet, and the mask of the known parts that are present.
     pub(super) fn compare(
         &mut self,
         domain: &Domain,
@@ -186,8 +186,8 @@ impl KnownTexts {
         present.objects.resize(self.objects.len(), true);
     }
 
-    /// Returns the union of the domains, and a problem with all known objects and the state of
-    /// `problem`.
+    /// Returns the union of all known domains. Also returns a problem with all known objects and
+    /// the state of `problem`.
     pub(super) fn texts(&self, problem: &Problem) -> (&Domain, Problem) {
         (&self.domain, Problem { objects: Arc::clone(&self.objects), ..problem.clone() })
     }

@@ -63,7 +63,7 @@ pub struct Replanned {
     pub outcome: PlanningOutcome,
     /// Use of the old plan in the new plan.
     pub plan_reuse: PlanReuse,
-    /// Use of the kept ground problem.
+    /// How much of the ground problem of the last call was reused.
     pub grounding_reuse: GroundingReuse,
 }
 
@@ -409,7 +409,8 @@ impl<'c> ReplanningCall<'c> {
         })
     }
 
-    /// Searches for a plan. Also returns the initial state that plans were validated from.
+    /// Searches for a plan. Returns the result, and the initial state from which plans were
+    /// validated, if one was computed.
     fn solve(
         mut self,
         task: &Task,

@@ -10,11 +10,13 @@ use crate::progression::Progression;
 use crate::state::{State, StateId, StateSpace, all_hold};
 use crate::task::{OperatorId, Task};
 
-/// Maximum number of states in one breadth-first search for a better state.
+/// Maximum number of states that one breadth-first search for a better state expands. After them,
+/// hill climbing gives up.
 const PLATEAU_MAX: usize = 100;
 
 /// Limit on the work of the whole climb: the number of evaluations times the size of the
-/// relaxation. The limit allows some hundredths of a second.
+/// relaxation. When it is exceeded, hill climbing gives up. The limit allows some hundredths of a
+/// second.
 const WORK_MAX: usize = 20_000_000;
 
 /// Hill climbing from the initial state of a task towards the goal.
@@ -28,12 +30,12 @@ pub(crate) struct HillClimbing<'t, 'h> {
     pub(crate) expansions: u64,
 }
 
-/// Operators to apply, the state after them, and the estimate of that state.
+/// Operators to apply, the state after them, and the heuristic estimate of that state.
 type ClimbingStep = (Vec<OperatorId>, Vec<u64>, u64);
 
 /// Result of hill climbing.
 pub(crate) enum ClimbingOutcome {
-    /// These operators lead to the goal.
+    /// Hill climbing has found a plan: these operators lead to the goal.
     Plan(Vec<OperatorId>),
     /// The goal is unreachable in the delete relaxation, which proves that no plan exists.
     DeadEnd,

@@ -5,8 +5,8 @@ use crate::progression::Progression;
 use crate::state::all_hold;
 use crate::task::{OperatorId, Task};
 
-/// Maximum number of steps of a plan that is checked for superfluous steps. The check takes
-/// quadratic time.
+/// Maximum number of steps of a plan that is checked for superfluous steps. A longer plan is
+/// returned unchanged, because the check takes quadratic time.
 const STEPS_MAX: usize = 1_000;
 
 /// Returns the plan without superfluous steps. The result never costs more than the given plan.

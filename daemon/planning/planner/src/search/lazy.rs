@@ -61,7 +61,8 @@ const SORTED: usize = 5;
 /// Number of all kinds of open lists.
 const LISTS: usize = 6;
 
-/// Limit on the work of finding mutex groups, which takes some hundredths of a second.
+/// Limit on the work of finding mutex groups, in visited parts of effects. After it, the groups
+/// found so far are used. The work takes some hundredths of a second.
 const MUTEX_WORK_MAX: u64 = 5_000_000;
 
 /// Parameters of a search.
@@ -358,8 +359,9 @@ impl Search for LazySearch<'_> {
             + self.ff.bytes()
     }
 
-    /// Only dead ends of the relaxation and paths at or above the cost bound are pruned. Empty open
-    /// lists therefore prove that no plan below the bound exists.
+    /// Returns the stop reason for empty open lists. Only dead ends of the relaxation and paths at
+    /// or above the cost bound are pruned, so empty lists prove that no plan below the bound
+    /// exists.
     fn exhausted(&self) -> StopReason {
         if self.manner.bound == u64::MAX {
             StopReason::Unsolvable { before_search: self.dead_end_at_start }

@@ -55,8 +55,8 @@ pub(crate) trait Search {
     /// Returns the present number of bytes of the search.
     fn bytes(&self) -> usize;
 
-    /// Returns the stop reason of a search that has no state left to expand:
-    /// [`StopReason::Unsolvable`] if this proves that no plan exists, and otherwise another reason.
+    /// Returns the stop reason of a search that has no state left to expand. It is
+    /// [`StopReason::Unsolvable`] if the empty search proves that no plan exists.
     fn exhausted(&self) -> StopReason;
 }
 

@@ -20,9 +20,11 @@ use crate::task::{OperatorId, Task};
 /// Limits of the search for shortcuts near a plan.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct NeighborhoodLimits {
-    /// Maximum number of generated transitions (states with one of their operators applied).
+    /// Maximum number of generated transitions (states with one of their operators applied). At the
+    /// limit, the states and transitions generated so far are searched.
     pub(crate) steps_max: u64,
-    /// Maximum number of bytes of states and transitions.
+    /// Maximum number of bytes of states and transitions. At the limit, the states and transitions
+    /// generated so far are searched.
     pub(crate) bytes_max: usize,
 }
 

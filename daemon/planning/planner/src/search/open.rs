@@ -9,10 +9,12 @@ use std::collections::{BTreeMap, VecDeque};
 use crate::state::StateId;
 use crate::task::OperatorId;
 
-/// Entry of an open list: an operator, and the state to apply it in.
+/// Entry of an open list: the state to expand, and the operator to apply in it.
 pub(super) type OpenEntry = (StateId, OperatorId);
 
-/// Sort key of an open list. States with the lowest key come first.
+/// Sort key of a state in an open list. Keys are compared by their first number, then by the
+/// second, then by the third; the lowest key comes first. Lists that need fewer numbers set the
+/// others to zero.
 pub(super) type SortKey = (u32, u32, u32);
 
 /// A state in an open list, with the number of its operators that the list has returned so far.

@@ -14,8 +14,8 @@ use crate::state::{StateId, StateSpace, all_hold};
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
 
-/// Entry of the open list. Entries are sorted by `f`, then by `h`, then by the newest state. The
-/// last number is the `g` of the state at the time of queueing.
+/// Entry of the open list: the state's `f`, its `h`, its id, and its `g` at the time of queueing.
+/// Entries are sorted by the smallest `f`, then by the smallest `h`, then by the newest state.
 type AStarEntry = Reverse<(u64, u64, Reverse<StateId>, u64)>;
 
 /// Value of `estimates` for a state without an evaluation.
@@ -187,7 +187,8 @@ impl Search for AStar<'_> {
         self.space.bytes() + open + per_state + self.evaluator.bytes()
     }
 
-    /// The search considers only plans below the bound, so plans above the bound may exist.
+    /// Returns the stop reason for an empty open list. It is never [`StopReason::Unsolvable`]: the
+    /// search considers only plans below the bound, so plans above the bound may exist.
     fn exhausted(&self) -> StopReason {
         if self.explorations > self.explorations_max {
             StopReason::ExpansionLimit { limit: self.expansions }

@@ -13,7 +13,8 @@ use crate::task::OperatorId;
 #[derive(Debug)]
 pub(super) struct TypeList {
     of_type: FxHashMap<(u32, u32), usize>,
-    /// Per type: its states, each with the number of its returned operators.
+    /// Per type: its states. Each entry is the state and the number of its operators that have been
+    /// returned.
     types: Vec<Vec<(StateId, u32)>>,
     /// Types with at least one state.
     open: Vec<usize>,

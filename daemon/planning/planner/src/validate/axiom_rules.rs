@@ -27,10 +27,10 @@ pub(super) struct AxiomRule {
     head: usize,
     arguments: Box<[FrameSlot]>,
     query: Query,
-    /// Parts of the rule that are facts of the same component, each with the position of its
-    /// predicate in the component.
+    /// Parts of the rule that are facts of the rule's own component. Each entry is the position of
+    /// the part in the query, and the position of its predicate in the component.
     recursive: Vec<(usize, usize)>,
-    /// Whether parts of the rule other than `recursive` use the component.
+    /// Whether any part of the rule that is not in `recursive` uses the component.
     is_nested: bool,
     slot_count: usize,
 }
@@ -66,8 +66,9 @@ impl AxiomRule {
     }
 }
 
-/// Returns the parts of a query that are facts of a component, and whether other parts of the query
-/// also use the component.
+/// Returns the parts of a query that are facts of a component. Each entry is the position of the
+/// part in the query, and the position of its predicate in the component. The flag tells whether
+/// any other part of the query uses the component.
 fn recursion(model: &Model, component: usize, query: &Query) -> (Vec<(usize, usize)>, bool) {
     let (mut recursive, mut is_nested) = (Vec::new(), false);
     for (index, part) in query.parts.iter().enumerate() {
@@ -208,11 +209,11 @@ impl World {
     }
 }
 
-/// Position of a part of a rule, and the rows of its new facts. New facts have the last rows,
-/// because no tuple is removed during the evaluation of a component.
+/// Position of a part in the query of a rule, and the rows of the part's new facts in their table.
+/// New facts have the last rows, because no tuple is removed during the evaluation of a component.
 type DeltaRows = (usize, Range<usize>);
 
-/// Derived tuples, one after the other in one array, and their number.
+/// Derived tuples, one after the other in one array, and the number of tuples.
 type DerivedTuples = (Vec<Object>, usize);
 
 impl AxiomRule {

@@ -16,8 +16,8 @@ use super::symbols::{RelationId, RelationTable};
 /// Axioms of a domain, grouped into components.
 #[derive(Debug, Default)]
 pub(super) struct AxiomComponents {
-    /// For each predicate: its component, and its position in that component. An entry is `None` if
-    /// the predicate is not derived. The list is empty if the domain has no axioms.
+    /// For each predicate: the index of its component, and its position in the component. An entry
+    /// is `None` if the predicate is not derived. The list is empty if the domain has no axioms.
     places: Vec<Option<(usize, usize)>>,
     pub(super) components: Vec<Component>,
     /// For each predicate: the components that depend on its facts.
@@ -97,8 +97,8 @@ impl AxiomComponents {
         Ok(axioms)
     }
 
-    /// Returns the component of a derived predicate, and the position of the predicate in that
-    /// component. Returns `None` if the predicate is not derived.
+    /// Returns the index of the component of a derived predicate, and the position of the predicate
+    /// in the component. Returns `None` if the predicate is not derived.
     pub(super) fn place(&self, relation: RelationId) -> Option<(usize, usize)> {
         self.places.get(relation.index()).copied().flatten()
     }

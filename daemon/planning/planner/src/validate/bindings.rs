@@ -3,7 +3,7 @@
 
 use pddl::{Atom, Compare, Condition, Expression, FluentTerm, Name, Term, Typed};
 
-/// The object of each variable in scope, innermost variable last.
+/// The variables in scope, each with its object. The innermost variable is the last.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Bindings(Vec<(Name, Name)>);
 

@@ -11,14 +11,15 @@ use super::model::Model;
 use super::symbols::Object;
 
 /// Maximum product of the number of variables and the number of alternatives up to which a
-/// quantifier is distributed over `or`. Typical domains have far fewer.
+/// quantifier is distributed over `or`. Above it, the `or` is evaluated as a whole. Typical domains
+/// have far fewer.
 const SHARED_MAX: usize = 4_096;
 
 /// State of the compilation of one text: the variables in scope, and the slots and undeclared names
 /// used so far.
 pub(super) struct CompilationScope<'m> {
     model: &'m Model,
-    /// Variables in scope with their slots, innermost last.
+    /// Variables in scope, each with its slot. The innermost variable is the last.
     variables: Vec<(Name, FrameSlot)>,
     slot_count: usize,
     /// Numbers of the names that the texts do not declare. An unbound variable counts as such a

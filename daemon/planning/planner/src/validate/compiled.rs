@@ -63,8 +63,8 @@ pub(super) struct Query {
     pub(super) parts: Vec<QueryPart>,
 }
 
-/// Maximum number of parts of a query. The evaluation represents the set of parts not yet evaluated
-/// as the bits of one `u64`.
+/// Maximum number of parts of a query; the parts beyond it are joined to one conjunction. The
+/// evaluation represents the set of parts not yet evaluated as the bits of one `u64`.
 pub(super) const PARTS_MAX: usize = 64;
 
 /// A variable of a query.
@@ -90,7 +90,8 @@ pub(super) enum CompiledExpression {
     Negate(Box<CompiledExpression>),
     Apply(Operator, Vec<CompiledExpression>),
     TotalTime,
-    /// A value such as `?duration` that only durative actions have. It is undefined here.
+    /// A value such as `?duration`, which only durative actions have. Durative actions are not
+    /// compiled, so the value is undefined.
     Unknown(Box<FluentTerm>),
 }
 
@@ -113,8 +114,8 @@ pub(super) enum CompiledEffect {
     Set(Fact, bool),
     Assign(Box<CompiledAssign>),
     When(Box<(CompiledCondition, CompiledEffect)>),
-    /// Applies the effect for every binding of the variables under which all parts of the query
-    /// hold.
+    /// Applies the effect for every binding of the query's variables under which all parts of the
+    /// query hold.
     Each(Box<(Query, CompiledEffect)>),
 }
 

@@ -17,7 +17,8 @@ use super::model::Model;
 use super::steps::schema_of;
 use super::world::World;
 
-/// Maximum number of bindings of quantified variables that are enumerated for one footprint.
+/// Maximum number of bindings of quantified variables that are enumerated for one footprint. Beyond
+/// it, the footprint contains whole predicates and functions instead of single facts and fluents.
 const BINDINGS_MAX: usize = 100_000;
 
 /// A fact or a fluent: the name of the predicate or function, and the objects.
@@ -53,13 +54,13 @@ impl Footprint {
         same_agent || self.conflicts(earlier)
     }
 
-    /// Whether the order of two steps may matter: one of them may write a fact or number that the
-    /// other one reads or writes.
+    /// Whether the order of two steps may matter: one step may write a fact or number that the
+    /// other step reads or writes.
     fn conflicts(&self, other: &Footprint) -> bool {
         self.overwrites(other) || other.overwrites(self)
     }
 
-    /// Whether this step may write a fact or number that the other one reads or writes.
+    /// Whether this step may write a fact or number that the step `other` reads or writes.
     fn overwrites(&self, other: &Footprint) -> bool {
         let touched =
             |written: &BTreeSet<Cell>, sets: [&BTreeSet<Cell>; 2], whole: &BTreeSet<Name>| {
@@ -244,8 +245,8 @@ fn reads_numbers(expression: &Expression, bindings: &Bindings, found: &mut Footp
     found.fluents_read.extend(expression.fluents().map(|fluent| cell(fluent, bindings)));
 }
 
-/// Returns the predicates and functions on which the facts of a derived predicate may depend,
-/// including the predicate itself.
+/// Returns the predicates and the functions on which the facts of a derived predicate may depend.
+/// The predicates include the derived predicate itself.
 fn sources(axioms: &[Derived], derived: &Name) -> (Vec<Name>, Vec<Name>) {
     let (mut predicates, mut functions) = (vec![derived.clone()], Vec::new());
     let mut next = 0;

@@ -113,12 +113,12 @@ pub enum FaultReason {
     /// The new value of a fluent is not finite: a scaling divides by zero, or the number is out of
     /// range.
     NotFinite(FluentTerm),
-    /// Effects of one step on the same fluent contradict each other.
+    /// Several effects of one step give the same fluent values that contradict each other.
     Conflict(FluentTerm),
     /// The evaluation reached the limit of [`World::limit_work`] or was cancelled. It is not known
     /// whether the plan is valid.
     WorkLimit {
-        /// Maximum number of evaluation steps.
+        /// The limit that was reached, in evaluation steps.
         limit: u64,
     },
 }
@@ -185,8 +185,8 @@ impl Fault {
         Fault { reason, ..self }
     }
 
-    /// Returns the failing part of the goal or precondition; `None` if the fault has another
-    /// reason.
+    /// Returns the part of the goal or precondition that does not hold; `None` for any other kind
+    /// of fault.
     pub fn condition(&self) -> Option<&Condition> {
         match &self.reason {
             FaultReason::Precondition(condition) | FaultReason::Goal(condition) => Some(condition),

@@ -35,7 +35,8 @@ impl FunctionValues {
         }
     }
 
-    /// Iterates over the defined fluents and their values, in no particular order.
+    /// Iterates over the fluents of the function that have a value, in no particular order. Each
+    /// entry is the arguments and the value.
     pub(super) fn iter(&self) -> impl Iterator<Item = (&[Object], f64)> {
         let rows = self.fluents.rows().iter();
         rows.map(|row| (self.fluents.tuple(*row), self.numbers[*row as usize]))

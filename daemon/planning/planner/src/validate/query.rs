@@ -31,7 +31,7 @@ pub(super) const ARITY_MAX: usize = 64;
 
 /// Next step of the search for bindings of a query.
 enum QueryStep<'w, 'q> {
-    /// Bind further variables, by trying each of these choices.
+    /// Bind further variables, by trying each of the listed choices.
     Choose(Choices<'w, 'q>),
     /// All variables are bound, and all parts of the query hold.
     Found,
@@ -41,11 +41,12 @@ enum QueryStep<'w, 'q> {
 
 /// Choices for binding the next variables.
 enum Choices<'w, 'q> {
-    /// Bind the unbound arguments of the fact to the objects of each of these rows of the table.
+    /// Bind the unbound arguments of the fact in turn to the objects of each of the listed rows of
+    /// the table.
     Rows(&'w TupleTable, &'w [u32], &'q Fact),
-    /// Bind the variable to this object.
+    /// Bind the variable in the slot to the object.
     One(FrameSlot, Object),
-    /// Bind the variable to each object of its type.
+    /// Bind the variable in the slot in turn to each object of its type.
     Members(FrameSlot, &'q Extension),
 }
 

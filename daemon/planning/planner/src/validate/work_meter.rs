@@ -13,7 +13,7 @@ use crate::limits::Cancel;
 #[derive(Debug)]
 pub(super) struct WorkMeter {
     /// Maximum number of steps: for all conditions together, and again for each component of the
-    /// axioms.
+    /// axioms. At the limit, the evaluation ends.
     limit: u64,
     left: AtomicU64,
     /// Whether the limit has ended the evaluation of axioms. Derived facts are then missing for
@@ -69,8 +69,8 @@ impl WorkMeter {
         }
     }
 
-    /// Returns a meter with another limit. If the limit has ended the evaluation of axioms before,
-    /// the new meter allows no steps.
+    /// Returns a meter with the limit `limit`. If the limit of this meter has ended the evaluation
+    /// of axioms before, the new meter allows no steps.
     pub(super) fn with_limit(&self, limit: u64, cancel: Option<Cancel>) -> WorkMeter {
         let meter = WorkMeter::new(limit, cancel);
         if self.is_cut.load(Ordering::Relaxed) {
@@ -80,9 +80,9 @@ impl WorkMeter {
         meter
     }
 
-    /// Calls `evaluate`, which computes the facts of a component of the axioms, with a separate
-    /// count of the same limit. The facts are kept for later conditions, so that they must not
-    /// depend on the steps that the current condition has already taken.
+    /// Calls `evaluate`, which computes the facts of a component of the axioms. Its steps are
+    /// counted separately, up to the same limit. The facts are kept for later conditions, so they
+    /// must not depend on the steps that the current condition has already taken.
     pub(super) fn apart<T>(&self, evaluate: impl FnOnce() -> T) -> T {
         let before = self.left.load(Ordering::Relaxed);
         self.renew();

@@ -246,7 +246,8 @@ impl World {
         claimed
     }
 
-    /// Returns all defined fluents, as atoms with their values, sorted.
+    /// Returns all fluents that have a value, sorted. Each entry is the fluent, written as an atom,
+    /// and its value.
     fn defined_fluents(&self) -> Vec<(Atom, f64)> {
         let functions = &self.model.functions;
         let mut valued = Vec::new();
@@ -292,8 +293,8 @@ fn by_name(left: &Atom, right: &Atom) -> Ordering {
     left.predicate.cmp(&right.predicate).then_with(arguments)
 }
 
-/// Returns the facts and values of the initial state. Names that occur only in `:init` get their
-/// numbers here.
+/// Returns the tables of facts and of function values in the initial state, each by number of the
+/// predicate or function. Names that occur only in `:init` get their numbers here.
 fn initially(
     model: &mut Model,
     problem: &Problem,

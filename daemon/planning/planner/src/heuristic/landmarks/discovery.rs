@@ -17,11 +17,13 @@ use crate::limits::Cancel;
 use crate::state::State;
 use crate::task::Atoms;
 
-/// Maximum number of facts in a disjunctive landmark.
+/// Maximum number of facts in a disjunctive landmark. A larger set of facts does not become a
+/// landmark.
 const DISJUNCTS_MAX: usize = 4;
 
 /// Limit on the work of testing the facts of a relaxed plan, in visited edges of the relaxation.
-/// This many take about half a second.
+/// When it is exceeded, the remaining facts are not tested. This many edges take about half a
+/// second.
 const TEST_WORK_MAX: usize = 60_000_000;
 
 /// Limit on the work of the whole discovery, in visited edges of the relaxation. When it is

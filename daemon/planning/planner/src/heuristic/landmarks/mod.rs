@@ -19,10 +19,10 @@ use crate::task::Task;
 struct Landmark {
     propositions: Vec<u32>,
     is_goal: bool,
-    /// Landmarks that must be achieved before this one (greedy-necessary orders), or should be
+    /// Landmarks that must be achieved before this landmark (greedy-necessary orders), or should be
     /// achieved before it (reasonable orders).
     parents: Vec<u32>,
-    /// Landmarks that require this one immediately before they are first achieved.
+    /// Landmarks that require this landmark immediately before they are first achieved.
     needed_for: Vec<u32>,
 }
 

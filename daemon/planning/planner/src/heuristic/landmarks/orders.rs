@@ -8,7 +8,7 @@ use crate::rows::Rows;
 use crate::task::{FactId, OperatorId, Task};
 
 /// Limit on the whole work: the number of compared pairs of landmarks, plus the number of visited
-/// edges in the search for cycles.
+/// edges in the search for cycles. When it is exceeded, no further orders are added.
 const WORK_MAX: usize = 20_000_000;
 
 /// Adds reasonable orders between landmarks that are single facts. The landmark graph stays

@@ -21,8 +21,8 @@ pub(super) struct RelaxationBuilder<'t> {
     /// Per numeric fluent: the indices of the comparisons that use it.
     comparisons: Vec<Vec<usize>>,
     numbers: NumericSteps,
-    /// Per relaxed operator and added proposition: the numeric step that determines the number of
-    /// repetitions of the operator.
+    /// The numeric step that determines the number of repetitions of a relaxed operator for an
+    /// added proposition. The key is the relaxed operator and the proposition.
     steps: FxHashMap<(u32, u32), u32>,
     preconditions: Rows,
     adds: Rows,

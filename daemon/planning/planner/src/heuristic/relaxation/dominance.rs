@@ -9,8 +9,8 @@
 
 use crate::rows::Rows;
 
-/// Maximum number of operators with the same first precondition that an operator is compared with.
-/// More comparisons would cost more time than they save.
+/// Maximum number of operators with the same first precondition that an operator is compared with;
+/// the others are skipped. More comparisons would cost more time than they save.
 const COMPARED_MAX: usize = 8;
 
 /// Relaxed operators. The propositions in each row of `preconditions` and `adds` must be sorted.

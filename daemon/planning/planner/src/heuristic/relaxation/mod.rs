@@ -170,8 +170,9 @@ impl Relaxation {
         self.numbers.repetitions(&state[self.fact_count.div_ceil(64)..], found);
     }
 
-    /// Returns the propositions that a relaxed operator adds, each with the number of applications
-    /// that it requires. `repetitions` contains this number for each numeric step.
+    /// Returns the propositions that a relaxed operator adds. Each entry is the proposition, and
+    /// the number of times that the operator must be applied to add it. `repetitions` contains this
+    /// number for each numeric step.
     #[inline]
     pub(super) fn adds_with<'r>(
         &'r self,

@@ -16,8 +16,8 @@ use crate::task::{GroundComparison, GroundExpression, NumericChange};
 /// reachability.
 const EPSILON: f64 = 1e-9;
 
-/// Number of repetitions that is assumed if the change does not approach the bound in this state,
-/// because other steps must come first.
+/// Number of repetitions that is assumed for a numeric step if its change does not approach the
+/// bound in this state, because other steps must come first.
 const DETOUR: u32 = 10;
 
 /// Maximum number of repetitions; greater numbers are reduced to it, because they hardly change the
@@ -53,7 +53,7 @@ enum DistanceChange {
     /// weight and change number. `is_once` is set if one of the changes is an assignment, so that a
     /// repetition has no further effect.
     Depends { parts: Box<[(f64, u32)]>, is_once: bool },
-    /// The amount is unknown, because the comparison is not linear.
+    /// The amount cannot be computed, because the comparison is not linear.
     Unknown,
 }
 
