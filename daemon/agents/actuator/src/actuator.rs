@@ -48,7 +48,7 @@ pub struct Actuator {
     /// Data that the actuator's own planner keeps, used by one bid at a time. A second bid at the
     /// same time starts with an empty planner instead of waiting.
     bid_cache: Arc<Mutex<BidCache>>,
-    /// Timer that drops the composed domain and the ground task kept for the next bid.
+    /// Timer that drops the composite domain and the ground task that are kept for the next bid.
     cache_expiry: Option<TimerId>,
 }
 
@@ -72,8 +72,8 @@ struct AnnouncedModel {
 /// leader sends its request within milliseconds, or as soon as a lost message is repeated.
 const ORPHAN_TIMEOUT: Duration = Duration::from_secs(2);
 
-/// Maximum number of requesters of one token: the Plan Executor that asked first, and the replicas
-/// that took over from it.
+/// Maximum number of requesters of one command: the Plan Executor that asked first, and the
+/// replicas that took over from it. If there are more, the oldest gets no report.
 const SUBSCRIBERS_MAX: usize = 8;
 
 /// An action that the actuator is carrying out by a method.

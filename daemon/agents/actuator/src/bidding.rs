@@ -85,8 +85,8 @@ fn readable(call: &CallForProposals) -> Result<Vec<(String, Condition)>, String>
 }
 
 /// Removes the conjuncts that are proved unreachable for this actuator, so that no plan is searched
-/// for each of them. For example, a sensor on a wall can reach one conjunct of a goal about a large
-/// building.
+/// for each of them. Each conjunct is given as its text and its parsed form. For example, a sensor
+/// on a wall can reach one conjunct of a goal about a large building.
 fn drop_unreachable(
     snapshot: &DomainSnapshot,
     conjuncts: Vec<(String, Condition)>,

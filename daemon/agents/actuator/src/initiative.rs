@@ -5,15 +5,16 @@ use std::time::Duration;
 
 use acl::content::{Achieve, Outcome, Question, Refusal, Report};
 
-/// An event of a device: a function that changes the device and returns the device's initiatives.
+/// An event of a device: a function that changes the device, and returns the requests to other
+/// agents that the device makes because of the event.
 pub type DeviceEvent<D> = Box<dyn FnOnce(&mut D) -> Vec<Initiative> + Send>;
 
 /// Initiative of a device: a request for a goal, a question to people, or the withdrawal of either.
 /// The device chooses the names, which identify its goals and its questions.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Initiative {
-    /// Requests a goal from the Plan Requester. The same goal under the same name is requested
-    /// once; another goal under this name replaces the former one.
+    /// Requests a goal from the Plan Requester. If the device requests the same goal under the same
+    /// name again, nothing happens; another goal under this name replaces the former one.
     RequestGoal {
         /// Name of the goal, chosen by the device.
         name: String,
@@ -30,8 +31,8 @@ pub enum Initiative {
         name: String,
     },
     /// Asks people at all keyboards a question, and takes the first answer. The answer may be a
-    /// secret, and is encrypted on its way to the device. A later question of the same name
-    /// replaces this one.
+    /// secret, and is encrypted on its way to the device. A later question under the same name
+    /// replaces the question.
     AskPeople {
         /// Name of the question, chosen by the device.
         name: String,
@@ -42,7 +43,7 @@ pub enum Initiative {
     },
 }
 
-/// News about an initiative, which the device receives.
+/// News about a goal or a question that a device requested, passed to the device.
 #[derive(Clone, Debug, PartialEq)]
 pub enum InitiativeUpdate {
     /// A report about the requested goal: progress or outcome.
@@ -56,7 +57,7 @@ pub enum InitiativeUpdate {
 }
 
 impl InitiativeUpdate {
-    /// Whether no more news about the initiative follows, so that its name is free again.
+    /// Whether no more news about the goal or question follows, so that its name is free again.
     pub fn is_final(&self) -> bool {
         match self {
             InitiativeUpdate::Report(report) => report.outcome.is_final(),

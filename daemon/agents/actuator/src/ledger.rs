@@ -18,14 +18,14 @@ use acl::{AgentId, ConversationId};
 use agent::StateFolder;
 use serde::{Deserialize, Serialize};
 
-/// Maximum number of reports kept in full. A Plan Executor that takes over requests the reports of
-/// running plans. For older tokens, only the outcome is kept.
+/// Maximum number of reports kept in full; for older commands, only the outcome is kept. A Plan
+/// Executor that takes over requests the reports of running plans.
 const REPORTS_MAX: usize = 256;
 
 /// Factor: the ledger's file is rewritten when it has this many times as many lines as it needs.
 const LONGER_MAX: usize = 4;
 
-/// Command ledger of an actuator: the tokens begun so far, and how they ended.
+/// Ledger of an actuator: the commands that were begun so far, by their tokens, and how they ended.
 #[derive(Debug)]
 pub(crate) struct Ledger {
     file: Option<Arc<Mutex<LedgerFile>>>,
@@ -38,16 +38,16 @@ pub(crate) struct Ledger {
     newest_plans: HashMap<ConversationId, (u64, u32)>,
 }
 
-/// State of a token in the ledger.
+/// State of a command in the ledger, by its token.
 #[derive(Debug, PartialEq)]
 pub(crate) enum TokenState {
-    /// The token was not seen before, so it may be executed.
+    /// The command was not seen before, so it may be executed.
     New,
-    /// The token belongs to an older plan than the newest one seen for its goal.
+    /// The command belongs to an older plan than the newest one seen for its goal.
     Stale,
-    /// The token was begun, and no outcome of it is recorded.
+    /// The command was begun, and no outcome of it is recorded.
     Begun,
-    /// The execution of the token ended with this report.
+    /// The execution of the command ended with this report.
     Ended(Box<Report>),
 }
 
@@ -83,13 +83,13 @@ enum LedgerLine {
         token: ActionToken,
         report: Report,
     },
-    /// Line that an earlier version wrote for a token that was begun.
+    /// Line that an earlier version of this program wrote for a command that was begun.
     #[serde(untagged)]
     Bare(ActionToken),
 }
 
 impl Ledger {
-    /// Creates a ledger in memory that keeps up to `tokens_max` tokens.
+    /// Creates a ledger in memory that keeps up to `tokens_max` commands.
     fn new(tokens_max: usize) -> Ledger {
         Ledger {
             file: None,
@@ -129,7 +129,7 @@ impl Ledger {
         Ok(ledger)
     }
 
-    /// Returns the state of a token in the ledger.
+    /// Returns the state of the command with this token.
     pub(crate) fn state_of(&self, token: &ActionToken) -> TokenState {
         match self.tokens.get(token) {
             Some(TokenMark::Begun) => TokenState::Begun,
@@ -147,8 +147,9 @@ impl Ledger {
         }
     }
 
-    /// Marks a token as begun. Returns a function that writes this mark to disk and waits for the
-    /// disk; the method of the step may run only after that function has succeeded.
+    /// Marks the command with this token as begun. Returns a function that writes this mark to disk
+    /// and waits for the disk; the method of the step may run only after that function has
+    /// succeeded.
     pub(crate) fn begin_token(
         &mut self,
         token: ActionToken,
@@ -162,9 +163,9 @@ impl Ledger {
         }
     }
 
-    /// Marks a token as ended. Returns a function that appends its outcome to the file, without
-    /// waiting for the disk. After a power cut the outcome may be missing; the token then counts as
-    /// begun.
+    /// Marks the command with this token as ended. Returns a function that appends its outcome to
+    /// the file, without waiting for the disk. After a power cut the outcome may be missing; the
+    /// command then counts as begun.
     pub(crate) fn end_token(
         &mut self,
         token: ActionToken,

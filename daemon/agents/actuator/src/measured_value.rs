@@ -1,8 +1,8 @@
 //! Units of measured values, and the bounds within which a value is possible in its unit. All
 //! drivers and gateways use these bounds.
 
-/// Largest absolute value of any quantity. Larger numbers have no exact thousandths any more, and
-/// no quantity of a room is as large.
+/// Largest absolute value that a measurement may have; a larger one is rejected. Larger numbers
+/// have no exact thousandths any more, and no quantity of a room is as large.
 const LARGEST: f64 = 1e12;
 
 /// Returns the factor and the offset that convert a value from one unit to another; `None` if the

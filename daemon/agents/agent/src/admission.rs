@@ -9,12 +9,13 @@ use tokio::sync::watch;
 /// Policy of the ecosystem file for agents that the file does not name.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum AdmissionPolicy {
-    /// All such agents take part.
+    /// All agents that the ecosystem file does not name take part.
     #[default]
     All,
-    /// Such agents are listed, and do not take part until a person adds them to the ecosystem file.
+    /// Agents that the ecosystem file does not name are listed, and do not take part until a person
+    /// adds them to the file.
     Listed,
-    /// A person is asked about each such agent.
+    /// A person is asked about each agent that the ecosystem file does not name.
     Ask,
 }
 
@@ -45,10 +46,11 @@ impl AdmissionStatus {
     }
 }
 
-/// An agent that the ecosystem file does not name, with the finder that reported it.
+/// An agent that the ecosystem file does not name, with its discoverer.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Applicant {
-    /// Finder of the agent: the folder of plugins, or a gateway.
+    /// Discoverer of the agent: the gateway, the board or the plugin folder that reported the
+    /// agent.
     pub by: String,
     /// Name of the agent.
     pub name: String,
@@ -89,8 +91,8 @@ impl Admissions {
         }
     }
 
-    /// Replaces the list of present agents that the finder `by` has found; each has a description
-    /// for a person. Does nothing unless the policy is to ask people.
+    /// Replaces the list of present agents that the discoverer `by` has found; each has a
+    /// description for a person. Does nothing unless the policy is to ask people.
     pub fn present(&self, by: &str, here: BTreeMap<String, String>) {
         if self.admit != AdmissionPolicy::Ask {
             return;

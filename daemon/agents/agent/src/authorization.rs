@@ -46,7 +46,7 @@ pub(crate) struct ForbiddenMessage {
     pub(crate) message: Box<Message>,
     /// Daemon that sent the message.
     pub(crate) origin: DaemonId,
-    /// Reason, for the sender.
+    /// Reason why the message is not allowed, as text for the sender.
     pub(crate) detail: String,
 }
 
@@ -213,9 +213,9 @@ impl Authorizer {
 /// incarnation of `sender` is present at that daemon; and `sender` is not present at other daemons
 /// only.
 ///
-/// An agent that is present at the daemon may send from there even if another replica holds the
-/// name, as standbys do: the daemon has signed the presence of its replica. A message alone proves
-/// no presence, because any daemon could state a later incarnation in a message.
+/// An agent that is present at the daemon may send from there even if it is not the oldest replica,
+/// as standbys do: the daemon has signed the presence of its replica. A message alone proves no
+/// presence, because any daemon could state a later incarnation in a message.
 fn check_sender(
     rights: &Rights,
     origin: &Origin,
@@ -237,9 +237,9 @@ fn check_sender(
     }
 }
 
-/// Checks that no other daemon than `origin` hosts the holder of the sender's name. A standby must
-/// not send models and heartbeats under the name, because receivers believe the later of two
-/// incarnations.
+/// Checks that the oldest present agent of the sender's name is not on another daemon than
+/// `origin`. A standby must not send models and heartbeats under the name, because receivers
+/// believe the later of two incarnations.
 fn check_holds(
     origin: &Origin,
     sender: &AgentId,

@@ -42,9 +42,9 @@ pub trait Agent: Sized + Send + 'static {
         None
     }
 
-    /// Called while the daemon drains, so that the agent can end its commitments. Returns `true`
-    /// once no commitment is open. Until then the method is called again after each event. The
-    /// daemon aborts an agent that takes too long.
+    /// Called while the daemon shuts down, so that the agent can end its commitments. Returns
+    /// `true` once no commitment is open. Until then the method is called again after each event.
+    /// The daemon aborts an agent that takes too long.
     fn drain(&mut self, _ctx: &mut Context<Self>) -> bool {
         true
     }

@@ -38,14 +38,15 @@ const ENGAGEMENTS_MAX: usize = 4_096;
 /// open. If there are more, the closed ones are removed from the list.
 const OVER_MAX: usize = 64;
 
-/// Maximum number of turns that are kept because they arrived before the opening of their exchange.
-/// For example, a `cancel` arrives first if the `request` before it was lost and is sent again.
+/// Maximum number of messages that are kept because they arrived before the opening of their
+/// exchange; of more, the oldest is dropped. For example, a `cancel` arrives first if the `request`
+/// before it was lost and is sent again.
 const EARLY_TURNS_MAX: usize = 64;
 
 /// How long an answer is retried; an answer has no deadline of its own.
 const ANSWER_RETRIED: Duration = Duration::from_secs(30);
 
-/// Result of reading a message.
+/// A received message after it was decoded, with its place among the exchanges.
 #[derive(Debug)]
 pub(crate) enum IncomingMessage {
     /// The message continues an exchange, which this agent or another may have opened.
@@ -146,8 +147,8 @@ impl CommunicationAgent {
         ReplyToken::new(&format!("{}.{}.{}", self.id, self.incarnation, self.messages_sent))
     }
 
-    /// Sends the first message of an exchange. Returns the message, and an error if the outbox is
-    /// full.
+    /// Sends the first message of an exchange. Returns the message, and the result of sending: an
+    /// error if the outbox is full.
     pub(crate) fn open(
         &mut self,
         opening: ExchangeOpening,

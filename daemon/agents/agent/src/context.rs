@@ -154,9 +154,9 @@ impl<A: 'static> Context<A> {
         Instant::now()
     }
 
-    /// Queries `resource` of the agent that holds the name `of`, at the daemon of that agent only;
-    /// waiting for other daemons would make the answer old. Returns an empty list if no agent holds
-    /// the name, or if no answer comes in time.
+    /// Queries `resource` of the oldest present agent of the name `of`, at the daemon of that agent
+    /// only; waiting for other daemons would make the answer old. Returns an empty list if no agent
+    /// of the name is present, or if no answer comes in time.
     pub fn ask(&self, resource: Resource, of: &AgentId) -> BoxFuture<Vec<Bytes>> {
         let Some(resident) = self.find(of) else {
             return Box::pin(std::future::ready(Vec::new()));

@@ -8,7 +8,8 @@ use acl::DaemonId;
 use acl::content::{Discovered, DiscoveryReport};
 use bytes::Bytes;
 
-/// Sources of a daemon's reports.
+/// Sources of the reports of a daemon about itself: its plugins, its files, and the agents that it
+/// has discovered.
 #[derive(Default)]
 pub(crate) struct DaemonReports {
     /// Function that returns the state of the plugins that run as processes. Set only if the daemon
@@ -16,8 +17,8 @@ pub(crate) struct DaemonReports {
     plugins: OnceLock<Box<dyn Fn() -> String + Send + Sync>>,
     /// Digests of the ecosystem's domain and map, as this daemon has read them.
     files: OnceLock<String>,
-    /// Discovered agents, which the ecosystem file does not name, by their finder: a gateway, or
-    /// the folder of plugins.
+    /// Discovered agents, which the ecosystem file does not name, by their discoverer: a gateway, a
+    /// board, or the plugin folder.
     discovered: Mutex<BTreeMap<String, Vec<Discovered>>>,
 }
 
@@ -34,7 +35,8 @@ impl DaemonReports {
         let _ = self.files.set(digests);
     }
 
-    /// Replaces the list of agents that the finder `by` has discovered.
+    /// Replaces the list of agents that the discoverer `by` has found. A discoverer is a gateway, a
+    /// board, or the plugin folder.
     pub(crate) fn set_discovered(&self, by: &str, agents: Vec<Discovered>) {
         let mut discovered = self.all_discovered();
         match agents.is_empty() {

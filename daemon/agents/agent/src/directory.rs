@@ -7,53 +7,56 @@ use std::sync::Arc;
 use acl::{AgentId, DaemonId, Incarnation};
 use substrate::{AgentAddress, Presence, Resident};
 
-/// The agents that this daemon can reach.
+/// Directory: the agents that this daemon can reach.
 ///
-/// Two agents of one name may appear at two daemons. The older one (the one with the smaller
-/// incarnation) holds the name. The other is kept as a rival, and becomes the holder when the first
-/// leaves.
+/// Several agents of one name may appear at several daemons. The oldest one (the one with the
+/// smallest incarnation) holds the name: messages to the name go to it. The others are kept as
+/// rivals, and the next oldest becomes the holder when the first leaves.
 #[derive(Clone, Debug, Default)]
 pub struct Directory {
-    /// Agents of each name, the holder first. All clones of the directory share the lists, because
-    /// a change of presence affects the list of one name only.
+    /// Agents of each name, the oldest first, which holds the name. All clones of the directory
+    /// share the lists, because a change of presence affects the list of one name only.
     residents: BTreeMap<AgentId, Arc<Vec<Resident>>>,
 }
 
 impl Directory {
-    /// Returns the agent that holds the name; `None` if no agent of that name is present.
+    /// Returns the oldest present agent of this name, which holds the name; `None` if no agent of
+    /// the name is present.
     pub fn find(&self, agent: &AgentId) -> Option<&Resident> {
         self.residents.get(agent)?.first()
     }
 
-    /// Returns all agents of this name: the holder first, then its rivals.
+    /// Returns all agents of this name: first the oldest one, which holds the name, then the
+    /// others.
     pub fn all(&self, agent: &AgentId) -> &[Resident] {
         self.residents.get(agent).map_or(&[], |all| all.as_slice())
     }
 
-    /// Returns this incarnation of an agent, as the holder of the name or as a rival; `None` if it
-    /// is not present.
+    /// Returns this incarnation of an agent, also if an older agent holds the name; `None` if it is
+    /// not present.
     pub fn find_incarnation(&self, agent: &AgentId, incarnation: Incarnation) -> Option<&Resident> {
         self.residents.get(agent)?.iter().find(|resident| resident.incarnation == incarnation)
     }
 
-    /// Returns the address of the agent that holds the name; `None` if no agent of that name is
-    /// present.
+    /// Returns the address of the oldest present agent of this name, which holds the name; `None`
+    /// if no agent of the name is present.
     pub fn address(&self, agent: &AgentId) -> Option<AgentAddress> {
         let resident = self.find(agent)?;
         Some(AgentAddress { daemon: resident.daemon.clone(), agent: agent.clone() })
     }
 
-    /// Returns the holder of each name, in the order of names.
+    /// Returns, for each name, the oldest present agent, which holds the name; in the order of
+    /// names.
     pub fn iter(&self) -> impl Iterator<Item = &Resident> {
         self.residents.values().filter_map(|rivals| rivals.first())
     }
 
-    /// Returns the rivals: agents with a name that another agent holds.
+    /// Returns the present agents with a name that an older agent holds.
     pub fn rivals(&self) -> impl Iterator<Item = &Resident> {
         self.residents.values().flat_map(|rivals| rivals.iter().skip(1))
     }
 
-    /// Returns each daemon that hosts the holder of some name.
+    /// Returns the daemons that host at least one agent that holds its name.
     pub fn daemons(&self) -> impl Iterator<Item = &DaemonId> {
         let mut daemons: Vec<_> = self.iter().map(|resident| &resident.daemon).collect();
         daemons.sort();
@@ -61,8 +64,9 @@ impl Directory {
         daemons.into_iter()
     }
 
-    /// Applies a presence change. Returns the changes of holders that result: a rival that becomes
-    /// the holder counts as joined, and a holder that is replaced counts as left.
+    /// Applies a presence change. Returns the resulting changes of the agents that hold a name: an
+    /// agent that becomes the oldest of its name counts as joined, and one that no longer is the
+    /// oldest counts as left.
     pub fn update(&mut self, presence: &Presence) -> Vec<Presence> {
         let agent = &presence.resident().agent;
         let before = self.find(agent).cloned();

@@ -56,7 +56,7 @@ pub struct FoundDevice<P> {
 #[derive(Debug)]
 pub struct DiscoveredAgents<P> {
     admissions: Arc<Admissions>,
-    /// Largest number of discovered agents that may run.
+    /// Maximum number of discovered agents that may run. Further devices get no agent.
     at_most: usize,
     here: BTreeMap<AgentId, (P, ChildHandle)>,
     /// Agents that could not start, each with the reason, until they are started again.

@@ -16,26 +16,27 @@ use crate::host::Host;
 use crate::rejections::Rejections;
 use crate::shared_domain::SharedDomain;
 
-/// Feed of the shared domain. Does nothing before the shared domain is created.
+/// Passes broadcasts to the [`SharedDomain`], the composite domain that the actuators of this
+/// daemon share. Does nothing before that domain is created.
 pub(crate) struct DomainFeed {
     target: OnceLock<FeedTarget>,
     rejections: Arc<Rejections>,
 }
 
-/// The shared domain of a daemon, and the runtime on which requests for models wait for answers.
+/// The [`SharedDomain`] of a daemon, and the runtime on which requests for models wait for answers.
 struct FeedTarget {
     domain: Arc<SharedDomain>,
     runtime: Handle,
 }
 
 impl DomainFeed {
-    /// Creates a feed without a shared domain.
+    /// Creates a feed without a [`SharedDomain`].
     pub(crate) fn new(rejections: Arc<Rejections>) -> DomainFeed {
         DomainFeed { target: OnceLock::new(), rejections }
     }
 
-    /// Creates the shared domain, if it does not exist yet. Returns the shared domain, and whether
-    /// it is new.
+    /// Creates the [`SharedDomain`], if it does not exist yet. Returns that domain, and whether it
+    /// is new.
     ///
     /// # Panics
     ///
@@ -47,13 +48,13 @@ impl DomainFeed {
         (Arc::clone(&self.target.get_or_init(create).domain), is_new)
     }
 
-    /// Returns the shared domain; `None` if it does not exist.
+    /// Returns the [`SharedDomain`]; `None` if it is not created yet.
     pub(crate) fn domain(&self) -> Option<&Arc<SharedDomain>> {
         self.target.get().map(|target| &target.domain)
     }
 
-    /// Passes a broadcast `inform` to the shared domain. Returns whether the sender's model must be
-    /// requested.
+    /// Passes a broadcast `inform` to the [`SharedDomain`]. Returns whether the sender's model must
+    /// be requested.
     pub(crate) fn receive(&self, message: &Message, inform: &Inform) -> bool {
         let Some(domain) = self.domain() else { return false };
         let outcome = domain.receive(message, inform);
@@ -63,8 +64,8 @@ impl DomainFeed {
         outcome.lacks_model
     }
 
-    /// Passes a heartbeat that repeats the previous one of its sender to the shared domain. Returns
-    /// `false` if the heartbeat must be decoded.
+    /// Passes a heartbeat that repeats the previous one of its sender to the [`SharedDomain`].
+    /// Returns `false` if the heartbeat must be decoded.
     pub(crate) fn receive_repetition(
         &self,
         sender: &AgentId,
@@ -73,13 +74,13 @@ impl DomainFeed {
         self.domain().is_none_or(|domain| domain.receive_repetition(sender, repetition))
     }
 
-    /// Passes a change of presence to the shared domain. Returns the time after which the agent's
-    /// model must be requested; `None` if the model need not be requested.
+    /// Passes a change of presence to the [`SharedDomain`]. Returns the time after which the
+    /// agent's model must be requested; `None` if the model need not be requested.
     pub(crate) fn presence(&self, presence: &Presence) -> Option<Duration> {
         self.domain()?.presence(presence)
     }
 
-    /// Requests a model by `fetch`, and passes the answers to the shared domain. If the agent
+    /// Requests a model by `fetch`, and passes the answers to the [`SharedDomain`]. If the agent
     /// announces its model within `wait`, `fetch` is not called. At most one request per agent is
     /// under way. Reasoning agents have no model and do not answer.
     pub(crate) fn request_model(

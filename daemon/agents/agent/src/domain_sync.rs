@@ -64,7 +64,8 @@ pub trait MaintainsDomain: Agent {
     /// Called when the composite domain or the known facts have changed.
     fn domain_changed(&mut self, _change: &DomainChange, _ctx: &mut Context<Self>) {}
 
-    /// Called when a part of an agent's model cannot be composed as it is written.
+    /// Called when a part of an agent's model cannot become part of the composite domain as it is
+    /// written.
     fn conflicts_found(&mut self, _conflicts: &[Conflict], _ctx: &mut Context<Self>) {}
 }
 

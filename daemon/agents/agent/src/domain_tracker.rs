@@ -37,14 +37,15 @@ pub(crate) const ANNOUNCED_WITHIN: Duration = Duration::from_millis(20);
 /// agents, may be gone after a while.
 const REJECTED_FOR: Duration = Duration::from_secs(10);
 
-/// Maximum number of rejected models that are remembered: as many as agents may have a model.
+/// Maximum number of rejected models that are remembered: one per agent that may have a model.
+/// Further rejected models are not remembered.
 const REJECTED_MAX: usize = capability::limits::AGENTS_MAX;
 
 /// Tracking state for one maintainer. The caller owns the maintainer.
 #[derive(Default)]
 pub(crate) struct DomainTracker {
-    /// Agents that have left, each with the time at which it left. Their objects and facts are
-    /// removed once the removal has passed since then.
+    /// Agents that have left, each with the time at which it left. The objects and facts of an
+    /// agent are removed once it has been away for longer than the setting `removal`.
     leaving: BTreeSet<(Timestamp, AgentId, Incarnation)>,
     rejected: RejectedModels,
 }

@@ -44,7 +44,7 @@ enum AgentEvent<A: Agent> {
     /// More presence changes arrived than the channel holds. The agent compares directories
     /// instead.
     PresenceMissed,
-    /// Background work has finished.
+    /// Background work of the agent has finished; the callback handles its result.
     Finished(DeferredCallback<A>),
     /// A timer or a retry is due.
     Due,
@@ -60,9 +60,10 @@ struct AgentTask<A: Agent> {
     ctx: Context<A>,
     mailbox: Mailbox,
     presence: broadcast::Receiver<Presence>,
-    /// Directory that contains the presence changes of which the agent was notified so far. Shares
-    /// the memory of the daemon's directory if the agent was notified of all changes. `None` while
-    /// the agent ignores presence changes, so that idle agents do not keep outdated directories.
+    /// Directory of the present agents, with the presence changes of which the agent was notified
+    /// so far. Shares the memory of the daemon's directory if the agent was notified of all
+    /// changes. `None` while the agent ignores presence changes, so that idle agents do not keep
+    /// outdated directories.
     told: Option<Arc<Directory>>,
     /// Completes when the agent must stop, because its daemon shuts down or its owner stops it.
     /// This future and `alarm` are created once, not for each event. Otherwise a thousand agents
@@ -117,9 +118,9 @@ async fn run_agent<A: Agent>(agent: Box<A>, context: LaunchContext) -> Result<()
     end
 }
 
-/// Waits until no other agent holds the name `id`. An earlier incarnation that has ended may still
-/// appear present until its lease has expired. Returns an error if the name is still taken at the
-/// deadline.
+/// Waits until no other agent of the name `id` is present. An earlier incarnation that has ended
+/// may still appear present until its lease has expired. Returns an error if the name is still
+/// taken at the deadline.
 async fn await_name(id: &AgentId, router: &MessageRouter) -> Result<(), LaunchError> {
     let (mut directory, mut changes) = router.presence_changes();
     let deadline = Instant::now() + router.settings().name_awaited();
@@ -197,8 +198,9 @@ impl<A: Agent> AgentTask<A> {
         while let Ok(_) | Err(TryRecvError::Lagged(_)) = self.presence.try_recv() {}
     }
 
-    /// Returns the directory that contains the presence changes of which the agent was notified so
-    /// far. An agent that has ignored presence changes begins with the daemon's present directory.
+    /// Returns the directory of the present agents, with the presence changes of which the agent
+    /// was notified so far. An agent that has ignored presence changes begins with the daemon's
+    /// present directory.
     fn told(&mut self) -> Arc<Directory> {
         let ctx = &self.ctx;
         Arc::clone(self.told.get_or_insert_with(|| ctx.directory()))

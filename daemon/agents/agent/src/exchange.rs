@@ -24,7 +24,7 @@ pub struct ExchangeOpening {
 /// Event of an exchange, which the callback of the initiator gets.
 #[derive(Clone, Debug)]
 pub enum ExchangeEvent {
-    /// A participant has sent a turn of the protocol.
+    /// A participant has sent a message that the protocol allows.
     Message(Box<Message>),
     /// The deadline has passed; the exchange is closed.
     TimedOut,
@@ -35,7 +35,7 @@ pub enum ExchangeEvent {
 /// Reason why a message could not be delivered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum DeliveryError {
-    /// No agent of that name appeared within the deadline.
+    /// No agent of the receiver's name appeared within the deadline.
     #[error("no agent of that name is here")]
     NotHere,
     /// The receiver left, and the grace has passed.
@@ -58,7 +58,7 @@ pub struct Participation {
     /// Initiator of the exchange.
     pub initiator: AgentId,
     /// Incarnation of the initiator. If the initiator has several replicas, the one that opened the
-    /// exchange gets the answer. `None` means the present holder of the initiator's name.
+    /// exchange gets the answer. `None` means the oldest present agent of the initiator's name.
     #[serde(default, alias = "life")]
     pub incarnation: Option<Incarnation>,
     /// Token of the exchange.

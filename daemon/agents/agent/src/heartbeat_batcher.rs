@@ -35,7 +35,8 @@ impl HeartbeatBatcher {
         self.waiting().remove(sender);
     }
 
-    /// Removes and returns all heartbeats that wait for the next batch.
+    /// Removes and returns all heartbeats that wait for the next batch, each as its sender and its
+    /// encoded message.
     pub(crate) fn take(&self) -> Vec<(AgentId, Bytes)> {
         std::mem::take(&mut *self.waiting()).into_iter().collect()
     }

@@ -21,7 +21,7 @@ pub struct LaunchContext {
     pub router: Arc<MessageRouter>,
     /// Name of the shared ontology, which the messages of the agent carry.
     pub ontology: Arc<str>,
-    /// Token that is cancelled when the daemon drains.
+    /// Token that is cancelled when the daemon begins to shut down.
     pub stopping: CancellationToken,
     /// Whether other daemons may host an agent of this name too. If so, the oldest replica is the
     /// leader, and the others are standbys and take over in the order of their age.
@@ -35,14 +35,14 @@ pub struct LaunchContext {
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LaunchError {
-    /// Another agent holds the name of the agent that was launched.
+    /// Another present agent has the name of the agent that was launched.
     #[error(
         "launch `{}`: an agent of that name is already at daemon `{}`; give one of them another \
          name, or stop the other first",
         holder.agent, holder.daemon
     )]
     NameTaken {
-        /// Agent that holds the name.
+        /// Present agent that has the name already.
         holder: Resident,
     },
     /// The substrate did not accept the presence of the agent.
@@ -62,7 +62,7 @@ pub trait LaunchableAgent: Send {
     /// the agent has no model.
     fn model(&self) -> Option<String>;
 
-    /// Starts the agent. The returned task ends when the daemon drains, or with an error.
+    /// Starts the agent. The returned task ends when the daemon shuts down, or with an error.
     fn launch(
         self: Box<Self>,
         launch_context: LaunchContext,

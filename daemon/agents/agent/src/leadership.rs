@@ -23,7 +23,8 @@ const KEPT_MAX: usize = 64;
 /// Leadership of an agent that may have replicas.
 pub(crate) struct Leadership {
     is_leading: bool,
-    /// Whether this agent holds the name in the daemon's directory.
+    /// Whether this agent is the oldest present agent of its name, according to the daemon's
+    /// directory of agents.
     is_called: bool,
     /// End of the initial wait; `None` once the wait is over.
     until: Option<Instant>,
@@ -55,8 +56,9 @@ impl Leadership {
         self.until
     }
 
-    /// Updates leadership at the time `now`; `is_first` states whether this agent holds the name.
-    /// Returns whether the agent is the leader; `None` if that has not changed.
+    /// Updates leadership at the time `now`; `is_first` states whether this agent is the oldest
+    /// present agent of its name. Returns whether the agent is the leader; `None` if that has not
+    /// changed.
     pub(crate) fn take(&mut self, is_first: bool, now: Instant) -> Option<bool> {
         self.is_called = is_first;
         self.until = self.until.filter(|until| *until > now);

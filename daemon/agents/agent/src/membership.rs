@@ -32,7 +32,8 @@ impl AgentMembership {
         &self.directory
     }
 
-    /// Returns the directory, and a receiver of every change from now on.
+    /// Returns the directory of the present agents, and a receiver of every change of it from now
+    /// on.
     pub(crate) fn subscribe(&self) -> (Arc<Directory>, broadcast::Receiver<Presence>) {
         (Arc::clone(&self.directory), self.changes.subscribe())
     }

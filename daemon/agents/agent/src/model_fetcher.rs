@@ -29,8 +29,8 @@ pub(crate) struct ModelFetcher(Arc<Mutex<BTreeMap<DaemonId, PendingRequests>>>);
 struct PendingRequests {
     /// Number of requests for a single model that are under way.
     asked: usize,
-    /// Agents that the next joint request asks for their models, each with the channel for the
-    /// model.
+    /// Agents that the next joint request asks for their models, each with the channel that
+    /// receives the model.
     waiting: Vec<(AgentId, oneshot::Sender<Vec<Bytes>>)>,
 }
 

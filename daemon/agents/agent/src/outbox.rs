@@ -22,8 +22,8 @@ use crate::settings::AgentSettings;
 #[derive(Clone, Debug)]
 pub(crate) struct OutboundMessage {
     pub(crate) to: AgentId,
-    /// Incarnation of the receiver that the message is for; `None` if the message is for the agent
-    /// that holds the name, in any incarnation.
+    /// Incarnation of the receiver that the message is for; `None` if the message is for the oldest
+    /// present agent of the name, in any incarnation.
     pub(crate) incarnation: Option<Incarnation>,
     pub(crate) performative: Performative,
     pub(crate) exchange: Option<ReplyToken>,
@@ -296,7 +296,7 @@ fn as_said(mut due: Vec<(u64, DueAction)>) -> Vec<DueAction> {
 
 impl OutboundMessage {
     /// Returns the receiver of the message if it is present: the incarnation that the message is
-    /// for, or the holder of the name if the message is for any incarnation.
+    /// for, or the oldest present agent of the name if the message is for any incarnation.
     pub(crate) fn receiver<'d>(&self, directory: &'d Directory) -> Option<&'d Resident> {
         match self.incarnation {
             Some(incarnation) => directory.find_incarnation(&self.to, incarnation),

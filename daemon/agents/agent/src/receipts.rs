@@ -12,14 +12,15 @@ use acl::{AgentId, Incarnation, Message, MessageId, Performative, Protocol, Repl
 use bytes::Bytes;
 use tokio::time::Instant;
 
-/// Maximum number of receipts that wait. One more causes all of them to be sent.
+/// Maximum number of owed receipts that wait to be sent together. One more causes all of them to be
+/// sent.
 const OWED_MAX: usize = 256;
 
 /// Receipts that an agent owes to others.
 #[derive(Debug)]
 pub(crate) struct Receipts {
     owed: Vec<OwedReceipt>,
-    /// Longest time that the first of the owed receipts waits.
+    /// Longest time that the first of the owed receipts waits for others; then all are sent.
     delay: Duration,
     due: Option<Instant>,
 }
@@ -31,12 +32,12 @@ struct OwedReceipt {
     /// because another one has not sent the message.
     incarnation: Incarnation,
     message: MessageId,
-    /// Turn that replaces the receipt, if the turn is sent before the receipt.
+    /// Answer that replaces the receipt, if the answer is sent before the receipt.
     until: Option<ImplicitReceipt>,
 }
 
-/// Turn that replaces the receipt of a message, because only an agent that has received the message
-/// can send the turn.
+/// Answer that replaces the receipt of a message, because only an agent that has received the
+/// message can send the answer.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum ImplicitReceipt {
     /// The message opened this exchange; any answer in the exchange replaces the receipt.
@@ -47,7 +48,7 @@ pub(crate) enum ImplicitReceipt {
 }
 
 impl ImplicitReceipt {
-    /// Returns the turn that replaces the receipt of a message; `None` if no turn does.
+    /// Returns the answer that replaces the receipt of a message; `None` if no answer does.
     pub(crate) fn of(message: &Message) -> Option<ImplicitReceipt> {
         match (&message.in_reply_to, message.performative, message.protocol) {
             (None, ..) => message.reply_with.clone().map(ImplicitReceipt::Answered),
@@ -112,7 +113,8 @@ impl Receipts {
         self.due
     }
 
-    /// Removes all owed receipts and returns them encoded, one payload per receiving agent.
+    /// Removes all owed receipts and returns them encoded: one payload for each receiver, by the
+    /// agent's name and incarnation.
     pub(crate) fn take(&mut self) -> BTreeMap<(AgentId, Incarnation), Bytes> {
         self.due = None;
         let mut letters: BTreeMap<(AgentId, Incarnation), Vec<MessageId>> = BTreeMap::new();

@@ -39,7 +39,7 @@ struct KindLog {
 #[derive(Debug)]
 struct LoggedLine {
     at: Instant,
-    /// Number of rejections under this name since that line that were not logged.
+    /// Number of rejections under one name that were not logged, since the last log line about it.
     unsaid: u64,
 }
 

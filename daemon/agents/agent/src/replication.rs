@@ -250,8 +250,8 @@ fn read<A: ReplicatesRecords>(agent: &mut A, ctx: &mut Context<A>) {
     agent.journal_client().reading = Some(reading);
 }
 
-/// Collects the answers of Journals. Once one Journal has answered, waits for the others at most
-/// `patience`.
+/// Collects the answers of Journals: the name of each Journal, and its records. Once one Journal
+/// has answered, waits for the others at most `patience`.
 async fn answers(
     mut asked: JoinSet<(AgentId, Vec<bytes::Bytes>)>,
     patience: Duration,

@@ -24,7 +24,7 @@ pub struct Rights {
     pub changes: AllowedRequesters,
 }
 
-/// Rights of one agent.
+/// Rights of one agent: where it may run, and which actions it may advertise.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct AgentRights {
     /// Daemons that may host the agent; if empty, any daemon may.
@@ -39,7 +39,7 @@ pub struct AgentRights {
 /// A set of allowed names, or all names.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum AllowedNames<T> {
-    /// Every name.
+    /// Every name is allowed.
     All,
     /// Only the names in this set.
     These(BTreeSet<T>),
@@ -48,7 +48,7 @@ pub enum AllowedNames<T> {
 /// Agents that may make a certain kind of request. Reasoning agents always may.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum AllowedRequesters {
-    /// Every agent.
+    /// Every agent may make the request.
     All,
     /// Only the agents that the fields describe.
     These {

@@ -181,8 +181,9 @@ impl MessageRouter {
         self.read().membership.directory().find(agent).cloned()
     }
 
-    /// Returns the directory, and a receiver of every presence change from now on. A receiver that
-    /// lags too far behind misses changes; its owner must then compare directories instead.
+    /// Returns the directory of the present agents, and a receiver of every presence change from
+    /// now on. A receiver that lags too far behind misses changes; its owner must then compare
+    /// directories instead.
     pub fn presence_changes(&self) -> (Arc<Directory>, broadcast::Receiver<Presence>) {
         // Both are taken under one lock, so that no change is missed in between.
         self.read().membership.subscribe()
@@ -263,8 +264,8 @@ impl MessageRouter {
         domain
     }
 
-    /// Returns the parsed announcement of an agent; `None` if there is no shared domain, or if the
-    /// shared domain has not accepted such an announcement.
+    /// Returns the parsed announcement of an agent; `None` if there is no [`SharedDomain`], or if
+    /// that domain has not accepted such an announcement.
     pub(crate) fn announcement(
         &self,
         agent: &AgentId,
@@ -289,8 +290,8 @@ impl MessageRouter {
         }
     }
 
-    /// Requests the model of an agent for the shared domain. If the agent is on another daemon and
-    /// has announced its model within `wait`, no request is sent.
+    /// Requests the model of an agent for the [`SharedDomain`]. If the agent is on another daemon
+    /// and has announced its model within `wait`, no request is sent.
     fn request_model(&self, agent: &AgentId, wait: Duration) {
         let Some(resident) = self.find(agent) else { return };
         if resident.daemon == self.daemon {
@@ -338,13 +339,14 @@ impl MessageRouter {
         Box::pin(collect_answers(answers, timeout))
     }
 
-    /// Sends a payload to the agent that holds the name `to`, if there is one.
+    /// Sends a payload to the oldest present agent of the name `to`, if there is one.
     pub(crate) fn send(&self, to: &AgentId, subject: Subject, payload: Bytes) {
         let Some(address) = self.read().membership.directory().address(to) else { return };
         self.link.send(&address, subject, payload);
     }
 
-    /// Sends a payload to the agent and daemon in the address `to`, whichever agent holds the name.
+    /// Sends a payload to the agent and daemon in the address `to`, also if an older agent of the
+    /// name is on another daemon.
     pub(crate) fn send_to(&self, to: &AgentAddress, subject: Subject, payload: Bytes) {
         self.link.send(to, subject, payload);
     }

@@ -12,7 +12,7 @@ use crate::role_names::RoleNames;
 /// depend on that one.
 const LINK_LEASE: Duration = Duration::from_secs(4);
 
-/// Time until all daemons have noticed that a lease has passed.
+/// Time until all daemons have noticed that a link was silent for its lease.
 const DETECTION: Duration = Duration::from_secs(2);
 
 /// Times, bounds and names that apply to every agent of a daemon.
@@ -23,7 +23,7 @@ pub struct AgentSettings {
     /// Period of an actuator's heartbeat. One second serves the paper's plug and play: a change
     /// that only a heartbeat reveals is seen within a second.
     pub heartbeat_period: Duration,
-    /// Silence after which the capabilities of an actuator leave the domain: three and a half
+    /// Silence after which the actions and facts of an actuator leave the domain: three and a half
     /// heartbeat periods. One heartbeat may be lost and one may be late. The half period is a
     /// margin for a third heartbeat that is sent in time.
     pub heartbeat_lease: Duration,
@@ -51,7 +51,8 @@ pub struct AgentSettings {
     /// Maximum number of messages in a mailbox; further messages are refused. A hundred agents that
     /// each send one request at the same instant fit.
     pub mailbox_messages_max: usize,
-    /// Maximum number of messages of an agent that wait for a receipt.
+    /// Maximum number of messages of an agent that wait for a receipt. Sending a further message
+    /// fails, and no exchange begins while half of this number waits.
     pub outbox_messages_max: usize,
     /// Size of the duplicate window, in message ids. Must exceed the number of messages that a peer
     /// can have under way while it retries any of them.

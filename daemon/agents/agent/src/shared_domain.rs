@@ -30,7 +30,7 @@ use crate::broadcast_cache::{HeartbeatContent, HeartbeatPattern, HeartbeatRepeti
 use crate::domain_tracker::{DomainTracker, InformOutcome};
 use crate::host::Host;
 
-/// Domain model that the actuators of one daemon share.
+/// Composite domain that the actuators of one daemon share.
 pub struct SharedDomain {
     began: Instant,
     /// How long the objects and facts of an agent stay in the model after the agent has left.
@@ -43,7 +43,7 @@ struct SharedDomainState {
     tracker: DomainTracker,
     /// Agents for which a request for the model is under way.
     requested: BTreeSet<AgentId>,
-    /// Broadcasts from before the shared domain was created, by sender; not read yet.
+    /// Broadcasts that arrived before this value was created, by sender; not read yet.
     unread: BTreeMap<AgentId, Vec<Bytes>>,
 }
 
@@ -62,7 +62,7 @@ impl SharedDomain {
         }
     }
 
-    /// Sets the broadcasts from before the shared domain was created, by sender: the newest one of
+    /// Sets the broadcasts that arrived before this value was created, by sender: the newest one of
     /// each kind.
     pub(crate) fn set_earlier(&self, earlier: BTreeMap<AgentId, Vec<Bytes>>) {
         self.state().0.unread = earlier;
@@ -135,14 +135,14 @@ impl SharedDomain {
         change.is_some()
     }
 
-    /// Reads the broadcasts of an agent from before the shared domain was created, if they are not
+    /// Reads the broadcasts of an agent that arrived before this value was created, if they are not
     /// read yet.
     fn read_of(&self, state: &mut SharedDomainState, agent: &AgentId, now: Timestamp) {
         let said = state.unread.remove(agent);
         self.read(state, said.unwrap_or_default(), now);
     }
 
-    /// Reads broadcasts from before the shared domain was created. A model that is missing then is
+    /// Reads broadcasts that arrived before this value was created. A model that is missing then is
     /// requested when its agent sends again.
     fn read(&self, state: &mut SharedDomainState, said: Vec<Bytes>, now: Timestamp) {
         for message in said.iter().filter_map(|payload| acl::decode(payload).ok()) {

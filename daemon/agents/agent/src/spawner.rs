@@ -18,9 +18,9 @@ pub struct Spawner {
     pub router: Arc<MessageRouter>,
     /// Data and resources from which the agents are built.
     pub host: Arc<Host>,
-    /// Token that is cancelled when the daemon drains.
+    /// Token that is cancelled when the daemon begins to shut down.
     pub stopping: CancellationToken,
-    /// Tasks that a draining daemon waits for.
+    /// Tasks that a daemon waits for while it shuts down.
     pub tasks: TaskTracker,
     /// Whether a launched agent records the ecosystems through which it came. `false` on the
     /// network of a plugin process, and in the fault laboratory, which checks that loops are

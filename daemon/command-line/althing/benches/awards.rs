@@ -31,7 +31,7 @@ use keyboard::{GoalRequest, Keyboard, Terminal, UserEvent, UserRequest};
 use support::overhearing::Award;
 use support::{Entry, Outcome, PATIENCE};
 
-/// The same allocator as in the daemon.
+/// Allocator of the benchmark: the same as in the daemon.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 

@@ -31,11 +31,11 @@ use planner::explain::{self, ActionGuard, ExplanationInput};
 use planner::{Cancel, GroundingReuse, Options, Replanner};
 use support::Figures;
 
-/// The same allocator as in the daemon.
+/// Allocator of the benchmark: the same as in the daemon.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-/// The same values as in `ecosystems/campus.toml`.
+/// Seed and number of houses of the campus, as in `ecosystems/campus.toml`.
 const SEED: u64 = 1;
 const HOUSES: usize = 5;
 
@@ -49,7 +49,8 @@ const STARTS: usize = 5;
 /// Numbers of houses in the two measured ecosystems.
 const SIZES: [usize; 2] = [1, HOUSES];
 
-/// Ten heartbeats: all agents know each other, and the domain is composed.
+/// Wait before the measurements: ten heartbeats, after which all agents know each other, and the
+/// domain is composed.
 const SETTLING: Duration = Duration::from_secs(10);
 
 const CHANGE_AIM_MS: f64 = 5.0;

@@ -24,7 +24,7 @@ use support::{Figures, Outcome, PATIENCE, workers};
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 
-/// The same allocator as in the daemon.
+/// Allocator of the benchmark: the same as in the daemon.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
@@ -37,7 +37,7 @@ const COMPOSED_AIM_MS: f64 = 20.0;
 const SETTLING: Duration = Duration::from_secs(10);
 const MEASURED: Duration = Duration::from_secs(20);
 
-/// Number of agents that join while the others are present.
+/// Number of agents that join while the agents of all daemons are present.
 const NEWCOMERS: usize = 30;
 
 #[tokio::main]
@@ -91,7 +91,8 @@ async fn main() -> Outcome<()> {
     support::reached()
 }
 
-/// Launches an agent. Returns the time until the domain with it was announced.
+/// Launches an agent. Returns the time until the domain with the agent was announced, and the task
+/// of the agent.
 async fn join(
     name: &str,
     place: usize,

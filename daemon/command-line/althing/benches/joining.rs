@@ -33,13 +33,15 @@ use tokio::sync::mpsc;
 const AGENTS: usize = 100;
 const AGENT_AIM_MS: f64 = 30.0;
 
-/// Numbers of daemons with names that sort after all others, and before.
+/// Numbers of daemons that join: `LAST` with names that sort after all other names, and `FIRST`
+/// with names that sort before.
 const LAST: usize = 25;
 const FIRST: usize = 25;
 const DAEMON_AIM_MS: f64 = 150.0;
 
-/// A router that joins within 100 ms after another has left may get that one's place among Zenoh's
-/// routes; the benchmark measures routers that join an ecosystem at rest.
+/// Pause before each router joins. A router that joins within 100 ms after another has left may get
+/// the place of that one among Zenoh's routes; the benchmark measures routers that join an
+/// ecosystem at rest.
 const REST: Duration = Duration::from_millis(300);
 
 const ECOSYSTEM: &str = "smart-office";
@@ -51,11 +53,12 @@ const MAP: &str = include_str!("../../../../domains/smart-office/map.pddl");
 const DEVICES: [&str; 5] =
     ["temperature-sensor", "sensor", "ir-temperature-sensor", "turtlebot", "ptz-camera"];
 
-/// The daemon of the office, and that of this process, which connects to it.
+/// Names of the two daemons: `HOUSE` hosts the office in a process of its own; `HERE` is in the
+/// process of the benchmark, and connects to `HOUSE`.
 const HOUSE: &str = "house";
 const HERE: &str = "stand";
 
-/// Most announcements that wait to be read.
+/// Maximum number of announcements that wait to be read; further ones are lost.
 const HEARD_MAX: usize = 256;
 
 #[tokio::main]
@@ -73,7 +76,7 @@ async fn main() -> Outcome<()> {
     support::reached()
 }
 
-/// The office in its process, and an observing daemon in this one.
+/// The office in a process of its own, and a daemon in this process that observes it.
 struct Bench {
     machine: Machine,
     router: Arc<MessageRouter>,

@@ -166,7 +166,8 @@ fn kill(pid: i32) -> Outcome<()> {
     Ok(rustix::process::kill_process(pid, rustix::process::Signal::KILL)?)
 }
 
-/// Returns the memory of a process in MiB: all that is resident, and the private part of it.
+/// Returns the memory of a process in MiB, each amount with a label: all that is resident, and the
+/// private part of it.
 fn weigh(pid: i32) -> Outcome<Vec<(&'static str, f64)>> {
     let rollup = std::fs::read_to_string(format!("/proc/{pid}/smaps_rollup"))?;
     let of = |field: &str| {

@@ -45,14 +45,15 @@ use tokio::sync::mpsc;
 const DEATHS: [usize; 2] = [15, 7];
 const AIMS_MS: [f64; 2] = [50.0, 150.0];
 
-/// Number of stopped processes in each flow with each lease, and of pulled cables.
+/// Number of faults that are measured for each planning mode and each lease of Zenoh's links:
+/// stopped processes, and pulled cables.
 const FREEZES: usize = 7;
 const LEASES: [Duration; 2] = [Duration::from_secs(1), Duration::from_secs(4)];
 const FREEZE_AIM_MS: f64 = 100.0;
 
 const GOAL: &str = "(forall (?r - room) (known-temperature ?r))";
 
-/// Most requests to actuators that wait to be read.
+/// Maximum number of requests to actuators that wait to be read; further ones are lost.
 const ACTS_MAX: usize = 1_024;
 
 #[tokio::main]
@@ -93,7 +94,7 @@ async fn main() -> Outcome<()> {
     support::reached()
 }
 
-/// Measures faults that are detected after a lease.
+/// Measures faults that other daemons detect only when the lease of a link has passed.
 async fn silences(mode: Mode, means: Means, how: &str) -> Outcome<()> {
     let (Means::Freeze(lease) | Means::Pull(lease)) = means else { return Ok(()) };
     let mut figures = Figures::default();
@@ -112,18 +113,18 @@ async fn silences(mode: Mode, means: Means, how: &str) -> Outcome<()> {
     Ok(())
 }
 
-/// The fault of a process.
+/// The fault of the sensor's process that the benchmark causes.
 #[derive(Clone, Copy)]
 enum Means {
     /// The process is killed by a SIGKILL.
     Kill,
-    /// The process is stopped, and Zenoh has this lease.
+    /// The process is stopped by a SIGSTOP; the links of Zenoh have this lease.
     Freeze(Duration),
-    /// The cable of its machine is pulled, and Zenoh has this lease.
+    /// The cable of the process's machine is pulled; the links of Zenoh have this lease.
     Pull(Duration),
 }
 
-/// The machines of the daemons.
+/// The running daemons, on one machine or on several.
 enum Running {
     /// All daemons run on this machine.
     Here(Machine, BTreeMap<String, Process>),
@@ -256,7 +257,7 @@ impl Stage {
     }
 }
 
-/// Starts all daemons on this machine.
+/// Starts all daemons on this machine. Returns them, and the server of the building.
 async fn here(
     scenario: &SeededScenario,
     building: &Building,
@@ -282,7 +283,8 @@ async fn here(
     Ok((Running::Here(machine, processes), server))
 }
 
-/// Starts each daemon on a machine of its own.
+/// Starts each daemon in a network namespace of its own, which stands for a machine. Returns them,
+/// and the server of the building.
 async fn on_wires(
     scenario: &SeededScenario,
     building: &Building,

@@ -16,19 +16,20 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Default number of starts.
+/// Number of starts of the daemon that are measured, unless the command line gives another.
 const RUNS: usize = 20;
 
 /// The rooms with a thermometer; with a robot and its sensor they make ten devices.
 const ROOMS: usize = 8;
 
-/// Three heartbeats: all agents know each other, and the domain is composed.
+/// Wait before the memory is measured: three heartbeats, after which all agents know each other,
+/// and the domain is composed.
 const SETTLING: Duration = Duration::from_secs(3);
 
 const READY_AIM_MS: f64 = 150.0;
 const MEMORY_AIM_MIB: f64 = 40.0;
 
-/// The office's ontology serves this building, too.
+/// Ontology of the measured building: that of the office in `domains/smart-office`.
 const ONTOLOGY: &str = include_str!("../../../../domains/smart-office/domain.pddl");
 
 type Outcome<T> = Result<T, Box<dyn Error>>;

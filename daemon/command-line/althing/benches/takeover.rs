@@ -46,7 +46,7 @@ const REASONING: [&str; 4] = ["domain-maintainer", "plan-requester", PLANNER, "p
 /// Number of Journals that must have the plan before the machine is killed: as many as keep a goal.
 const KEPT_BY: usize = 2;
 
-/// Most requests that wait to be read.
+/// Maximum number of requests that wait to be read; further ones are lost.
 const HEARD_MAX: usize = 1_024;
 
 #[tokio::main]
@@ -79,7 +79,7 @@ struct Asked {
     what: What,
 }
 
-/// The kinds of requests on the way to a goal.
+/// The kinds of requests that agents send while a goal is planned for and carried out.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum What {
     Plan,

@@ -30,7 +30,7 @@ use substrate::{
 };
 use support::{Entry, Outcome};
 
-/// The same value as in `ecosystems/campus.toml`.
+/// Seed of the campus, as in `ecosystems/campus.toml`.
 const SEED: u64 = 1;
 
 /// The buildings, by their number of devices: multiples of half a house.
@@ -39,14 +39,15 @@ const SIZES: [usize; 3] = [10, 50, 100];
 /// Largest allowed ratio of a device's share in the largest building to that in the smallest.
 const GROWTH_MAX: f64 = 1.5;
 
-/// Five heartbeats: all agents know each other.
+/// Wait before the goal is requested: five heartbeats, after which all agents know each other.
 const SETTLING: Duration = Duration::from_secs(5);
 
 /// Time after the outcome for receipts that wait to be batched, and for the consequences of the
 /// last step.
 const ENDING: Duration = Duration::from_secs(1);
 
-/// The same value as in `ecosystems/campus.toml`; this process is slow, not the network.
+/// How long the Plan Requester waits for bids, as in `ecosystems/campus.toml`. The time is long
+/// because all agents run in this process, which is slow; the network is not.
 const PROPOSALS_DEADLINE: Duration = Duration::from_secs(20);
 
 const DOMAIN: &str = include_str!("../../../../domains/campus/domain.pddl");
@@ -243,7 +244,7 @@ impl Counts {
         self.with(BTreeMap::clear);
     }
 
-    /// Returns the sum of all kinds except heartbeats.
+    /// Returns the number and the bytes of the messages of all kinds except heartbeats.
     fn of_goal(&self) -> (u64, u64) {
         self.with(|kinds| {
             let of_goal = kinds.iter().filter(|(kind, _)| **kind != HEARTBEATS);

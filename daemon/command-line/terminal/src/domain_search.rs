@@ -7,8 +7,8 @@ use crate::pddl_files::{self, DomainText};
 use crate::report::{DiagnosticReport, SourceText};
 use pddl::Name;
 
-/// Maximum number of files of one folder that are searched for a domain; a folder of problems may
-/// hold thousands.
+/// Maximum number of files of one folder that are searched for a domain: those with the names that
+/// are most similar to the name of the problem. A folder of problems may hold thousands.
 const CANDIDATES_MAX: usize = 100;
 
 /// Returns the domain named `name` from the domains that the user gave. If several have that name,

@@ -9,18 +9,18 @@ use std::borrow::Cow;
 pub enum FormError<'a> {
     /// The text has a key that is not allowed at its place.
     UnknownKey {
-        /// The unknown key.
+        /// The key that is not allowed.
         key: &'a str,
-        /// The keys that are allowed at this place.
+        /// The keys that are allowed at the place of the key.
         known: Vec<&'a str>,
     },
     /// The text lacks this key, which is required.
     MissingKey(&'a str),
     /// The text has a word that is not one of those allowed at its place.
     UnknownWord {
-        /// The unknown word.
+        /// The word that is not allowed.
         word: &'a str,
-        /// The words that are allowed at this place.
+        /// The words that are allowed at the place of the word.
         known: Vec<&'a str>,
     },
     /// The text has a value of another kind than expected.

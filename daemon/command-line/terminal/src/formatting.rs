@@ -7,7 +7,7 @@ use std::io::{self, IsTerminal};
 pub enum Color {
     /// No color: the word has no special meaning.
     Plain,
-    /// Dim text: the word is unimportant.
+    /// Dim: the word is unimportant.
     Dim,
     /// Green: the word reports success.
     Green,

@@ -79,10 +79,11 @@ struct DomainCache {
     folders: BTreeMap<PathBuf, Arc<Vec<PathBuf>>>,
 }
 
-/// Maximum number of domains kept in memory; other domains are read again when they are needed.
+/// Maximum number of domains kept in memory. When it is reached, all are dropped, and are read
+/// again when they are needed.
 const DOMAINS_KEPT: usize = 64;
 
-/// Maximum number of files of one folder that are searched for a domain.
+/// Maximum number of files of one folder that are searched for a domain: the first ones by name.
 const CANDIDATES_MAX: usize = 2_000;
 
 /// Number of bytes at the beginning of a file that are read to find out which kind of file it is.

@@ -21,7 +21,7 @@ const WIDTH: usize = 80;
 /// terminal is.
 const WIDTH_MAX: usize = 120;
 /// Maximum number of lines between a diagnostic and its note that one excerpt of the text can show
-/// together.
+/// together. A note that is further away gets an excerpt of its own.
 const EXCERPT_LINES_MAX: usize = 30;
 /// Maximum number of bytes that are drawn after the last marked place in an excerpt. No terminal is
 /// as wide.
@@ -29,7 +29,8 @@ const AFTER_BYTES_MAX: usize = 2_000;
 /// Maximum number of bytes of an excerpt. Drawing takes time for each byte, and a line of a text
 /// from outside may have millions. A longer excerpt is replaced by its place.
 const EXCERPT_BYTES_MAX: usize = 8_000;
-/// Maximum number of diagnostics shown to a person; `--json` lists all.
+/// Maximum number of diagnostics shown to a person; further ones are only counted. `--json` lists
+/// all.
 const FINDINGS_MAX: usize = 200;
 
 /// Width and colors of the drawn text.

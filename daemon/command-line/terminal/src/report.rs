@@ -13,8 +13,8 @@ use pddl::{Diagnostic, Severity, Span};
 
 use crate::visible;
 
-/// Maximum length of a text, in bytes: a gigabyte. Spans have 32 bits, and an endless device must
-/// not fill the memory.
+/// Maximum length of a text, in bytes: a gigabyte. A longer text is an error, because spans have 32
+/// bits, and an endless device must not fill the memory.
 const TEXT_BYTES_MAX: u64 = 1 << 30;
 
 /// A text that is read as input, and its name.
@@ -237,8 +237,8 @@ impl DiagnosticReport {
         self.findings.iter().any(|finding| finding.diagnostic.is_unsupported)
     }
 
-    /// Returns the status word and the exit code with which a program rejects its input because of
-    /// this report.
+    /// Returns the word that states the outcome and the exit code, with which a program rejects its
+    /// input because of this report.
     pub fn refusal(&self) -> (&'static str, u8) {
         match self.is_unsupported() {
             true => ("unsupported", crate::exit::UNSUPPORTED),

@@ -9,6 +9,6 @@ pub(crate) const METERS_MAX: f64 = 1_000.0;
 /// every trip is finite, and adding durations cannot overflow.
 pub(crate) const SPEED_MIN: f64 = 0.001;
 pub(crate) const SPEED_MAX: f64 = 100.0;
-/// Maximum length of a name, in bytes. A refusal that lists a hundred such names still fits into
-/// one line on the socket.
+/// Maximum length of a name, in bytes; a longer name is invalid. A refusal that lists a hundred
+/// names of this length still fits into one line on the socket.
 pub(crate) const NAME_MAX: usize = 64;

@@ -19,8 +19,9 @@ use crate::truth::{BuildingEvent, Truth};
 /// Turning speed, in degrees per second.
 const TURNING: f64 = 90.0;
 
-/// Maximum number of views of one camera, and of people and of robots that it reports per place.
-/// With these bounds, an answer fits into one line on the socket.
+/// Maximum number of views of one camera, and of people and of robots that it reports per place. A
+/// layout with more views is invalid, and further people and robots are left out. With these
+/// bounds, an answer fits into one line on the socket.
 const VIEWS_MAX: usize = 16;
 const SEEN_MAX: usize = 8;
 

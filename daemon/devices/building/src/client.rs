@@ -115,7 +115,7 @@ impl RemoteBuilding {
     }
 }
 
-/// Guard that cancels the request with this id if it is dropped before the answer has arrived.
+/// Cancels the request with this id when it is dropped before the answer has arrived.
 struct CancelOnDrop {
     id: u64,
     room: Option<mpsc::OwnedPermit<ConnectionCommand>>,

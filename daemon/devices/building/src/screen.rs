@@ -14,8 +14,8 @@ use crate::handle::BuildingHandle;
 use crate::layout::{BuildingDevice, Layout};
 use crate::truth::{BuildingEvent, DeviceFault, Truth};
 
-/// Maximum length of the text of a screen, in bytes: enough for a slide. Such a text fits into one
-/// line on the socket, even if every character is escaped.
+/// Maximum length of the text of a screen, in bytes: enough for a slide. A longer text is refused.
+/// A text of this length fits into one line on the socket, even if every character is escaped.
 const TEXT_MAX: usize = 1024;
 
 /// Time that a screen takes to light up.

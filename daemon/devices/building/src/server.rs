@@ -19,8 +19,9 @@ use crate::error::ServeError;
 use crate::handle::BuildingHandle;
 use crate::session::Session;
 
-/// Maximum number of clients that are connected at the same time. A client is a daemon, one per
-/// machine; a building that is simulated on one machine has a handful of clients.
+/// Maximum number of clients that are connected at the same time; further clients are turned away.
+/// A client is a daemon, one per machine; a building that is simulated on one machine has a handful
+/// of clients.
 const CLIENTS_MAX: usize = 64;
 
 /// Pause after a failed `accept`. The usual reason is that the process has no file descriptors

@@ -13,8 +13,8 @@ use tokio::io::{AsyncBufReadExt as _, AsyncRead, AsyncWrite, AsyncWriteExt as _,
 use crate::driver_requests::{DriverAnswer, DriverRequest};
 use crate::error::DeviceError;
 
-/// Maximum length of a line, in bytes. The longest line in use is a refusal that lists a corridor's
-/// neighbors: 100 names of 64 bytes.
+/// Maximum length of a line, in bytes; a longer line is an error. The longest line in use is a
+/// refusal that lists a corridor's neighbors: 100 names of 64 bytes.
 pub(crate) const LINE_MAX: usize = 8 * 1024;
 
 /// Interval at which the server sends an `Alive` line.
@@ -29,7 +29,8 @@ const _: () = assert!(SILENCE_MAX.as_millis() >= 5 * ALIVE_PERIOD.as_millis());
 /// more, and the connection ends.
 pub(crate) const WRITE_MAX: Duration = SILENCE_MAX;
 
-/// Maximum number of requests of one client that are under way. An actuator has one or two.
+/// Maximum number of requests of one client that are under way; further requests are refused. An
+/// actuator has one or two.
 pub(crate) const IN_FLIGHT_MAX: usize = 64;
 
 /// A request of a client.

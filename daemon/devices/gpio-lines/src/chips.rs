@@ -16,7 +16,8 @@ use crate::{
 /// Name of the user of a line that the kernel lists for the lines of this crate.
 const CONSUMER: &str = "althing";
 
-/// Maximum number of edges that are read at one time. The kernel keeps 16 edges for a line.
+/// Maximum number of edges that are read at one time; further edges are read the next time. The
+/// kernel keeps 16 edges for a line.
 const EDGES_MAX: usize = 16;
 
 /// GPIO chips of this machine, with their files below one folder. The folder is `/dev`, or another

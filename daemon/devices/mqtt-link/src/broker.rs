@@ -17,7 +17,7 @@ const BROKER: &str = "localhost:1883";
 const PORT: u16 = 1883;
 const TLS_PORT: u16 = 8883;
 
-/// Maximum size of a file with a password or certificates, in bytes.
+/// Maximum size of a file with a password or certificates, in bytes; a longer file is an error.
 const FILE_BYTES_MAX: usize = 1 << 20;
 
 /// Address of an MQTT broker, and the files with its credentials. The password is read from its

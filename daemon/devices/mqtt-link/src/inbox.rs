@@ -11,25 +11,26 @@ use tokio::sync::Notify;
 
 use crate::TopicText;
 
-/// Maximum number of topics with queued texts. The largest installations have some ten thousand
-/// entities.
+/// Maximum number of topics with queued texts; texts of further topics are dropped. The largest
+/// installations have some ten thousand entities.
 const TOPICS_MAX: usize = 1 << 16;
 
-/// Maximum size of all queued texts together, in bytes.
+/// Maximum size of all queued texts together, in bytes; a text that does not fit is dropped.
 const BYTES_MAX: usize = 1 << 28;
 
 /// Receiving half of a queue of texts. When this value is dropped, the queue receives no more
 /// texts.
 pub struct Inbox(pub(crate) Arc<InboxQueue>);
 
-/// Maximum number of queued texts of one topic in a queue for events.
+/// Maximum number of queued texts of one topic in a queue for events; of more, the oldest is
+/// dropped.
 const EVENTS_MAX: usize = 32;
 
 #[derive(Debug)]
 pub(crate) struct InboxQueue {
     texts: Mutex<QueuedTexts>,
     arrival: Notify,
-    /// Maximum number of queued texts of one topic.
+    /// Maximum number of queued texts of one topic; of more, the oldest is dropped.
     of_each: usize,
 }
 

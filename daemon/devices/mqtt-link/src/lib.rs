@@ -53,12 +53,12 @@ const STABLE_AFTER: Duration = Duration::from_secs(10);
 /// connection as well.
 const PACKET_BYTES_MAX: usize = 1 << 28;
 
-/// Maximum size of a received text, in bytes. An example of a long text is the list of thousands of
-/// devices from a bridge.
+/// Maximum size of a received text, in bytes; a longer text is ignored. An example of a long text
+/// is the list of thousands of devices from a bridge.
 const TEXT_BYTES_MAX: usize = 1 << 26;
 
-/// Maximum size of a text that is kept for a topic, in bytes; most texts are shorter than a
-/// kilobyte.
+/// Maximum size of a text that is kept for a topic, in bytes; a longer text is ignored. Most texts
+/// are shorter than a kilobyte.
 const KEPT_TEXT_BYTES_MAX: usize = 1 << 20;
 
 /// Capacity of the queue of requests to a broker. Each batch of subscriptions is one request; each
@@ -80,7 +80,7 @@ pub struct BrokerConnection {
     client: AsyncClient,
     /// Texts that were received for each topic or filter with listeners.
     topics: Mutex<TopicStates>,
-    /// Queues of the inboxes, each with the filter of the inbox.
+    /// The topic filter and the queue of each inbox.
     inboxes: Mutex<Vec<(String, Weak<InboxQueue>)>>,
     pending: Mutex<PendingSubscriptions>,
     /// Reason why there is no connection to the broker; `None` while connected.

@@ -1,7 +1,8 @@
 //! Topics and filters of MQTT: validity (MQTT 3.1.1, section 4.7), and matching of topics with
 //! filters.
 
-/// Maximum length of a topic, in bytes: MQTT sends the length in two bytes.
+/// Maximum length of a topic, in bytes; a longer one is rejected. MQTT sends the length in two
+/// bytes.
 const TOPIC_BYTES_MAX: usize = u16::MAX as usize;
 
 /// Returns the reason why a filter cannot be subscribed to; `None` if it can.

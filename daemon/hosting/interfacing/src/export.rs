@@ -34,8 +34,8 @@ pub struct EcosystemFiles<'s> {
 pub struct ExportedModel {
     /// Action model of the proxy agent, in the vocabulary of the near side.
     pub model: ActionModel,
-    /// Facts that hold whatever the agent announces: the exported facts of the far map, and the
-    /// facts that allow actions to use the exported objects (guards).
+    /// Facts that hold whatever the agent announces: the exported facts of the far map, and one
+    /// fact for each exported object, which allows actions to use the object.
     pub constant_facts: Vec<InitElement>,
     /// Time limit of each action of the proxy agent, by near name: the time limit of the real
     /// agent's method. Zero if the real agent declares no method for the action.
@@ -239,8 +239,8 @@ fn facts(said: &[InitElement], translator: &Translator<'_>) -> Vec<InitElement> 
     facts
 }
 
-/// Declares the guard predicate in the proxy agent's model. Returns one fact of this predicate for
-/// each exported object, so that actions can use exported objects only.
+/// Declares the predicate `mapping.guard` in the proxy agent's model. Returns one fact of this
+/// predicate for each exported object, so that actions can use exported objects only.
 fn add_guards(
     vocabulary: &InterfaceVocabulary,
     mapping: &AgentMapping,

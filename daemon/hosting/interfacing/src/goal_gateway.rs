@@ -22,7 +22,7 @@ use super::remote_client::{RemoteClient, RemoteRequest, RemoteUpdate};
 use super::translate::Translator;
 use super::vocabulary::InterfaceVocabulary;
 
-/// Maximum number of goals that one goal gateway follows at a time.
+/// Maximum number of goals that one goal gateway follows at a time; further goals are refused.
 const GOALS_MAX: usize = 64;
 
 pub(super) struct GoalGateway {

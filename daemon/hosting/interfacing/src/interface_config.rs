@@ -22,7 +22,8 @@ pub struct InterfaceEntry {
     /// Name in the other ecosystem, both of the daemon that joins the two ecosystems, and of the
     /// agent that makes requests there for this ecosystem.
     pub remote_name: AgentId,
-    /// Maximum number of messages per second in each direction.
+    /// Maximum number of messages per second in each direction. Further requests are refused, and
+    /// further news of an agent waits.
     pub rate: f64,
     /// Types that may pass: name in this ecosystem = name in the other. Types without an entry do
     /// not pass.

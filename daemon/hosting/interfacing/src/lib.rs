@@ -55,7 +55,7 @@ pub struct EcosystemEndpoint {
     pub spawner: Spawner,
 }
 
-/// Counters of a running interface.
+/// Counters of a running interface, by direction.
 pub struct Interface {
     /// Counters of the direction from the other ecosystem to this one.
     pub imported: Arc<InterfaceCounters>,
@@ -78,7 +78,7 @@ pub enum InterfaceError {
 }
 
 /// Starts an interface between the ecosystems `home` (this one) and `away` (the other one). The
-/// interface runs until the daemon drains.
+/// interface runs until the daemon shuts down.
 ///
 /// # Errors
 ///

@@ -13,8 +13,8 @@ use serde_json::Value;
 use super::proxy_device::{ProxyContext, ProxyDevice};
 
 /// Maximum number of ecosystems on an agent's route. The route is the list of the ecosystems
-/// through which the agent is represented, one after the other. Longer routes are hard to oversee
-/// for the people of an ecosystem.
+/// through which the agent is represented, one after the other. An agent with a longer route gets
+/// no proxy agent, because such routes are hard to oversee for the people of an ecosystem.
 const VIA_MAX: usize = 3;
 
 /// Pause before a proxy agent that ended by itself is started again. A proxy agent ends by itself
@@ -22,7 +22,7 @@ const VIA_MAX: usize = 3;
 const RESTART_DELAY: Duration = Duration::from_secs(5);
 
 /// Keeps the proxy agent of one real agent running for as long as the real agent is present, until
-/// the daemon drains.
+/// the daemon shuts down.
 pub(super) async fn run_proxy(context: Arc<ProxyContext>, mut watch: AgentWatch, near: Spawner) {
     let stopping = near.stopping.clone();
     loop {

@@ -18,8 +18,9 @@ use keyboard::{GoalRequest, RequestId, Terminal, UserEvent, UserRequest};
 use tokio::sync::{Notify, mpsc};
 use tokio::time::Instant;
 
-/// Maximum number of requests that wait in the client's queue. `UPDATES_MAX` is the maximum number
-/// of reports on one request that wait.
+/// Maximum number of requests that wait in the client's queue; a further request waits for room.
+/// `UPDATES_MAX` is the maximum number of reports on one request that wait; further reports are
+/// lost.
 const COMMANDS_MAX: usize = 256;
 const UPDATES_MAX: usize = 64;
 

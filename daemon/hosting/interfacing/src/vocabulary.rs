@@ -40,9 +40,9 @@ pub struct AgentMapping {
     pub agent: AgentId,
     /// Name of the proxy agent on the near side.
     pub proxy: AgentId,
-    /// Name of the guard predicate, which holds for the exported objects. Actions of the proxy
-    /// agent accept only objects for which the guard holds, because the near side has further
-    /// objects that are unknown on the far side.
+    /// Name of the predicate that holds for the exported objects only. It is a precondition of the
+    /// proxy agent's actions, because the near side has further objects that the far side does not
+    /// have.
     pub guard: Name,
     /// Actions that pass: far name = near name.
     pub actions: BTreeMap<String, Name>,

@@ -32,7 +32,7 @@ const HOST: &str = "host";
 const WATCHER: &str = "host-watch";
 
 /// Capacity of the queue of agents that have joined the endpoint for the first time. An agent that
-/// exceeds the capacity is not admitted. A gateway of a large building has hundreds of agents.
+/// exceeds the capacity is rejected. A gateway of a large building has hundreds of agents.
 const AGENTS_MAX: usize = 1_024;
 
 /// Messages per second, such as heartbeats and events, that are accepted from a plugin:
@@ -45,14 +45,16 @@ const MESSAGES_PER_AGENT: u32 = 20;
 const FLOOD_SECONDS: u32 = 5;
 
 /// Maximum number of simultaneous connections to an endpoint, for each process of the plugin: its
-/// session, and sessions that have ended but are not yet detected as closed. The maximum for the
-/// whole plugin is at least [`SESSIONS_MIN`].
+/// session, and sessions that have ended but are not yet detected as closed. Further connections
+/// are closed at once. The maximum for the whole plugin is at least [`SESSIONS_MIN`].
 const SESSIONS_PER_PROCESS: u32 = 4;
 const SESSIONS_MIN: u32 = 8;
-/// Maximum number of simultaneous handshakes of connections to an endpoint.
+/// Maximum number of connections to an endpoint that are being opened at the same time; further
+/// ones are closed at once.
 const OPENING_MAX: u32 = 8;
 
-/// Maximum time for the agents of a plugin to leave when the endpoint is closed.
+/// Maximum time for the agents of a plugin to leave when the endpoint is closed. After this time,
+/// the endpoint closes without waiting for them.
 const LEAVING: Duration = Duration::from_secs(3);
 
 /// Period over which the messages of a plugin are counted.
@@ -155,7 +157,7 @@ fn plain(name: &str) -> AgentId {
     AgentId::new(name).expect("invariant: the names of the host's own agents are valid")
 }
 
-/// Task that admits or rejects the agents of the plugin when they join the endpoint.
+/// Task that accepts or rejects the agents of the plugin when they join the endpoint.
 struct AgentReception {
     package: Arc<Package>,
     agents: BTreeMap<AgentId, Option<Arc<ActionModel>>>,

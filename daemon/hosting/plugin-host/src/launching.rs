@@ -273,8 +273,8 @@ pub(crate) fn hello(
     serde_json::to_string(&hello).unwrap_or_default()
 }
 
-/// Returns the description of an agent for the package's program, and the agent's action model; the
-/// model is `None` if the package has none for this agent.
+/// Returns the description of an agent that is passed to the package's program, and the agent's
+/// action model; the model is `None` if the package has none for this agent.
 ///
 /// # Errors
 ///

@@ -180,7 +180,7 @@ impl HostContext {
     }
 }
 
-/// Starts to host plugins. Hosting ends when the daemon drains.
+/// Starts to host plugins. Hosting ends when the daemon shuts down.
 ///
 /// # Errors
 ///
@@ -497,8 +497,8 @@ impl PluginReconciler {
         }
     }
 
-    /// Returns the reason why a package must not run although the ecosystem needs its agents, and
-    /// the resulting state of the plugin; `None` if the package may run.
+    /// Returns the resulting state of the plugin, and the reason, if a package must not run
+    /// although the ecosystem needs its agents; `None` if the package may run.
     fn refusal(
         &self,
         package: &Package,

@@ -24,7 +24,7 @@ const BYTES_LEAST: u64 = 1 << 20;
 /// Default of the key `ready-within` of a manifest. It is enough for an interpreter on a small
 /// board to start with its devices.
 const READY_WITHIN_DEFAULT: Duration = Duration::from_secs(20);
-/// Longest timeout of an action that a manifest may give.
+/// Longest timeout of an action that a manifest may give; a longer one is reported as a mistake.
 const TIMEOUT_MAX: Duration = Duration::from_secs(24 * 3_600);
 
 /// Parsed contents of a package's manifest.

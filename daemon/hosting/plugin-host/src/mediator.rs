@@ -31,7 +31,7 @@ use syscalls::Sysno;
 use crate::usage;
 
 /// Maximum number of connections to the Internet that the daemon may be establishing for a plugin
-/// at the same time.
+/// at the same time. Further attempts of the plugin fail with `EAGAIN`.
 const WAITING_MAX: usize = 64;
 
 /// Maximum length of an address of `connect` that is read, in bytes: `sizeof(struct sockaddr_un)`.

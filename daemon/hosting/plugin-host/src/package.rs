@@ -23,8 +23,8 @@ pub const MANIFEST: &str = "plugin.toml";
 /// Longest template of an action model that is accepted, in bytes.
 const MODEL_BYTES_MAX: u64 = 1 << 20;
 
-/// Maximum number of files of a package that are checked for changes. A package with its libraries
-/// has hundreds of files.
+/// Maximum number of files of a package that are checked for changes; changes of further files are
+/// not noticed. A package with its libraries has hundreds of files.
 const FILES_MAX: usize = 10_000;
 
 /// A package that was read and checked without finding a mistake.
@@ -178,9 +178,9 @@ impl Package {
         Ok(Some((text, model)))
     }
 
-    /// Returns the reason why an agent with the action model `said` and these methods is not
-    /// admitted; `None` if the agent is admitted. All actions and methods of the agent must be in
-    /// the manifest. They must equal those of `own`, the action model that the package has for the
+    /// Returns the reason why an agent with the action model `said` and these methods is rejected;
+    /// `None` if the agent is accepted. All actions and methods of the agent must be in the
+    /// manifest. They must equal those of `own`, the action model that the package has for the
     /// agent, if there is one.
     pub fn objection(
         &self,
@@ -215,7 +215,7 @@ impl Package {
 }
 
 impl PackageFaults {
-    /// Returns the first of these mistakes in one line, with its place.
+    /// Returns the first mistake of the package in one line, with its place.
     pub fn first(&self) -> String {
         let file = self.file.file_name().unwrap_or(self.file.as_os_str()).to_string_lossy();
         match self.found.first() {

@@ -53,8 +53,7 @@ struct PendingAction {
     tell: ResultSender,
 }
 
-/// Guard that cancels a forwarded action if it is dropped before the result of the action has
-/// arrived.
+/// Cancels a forwarded action when it is dropped before the result of the action has arrived.
 struct CancelActionOnDrop {
     client: Option<PluginClientHandle>,
     number: u64,

@@ -32,16 +32,20 @@ use crate::mediator::CallMediator;
 /// Time that a plugin has to end by itself after the daemon has requested its end.
 const STOPPING: Duration = Duration::from_secs(2);
 
-/// Maximum time for reading the last output of a process after its end.
+/// Maximum time for reading the last output of a process after its end. Output that is not read by
+/// then is lost.
 const LAST_WORDS: Duration = Duration::from_millis(50);
 
-/// Maximum time for a process to confine itself, on a small and busy board.
+/// Maximum time for a process to confine itself, on a small and busy board. After this time,
+/// starting the process has failed.
 const ENTERING: Duration = Duration::from_secs(20);
 
-/// Maximum number of attempts to start the process that tries out the means of confinement.
+/// Maximum number of attempts to start the process that tries out the means of confinement. If all
+/// attempts fail, plugins are not confined.
 const PROBES_MAX: u32 = 3;
 
-/// Maximum length of a process's report about its confinement, in bytes.
+/// Maximum length of a process's report about its confinement, in bytes. A longer report is cut
+/// off, and cannot be parsed.
 const ENTERED_BYTES_MAX: usize = 4 << 10;
 
 /// Shell script of the *watch*, the process that kills a plugin's process group when the daemon
@@ -59,7 +63,8 @@ pub(crate) struct ProcessLaunch<'l> {
     pub(crate) launcher: &'l Launcher,
     pub(crate) program: &'l Path,
     pub(crate) arguments: &'l [String],
-    /// Environment variables of the process, in addition to those that every plugin has.
+    /// Names and values of environment variables of the process, in addition to those that every
+    /// plugin has.
     pub(crate) environment: &'l [(&'static str, OsString)],
     pub(crate) folder: &'l Path,
     /// Data folder of the plugin.

@@ -31,14 +31,16 @@ use std::time::Duration;
 
 use serde::Deserialize;
 
-/// Maximum time for an interpreter or a version manager to answer the query for its paths.
+/// Maximum time for an interpreter or a version manager to answer the query for its paths. After
+/// this time, the query has failed.
 const ANSWER_WITHIN: Duration = Duration::from_secs(20);
 
-/// Maximum length of a script that is read, in bytes; the shim of a version manager has only a
-/// dozen lines.
+/// Maximum length of a script that is read, in bytes; the rest is ignored. The shim of a version
+/// manager has only a dozen lines.
 const SCRIPT_BYTES_MAX: u64 = 64 << 10;
 
-/// Maximum length of a chain of scripts and shims that refer to each other.
+/// Maximum length of a chain of scripts and shims that refer to each other; a longer chain is an
+/// error.
 const STEPS_MAX: u32 = 6;
 
 /// Names of programs of version managers that act as other programs, depending on the name by which
@@ -73,7 +75,7 @@ pub(crate) struct ResolvedProgram {
     pub(crate) leading: Vec<String>,
     /// Files and folders that the program needs to read in addition to those of the system.
     pub(crate) readable: BTreeSet<PathBuf>,
-    /// Environment variables that the program needs.
+    /// Names and values of environment variables that the program needs.
     pub(crate) environment: Vec<(&'static str, OsString)>,
     /// Sentence that names the real program; `None` if the manifest names the real program itself.
     pub(crate) remark: Option<String>,

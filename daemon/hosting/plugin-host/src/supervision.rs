@@ -33,7 +33,7 @@ pub(crate) type Statuses = Arc<Mutex<BTreeMap<String, PluginStatus>>>;
 
 /// Reason why an incarnation of a plugin has ended.
 enum IncarnationEnd {
-    /// The desired state of the plugin has changed, or the daemon drains.
+    /// The desired state of the plugin has changed, or the daemon shuts down.
     Unwanted,
     /// The process ended, or had to be ended. `ready` is the time at which the process became
     /// ready; `None` if it never was.
@@ -50,7 +50,7 @@ pub(crate) struct PluginSupervisor {
 
 impl PluginSupervisor {
     /// Brings the plugin into each new desired state, until the package is removed or the daemon
-    /// drains.
+    /// shuts down.
     pub(crate) async fn run(mut self) {
         loop {
             let wish = self.desired_states.borrow_and_update().clone();
@@ -295,7 +295,7 @@ impl PluginSupervisor {
     }
 
     /// Follows a process until it ends. Returns the reason why the process ended or must be ended;
-    /// `None` if the desired state has changed or the daemon drains.
+    /// `None` if the desired state has changed or the daemon shuts down.
     async fn follow_process(
         &mut self,
         wanted: &DesiredPlugin,

@@ -10,8 +10,8 @@ use serde_json::Value;
 
 use crate::manifest::ConfigKey;
 
-/// Maximum number of steps of the template engine for one template. A model of a thousand actions
-/// needs far fewer steps.
+/// Maximum number of steps of the template engine for one template; a template that needs more
+/// fails. A model of a thousand actions needs far fewer steps.
 const FUEL: u64 = 1_000_000;
 
 fn environment() -> Environment<'static> {

@@ -11,7 +11,7 @@ use terminal::form_error::{self, FormError};
 /// Help text for mistakes without more specific advice.
 const DOCS: &str = "docs/plugins.md says what a plugin.toml has";
 
-/// Example lines for some keys of a `plugin.toml`.
+/// Keys of a `plugin.toml`, each with an example line.
 const EXAMPLES: &[(&str, &str)] = &[
     ("name", "name = \"thermometer\""),
     ("version", "version = \"0.1.0\""),
@@ -57,7 +57,7 @@ pub(crate) fn worded(text: &str, said: &str, place: Range<usize>) -> Diagnostic 
     Diagnostic::error(span, message).with_help(help)
 }
 
-/// Returns advice about an unknown key in a `plugin.toml`.
+/// Returns advice about a key that a `plugin.toml` must not have.
 fn in_place_of(key: &str, known: &[&str]) -> String {
     match nearest(key, known.iter().copied()) {
         _ if ["plugin", "package"].contains(&key) => {

@@ -45,14 +45,16 @@ impl Kernel {
         Kernel { proc: proc.into(), cgroups: cgroups.into() }
     }
 
-    /// Returns the same as the function [`memory_total`].
+    /// Returns the maximum number of bytes that this process may use, like the function
+    /// [`memory_total`].
     pub fn memory_total(&self) -> Option<u64> {
         let machine = self.meminfo("MemTotal:");
         let groups = self.groups().into_iter().filter_map(|group| limit(&group));
         machine.into_iter().chain(groups).chain(self.address_space()).min()
     }
 
-    /// Returns the same as the function [`memory_available`].
+    /// Returns the number of bytes that this process could use now, like the function
+    /// [`memory_available`].
     pub fn memory_available(&self) -> Option<u64> {
         let machine = self.meminfo("MemAvailable:");
         let groups = self
@@ -62,7 +64,8 @@ impl Kernel {
         machine.into_iter().chain(groups).chain(self.address_space()).min()
     }
 
-    /// Returns the same as the function [`memory_resident`].
+    /// Returns the number of bytes of memory that this process uses, like the function
+    /// [`memory_resident`].
     pub fn memory_resident(&self) -> Option<u64> {
         kibibytes(&fs::read_to_string(self.proc.join("self/status")).ok()?, "VmRSS:")
     }

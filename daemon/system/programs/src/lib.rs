@@ -14,10 +14,11 @@ use std::time::Duration;
 use tokio::io::{AsyncRead, AsyncReadExt as _};
 use tokio::process::Command;
 
-/// Maximum length of a program's output that is read, in bytes.
+/// Maximum length of a program's output, in bytes; a program that prints more is an error.
 const OUTPUT_BYTES_MAX: usize = 64 << 10;
 
-/// Maximum length of a line of a program's standard error in an error message, in characters.
+/// Maximum length of a line of a program's standard error in an error message, in characters; the
+/// rest is cut off.
 const ERROR_CHARS_MAX: usize = 160;
 
 /// Name of the operation, in an error message, if a program could not be started.

@@ -9,7 +9,7 @@
 use crypto_box::aead::OsRng;
 use crypto_box::{KEY_SIZE, PublicKey, SecretKey};
 
-/// Maximum length of an answer, in bytes.
+/// Maximum length of an answer, in bytes; a longer one is not sealed or opened.
 const ANSWER_BYTES_MAX: usize = 4 << 10;
 
 /// Number of bytes that sealing adds to an answer: a public key and a tag.

@@ -21,8 +21,8 @@ use rustls_pki_types::pem::PemObject as _;
 
 use crate::error::CredentialError;
 
-/// Maximum length of a file, in bytes. A list with ten thousand revoked certificates has half a
-/// megabyte.
+/// Maximum length of a credential file, in bytes; a longer one is not read. A list with ten
+/// thousand revoked certificates has half a megabyte.
 const FILE_BYTES_MAX: u64 = 4 << 20;
 
 /// A folder that contains credentials.

@@ -13,7 +13,7 @@ use crate::files::{self, CredentialFolder};
 use crate::seal::{Nonce, Seal, SealChannel, SignedFields};
 use crate::trust::Trust;
 
-/// Number of seal channels.
+/// Number of seal channels, the kinds of sealed messages.
 const CHANNELS: usize = 3;
 
 /// The seal channels in which messages have sequence numbers.

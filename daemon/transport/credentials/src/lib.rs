@@ -40,8 +40,8 @@ pub use verifier::{SealedMessage, VerifiedOrigin, Verifier};
 
 use acl::DaemonId;
 
-/// Maximum length of the name of a daemon that has a certificate, in bytes. The name of a guest may
-/// be longer.
+/// Maximum length of a daemon's name in a certificate, in bytes. No certificate is issued or
+/// accepted for a longer name. The name of a guest may be longer.
 const CERTIFIED_NAME_BYTES_MAX: usize = 40;
 
 /// Whether a certificate may be issued for the daemon `name`.

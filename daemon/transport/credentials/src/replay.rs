@@ -32,8 +32,8 @@ const UNDERWAY_MAX: Duration = Duration::from_secs(30);
 
 /// Maximum number of senders remembered per certificate: a daemon and its guests, each of which
 /// exists for a moment only. If there are more, the sender that was silent for longest is dropped.
-/// From then on an unknown sender is accepted only if its incarnation is newer than that of every
-/// dropped sender.
+/// From then on a sender that is not remembered is accepted only if its incarnation is newer than
+/// that of every dropped sender.
 const SENDERS_MAX: usize = 64;
 
 /// State of all senders that use the certificate of one name.
@@ -139,8 +139,8 @@ impl ReplayGuard {
         }
     }
 
-    /// Records the answer of a sender to a call. The answer is fresh, so it counts even if the sender
-    /// had been dropped.
+    /// Records the answer of a sender to a roll call. The answer is fresh, so it counts even if the
+    /// sender had been dropped.
     pub(crate) fn record_reply(&mut self, signer: &str, said: SequenceState, now: Instant) {
         if !self.senders.contains_key(signer) {
             self.insert(signer, said.incarnation);
@@ -151,8 +151,8 @@ impl ReplayGuard {
         }
     }
 
-    /// Returns the incarnation in which a sender has answered a call; `None` if the sender has not
-    /// answered.
+    /// Returns the incarnation in which a sender has answered a roll call; `None` if the sender has
+    /// not answered.
     pub(crate) fn incarnation(&self, signer: &str) -> Option<u64> {
         let known = self.senders.get(signer)?;
         known.from.map(|_| known.incarnation)
@@ -174,8 +174,8 @@ impl ReplayGuard {
         Some(known)
     }
 
-    /// Adds an unknown sender to the remembered ones. Returns `false`, and adds nothing, if the sender
-    /// may be one that was dropped.
+    /// Adds a sender to the remembered ones. Returns `false`, and adds nothing, if the sender may
+    /// be one that was dropped.
     fn admit(&mut self, signer: &str, incarnation: u64) -> bool {
         if incarnation <= self.dropped_incarnation {
             return false;

@@ -40,8 +40,8 @@ const VERSION: u8 = 3;
 const NUMBERS_BYTES: usize = 8;
 pub(crate) const SIGNATURE_BYTES: usize = 64;
 
-/// Maximum length of a certificate in a seal, in bytes. Certificates that this crate issues have
-/// some 500 bytes.
+/// Maximum length of a certificate in a seal, in bytes. A seal with a longer one is malformed.
+/// Certificates that this crate issues have some 500 bytes.
 const CERTIFICATE_BYTES_MAX: usize = 4_096;
 
 /// Prefix of the signed bytes, so that no other signature of the key is valid for a message.

@@ -68,7 +68,8 @@ pub struct Verifier {
     certificates: Mutex<HashMap<[u8; 32], Arc<Certificate>>>,
     /// State of the senders that use one certificate, by the name in the certificate.
     senders: Mutex<BTreeMap<String, SenderState>>,
-    /// Maximum number of messages per second under one certificate name.
+    /// Maximum number of messages per second under one certificate name; further messages are
+    /// rejected.
     messages_per_second: u32,
     began: Instant,
     /// Number of times that the list of revocations has changed.
@@ -232,8 +233,8 @@ impl Verifier {
         heard.replays.record_reply(answerer.sender.as_str(), said, now);
     }
 
-    /// Returns the incarnation in which a daemon, or a guest of a daemon, last answered a call; `None`
-    /// if there was no answer.
+    /// Returns the incarnation in which a daemon, or a guest of a daemon, last answered a roll
+    /// call; `None` if there was no answer.
     pub fn incarnation(&self, signer: &DaemonId) -> Option<u64> {
         lock(&self.senders).get(signer.host())?.replays.incarnation(signer.as_str())
     }

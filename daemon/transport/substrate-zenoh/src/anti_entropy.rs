@@ -65,7 +65,8 @@ pub(crate) struct AntiEntropy {
     pub(crate) lease: Duration,
 }
 
-/// Result of one roll call.
+/// Result of one roll call: the daemons that answered, and the sessions and daemons that have
+/// missed a declaration.
 #[derive(Debug, Default)]
 struct SyncRound {
     answered: BTreeSet<DaemonId>,

@@ -8,12 +8,14 @@
 use acl::{AgentId, sender_of};
 use bytes::Bytes;
 
-/// Maximum length of a batch of heartbeats, in bytes. Together with its key and its seal, it fits
-/// into one batch of Zenoh's (65,535 bytes), so that it is not fragmented.
+/// Maximum length of a batch of heartbeats, in bytes; the heartbeats that do not fit go into
+/// further batches. Together with its key and its seal, a batch fits into one batch of Zenoh's
+/// (65,535 bytes), so that it is not fragmented.
 const BUNDLE_BYTES_MAX: usize = 60 << 10;
 
-/// Maximum number of heartbeats in a batch: four times as many as fit if they have any content.
-/// Without this limit, a batch of bare names could contain thousands of messages.
+/// Maximum number of heartbeats in a batch: four times as many as fit if they have any content. A
+/// received batch with more is ignored: a batch of bare names could otherwise contain thousands of
+/// messages.
 const BUNDLE_MESSAGES_MAX: usize = 1_024;
 
 /// A message that carries one or several heartbeats.

@@ -28,9 +28,9 @@ pub const LEASE: Duration = Duration::from_secs(4);
 /// Priority of all messages. A single priority keeps the messages of one conversation in order.
 pub(crate) const MESSAGE_PRIORITY: Priority = Priority::DataHigh;
 
-/// Maximum length of a message that is accepted, in bytes. A building's composite domain is far
-/// below 1 MiB. The limit keeps one sender from filling the memory of a small board (Zenoh's own
-/// limit is 1 GiB).
+/// Maximum length of a received message, in bytes; a longer one is dropped. A building's composite
+/// domain is far below 1 MiB. The limit keeps one sender from filling the memory of a small board
+/// (Zenoh's own limit is 1 GiB).
 pub const MESSAGE_BYTES_MAX: usize = 16 << 20;
 
 /// Number of keep-alive messages that a session sends per lease.
@@ -123,7 +123,8 @@ pub(crate) struct SessionSettings {
     connect_as_written: Value,
     pub(crate) listen: Vec<String>,
     pub(crate) connect: Vec<String>,
-    /// Multicast address at which the session scouts; `None` if it does not scout.
+    /// Multicast address at which the session scouts, which means that it searches for other
+    /// daemons; `None` if it does not scout.
     pub(crate) scouts_at: Option<String>,
     /// How long a silent daemon counts as alive: from the `[zenoh]` table if it is set there,
     /// otherwise from the field of [`Config`].
@@ -172,7 +173,8 @@ impl Config {
         }
     }
 
-    /// Whether the session will scout by multicast; `false` if the settings are refused.
+    /// Whether the session will scout, which means that it searches for other daemons by multicast;
+    /// `false` if the settings are invalid.
     pub fn scouts(&self) -> bool {
         self.settings().is_ok_and(|settings| settings.scouts_at.is_some())
     }
@@ -362,8 +364,8 @@ fn split_setting(key: &str) -> Option<String> {
     read(&probe).is_ok().then(|| format!("{table}.{setting}"))
 }
 
-/// Returns the endpoints in a setting that may have any of the shapes that Zenoh allows. Each is
-/// returned with its path.
+/// Returns the endpoints in a setting that may have any of the shapes that Zenoh allows: the path
+/// of each, and the endpoint.
 fn located_endpoints(value: &Value, path: &str) -> Vec<(String, String)> {
     match value {
         Value::String(endpoint) => vec![(path.to_owned(), endpoint.clone())],

@@ -25,7 +25,7 @@ use crate::queries::{AnnouncedAgents, QueryResponder};
 use crate::revocations;
 use crate::sealing::Security;
 
-/// The declarations of one session.
+/// Declarations of one session to Zenoh: its subscribers, queryables and liveliness tokens.
 pub(crate) struct Declarations {
     keys: KeySpace,
     /// Weak reference, because the session's callbacks hold these declarations.
@@ -41,8 +41,8 @@ pub(crate) struct Declarations {
 #[derive(Default)]
 struct HeldDeclarations {
     entities: Vec<ZenohDeclaration>,
-    /// Agents that this daemon has announced; only these may have a model. The token is `None`
-    /// while it is being declared.
+    /// Agents that this daemon has announced, each with its liveliness token; only these may have a
+    /// model. The token is `None` while it is being declared.
     residents: BTreeMap<(AgentId, Incarnation), Option<LivelinessToken>>,
 }
 

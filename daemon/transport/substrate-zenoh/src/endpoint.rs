@@ -6,7 +6,7 @@
 
 use std::net::IpAddr;
 
-/// Reason why an endpoint is refused.
+/// Reason why an endpoint is invalid.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum EndpointError {
@@ -16,7 +16,7 @@ pub enum EndpointError {
     /// The endpoint has a protocol that this build does not support.
     #[error("use endpoint `{endpoint}`: this build speaks {}, not `{protocol}`", PROTOCOLS.join(", "))]
     UnknownProtocol {
-        /// The refused endpoint.
+        /// The invalid endpoint.
         endpoint: String,
         /// The protocol of the endpoint.
         protocol: String,
@@ -27,7 +27,7 @@ pub enum EndpointError {
          65535, like `{protocol}/office-pi.local:7447`"
     )]
     Address {
-        /// The refused endpoint.
+        /// The invalid endpoint.
         endpoint: String,
         /// The protocol of the endpoint.
         protocol: String,
@@ -43,7 +43,7 @@ pub enum EndpointError {
          others, or `unixsock-stream/PATH` or `tcp/127.0.0.1:PORT` for this machine"
     )]
     PlainText {
-        /// The refused endpoint.
+        /// The invalid endpoint.
         endpoint: String,
         /// The address of the endpoint.
         address: String,
@@ -54,7 +54,7 @@ pub enum EndpointError {
          `unixsock-stream/PATH` for this machine"
     )]
     Unsecured {
-        /// The refused endpoint.
+        /// The invalid endpoint.
         endpoint: String,
         /// The address of the endpoint.
         address: String,

@@ -70,7 +70,8 @@ impl KeySpace {
     }
 
     /// Builds `alive/{daemon}/{agent}/{incarnation}`: the key of the token for the presence of one
-    /// agent of this daemon. If `telling` is not 0, it is added as one more chunk.
+    /// agent of this daemon. If `telling`, the number of times that the declaration was repeated,
+    /// is not 0, it is added as one more chunk.
     pub(crate) fn alive(
         &self,
         agent: &AgentId,
@@ -83,7 +84,7 @@ impl KeySpace {
     }
 
     /// Builds `session/{daemon}/{zid}/{telling}`: the key of the token for the presence of one
-    /// Zenoh session.
+    /// Zenoh session. `telling` is the number of times that the declaration was repeated.
     pub(crate) fn own_session(&self, zid: &str, telling: u64) -> KeyExpr<'static> {
         self.build(&["session", self.daemon.as_str(), zid, &telling.to_string()])
     }
@@ -114,8 +115,9 @@ impl KeySpace {
         self.build(&["in", self.daemon.as_str(), "**"])
     }
 
-    /// Builds an expression that matches every message to all agents. Even and odd `telling` give
-    /// two texts with the same meaning; see `declarations`.
+    /// Builds an expression that matches every message to all agents. `telling` is the number of
+    /// times that the declaration was repeated. Even and odd numbers give two texts with the same
+    /// meaning; see `declarations`.
     pub(crate) fn every_broadcast(&self, telling: u64) -> KeyExpr<'static> {
         match (self.is_guest, telling.is_multiple_of(2)) {
             (false, true) => self.build(&["all", "**"]),
@@ -148,8 +150,9 @@ impl KeySpace {
         self.build(&["revoked"])
     }
 
-    /// Builds an expression to subscribe to [`KeySpace::revoked`]: one of two texts with the same
-    /// meaning, depending on `telling`.
+    /// Builds an expression to subscribe to [`KeySpace::revoked`]. The expression is one of two
+    /// texts with the same meaning, depending on whether `telling`, the number of times that the
+    /// declaration was repeated, is even or odd.
     pub(crate) fn every_revocation(&self, telling: u64) -> KeyExpr<'static> {
         if telling.is_multiple_of(2) { self.revoked() } else { self.build(&["revoked", "**"]) }
     }
@@ -245,7 +248,7 @@ impl KeySpace {
     }
 
     /// Returns the agent that is declared present by the liveliness token with this key, and the
-    /// token's `telling`; `None` for any other key.
+    /// number of times that the declaration was repeated; `None` for any other key.
     pub(crate) fn resident(&self, key: &str) -> Option<(Resident, u64)> {
         let chunks = self.chunks(key)?;
         let ["alive", daemon, agent, incarnation, telling @ ..] = chunks.as_slice() else {
@@ -265,7 +268,8 @@ impl KeySpace {
     }
 
     /// Returns the Zenoh id of the session that is declared present by the liveliness token with
-    /// this key, and the token's `telling`; `None` for any other key.
+    /// this key, and the number of times that the declaration was repeated; `None` for any other
+    /// key.
     pub(crate) fn session<'key>(&self, key: &'key str) -> Option<(&'key str, u64)> {
         let chunks = self.chunks(key)?;
         let ["session", daemon, zid, telling] = chunks.as_slice() else { return None };

@@ -19,11 +19,12 @@ use crate::key_expr::KeySpace;
 use crate::open_error::{OpenError, undeclared};
 
 /// Maximum number of daemons that are remembered as senders of roll calls: as many daemons as an
-/// ecosystem may have.
+/// ecosystem may have. Further daemons are not remembered.
 const CALLERS_MAX: usize = 1_024;
 
 /// Maximum number of sessions that are recorded: twice the number of daemons, because guests
-/// (short-lived sessions) come and go. Every answer lists all of these sessions.
+/// (short-lived sessions) come and go. The tokens of further sessions are ignored. Every answer
+/// lists all recorded sessions.
 const SESSIONS_MAX: usize = 2 * CALLERS_MAX;
 
 /// Maximum number of declarations of one session's token that are recorded. Normally there is one,

@@ -11,7 +11,7 @@ use crate::endpoint;
 /// The state of a listening socket, as `/proc/net/tcp` writes it.
 const LISTENS: &str = "0A";
 
-/// Maximum length of a command line in a report, in characters.
+/// Maximum length of a command line in a report, in characters; the rest is cut off.
 const COMMAND_CHARS_MAX: usize = 120;
 
 /// Returns the reason why the daemon cannot listen on one of the endpoints; `None` if it can listen
@@ -71,8 +71,8 @@ fn holder(port: u16) -> Option<String> {
     }
 }
 
-/// Returns the user and the inode of the socket that listens on a port, according to `table` (the
-/// text of `/proc/net/tcp`); `None` if no socket listens on that port.
+/// Returns the id of the user and the inode of the socket that listens on a port, according to
+/// `table` (the text of `/proc/net/tcp`); `None` if no socket listens on that port.
 fn listener(table: &str, port: u16) -> Option<(String, String)> {
     table.lines().skip(1).find_map(|line| {
         let fields: Vec<&str> = line.split_whitespace().collect();

@@ -18,16 +18,16 @@ use substrate::{Presence, Resident};
 const AGENTS_MAX: usize = 4_096;
 
 /// Maximum number of joined agents per name in a certificate, which covers a daemon and its guests.
-/// Ten daemons usually share about a thousand agents. At least four daemons at this limit are
-/// needed to exclude all others.
+/// Further agents do not join. Ten daemons usually share about a thousand agents. At least four
+/// daemons at this limit are needed to exclude all others.
 const AGENTS_PER_HOST_MAX: usize = 1_024;
 
 /// Maximum number of tokens that their daemons have not confirmed. Tokens are not signed, so any
 /// client can invent them; beyond the limit the oldest unconfirmed tokens are dropped.
 const UNCONFIRMED_MAX: usize = 2 * AGENTS_MAX;
 
-/// Maximum number of declarations of one token that are recorded: normally there is one, or two for
-/// a moment when the token is declared again.
+/// Maximum number of declarations of one token that are recorded; of more, the oldest is dropped.
+/// Normally there is one, or two for a moment when the token is declared again.
 const TELLINGS_MAX: usize = 8;
 
 /// The tokens and answers of all daemons, and the presence of agents that follows from them.
@@ -43,13 +43,13 @@ pub(crate) struct Membership {
     /// arrived after the roll call was sent, so its answers do not cover them.
     tokens: u64,
     daemons: BTreeMap<DaemonId, DaemonMembers>,
-    /// Numbers of tokens and of joined agents, for comparison with the limits.
+    /// Numbers of tokens and of joined agents, which are compared with the limits on them.
     counts: MemberCounts,
     /// Tokens that were rejected because there is no room, and have not been reported yet.
     rejected: Vec<Resident>,
 }
 
-/// Numbers of tokens and of joined agents, for comparison with the limits.
+/// Numbers of tokens and of joined agents, which are compared with the limits on them.
 #[derive(Debug)]
 struct MemberCounts {
     own: DaemonId,
@@ -127,8 +127,9 @@ impl Membership {
         self.tokens
     }
 
-    /// Handles a token that has arrived; `telling` is the number of the round in which the token
-    /// was declared. The agent joins at once if its daemon is this one or is known to be reachable.
+    /// Handles a token that has arrived; `telling` is the number of times that the declaration of
+    /// the token was repeated. The agent joins at once if its daemon is this one or is known to be
+    /// reachable.
     pub(crate) fn add_token(&mut self, resident: Resident, telling: u64) -> TokenEffects {
         self.tokens += 1;
         let is_own = resident.daemon == self.own;
@@ -185,7 +186,7 @@ impl Membership {
     }
 
     /// Handles the removal of a token. The daemon of the token may have gone too, so the daemon is
-    /// probed at once. Its next agents then need not wait for that result.
+    /// probed at once: agents of the daemon that join next then need not wait for the result.
     pub(crate) fn remove_token(&mut self, resident: &Resident, telling: u64) -> TokenEffects {
         let Some(hosted) = self.daemons.get_mut(&resident.daemon) else {
             return TokenEffects::default();
@@ -279,8 +280,8 @@ impl Membership {
     }
 
     /// Handles the end of a roll call that was sent when the number of tokens was `mark`;
-    /// `answered` contains the daemons that have answered. The agents of a daemon that has not
-    /// answered for a lease leave.
+    /// `answered` contains the daemons that have answered. If a daemon has not answered for the
+    /// time `lease`, its agents leave.
     pub(crate) fn finish_round(
         &mut self,
         answered: &BTreeSet<DaemonId>,

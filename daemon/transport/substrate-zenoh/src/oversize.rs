@@ -32,8 +32,8 @@ const TARGET: &str = "zenoh_transport::unicast::universal::rx";
 /// Beginning of the log line by which Zenoh reports a message that is too long.
 const BEGINNING: &str = "Defragmentation buffer full";
 
-/// Maximum number of detected messages that wait to be counted. Each stands for sixteen megabytes
-/// received.
+/// Maximum number of detected messages that wait to be counted; further ones are not counted. Each
+/// stands for sixteen megabytes received.
 const WAITING_MAX: usize = 64;
 
 /// Sessions of this process that are notified of messages that are too long.

@@ -8,9 +8,9 @@ use std::collections::HashMap;
 use std::hash::Hash;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Maximum number of publishers that are kept. A daemon of ten agents, each of which converses with
-/// twenty others in five performatives, uses a thousand; each publisher takes three or four
-/// kilobytes with its routes.
+/// Maximum number of publishers that are kept; beyond it, those are dropped that were not used
+/// lately. A daemon of ten agents, each of which converses with twenty others in five
+/// performatives, uses a thousand; each publisher takes three or four kilobytes with its routes.
 pub(crate) const PUBLISHERS_MAX: usize = 1024;
 
 /// Cache with two generations of values: a value that is not used during a whole generation is
@@ -23,7 +23,8 @@ pub(crate) struct GenerationCache<K, V>(Mutex<Generations<K, V>>);
 struct Generations<K, V> {
     young: Generation<K, V>,
     old: Generation<K, V>,
-    /// Maximum number of values in one generation: half of all values.
+    /// Maximum number of values in the young generation: half of all values. When it is full, it
+    /// becomes the old generation, and the old one is dropped.
     young_max: usize,
 }
 
@@ -73,8 +74,9 @@ impl<K: Clone + Eq + Hash, V> GenerationCache<K, V> {
 }
 
 impl<K: Clone + Eq + Hash, V> Generations<K, V> {
-    /// Returns the value of `key`, and the generation that must be dropped afterwards. A value in
-    /// the old generation is moved to the young one. Returns `None` if there is no such value.
+    /// Returns the value of `key`, and the old generation if it was replaced (otherwise an empty
+    /// one), which the caller drops after releasing the lock. A value in the old generation is
+    /// moved to the young one. Returns `None` if there is no such value.
     fn get(&mut self, key: &K) -> Option<(Arc<V>, Generation<K, V>)> {
         if let Some(value) = self.young.get(key) {
             return Some((Arc::clone(value), Generation::new()));
@@ -84,7 +86,8 @@ impl<K: Clone + Eq + Hash, V> Generations<K, V> {
         Some((value, ended))
     }
 
-    /// Adds a value. Returns the generation that must be dropped afterwards.
+    /// Adds a value. Returns the old generation if it was replaced (otherwise an empty one), which
+    /// the caller drops after releasing the lock.
     fn insert(&mut self, key: K, value: Arc<V>) -> Generation<K, V> {
         let mut ended = Generation::new();
         if self.young.len() >= self.young_max {

@@ -33,7 +33,8 @@ pub(crate) trait AnnouncedAgents: Send + Sync {
     /// Whether the daemon has announced an agent of this name.
     fn hosts(&self, agent: &AgentId) -> bool;
 
-    /// Returns the agents that the daemon has announced, sorted by name.
+    /// Returns the name and the incarnation of each agent that the daemon has announced, sorted by
+    /// name.
     fn residents(&self) -> Vec<(AgentId, Incarnation)>;
 }
 

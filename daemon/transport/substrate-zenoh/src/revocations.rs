@@ -51,7 +51,7 @@ pub(crate) fn declare(
     subscriber.wait().map_err(|source| undeclared("subscriber", &key_expr, source))
 }
 
-/// Installs the check that refuses links with revoked certificates, and reports every refused link
+/// Installs the check that rejects links with revoked certificates, and reports every rejected link
 /// to `inbound`. Must be called before the session is opened.
 pub(crate) fn admission(security: &Security, inbound: &Arc<dyn Inbound>) -> Arc<Admission> {
     let (verifier, inbound) = (Arc::clone(&security.verifier), Arc::downgrade(inbound));

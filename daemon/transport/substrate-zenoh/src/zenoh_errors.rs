@@ -17,14 +17,15 @@ use tracing_subscriber::filter::{LevelFilter, filter_fn};
 use tracing_subscriber::layer::Context;
 use tracing_subscriber::registry::LookupSpan;
 
-/// Maximum length of a reported line of Zenoh's log, in characters. The rest of the line may be a
-/// whole message.
+/// Maximum length of a reported line of Zenoh's log, in characters. The rest, which may contain a
+/// whole message, is cut off.
 const LINE_CHARS_MAX: usize = 300;
 
-/// Maximum number of kinds of errors that are reported; Zenoh has some dozens of kinds.
+/// Maximum number of kinds of errors that are reported; errors of further kinds are not. Zenoh has
+/// some dozens of kinds.
 const KINDS_MAX: usize = 64;
 
-/// Parts of lines in Zenoh's log, each with its meaning for the ecosystem.
+/// Parts of lines in Zenoh's log, each with the meaning of the line for the ecosystem.
 const MEANINGS: &[(&str, &str)] = &[
     (
         "cannot get index of",
@@ -81,7 +82,8 @@ impl<S: Subscriber, T: Fn(String) + 'static> Layer<S> for ZenohErrorLayer<T> {
     }
 }
 
-/// Returns the kind of an error, and the sentence that reports it.
+/// Returns the kind of an error (the known part of the log line, or its place in Zenoh's code), and
+/// the sentence that reports the error.
 fn sentence(about: &Metadata<'_>, line: &str) -> (String, String) {
     match MEANINGS.iter().find(|(part, _)| line.contains(part)) {
         Some((part, meaning)) => ((*part).to_owned(), format!("{meaning}. This is reported once")),

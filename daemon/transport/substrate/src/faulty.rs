@@ -32,7 +32,7 @@ use crate::{
 /// that must not block.
 pub const UNDER_WAY_MAX: usize = 20_000;
 
-/// Quality of the links.
+/// Quality of the links between daemons: losses, duplicates, order and delay.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LinkConditions {
     /// Share of messages that are lost, from 0 to 1.
@@ -51,7 +51,8 @@ pub struct Network(Arc<SharedNetwork>);
 
 struct SharedNetwork {
     wire: Mutex<NetworkState>,
-    /// Wakes the delivery task when an item is due earlier than the items before.
+    /// Wakes the delivery task when a message or another event is due earlier than all events
+    /// before.
     sooner: Notify,
 }
 
@@ -191,7 +192,8 @@ impl Network {
 /// Interval at which a network without messages checks whether it is still in use.
 const USE_CHECK_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Delivers each item that is due at its time, as long as the network is in use.
+/// Delivers each message or other event at the time at which it is due, as long as the network is
+/// in use.
 async fn run_deliveries(shared: Weak<SharedNetwork>) {
     loop {
         let Some(held) = shared.upgrade() else { return };

@@ -12,7 +12,7 @@ use crate::{AgentAddress, BoxFuture, PresenceToken, ResourceQuery, SendError, Su
 /// changes.
 #[expect(clippy::missing_errors_doc, reason = "as those of `Substrate`")]
 pub trait ForwardingSubstrate: Send + Sync + 'static {
-    /// Returns the substrate behind this one.
+    /// Returns the substrate to which this one forwards all calls.
     fn inner(&self) -> &dyn Substrate;
 
     /// Sends to one agent, as [`Substrate::send`] does. By default passes the call on.

@@ -276,7 +276,7 @@ pub enum Resource {
     Files,
 }
 
-/// A query to daemons.
+/// A query to one daemon or to all daemons, about their agents or themselves.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ResourceQuery {
     /// Daemon to ask; `None` asks all daemons.
@@ -315,7 +315,7 @@ pub enum SendError {
         /// Longest allowed length, in bytes.
         bytes_max: usize,
     },
-    /// The substrate refused the message, for the reason given.
+    /// The substrate did not accept the message, for the reason in this text.
     #[error("send: {0}")]
     Declined(String),
 }

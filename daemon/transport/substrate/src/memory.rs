@@ -16,8 +16,8 @@ use crate::{
     ReceivedQuery, Resident, ResourceQuery, SendError, Subject, Substrate,
 };
 
-/// Maximum number of answers to one query that wait to be read. A large ecosystem has fewer agents,
-/// and each gives one answer.
+/// Maximum number of answers to one query that wait to be read; further answers are lost. A large
+/// ecosystem has fewer agents, and each gives one answer.
 pub const ANSWERS_MAX: usize = 4096;
 
 /// The network of one ecosystem. Clones refer to the same network.

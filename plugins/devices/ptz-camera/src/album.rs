@@ -11,7 +11,8 @@ use std::time::SystemTime;
 pub(crate) struct Album {
     folder: PathBuf,
     camera: String,
-    /// Maximum number of pictures and maximum number of videos that are kept.
+    /// Maximum number of pictures and maximum number of videos that are kept; of more, the oldest
+    /// are deleted.
     keep: usize,
 }
 

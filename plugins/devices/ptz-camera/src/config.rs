@@ -12,7 +12,8 @@ use serde::Deserialize;
 use crate::album::Album;
 use crate::{PTZ, PtzPosition};
 
-/// Maximum length of a recording, in seconds. The file of such a recording has about 10 MB.
+/// Maximum length of a recording, in seconds; a config with a greater length is invalid. The file
+/// of a recording of this length has about 10 MB.
 const RECORD_MAX: f64 = 60.0;
 
 /// The `config` of a camera's entry in the ecosystem file.
@@ -27,7 +28,8 @@ pub(crate) struct Config {
     /// folder.
     #[serde(default)]
     folder: Option<PathBuf>,
-    /// Maximum number of pictures and maximum number of videos that are kept.
+    /// Maximum number of pictures and maximum number of videos that are kept; of more, the oldest
+    /// are deleted.
     #[serde(default = "default_keep")]
     keep: usize,
     /// Length of a recording, in seconds.

@@ -37,11 +37,11 @@ pub const BOARD: PluginEntry = PluginEntry {
 /// a device.
 const SCAN_INTERVAL: Duration = Duration::from_secs(1);
 
-/// Maximum length of the part of a device's name that is used in the name of its agent. The name of
-/// an agent may have 64 characters.
+/// Maximum length of the part of a device's name that is used in the name of its agent; the
+/// beginning of a longer name is cut off. The name of an agent may have 64 characters.
 const NAME_MAX: usize = 56;
 
-/// Maximum number of agents of one board.
+/// Maximum number of agents of one board; further sensors get no agent.
 const AGENTS_MAX: usize = 256;
 
 #[derive(Clone, Debug, Default, Deserialize)]
@@ -85,7 +85,7 @@ struct SensorBoard {
     sysfs: Sysfs,
     /// Agents of the board's sensors, with their configs.
     bringing: DiscoveredAgents<Value>,
-    /// Sensors of the last search.
+    /// Sensors that the last search of the board found.
     bundles: Vec<SensorBundle>,
     scan_task: Option<WorkHandle>,
 }

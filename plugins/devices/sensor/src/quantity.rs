@@ -182,7 +182,7 @@ impl SensorQuantity {
         }
     }
 
-    /// Formats a value for people.
+    /// Formats a value for people, with its unit or in words.
     pub(crate) fn words(&self, value: f64) -> String {
         match self.value {
             ValueForm::Number { words, decimals, .. } => format!("{value:.decimals$} {words}"),

@@ -43,7 +43,7 @@ pub(crate) struct TextFormat {
 /// A value in a text, before its interpretation.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct FoundValue {
-    /// Text of the value.
+    /// The value as it is written in the text.
     pub(crate) word: String,
     /// Unit beside the value in the text; `None` if there is none.
     pub(crate) unit: Option<String>,

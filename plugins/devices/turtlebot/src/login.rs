@@ -25,7 +25,7 @@ use serde::Deserialize;
 use tokio::sync::{Mutex, mpsc};
 use tokio::time::Instant;
 
-/// Name of the login question among the robot's initiatives.
+/// Name of the login question among the goals and questions that the robot requests.
 pub(crate) const LOGIN: &str = "login";
 
 /// Name of the method that lets a person log in.
@@ -200,8 +200,8 @@ impl Login {
         Box::pin(attempt.run())
     }
 
-    /// Waits for the next request to send or withdraw a question, and returns the robot's
-    /// initiatives for it.
+    /// Waits until the login has a question to send or to withdraw, and returns the requests of the
+    /// robot for that.
     pub(crate) fn next_question(&self) -> BoxFuture<Vec<Initiative>> {
         let (asked, patience) = (Arc::clone(&self.pending_requests), self.patience);
         Box::pin(async move {
@@ -234,7 +234,8 @@ impl Login {
 struct LoginAttempt {
     secret: Secret,
     lock: LoginLock,
-    /// Time for which the screen is locked if no answer comes or the question is refused.
+    /// Time for which the screen is locked if no answer comes, or if the keyboard refuses the
+    /// question.
     rest: Duration,
     requests: mpsc::Sender<QuestionRequest>,
     answers: mpsc::Receiver<InitiativeUpdate>,

@@ -28,7 +28,7 @@ pub(crate) const ACTION: &str = "(:action patrol
         :precondition (at ?b ?l)
         :effect (and (patrolled ?l) (increase (total-cost) 1)))";
 
-/// Time limit for looking around.
+/// Time limit of the action of looking around at a place.
 const LOOKING_TIME_MAX: Duration = Duration::from_secs(5);
 
 /// The key `patrol` in the `config` of an entry.
@@ -48,7 +48,7 @@ fn default_priority() -> i32 {
     -10
 }
 
-/// The patrol of one robot.
+/// The patrol of one robot: the places that it has to visit again and again.
 pub(crate) struct Patrol {
     places: Vec<PlaceName>,
     every: Duration,

@@ -68,10 +68,10 @@ pub const PLUGIN: PluginEntry = PluginEntry {
     build,
 };
 
-/// Maximum number of messages of the broker that are handled in one batch.
+/// Maximum number of messages of the broker that are handled at one time; further ones wait.
 const MESSAGES_MAX: usize = 1_024;
 
-/// Maximum number of agents of one gateway.
+/// Maximum number of agents of one gateway; further devices get no agent.
 const AGENTS_MAX: usize = 2_048;
 
 /// Range of the delay between a connect and the request for descriptions, in milliseconds. The

@@ -2,7 +2,7 @@
 
 use any_ascii::any_ascii;
 
-/// Maximum length of a name that is built here, in bytes.
+/// Maximum length of a name that is built here, in bytes; the end of a longer one is cut off.
 const CHARS_MAX: usize = 48;
 
 /// Returns a valid name of an agent for a device name: `Living Room / Lamp 1` gives

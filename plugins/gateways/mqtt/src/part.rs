@@ -13,7 +13,7 @@ use crate::device_class::{ClassKind, DeviceClass, DeviceClasses};
 use crate::naming::name_of;
 use crate::room_air;
 
-/// Maximum number of reasons that are reported for one device.
+/// Maximum number of reasons that are reported for one device; further reasons are only counted.
 const REASONS_MAX: usize = 6;
 
 /// The part of a device that one agent represents.
@@ -111,7 +111,7 @@ impl DividedDevice {
 }
 
 /// Returns the parts of a device: one for all that the device measures, and one for each thing that
-/// it switches.
+/// it switches. Each part has the suffix that it adds to the device's name, and its features.
 fn assembled(
     measured: Vec<ClassifiedFeature>,
     switched: Vec<ClassifiedFeature>,
@@ -345,7 +345,8 @@ impl ClassifiedFeature {
         }
     }
 
-    /// Returns the actions of the feature, each with the method that performs it.
+    /// Returns the names of the actions of the feature, each with the name of the method that
+    /// performs it.
     pub(crate) fn methods(&self) -> Vec<(String, String)> {
         match self.class.kind() {
             Some(ClassKind::Number { action, .. } | ClassKind::YesOrNo { action, .. }) => {

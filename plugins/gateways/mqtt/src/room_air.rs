@@ -73,7 +73,7 @@ const NOT_THE_ROOM: &[&str] = &[
     "wifi",
 ];
 
-/// Pairs of successive words which show the same.
+/// Pairs of successive words which show that a name is not about the air of the room.
 const NOT_THE_ROOM_PAIRS: &[(&str, &str)] = &[
     ("feels", "like"),
     ("heat", "index"),

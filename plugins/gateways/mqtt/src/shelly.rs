@@ -19,10 +19,10 @@ const BEGINNING: &str = "shelly";
 /// Suffix of the topic for events. The texts of this topic are about different parts of a device.
 pub(crate) const EVENTS: &str = "/events/rpc";
 
-/// Maximum number of devices that are kept.
+/// Maximum number of devices that are kept; further devices are ignored.
 const DEVICES_MAX: usize = 4_096;
 
-/// Maximum number of parts of one device that are kept.
+/// Maximum number of parts of one device that are kept; further parts are ignored.
 const PARTS_MAX: usize = 64;
 
 /// Parts of devices in the reports so far, by the name of the device: for the first generation and

@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use crate::description::{ReadingMethod, ValueSource};
 
-/// Result of reading a text.
+/// Result of reading the value of a feature in a text that the device sent.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum ReadOutcome {
     /// The text has this value, which is not interpreted yet.

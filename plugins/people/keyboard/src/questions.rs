@@ -69,7 +69,8 @@ impl Questions {
         self.open.remove(&number)
     }
 
-    /// Removes and returns the question that `asker` put in this exchange; `None` if there is none.
+    /// Removes and returns the question that `asker` put in this exchange, with its number; `None`
+    /// if there is none.
     pub(crate) fn take_by_exchange(
         &mut self,
         asker: &AgentId,
@@ -84,7 +85,8 @@ impl Questions {
         self.take(number).map(|question| (number, question))
     }
 
-    /// Removes and returns the oldest open question; `None` if no question is open.
+    /// Removes and returns the oldest open question, with its number; `None` if no question is
+    /// open.
     pub(crate) fn take_first(&mut self) -> Option<(u64, PendingQuestion)> {
         self.open.pop_first()
     }

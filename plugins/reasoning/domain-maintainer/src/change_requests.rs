@@ -22,7 +22,7 @@ type AcceptedChange = (DomainChange, String);
 /// Function for the length of the way between two places.
 const LENGTH: &str = "distance";
 
-/// Maximum number of remarks in the answer to a request.
+/// Maximum number of remarks in the answer to a request; further remarks are only counted.
 const REMARKS_MAX: usize = 8;
 
 impl DomainMaintainer {

@@ -10,8 +10,9 @@ use planner::validate::World;
 /// Owner of a derived fact in an answer.
 const AXIOM: &str = "axiom";
 
-/// Maximum number of steps for evaluating the axioms. The largest buildings take some thousands of
-/// steps; the limit is reached after half a second.
+/// Maximum number of steps for evaluating the axioms. If more are needed, no derived fact is
+/// listed. The largest buildings take some thousands of steps; the limit is reached after half a
+/// second.
 const EVALUATION_STEPS_MAX: u64 = 3_000_000;
 
 /// Returns the facts that axioms derive, and, marked as unknown, the facts that axioms neither

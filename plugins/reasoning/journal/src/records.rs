@@ -9,7 +9,8 @@ use acl::content::Record;
 const RECORDS_MAX: usize = 4_096;
 
 /// Maximum length of a record's key in bytes, and maximum length of a record's body as JSON in
-/// bytes. The composite domain of a large building is below 1 MiB.
+/// bytes; a record that exceeds one of them is refused. The composite domain of a large building is
+/// below 1 MiB.
 const KEY_BYTES_MAX: usize = 512;
 const BODY_BYTES_MAX: usize = 4 << 20;
 

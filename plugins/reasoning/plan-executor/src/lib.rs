@@ -32,8 +32,8 @@ use serde::Deserialize;
 
 use crate::takeover::{FinishedPlans, PlanId, Subscribers};
 
-/// Maximum number of plans that run in parallel. Each plan keeps a copy of the state. A building
-/// has few goals at a time.
+/// Maximum number of plans that run in parallel; further plans are refused. Each plan keeps a copy
+/// of the state. A building has few goals at a time.
 const EXECUTIONS_MAX: usize = 64;
 
 /// The entry of the Plan Executor in the daemon's table of plugins.

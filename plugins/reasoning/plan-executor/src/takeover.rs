@@ -23,8 +23,9 @@ use plan_execution::ExecutionPhase;
 
 use crate::{PlanExecutor, RunningPlan, StepExchange};
 
-/// Maximum number of outcomes that are kept for replicas of the Plan Requester that take over. The
-/// number exceeds the number of plans that can run at the same time.
+/// Maximum number of outcomes that are kept for replicas of the Plan Requester that take over; of
+/// more, the oldest is dropped. The number exceeds the number of plans that can run at the same
+/// time.
 const ENDED_MAX: usize = 128;
 
 /// Identifier of a plan for a goal. The later one of two plans has the greater identifier.
@@ -37,9 +38,10 @@ pub(crate) struct PlanId {
     pub(crate) round: u32,
 }
 
-/// Maximum number of requesters that receive the reports of one plan. The number suffices for one
-/// requester on each daemon that hosts a Plan Requester, and for requests that are repeated after
-/// the leader of the Plan Executors has changed.
+/// Maximum number of requesters that receive the reports of one plan. If there are more, one that
+/// is no longer present is dropped, or else the oldest. The number suffices for one requester on
+/// each daemon that hosts a Plan Requester, and for requests that are repeated after the leader of
+/// the Plan Executors has changed.
 const SUBSCRIBERS_MAX: usize = 8;
 
 /// Exchanges in which a plan was requested; the latest one is the last.

@@ -10,15 +10,17 @@ use agent::{Participation, Resident};
 
 use crate::failover::conversation_of;
 
-/// Maximum number of ended goals in the cache.
+/// Maximum number of ended goals in the cache; of more, the oldest is dropped.
 const KNOWN_MAX: usize = 128;
 
-/// Maximum number of final records that are sent again to Journals that join and to a new leader.
-/// The Journals and the new leader may have missed the first message.
+/// Maximum number of final records that are sent again to Journals that join and to a new leader;
+/// of more, the oldest is dropped. The Journals and the new leader may have missed the first
+/// message.
 const OWN_MAX: usize = 32;
 
 /// Maximum number of outcomes that are sent again to initiators that return or repeat their
-/// requests. The number equals the maximum number of goals that are pursued at a time.
+/// requests; of more, the oldest is dropped. The number equals the maximum number of goals that are
+/// pursued at a time.
 const TOLD_MAX: usize = crate::GOALS_MAX;
 
 /// Cache of goals that have ended.
@@ -28,7 +30,8 @@ pub(crate) struct FinishedGoals {
     /// Final records of the goals that this replica ended itself.
     own: VecDeque<Record>,
     sent: VecDeque<(Participation, Report)>,
-    /// Outcomes that could not be sent yet, because too many messages are under way.
+    /// Outcomes that could not be sent yet, because too many messages are under way, each with the
+    /// exchange that waits for the outcome.
     unsent: VecDeque<(Participation, Report)>,
 }
 
@@ -100,7 +103,8 @@ impl FinishedGoals {
             FinishedGoals { unsent: std::mem::take(&mut self.unsent), ..FinishedGoals::default() };
     }
 
-    /// Removes and returns the oldest outcome that could not be sent; `None` if there is none.
+    /// Removes and returns the oldest outcome that could not be sent, with the exchange that waits
+    /// for it; `None` if there is none.
     pub(crate) fn pop_unsent(&mut self) -> Option<(Participation, Report)> {
         self.unsent.pop_front()
     }
@@ -120,7 +124,8 @@ impl FinishedGoals {
         self.sent.iter().find(|(other, _)| is_it(other)).map(|(_, report)| report)
     }
 
-    /// Returns the outcomes that `asker`, an agent that has just joined, may have missed.
+    /// Returns the outcomes that `asker`, an agent that has just joined, may have missed, each with
+    /// the exchange that waits for it.
     pub(crate) fn of_asker(&self, asker: &Resident) -> Vec<(Participation, Report)> {
         let is_its = |participation: &Participation| {
             participation.initiator == asker.agent

@@ -93,7 +93,8 @@ impl PlanRequester {
         })
     }
 
-    /// Returns the other kept goals that hold and have at least the priority of the goal `id`.
+    /// Returns the kept goals other than `id` that hold and have at least the priority of the goal
+    /// `id`, each with its conversation.
     fn kept_beside<'a>(
         &'a self,
         id: &'a ConversationId,

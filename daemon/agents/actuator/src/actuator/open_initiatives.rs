@@ -29,7 +29,8 @@ use crate::initiative::{Initiative, InitiativeUpdate};
 /// ecosystem. The first event is announced at once.
 const EVENT_INTERVAL_MIN: Duration = Duration::from_millis(100);
 
-/// How long a requested goal may go without any report. A kept goal may hold for a year.
+/// How long a requested goal may go without any report: a year, because a kept goal may hold for so
+/// long.
 const GOAL_PATIENCE: Duration = Duration::from_secs(365 * 24 * 3_600);
 
 /// Delay before a goal is requested again after the Plan Requester's mailbox was full. A burst of
@@ -42,8 +43,8 @@ const FULL: Duration = Duration::from_secs(1);
 const INSISTING_FIRST: Duration = Duration::from_secs(1);
 const INSISTING_MAX: Duration = Duration::from_secs(300);
 
-/// Maximum number of open goals, and of open questions, of one device. A camera has one or two of
-/// them.
+/// Maximum number of open goals, and of open questions, of one device; further ones are refused. A
+/// camera has one or two of them.
 const OPEN_MAX: usize = 32;
 
 /// The open goals and questions of a device.
@@ -120,7 +121,7 @@ impl Actuator {
         }
     }
 
-    /// Passes news about an initiative to the device.
+    /// Passes news about a goal or a question that the device requested to the device.
     fn deliver_update(&mut self, name: &str, news: &InitiativeUpdate, ctx: &mut Context<Self>) {
         // A person's answer is not logged: it may be a secret.
         let word = match news {
@@ -378,7 +379,8 @@ impl Actuator {
     }
 }
 
-/// Reads a message of the Plan Requester about a goal as news about an initiative.
+/// Reads a message of the Plan Requester about a goal as news for the device that requested the
+/// goal.
 fn read(message: &Message) -> Result<InitiativeUpdate, String> {
     match message.performative {
         Performative::Confirm => message.content_as().map(InitiativeUpdate::Report),

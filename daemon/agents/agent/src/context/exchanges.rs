@@ -13,8 +13,9 @@ use substrate::{Rejected, ViolationKind};
 use super::{Context, TimerId};
 use crate::exchange::{DeliveryError, ExchangeEvent, ExchangeOpening, ExchangeSummary};
 
-/// Maximum number of turns per exchange that are kept because they arrived before the turn that
-/// they follow. A protocol has few turns, and each comes once.
+/// Maximum number of messages per exchange that are kept because they arrived before the message
+/// that they follow. A further one is answered as out of turn. A protocol has few messages, and
+/// each comes once.
 const EARLY_TURNS_MAX: usize = 32;
 
 /// Delay before a request that a standby has declined is sent again to the leader. The daemons
@@ -42,8 +43,8 @@ pub(super) struct OpenExchange<A> {
     /// as a copy of this one.
     begun: Exchange,
     participants: BTreeMap<AgentId, Exchange>,
-    /// Turns that arrived too early: the turn that each of them follows was lost, and its sender
-    /// retries it.
+    /// Messages that arrived too early: the message that each of them follows was lost, and its
+    /// sender retries it.
     early: Vec<Message>,
     timer: TimerId,
     on_answer: Option<ExchangeCallback<A>>,

@@ -65,7 +65,7 @@ struct JournalQueue {
     tallies: BTreeSet<u64>,
     /// Records in the request that is under way.
     under_way: Option<Vec<Record>>,
-    /// Timer of the next attempt.
+    /// Timer of the next attempt to send records to the Journal.
     again: Option<TimerId>,
     /// Whether each record is sent in a request of its own, because the Journal refused a request
     /// with several records.

@@ -18,7 +18,8 @@ use crate::support::{self, Machine, Outcome};
 /// The network to which a pulled cable leads.
 const NOWHERE: &str = "nowhere";
 
-/// Most messages per second that are accepted from one sender: enough for all of them.
+/// Maximum number of messages per second that are accepted from one sender: enough for all messages
+/// of the benchmark.
 const PER_SECOND: u32 = 100_000;
 
 /// All machines of a scenario.

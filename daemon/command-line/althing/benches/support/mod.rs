@@ -236,8 +236,8 @@ fn prepared(
     Ok((MessageRouter::new(ecosystem, daemon, AgentSettings::default()), config))
 }
 
-/// Opens a daemon as [`daemon`] does. Records the bids that it receives and the awards that it
-/// sends.
+/// Opens a daemon as [`daemon`] does. Returns the router of the daemon, and a record of the bids
+/// that the daemon receives and the awards that it sends.
 pub(crate) async fn daemon_overheard(
     folder: &Path,
     ecosystem: &str,

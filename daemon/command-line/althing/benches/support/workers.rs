@@ -48,7 +48,8 @@ pub(crate) async fn start(folder: &Path, daemons: usize, each: usize) -> Outcome
     Ok(children)
 }
 
-/// Runs as one of these daemons if the process was started as one; returns at once otherwise.
+/// Runs a daemon of the crowd if [`start`] started this process for that; returns at once
+/// otherwise.
 pub(crate) async fn be_one() -> Outcome<()> {
     let arguments: Vec<_> = std::env::args().collect();
     match arguments.as_slice() {
@@ -118,7 +119,7 @@ pub(crate) fn launch(
     Ok(super::launch(id, worker, router, ECOSYSTEM))
 }
 
-/// A sensor at a place.
+/// A sensor of the crowd, with the place at which it measures.
 struct Worker {
     id: AgentId,
     place: usize,

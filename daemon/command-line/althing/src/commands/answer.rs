@@ -15,7 +15,7 @@ use crate::cli::AnswerArgs;
 use crate::commands::client::{self, ClientLink, EcosystemView};
 use crate::commands::user_request::{self, ExchangeOptions, InterruptAction};
 
-/// Greatest length of an answer that is read from standard input, in bytes.
+/// Maximum length of an answer from standard input, in bytes; a longer one is an error.
 const ANSWER_BYTES_MAX: u64 = 4 << 10;
 
 /// Runs `althing answer`: lists the open questions, or answers one.

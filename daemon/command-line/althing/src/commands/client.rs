@@ -25,8 +25,8 @@ const ANSWERED_WITHIN: Duration = Duration::from_secs(5);
 /// How long a command waits until it sees agents of the ecosystem, once the link is up.
 const SEEN_WITHIN: Duration = Duration::from_secs(5);
 
-/// Greatest number of characters of the host name in a guest's name: lists of agents are 80 columns
-/// wide.
+/// Maximum number of characters of the host name in a guest's name; the rest is cut off, because
+/// lists of agents are 80 columns wide.
 const HOST_CHARS_MAX: usize = 12;
 
 /// A command's link to a running ecosystem.

@@ -22,8 +22,8 @@ const TOLD_AFTER: Duration = Duration::from_secs(3);
 /// Interval between two attempts of a waiting command to get its turn.
 const TRIED_EVERY: Duration = Duration::from_millis(25);
 
-/// Maximum time for which a command waits for its turn to join. Joining takes a tenth of a second,
-/// so that hundreds of other commands can join in this time.
+/// Maximum time for which a command waits for its turn to join; after this time, the command fails.
+/// Joining takes a tenth of a second, so that hundreds of other commands can join in this time.
 const WITHIN: Duration = Duration::from_secs(120);
 
 /// A command's turn to join; the turn ends when this value is dropped.

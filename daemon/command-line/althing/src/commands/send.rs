@@ -25,7 +25,7 @@ use crate::commands::user_request::{self, ExchangeOptions, InterruptAction};
 /// for a plan both take less time.
 const PATIENCE: Duration = Duration::from_secs(10);
 
-/// Greatest length of the user's message, in bytes; no real message is longer.
+/// Maximum length of the user's message, in bytes; the rest is not read. No real message is longer.
 const BYTES_MAX: u64 = 1 << 20;
 
 /// The message as the user wrote it in the file.

@@ -30,8 +30,8 @@ use crate::review::{self, ReviewScope};
 use crate::service_manager::{self, Watchdog};
 use reload::{Reload, ReloadOutcome};
 
-/// Runs `althing up`: reads the ecosystem, hosts the agents of this machine, and drains the daemon
-/// at SIGINT and SIGTERM.
+/// Runs `althing up`: reads the ecosystem, hosts the agents of this machine, and shuts the daemon
+/// down at SIGINT and SIGTERM.
 pub(super) fn run(args: &UpArgs) -> ExitCode {
     hosting::restrict_umask();
     let Some(file) = args.file.clone().or_else(config::find_ecosystem_file) else {
@@ -178,7 +178,7 @@ async fn abroad(
     Ok(abroad)
 }
 
-/// Drains the nodes of this process in all ecosystems; returns `false` if that takes too long.
+/// Shuts down the nodes of this process in all ecosystems; returns `false` if that takes too long.
 /// Proxy agents leave before the agents that they represent, so that the commitments of the proxy
 /// agents are cancelled in the other ecosystem as well.
 async fn drain(home: DaemonNode, abroad: PeerNodes) -> bool {

@@ -99,7 +99,8 @@ pub(crate) struct SecuritySettings {
     pub(crate) folder: PathBuf,
     /// How long before a certificate expires a warning about it is logged.
     pub(crate) warn_before: Duration,
-    /// Most messages per second that an agent or daemon accepts from one other daemon.
+    /// Maximum number of messages per second that an agent or daemon accepts from one other daemon;
+    /// further messages are rejected.
     pub(crate) messages_per_second_max: u32,
 }
 

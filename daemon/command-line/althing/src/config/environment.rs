@@ -40,8 +40,8 @@ fn is_ours(name: &str) -> bool {
     name.strip_prefix(PREFIX).is_some_and(|path| path.contains(SEPARATOR))
 }
 
-/// Reads environment variables against the schema. The source text of the returned layer lists the
-/// variables, one per line.
+/// Reads environment variables against the schema. Returns the values, and diagnostics about
+/// invalid variables. The source text of the returned layer lists the variables, one per line.
 pub(super) fn read(variables: &Variables) -> (Layer, Vec<Diagnostic>) {
     let mut text = String::new();
     let mut starts = Vec::new();
@@ -105,8 +105,9 @@ fn tree<'v>(shape: &Shape, value: &'v str) -> Spanned<DeValue<'v>> {
     }
 }
 
-/// Follows the parts of a variable's name through the schema to a key. If there is no such key, the
-/// error lists the possible parts.
+/// Follows the parts of a variable's name through the schema to a key. Returns the path of the key,
+/// the shape of its value, and its description. If there is no such key, the error lists the
+/// possible parts.
 fn resolve(parts: &[&str]) -> Result<(Vec<String>, &'static Shape, &'static str), String> {
     let mut shape = &schema::FILE;
     let mut about = "";

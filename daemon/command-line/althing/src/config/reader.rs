@@ -26,7 +26,7 @@ pub(super) struct TomlReader {
     pub(super) base: usize,
 }
 
-/// Reads a whole ecosystem file.
+/// Reads a whole ecosystem file. Returns its values, and diagnostics about its mistakes.
 pub(super) fn read(source: &Arc<SourceText>) -> (Layer, Vec<Diagnostic>) {
     let mut reader = TomlReader::new(Arc::clone(source));
     let (tree, errors) = DeTable::parse_recoverable(&source.text);

@@ -8,7 +8,8 @@ use pddl::{Diagnostic, Span};
 /// The beginning of the message about text that is not TOML.
 const NOT_TOML: &str = "not TOML: ";
 
-/// Most syntax errors that are reported. A file with more of them probably has another format.
+/// Maximum number of syntax errors that are reported; further ones are left out. A file with more
+/// of them probably has another format.
 const ERRORS_MAX: usize = 20;
 
 /// An error of the TOML parser, with the range of the text that it is about.
@@ -145,8 +146,8 @@ fn is_key(word: &str) -> bool {
     !word.is_empty() && word.chars().all(is_plain)
 }
 
-/// Returns the message about a key or table that exists twice, and the offset of the entry. The
-/// caller reports only one message per entry.
+/// Returns the offset of a key or table that exists twice, and the error about it. The caller
+/// reports only one error per offset.
 fn duplicate(text: &str, failure: &TomlError, line: &Range<usize>) -> (usize, Diagnostic) {
     let range = failure.range.clone();
     let word = text.get(range.clone()).unwrap_or_default();

@@ -27,8 +27,9 @@ const KEYS: &str = "keys";
 /// How often a warning is logged that a certificate expires soon.
 const ANNOUNCED_EVERY: Duration = Duration::from_secs(24 * 3_600);
 
-/// Most messages per second that a guest accepts from one daemon. Commands receive few messages;
-/// this bound limits the harm that a faulty daemon can do to them.
+/// Maximum number of messages per second that a guest accepts from one daemon; further ones are
+/// rejected. Commands receive few messages; this limit bounds the harm that a faulty daemon can do
+/// to them.
 const GUEST_MESSAGES_PER_SECOND: u32 = 5_000;
 
 /// The daemon that lends its key to a guest, and the folder with that key.

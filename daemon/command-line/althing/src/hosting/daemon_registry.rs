@@ -42,7 +42,8 @@ const _: () = assert!(LOCK_POLL_PERIOD.as_millis() < LOCK_TIMEOUT.as_millis());
 /// entering.
 const RESTS_MAX: usize = 8;
 
-/// The extension of the ticket file, which shows that a daemon is present.
+/// The extension of a daemon's ticket: the file that a running daemon keeps locked, which shows the
+/// other daemons of the machine that it is present.
 const PRESENCE_EXTENSION: &str = "here";
 
 /// Number of hexadecimal digits in the name of an incarnation. They are the last digits of its
@@ -78,7 +79,8 @@ pub(crate) enum RegisterError {
 /// ticket file that the daemon has left.
 #[derive(Debug)]
 pub(crate) struct PresenceGuard {
-    /// The daemon's ticket file. The lock on it lasts until the kernel closes the file.
+    /// The daemon's ticket: the file that is locked while the daemon is present. The lock lasts
+    /// until the kernel closes the file.
     ticket: File,
     /// The path by which daemons that enter later connect to this daemon.
     incarnation: PathBuf,
@@ -89,7 +91,7 @@ pub(crate) struct PresenceGuard {
 /// The content and the state of the ticket file of a daemon, as they were read.
 struct PresenceFile {
     daemon: String,
-    /// Whether the ticket file is locked, which means that the daemon is present.
+    /// Whether the file is locked, which means that the daemon is present.
     is_here: bool,
     /// The incarnation that the ticket file contains; empty if the daemon has left in good order.
     incarnation: String,
@@ -173,8 +175,9 @@ fn remaining_delay(tickets: &[PresenceFile], now: SystemTime) -> Duration {
     past.min().map_or(Duration::ZERO, |past| REOPEN_DELAY.saturating_sub(past))
 }
 
-/// Returns the tickets of all daemons that are or were present. The caller holds the lock, because
-/// this function locks each ticket for a moment to find out whether it is locked.
+/// Returns the tickets of all daemons that are or were present: the files that show their presence.
+/// The caller holds the lock on the folder, because this function locks each ticket for a moment to
+/// find out whether it is locked.
 fn presence_files(folder: &Path) -> Result<Vec<PresenceFile>, RegisterError> {
     let failed = |source| RegisterError::Io { path: folder.to_owned(), source };
     let mut tickets = Vec::new();

@@ -26,8 +26,8 @@ const SETTLING: Duration = Duration::from_secs(1);
 /// How long to wait for the answers to a query.
 const ANSWERED_WITHIN: Duration = Duration::from_secs(5);
 
-/// Maximum number of queries to a daemon that does not answer. A new daemon is seen before it can
-/// answer.
+/// Maximum number of queries to a daemon that does not answer; after that it is not queried again.
+/// A new daemon is seen before it can answer.
 const ASKED_MAX: u32 = 5;
 
 /// Number of characters of a digest that are published and shown, few enough for a person to

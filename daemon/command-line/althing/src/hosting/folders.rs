@@ -9,8 +9,9 @@ use acl::{DaemonId, EcosystemId};
 use rustix::fs::Mode;
 use rustix::process::umask;
 
-/// Greatest length of the path of a Unix socket, in bytes: `sockaddr_un` holds 108 with the final
-/// zero, and Zenoh creates a lock file with a longer name beside the socket.
+/// Maximum length of the path of a Unix socket, in bytes; a longer path is an error. `sockaddr_un`
+/// holds 108 bytes with the final zero, and Zenoh creates a lock file with a longer name beside the
+/// socket.
 const SOCKET_PATH_BYTES_MAX: usize = 100;
 
 /// The permission bits of a file that give access to users other than the owner.

@@ -64,7 +64,8 @@ pub(crate) use socket_watch::watch_socket;
 use supervisor::SupervisedAgent;
 pub(crate) use suspend_watch::watch_suspension;
 
-/// How long the agents may take to cancel their commitments when the daemon drains.
+/// How long the agents may take to cancel their commitments when the daemon shuts down. An agent
+/// that takes longer is ended.
 const DRAIN_GRACE: Duration = Duration::from_secs(3);
 
 /// The words in the line that `althing up` prints when the agents that it hosts are present. A

@@ -70,9 +70,9 @@ pub(crate) async fn open_daemon(
     Ok(OpenedDaemon { node, building: simulated, presence, scouts })
 }
 
-/// Returns the Zenoh configuration of a daemon, and enters the daemon in the folder of sockets. The
-/// daemons of one machine find each other by this folder: each connects to those that entered it
-/// before.
+/// Registers a daemon in the folder of sockets. Returns the Zenoh configuration of the daemon, and
+/// its registration. The daemons of one machine find each other by this folder: each connects to
+/// those that entered it before.
 ///
 /// # Errors
 ///

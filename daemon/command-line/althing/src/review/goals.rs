@@ -12,7 +12,7 @@ use crate::config::moved_goal;
 use crate::hosting;
 
 impl Reviewer<'_> {
-    /// Reports unknown words and wrong arguments in the named goals of the file.
+    /// Reports words that are not declared, and wrong arguments, in the named goals of the file.
     pub(super) fn goals(&mut self) {
         if self.ecosystem.goals.is_empty() {
             return;
@@ -73,8 +73,8 @@ impl Reviewer<'_> {
     }
 }
 
-/// Returns the ontology and the map, extended by the types, predicates, functions and objects of
-/// the action models.
+/// Returns the ontology and the map, each extended from the action models: the ontology by types,
+/// predicates and functions, the map by objects.
 fn widened<'m>(
     ontology: &Arc<Domain>,
     map: &Arc<Problem>,

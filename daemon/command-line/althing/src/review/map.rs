@@ -184,7 +184,8 @@ impl Reviewer<'_> {
         }
     }
 
-    /// Returns the places of the map: the objects that a connection can have as its start or end.
+    /// Returns the places of the map, the objects that a connection can have as its start or end:
+    /// the name of each, and its span in the text.
     fn places(&self) -> Vec<(Name, Span)> {
         let types = Types::of(&self.ecosystem.domain);
         let predicates = &self.ecosystem.domain.predicates;
@@ -208,7 +209,8 @@ impl Reviewer<'_> {
         self.ecosystem.agents.iter().filter_map(|entry| start(&entry.config)).collect()
     }
 
-    /// Returns the poses in the entries of robots, each with the place near which it is.
+    /// Returns the names of the poses in the entries of robots, each with the place near which the
+    /// pose is.
     fn poses(&self) -> Vec<(String, String)> {
         let mut all = Vec::new();
         for entry in &self.ecosystem.agents {

@@ -6,16 +6,17 @@ use pddl::{Diagnostic, Span};
 use super::Reviewer;
 use crate::config::AgentEntry;
 
-/// For each role: its plugin; the consequence if no agent has the role; and whether the agent must
-/// have the name of the plugin. The name matters if other agents address the agent by that name
-/// unless their `config` gives another.
+/// Each role of a reasoning agent: its plugin; the consequence if no agent has the role; and
+/// whether the agent must have the name of the plugin. The name matters if other agents address the
+/// agent by that name unless their `config` gives another.
 const ROLES: &[(&str, &str, bool)] = &[
     ("domain-maintainer", "no agent keeps the domain and the known facts", true),
     ("plan-requester", "no agent takes goals", false),
     ("plan-executor", "no agent carries plans out", false),
 ];
 
-/// The role that only the centralised planning mode needs.
+/// The role that only the centralised planning mode needs: its plugin, the consequence if no agent
+/// has the role, and whether the agent must have the name of the plugin.
 const CENTRAL: (&str, &str, bool) =
     ("planning-agent", "no agent plans in the mode \"centralized\"", false);
 

@@ -8,13 +8,13 @@ use pddl::nearest;
 use serde_json::Value;
 use terminal::form_error;
 
-/// Most keys that a help text lists.
+/// Maximum number of keys that a help text lists; the others are only counted.
 const LISTED_MAX: usize = 6;
 
 /// Number of characters at the beginning of a name that suffice to identify it.
 const PREFIX_MIN: usize = 4;
 
-/// For some keys, other words that users write instead of the key.
+/// Keys of entries, each with other words that users write instead of the key.
 const SYNONYMS: &[(&str, &[&str])] = &[
     ("location", &["room", "place", "where", "position", "in", "at"]),
     ("start", &["location", "room", "place", "where", "position", "at", "home"]),
@@ -194,8 +194,8 @@ fn of_no_form(path: &str, example: impl Fn(&str) -> Option<String>) -> Explained
     }
 }
 
-/// Returns the path of the key and the text of its value if the plugin could not parse the value as
-/// a duration.
+/// Returns `path`, the path of the key, and the text of its value, if the error message `said` of
+/// the plugin means that the value could not be parsed as a duration.
 fn duration_error(said: &str, path: &str, value: Option<&Value>) -> Option<(String, String)> {
     let told = [
         "expected number at ",

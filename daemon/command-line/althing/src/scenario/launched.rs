@@ -55,8 +55,8 @@ pub(crate) struct MessageListener {
     _tap: Option<substrate_zenoh::Tap>,
 }
 
-/// Maximum number of messages that wait to be read from a [`MessageListener`]. A small building
-/// sends fewer in a minute.
+/// Maximum number of messages that wait to be read from a [`MessageListener`]; further ones are
+/// lost. A small building sends fewer in a minute.
 const HEARD_MAX: usize = 16_384;
 
 /// Launches the building and the agents of a scenario. The error is a message for the user.
@@ -176,7 +176,8 @@ impl DaemonLauncher {
         Ok(DaemonLauncher { path, file, folder: folder.to_owned(), mode })
     }
 
-    /// Starts one `althing up` per daemon, and waits until all are ready.
+    /// Starts one `althing up` per daemon, and waits until all are ready. Returns the name of each
+    /// daemon with its process.
     async fn spawn_all(&self, daemons: &[DaemonId]) -> Result<Vec<(String, Child)>, String> {
         let mut processes = Vec::new();
         for daemon in daemons {

@@ -19,7 +19,8 @@ use super::readiness::ReadinessProbe;
 use super::setting::Setting;
 use super::{ScenarioEvent, ScenarioOptions};
 
-/// Longest time that a whole scenario may take. A building of seven rooms takes seconds.
+/// Longest time that a whole scenario may take; after it, the scenario has failed. A building of
+/// seven rooms takes seconds.
 const PLAYED_WITHIN: Duration = Duration::from_secs(60);
 
 /// A scenario while it is played.

@@ -28,7 +28,7 @@ const NEW: &str = "/new";
 const LINKS_MAX: usize = 64;
 
 /// Symbolic links in the namespace room to the open files of each process, which shells and
-/// interpreters use.
+/// interpreters use: path of the link, and its target.
 const OPEN_FILES: [(&str, &str); 4] = [
     ("/dev/fd", "/proc/self/fd"),
     ("/dev/stdin", "/proc/self/fd/0"),
@@ -36,7 +36,7 @@ const OPEN_FILES: [(&str, &str); 4] = [
     ("/dev/stderr", "/proc/self/fd/2"),
 ];
 
-/// Contents of a namespace room.
+/// Contents of a namespace room: the files, devices, sockets and network that one package can use.
 #[derive(Clone, Debug, Default)]
 pub(super) struct RoomContents {
     /// Files and folders that are visible in the room, at the same path as outside. Paths that do

@@ -31,7 +31,8 @@ pub(crate) struct Daemons {
 }
 
 /// Starts two daemons with one agent each, and measures the length of the agents' messages. The
-/// links are plain, unless `house` contains certificates for them.
+/// links are plain, unless `house` contains certificates for them. Returns the handle that makes
+/// round trips, the lengths, and the daemons, which stop on drop.
 pub(crate) async fn start(house: Option<&House>) -> Result<(Asker, Sizes, Daemons), Error> {
     let stopping = CancellationToken::new();
     let (here, a) = open("a", &[], house).await?;

@@ -10,7 +10,8 @@ use zenoh::{Session, Wait};
 
 use crate::{Asker, Error, Sizes};
 
-/// Opens two sessions that have each other's subscriptions: one asks, one answers.
+/// Opens two sessions that have each other's subscriptions: one asks, one answers. Returns the
+/// handle that makes round trips, and the sessions.
 pub(crate) async fn start(sizes: Sizes) -> Result<(Asker, [Session; 2]), Error> {
     let a = session(&[]).await?;
     let locators: Vec<String> = a.info().locators().await.iter().map(ToString::to_string).collect();

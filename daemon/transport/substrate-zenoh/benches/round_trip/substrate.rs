@@ -28,7 +28,8 @@ impl Inbound for Ear {
     fn receive_query(&self, _: ReceivedQuery) {}
 }
 
-/// Opens two substrates that see each other: one asks, one answers.
+/// Opens two substrates that see each other: one asks, one answers. Returns the handle that makes
+/// round trips, and the substrates.
 pub(crate) async fn start(sizes: Sizes) -> Result<(Asker, [Arc<ZenohSubstrate>; 2]), Error> {
     let (a, heard, mut joined_a) = open("a", &[]).await?;
     let (b, asked, mut joined_b) = open("b", &a.locators()).await?;

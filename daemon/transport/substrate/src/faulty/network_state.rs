@@ -27,8 +27,8 @@ pub(super) struct NetworkState {
     /// Items on their way, with their destinations, by their time of arrival and a running number.
     pub(super) due: BTreeMap<(Instant, u64), (ConnectionId, InFlight)>,
     pub(super) due_count: u64,
-    /// Time at which the last message of each link arrives. Later messages of the link arrive
-    /// later, unless they overtake it.
+    /// Time at which the last message of each link arrives; a link is a sending and a receiving
+    /// daemon. Later messages of the link arrive later, unless they overtake it.
     pub(super) last: BTreeMap<(DaemonId, DaemonId), Instant>,
     pub(super) tap: Option<SendObserver>,
     pub(super) counts: MessageCounts,
@@ -59,7 +59,7 @@ pub(super) struct ConnectionId {
     pub(super) number: u64,
 }
 
-/// Item on its way to a daemon.
+/// Message or other event on its way to a daemon.
 pub(super) enum InFlight {
     Message(Delivery),
     Presence(Presence),
@@ -70,7 +70,8 @@ pub(super) enum InFlight {
     /// daemon open until the deadline of the question. The asking daemon then waits that long, as
     /// in a real network, instead of seeing a closed channel at once.
     LostReply(#[expect(dead_code, reason = "held, so that the asker waits")] mpsc::Sender<Bytes>),
-    /// A lease has passed: the daemon must check which agents it still sees as present.
+    /// The lease of broken links has passed: the daemon must check which agents it still sees as
+    /// present.
     RefreshPresence,
 }
 
@@ -96,8 +97,8 @@ impl NetworkState {
         }
     }
 
-    /// Schedules an item for a daemon at the time `at`, after all items that are due at the same
-    /// time.
+    /// Schedules a message or another event for a daemon at the time `at`, after all that are due
+    /// at the same time.
     pub(super) fn schedule(&mut self, at: Instant, daemon: &DaemonId, coming: InFlight) {
         let Some(connected) = self.daemons.get_mut(daemon) else { return };
         if connected.under_way >= UNDER_WAY_MAX {

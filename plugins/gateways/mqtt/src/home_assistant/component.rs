@@ -46,7 +46,7 @@ const OF_LIGHTS: &[&str] = &[
     "transition",
 ];
 
-/// Topics that are required in the config of a component, as in Home Assistant.
+/// Components of Home Assistant, each with the key of the topic that its config must have.
 const REQUIRED: &[(&str, &str)] = &[
     ("binary_sensor", "state_topic"),
     ("fan", "command_topic"),

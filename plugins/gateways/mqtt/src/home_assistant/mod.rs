@@ -19,7 +19,7 @@ use serde_json::{Map, Value};
 use crate::description::{DescribedDevice, DeviceFeature, UnusedFeature};
 use config::EntityConfig;
 
-/// Maximum number of topics with a stored description.
+/// Maximum number of topics with a stored description; descriptions on further topics are rejected.
 const ENTITIES_MAX: usize = 1 << 16;
 
 /// The descriptions received so far, by topic.
@@ -238,7 +238,7 @@ impl DeviceGroups {
     }
 }
 
-/// Returns the entities in a message about a whole device.
+/// Returns the entities in a message about a whole device, each with the name of its component.
 fn whole(config: &EntityConfig, object: &str) -> Vec<(String, EntityMessage)> {
     let components = config.components();
     let is_said = config.0.get("components").and_then(Value::as_object);

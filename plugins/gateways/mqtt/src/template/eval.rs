@@ -15,7 +15,8 @@ use super::numbers::{
     self, ArithmeticOperator, TEXT_BYTES_MAX, WEIGHT_OF_STEP, calculated, missing, weight, wrong,
 };
 
-/// Maximum number of steps in one rendering of a template, which is also the fuel of minijinja.
+/// Maximum number of steps in one rendering of a template; a rendering that needs more fails. The
+/// number is also the fuel of minijinja.
 pub(super) const STEPS_MAX: u64 = 50_000;
 
 /// Filters that iterate over the parts of their value.

@@ -7,7 +7,7 @@ use regex::{Regex, RegexBuilder};
 use super::numbers::{PythonNumber, TEXT_BYTES_MAX, WEIGHT_OF_STEP, missing, weight, wrong};
 use crate::naming::slug;
 
-/// Maximum size of a compiled regular expression, in bytes.
+/// Maximum size of a compiled regular expression, in bytes; a larger one is an error.
 const PATTERN_BYTES_MAX: usize = 1 << 18;
 
 /// The arguments of a filter. The first argument is the value to which the filter is applied.

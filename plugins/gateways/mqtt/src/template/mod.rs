@@ -24,7 +24,7 @@ use minijinja::{Environment, Error, Value};
 
 use eval::Evaluation;
 
-/// Maximum length of a template, in bytes.
+/// Maximum length of a template, in bytes; a longer one is rejected.
 const BYTES_MAX: usize = 1 << 13;
 
 /// A valid template: it can be parsed, and contains no unknown names. Rendering may still fail.

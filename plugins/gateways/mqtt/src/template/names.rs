@@ -113,8 +113,8 @@ const METHODS: &[&str] = &[
     "values",
 ];
 
-/// Maximum nesting depth of a template, because templates are evaluated by recursion. A chain of
-/// operators counts as nested as well.
+/// Maximum nesting depth of a template; a deeper one is rejected, because templates are evaluated
+/// by recursion. A chain of operators counts as nested as well.
 const DEPTH_MAX: usize = 100;
 
 const CONSTANTS: &[&str] = &["e", "inf", "pi", "tau"];

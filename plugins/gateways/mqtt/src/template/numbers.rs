@@ -5,11 +5,11 @@ use std::cmp::Ordering;
 use minijinja::value::ValueKind;
 use minijinja::{Error, ErrorKind, Value};
 
-/// Maximum length of a text from repeating or joining, in bytes.
+/// Maximum length of a text from repeating or joining, in bytes; a longer one is an error.
 pub(super) const TEXT_BYTES_MAX: usize = 1 << 20;
 
-/// Maximum nesting depth of a value, because values are printed, compared and dropped by recursion.
-/// JSON may be nested up to 128 levels deep.
+/// Maximum nesting depth of a value; a deeper one is an error, because values are printed, compared
+/// and dropped by recursion. JSON may be nested up to 128 levels deep.
 const DEPTH_MAX: usize = 200;
 
 /// Weight of a part of a value, in addition to the bytes of its text.

@@ -29,8 +29,8 @@ use crate::interruption;
 /// The version of the format of recordings.
 const VERSION: u32 = 1;
 
-/// Maximum length of a line that is read, in bytes. A message has at most 4 MiB, and becomes a
-/// little longer as JSON within JSON.
+/// Maximum length of a line of a recording, in bytes; a longer line is counted as unread. A message
+/// has at most 4 MiB, and becomes a little longer as JSON within JSON.
 const LINE_BYTES_MAX: usize = 16 << 20;
 
 /// The first line of a recording.

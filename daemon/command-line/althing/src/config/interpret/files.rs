@@ -9,7 +9,7 @@ use terminal::report::{SourceText, similar_name};
 
 use super::Interpreter;
 
-/// Most objects of the map that an error message lists.
+/// Maximum number of objects of the map that an error message lists; the others are only counted.
 const OBJECTS_LISTED_MAX: usize = 12;
 
 /// Number of levels above the ecosystem file's folder that are searched for a file that is missing
@@ -126,8 +126,8 @@ impl Interpreter<'_> {
 // === impl PddlFiles ===
 
 impl PddlFiles {
-    /// Returns an error message and a help text if `name` is not on the map, where it should be.
-    /// Returns `None` if it is there, or may be in a part that could not be read.
+    /// Returns an error message and a help text if the map has no object `name`. Returns `None` if
+    /// the map has the object, or if the name occurs in a part of the map that could not be read.
     pub(super) fn unknown_object(&self, name: &str) -> Option<(String, String)> {
         if self.objects().any(|object| object == name) || self.is_damaged(name) {
             return None;
