@@ -54,5 +54,6 @@ fn install_panic_hook() {
         if trace.status() == std::backtrace::BacktraceStatus::Captured {
             terminal::output::print_note(&trace.to_string());
         }
+        hosting::note_panic(&name);
     }));
 }

@@ -230,6 +230,7 @@ async fn up(
         watch = socket.ok().map(hosting::watch_socket);
         let lease = substrate_zenoh::lease(&ecosystem.zenoh);
         hosting::watch_suspension(lease.unwrap_or(substrate_zenoh::LEASE));
+        hosting::watch_zenoh_panics();
         if scouts {
             hosting::watch_addresses();
         }

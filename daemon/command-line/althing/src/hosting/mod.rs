@@ -20,6 +20,7 @@ mod file_handles;
 mod folders;
 mod hosted_part;
 mod opened_daemon;
+mod panic_watch;
 mod plugin_processes;
 mod reexec;
 mod shared_building;
@@ -58,6 +59,7 @@ pub(crate) use folders::{
 };
 pub(crate) use hosted_part::{HostedPart, host_name};
 pub(crate) use opened_daemon::{OpenedDaemon, daemon_transport, open_daemon};
+pub(crate) use panic_watch::{note_panic, watch_zenoh_panics};
 pub(crate) use plugin_processes::{ITSELF, become_plugin};
 pub(crate) use reexec::restart_process;
 pub(crate) use socket_watch::watch_socket;
