@@ -39,8 +39,8 @@ const ENGAGEMENTS_MAX: usize = 4_096;
 const OVER_MAX: usize = 64;
 
 /// Maximum number of messages that are kept because they arrived before the opening of their
-/// exchange; of more, the oldest is dropped. For example, a `cancel` arrives first if the `request`
-/// before it was lost and is sent again.
+/// exchange. If there are more, the oldest is dropped. For example, a `cancel` arrives first if the
+/// `request` before it was lost; the `request` is then sent again.
 const EARLY_TURNS_MAX: usize = 64;
 
 /// How long an answer is retried; an answer has no deadline of its own.

@@ -51,7 +51,7 @@ impl DaemonReports {
         self.plugins.get().map(|state| state().into())
     }
 
-    /// Returns the digests of files; `None` until the files have been read.
+    /// Returns the digests of the domain and of the map; `None` until both files have been read.
     pub(crate) fn files(&self) -> Option<Bytes> {
         self.files.get().cloned().map(Bytes::from)
     }

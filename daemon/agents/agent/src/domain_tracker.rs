@@ -296,8 +296,8 @@ impl InformOutcome {
         }
     }
 
-    /// Applies the changes of facts that agents requested from a central Domain Maintainer. The
-    /// announcement of that maintainer is needed for nothing else: all other content comes here
+    /// Applies the changes of facts that agents requested from a central Domain Maintainer, as the
+    /// message of that maintainer lists them. The rest of the message is not needed: it comes here
     /// directly from the agents that own it.
     fn follow(
         &mut self,

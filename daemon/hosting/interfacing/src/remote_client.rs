@@ -292,9 +292,9 @@ impl ClientTask {
         }
     }
 
-    /// Removes the requests with a dropped handle, and cancels the revocable ones. A request that
-    /// has no conversation yet stays until it has one; then it is cancelled even if it is not
-    /// revocable.
+    /// Ends the requests with a dropped handle. A request that was not sent yet is removed. A sent
+    /// request with a conversation is removed, and cancelled if it is revocable. A sent request
+    /// without a conversation stays; `handle_event` cancels it once its conversation is known.
     fn cancel_abandoned(&mut self) {
         self.outgoing
             .retain(|next| !matches!(next, Outgoing::Request(open) if open.updates.is_closed()));

@@ -438,9 +438,9 @@ impl Knowledge {
         (!open.is_empty()).then(|| one_or(open))
     }
 
-    /// Returns the functions of a comparison that may have no value. Each entry is the function
-    /// with its arguments, the auxiliary fact that it has a value, and the predicate that it was
-    /// observed, if there is one.
+    /// Returns those functions of a comparison that may have no value. Each entry contains the
+    /// function with its arguments, the auxiliary fact for “the function has a value”, and the name
+    /// of the predicate for “the value was observed”, if there is one.
     fn tracked(&self, compare: &Compare) -> Vec<(FluentTerm, Atom, Option<Name>)> {
         let mut fluents: Vec<&FluentTerm> = Vec::new();
         for fluent in compare.left.fluents().chain(compare.right.fluents()) {

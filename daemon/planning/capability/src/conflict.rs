@@ -6,8 +6,8 @@ use std::fmt;
 use acl::AgentId;
 use pddl::Name;
 
-/// A part of a model that is left out of the composition, with the reason. The report must be sent
-/// to all agents in `agents`.
+/// A part of a model that is left out of the composition, with the reason. The conflict must be
+/// reported to all agents in `agents`.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Conflict {
     /// The agents that the conflict concerns. The last one is the agent with the part that is left

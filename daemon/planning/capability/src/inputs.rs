@@ -248,7 +248,8 @@ impl Effects {
     ///
     /// # Errors
     ///
-    /// Returns diagnostics if the request is not valid PDDL, with places in the first invalid text.
+    /// Returns diagnostics if `believe` or `retract` is not valid PDDL. Their places are in the first
+    /// of these texts that is not valid.
     pub fn read(change: &ChangeState) -> Result<Effects, Vec<Diagnostic>> {
         let ChangeState { believe, retract, owner: _ } = change;
         Ok(Effects {

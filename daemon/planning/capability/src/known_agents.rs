@@ -34,8 +34,8 @@ pub(crate) struct Member {
     /// Number of the newest heartbeat of the agent's current incarnation.
     pub(crate) sequence: u64,
     pub(crate) heard_at: Timestamp,
-    /// Number of the newest heartbeat that was parsed. Later heartbeats equal it and were not
-    /// parsed.
+    /// Number of the newest heartbeat that was parsed. The heartbeats after it had the same content
+    /// and were not parsed.
     pub(crate) read: u64,
     /// Symbols of all facts that any heartbeat of the agent has contained. Each entry tells whether
     /// the symbol is a predicate or a function, and its name.

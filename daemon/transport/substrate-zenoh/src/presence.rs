@@ -179,8 +179,8 @@ impl LivelinessSubscriber {
         )
     }
 
-    /// Handles the answer of `daemon` to the roll call or probe that was sent when the number of
-    /// tokens was `mark`.
+    /// Handles the answer of `daemon` to a roll call or probe. `mark` is the number of tokens that
+    /// had been received when the query was sent.
     pub(crate) fn receive_reply(&self, daemon: &DaemonId, reply: Option<&SyncReply>, mark: u64) {
         let hosts = reply.map_or(HostedAgents::Unstated, |reply| match &reply.hosts {
             Some(hosts) => HostedAgents::Listed(hosts),

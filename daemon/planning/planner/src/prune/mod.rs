@@ -108,8 +108,8 @@ impl PrunedTask {
 // === impl WorkBudget ===
 
 impl WorkBudget<'_> {
-    /// Subtracts `words` of work before they are done. Returns an error if the limit is exceeded or
-    /// the call is cancelled.
+    /// Subtracts the work of `words` words from the budget; called before that work is done.
+    /// Returns an error if the budget is too small or the call is cancelled.
     fn spend(&mut self, words: u64) -> Result<(), WorkExceeded> {
         let left = self.left.checked_sub(words).filter(|_| !self.cancel.is_set());
         self.left = left.ok_or(WorkExceeded)?;

@@ -15,7 +15,7 @@ const DEPTH_MAX: usize = 200;
 /// Weight of a part of a value, in addition to the bytes of its text.
 const WEIGHT_OF_PART: usize = 8;
 
-/// Weight of a value that corresponds to one step of the budget of a rendering.
+/// Weight that costs one step of the budget of a rendering.
 pub(super) const WEIGHT_OF_STEP: usize = 64;
 
 /// Returns the weight of a value: the sum of the weights of its parts and of the bytes of its

@@ -25,7 +25,7 @@ pub(super) const UNREACHED: u64 = u64::MAX;
 /// Origin of a relaxed operator that comes from an axiom.
 const AXIOM: u32 = u32::MAX;
 
-/// Step of an addition that needs only one application of its operator.
+/// Entry in place of a step, for an addition that one application of its operator achieves.
 const NO_STEP: u32 = u32::MAX;
 
 /// Weight of an operator in a search or heuristic. If all operators of a task have the same cost,
