@@ -3,7 +3,8 @@
 //! Such a thread may hold a lock of Zenoh's routing tables, which is then poisoned. The daemon would
 //! send and receive nothing any more, and would still look alive to its service manager. (A thread
 //! of Zenoh 1.10.2 can panic if a link closes and opens again while its machine is busy:
-//! `Resource::context_mut` in `net/routing/dispatcher/resource.rs` expects a context that is gone.)
+//! `unregister_subscriber` in `net/routing/hat/router/pubsub.rs` expects a context that is gone;
+//! eclipse-zenoh/zenoh#2624 is a similar panic.)
 //! As after any crash, the next incarnation reads its state from disk and from the Journals.
 
 use std::sync::OnceLock;

@@ -1,7 +1,15 @@
 //! Tests of links that close and open again before the routes are computed anew: Zenoh then does
 //! not send its declarations again.
+//!
+//! In such a moment a thread of Zenoh 1.10.2 can panic on a busy machine: `unregister_subscriber` in
+//! `net/routing/hat/router/pubsub.rs` expects a context that is gone (eclipse-zenoh/zenoh#2624 has a
+//! similar panic). A session of which a thread has panicked proves nothing, so an attempt that fails
+//! after such a panic is repeated. Daemons restart themselves after it.
 
-use std::sync::Arc;
+use std::panic;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, Once};
+use std::thread;
 
 use serde_json::json;
 use substrate::Resource;
@@ -14,6 +22,44 @@ use crate::daemon::{Daemon, HERE};
 
 /// How often the link is cut.
 const CUTS: usize = 3;
+
+/// How often a test is attempted if Zenoh panics.
+const ATTEMPTS: usize = 4;
+
+/// Number of panics in threads of Zenoh.
+static ZENOH_PANICS: AtomicUsize = AtomicUsize::new(0);
+
+/// Runs a test on a runtime of its own. Repeats it if it fails after a panic in a thread of Zenoh.
+fn unless_zenoh_panics<F: Future<Output = ()> + 'static>(test: fn() -> F) {
+    static COUNTING: Once = Once::new();
+    COUNTING.call_once(|| {
+        let before = panic::take_hook();
+        panic::set_hook(Box::new(move |info| {
+            let thread = thread::current();
+            let is_zenoh =
+                |name: &str| ["rx-", "net-", "acc-"].iter().any(|of| name.starts_with(of));
+            if thread.name().is_some_and(is_zenoh) {
+                ZENOH_PANICS.fetch_add(1, Ordering::SeqCst);
+            }
+            before(info);
+        }));
+    });
+    for _ in 0..ATTEMPTS {
+        let panics = ZENOH_PANICS.load(Ordering::SeqCst);
+        let attempt = thread::spawn(move || {
+            let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build();
+            runtime.expect("a runtime").block_on(test());
+        });
+        match attempt.join() {
+            Ok(()) => return,
+            Err(failure) if ZENOH_PANICS.load(Ordering::SeqCst) == panics => {
+                panic::resume_unwind(failure)
+            }
+            Err(_) => eprintln!("a thread of Zenoh has panicked: the test is attempted again"),
+        }
+    }
+    panic!("Zenoh has panicked at each of {ATTEMPTS} attempts");
+}
 
 /// A relay between a daemon and the sessions that connect to `endpoint`; its connections can be
 /// cut.
@@ -61,8 +107,12 @@ impl Cable {
     }
 }
 
-#[tokio::test(flavor = "multi_thread")]
-async fn two_daemons_see_each_other_again_after_a_brief_cut() {
+#[test]
+fn two_daemons_see_each_other_again_after_a_brief_cut() {
+    unless_zenoh_panics(brief_cut);
+}
+
+async fn brief_cut() {
     let mut a = Daemon::listening("a").await;
     let cable = Cable::to(&a).await;
     let mut b = cable.router("b").await;
@@ -83,8 +133,12 @@ async fn two_daemons_see_each_other_again_after_a_brief_cut() {
     }
 }
 
-#[tokio::test(flavor = "multi_thread")]
-async fn a_brief_cut_affects_only_the_daemon_behind_it() {
+#[test]
+fn a_brief_cut_affects_only_the_daemon_behind_it() {
+    unless_zenoh_panics(brief_cut_with_others);
+}
+
+async fn brief_cut_with_others() {
     let a = Daemon::listening("a").await;
     let cable = Cable::to(&a).await;
     let mut b = cable.router("b").await;
