@@ -346,8 +346,7 @@ impl Instantiation<'_, '_, '_> {
                 let fluent = this.grounder.values.fluent(&change.fluent, binding);
                 let change = NumericChange { fluent, assignment: change.assignment, value };
                 let whole = this.whole(tree);
-                // There must be one conjunction only, because the amount could otherwise be added
-                // several times.
+                // One conjunction only: the amount could otherwise be added several times.
                 for conditions in this.auxiliaries.conjunctions(&whole, 1, this.top) {
                     draft.under(&conditions).numeric.push(change.clone());
                 }
