@@ -15,7 +15,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use acl::content::{ActionToken, Outcome, Report};
 use acl::{AgentId, ConversationId};
-use agent::StateFolder;
+use agent::{StateFolder, replace_file};
 use serde::{Deserialize, Serialize};
 
 /// Maximum number of reports kept in full; for older commands, only the outcome is kept. A Plan
@@ -258,10 +258,9 @@ impl LedgerFile {
         }
     }
 
-    /// Writes a new file beside the old one and renames it, so that a crash leaves either the old
-    /// or the new file complete. Returns the number of lines in the new file. If some lines cannot
-    /// be parsed, keeps a copy of the old file, because a newer version may have written these
-    /// lines.
+    /// Replaces the file by a new one. Returns the number of lines in the new file. If some lines
+    /// cannot be parsed, keeps a copy of the old file, because a newer version may have written
+    /// these lines.
     fn rewrite(&self) -> io::Result<usize> {
         let LedgerContents { ledger, unread, .. } = read(&self.path, self.tokens_max)?;
         if unread > 0 {
@@ -270,15 +269,13 @@ impl LedgerFile {
                 "lines of the ledger cannot be read");
             std::fs::copy(&self.path, aside)?;
         }
-        let beside = self.path.with_extension("tokens.new");
-        let mut file = io::BufWriter::new(File::create(&beside)?);
-        let mut lines = 0;
+        let (mut text, mut lines) = (Vec::new(), 0);
         for line in ledger.lines() {
-            writeln!(file, "{}", serde_json::to_string(&line)?)?;
+            serde_json::to_writer(&mut text, &line)?;
+            text.push(b'\n');
             lines += 1;
         }
-        file.into_inner()?.sync_all()?;
-        std::fs::rename(beside, &self.path)?;
+        replace_file(&self.path, &text)?;
         Ok(lines)
     }
 }

@@ -199,8 +199,10 @@ impl IncarnationCounter {
         Incarnation(*last)
     }
 
-    /// Writes the number to a second file, and renames that file. So a crash leaves either the old
-    /// or the new number.
+    /// Writes the number to a second file, and renames that file. So a crash of the process leaves
+    /// either the old or the new number. This does not wait for the disk, as `replace_file` does: a
+    /// daemon with a thousand agents would start a thousand times as slowly, and after a power cut
+    /// the clock gives a greater number.
     fn write(&self, last: u64) -> io::Result<()> {
         let Some(path) = &self.path else { return Ok(()) };
         let beside = path.with_extension("new");

@@ -67,6 +67,7 @@ mod router;
 mod settings;
 mod shared_domain;
 mod spawner;
+mod stored_file;
 mod substrate_link;
 
 pub use acl::content::Mode;
@@ -91,4 +92,5 @@ pub use router::MessageRouter;
 pub use settings::{AgentSettings, TimingRule};
 pub use shared_domain::SharedDomain;
 pub use spawner::Spawner;
+pub use stored_file::replace_file;
 pub use substrate::{Presence, Resident, Resource, ResourceQuery};

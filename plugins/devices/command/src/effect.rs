@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use actuator::MethodCall;
 use pddl::{Atom, Effect, InitElement, Name, Term};
 
 /// Facts of the agent, by the text of the fact. The value of a function is listed by the text of the
@@ -39,12 +40,39 @@ impl AgentFacts {
         }
     }
 
+    /// Returns the facts after a program that carried out `call` and has succeeded, and those of
+    /// them that the action or the output of the program (`printed`) has made known.
+    pub(crate) fn after_success(
+        &self,
+        effect: Option<&Effect>,
+        call: &MethodCall,
+        printed: &[InitElement],
+    ) -> (AgentFacts, Vec<InitElement>) {
+        let mut after = self.clone();
+        let mut observed =
+            effect.map(|effect| after.apply(effect, &call.arguments)).unwrap_or_default();
+        printed.iter().for_each(|fact| after.add(fact.clone()));
+        observed.extend(printed.iter().cloned());
+        (after, observed)
+    }
+
+    /// Returns the facts after a program that carried out `call` and has not succeeded. If it is
+    /// unknown how much the program has done, so are the facts that the effect changes.
+    pub(crate) fn after_failure(
+        &self,
+        effect: Option<&Effect>,
+        call: &MethodCall,
+        is_end_unknown: bool,
+    ) -> AgentFacts {
+        let mut after = self.clone();
+        if let Some(effect) = effect.filter(|_| is_end_unknown) {
+            after.apply_uncertain(effect, &call.arguments);
+        }
+        after
+    }
+
     /// Applies an action's effect, and returns the added facts.
-    pub(crate) fn apply(
-        &mut self,
-        effect: &Effect,
-        arguments: &BTreeMap<String, String>,
-    ) -> Vec<InitElement> {
+    fn apply(&mut self, effect: &Effect, arguments: &BTreeMap<String, String>) -> Vec<InitElement> {
         let mut added = Vec::new();
         match effect {
             Effect::And(effects) => {
@@ -72,11 +100,7 @@ impl AgentFacts {
 
     /// Applies an effect that may or may not have happened: each fact that the effect would change
     /// becomes unknown.
-    pub(crate) fn apply_uncertain(
-        &mut self,
-        effect: &Effect,
-        arguments: &BTreeMap<String, String>,
-    ) {
+    fn apply_uncertain(&mut self, effect: &Effect, arguments: &BTreeMap<String, String>) {
         let mut after = self.clone();
         after.apply(effect, arguments);
         for atom in atoms(effect) {

@@ -5,14 +5,14 @@ use std::path::PathBuf;
 use std::{fs, io};
 
 use acl::fnv::Fnv64;
-use agent::{Blueprint, BuildCheck, StateFolder};
+use agent::{Blueprint, BuildCheck, StateFolder, replace_file};
 use pddl::{ActionModel, InitElement};
 
 use crate::effect::AgentFacts;
 
 /// File with the facts of one agent. The first line is a comment with the digest of the action model;
 /// each further line is a fact in PDDL.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(crate) struct FactFile {
     /// Path of the file; `None` if nothing outlives the process.
     path: Option<PathBuf>,
@@ -53,17 +53,18 @@ impl FactFile {
         Ok(Some(facts))
     }
 
-    /// Replaces the stored facts, as a whole. A failure is logged: the agent continues, and a restart
-    /// finds the facts that were stored before.
-    pub(crate) fn write(&self, facts: &AgentFacts) {
-        let Some(path) = &self.path else { return };
+    /// Replaces the stored facts, on a thread that may wait for the disk. A failure is logged: the
+    /// agent continues, and a restart finds the facts that were stored before.
+    pub(crate) async fn write(&self, facts: &AgentFacts) {
+        let Some(path) = self.path.clone() else { return };
         let mut text = self.header.clone();
         facts.facts().for_each(|fact| text.push_str(&format!("\n{fact}")));
         text.push('\n');
-        let new = path.with_extension("facts.new");
-        let written = fs::write(&new, text).and_then(|()| fs::rename(&new, path));
-        if let Err(error) = written {
-            tracing::error!(file = %path.display(), %error, "failed to store facts");
+        let file = path.display().to_string();
+        let writing = tokio::task::spawn_blocking(move || replace_file(&path, text.as_bytes()));
+        // A write that panicked has stored nothing, either.
+        if let Err(error) = writing.await.unwrap_or_else(|error| Err(io::Error::other(error))) {
+            tracing::error!(file, %error, "failed to store facts");
         }
     }
 }

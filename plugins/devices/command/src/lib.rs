@@ -109,44 +109,42 @@ impl Device for CommandActuator {
             return Box::pin(std::future::ready(Err(unknown)));
         };
         let (program, time_out) = (run.program(&call.arguments), run.time_out);
-        // If the daemon ends while the program runs, the effect is unknown.
-        let mut uncertain = self.known.clone();
-        if let Some(action) = self.action_of(call) {
-            uncertain.apply_uncertain(&action.effect, &call.arguments);
-        }
-        self.file.write(&uncertain);
+        let (call, file) = (call.clone(), self.file.clone());
+        let effect = self.action_of(&call).map(|action| action.effect.clone());
+        let known = self.known.clone();
         Box::pin(async move {
             let program = program.ok_or_else(|| MethodFailure::Driver("run nothing".to_owned()))?;
-            let printed = program.run(time_out).await;
-            printed.map_err(|error| match error {
+            // If the daemon ends or the action is cancelled while the program runs, the effect is
+            // unknown.
+            file.write(&known.after_failure(effect.as_ref(), &call, true)).await;
+            let printed = program.run(time_out).await.map_err(|error| match error {
                 ProgramError::TimedOut { within, .. } => MethodFailure::TimedOut(within),
                 cut if cut.is_cut_short() => MethodFailure::Interrupted(cut.to_string()),
                 other => MethodFailure::Driver(other.to_string()),
-            })
+            });
+            let after = match &printed {
+                Ok(printed) => known.after_success(effect.as_ref(), &call, &read(printed).0).0,
+                Err(failure) => {
+                    known.after_failure(effect.as_ref(), &call, is_end_unknown(failure))
+                }
+            };
+            file.write(&after).await;
+            printed
         })
     }
 
     fn on_success(&mut self, call: &MethodCall, printed: String) -> MethodResult {
         let (facts, told) = read(&printed);
-        let mut observations = Vec::new();
-        if let Some(effect) = self.action_of(call).map(|action| action.effect.clone()) {
-            observations = self.known.apply(&effect, &call.arguments);
-        }
-        for fact in facts {
-            self.known.add(fact.clone());
-            observations.push(fact);
-        }
-        self.file.write(&self.known);
+        let effect = self.action_of(call).map(|action| &action.effect);
+        let (known, observations) = self.known.after_success(effect, call, &facts);
+        self.known = known;
         let detail = told.unwrap_or_else(|| format!("{} is done", call.action));
         MethodResult { detail, observations }
     }
 
     fn on_failure(&mut self, call: &MethodCall, failure: &MethodFailure) {
-        let effect = self.action_of(call).map(|action| action.effect.clone());
-        if let (true, Some(effect)) = (is_end_unknown(failure), effect) {
-            self.known.apply_uncertain(&effect, &call.arguments);
-        }
-        self.file.write(&self.known);
+        let effect = self.action_of(call).map(|action| &action.effect);
+        self.known = self.known.after_failure(effect, call, is_end_unknown(failure));
         if *failure != MethodFailure::GivenUp {
             self.paused_until = Some(Instant::now() + REST_AFTER_FAILURE);
         }

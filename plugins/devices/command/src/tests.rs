@@ -139,33 +139,39 @@ async fn a_program_prints_false_and_unknown_facts() {
 #[tokio::test]
 async fn facts_outlive_the_daemon() {
     let folder = tempfile::tempdir().expect("a folder");
-    let with = |model: &str| {
-        let run = json!({ "run": ["true"] });
+    let (file, copy) = (folder.path().join("c.facts"), folder.path().join("copy"));
+    let with = |model: &str, script: &str| {
+        let run = json!({ "run": ["/bin/sh", "-c", script] });
         let mut blueprint = blueprint(json!({ "model": model, "actions": { "brew": run } }));
         let host = Arc::get_mut(&mut blueprint.host).expect("the only one");
         host.resources.insert(agent::StateFolder(folder.path().to_owned()));
         commanded(&blueprint)
     };
-    let mut device = with(MODEL).expect("right");
-    assert_eq!(facts(&device), ["(clean c)"]);
-    // The daemon is killed while the program runs.
-    drop(device.perform(&call_of_brew()));
-    let mut device = with(MODEL).expect("right");
-    assert_eq!(facts(&device), UNKNOWN);
+    let restarted = |model: &str| facts(&with(model, "true").expect("right"));
+    assert_eq!(restarted(MODEL), ["(clean c)"]);
+    // The program sees the facts that a daemon would find if it were killed now.
+    let copying = format!("cp {} {}", file.display(), copy.display());
+    let mut device = with(MODEL, &copying).expect("right");
     assert!(brew(&mut device).await.is_ok());
-    let mut device = with(MODEL).expect("right");
-    assert_eq!(facts(&device), ["(brewed kitchen)"]);
+    assert_eq!(restarted(MODEL), ["(brewed kitchen)"]);
+    std::fs::rename(&copy, &file).expect("the program has made it");
+    assert_eq!(restarted(MODEL), UNKNOWN);
+    let mut device = with(MODEL, "echo '(= (temperature kitchen) 21.5)'").expect("right");
+    assert!(brew(&mut device).await.is_ok());
+    let known = ["(brewed kitchen)", "(= (temperature kitchen) 21.5)"];
+    assert_eq!(
+        (facts(&device), restarted(MODEL)),
+        (known.map(String::from).into(), facts(&device))
+    );
     // A program that failed has changed nothing.
-    drop(device.perform(&call_of_brew()));
-    device.on_failure(&call_of_brew(), &MethodFailure::Driver("exit status: 1".to_owned()));
-    assert_eq!(facts(&with(MODEL).expect("right")), ["(brewed kitchen)"]);
+    let mut device = with(MODEL, "exit 1").expect("right");
+    assert!(brew(&mut device).await.is_err());
+    assert_eq!(restarted(MODEL), known);
     let other = MODEL.replace("(:init (clean c))", "(:init (brewed hall))");
-    assert_eq!(facts(&with(&other).expect("right")), ["(brewed hall)"], "another model");
-    let file = folder.path().join("c.facts");
+    assert_eq!(restarted(&other), ["(brewed hall)"], "another model");
     let text = std::fs::read_to_string(&file).expect("it is there");
-    assert!(text.ends_with("\n(brewed kitchen)\n"), "{text}");
     std::fs::write(&file, text.replace("kitchen)", "kitchen")).expect("a file");
-    let problem = with(MODEL).err().map(|error| error.to_string()).unwrap_or_default();
+    let problem = with(MODEL, "true").err().map(|error| error.to_string()).unwrap_or_default();
     assert!(problem.contains("c.facts") && problem.contains("remove the file"), "{problem}");
 }
 

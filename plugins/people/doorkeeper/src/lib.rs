@@ -19,7 +19,7 @@ use acl::{AgentId, Performative, Protocol, ReplyToken};
 use agent::{
     AdmissionPolicy, Admissions, Agent, Applicant, Blueprint, BuildError, Callbacks, Context,
     ExchangeEvent, ExchangeOpening, LaunchableAgent, PluginEntry, Presence, StateFolder,
-    WorkHandle,
+    WorkHandle, replace_file,
 };
 use serde::{Deserialize, Serialize};
 use tokio::sync::watch;
@@ -288,10 +288,7 @@ fn write(file: &Path, answers: BTreeMap<Applicant, bool>) -> Result<(), String> 
         .map(|(Applicant { by, name }, admitted)| StoredAnswer { by, name, admitted })
         .collect();
     let text = serde_json::to_string_pretty(&kept).map_err(|error| error.to_string())?;
-    // The file is written under another name and renamed, so that readers find only complete files.
-    let beside = file.with_extension("json.new");
-    let written = std::fs::write(&beside, text).and_then(|()| std::fs::rename(&beside, file));
-    written.map_err(|error| format!("keep the decisions: {error}"))
+    replace_file(file, text.as_bytes()).map_err(|error| format!("keep the decisions: {error}"))
 }
 
 #[cfg(test)]
