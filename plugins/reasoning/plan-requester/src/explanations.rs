@@ -291,7 +291,7 @@ pub(crate) fn listed_all(sentences: impl Iterator<Item = String>) -> String {
 }
 
 /// Joins the first [`NAMED_MAX`] of `things`, and appends the number of the others.
-fn listed(mut things: Vec<String>, separator: &str) -> String {
+pub(crate) fn listed(mut things: Vec<String>, separator: &str) -> String {
     let rest = things.len().saturating_sub(NAMED_MAX);
     things.truncate(NAMED_MAX);
     let more = if rest > 0 { format!(" and {rest} more") } else { String::new() };

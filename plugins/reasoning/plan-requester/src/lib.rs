@@ -14,13 +14,13 @@
 //! The lifecycle of each goal is the state machine of the crate `goal-lifecycle`; the module
 //! `lifecycle` calls it. Start reading there.
 
-mod absent_agents;
 mod contract_net;
 mod execution;
 mod explanations;
 mod failover;
 mod finished;
 mod goal;
+mod goal_check;
 mod handover;
 mod joint_plans;
 mod lifecycle;
@@ -50,9 +50,9 @@ use pddl::{ActionModel, Condition};
 use serde::Deserialize;
 use tokio::time::Instant;
 
-use crate::absent_agents::absent_declarers;
 use crate::finished::FinishedGoals;
 use crate::goal::{Goal, PlanningRound, Work};
+use crate::goal_check::{absent_declarers, lost_to, wrong_in};
 use crate::planning_snapshot::{PlanningSnapshot, first};
 
 /// Maximum number of goals pursued at a time. A building has tens of goals. Further goals are
@@ -353,14 +353,11 @@ impl PlanRequester {
         goal.state.backoffs_mut().compare_with(&known.offers);
         let known = known.without_avoided(goal.state.backoffs().avoided(now));
         let is_first = goal.state.rounds() == 0;
-        let absent: Vec<_> = { self.config.configured_models.iter() }
-            .filter(|model| {
-                AgentId::new(model.agent.as_str()).is_ok_and(|id| ctx.find(&id).is_none())
-            })
-            .collect();
-        let task = (&known.domain, &known.problem);
-        let lacks = |goal: &Goal| absent_declarers(task, &goal.condition, &absent);
-        if let Some(lost) = is_first.then(|| lacks(goal)).flatten() {
+        let is_absent = |model: &&ActionModel| {
+            AgentId::new(model.agent.as_str()).is_ok_and(|agent| ctx.find(&agent).is_none())
+        };
+        let absent = || self.config.configured_models.iter().filter(is_absent);
+        if let Some(lost) = is_first.then(|| absent_declarers(goal, &known, absent())).flatten() {
             return Some(GoalEvent::GoalLost(attempt, lost));
         }
         if let Some(problem) = is_first.then(|| wrong_in(goal, &known)).flatten() {
@@ -477,30 +474,4 @@ impl PlanRequester {
         }
         self.check_for_cheaper_plans(&change.joined, ctx);
     }
-}
-
-/// Returns the errors of checking a goal against the composite domain.
-fn errors_in(goal: &Goal, known: &PlanningSnapshot) -> Vec<pddl::Diagnostic> {
-    let diagnostics = pddl::check::check_condition(&known.domain, &known.problem, &goal.condition);
-    diagnostics.into_iter().filter(pddl::Diagnostic::is_error).collect()
-}
-
-/// Returns, as text for a person, the parts of a goal that are not valid any more, because the
-/// agent that declared the names in them has left. Returns `None` if there are no such parts.
-fn lost_to(goal: &Goal, known: &PlanningSnapshot) -> Option<String> {
-    let errors = errors_in(goal, known);
-    let lost: Vec<_> = errors.iter().map(|error| error.message.as_str()).collect();
-    (!lost.is_empty()).then(|| format!("{}: its agent is not here", lost.join(", ")))
-}
-
-/// Returns, as text for a person, the errors of checking a goal against the composite domain, or a
-/// contradiction within the goal. Returns `None` if there is neither.
-fn wrong_in(goal: &Goal, known: &PlanningSnapshot) -> Option<String> {
-    let errors = errors_in(goal, known);
-    if errors.is_empty() {
-        let both = known.contradiction(&goal.condition)?;
-        return Some(format!("it can never hold: it requires `{both}` and `(not {both})`"));
-    }
-    let lines: Vec<_> = errors.iter().map(|error| error.located(&goal.text)).collect();
-    Some(lines.join("\n"))
 }
