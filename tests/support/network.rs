@@ -216,22 +216,25 @@ impl Site {
 
     /// Returns the agents of an ecosystem seen from a machine.
     pub(crate) fn seen_in(&self, file: &Path, machine: &str) -> Vec<String> {
-        let answer = self.ask_json(file, machine, &["agents"]);
-        let agents = answer["agents"].as_array().cloned().unwrap_or_default();
+        let agents = self.agents_in(file, machine);
         agents.iter().filter_map(|each| Some(each["agent"].as_str()?.to_owned())).collect()
+    }
+
+    /// Returns the entries of `althing agents --json`, as seen from a machine.
+    fn agents_in(&self, file: &Path, machine: &str) -> Vec<Value> {
+        let answer = self.ask_json(file, machine, &["agents"]);
+        answer["agents"].as_array().cloned().unwrap_or_default()
     }
 
     /// Returns the daemons of the agents seen from a machine, one per agent.
     pub(crate) fn hosts_seen(&self, machine: &str) -> Vec<String> {
-        let answer = self.ask_json(&self.office.file, machine, &["agents"]);
-        let agents = answer["agents"].as_array().cloned().unwrap_or_default();
+        let agents = self.agents_in(&self.office.file, machine);
         agents.iter().filter_map(|each| Some(each["daemon"].as_str()?.to_owned())).collect()
     }
 
     /// Returns the incarnation of an agent as it is seen from a machine; `None` if it is not seen.
     pub(crate) fn incarnation_seen(&self, machine: &str, agent: &str) -> Option<u64> {
-        let answer = self.ask_json(&self.office.file, machine, &["agents"]);
-        let agents = answer["agents"].as_array().cloned().unwrap_or_default();
+        let agents = self.agents_in(&self.office.file, machine);
         agents.iter().find(|each| each["agent"] == agent)?["incarnation"].as_u64()
     }
 

@@ -15,7 +15,7 @@ use agent::{
 };
 use bytes::Bytes;
 use substrate::memory::Network;
-use substrate::{AgentAddress, Destination, Subject, Substrate};
+use substrate::{AgentAddress, Destination, Resource, ResourceQuery, Subject, Substrate};
 use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio_util::sync::CancellationToken;
@@ -55,6 +55,14 @@ impl Daemon {
         incarnation: u64,
     ) -> JoinHandle<Result<(), LaunchError>> {
         self.launch_context(agent, id, incarnation, false)
+    }
+
+    /// Returns the counters of this daemon, which hosts at least one agent.
+    async fn load(&self) -> serde_json::Value {
+        let daemon = Some(self.router.daemon().clone());
+        let ask = ResourceQuery { daemon, resource: Resource::Mailbox, agent: None };
+        let answers = self.router.ask(ask, SECOND).await;
+        serde_json::from_slice(&answers[0]).expect("JSON")
     }
 
     /// Returns a context for launching an agent that may have replicas.
@@ -184,6 +192,18 @@ impl Room {
 
     fn work(&mut self) {
         self.there.launch(self.worker.take().expect("works once"), "worker", 1);
+    }
+
+    /// Returns a channel with the messages of a performative that agents send to each other.
+    fn overhear(&self, performative: Performative) -> mpsc::UnboundedReceiver<Bytes> {
+        let (tell, told) = mpsc::unbounded_channel();
+        self.network.tap(move |addressed, payload| {
+            let subject = Subject::Message(performative);
+            if matches!(addressed, Destination::To(_, to) if *to == subject) {
+                let _ = tell.send(payload.clone());
+            }
+        });
+        told
     }
 
     /// Returns the next line that the asker reports.
@@ -384,12 +404,7 @@ async fn a_message_without_a_callback_is_not_understood() {
 async fn garbage_is_answered_and_does_no_harm() {
     let mut room = room(5 * SECOND, SECOND);
     room.work();
-    let (tell, mut told) = mpsc::unbounded_channel();
-    room.network.tap(move |addressed, payload| {
-        if matches!(addressed, Destination::To(_, Subject::Message(Performative::NotUnderstood))) {
-            let _ = tell.send(payload.clone());
-        }
-    });
+    let mut told = room.overhear(Performative::NotUnderstood);
     // The stranger must be present, or it cannot be answered.
     let _token = room.here.port.announce(&name("stranger"), Incarnation(1)).expect("open");
     let to = AgentAddress { daemon: room.there.router.daemon().clone(), agent: name("worker") };
@@ -422,12 +437,7 @@ fn of_version_1(performative: Performative, sender: &str, exchange: Option<&Repl
 #[tokio::test(start_paused = true)]
 async fn a_request_to_another_version_is_answered_at_once() {
     let mut room = room(5 * SECOND, SECOND);
-    let (tell, mut told) = mpsc::unbounded_channel();
-    room.network.tap(move |addressed, payload| {
-        if matches!(addressed, Destination::To(_, Subject::Message(Performative::Request))) {
-            let _ = tell.send(payload.clone());
-        }
-    });
+    let mut told = room.overhear(Performative::Request);
     let _token = room.there.port.announce(&name("worker"), Incarnation(1)).expect("open");
     room.ask();
     let asked = acl::decode(&told.recv().await.expect("it asks")).expect("a message");
@@ -448,11 +458,7 @@ async fn broadcasts_of_another_version_are_counted_under_their_own_name() {
     let heartbeat = of_version_1(Performative::Inform, "lamp", None);
     room.there.port.broadcast(&name("lamp"), Performative::Inform, heartbeat).expect("open");
     tokio::task::yield_now().await;
-    let daemon = Some(room.here.router.daemon().clone());
-    let ask =
-        substrate::ResourceQuery { daemon, resource: substrate::Resource::Mailbox, agent: None };
-    let answers = room.here.router.ask(ask, SECOND).await;
-    let load: serde_json::Value = serde_json::from_slice(&answers[0]).expect("JSON");
+    let load = room.here.load().await;
     assert_eq!(load["rejected"]["other-version"], 1, "{load}");
     assert_eq!(load["unreadable"], 0, "{load}");
 }
@@ -460,12 +466,7 @@ async fn broadcasts_of_another_version_are_counted_under_their_own_name() {
 #[tokio::test(start_paused = true)]
 async fn an_answer_of_an_agent_that_was_not_asked_is_rejected() {
     let mut room = room(10 * SECOND, SECOND);
-    let (tell, mut told) = mpsc::unbounded_channel();
-    room.network.tap(move |addressed, payload| {
-        if matches!(addressed, Destination::To(_, Subject::Message(Performative::Agree))) {
-            let _ = tell.send(payload.clone());
-        }
-    });
+    let mut told = room.overhear(Performative::Agree);
     room.work();
     room.ask();
     assert_eq!(room.hears().await, "agree 1");
@@ -486,11 +487,7 @@ async fn an_answer_of_an_agent_that_was_not_asked_is_rejected() {
     assert_eq!((room.did().await, room.did().await), ("began", "done"));
     assert_eq!(room.hears().await, "confirm 1");
     assert!(room.heard.try_recv().is_err(), "the worker's own, and no other");
-    let daemon = Some(room.here.router.daemon().clone());
-    let ask =
-        substrate::ResourceQuery { daemon, resource: substrate::Resource::Mailbox, agent: None };
-    let answers = room.here.router.ask(ask, SECOND).await;
-    let load: serde_json::Value = serde_json::from_slice(&answers[0]).expect("JSON");
+    let load = room.here.load().await;
     assert_eq!(load["rejected"]["unauthorized"], 1, "{load}");
 }
 

@@ -1,6 +1,6 @@
 //! `althing agents`: shows the agents that are present, with their actions.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::process::ExitCode;
 
@@ -54,16 +54,13 @@ const OFFERS_COLUMN: usize = 44;
 
 pub(crate) async fn print(view: &EcosystemView, json: bool) -> ExitCode {
     view.directory(None).await;
-    let mut residents = residents(view).await;
+    let mut residents: BTreeSet<Resident> = residents(view).await;
     let AnnouncedModels { models, unreadable } = models(view).await;
     let offers = |agent: &AgentId| models.get(agent).cloned().unwrap_or_default();
     // A process that is no daemon of Althing may answer for its models only.
-    for agent in models.keys().chain(unreadable.keys()) {
-        if residents.iter().all(|resident| resident.agent != *agent) {
-            residents.extend(view.directory(Some(agent)).await.find(agent).cloned());
-        }
-    }
-    residents.sort();
+    let directory = view.directory(None).await;
+    let answering = models.keys().chain(unreadable.keys());
+    residents.extend(answering.filter_map(|agent| directory.find(agent).cloned()));
     let mut conflicts = conflicts(view).await;
     conflicts.extend(unreadable);
     let left_out = |agent: &AgentId| conflicts.get(agent).cloned().unwrap_or_default();
@@ -101,17 +98,13 @@ pub(crate) async fn print(view: &EcosystemView, json: bool) -> ExitCode {
 
 /// Queries all agents from the daemons that host them: the command's link may not have reported all
 /// agents yet.
-async fn residents(view: &EcosystemView) -> Vec<Resident> {
-    let mut residents: Vec<Resident> = view
-        .ask(Resource::Directory, None)
+async fn residents(view: &EcosystemView) -> BTreeSet<Resident> {
+    view.ask(Resource::Directory, None)
         .await
         .iter()
         .filter_map(|answer| serde_json::from_slice::<Vec<Resident>>(answer).ok())
         .flatten()
-        .collect();
-    residents.sort();
-    residents.dedup();
-    residents
+        .collect()
 }
 
 /// Queries, for each agent, the parts of its action model that the Domain Maintainer had to leave
