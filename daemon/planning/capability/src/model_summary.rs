@@ -7,11 +7,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use pddl::{
-    ActionModel, ActionSchema, Derived, Domain, FunctionDeclaration, InitElement, Name,
+    ActionModel, ActionSchema, Derived, Domain, Effect, FunctionDeclaration, InitElement, Name,
     ObjectDeclaration, PredicateDeclaration, Privacy, Problem, TypeExpr, Typed,
 };
 
 use crate::canonical::{self, CanonicalText, UsedSymbols};
+use crate::composite::TOTAL_COST;
 use crate::conflict::{ModelPart, ModelPartKind};
 use crate::declined::Declined;
 use crate::fact::{FactKey, FactStatement, FactSymbolKind, FactValue};
@@ -146,11 +147,12 @@ impl DeclaredItem {
 
 impl ModelSummary {
     /// Divides an agent's model into the parts of a summary. Removes the facts and actions from
-    /// `model`.
+    /// `model`, and adds the declaration of `total-cost` to it if its actions have costs.
     ///
     /// Returns an error if the model exceeds a limit.
     pub(crate) fn of_model(model: &mut ActionModel) -> Result<ModelSummary, Declined> {
         within_limits(model)?;
+        declare_total_cost(model);
         let mut manifest =
             ModelSummary { requirements: model.requirements.clone(), ..ModelSummary::default() };
         manifest.declare(&model.types, &model.predicates, &model.functions, &model.objects);
@@ -313,6 +315,22 @@ impl ModelSummary {
     fn flaw(&mut self, kind: ModelPartKind, name: &Name, detail: &str) {
         self.flaws
             .push(ModelFlaw { subject: ModelPart::new(kind, name), detail: detail.to_owned() });
+    }
+}
+
+/// Adds the declaration of `total-cost` to `model`, if an action has a cost and the model does not
+/// declare the function. `total-cost` has the same meaning in every model, so an action must not be
+/// left out of the composition because no model and no ontology declares it.
+fn declare_total_cost(model: &mut ActionModel) {
+    let mut effects = model.actions.iter().flat_map(|action| action.effect.parts());
+    let has_costs = effects
+        .any(|part| matches!(part, Effect::Assign(assign) if assign.fluent.function == TOTAL_COST));
+    if has_costs && model.functions.iter().all(|declared| declared.name != TOTAL_COST) {
+        model.functions.push(FunctionDeclaration {
+            name: Name::new(TOTAL_COST),
+            parameters: Vec::new(),
+            privacy: Privacy::Public,
+        });
     }
 }
 

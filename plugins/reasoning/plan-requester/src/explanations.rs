@@ -18,11 +18,16 @@ const NAMED_MAX: usize = 3;
 
 /// Returns the reason why a goal cannot be reached; `None` if the delete relaxation (planning as if
 /// no action undid another) shows no obstacle.
-pub(crate) fn obstacles(explanation: &Explanation, avoided: &AvoidedActions) -> Option<String> {
+pub(crate) fn obstacles(explanation: &Explanation, known: &PlanningSnapshot) -> Option<String> {
     if explanation.obstacles.is_empty() {
         return None;
     }
-    Some(format!("{explanation}{}", describe_avoided(avoided)))
+    let not_composed = listed(known.not_composed.iter().cloned().collect(), "; ");
+    let not_composed = match not_composed.as_str() {
+        "" => String::new(),
+        told => format!(" (not composed: {told})"),
+    };
+    Some(format!("{explanation}{}{not_composed}", describe_avoided(&known.avoided)))
 }
 
 /// Returns the avoided actions and their reasons, in parentheses; an empty string if there are
@@ -327,6 +332,16 @@ mod tests {
         facts: &str,
         avoided: &AvoidedActions,
     ) -> PlanningSnapshot {
+        let snapshot = snapshot(domain, agents, facts, BTreeMap::new());
+        PlanningSnapshot::read(snapshot).expect("PDDL").without_avoided(avoided.clone())
+    }
+
+    fn snapshot(
+        domain: &str,
+        agents: &[&str],
+        facts: &str,
+        conflicts: BTreeMap<AgentId, Vec<String>>,
+    ) -> Snapshot {
         let guard = |agent: &str| format!("(offers-measure {agent})");
         let guards: Vec<String> = agents.iter().map(|agent| guard(agent)).collect();
         let offer = |agent: &&str| {
@@ -335,7 +350,7 @@ mod tests {
             (id(agent), [("measure".to_owned(), offer)].into())
         };
         let (outside, predicate) = ("measure".to_owned(), "offers-measure".to_owned());
-        let snapshot = Snapshot {
+        Snapshot {
             epoch: 1,
             revision: 1,
             domain: domain.to_owned(),
@@ -349,9 +364,8 @@ mod tests {
             guards: [("measure".to_owned(), Guard { action: outside, predicate })].into(),
             former: Vec::new(),
             knowledge: BTreeMap::new(),
-            conflicts: BTreeMap::new(),
-        };
-        PlanningSnapshot::read(snapshot).expect("PDDL").without_avoided(avoided.clone())
+            conflicts,
+        }
     }
 
     fn goal(text: &str) -> Vec<Condition> {
@@ -374,7 +388,7 @@ mod tests {
         let known = known(&["a"], "(in a hall) (open hall)", &avoided);
         let explanation = known.explain(&goal("(known hall)"), &Cancel::new()).expect("explained");
         assert_eq!(
-            obstacles(&explanation, &avoided).expect("an obstacle"),
+            obstacles(&explanation, &known).expect("an obstacle"),
             "no agent can `measure` at `hall`; `a` does not offer `measure` now; a sensor there \
              would do (`measure` of `a` failed a moment ago and will be tried again: `a` is stuck)"
         );
@@ -385,7 +399,18 @@ mod tests {
         );
         let known = self::known(&["a"], "(in a hall) (open hall)", &AvoidedActions::new());
         let explanation = known.explain(&goal("(known hall)"), &Cancel::new()).expect("explained");
-        assert_eq!(obstacles(&explanation, &AvoidedActions::new()), None);
+        assert_eq!(obstacles(&explanation, &known), None);
+    }
+
+    #[test]
+    fn an_action_that_is_not_composed_is_reported_with_the_obstacle() {
+        let told = "action `clean` of `a`: it uses the predicate `dust`, which is not declared";
+        let (action, fact) = (told.to_owned(), "fact about `dust` of `a`: it is odd".to_owned());
+        let snapshot = snapshot(DOMAIN, &[], "", [(id("a"), vec![action, fact])].into());
+        let known = PlanningSnapshot::read(snapshot).expect("PDDL");
+        let explanation = known.explain(&goal("(known hall)"), &Cancel::new()).expect("explained");
+        let obstacle = obstacles(&explanation, &known).expect("an obstacle");
+        assert!(obstacle.ends_with(&format!(" (not composed: {told})")), "{obstacle}");
     }
 
     #[test]

@@ -178,7 +178,7 @@ pub(crate) fn explain(
     let others = open.iter().zip(&reasons).filter(|(_, reason)| reason.is_none());
     let others: Vec<Condition> = others.map(|(part, _)| part.clone()).collect();
     let explanation = known.explain(&others, cancel)?;
-    let obstacles = explanations::obstacles(&explanation, &known.avoided);
+    let obstacles = explanations::obstacles(&explanation, known);
     match (plain.is_empty(), obstacles) {
         (true, Some(obstacles)) => Some(obstacles),
         // Perhaps only the avoided action is missing. The text of `otherwise`, which names

@@ -55,6 +55,9 @@ pub(crate) struct PlanningSnapshot {
     /// The predicates that stand for unknown facts in the domain, in the form that messages use.
     pub(crate) words: BTreeMap<String, content::Auxiliary>,
     pub(crate) avoided: AvoidedActions,
+    /// Actions that the Domain Maintainer left out of the composition, each with the reason, as
+    /// text for a person.
+    pub(crate) not_composed: BTreeSet<String>,
     /// Agents that are in use by other goals and left out of planning.
     pub(crate) spared: BTreeSet<AgentId>,
 }
@@ -66,7 +69,9 @@ impl PlanningSnapshot {
     ///
     /// Returns an error, as text for a person, if the snapshot is not valid PDDL.
     pub(crate) fn read(snapshot: Snapshot) -> Result<PlanningSnapshot, String> {
-        let Snapshot { epoch, domain, problem, offers, guards, former, knowledge, .. } = snapshot;
+        let Snapshot {
+            epoch, domain, problem, offers, guards, former, knowledge, conflicts, ..
+        } = snapshot;
         let domain_text = domain;
         let domain = pddl::parse_domain(&domain_text).into_result().map_err(first)?;
         let problem = pddl::parse_problem(&problem).into_result().map_err(first)?;
@@ -78,6 +83,8 @@ impl PlanningSnapshot {
         // A former model that cannot be parsed is left out; only explanations use it.
         let read = |text: &String| pddl::parse_action_model(text).into_result().ok();
         let former = former.iter().filter_map(read).collect();
+        let conflicts = conflicts.into_values().flatten();
+        let not_composed = conflicts.filter(|conflict| conflict.starts_with("action "));
         let (all_offers, whole, avoided) = (offers.clone(), problem.clone(), AvoidedActions::new());
         Ok(PlanningSnapshot {
             epoch,
@@ -93,6 +100,7 @@ impl PlanningSnapshot {
             knowledge: agent::knowledge(&knowledge),
             words: knowledge,
             avoided,
+            not_composed: not_composed.collect(),
             spared: BTreeSet::new(),
         })
     }

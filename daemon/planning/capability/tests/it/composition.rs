@@ -1,5 +1,6 @@
 //! Tests that models are composed into one domain and one problem.
 
+use capability::{Maintainer, MaintainerScope, Timestamp};
 use expect_test::{Expect, expect};
 
 use crate::office::{Office, ir_sensor, model, office, thermometer, turtlebot};
@@ -315,4 +316,41 @@ fn the_metric_is_the_total_cost_by_default() {
     let now = office.now;
     office.maintainer.set_metric(Some(dearest.clone()), now).expect("it makes sense");
     assert_eq!(office.snapshot().with_goal(&goal(), None).metric, Some(dearest));
+}
+
+#[test]
+fn costs_need_no_declaration_by_the_ontology_or_the_model() {
+    let ontology = pddl::parse_domain(
+        "(define (domain smart-office) (:types kettle cup - object)
+          (:predicates (filled ?c - cup) (clean ?c - cup)))",
+    );
+    let map =
+        "(define (problem map) (:domain smart-office) (:objects mug - cup) (:init) (:goal (and)))";
+    let maintainer = Maintainer::new(
+        ontology.into_result().expect("the ontology"),
+        pddl::parse_problem(map).into_result().expect("the map"),
+        MaintainerScope::Everything,
+    );
+    let mut office = Office { maintainer, now: Timestamp(1_000), eyes: None };
+    // An action without a cost needs no `total-cost`, so that the length of a plan is minimized.
+    let sections = |action: &str, effect: &str| {
+        format!(
+            "(:objects {action}er - kettle) (:action {action} :agent ?k - kettle
+              :parameters (?c - cup) :effect {effect})"
+        )
+    };
+    office.admit(&model("washer", &sections("wash", "(clean ?c)")));
+    let functions = |office: &Office| office.snapshot().domain.functions.len();
+    assert_eq!(functions(&office), 0);
+    let costly = sections("fill", "(and (filled ?c) (increase (total-cost) 3))");
+    office.admit(&model("filler", &costly));
+    office.admit(&model("filler-2", &costly.replace("filler", "filler-2")));
+    assert_eq!(office.conflicts(), "");
+    assert_eq!(office.actions(), "fill wash");
+    assert_eq!(functions(&office), 1);
+    let snapshot = office.snapshot();
+    assert!(pddl::check_domain(&snapshot.domain).is_empty(), "{}", snapshot.domain);
+    let goal = pddl::parse_condition("(filled mug)").value.expect("a goal");
+    let metric = snapshot.with_goal(&goal, None).metric.expect("an action has a cost");
+    assert_eq!(metric.to_string(), "(:metric minimize (total-cost))");
 }
