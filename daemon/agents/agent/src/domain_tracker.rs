@@ -44,9 +44,12 @@ const REJECTED_MAX: usize = capability::limits::AGENTS_MAX;
 /// Tracking state for one maintainer. The caller owns the maintainer.
 #[derive(Default)]
 pub(crate) struct DomainTracker {
-    /// Agents that have left, each with the time at which it left. The objects and facts of an
+    /// Agents that have left, each with the time at which it last left. The objects and facts of an
     /// agent are removed once it has been away for longer than the setting `removal`.
-    leaving: BTreeSet<(Timestamp, AgentId, Incarnation)>,
+    leaving: BTreeSet<(Timestamp, AgentId)>,
+    /// The time and the incarnation of each agent in `leaving`. An agent that returns and leaves
+    /// again has one entry, that of its last departure.
+    left_at: BTreeMap<AgentId, (Timestamp, Incarnation)>,
     rejected: RejectedModels,
 }
 
@@ -157,7 +160,10 @@ impl DomainTracker {
     ) {
         for gone in &change.left {
             if let Some(incarnation) = maintainer.incarnation(gone) {
-                self.leaving.insert((now, gone.clone(), incarnation));
+                if let Some((earlier, _)) = self.left_at.insert(gone.clone(), (now, incarnation)) {
+                    self.leaving.remove(&(earlier, gone.clone()));
+                }
+                self.leaving.insert((now, gone.clone()));
             }
         }
     }
@@ -185,7 +191,8 @@ impl DomainTracker {
             changes.push(change);
         }
         while self.leaving.first().is_some_and(|(left_at, ..)| left_at.after(removal) <= now)
-            && let Some((_, gone, incarnation)) = self.leaving.pop_first()
+            && let Some((_, gone)) = self.leaving.pop_first()
+            && let Some((_, incarnation)) = self.left_at.remove(&gone)
         {
             if !maintainer.is_present(&gone) {
                 changes.push(maintainer.remove(&gone, incarnation, now));
@@ -461,6 +468,22 @@ mod tests {
         assert_eq!(outcome.request_after, Some(Duration::ZERO), "it may have sent something");
         tracker.advance(&mut maintainer, REMOVAL, Timestamp(1_010));
         assert_eq!(maintainer.incarnation(&meter()), Some(Incarnation(1)));
+    }
+
+    #[test]
+    fn the_removal_counts_from_the_last_departure() {
+        let (mut tracker, mut maintainer) = (DomainTracker::default(), maintainer());
+        receive(&mut tracker, &mut maintainer, &announcement(MODEL), Timestamp(0));
+        let (joined, left) = presence(1);
+        for (presence, at) in [(&left, 10), (&joined, 20), (&left, 900)] {
+            tracker.presence(&mut maintainer, presence, Timestamp(at));
+        }
+        tracker.advance(&mut maintainer, REMOVAL, Timestamp(1_899));
+        assert_eq!(maintainer.incarnation(&meter()), Some(Incarnation(1)), "away for 999 ms");
+        assert_eq!(tracker.next_due(&maintainer, REMOVAL), Some(Timestamp(1_900)));
+        tracker.advance(&mut maintainer, REMOVAL, Timestamp(1_900));
+        assert_eq!(maintainer.incarnation(&meter()), None);
+        assert_eq!(tracker.next_due(&maintainer, REMOVAL), None);
     }
 
     #[test]
