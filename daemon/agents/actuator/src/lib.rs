@@ -18,7 +18,6 @@ mod erased_device;
 mod initiative;
 mod ledger;
 mod measured_value;
-mod mobile_base;
 mod on_off;
 mod pddl_text;
 
@@ -27,7 +26,6 @@ pub use agent::StateFolder;
 pub use device::{Description, Device, MethodCall, MethodFailure, MethodResult, OwnFact};
 pub use initiative::{DeviceEvent, Initiative, InitiativeUpdate};
 pub use measured_value::{converted_value, is_possible_value, unit_conversion};
-pub use mobile_base::{BaseConfig, BaseDriver, BaseOutcome, MobileBase};
 pub use on_off::{OnOffNames, OnOffPredicates, is_derived};
 pub use pddl_text::{InvalidPlaceName, PlaceName, facts_of, model_of};
 pub use substrate::BoxFuture;

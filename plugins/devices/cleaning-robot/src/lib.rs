@@ -1,6 +1,6 @@
 //! The cleaning robot: a mobile base that drives to rooms and sweeps them.
 //!
-//! - `actuator::MobileBase` implements moving, the battery and the dock, as for every robot.
+//! - `mobile_base::MobileBase` implements moving, the battery and the dock, as for every robot.
 //! - The bin of the robot has space for a few rooms, and is emptied at the robot's home. The fill
 //!   level of the bin is private, so that other ecosystems cannot see how much was cleaned.
 
@@ -12,10 +12,11 @@ use std::time::Duration;
 use acl::Millis;
 use acl::content::Method;
 use actuator::{
-    Actuator, BaseConfig, BaseOutcome, BoxFuture, Description, Device, DeviceEvent, MethodCall,
-    MethodFailure, MethodResult, MobileBase, OwnFact, facts_of, model_of,
+    Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
+    OwnFact, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
+use mobile_base::{BaseConfig, BaseOutcome, MobileBase};
 use pddl::InitElement;
 use serde::Deserialize;
 
@@ -92,8 +93,8 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     if bin == 0 {
         return Err(blueprint.problem("bin = 0: a bin takes at least one room"));
     }
-    let (driver, broom) = simulated::robot(&blueprint)?;
-    let base = MobileBase::new(&blueprint, "cleaning-robot", base, driver)?;
+    let broom = simulated::broom(&blueprint)?;
+    let base = MobileBase::new(&blueprint, "cleaning-robot", base)?;
     let robot = CleaningRobot {
         id: blueprint.id.to_string(),
         ontology: blueprint.host.ontology.name.to_string(),

@@ -1,58 +1,29 @@
-//! The simulated driver: moves the robot and sweeps in the simulated building.
+//! The simulated driver: sweeps in the simulated building.
 
 use std::sync::Arc;
 
-use actuator::{BaseDriver, BoxFuture};
+use actuator::BoxFuture;
 use agent::{Blueprint, BuildError};
 use building::BuildingHandle;
 
 use crate::Broom;
 
-#[derive(Clone)]
 struct Simulated {
     building: Arc<BuildingHandle>,
     robot: String,
 }
 
-/// The drivers of the mobile base and of the broom.
-type CleaningDrivers = (Arc<dyn BaseDriver>, Arc<dyn Broom>);
-
-/// Returns the drivers of a simulated robot.
-pub(crate) fn robot(blueprint: &Blueprint) -> Result<CleaningDrivers, BuildError> {
+/// Returns the broom of a simulated robot.
+pub(crate) fn broom(blueprint: &Blueprint) -> Result<Arc<dyn Broom>, BuildError> {
     let building = blueprint.host.resources.get::<BuildingHandle>().ok_or_else(|| {
         blueprint.problem("a simulated driver needs a simulated building, and there is none")
     })?;
-    let robot = Simulated { building, robot: blueprint.id.to_string() };
-    Ok((Arc::new(robot.clone()), Arc::new(robot)))
-}
-
-impl BaseDriver for Simulated {
-    fn navigate_to(&self, place: &str) -> BoxFuture<Result<(), String>> {
-        let (Simulated { building, robot }, place) = (self.clone(), place.to_owned());
-        Box::pin(async move {
-            building.navigate(&robot, &place).await.map_err(|error| error.to_string())
-        })
-    }
-
-    fn recharge(&self) -> BoxFuture<Result<(), String>> {
-        let Simulated { building, robot } = self.clone();
-        Box::pin(async move { building.recharge(&robot).await.map_err(|error| error.to_string()) })
-    }
-
-    fn place(&self) -> BoxFuture<Result<String, String>> {
-        let Simulated { building, robot } = self.clone();
-        Box::pin(async move { building.place_of(&robot).await.map_err(|error| error.to_string()) })
-    }
-
-    fn charge(&self) -> BoxFuture<Result<Option<f64>, String>> {
-        let Simulated { building, robot } = self.clone();
-        Box::pin(async move { building.charge_of(&robot).await.map_err(|error| error.to_string()) })
-    }
+    Ok(Arc::new(Simulated { building, robot: blueprint.id.to_string() }))
 }
 
 impl Broom for Simulated {
     fn sweep(&self) -> BoxFuture<Result<String, String>> {
-        let Simulated { building, robot } = self.clone();
+        let (building, robot) = (Arc::clone(&self.building), self.robot.clone());
         Box::pin(async move { building.sweep(&robot).await.map_err(|error| error.to_string()) })
     }
 }

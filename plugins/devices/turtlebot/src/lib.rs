@@ -1,8 +1,7 @@
 //! The TurtleBot (the paper, “TurtleBot”), a mobile base that moves between the places of the map
 //! and between named poses of its own, and carries sensors.
 //!
-//! - `actuator::MobileBase` implements moving, the battery and the dock, as for every robot. The
-//!   driver of the base is in this crate; `simulated` moves the robot in the simulated building.
+//! - `mobile_base::MobileBase` implements moving, the battery and the dock, as for every robot.
 //! - The robot carries the agents that announce to be `mounted-on` it, and makes plans with their
 //!   actions.
 //! - With the key `login` in the config, a person can log in at the robot's on-board screen, at the
@@ -12,7 +11,6 @@
 
 mod login;
 mod patrol;
-mod simulated;
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -20,11 +18,11 @@ use std::time::Duration;
 use acl::Millis;
 use acl::content::Method;
 use actuator::{
-    Actuator, BaseConfig, BaseOutcome, BoxFuture, Description, Device, DeviceEvent, Initiative,
-    InitiativeUpdate, MethodCall, MethodFailure, MethodResult, MobileBase, OwnFact, facts_of,
-    model_of,
+    Actuator, BoxFuture, Description, Device, DeviceEvent, Initiative, InitiativeUpdate,
+    MethodCall, MethodFailure, MethodResult, OwnFact, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
+use mobile_base::{BaseConfig, BaseOutcome, MobileBase};
 use serde::Deserialize;
 use tokio::time::Instant;
 
@@ -35,7 +33,7 @@ use patrol::{Patrol, PatrolConfig};
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "turtlebot",
     about: "a mobile base: moves between the places of the map, carries sensors, lets people log in",
-    drivers: &["simulated"],
+    drivers: mobile_base::DRIVERS,
     has_replicas: false,
     build,
 };
@@ -62,11 +60,10 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     if let Some(key) = unknown.keys().next() {
         return Err(blueprint.problem(format!("a turtlebot's config has no key `{key}`")));
     }
-    let driver = simulated::base(&blueprint)?;
     let turtlebot = TurtleBot {
         id: blueprint.id.to_string(),
         ontology: blueprint.host.ontology.name.to_string(),
-        base: MobileBase::new(&blueprint, "turtlebot", base, driver)?,
+        base: MobileBase::new(&blueprint, "turtlebot", base)?,
         login: login.map(|login| Login::new(&blueprint, login)).transpose()?,
         patrol: patrol.map(|patrol| Patrol::new(&blueprint, patrol)).transpose()?,
         validated: BTreeMap::new(),

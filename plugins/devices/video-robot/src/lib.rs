@@ -1,7 +1,7 @@
 //! The video-collaboration robot (the paper, Figure 1), a mobile base with a screen that is
 //! deployed “to resume the interrupted meeting” after the failure of a screen.
 //!
-//! - `actuator::MobileBase` implements moving, the battery and the dock, as for every robot.
+//! - `mobile_base::MobileBase` implements moving, the battery and the dock, as for every robot.
 //! - The robot presents media at any location, at a higher cost than a fixed screen. While the
 //!   robot presents, it does not move.
 
@@ -14,10 +14,11 @@ use std::time::Duration;
 use acl::Millis;
 use acl::content::Method;
 use actuator::{
-    Actuator, BaseConfig, BaseOutcome, BoxFuture, Description, Device, DeviceEvent, MethodCall,
-    MethodFailure, MethodResult, MobileBase, OwnFact, PlaceName, facts_of, model_of,
+    Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
+    OwnFact, PlaceName, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
+use mobile_base::{BaseConfig, BaseOutcome, MobileBase};
 use serde::Deserialize;
 
 /// Time limit for the robot's screen to light up.
@@ -61,11 +62,11 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
             blueprint.problem(format!("`{name}` cannot name a medium: it has to be a PDDL name"))
         })?;
     }
-    let (driver, screen) = simulated::robot(&blueprint)?;
+    let screen = simulated::screen(&blueprint)?;
     let robot = VideoRobot {
         id: blueprint.id.to_string(),
         ontology: blueprint.host.ontology.name.to_string(),
-        base: MobileBase::new(&blueprint, "video-robot", base, driver)?,
+        base: MobileBase::new(&blueprint, "video-robot", base)?,
         media,
         screen,
         shown: None,

@@ -3,9 +3,11 @@
 
 use std::sync::Arc;
 
-use actuator::{BaseDriver, BoxFuture};
+use actuator::BoxFuture;
 use agent::{Blueprint, BuildError};
 use building::BuildingHandle;
+
+use crate::BaseDriver;
 
 #[derive(Clone)]
 struct Simulated {

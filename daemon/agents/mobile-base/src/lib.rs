@@ -1,7 +1,8 @@
 //! The mobile base of every robot: it moves between the places of the map and its own poses, and
 //! tracks the range left in its battery, if it has one.
 //!
-//! - [`BaseDriver`] is the interface to the hardware; each robot's plugin has its own.
+//! - [`BaseDriver`] is the interface to the hardware. Its implementations are shared by all robots:
+//!   `simulated` moves a robot in the simulated building.
 //! - After each move, even a failed one, the base reads its real place and the range left from its
 //!   driver.
 //! - The base adapts its offer (the paper: “re-evaluates what it can do”): with an empty battery it
@@ -9,6 +10,8 @@
 //!
 //! A robot's plugin takes the base's part of the model, the facts and the methods from this module,
 //! and adds those of the robot.
+
+mod simulated;
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -18,14 +21,12 @@ use std::time::Duration;
 
 use acl::Millis;
 use acl::content::{Achieve, Keep, Method, Methods};
+use actuator::{
+    BoxFuture, Initiative, MethodCall, MethodFailure, MethodResult, PlaceName, facts_of,
+};
 use agent::{Blueprint, BuildError};
 use serde::Deserialize;
-use substrate::BoxFuture;
 use tokio::sync::watch;
-
-use crate::device::{MethodCall, MethodFailure, MethodResult};
-use crate::initiative::Initiative;
-use crate::pddl_text::{PlaceName, facts_of};
 
 /// Share of the full range at or below which the battery counts as empty. With less charge the
 /// cells are damaged, and the next place is too far anyway.
@@ -48,6 +49,9 @@ const LOOKED_WITHIN: Duration = Duration::from_secs(1);
 /// Cost of charging in a plan, in meters of driving, so that a plan charges the battery only if it
 /// must.
 const RECHARGE_COST: u32 = 10;
+
+/// Names of the drivers of a base; the first is the default.
+pub const DRIVERS: &[&str] = &["simulated"];
 
 /// Interface to the hardware of a mobile base.
 pub trait BaseDriver: Send + Sync + 'static {
@@ -170,17 +174,19 @@ pub enum BaseOutcome {
 }
 
 impl MobileBase {
-    /// Creates the base of a robot of the PDDL type `kind`.
+    /// Creates the base of a robot of the PDDL type `kind`, with the driver that the blueprint
+    /// names.
     ///
     /// # Errors
     ///
-    /// Returns an error if values of the config are out of range or contradict each other.
+    /// Returns an error if values of the config are out of range or contradict each other, or if
+    /// the driver cannot be made.
     pub fn new(
         blueprint: &Blueprint,
         kind: &'static str,
         config: BaseConfig,
-        driver: Arc<dyn BaseDriver>,
     ) -> Result<MobileBase, BuildError> {
+        let driver = simulated::base(blueprint)?;
         let BaseConfig { start, speed, move_timeout, battery, dock, poses } = config;
         let problem = |text: String| blueprint.problem(text);
         let speed = positive("speed", speed).map_err(problem)?;
