@@ -23,6 +23,7 @@ const LAYERS: &[&[&str]] = &[
         "phidget-link",
         "planner",
         "programs",
+        "ros-messages",
         "seccomp-notify",
         "substrate",
     ],
@@ -102,8 +103,16 @@ const BESIDE: &[Exception] = &[exception(
 const IMPURE: &[&str] = &["tokio", "tokio-util", "tracing", "log", "rand", "chrono", "zenoh"];
 
 /// The pure crates: they only return values.
-pub(crate) const PURE: &[&str] =
-    &["acl", "pddl", "conversation", "capability", "goal-lifecycle", "planner", "plan-execution"];
+pub(crate) const PURE: &[&str] = &[
+    "acl",
+    "pddl",
+    "conversation",
+    "capability",
+    "goal-lifecycle",
+    "planner",
+    "plan-execution",
+    "ros-messages",
+];
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Exception {
