@@ -89,6 +89,25 @@ fn hashes_are_those_of_rosidl() {
     assert!(count > 25, "{count} hashes are too few");
 }
 
+/// rosbags has no wide strings; the fields and the hash are those of `test_msgs`, which ROS 2 tests
+/// itself with.
+#[test]
+fn wide_strings_have_the_hash_of_rosidl() {
+    let mut interfaces = Interfaces::default();
+    let text = "wstring wstring_value\n\
+                wstring wstring_value_default1 \"one\"\n\
+                wstring wstring_value_default2 \"two\"\n\
+                wstring wstring_value_default3 \"three\"\n\
+                wstring[3] array_of_wstrings\n\
+                wstring[<=3] bounded_sequence_of_wstrings\n\
+                wstring[] unbounded_sequence_of_wstrings\n";
+    interfaces.add("test_msgs", "WStrings.msg", text).expect("it has no mistakes");
+    assert_eq!(
+        interfaces.type_hash("test_msgs/msg/WStrings").as_deref(),
+        Ok("RIHS01_5a2c8ddb2054600023b9a180652f2ba895373217cad4b1f0fc1258c9e4424a79")
+    );
+}
+
 #[test]
 fn services_and_actions_have_no_encoding() {
     let interfaces = interfaces();
