@@ -2,19 +2,21 @@
 //! tracks the range left in its battery, if it has one.
 //!
 //! - [`BaseDriver`] is the interface to the hardware. Its implementations are shared by all robots:
-//!   `simulated` moves a robot in the simulated building.
+//!   `simulated` moves a robot in the simulated building, `ros2` a real one with Nav2.
 //! - After each move, even a failed one, the base reads its real place and the range left from its
-//!   driver.
+//!   driver. A real robot may also be carried away: it then stands at another place, beside one
+//!   (`stray-near`), or does not know where it is.
 //! - The base adapts its offer (the paper: “re-evaluates what it can do”): with an empty battery it
 //!   offers no `move`. Long before the battery is empty, the base requests a charge by itself.
 //!
 //! A robot's plugin takes the base's part of the model, the facts and the methods from this module,
 //! and adds those of the robot.
 
+mod ros2;
 mod simulated;
 
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
+use std::fmt::{self, Write as _};
 use std::future::pending;
 use std::sync::Arc;
 use std::time::Duration;
@@ -27,6 +29,8 @@ use actuator::{
 use agent::{Blueprint, BuildError};
 use serde::Deserialize;
 use tokio::sync::watch;
+
+use crate::ros2::Ros2Config;
 
 /// Share of the full range at or below which the battery counts as empty. With less charge the
 /// cells are damaged, and the next place is too far anyway.
@@ -51,7 +55,12 @@ const LOOKED_WITHIN: Duration = Duration::from_secs(1);
 const RECHARGE_COST: u32 = 10;
 
 /// Names of the drivers of a base; the first is the default.
-pub const DRIVERS: &[&str] = &["simulated"];
+pub const DRIVERS: &[&str] = &["simulated", ROS2];
+
+const ROS2: &str = "ros2";
+
+/// Cost of driving to the place beside which a base stands, in meters of driving.
+const REJOIN_COST: u32 = 2;
 
 /// Interface to the hardware of a mobile base.
 pub trait BaseDriver: Send + Sync + 'static {
@@ -62,12 +71,44 @@ pub trait BaseDriver: Send + Sync + 'static {
     /// Charges the battery of the base, which must be at the dock.
     fn recharge(&self) -> BoxFuture<Result<(), String>>;
 
-    /// Returns the place where the base really stands.
-    fn place(&self) -> BoxFuture<Result<String, String>>;
+    /// Returns where the base really stands, and how far it can still drive.
+    fn read(&self) -> BoxFuture<Result<BaseReading, String>>;
 
-    /// Returns how far the base can still drive, in meters; `None` if the range of the base is
-    /// unlimited.
-    fn charge(&self) -> BoxFuture<Result<Option<f64>, String>>;
+    /// Waits until the base reads otherwise than `known`, for a base that may be moved by others.
+    /// By default this never happens.
+    fn until_differs(&self, _known: BaseReading) -> BoxFuture<()> {
+        Box::pin(pending())
+    }
+}
+
+/// What a driver reads from a base.
+#[derive(Clone, Debug, PartialEq)]
+pub struct BaseReading {
+    /// Where the base stands.
+    pub place: BasePlace,
+    /// How far the base can still drive, in meters; `None` if its range is unlimited or not known.
+    pub charge: Option<f64>,
+}
+
+/// Where a base stands.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum BasePlace {
+    /// At this place of the map, or in this pose.
+    At(String),
+    /// At no place; this one is the nearest.
+    Near(String),
+    /// The base does not know where it is.
+    Unknown,
+}
+
+impl fmt::Display for BasePlace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            BasePlace::At(place) => write!(f, "at `{place}`"),
+            BasePlace::Near(place) => write!(f, "at no place; the nearest is `{place}`"),
+            BasePlace::Unknown => write!(f, "where it does not know"),
+        }
+    }
 }
 
 /// Part of a robot's `config` in the ecosystem file that describes its mobile base.
@@ -92,6 +133,9 @@ pub struct BaseConfig {
     /// Poses, which are spots beside the places of the map, by name.
     #[serde(default)]
     poses: BTreeMap<String, PoseConfig>,
+    /// The robot behind the driver `ros2`; `None` for other drivers.
+    #[serde(default)]
+    ros2: Option<Ros2Config>,
 }
 
 #[derive(Clone, Debug, Deserialize)]
@@ -133,13 +177,19 @@ fn default_recharge_time() -> f64 {
 pub struct MobileBase {
     id: String,
     kind: &'static str,
+    /// Place where the base stands at the start, according to the config.
+    start: String,
     speed: f64,
     move_timeout: Duration,
     power: Option<PowerSupply>,
     /// Each pose with the place beside it and the distance between them in meters.
     poses: Vec<(PlaceName, PlaceName, f64)>,
-    state: Arc<watch::Sender<BaseState>>,
+    /// The last reading. The base shares it with the future that moves the base, because that
+    /// future may be dropped at any time.
+    state: Arc<watch::Sender<BaseReading>>,
     driver: Arc<dyn BaseDriver>,
+    /// Whether the base can stand beside a place, and so offers to drive there.
+    can_stray: bool,
     /// Whether the base has requested a charge.
     wants_charge: bool,
 }
@@ -150,18 +200,8 @@ struct PowerSupply {
     dock: PlaceName,
 }
 
-/// State of a mobile base. The base shares it with the future that moves the base, because that
-/// future may be dropped at any time.
-#[derive(Clone)]
-struct BaseState {
-    place: String,
-    charge: Option<f64>,
-}
-
-impl BaseState {
-    fn is_low(&self, range: f64) -> bool {
-        self.charge.is_some_and(|charge| charge <= range * LOW)
-    }
+fn is_low(reading: &BaseReading, range: f64) -> bool {
+    reading.charge.is_some_and(|charge| charge <= range * LOW)
 }
 
 /// Outcome of a method of the base that has succeeded.
@@ -186,9 +226,25 @@ impl MobileBase {
         kind: &'static str,
         config: BaseConfig,
     ) -> Result<MobileBase, BuildError> {
-        let driver = simulated::base(blueprint)?;
-        let BaseConfig { start, speed, move_timeout, battery, dock, poses } = config;
+        let BaseConfig { start, speed, move_timeout, battery, dock, poses, ros2 } = config;
         let problem = |text: String| blueprint.problem(text);
+        let range = battery.as_ref().map(|battery| battery.range);
+        let own_poses: Vec<&str> = poses.keys().map(String::as_str).collect();
+        let driver: Arc<dyn BaseDriver> = match (blueprint.driver.as_str(), ros2) {
+            (ROS2, Some(ros2)) => {
+                ros2::base(blueprint, ros2, start.as_str(), &own_poses, range).map_err(problem)?
+            }
+            (ROS2, None) => {
+                let missing = "the driver `ros2` needs a table `config.ros2`, with the `endpoint` \
+                    of the robot and the poses of its `places`";
+                return Err(blueprint.problem(missing));
+            }
+            (other, Some(_)) => {
+                let surplus = format!("`config.ros2` is for the driver `ros2`, not `{other}`");
+                return Err(blueprint.problem(surplus));
+            }
+            (_, None) => simulated::base(blueprint)?,
+        };
         let speed = positive("speed", speed).map_err(problem)?;
         let move_timeout = positive("move-timeout", move_timeout).map_err(problem)?;
         let charge = battery.as_ref().map(|battery| battery.charge.unwrap_or(battery.range));
@@ -197,22 +253,41 @@ impl MobileBase {
         Ok(MobileBase {
             id: blueprint.id.to_string(),
             kind,
+            start: start.to_string(),
             speed,
             move_timeout: Duration::from_secs_f64(move_timeout),
             power,
             poses: poses.collect::<Result<_, _>>().map_err(problem)?,
-            state: Arc::new(watch::Sender::new(BaseState { place: start.to_string(), charge })),
+            state: Arc::new(watch::Sender::new(BaseReading {
+                place: BasePlace::At(start.to_string()),
+                charge,
+            })),
             driver,
+            can_stray: blueprint.driver == ROS2,
             wants_charge: false,
         })
     }
 
-    /// Returns the place where the base stands, as its driver last reported it.
-    pub fn place(&self) -> String {
-        self.current_state().place
+    /// Returns the place where the base stands at the start, according to the config.
+    pub fn start(&self) -> &str {
+        &self.start
     }
 
-    fn current_state(&self) -> BaseState {
+    /// Returns where the base stands, as its driver last reported it, in words for a person.
+    pub fn whereabouts(&self) -> String {
+        self.current_state().place.to_string()
+    }
+
+    /// Returns the place at which the base stands, as its driver last reported it; `None` if it
+    /// stands at no place.
+    pub fn place(&self) -> Option<String> {
+        match self.current_state().place {
+            BasePlace::At(place) => Some(place),
+            BasePlace::Near(_) | BasePlace::Unknown => None,
+        }
+    }
+
+    fn current_state(&self) -> BaseReading {
         self.state.borrow().clone()
     }
 
@@ -239,17 +314,27 @@ impl MobileBase {
         self.current_state().charge.is_some_and(|charge| charge <= power.range * EMPTY)
     }
 
-    /// Waits until the charge of the battery becomes low, or ceases to be low. If it is low,
-    /// [`MobileBase::take_initiatives`] then returns the request to charge it.
+    /// Waits until the base was moved by others, or until the charge of the battery becomes low, or
+    /// ceases to be low. If it is low, [`MobileBase::take_initiatives`] then returns the request to
+    /// charge it.
     pub fn next_initiative(&self) -> BoxFuture<()> {
-        let Some(PowerSupply { range, .. }) = self.power else { return Box::pin(pending()) };
         let (mut changes, wants_charge) = (self.state.subscribe(), self.wants_charge);
+        let range = self.power.as_ref().map(|power| power.range);
+        let (body, known) = (self.handle(), self.current_state());
         Box::pin(async move {
-            let is_news = |state: &BaseState| state.is_low(range) != wants_charge;
-            let is_gone = changes.wait_for(is_news).await.is_err();
-            // The robot is gone, and this future will be dropped too.
-            if is_gone {
-                pending().await
+            let has_charge_news = async {
+                let is_news = |state: &BaseReading| {
+                    range.is_some_and(|range| is_low(state, range) != wants_charge)
+                };
+                let is_gone = changes.wait_for(is_news).await.is_err();
+                // The robot is gone, and this future will be dropped too.
+                if is_gone {
+                    pending().await
+                }
+            };
+            tokio::select! {
+                () = has_charge_news => (),
+                () = body.driver.until_differs(known) => drop(body.refresh().await),
             }
         })
     }
@@ -258,7 +343,7 @@ impl MobileBase {
     /// once each time that the charge becomes low.
     pub fn take_initiatives(&mut self) -> Vec<Initiative> {
         let Some(PowerSupply { range, .. }) = self.power else { return Vec::new() };
-        let is_low = self.current_state().is_low(range);
+        let is_low = is_low(&self.current_state(), range);
         if !is_low || std::mem::replace(&mut self.wants_charge, is_low) {
             self.wants_charge = is_low;
             return Vec::new();
@@ -335,6 +420,16 @@ impl MobileBase {
         text
     }
 
+    /// Returns the declarations of the predicates of the base that the ontology need not have, as
+    /// PDDL.
+    pub fn predicates(&self) -> &'static str {
+        if self.can_stray {
+            "(stray-near ?b - mobile-base ?l - location) (lost ?b - mobile-base)"
+        } else {
+            ""
+        }
+    }
+
     /// Returns the facts of the base that never change, as PDDL.
     pub fn constant_facts(&self) -> String {
         let mut text = format!("(= (speed {}) {})", self.id, self.speed);
@@ -354,8 +449,13 @@ impl MobileBase {
 
     /// Returns all facts of the base that are known at present, as PDDL.
     pub fn facts(&self) -> String {
-        let BaseState { place, charge } = self.current_state();
-        let mut text = format!("(at {} {place}) {}", self.id, self.constant_facts());
+        let BaseReading { place, charge } = self.current_state();
+        let mut text = match place {
+            BasePlace::At(place) => format!("(at {} {place}) ", self.id),
+            BasePlace::Near(place) => format!("(stray-near {} {place}) ", self.id),
+            BasePlace::Unknown => format!("(lost {}) ", self.id),
+        };
+        text += &self.constant_facts();
         if let (Some(PowerSupply { range, .. }), Some(charge)) = (&self.power, charge) {
             push(&mut text, format_args!(" (= (charge {}) {charge})", self.id));
             if charge >= *range {
@@ -370,9 +470,10 @@ impl MobileBase {
     /// An empty text adds no condition.
     pub fn actions(&self, guard: &str) -> String {
         let kind = self.kind;
+        let rejoin = if self.can_stray { rejoin(kind) } else { String::new() };
         if self.power.is_none() {
             return format!(
-                "(:action move
+                "{rejoin}(:action move
                     :agent ?b - {kind}
                     :parameters (?from ?to - location)
                     :precondition (and (at ?b ?from) (connected ?from ?to) {guard})
@@ -381,7 +482,7 @@ impl MobileBase {
             );
         }
         let recharge = format!(
-            "(:action recharge
+            "{rejoin}(:action recharge
                 :agent ?b - {kind}
                 :parameters (?l - location)
                 :precondition (and (at ?b ?l) (dock-of ?b ?l))
@@ -411,7 +512,10 @@ impl MobileBase {
             arguments: [("place".to_owned(), "?to".to_owned())].into(),
             timeout: Millis(self.move_timeout),
         };
-        let mut methods: Methods = [("move".to_owned(), navigate)].into();
+        let mut methods: Methods = [("move".to_owned(), navigate.clone())].into();
+        if self.can_stray {
+            methods.insert("rejoin".to_owned(), navigate);
+        }
         if let Some(PowerSupply { recharge_time, .. }) = &self.power {
             let recharge = Method {
                 method: "recharge".to_owned(),
@@ -422,6 +526,19 @@ impl MobileBase {
         }
         methods
     }
+}
+
+/// Returns the action that drives a base from beside a place to the place.
+fn rejoin(kind: &str) -> String {
+    format!(
+        "(:action rejoin
+            :agent ?b - {kind}
+            :parameters (?to - location)
+            :precondition (stray-near ?b ?to)
+            :effect (and (at ?b ?to) (not (stray-near ?b ?to))
+                (increase (total-cost) {REJOIN_COST})))
+        "
+    )
 }
 
 fn push(text: &mut String, piece: std::fmt::Arguments<'_>) {
@@ -467,7 +584,7 @@ impl MobileBase {
 /// Driver and state of a mobile base, as a running method uses them.
 struct BaseHandle {
     driver: Arc<dyn BaseDriver>,
-    state: Arc<watch::Sender<BaseState>>,
+    state: Arc<watch::Sender<BaseReading>>,
 }
 
 impl BaseHandle {
@@ -475,10 +592,12 @@ impl BaseHandle {
         let moved = self.driver.navigate_to(&place).await;
         let truth = self.refresh().await?;
         moved.map_err(MethodFailure::Driver)?;
-        if truth == place {
-            return Ok(BaseOutcome::Arrived(truth));
+        match truth {
+            BasePlace::At(truth) if truth == place => Ok(BaseOutcome::Arrived(truth)),
+            other => {
+                Err(MethodFailure::Driver(format!("arrive at `{place}`: the base stands {other}")))
+            }
         }
-        Err(MethodFailure::Driver(format!("arrive at `{place}`: the base stands at `{truth}`")))
     }
 
     async fn recharge(&self) -> Result<BaseOutcome, MethodFailure> {
@@ -489,11 +608,10 @@ impl BaseHandle {
 
     /// Reads the real place and the range left from the driver, and stores both. Called after each
     /// method, even a failed one. Returns the place.
-    async fn refresh(&self) -> Result<String, MethodFailure> {
-        let place = self.driver.place().await.map_err(MethodFailure::Driver)?;
-        let charge = self.driver.charge().await.map_err(MethodFailure::Driver)?;
-        let state = BaseState { place: place.clone(), charge };
-        self.state.send_replace(state);
+    async fn refresh(&self) -> Result<BasePlace, MethodFailure> {
+        let reading = self.driver.read().await.map_err(MethodFailure::Driver)?;
+        let place = reading.place.clone();
+        self.state.send_replace(reading);
         Ok(place)
     }
 }

@@ -7,7 +7,7 @@ use actuator::BoxFuture;
 use agent::{Blueprint, BuildError};
 use building::BuildingHandle;
 
-use crate::BaseDriver;
+use crate::{BaseDriver, BasePlace, BaseReading};
 
 #[derive(Clone)]
 struct Simulated {
@@ -35,13 +35,12 @@ impl BaseDriver for Simulated {
         Box::pin(async move { building.recharge(&robot).await.map_err(|error| error.to_string()) })
     }
 
-    fn place(&self) -> BoxFuture<Result<String, String>> {
+    fn read(&self) -> BoxFuture<Result<BaseReading, String>> {
         let Simulated { building, robot } = self.clone();
-        Box::pin(async move { building.place_of(&robot).await.map_err(|error| error.to_string()) })
-    }
-
-    fn charge(&self) -> BoxFuture<Result<Option<f64>, String>> {
-        let Simulated { building, robot } = self.clone();
-        Box::pin(async move { building.charge_of(&robot).await.map_err(|error| error.to_string()) })
+        Box::pin(async move {
+            let place = building.place_of(&robot).await.map_err(|error| error.to_string())?;
+            let charge = building.charge_of(&robot).await.map_err(|error| error.to_string())?;
+            Ok(BaseReading { place: BasePlace::At(place), charge })
+        })
     }
 }

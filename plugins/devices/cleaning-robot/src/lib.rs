@@ -98,7 +98,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let robot = CleaningRobot {
         id: blueprint.id.to_string(),
         ontology: blueprint.host.ontology.name.to_string(),
-        home: base.place(),
+        home: base.start().to_owned(),
         base,
         broom,
         bin,
@@ -165,7 +165,7 @@ impl Device for CleaningRobot {
                     swept.await.map(CleaningResult::Swept).map_err(MethodFailure::Driver)
                 })
             }
-            EMPTY_BIN if self.base.place() == self.home => {
+            EMPTY_BIN if self.base.place().as_ref() == Some(&self.home) => {
                 Box::pin(std::future::ready(Ok(CleaningResult::Emptied)))
             }
             EMPTY_BIN => {

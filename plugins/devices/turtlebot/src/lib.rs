@@ -93,10 +93,13 @@ impl TurtleBot {
     /// place, because the robot may have been moved since the plan was made.
     fn called_place(&self, call: &MethodCall) -> Result<String, MethodFailure> {
         let (place, here) = (call.argument("place")?, self.base.place());
-        if place == here {
-            return Ok(here);
+        match here {
+            Some(here) if place == here => Ok(here),
+            _ => {
+                let stands = self.base.whereabouts();
+                Err(MethodFailure::Driver(format!("act at `{place}`: the base stands {stands}")))
+            }
         }
-        Err(MethodFailure::Driver(format!("act at `{place}`: the base stands at `{here}`")))
     }
 
     fn validated(&self) -> Vec<OwnFact> {
@@ -137,9 +140,11 @@ impl Device for TurtleBot {
             methods.insert("patrol".to_owned(), patrol.method());
         }
         let (objects, lasting) = (base.objects(), base.constant_facts());
+        let predicates = base.predicates();
         let text = format!(
             "(define (agent {id}) (:domain {ontology})
                 (:types turtlebot - mobile-base)
+                (:predicates {predicates})
                 (:objects {objects})
                 (:init {lasting})
                 {actions})"

@@ -138,8 +138,10 @@ impl Device for VideoRobot {
     fn facts(&self) -> Vec<OwnFact> {
         let mut text = self.base.facts();
         if let Some(medium) = &self.shown {
-            let (id, place) = (&self.id, self.base.place());
-            text += &format!(" (presenting {id}) (presented {medium} {place})");
+            text += &format!(" (presenting {})", self.id);
+            if let Some(place) = self.base.place() {
+                text += &format!(" (presented {medium} {place})");
+            }
         }
         facts_of(&text)
     }
@@ -176,10 +178,11 @@ impl Device for VideoRobot {
         let Some(medium) = &self.shown else {
             return MethodResult { detail: "is dark".to_owned(), observations: Vec::new() };
         };
-        let place = self.base.place();
-        let observed = facts_of(&format!("(presented {medium} {place})"));
+        let observed = self.base.place().map(|place| format!("(presented {medium} {place})"));
+        let observed = observed.as_deref().map(facts_of).unwrap_or_default();
         let observations = observed.into_iter().map(|fact| fact.fact).collect();
-        MethodResult { detail: format!("shows {medium} at {place}"), observations }
+        let detail = format!("shows {medium} {}", self.base.whereabouts());
+        MethodResult { detail, observations }
     }
 
     fn read_state(&self) -> Option<BoxFuture<()>> {
@@ -201,11 +204,9 @@ impl VideoRobot {
     /// if the robot is not in the room of the call, or has no such medium.
     fn presentation(&self, call: &MethodCall) -> Result<(String, String), MethodFailure> {
         let (medium, room) = (call.argument("media")?, call.argument("room")?);
-        let place = self.base.place();
-        if room != place {
-            return Err(MethodFailure::Driver(format!(
-                "present in `{room}`: it stands at `{place}`"
-            )));
+        if self.base.place().as_deref() != Some(room) {
+            let stands = self.base.whereabouts();
+            return Err(MethodFailure::Driver(format!("present in `{room}`: it stands {stands}")));
         }
         let text = self.media.get(medium).cloned();
         let text =

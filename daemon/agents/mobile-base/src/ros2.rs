@@ -1,0 +1,363 @@
+//! The driver of robots with ROS 2 and Nav2, over a Zenoh session to each robot.
+//!
+//! - `config.ros2` has the address of the robot, and the pose of each place on the robot's map. The
+//!   robot stands at the nearest place, if that is near enough.
+//! - The session is opened when the agent starts, in the background. If the robot has not told its
+//!   pose some seconds later, it is told that it stands at `start`.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Arc, OnceLock};
+use std::time::Duration;
+
+use actuator::BoxFuture;
+use agent::Blueprint;
+use pddl::InitElement;
+use ros2_link::{Dialect, Nav2Names, Nav2Robot, Pose, RosAddress, RosError, RosLink};
+use serde::Deserialize;
+use tokio::sync::watch;
+use tokio_util::task::AbortOnDropHandle;
+
+use crate::{BaseDriver, BasePlace, BaseReading};
+
+/// How long a robot may take to tell its pose before it is told that it stands at `start`. A robot
+/// with a known pose answers at once.
+const POSE_AWAITED: Duration = Duration::from_secs(3);
+
+/// How long the localization may take to tell that the robot stands where it has arrived. AMCL
+/// publishes within half a second after a movement.
+const SETTLES_WITHIN: Duration = Duration::from_secs(3);
+
+/// How long a reading of the robot is awaited: enough for one that is being linked.
+const READ_WITHIN: Duration = Duration::from_secs(5);
+
+/// Change of the charge that counts as news, as a share of the range. Robots report far smaller
+/// changes every second.
+const CHARGE_STEP: f64 = 0.01;
+
+/// Pause before the robot is asked again after an error.
+const ASK_AGAIN: Duration = Duration::from_secs(1);
+
+/// The table `config.ros2` of a robot's entry.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub(crate) struct Ros2Config {
+    /// Zenoh endpoint of the robot's bridge or router, such as `tcp/192.168.1.20:7447`.
+    endpoint: String,
+    /// `ros2dds` or `rmw-zenoh`.
+    #[serde(default = "default_dialect")]
+    dialect: String,
+    /// Namespace of the robot's names.
+    #[serde(default)]
+    namespace: String,
+    /// ROS domain of a robot with `rmw-zenoh`.
+    #[serde(default)]
+    domain_id: u32,
+    /// Pose of each place on the robot's map.
+    places: BTreeMap<String, PlacePose>,
+    /// Distance in meters up to which the robot stands at a place.
+    #[serde(default = "default_tolerance")]
+    tolerance: f64,
+    /// Whether the robot is told at a start that it stands at `start`, if it tells no pose itself.
+    #[serde(default = "default_initial_pose")]
+    initial_pose: bool,
+}
+
+/// Position in meters and heading in radians, in the frame `map`.
+#[derive(Clone, Copy, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PlacePose {
+    x: f64,
+    y: f64,
+    #[serde(default)]
+    yaw: f64,
+}
+
+fn default_dialect() -> String {
+    "ros2dds".to_owned()
+}
+
+fn default_tolerance() -> f64 {
+    1.0
+}
+
+fn default_initial_pose() -> bool {
+    true
+}
+
+/// A robot with Nav2 as a mobile base.
+#[derive(Clone)]
+struct Ros2Base {
+    settings: Arc<Ros2Settings>,
+    attended: Arc<OnceLock<AttendedRobot>>,
+}
+
+struct Ros2Settings {
+    agent: String,
+    address: RosAddress,
+    places: BTreeMap<String, Pose>,
+    tolerance: f64,
+    /// Pose that the robot is told at a start if it tells none; `None` if it is told nothing.
+    initial_pose: Option<Pose>,
+    /// Range of a full battery in meters; `None` if the base has no battery.
+    range: Option<f64>,
+}
+
+/// The link to a robot, with the task that follows the robot's messages.
+struct AttendedRobot {
+    robot: Nav2Robot,
+    /// The last reading; an error until there is one.
+    readings: watch::Receiver<Result<BaseReading, String>>,
+    _attending: AbortOnDropHandle<()>,
+}
+
+/// Returns the driver of a robot with ROS 2.
+///
+/// # Errors
+///
+/// Returns a text for a person if the config has a mistake, or if a place has no pose.
+pub(crate) fn base(
+    blueprint: &Blueprint,
+    config: Ros2Config,
+    start: &str,
+    own_poses: &[&str],
+    range: Option<f64>,
+) -> Result<Arc<dyn BaseDriver>, String> {
+    let Ros2Config { endpoint, dialect, namespace, domain_id, places, tolerance, initial_pose } =
+        config;
+    let dialect: Dialect =
+        dialect.parse().map_err(|problem| format!("config.ros2.dialect: {problem}"))?;
+    let address = RosAddress { endpoint, dialect, namespace, domain_id };
+    address.check().map_err(|problem| format!("config.ros2: {problem}"))?;
+    if !(tolerance.is_finite() && tolerance > 0.0) {
+        return Err(format!("config.ros2.tolerance = {tolerance} must be above zero"));
+    }
+    check_places(blueprint, &places, start, own_poses)?;
+    let pose = |PlacePose { x, y, yaw }: PlacePose| Pose { x, y, yaw };
+    let places: BTreeMap<String, Pose> =
+        places.into_iter().map(|(name, at)| (name.to_lowercase(), pose(at))).collect();
+    let initial_pose = initial_pose.then(|| places.get(start).copied()).flatten();
+    let agent = blueprint.id.to_string();
+    let settings = Ros2Settings { agent, address, places, tolerance, initial_pose, range };
+    Ok(Arc::new(Ros2Base { settings: Arc::new(settings), attended: Arc::default() }))
+}
+
+/// Checks that each place to which the robot can drive has a pose, and that each pose is finite and
+/// belongs to a place.
+fn check_places(
+    blueprint: &Blueprint,
+    places: &BTreeMap<String, PlacePose>,
+    start: &str,
+    own_poses: &[&str],
+) -> Result<(), String> {
+    for (name, PlacePose { x, y, yaw }) in places {
+        if ![x, y, yaw].iter().all(|number| number.is_finite()) {
+            return Err(format!("config.ros2.places.{name}: x, y and yaw must be finite"));
+        }
+        if !own_poses.contains(&name.as_str()) {
+            let known = blueprint.host.has_place(name);
+            known.map_err(|problem| format!("config.ros2.places: {problem}"))?;
+        }
+    }
+    let mut needed = reachable(blueprint, start);
+    needed.extend(own_poses.iter().map(|pose| (*pose).to_owned()));
+    let missing: Vec<String> = { needed.iter() }
+        .filter(|place| !places.keys().any(|name| name.eq_ignore_ascii_case(place)))
+        .map(|place| format!("`{place}`"))
+        .collect();
+    match missing.as_slice() {
+        [] => Ok(()),
+        [first, ..] => Err(format!(
+            "config.ros2.places lacks the pose of {}, to which the robot can drive; write {} = {{ \
+             x = 1.5, y = -0.5, yaw = 0.0 }} (meters and radians on the robot's map)",
+            missing.join(", "),
+            first.trim_matches('`'),
+        )),
+    }
+}
+
+/// Returns the places of the map that are reachable from `start` by `connected` facts.
+fn reachable(blueprint: &Blueprint, start: &str) -> BTreeSet<String> {
+    let ways: Vec<(String, String)> = { blueprint.host.map.init.iter() }
+        .filter_map(|element| match element {
+            InitElement::Atom(atom) if atom.predicate == "connected" => {
+                let [from, to] = atom.arguments.as_slice() else { return None };
+                Some((from.to_string().to_lowercase(), to.to_string().to_lowercase()))
+            }
+            _ => None,
+        })
+        .collect();
+    let mut found: BTreeSet<String> = [start.to_lowercase()].into();
+    let mut queue = vec![start.to_lowercase()];
+    while let Some(place) = queue.pop() {
+        for (from, to) in &ways {
+            if *from == place && found.insert(to.clone()) {
+                queue.push(to.clone());
+            }
+        }
+    }
+    found
+}
+
+// === impl Ros2Settings ===
+
+impl Ros2Settings {
+    fn place_at(&self, pose: &Pose) -> BasePlace {
+        let distance = |(_, at): &(&String, &Pose)| at.distance(pose);
+        let nearest = self.places.iter().min_by(|one, two| distance(one).total_cmp(&distance(two)));
+        match nearest {
+            Some((place, at)) if at.distance(pose) <= self.tolerance => {
+                BasePlace::At(place.clone())
+            }
+            Some((place, _)) => BasePlace::Near(place.clone()),
+            None => BasePlace::Unknown,
+        }
+    }
+
+    async fn read(&self, robot: &Nav2Robot) -> Result<BaseReading, RosError> {
+        let pose = robot.pose().await?;
+        let place = pose.map_or(BasePlace::Unknown, |pose| self.place_at(&pose));
+        let charge = match self.range {
+            Some(range) => robot.charge().await?.map(|share| share * range),
+            None => None,
+        };
+        Ok(BaseReading { place, charge })
+    }
+
+    /// Follows the robot's messages, for as long as the receivers exist.
+    async fn attend(
+        self: Arc<Self>,
+        robot: Nav2Robot,
+        readings: watch::Sender<Result<BaseReading, String>>,
+    ) {
+        self.establish_pose(&robot).await;
+        let step = self.range.unwrap_or_default() * CHARGE_STEP;
+        loop {
+            let news = match robot.next_message().await {
+                Ok(()) => self.read(&robot).await,
+                Err(error) => Err(error),
+            };
+            let is_error = news.is_err();
+            readings.send_if_modified(|known| {
+                let news = news.map_err(|error| error.to_string());
+                let is_new = is_news(known, &news, step);
+                if is_new {
+                    *known = news;
+                }
+                is_new
+            });
+            if is_error {
+                tokio::time::sleep(ASK_AGAIN).await;
+            }
+        }
+    }
+
+    /// Tells the robot that it stands at `start`, if it does not tell where it stands.
+    async fn establish_pose(&self, robot: &Nav2Robot) {
+        let Some(start) = self.initial_pose else { return };
+        while let Err(error) = robot.pose().await {
+            tracing::debug!(agent = self.agent, %error, "the robot is not reached yet");
+            tokio::time::sleep(ASK_AGAIN).await;
+        }
+        if tokio::time::timeout(POSE_AWAITED, robot.first_pose()).await.is_err() {
+            match robot.set_pose(start).await {
+                Ok(()) => tracing::info!(agent = self.agent, "told where it stands, its `start`"),
+                Err(error) => tracing::warn!(agent = self.agent, %error, "its pose is not set"),
+            }
+        }
+    }
+}
+
+/// Whether a reading says something else than the one before. A charge that differs by less than
+/// `step` does not count.
+fn is_news(
+    known: &Result<BaseReading, String>,
+    news: &Result<BaseReading, String>,
+    step: f64,
+) -> bool {
+    match (known, news) {
+        (Ok(known), Ok(news)) => known.place != news.place || has_other_charge(known, news, step),
+        (known, news) => known != news,
+    }
+}
+
+fn has_other_charge(one: &BaseReading, two: &BaseReading, step: f64) -> bool {
+    match (one.charge, two.charge) {
+        (Some(one), Some(two)) => (one - two).abs() >= step.max(f64::EPSILON),
+        (one, two) => one.is_some() != two.is_some(),
+    }
+}
+
+// === impl Ros2Base ===
+
+impl Ros2Base {
+    /// Returns the link to the robot, and begins to open it at the first call.
+    fn attended(&self) -> &AttendedRobot {
+        self.attended.get_or_init(|| {
+            let address = self.settings.address.clone();
+            let interfaces = Arc::new(ros2_link::standard_interfaces());
+            let link = RosLink::open(address, interfaces);
+            let link = link.expect("invariant: the address was checked when the base was built");
+            let robot = Nav2Robot::new(link, Nav2Names::default());
+            let (sender, readings) =
+                watch::channel(Err("the robot has not told where it stands yet".to_owned()));
+            let attending = Arc::clone(&self.settings).attend(robot.clone(), sender);
+            let _attending = AbortOnDropHandle::new(tokio::spawn(attending));
+            AttendedRobot { robot, readings, _attending }
+        })
+    }
+
+    async fn drive(&self, place: &str) -> Result<(), String> {
+        let pose = self.settings.places.get(&place.to_lowercase()).copied();
+        let pose = pose.ok_or_else(|| format!("drive to `{place}`: it has no pose"))?;
+        let AttendedRobot { robot, readings, .. } = self.attended();
+        let agent = &self.settings.agent;
+        let driven = robot.drive(pose, |meters| {
+            tracing::debug!(agent, place, meters, "drives");
+        });
+        driven.await.map_err(|error| error.to_string())?;
+        // The message that tells the arrival may come after the end of the goal.
+        let is_there = |reading: &Result<BaseReading, String>| matches!(reading, Ok(BaseReading { place: BasePlace::At(at), .. }) if at == place);
+        drop(tokio::time::timeout(SETTLES_WITHIN, readings.clone().wait_for(is_there)).await);
+        Ok(())
+    }
+}
+
+impl BaseDriver for Ros2Base {
+    fn navigate_to(&self, place: &str) -> BoxFuture<Result<(), String>> {
+        let (base, place) = (self.clone(), place.to_owned());
+        Box::pin(async move { base.drive(&place).await })
+    }
+
+    fn recharge(&self) -> BoxFuture<Result<(), String>> {
+        let base = self.clone();
+        Box::pin(async move {
+            base.attended().robot.recharge().await.map_err(|error| error.to_string())
+        })
+    }
+
+    fn read(&self) -> BoxFuture<Result<BaseReading, String>> {
+        let base = self.clone();
+        Box::pin(async move {
+            let mut readings = base.attended().readings.clone();
+            // Without a reading in time, the error that stands for it is returned.
+            drop(tokio::time::timeout(READ_WITHIN, readings.wait_for(Result::is_ok)).await);
+            readings.borrow().clone()
+        })
+    }
+
+    fn until_differs(&self, known: BaseReading) -> BoxFuture<()> {
+        let base = self.clone();
+        Box::pin(async move {
+            let step = base.settings.range.unwrap_or_default() * CHARGE_STEP;
+            let mut readings = base.attended().readings.clone();
+            let differs = |reading: &Result<BaseReading, String>| {
+                reading.as_ref().is_ok_and(|reading| {
+                    reading.place != known.place || has_other_charge(&known, reading, step)
+                })
+            };
+            if readings.wait_for(differs).await.is_err() {
+                std::future::pending().await
+            }
+        })
+    }
+}

@@ -1,0 +1,220 @@
+//! A robot with Nav2 as its client sees it, over real Zenoh, in both dialects. The robot drives in
+//! the simulated building, whose truth decides.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+use std::time::Duration;
+
+use building::{Building, Layout, RobotBattery};
+use ros2_link::{
+    ActionClient, Dialect, GoalStatus, Nav2Names, Nav2Robot, Pose, RosAddress, RosLink,
+    standard_interfaces,
+};
+use simulated_nav2::{Nav2Settings, RobotWire, SimulatedNav2};
+
+/// Duration of a second of the building, in seconds.
+const PACE: f64 = 1.0 / 100.0;
+
+/// Time limit of a step, on a machine that is busy with other tests.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+const ROBOT: &str = "robot";
+const RANGE: f64 = 100.0;
+
+struct Office {
+    building: Building,
+    nav2: SimulatedNav2,
+    robot: Nav2Robot,
+    link: RosLink,
+}
+
+fn layout() -> Layout {
+    let mut layout = Layout::new();
+    layout.add_corridor("corridor", 20.0).expect("a corridor");
+    layout.add_room("office1", 21.0).expect("a room");
+    layout.add_room("office2", 22.0).expect("a room");
+    layout.connect("corridor", "office1", 6.0).expect("a door");
+    layout.connect("corridor", "office2", 6.0).expect("a door");
+    layout.add_robot(ROBOT, "corridor", 0.5).expect("a robot");
+    let battery = RobotBattery {
+        dock: "corridor".to_owned(),
+        range: RANGE,
+        charge: 40.0,
+        recharge_time: 60.0,
+    };
+    layout.equip(ROBOT, battery).expect("a battery");
+    layout
+}
+
+const CORRIDOR: Pose = Pose { x: 0.0, y: 0.0, yaw: 0.0 };
+const OFFICE1: Pose = Pose { x: 6.0, y: 0.0, yaw: 1.5 };
+const OFFICE2: Pose = Pose { x: -6.0, y: 0.0, yaw: 0.0 };
+
+async fn office(wire: RobotWire, namespace: &str) -> Office {
+    let building = Building::new(layout(), PACE).expect("a building");
+    let places = [("corridor", CORRIDOR), ("office1", OFFICE1), ("office2", OFFICE2)];
+    let places: BTreeMap<_, _> =
+        places.into_iter().map(|(name, pose)| (name.to_owned(), (pose.x, pose.y))).collect();
+    let settings = Nav2Settings {
+        robot: ROBOT.to_owned(),
+        wire,
+        namespace: namespace.to_owned(),
+        places,
+        battery_range: Some(RANGE),
+    };
+    let nav2 = SimulatedNav2::start(building.handle(), settings).await.expect("a robot");
+    let (dialect, domain_id) = match wire {
+        RobotWire::Ros2Dds => (Dialect::Ros2Dds, 0),
+        RobotWire::RmwZenoh(domain) => (Dialect::RmwZenoh, domain),
+    };
+    let (endpoint, namespace) = (nav2.endpoint().to_owned(), namespace.to_owned());
+    let address = RosAddress { endpoint, dialect, namespace, domain_id };
+    let link = RosLink::open(address, Arc::new(standard_interfaces())).expect("an address");
+    let robot = Nav2Robot::new(link.clone(), Nav2Names::default());
+    Office { building, nav2, robot, link }
+}
+
+impl Office {
+    async fn drive(&self, to: Pose) -> Result<(), String> {
+        let driven = tokio::time::timeout(PATIENCE, self.robot.drive(to, |_| ()));
+        driven.await.expect("in time").map_err(|error| error.to_string())
+    }
+
+    fn place(&self) -> String {
+        self.building.place_of(ROBOT).expect("the robot")
+    }
+
+    /// Waits until the robot drives in the building.
+    async fn departed(&self) {
+        let departs = self.building.wait_for(|truth| {
+            truth.any(|event| matches!(event, building::BuildingEvent::Departed { .. }))
+        });
+        tokio::time::timeout(PATIENCE, departs).await.expect("it departs");
+    }
+}
+
+const WIRES: [(RobotWire, &str); 3] =
+    [(RobotWire::Ros2Dds, ""), (RobotWire::Ros2Dds, "tb1"), (RobotWire::RmwZenoh(7), "tb1")];
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_robot_arrives_where_it_is_sent_in_both_dialects() {
+    for (wire, namespace) in WIRES {
+        let office = office(wire, namespace).await;
+        let mut distances = Vec::new();
+        let driven = office.robot.drive(OFFICE1, |meters| distances.push(meters));
+        tokio::time::timeout(PATIENCE, driven).await.expect("in time").expect("it arrives");
+        assert_eq!(office.place(), "office1", "{wire:?}");
+        assert!(distances.iter().all(|meters| (0.0..=6.0).contains(meters)), "{distances:?}");
+        office.robot.next_message().await.expect("a message");
+        let charge = office.robot.charge().await.expect("linked").expect("a battery");
+        assert!(charge < 0.41, "{charge}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_goal_that_nav2_cannot_reach_fails_with_its_reason() {
+    let office = office(RobotWire::Ros2Dds, "").await;
+    office.drive(OFFICE1).await.expect("it arrives");
+    office.building.lock_door("corridor", "office1").expect("a door");
+    let reason = office.drive(CORRIDOR).await.expect_err("the door is locked");
+    assert_eq!(
+        reason,
+        "drive there: Nav2 gave up: go from `office1` to `corridor`: the door is locked (error 9000)"
+    );
+    assert_eq!(office.place(), "office1");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_robot_whose_nav2_is_inactive_drives_when_it_is_active() {
+    let office = office(RobotWire::RmwZenoh(0), "").await;
+    office.nav2.set_active(false);
+    let driving = office.robot.drive(OFFICE2, |_| ());
+    let activation = async {
+        tokio::time::timeout(PATIENCE, office.nav2.until_goals(1)).await.expect("it is sent");
+        assert_eq!(office.place(), "corridor");
+        office.nav2.set_active(true);
+    };
+    let (driven, ()) = tokio::join!(tokio::time::timeout(PATIENCE, driving), activation);
+    driven.expect("in time").expect("it arrives");
+    assert_eq!((office.place().as_str(), office.nav2.goals()), ("office2", 2));
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_goal_that_is_dropped_is_cancelled_at_the_robot() {
+    for (wire, namespace) in WIRES {
+        let office = office(wire, namespace).await;
+        let driving = office.robot.drive(OFFICE1, |_| ());
+        tokio::select! {
+            _ = driving => panic!("it arrived before it was cancelled"),
+            () = office.departed() => (),
+        }
+        let cancelled = office.building.wait_for(|truth| {
+            truth.any(|event| matches!(event, building::BuildingEvent::Stayed { .. }))
+        });
+        tokio::time::timeout(PATIENCE, cancelled).await.expect("it stops");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_goal_of_another_program_is_named_as_the_reason() {
+    let office = office(RobotWire::Ros2Dds, "").await;
+    let other = async {
+        office.departed().await;
+        let name = Nav2Names::default().navigate;
+        let action = "nav2_msgs/action/NavigateToPose";
+        let client =
+            ActionClient::new(&office.link, &name, action, PATIENCE).await.expect("a link");
+        let goal = serde_json::json!({
+            "pose": { "pose": { "position": { "x": OFFICE2.x, "y": OFFICE2.y } } }
+        });
+        let mut goal = client.send(&goal).await.expect("accepted");
+        goal.end(|_| ()).await.expect("an end").status
+    };
+    let (driven, end) = tokio::join!(office.drive(OFFICE1), other);
+    assert_eq!(
+        driven.expect_err("it was replaced"),
+        "drive there: another program's goal took the place of this one"
+    );
+    assert_eq!(end, GoalStatus::Succeeded);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_robot_charges_in_its_dock_and_leaves_it_before_it_drives() {
+    let office = office(RobotWire::Ros2Dds, "tb1").await;
+    let charged = tokio::time::timeout(PATIENCE, office.robot.recharge()).await;
+    charged.expect("in time").expect("it charges");
+    assert!(office.nav2.is_docked());
+    assert_eq!(office.building.charge_of(ROBOT).expect("a robot"), Some(RANGE));
+    while !office.robot.is_docked().await.expect("linked") {
+        office.robot.next_message().await.expect("a message");
+    }
+    office.drive(OFFICE1).await.expect("it leaves the dock first");
+    assert!(!office.nav2.is_docked());
+    assert_eq!(office.place(), "office1");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_robot_that_is_switched_off_is_out_of_reach() {
+    let office = office(RobotWire::Ros2Dds, "").await;
+    office.drive(OFFICE1).await.expect("it arrives");
+    let Office { nav2, robot, .. } = office;
+    drop(nav2);
+    let driven = tokio::time::timeout(PATIENCE, robot.drive(CORRIDOR, |_| ())).await;
+    let reason = driven.expect("in time").expect_err("nobody drives").to_string();
+    assert!(reason.contains("no node of the robot answered"), "{reason}");
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_robot_that_was_never_there_is_named_by_its_endpoint() {
+    let endpoint = "tcp/127.0.0.1:9".to_owned();
+    let address = RosAddress {
+        endpoint: endpoint.clone(),
+        dialect: Dialect::Ros2Dds,
+        namespace: String::new(),
+        domain_id: 0,
+    };
+    let link = RosLink::open(address, Arc::new(standard_interfaces())).expect("an address");
+    let robot = Nav2Robot::new(link, Nav2Names::default());
+    let reason = robot.pose().await.expect_err("nothing listens there").to_string();
+    assert!(reason.starts_with(&format!("reach the robot at `{endpoint}`: ")), "{reason}");
+}

@@ -1,0 +1,378 @@
+//! The Zenoh session to one robot, with topics and services.
+//!
+//! - The session is opened in the background, again and again until the robot's bridge or router
+//!   answers. Afterwards Zenoh itself restores a lost connection, and repeats subscriptions.
+//! - The session is a client: it listens nowhere, finds no other sessions, and is linked to the
+//!   configured endpoint only.
+//! - A topic keeps the latest message. It is decoded when it is read, so a robot that floods a topic
+//!   costs no more than the copies of Zenoh's.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use ros_messages::Interfaces;
+use serde_json::{Value, json};
+use tokio::sync::watch;
+use tokio_util::task::AbortOnDropHandle;
+use zenoh::Session;
+use zenoh::handlers::FifoChannel;
+use zenoh::pubsub::Subscriber;
+use zenoh::query::{ConsolidationMode, QueryTarget, ReplyKeyExpr};
+
+use crate::dialect::{Dialect, RosKeys};
+use crate::error::RosError;
+
+/// How long one attempt to open the session may take. A robot in the same network answers within
+/// milliseconds; with a lossy radio link the handshake takes seconds.
+const OPEN_TIMEOUT: Duration = Duration::from_secs(8);
+
+/// First and longest pause between attempts to open the session. A robot takes a minute to boot.
+const REOPEN_FIRST: Duration = Duration::from_millis(250);
+const REOPEN_LONGEST: Duration = Duration::from_secs(4);
+
+/// How long the answer with the last message of a topic is awaited. A topic without such messages
+/// is answered by nobody, within the round trip.
+const HISTORY_TIMEOUT: Duration = Duration::from_secs(2);
+
+/// Longest message from a robot, in bytes. A map of a floor has a few megabytes.
+const MESSAGE_BYTES_MAX: usize = 16 << 20;
+
+/// Maximum number of answers to one call that are kept; the first valid one counts.
+const REPLIES_MAX: usize = 16;
+
+/// Address of a robot, and the names under which its nodes are found there.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RosAddress {
+    /// Zenoh endpoint of the robot's bridge or router, such as `tcp/192.168.1.20:7447`.
+    pub endpoint: String,
+    /// How ROS names are put on Zenoh there.
+    pub dialect: Dialect,
+    /// Namespace of the robot's names; may be empty.
+    pub namespace: String,
+    /// ROS domain, which is part of the keys of `rmw_zenoh`.
+    pub domain_id: u32,
+}
+
+impl RosAddress {
+    /// Checks that the endpoint and the namespace have the right form.
+    ///
+    /// # Errors
+    ///
+    /// Returns the mistake, and an example.
+    pub fn check(&self) -> Result<(), RosError> {
+        let RosAddress { endpoint, namespace, .. } = self;
+        if let Err(error) = endpoint.parse::<zenoh::config::EndPoint>() {
+            return Err(RosError::Address(format!(
+                "endpoint = \"{endpoint}\": {error}; an endpoint is such as \
+                 `tcp/192.168.1.20:7447`"
+            )));
+        }
+        let is_fine = |letter: char| letter.is_ascii_alphanumeric() || "_/".contains(letter);
+        if !namespace.chars().all(is_fine) || namespace.contains("//") {
+            return Err(RosError::Address(format!(
+                "namespace = \"{namespace}\": a namespace has letters, digits and `_`, such as \
+                 `robot1`"
+            )));
+        }
+        Ok(())
+    }
+}
+
+/// A link to one robot. The session is closed when all clones are dropped.
+#[derive(Clone)]
+pub struct RosLink {
+    shared: Arc<SharedLink>,
+}
+
+struct SharedLink {
+    endpoint: String,
+    keys: RosKeys,
+    interfaces: Arc<Interfaces>,
+    session: watch::Receiver<Option<Session>>,
+    /// Reason why the last attempt to open the session failed.
+    reason: Arc<Mutex<String>>,
+    _opener: AbortOnDropHandle<()>,
+}
+
+/// The latest message of a topic. Clones share the subscription, which ends with the last of them.
+#[derive(Clone)]
+pub struct TopicReader {
+    name: String,
+    type_name: String,
+    interfaces: Arc<Interfaces>,
+    latest: watch::Receiver<Option<Vec<u8>>>,
+    _subscriber: Arc<Subscriber<()>>,
+}
+
+// === impl RosLink ===
+
+impl RosLink {
+    /// Begins to open a session to a robot. Must be called within a Tokio runtime.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the address is malformed.
+    pub fn open(address: RosAddress, interfaces: Arc<Interfaces>) -> Result<RosLink, RosError> {
+        address.check()?;
+        let RosAddress { endpoint, dialect, namespace, domain_id } = address;
+        let (opened, session) = watch::channel(None);
+        let reason = Arc::new(Mutex::new("there was no answer yet".to_owned()));
+        let opener = open_session(endpoint.clone(), opened, Arc::clone(&reason));
+        let shared = SharedLink {
+            endpoint,
+            keys: RosKeys::new(dialect, &namespace, domain_id),
+            interfaces,
+            session,
+            reason,
+            _opener: AbortOnDropHandle::new(tokio::spawn(opener)),
+        };
+        Ok(RosLink { shared: Arc::new(shared) })
+    }
+
+    /// Returns the name of a topic, service or action with the robot's namespace.
+    pub fn full_name(&self, name: &str) -> String {
+        self.shared.keys.full_name(name)
+    }
+
+    /// Returns the definitions of messages.
+    pub fn interfaces(&self) -> &Interfaces {
+        &self.shared.interfaces
+    }
+
+    /// Whether the robot's bridge or router is linked at present.
+    pub async fn is_linked(&self) -> bool {
+        let session = self.shared.session.borrow().clone();
+        match session {
+            Some(session) => session.info().routers_zid().await.next().is_some(),
+            None => false,
+        }
+    }
+
+    async fn session(&self, within: Duration) -> Result<Session, RosError> {
+        let mut session = self.shared.session.clone();
+        let opened = tokio::time::timeout(within, session.wait_for(Option::is_some)).await;
+        let session = opened.ok().and_then(Result::ok).and_then(|session| session.clone());
+        session.ok_or_else(|| {
+            let reason = self.shared.reason.lock().unwrap_or_else(PoisonError::into_inner);
+            let (endpoint, reason) = (self.shared.endpoint.clone(), reason.clone());
+            RosError::NotLinked { endpoint, reason }
+        })
+    }
+
+    /// Subscribes to a topic. The last message that was published before is requested, which
+    /// topics with the durability “transient local” answer.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no link within the time `within`, or the type is not known.
+    pub async fn subscribe(
+        &self,
+        name: &str,
+        type_name: &str,
+        within: Duration,
+    ) -> Result<TopicReader, RosError> {
+        let session = self.session(within).await?;
+        let key = self.shared.keys.any_hash(name, type_name)?;
+        let (sender, latest) = watch::channel(None);
+        let sender = Arc::new(sender);
+        let received = Arc::clone(&sender);
+        let subscriber = session
+            .declare_subscriber(key.clone())
+            .callback(move |sample| {
+                received.send_replace(Some(sample.payload().to_bytes().into_owned()));
+            })
+            .await
+            .map_err(RosError::zenoh)?;
+        let history = session
+            .get(format!("{key}/@adv/**?_max=1"))
+            .accept_replies(ReplyKeyExpr::Any)
+            .target(QueryTarget::All)
+            .consolidation(ConsolidationMode::None)
+            .timeout(HISTORY_TIMEOUT)
+            .callback(move |reply| {
+                let Ok(sample) = reply.result() else { return };
+                let last = sample.payload().to_bytes().into_owned();
+                // A message that was received meanwhile is newer.
+                sender.send_if_modified(|latest| {
+                    let is_first = latest.is_none();
+                    if is_first {
+                        *latest = Some(last);
+                    }
+                    is_first
+                });
+            });
+        history.await.map_err(RosError::zenoh)?;
+        Ok(TopicReader {
+            name: self.full_name(name),
+            type_name: type_name.to_owned(),
+            interfaces: Arc::clone(&self.shared.interfaces),
+            latest,
+            _subscriber: Arc::new(subscriber),
+        })
+    }
+
+    /// Publishes one message on a topic.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no link within the time `within`, or if the message does not
+    /// have its type.
+    pub async fn publish(
+        &self,
+        name: &str,
+        type_name: &str,
+        message: &Value,
+        within: Duration,
+    ) -> Result<(), RosError> {
+        let session = self.session(within).await?;
+        let key = self.shared.keys.exact(name, type_name, &self.shared.interfaces)?;
+        let payload = self.encode(name, type_name, message)?;
+        let put = session.put(key, payload);
+        match self.shared.keys.attachment() {
+            Some(attachment) => put.attachment(attachment).await,
+            None => put.await,
+        }
+        .map_err(RosError::zenoh)
+    }
+
+    /// Calls a service of the type `type_name`, such as `std_srvs/srv/Trigger`, and returns its
+    /// response.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if no node answers within the time `within`, if the answer is an error or
+    /// cannot be read, or if the request does not have its type.
+    pub async fn call(
+        &self,
+        name: &str,
+        type_name: &str,
+        request: &Value,
+        within: Duration,
+    ) -> Result<Value, RosError> {
+        let session = self.session(within).await?;
+        let key = self.shared.keys.any_hash(name, type_name)?;
+        let payload = self.encode(name, &format!("{type_name}_Request"), request)?;
+        let get = session
+            .get(key)
+            .payload(payload)
+            .target(QueryTarget::All)
+            .consolidation(ConsolidationMode::None)
+            .accept_replies(ReplyKeyExpr::Any)
+            .timeout(within)
+            .with(FifoChannel::new(REPLIES_MAX));
+        let replies = match self.shared.keys.attachment() {
+            Some(attachment) => get.attachment(attachment).await,
+            None => get.await,
+        }
+        .map_err(RosError::zenoh)?;
+        let mut refusal = None;
+        while let Ok(reply) = replies.recv_async().await {
+            match reply.into_result() {
+                Ok(sample) => {
+                    let bytes = sample.payload().to_bytes();
+                    return self.decode(name, &format!("{type_name}_Response"), &bytes);
+                }
+                Err(error) => {
+                    refusal = Some(String::from_utf8_lossy(&error.payload().to_bytes()).into());
+                }
+            }
+        }
+        let service = self.full_name(name);
+        Err(match refusal {
+            Some(reason) if reason != "Timeout" => RosError::Refused { service, reason },
+            _ => RosError::NoAnswer { service, within },
+        })
+    }
+
+    fn encode(&self, name: &str, type_name: &str, value: &Value) -> Result<Vec<u8>, RosError> {
+        let encoded = self.shared.interfaces.encode(type_name, value);
+        encoded.map_err(|source| RosError::Encode { name: self.full_name(name), source })
+    }
+
+    fn decode(&self, name: &str, type_name: &str, bytes: &[u8]) -> Result<Value, RosError> {
+        decode(&self.shared.interfaces, &self.full_name(name), type_name, bytes)
+    }
+}
+
+fn decode(
+    interfaces: &Interfaces,
+    name: &str,
+    type_name: &str,
+    bytes: &[u8],
+) -> Result<Value, RosError> {
+    let decoded = interfaces.decode(type_name, bytes);
+    let decoded = decoded.map_err(|source| RosError::Decode { name: name.to_owned(), source })?;
+    Ok(decoded.value)
+}
+
+/// Opens the session, and keeps it until the receivers are gone.
+async fn open_session(
+    endpoint: String,
+    opened: watch::Sender<Option<Session>>,
+    reason: Arc<Mutex<String>>,
+) {
+    let mut pause = REOPEN_FIRST;
+    loop {
+        let problem = match tokio::time::timeout(OPEN_TIMEOUT, try_open(&endpoint)).await {
+            Ok(Ok(session)) => {
+                opened.send_replace(Some(session));
+                tracing::info!(endpoint, "linked to the robot");
+                return opened.closed().await;
+            }
+            Ok(Err(error)) => error.to_string(),
+            Err(_) => format!("there was no answer within {OPEN_TIMEOUT:?}"),
+        };
+        tracing::debug!(endpoint, problem, "failed to reach the robot; it is tried again");
+        *reason.lock().unwrap_or_else(PoisonError::into_inner) = problem;
+        tokio::time::sleep(pause).await;
+        pause = (pause * 2).min(REOPEN_LONGEST);
+    }
+}
+
+async fn try_open(endpoint: &str) -> zenoh::Result<Session> {
+    let settings = json!({
+        "mode": "client",
+        "connect": { "endpoints": [endpoint] },
+        "listen": { "endpoints": [] },
+        "scouting": { "multicast": { "enabled": false }, "gossip": { "enabled": false } },
+        "transport": { "link": { "rx": { "max_message_size": MESSAGE_BYTES_MAX } } },
+    });
+    zenoh::open(zenoh::Config::from_json5(&settings.to_string())?).await
+}
+
+// === impl TopicReader ===
+
+impl TopicReader {
+    /// Returns the name of the topic.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Returns the latest message; `None` if none was received yet.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the message cannot be read.
+    pub fn latest(&mut self) -> Result<Option<Value>, RosError> {
+        let bytes = self.latest.borrow_and_update().clone();
+        let decoded =
+            bytes.map(|bytes| decode(&self.interfaces, &self.name, &self.type_name, &bytes));
+        decoded.transpose()
+    }
+
+    /// Waits for a message that was not read before, and returns it. If several were received, the
+    /// earlier ones are skipped.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the message cannot be read, or if the link is closed.
+    pub async fn next(&mut self) -> Result<Value, RosError> {
+        loop {
+            let changed = self.latest.changed().await;
+            changed.map_err(|_| RosError::Zenoh("the link is closed".to_owned()))?;
+            if let Some(message) = self.latest()? {
+                return Ok(message);
+            }
+        }
+    }
+}
