@@ -20,6 +20,7 @@ mod plugins;
 mod programs;
 mod reality;
 mod recording;
+mod robots;
 mod scenario;
 mod security;
 mod sensors;
