@@ -6,6 +6,11 @@
 //!   when the caller drops the future. Processes that the program leaves behind when it ends are
 //!   killed too.
 //! - Output of a program beyond 64 KiB is not read.
+//! - [`RunningProgram`] is a program that stays, and that this process speaks to.
+
+mod running;
+
+pub use running::{ProgramStart, RunningProgram};
 
 use std::io;
 use std::process::{ExitStatus, Stdio};
@@ -157,6 +162,7 @@ fn last_line(complaint: &[u8]) -> Option<String> {
 }
 
 /// Process group of a running program; the group is killed when this value is dropped.
+#[derive(Debug)]
 struct ProgramGroup(u32);
 
 impl Drop for ProgramGroup {
@@ -172,13 +178,13 @@ impl Drop for ProgramGroup {
 mod tests {
     use super::*;
 
-    const PATIENCE: Duration = Duration::from_secs(20);
+    pub(crate) const PATIENCE: Duration = Duration::from_secs(20);
 
     fn program(list: &[&str]) -> Program {
         Program::of(list.iter().map(|&word| word.to_owned())).expect("a program")
     }
 
-    fn script(text: &str) -> Program {
+    pub(crate) fn script(text: &str) -> Program {
         program(&["/bin/sh", "-c", text])
     }
 
@@ -236,7 +242,7 @@ mod tests {
         stat.rsplit_once(')').is_some_and(|(_, rest)| !rest.trim_start().starts_with('Z'))
     }
 
-    async fn all_end(pids: &str) {
+    pub(crate) async fn all_end(pids: &str) {
         let ended = async {
             while pids.lines().any(lives) {
                 tokio::time::sleep(Duration::from_millis(5)).await;

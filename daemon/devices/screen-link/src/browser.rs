@@ -1,0 +1,340 @@
+//! A Chromium, by its DevTools protocol: <https://chromedevtools.github.io/devtools-protocol/>.
+//!
+//! - One tab is used: the first that the browser has. A further tab would hide it, which
+//!   [`PageState::is_visible`] tells.
+//! - Dialogs of a page (`alert`) would stop the page and every answer from it, so they are closed.
+
+use std::time::Duration;
+
+use serde_json::{Value, json};
+use tokio::net::UnixStream;
+
+use crate::frames::Frames;
+use crate::{LinkError, limited};
+
+/// Time limit of a browser's start, from a cold disk of a small board.
+const STARTING: Duration = Duration::from_secs(30);
+
+/// Time limit of a command that the browser answers without a network. A page whose script never
+/// ends does not answer at all.
+const ANSWERING: Duration = Duration::from_secs(3);
+
+/// Time limit for a server to answer with a page.
+const NAVIGATING: Duration = Duration::from_secs(12);
+
+/// Time limit for the parts of a page to arrive after the page itself. Then it counts as shown if it
+/// can be seen, because some pages never stop to load.
+const LOADING: Duration = Duration::from_secs(5);
+
+/// Script that describes the page in the tab.
+const LOOK: &str = "(() => {
+    const navigation = performance.getEntriesByType('navigation')[0];
+    const film = document.querySelector('video');
+    const picture = document.images.length === 1 ? document.images[0] : null;
+    return {
+        url: location.href,
+        ready: document.readyState,
+        visible: document.visibilityState === 'visible' && innerWidth > 0 && innerHeight > 0,
+        status: (navigation && navigation.responseStatus) || 0,
+        picture: picture && (!picture.complete || picture.naturalWidth > 0),
+        film: film && {
+            error: film.error && (film.error.message || 'code ' + film.error.code),
+            ready: film.readyState,
+            moves: !film.paused && !film.ended,
+        },
+    };
+})()";
+
+/// Script that waits until the film of the page, if there is one, has a picture or an error.
+const SETTLED: &str = "new Promise(done => {
+    const film = document.querySelector('video');
+    if (!film || film.error || film.readyState >= 2) return done(true);
+    film.addEventListener('loadeddata', () => done(true));
+    film.addEventListener('error', () => done(true), true);
+})";
+
+/// The connection to a browser, and the session with its tab.
+#[derive(Debug)]
+pub struct Browser {
+    frames: Frames,
+    target: String,
+    session: String,
+    last_id: u64,
+    /// Whether the page that was asked for has replaced the one before.
+    has_arrived: bool,
+    /// Whether the load event of the page that was asked for has arrived.
+    is_loaded: bool,
+    is_crashed: bool,
+}
+
+/// The page in the tab, as the page itself says.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PageState {
+    /// Address of the page.
+    pub url: String,
+    /// Whether the page has been read so far that it can be seen.
+    pub is_readable: bool,
+    /// Whether the tab is in front and its window has a size.
+    pub is_visible: bool,
+    /// HTTP status of the page; `None` if it has none.
+    pub status: Option<u16>,
+    /// Whether the only picture of the page can be seen; `None` if the page has no or several
+    /// pictures.
+    pub picture: Option<bool>,
+    /// The first film of the page; `None` if there is none.
+    pub film: Option<FilmState>,
+}
+
+/// A film in a page.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct FilmState {
+    /// Reason why the film cannot be played.
+    pub error: Option<String>,
+    /// Whether there is a picture to show.
+    pub has_picture: bool,
+    /// Whether the film is neither paused nor at its end.
+    pub is_moving: bool,
+}
+
+impl Browser {
+    /// Attaches to the first tab of the browser at the other end of `stream`.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the browser does not start in time or has no tab.
+    pub async fn attach(stream: UnixStream) -> Result<Browser, LinkError> {
+        let mut browser = Browser {
+            frames: Frames::new(stream, 0),
+            target: String::new(),
+            session: String::new(),
+            last_id: 0,
+            has_arrived: false,
+            is_loaded: false,
+            is_crashed: false,
+        };
+        limited("start the browser", STARTING, browser.attach_to_tab()).await?;
+        Ok(browser)
+    }
+
+    async fn attach_to_tab(&mut self) -> Result<(), LinkError> {
+        self.call("Target.setDiscoverTargets", json!({ "discover": true })).await?;
+        loop {
+            let targets = self.call("Target.getTargets", json!({})).await?;
+            let targets = targets["targetInfos"].as_array().cloned().unwrap_or_default();
+            let page = targets.iter().find(|target| target["type"] == "page");
+            if let Some(id) = page.and_then(|page| page["targetId"].as_str()) {
+                self.target = id.to_owned();
+                break;
+            }
+            // The tab is announced as soon as it exists.
+            self.handle_next_event().await?;
+        }
+        let attach = json!({ "targetId": self.target, "flatten": true });
+        let attached = self.call("Target.attachToTarget", attach).await?;
+        let session = attached["sessionId"].as_str().map(str::to_owned);
+        self.session = session.ok_or_else(|| {
+            LinkError::declined("attach to the tab of the browser", "it names no session")
+        })?;
+        self.call("Inspector.enable", json!({})).await?;
+        self.call("Page.enable", json!({})).await?;
+        Ok(())
+    }
+
+    /// Makes the window as large as the screen. Without a window manager, which would do so, a
+    /// browser leaves a margin.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the browser does not answer.
+    pub async fn fill_screen(&mut self) -> Result<(), LinkError> {
+        let sizes = "[innerWidth, innerHeight, screen.width, screen.height]";
+        let sizes = self.evaluate(sizes).await?;
+        let size = |index: usize| sizes[index].as_u64().unwrap_or(0);
+        if size(0) >= size(2) && size(1) >= size(3) {
+            return Ok(());
+        }
+        let window = json!({ "targetId": self.target });
+        let window = self.quick("Browser.getWindowForTarget", window).await?;
+        let id = window["windowId"].clone();
+        let bounds = json!({ "left": 0, "top": 0, "width": size(2), "height": size(3) });
+        // A window in the state of full screen has to leave it before it gets a size.
+        for bounds in [json!({ "windowState": "normal" }), bounds] {
+            let set = json!({ "windowId": id, "bounds": bounds });
+            self.quick("Browser.setWindowBounds", set).await?;
+        }
+        Ok(())
+    }
+
+    /// Shows the page at the address `url`, and returns it when it can be seen.
+    ///
+    /// # Errors
+    ///
+    /// Returns [`LinkError::Declined`] if the page cannot be loaded or is an error of its server,
+    /// and another error if the browser does not answer.
+    pub async fn open(&mut self, url: &str) -> Result<PageState, LinkError> {
+        let what = format!("load {}", crate::shortened(url));
+        (self.has_arrived, self.is_loaded) = (false, false);
+        let call = self.call("Page.navigate", json!({ "url": url }));
+        let navigated = match limited(&what, NAVIGATING, call).await {
+            Err(LinkError::TimedOut { .. }) => {
+                let why = format!("there was no answer within {NAVIGATING:?}");
+                return Err(LinkError::declined(what, why));
+            }
+            navigated => navigated?,
+        };
+        if navigated["isDownload"] == true {
+            return Err(LinkError::declined(what, "it is a file that the browser cannot show"));
+        }
+        if let Some(why) = navigated["errorText"].as_str() {
+            return Err(LinkError::declined(what, why));
+        }
+        // The page is there already, and only the part after `#` differs.
+        self.is_loaded |= navigated["loaderId"].is_null();
+        match limited(&what, LOADING, self.loaded()).await {
+            Err(LinkError::TimedOut { .. }) | Ok(()) => (),
+            Err(error) => return Err(error),
+        }
+        let page = self.look().await?;
+        match page.problem() {
+            Some(why) => Err(LinkError::declined(what, why)),
+            None => Ok(page),
+        }
+    }
+
+    /// Waits until the present page and its film are loaded.
+    async fn loaded(&mut self) -> Result<(), LinkError> {
+        while !self.is_loaded {
+            self.handle_next_event().await?;
+        }
+        let settled = json!({ "expression": SETTLED, "awaitPromise": true, "returnByValue": true });
+        self.call("Runtime.evaluate", settled).await?;
+        Ok(())
+    }
+
+    /// Returns the page that the tab shows now.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the tab does not answer: it has crashed, or its script never ends.
+    pub async fn look(&mut self) -> Result<PageState, LinkError> {
+        let page = self.evaluate(LOOK).await?;
+        let film = |film: &Value| FilmState {
+            error: film["error"].as_str().map(crate::shortened),
+            has_picture: film["ready"].as_u64().is_some_and(|ready| ready >= 2),
+            is_moving: film["moves"] == true,
+        };
+        let status = page["status"].as_u64().and_then(|status| u16::try_from(status).ok());
+        Ok(PageState {
+            url: page["url"].as_str().unwrap_or_default().to_owned(),
+            is_readable: page["ready"] != "loading",
+            is_visible: page["visible"] == true,
+            status: status.filter(|status| *status != 0),
+            picture: page["picture"].as_bool(),
+            film: Some(&page["film"]).filter(|found| found.is_object()).map(film),
+        })
+    }
+
+    /// Waits until the browser closes the connection or its tab crashes, and returns that error.
+    /// Events that arrive meanwhile are handled.
+    pub async fn failed(&mut self) -> LinkError {
+        loop {
+            if let Err(error) = self.handle_next_event().await {
+                return error;
+            }
+        }
+    }
+
+    async fn evaluate(&mut self, script: &str) -> Result<Value, LinkError> {
+        let script = json!({ "expression": script, "returnByValue": true });
+        let evaluated = self.quick("Runtime.evaluate", script).await?;
+        if let Some(why) = evaluated["exceptionDetails"]["text"].as_str() {
+            return Err(LinkError::declined("look at the page", why));
+        }
+        Ok(evaluated["result"]["value"].clone())
+    }
+
+    async fn quick(&mut self, method: &str, parameters: Value) -> Result<Value, LinkError> {
+        let what = format!("have the answer of the page to `{method}`");
+        limited(&what, ANSWERING, self.call(method, parameters)).await
+    }
+
+    /// Sends a command and returns its result. Events that arrive before the result are handled.
+    async fn call(&mut self, method: &str, parameters: Value) -> Result<Value, LinkError> {
+        let id = self.send(method, parameters).await?;
+        loop {
+            let mut message = self.next().await?;
+            if message["id"] != id {
+                continue;
+            }
+            if let Some(why) = message["error"]["message"].as_str() {
+                return Err(LinkError::declined(format!("do `{method}` in the browser"), why));
+            }
+            return Ok(message["result"].take());
+        }
+    }
+
+    async fn send(&mut self, method: &str, parameters: Value) -> Result<u64, LinkError> {
+        self.last_id += 1;
+        let mut command = json!({ "id": self.last_id, "method": method, "params": parameters });
+        let is_of_browser = method.starts_with("Target.") || method.starts_with("Browser.");
+        if !is_of_browser {
+            command["sessionId"] = json!(self.session);
+        }
+        self.frames.send(&command).await?;
+        Ok(self.last_id)
+    }
+
+    async fn handle_next_event(&mut self) -> Result<(), LinkError> {
+        self.next().await.map(drop)
+    }
+
+    /// Returns the next message. If it is an event, the event is handled first.
+    async fn next(&mut self) -> Result<Value, LinkError> {
+        if self.is_crashed {
+            return Err(LinkError::Crashed);
+        }
+        let message = self.frames.next().await?;
+        let parameters = &message["params"];
+        match message["method"].as_str() {
+            Some("Inspector.targetCrashed") => self.is_crashed = true,
+            Some("Target.targetCrashed" | "Target.targetDestroyed")
+                if parameters["targetId"] == self.target.as_str() =>
+            {
+                self.is_crashed = true;
+            }
+            Some("Page.frameNavigated") if parameters["frame"]["parentId"].is_null() => {
+                self.has_arrived = true;
+            }
+            Some("Page.loadEventFired") => self.is_loaded |= self.has_arrived,
+            Some("Page.javascriptDialogOpening") => {
+                let close = json!({ "accept": false });
+                self.send("Page.handleJavaScriptDialog", close).await?;
+            }
+            _ => (),
+        }
+        if self.is_crashed { Err(LinkError::Crashed) } else { Ok(message) }
+    }
+}
+
+impl PageState {
+    /// Returns the reason why people do not see what the page is for; `None` if they see it.
+    pub fn problem(&self) -> Option<String> {
+        let PageState { url, is_readable, is_visible, status, picture, film } = self;
+        if url.starts_with("chrome-error:") {
+            return Some("the browser shows an error in its place".to_owned());
+        }
+        if let Some(status) = status.filter(|status| *status >= 400) {
+            return Some(format!("its server answers with HTTP status {status}"));
+        }
+        if !is_readable {
+            return Some(format!("it did not arrive within {LOADING:?}"));
+        }
+        if !is_visible {
+            return Some("something else is in front of it".to_owned());
+        }
+        if *picture == Some(false) {
+            return Some("it is not a picture that the browser can show".to_owned());
+        }
+        None.or_else(|| film.as_ref()?.error.as_ref().map(|why| format!("its film: {why}")))
+    }
+}

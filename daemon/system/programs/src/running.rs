@@ -1,0 +1,216 @@
+//! Programs that stay: started once, spoken to over a socket, and ended with this process.
+//!
+//! The program runs in a process group of its own. A second process, the *watch*, is a shell that
+//! reads from a pipe whose write end only this process holds. When this process ends in any way, the
+//! kernel closes the pipe, and the watch kills the group and removes the folder of the program. A
+//! parent death signal would reach the program, but not its children. The watch does not cover a
+//! program that leaves its process group.
+
+use std::collections::VecDeque;
+use std::os::fd::OwnedFd;
+use std::os::unix::net::UnixStream as Blocking;
+use std::path::Path;
+use std::process::Stdio;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWriteExt as _};
+use tokio::net::UnixStream;
+use tokio::process::{Child, ChildStdin, Command};
+
+use crate::{Program, ProgramError, ProgramGroup, START, last_line};
+
+/// Shell script that gives the program the socket as its file descriptors 3 and 4, and nothing as
+/// its input. A descriptor other than the input cannot be passed on without a shell or unsafe code.
+const HAND_OVER: &str = "exec \"$@\" 3<&0 4>&0 </dev/null";
+
+/// Shell script of the watch. It ends at once if a line arrives; otherwise it waits for the end of
+/// this process, kills the group `$1` and removes the folder `$2`, if there is one. A process that
+/// was just killed may have written a file meanwhile, so the removal is repeated once.
+const CLEANUP: &str = "trap '' HUP INT TERM
+read -r word && exit
+kill -KILL \"-$1\"
+[ -z \"$2\" ] || rm -rf \"$2\" || rm -rf \"$2\"";
+
+/// Number of bytes of standard error that are kept, the last ones.
+const COMPLAINT_BYTES_MAX: usize = 4 << 10;
+
+/// Time for the last words of a program that has ended. Its children may keep the pipe open.
+const LAST_WORDS: Duration = Duration::from_millis(100);
+
+/// The surroundings of a program that stays.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct ProgramStart<'s> {
+    /// Environment variables of the program, in addition to those of this process.
+    pub environment: &'s [(String, String)],
+    /// Folder that belongs to this run of the program, and that is removed if this process dies.
+    pub scratch: Option<&'s Path>,
+}
+
+/// A program that stays. Dropping this value kills the program and its children.
+#[derive(Debug)]
+pub struct RunningProgram {
+    program: String,
+    child: Child,
+    group: Option<ProgramGroup>,
+    watch: Option<(Child, ChildStdin)>,
+    /// The last bytes of the program's standard error.
+    complaint: Arc<Mutex<VecDeque<u8>>>,
+    reading: tokio::task::JoinHandle<()>,
+}
+
+impl Program {
+    /// Starts the program, and returns it with this end of a socket. The program has the other end
+    /// as its file descriptors 3 and 4.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the system cannot start a process. A program that does not exist ends at
+    /// once; see [`RunningProgram::ended`].
+    pub fn start(
+        &self,
+        start: ProgramStart<'_>,
+    ) -> Result<(RunningProgram, UnixStream), ProgramError> {
+        let failed =
+            |source| ProgramError::System { what: START, program: self.program.clone(), source };
+        let (ours, theirs) = Blocking::pair().map_err(failed)?;
+        ours.set_nonblocking(true).map_err(failed)?;
+        let ours = UnixStream::from_std(ours).map_err(failed)?;
+        let mut command = Command::new("sh");
+        command.args(["-c", HAND_OVER, "start", &self.program]).args(&self.arguments);
+        command.envs(start.environment.iter().map(|(name, value)| (name, value)));
+        command.stdin(OwnedFd::from(theirs)).stdout(Stdio::null()).stderr(Stdio::piped());
+        let mut child = command.kill_on_drop(true).process_group(0).spawn().map_err(failed)?;
+        // The command holds the child's end of the socket, which must not stay open here.
+        drop(command);
+        let group = child.id().map(ProgramGroup);
+        let complaint = Arc::default();
+        let reading = tokio::spawn(keep_last(child.stderr.take(), Arc::clone(&complaint)));
+        let program = self.program.clone();
+        let mut running = RunningProgram { program, child, group, watch: None, complaint, reading };
+        running.watch = Some(running.watch(start.scratch).map_err(failed)?);
+        Ok((running, ours))
+    }
+}
+
+impl RunningProgram {
+    fn watch(&self, scratch: Option<&Path>) -> std::io::Result<(Child, ChildStdin)> {
+        let group = self.group.as_ref().map_or(String::new(), |group| group.0.to_string());
+        let mut command = Command::new("sh");
+        command.args(["-c", CLEANUP, "watch", &group]).arg(scratch.unwrap_or(Path::new("")));
+        command.current_dir("/").stdin(Stdio::piped());
+        command.stdout(Stdio::null()).stderr(Stdio::null());
+        // Signals to the group of this process, such as that of Ctrl-C, do not reach the watch.
+        let mut watch = command.process_group(0).spawn()?;
+        let word = watch.stdin.take();
+        let word = word.ok_or_else(|| std::io::Error::other("the watch has no input"))?;
+        Ok((watch, word))
+    }
+
+    /// Waits until the program has ended by itself, and returns how. Nothing is lost if the future
+    /// is dropped.
+    pub async fn ended(&mut self) -> ProgramError {
+        let program = self.program.clone();
+        match self.child.wait().await {
+            Err(source) => ProgramError::System { what: "wait for", program, source },
+            Ok(status) => {
+                // The number of the group may be reused once its leader is reaped and no process is
+                // left in it; until then, its children are to be killed.
+                let _ = tokio::time::timeout(LAST_WORDS, &mut self.reading).await;
+                let mut words = self.complaint.lock().unwrap_or_else(PoisonError::into_inner);
+                let complaint = last_line(words.make_contiguous());
+                ProgramError::Failed { program, status, complaint }
+            }
+        }
+    }
+
+    /// Kills the program and its children, and waits until they have ended.
+    pub async fn end(mut self) {
+        drop(self.group.take());
+        let _ = self.child.wait().await;
+        if let Some((mut watch, mut word)) = self.watch.take() {
+            // There is nothing left to clean up; the number of the group may soon be reused.
+            let _ = word.write_all(b"well\n").await;
+            drop(word);
+            let _ = watch.wait().await;
+        }
+    }
+}
+
+/// Reads a pipe to its end, and keeps the last bytes.
+async fn keep_last(pipe: Option<impl AsyncRead + Unpin>, kept: Arc<Mutex<VecDeque<u8>>>) {
+    let Some(mut pipe) = pipe else { return };
+    let mut bytes = [0; COMPLAINT_BYTES_MAX];
+    while let Ok(count @ 1..) = pipe.read(&mut bytes).await {
+        let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.extend(bytes.get(..count).unwrap_or_default());
+        let surplus = kept.len().saturating_sub(COMPLAINT_BYTES_MAX);
+        kept.drain(..surplus);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::tests::{PATIENCE, all_end, script};
+
+    async fn answer(link: &mut UnixStream) -> String {
+        let mut bytes = [0; 64];
+        let count = tokio::time::timeout(PATIENCE, link.read(&mut bytes)).await.expect("in time");
+        String::from_utf8_lossy(bytes.get(..count.expect("read")).unwrap_or_default()).into_owned()
+    }
+
+    #[tokio::test]
+    async fn a_program_is_spoken_to_and_ended_with_its_children() {
+        let text = "read -r word <&3; sleep 600 & echo \"$word $NAME $$ $!\" >&4; wait";
+        let environment = [("NAME".to_owned(), "lamp".to_owned())];
+        let start = ProgramStart { environment: &environment, scratch: None };
+        let (running, mut link) = script(text).start(start).expect("started");
+        link.write_all(b"hello\n").await.expect("written");
+        let said = answer(&mut link).await;
+        let pids = said.trim().strip_prefix("hello lamp ").expect("the word and the variable");
+        let pids = pids.replace(' ', "\n");
+        running.end().await;
+        all_end(&pids).await;
+    }
+
+    #[tokio::test]
+    async fn a_program_that_is_dropped_leaves_nothing() {
+        let (running, mut link) = script("sleep 600 & echo $! >&4; wait")
+            .start(ProgramStart::default())
+            .expect("started");
+        let pid = answer(&mut link).await;
+        drop(running);
+        all_end(&pid).await;
+    }
+
+    #[tokio::test]
+    async fn the_watch_cleans_up_if_this_process_dies() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let scratch = folder.path().join("profile");
+        std::fs::create_dir(&scratch).expect("a folder");
+        let start = ProgramStart { environment: &[], scratch: Some(&scratch) };
+        let text = "sleep 600 & echo $! >&4; wait";
+        let (mut running, mut link) = script(text).start(start).expect("started");
+        let pid = answer(&mut link).await;
+        // The pipe closes without a line, as it does when this process is killed.
+        let (mut watch, word) = running.watch.take().expect("a watch");
+        drop(word);
+        tokio::time::timeout(PATIENCE, watch.wait()).await.expect("in time").expect("it ends");
+        all_end(&pid).await;
+        assert!(!scratch.exists());
+    }
+
+    #[tokio::test]
+    async fn the_end_of_a_program_has_a_reason() {
+        for (text, expected) in [
+            ("echo no display >&2; exit 3", "run `/bin/sh`: exit status: 3: no display"),
+            ("kill -9 $$", "run `/bin/sh`: signal: 9 (SIGKILL)"),
+        ] {
+            let start = ProgramStart::default();
+            let (mut running, _link) = script(text).start(start).expect("started");
+            let ended = tokio::time::timeout(PATIENCE, running.ended()).await.expect("in time");
+            assert_eq!(ended.to_string(), expected);
+        }
+    }
+}
