@@ -158,7 +158,9 @@ impl Browser {
         let id = window["windowId"].clone();
         let bounds = json!({ "left": 0, "top": 0, "width": size(2), "height": size(3) });
         // A window in the state of full screen has to leave it before it gets a size.
-        for bounds in [json!({ "windowState": "normal" }), bounds] {
+        let states = ["normal", "fullscreen"].map(|state| json!({ "windowState": state }));
+        let [normal, fullscreen] = states;
+        for bounds in [normal, bounds, fullscreen] {
             let set = json!({ "windowId": id, "bounds": bounds });
             self.quick("Browser.setWindowBounds", set).await?;
         }

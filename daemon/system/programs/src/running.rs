@@ -14,7 +14,7 @@ use std::process::Stdio;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use tokio::io::{AsyncRead, AsyncReadExt as _, AsyncWriteExt as _};
+use tokio::io::{AsyncRead, AsyncReadExt as _};
 use tokio::net::UnixStream;
 use tokio::process::{Child, ChildStdin, Command};
 
@@ -24,11 +24,12 @@ use crate::{Program, ProgramError, ProgramGroup, START, last_line};
 /// its input. A descriptor other than the input cannot be passed on without a shell or unsafe code.
 const HAND_OVER: &str = "exec \"$@\" 3<&0 4>&0 </dev/null";
 
-/// Shell script of the watch. It ends at once if a line arrives; otherwise it waits for the end of
-/// this process, kills the group `$1` and removes the folder `$2`, if there is one. A process that
-/// was just killed may have written a file meanwhile, so the removal is repeated once.
+/// Shell script of the watch. It waits until its input is closed, which this process does when the
+/// program is no longer needed, and the kernel when this process ends. Then it kills the group `$1` and
+/// removes the folder `$2`, if there is one. A process that was just killed may have written a file
+/// meanwhile, so the removal is repeated once.
 const CLEANUP: &str = "trap '' HUP INT TERM
-read -r word && exit
+read -r word
 kill -KILL \"-$1\"
 [ -z \"$2\" ] || rm -rf \"$2\" || rm -rf \"$2\"";
 
@@ -37,6 +38,9 @@ const COMPLAINT_BYTES_MAX: usize = 4 << 10;
 
 /// Time for the last words of a program that has ended. Its children may keep the pipe open.
 const LAST_WORDS: Duration = Duration::from_millis(100);
+
+/// Time limit of the watch for killing the program and removing its folder, on a slow disk.
+const CLEANING_UP: Duration = Duration::from_secs(5);
 
 /// The surroundings of a program that stays.
 #[derive(Clone, Copy, Debug, Default)]
@@ -124,16 +128,16 @@ impl RunningProgram {
         }
     }
 
-    /// Kills the program and its children, and waits until they have ended.
+    /// Kills the program and its children, removes its folder, and waits until this is done.
     pub async fn end(mut self) {
+        // The watch does it. The number of the group cannot be reused meanwhile, because the program
+        // is not reaped before.
+        if let Some((mut watch, word)) = self.watch.take() {
+            drop(word);
+            let _ = tokio::time::timeout(CLEANING_UP, watch.wait()).await;
+        }
         drop(self.group.take());
         let _ = self.child.wait().await;
-        if let Some((mut watch, mut word)) = self.watch.take() {
-            // There is nothing left to clean up; the number of the group may soon be reused.
-            let _ = word.write_all(b"well\n").await;
-            drop(word);
-            let _ = watch.wait().await;
-        }
     }
 }
 
@@ -151,6 +155,8 @@ async fn keep_last(pipe: Option<impl AsyncRead + Unpin>, kept: Arc<Mutex<VecDequ
 
 #[cfg(test)]
 mod tests {
+    use tokio::io::AsyncWriteExt as _;
+
     use super::*;
     use crate::tests::{PATIENCE, all_end, script};
 

@@ -1,15 +1,26 @@
 //! The screen (the paper, Figure 1), which shows media to the people in its room.
 //!
-//! - [`Display`] is the trait of drivers; `simulated` is a screen of the simulated building.
+//! - [`Display`] is the trait of drivers. `simulated` is a screen of the simulated building,
+//!   `browser` a Chromium that fills the screen of this machine, `mpv` the player of that name.
+//!   `supervisor` keeps the program of the last two running.
 //! - A screen that is plugged in for the first time has no channel, and requests the goal to get
 //!   one: “complete the setup (resource allocation and integration) automatically”. With a channel,
 //!   media can be presented in the room of the screen.
 //! - A screen checks itself every second. A screen that has failed announces that it offers no
 //!   actions and presents nothing, so that other screens take over.
 
+mod browser;
+mod config;
+mod mpv;
+mod pages;
+mod player;
 mod simulated;
+mod supervisor;
 
-use std::collections::{BTreeMap, BTreeSet};
+#[cfg(test)]
+mod tests;
+
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -20,7 +31,9 @@ use actuator::{
     MethodResult, OwnFact, PlaceName, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
-use serde::Deserialize;
+
+use crate::config::Config;
+pub use crate::config::Content;
 
 /// Pause between two checks of the screen. The pause is short, so that a meeting can continue at
 /// another screen within a few seconds.
@@ -32,24 +45,18 @@ const CHECK_TIME_MAX: Duration = Duration::from_secs(3);
 /// Time limit for the screen to light up, which is that of a projector's lamp.
 const SHOWING_TIME_MAX: Duration = Duration::from_secs(30);
 
+const SIMULATED: &str = "simulated";
+const BROWSER: &str = "browser";
+const MPV: &str = "mpv";
+
 /// The entry of the screen in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "screen",
     about: "shows media to the people in its room",
-    drivers: &["simulated"],
+    drivers: &[SIMULATED, BROWSER, MPV],
     has_replicas: false,
     build,
 };
-
-/// The `config` of a screen's entry.
-#[derive(Debug, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
-struct Config {
-    /// Room of the screen.
-    location: PlaceName,
-    /// Media that the screen can show: the text of each medium, by the medium's name in plans.
-    media: BTreeMap<String, String>,
-}
 
 /// The driver of a screen. Error texts complete “failed to …”.
 pub trait Display: Send + Sync + 'static {
@@ -57,8 +64,8 @@ pub trait Display: Send + Sync + 'static {
     /// keeps it. A screen without a channel shows nothing.
     fn allocate(&self) -> BoxFuture<Result<u32, String>>;
 
-    /// Shows a text on the screen; `None` turns the screen dark.
-    fn show(&self, text: Option<&str>) -> BoxFuture<Result<(), String>>;
+    /// Shows this content on the screen; `None` turns the screen dark.
+    fn show(&self, content: Option<&Content>) -> BoxFuture<Result<(), String>>;
 
     /// Returns the state of the screen.
     fn panel(&self) -> BoxFuture<Result<DisplayState, String>>;
@@ -69,36 +76,39 @@ pub trait Display: Send + Sync + 'static {
 pub struct DisplayState {
     /// Channel of the screen; `None` if the screen has none yet.
     pub channel: Option<u32>,
-    /// Text that the screen shows; `None` if the screen is dark.
-    pub text: Option<String>,
+    /// What the screen shows, as the config writes it; `None` if the screen is dark.
+    pub shown: Option<String>,
 }
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
-    let Config { location, media } = blueprint.config_as()?;
-    for name in media.keys() {
-        PlaceName::try_from(name.clone()).map_err(|_| {
-            blueprint.problem(format!("`{name}` cannot name a medium: it has to be a PDDL name"))
-        })?;
-    }
-    if media.values().collect::<BTreeSet<_>>().len() < media.len() {
-        return Err(blueprint.problem("two `media` with one text cannot be told apart"));
-    }
-    let screen = Screen {
+    Actuator::build(&blueprint, screen(&blueprint)?)
+}
+
+fn screen(blueprint: &Blueprint) -> Result<Screen, BuildError> {
+    let mut config: Config = blueprint.config_as()?;
+    let player = config.player(blueprint)?;
+    let media = config.contents(blueprint)?;
+    let display: Arc<dyn Display> = match blueprint.driver.as_str() {
+        BROWSER => supervisor::display::<browser::BrowserPlayer>(player),
+        MPV => supervisor::display::<mpv::MpvPlayer>(player),
+        _ => simulated::display(blueprint)?,
+    };
+    Ok(Screen {
         id: blueprint.id.to_string(),
         ontology: blueprint.host.ontology.name.to_string(),
-        location,
+        location: config.location,
         media,
-        display: simulated::display(&blueprint)?,
+        display,
         state: ScreenStatus::Unknown,
-    };
-    Actuator::build(&blueprint, screen)
+    })
 }
 
 struct Screen {
     id: String,
     ontology: String,
     location: PlaceName,
-    media: BTreeMap<String, String>,
+    /// What each medium is, by its name in plans.
+    media: BTreeMap<String, Content>,
     display: Arc<dyn Display>,
     state: ScreenStatus,
 }
@@ -117,7 +127,7 @@ enum ScreenStatus {
 /// The result of a method of the screen.
 enum ScreenResult {
     Allocated(u32),
-    Shows(Option<String>),
+    Shows(Option<Content>),
 }
 
 impl Screen {
@@ -130,10 +140,10 @@ impl Screen {
 
     /// Returns the name of the medium on the screen; `None` if the screen shows none of its media.
     fn shown(&self) -> Option<&str> {
-        let ScreenStatus::Works(DisplayState { text: Some(text), .. }) = &self.state else {
+        let ScreenStatus::Works(DisplayState { shown: Some(shown), .. }) = &self.state else {
             return None;
         };
-        let medium = self.media.iter().find(|(_, shown)| *shown == text);
+        let medium = self.media.iter().find(|(_, content)| content.written() == shown);
         medium.map(|(name, _)| name.as_str())
     }
 
@@ -218,7 +228,7 @@ impl Device for Screen {
 
     fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<ScreenResult, MethodFailure>> {
         let display = Arc::clone(&self.display);
-        let text = match (call.method.as_str(), call.argument("media")) {
+        let content = match (call.method.as_str(), call.argument("media")) {
             ("allocate", _) => {
                 return Box::pin(async move {
                     display
@@ -230,7 +240,7 @@ impl Device for Screen {
             }
             ("hide", _) => None,
             ("show", Ok(medium)) => match self.media.get(medium) {
-                Some(text) => Some(text.clone()),
+                Some(content) => Some(content.clone()),
                 None => {
                     return failed_method(MethodFailure::Driver(format!(
                         "find the medium `{medium}`"
@@ -241,8 +251,8 @@ impl Device for Screen {
             _ => return failed_method(MethodFailure::UnknownMethod(call.method.clone())),
         };
         Box::pin(async move {
-            display.show(text.as_deref()).await.map_err(MethodFailure::Driver)?;
-            Ok(ScreenResult::Shows(text))
+            display.show(content.as_ref()).await.map_err(MethodFailure::Driver)?;
+            Ok(ScreenResult::Shows(content))
         })
     }
 
@@ -250,13 +260,14 @@ impl Device for Screen {
         let (id, location, channel) = (&self.id, &self.location, self.channel());
         let (panel, detail, observed) = match done {
             ScreenResult::Allocated(channel) => (
-                DisplayState { channel: Some(channel), text: None },
+                DisplayState { channel: Some(channel), shown: None },
                 format!("set up on channel {channel}"),
                 format!("(allocated {id}) (can-present {location})"),
             ),
-            ScreenResult::Shows(text) => {
-                let detail = if text.is_some() { "shows it" } else { "is dark" };
-                (DisplayState { channel, text }, detail.to_owned(), String::new())
+            ScreenResult::Shows(content) => {
+                let detail = if content.is_some() { "shows it" } else { "is dark" };
+                let shown = content.map(|content| content.written().to_owned());
+                (DisplayState { channel, shown }, detail.to_owned(), String::new())
             }
         };
         self.state = ScreenStatus::Works(panel);

@@ -6,7 +6,7 @@ use actuator::BoxFuture;
 use agent::{Blueprint, BuildError};
 use building::BuildingHandle;
 
-use crate::{Display, DisplayState};
+use crate::{Content, Display, DisplayState};
 
 #[derive(Clone)]
 struct Simulated {
@@ -27,8 +27,9 @@ impl Display for Simulated {
         Box::pin(async move { building.allocate(&screen).await.map_err(|error| error.to_string()) })
     }
 
-    fn show(&self, text: Option<&str>) -> BoxFuture<Result<(), String>> {
-        let (Simulated { building, screen }, text) = (self.clone(), text.map(str::to_owned));
+    fn show(&self, content: Option<&Content>) -> BoxFuture<Result<(), String>> {
+        let Simulated { building, screen } = self.clone();
+        let text = content.map(|content| content.written().to_owned());
         Box::pin(async move {
             building.show(&screen, text.as_deref()).await.map_err(|error| error.to_string())
         })
@@ -39,7 +40,7 @@ impl Display for Simulated {
         Box::pin(async move {
             let panel = building.panel(&screen).await.map_err(|error| error.to_string())?;
             let building::ScreenState { channel, text } = panel;
-            Ok(DisplayState { channel, text })
+            Ok(DisplayState { channel, shown: text })
         })
     }
 }

@@ -1,0 +1,173 @@
+//! The driver `browser`: a Chromium that fills the screen.
+//!
+//! The browser is spoken to over a pipe (`--remote-debugging-pipe`) and not over a port, because a
+//! port of the own machine is open to all its users, and to every page that the browser shows. The
+//! browser also ends by itself when the pipe is closed.
+
+use std::path::Path;
+
+use programs::RunningProgram;
+use screen_link::{Browser, PageState};
+use tempfile::TempDir;
+
+use crate::config::{Content, PlayerSettings};
+use crate::pages::{self, PageKind};
+use crate::player::{self, Player, PlayerTrouble};
+
+/// Names of the program, in the order in which they are tried.
+const PROGRAMS: &[&str] = &["chromium", "chromium-browser", "google-chrome"];
+
+/// Arguments of the browser: it fills the screen, asks nothing, plays films without a click, and
+/// reaches for no server that is not of the page.
+const ARGUMENTS: &[&str] = &[
+    "--remote-debugging-pipe",
+    "--kiosk",
+    "--window-position=0,0",
+    "--no-first-run",
+    "--no-default-browser-check",
+    "--noerrdialogs",
+    "--hide-crash-restore-bubble",
+    "--password-store=basic",
+    "--autoplay-policy=no-user-gesture-required",
+    "--disable-features=Translate",
+    "--disable-breakpad",
+    "--disable-crash-reporter",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "about:blank",
+];
+
+/// A running browser, and what it was asked to show.
+pub(crate) struct BrowserPlayer {
+    // The program is ended before its folder is removed.
+    program: RunningProgram,
+    browser: Browser,
+    /// Folder of the profile, unless it is kept, and of the driver's own pages.
+    folder: TempDir,
+    /// Address of the page that was shown last, when it was loaded, and its kind.
+    asked: (String, PageKind),
+}
+
+impl Player for BrowserPlayer {
+    async fn start(settings: &PlayerSettings) -> Result<BrowserPlayer, String> {
+        let folder = tempfile::Builder::new().prefix("althing-screen-").tempdir();
+        let folder = folder.map_err(|error| format!("make a folder for the browser: {error}"))?;
+        let own_profile = folder.path().join("profile");
+        let profile = settings.profile.as_deref().unwrap_or(&own_profile);
+        let mut command = vec![player::find_program(settings, PROGRAMS)?];
+        command.push(format!("--user-data-dir={}", profile.display()));
+        command.extend(ARGUMENTS.iter().map(|&argument| argument.to_owned()));
+        if settings.display.is_some() {
+            command.push("--ozone-platform=x11".to_owned());
+        }
+        let (mut program, link) = player::start_program(settings, command, Some(folder.path()))?;
+        let prepared = tokio::select! {
+            biased;
+            prepared = prepared(link, folder.path()) => prepared,
+            ended = program.ended() => Err(PlayerTrouble::Program(ended.to_string())),
+        };
+        match prepared {
+            Ok((browser, asked)) => Ok(BrowserPlayer { program, browser, folder, asked }),
+            Err(PlayerTrouble::Content(reason) | PlayerTrouble::Program(reason)) => {
+                program.end().await;
+                Err(reason)
+            }
+        }
+    }
+
+    async fn show(&mut self, content: Option<&Content>) -> Result<(), PlayerTrouble> {
+        self.asked = opened(&mut self.browser, self.folder.path(), content).await?;
+        Ok(())
+    }
+
+    async fn check(&mut self) -> Result<(), PlayerTrouble> {
+        let page = self.browser.look().await?;
+        let (address, kind) = &self.asked;
+        match problem(&page, address, *kind) {
+            None => Ok(()),
+            Some(why) => Err(PlayerTrouble::Content(format!("show {address}: {why}"))),
+        }
+    }
+
+    async fn failed(&mut self) -> String {
+        let lost = self.browser.failed().await;
+        player::reason(&mut self.program, lost).await
+    }
+
+    async fn end(self) {
+        self.program.end().await;
+    }
+}
+
+/// Attaches to the browser and makes it dark.
+async fn prepared(
+    link: tokio::net::UnixStream,
+    folder: &Path,
+) -> Result<(Browser, (String, PageKind)), PlayerTrouble> {
+    let mut browser = Browser::attach(link).await?;
+    let asked = opened(&mut browser, folder, None).await?;
+    browser.fill_screen().await?;
+    Ok((browser, asked))
+}
+
+/// Opens the page of a medium. Returns its address when it was loaded, and its kind.
+async fn opened(
+    browser: &mut Browser,
+    folder: &Path,
+    content: Option<&Content>,
+) -> Result<(String, PageKind), PlayerTrouble> {
+    let (address, kind) = pages::page(folder, content)
+        .map_err(|error| PlayerTrouble::Content(format!("make the page of the medium: {error}")))?;
+    let page = browser.open(&address).await?;
+    match problem(&page, &page.url, kind) {
+        None => Ok((page.url, kind)),
+        Some(why) => Err(PlayerTrouble::Content(format!("show {address}: {why}"))),
+    }
+}
+
+/// Returns the reason why the page at `address` cannot be seen; `None` if it can.
+fn problem(page: &PageState, address: &str, kind: PageKind) -> Option<String> {
+    if let Some(why) = page.problem() {
+        return Some(why);
+    }
+    if site(&page.url) != site(address) {
+        return Some(format!("{} is shown in its place", page.url));
+    }
+    let film = page.film.clone().unwrap_or_default();
+    if kind == PageKind::Film && !(film.has_picture && film.is_moving) {
+        return Some("the film stands still".to_owned());
+    }
+    None
+}
+
+/// Returns the part of an address that stays while a page is shown: of a server its name, because
+/// pages change the rest themselves; of a file all but the part after `#`.
+fn site(address: &str) -> &str {
+    let address = address.split('#').next().unwrap_or_default();
+    match address.split_once("://") {
+        Some(("http" | "https", rest)) => {
+            let host = rest.split(['/', '?']).next().unwrap_or_default();
+            address.get(..address.len() - rest.len() + host.len()).unwrap_or_default()
+        }
+        _ => address,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_page_may_move_within_its_server_and_a_file_may_not() {
+        for (address, expected) in [
+            ("https://example.org/a/b?c=d#e", "https://example.org"),
+            ("http://example.org:8080", "http://example.org:8080"),
+            ("http://example.org?x=/y", "http://example.org"),
+            ("file:///srv/a.pdf#view=Fit", "file:///srv/a.pdf"),
+            ("about:blank", "about:blank"),
+        ] {
+            assert_eq!(site(address), expected);
+        }
+    }
+}

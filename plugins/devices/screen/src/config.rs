@@ -1,0 +1,204 @@
+//! The `config` of a screen's entry: its room, its media, and the keys for the drivers that show
+//! them with a program.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+use actuator::PlaceName;
+use agent::{Blueprint, BuildError};
+use serde::Deserialize;
+
+use crate::{BROWSER, MPV};
+
+/// The `config` of a screen's entry in the ecosystem file.
+#[derive(Debug, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub(crate) struct Config {
+    /// Room of the screen.
+    pub(crate) location: PlaceName,
+    /// Media that the screen can show, by their names in plans.
+    media: BTreeMap<String, WrittenMedium>,
+    /// Drivers `browser` and `mpv`: the program; the default is found in the folders of `PATH`.
+    program: Option<String>,
+    /// Drivers `browser` and `mpv`: further arguments of the program.
+    arguments: Option<Vec<String>>,
+    /// Drivers `browser` and `mpv`: the X display, such as `":0"`; the default is that of the
+    /// daemon.
+    display: Option<String>,
+    /// Driver `browser`: folder of a profile that is kept, for pages at which a person has logged
+    /// in. The default is a profile that is removed with the browser.
+    profile: Option<PathBuf>,
+}
+
+/// A medium, as the ecosystem file writes it.
+#[derive(Clone, Debug, Deserialize)]
+#[serde(untagged, expecting = "write a text, an address, a path, or { text = \"…\" }")]
+enum WrittenMedium {
+    /// A text, an address or a path: its beginning says which.
+    Plain(String),
+    /// A text, whatever its beginning.
+    Text(PlainText),
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct PlainText {
+    text: String,
+}
+
+/// A medium that a screen can show.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Content {
+    /// A text.
+    Text(String),
+    /// The address of a page, or of a film in a network.
+    Address(String),
+    /// A file of this machine.
+    File {
+        /// Path as the config writes it.
+        written: String,
+        /// Path from the root.
+        path: PathBuf,
+    },
+}
+
+/// Settings of a driver that shows media with a program.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct PlayerSettings {
+    /// Name of the screen, for the log.
+    pub(crate) screen: String,
+    pub(crate) program: Option<String>,
+    pub(crate) arguments: Vec<String>,
+    pub(crate) display: Option<String>,
+    pub(crate) profile: Option<PathBuf>,
+}
+
+/// Beginnings of an address for the driver `browser`.
+const ADDRESSES: &[&str] = &["http://", "https://"];
+
+/// Further beginnings of an address for the driver `mpv`.
+const STREAMS: &[&str] = &["rtsp://", "rtmp://", "udp://", "rtp://", "srt://"];
+
+/// Beginnings of a path.
+const PATHS: &[&str] = &["/", "./", "../"];
+
+/// Endings of files that mpv cannot show.
+const NOT_FOR_MPV: &[&str] = &["pdf", "html", "htm", "txt", "svg"];
+
+impl Content {
+    /// Returns the medium as the config writes it, without the key.
+    pub fn written(&self) -> &str {
+        match self {
+            Content::Text(text) => text,
+            Content::Address(address) => address,
+            Content::File { written, .. } => written,
+        }
+    }
+}
+
+impl Config {
+    /// Removes the keys for drivers with a program from the config, and returns them.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if a key is for another driver than that of the entry.
+    pub(crate) fn player(&mut self, blueprint: &Blueprint) -> Result<PlayerSettings, BuildError> {
+        let both: &[_] = &[BROWSER, MPV];
+        let said = [
+            ("program", both, self.program.is_some()),
+            ("arguments", both, self.arguments.is_some()),
+            ("display", both, self.display.is_some()),
+            ("profile", &[BROWSER], self.profile.is_some()),
+        ];
+        let this = blueprint.driver.as_str();
+        let of_another = said.iter().find(|(_, drivers, said)| *said && !drivers.contains(&this));
+        if let Some((key, drivers, _)) = of_another {
+            let drivers: Vec<_> = drivers.iter().map(|driver| format!("`{driver}`")).collect();
+            let drivers = drivers.join(" and ");
+            let problem = format!("`{key}` is for the driver {drivers}, and this one is `{this}`");
+            return Err(blueprint.problem(problem));
+        }
+        Ok(PlayerSettings {
+            screen: blueprint.id.to_string(),
+            program: self.program.take(),
+            arguments: self.arguments.take().unwrap_or_default(),
+            display: self.display.take(),
+            profile: self.profile.take(),
+        })
+    }
+
+    /// Returns the media by their names.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if a name is no name of PDDL, if two media are the same, or if the driver
+    /// cannot show a medium, for instance because its file is missing.
+    pub(crate) fn contents(
+        &self,
+        blueprint: &Blueprint,
+    ) -> Result<BTreeMap<String, Content>, BuildError> {
+        let content = |(name, written): (&String, &WrittenMedium)| {
+            PlaceName::try_from(name.clone()).map_err(|_| {
+                let problem = format!("`{name}` cannot name a medium: it has to be a PDDL name");
+                blueprint.problem(problem)
+            })?;
+            let content = content_of(written, &blueprint.driver)
+                .map_err(|problem| blueprint.problem(format!("media.{name}: {problem}")))?;
+            Ok((name.clone(), content))
+        };
+        let contents = self.media.iter().map(content).collect::<Result<BTreeMap<_, _>, _>>()?;
+        let distinct: BTreeSet<_> = contents.values().map(Content::written).collect();
+        if distinct.len() < contents.len() {
+            return Err(blueprint.problem("two `media` with one text cannot be told apart"));
+        }
+        Ok(contents)
+    }
+}
+
+/// Returns the medium for this driver, or the reason why the driver cannot show it.
+fn content_of(written: &WrittenMedium, driver: &str) -> Result<Content, String> {
+    let content = match written {
+        WrittenMedium::Text(PlainText { text }) => Content::Text(text.clone()),
+        // A simulated screen shows any text, and has no files.
+        WrittenMedium::Plain(text) if driver != BROWSER && driver != MPV => {
+            Content::Text(text.clone())
+        }
+        WrittenMedium::Plain(text) => plain_content(text, driver)?,
+    };
+    if driver != MPV {
+        return Ok(content);
+    }
+    match &content {
+        Content::Text(_) => Err("mpv shows films and pictures, and no texts: write a path that \
+            begins with `/` or `./`, or an address, or use `driver = \"browser\"`"
+            .to_owned()),
+        Content::File { path, written } if NOT_FOR_MPV.contains(&ending(path).as_str()) => {
+            Err(format!("mpv cannot show {written}; `driver = \"browser\"` can"))
+        }
+        Content::File { .. } | Content::Address(_) => Ok(content),
+    }
+}
+
+fn plain_content(text: &str, driver: &str) -> Result<Content, String> {
+    let begins = |beginnings: &[&str]| beginnings.iter().any(|start| text.starts_with(start));
+    if begins(ADDRESSES) || driver == MPV && begins(STREAMS) {
+        return Ok(Content::Address(text.to_owned()));
+    }
+    if !begins(PATHS) {
+        return Ok(Content::Text(text.to_owned()));
+    }
+    // The file is opened, because one that nobody may read is as good as missing.
+    let path = Path::new(text).canonicalize();
+    let path = path.and_then(|path| File::open(&path)?.metadata().map(|about| (path, about)));
+    let (path, about) = path.map_err(|error| format!("the file {text} cannot be read: {error}"))?;
+    if !about.is_file() {
+        return Err(format!("{text} is not a file"));
+    }
+    Ok(Content::File { written: text.to_owned(), path })
+}
+
+/// Returns the ending of a file's name, in lower case.
+pub(crate) fn ending(path: &Path) -> String {
+    path.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default()
+}

@@ -1,0 +1,107 @@
+//! What a program must do to be the driver of a screen, and how such a program is started.
+
+use std::path::Path;
+use std::time::Duration;
+
+use programs::{Program, ProgramStart, RunningProgram};
+use screen_link::LinkError;
+use tokio::net::UnixStream;
+
+use crate::config::{Content, PlayerSettings};
+
+/// Time for a program whose connection is lost to end, so that its own reason can be reported.
+const ENDING: Duration = Duration::from_secs(1);
+
+/// Environment variables of which a program needs one to find a screen.
+const DISPLAYS: &[&str] = &["DISPLAY", "WAYLAND_DISPLAY"];
+
+/// A running program that shows media. Error texts complete “failed to …”.
+pub(crate) trait Player: Send + Sized + 'static {
+    /// Starts the program, with a dark screen.
+    fn start(settings: &PlayerSettings) -> impl Future<Output = Result<Self, String>> + Send;
+
+    /// Shows this content, and returns when it can be seen; `None` turns the screen dark.
+    fn show(
+        &mut self,
+        content: Option<&Content>,
+    ) -> impl Future<Output = Result<(), PlayerTrouble>> + Send;
+
+    /// Asks the program whether it shows what was asked for last.
+    fn check(&mut self) -> impl Future<Output = Result<(), PlayerTrouble>> + Send;
+
+    /// Waits until the program ends or can show nothing any more, and returns the reason. Nothing
+    /// is lost if the future is dropped.
+    fn failed(&mut self) -> impl Future<Output = String> + Send;
+
+    /// Ends the program, and waits until nothing is left of it.
+    fn end(self) -> impl Future<Output = ()> + Send;
+}
+
+/// Reason why a program does not show what it was asked for.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum PlayerTrouble {
+    /// The content cannot be shown; the program works.
+    Content(String),
+    /// The program has to be started again.
+    Program(String),
+}
+
+impl From<LinkError> for PlayerTrouble {
+    fn from(error: LinkError) -> PlayerTrouble {
+        match error.is_of_command() {
+            true => PlayerTrouble::Content(error.to_string()),
+            false => PlayerTrouble::Program(error.to_string()),
+        }
+    }
+}
+
+/// Returns the program of the settings, or the first of `known` in the folders of `PATH`.
+pub(crate) fn find_program(settings: &PlayerSettings, known: &[&str]) -> Result<String, String> {
+    let folders = std::env::var_os("PATH").unwrap_or_default();
+    let is_there = |name: &str| {
+        if name.contains('/') {
+            return Path::new(name).is_file();
+        }
+        std::env::split_paths(&folders).any(|folder| folder.join(name).is_file())
+    };
+    match &settings.program {
+        Some(program) if is_there(program) => Ok(program.clone()),
+        Some(program) => Err(format!("find the program `{program}`")),
+        None => {
+            let found = known.iter().find(|name| is_there(name));
+            found.map(|name| (*name).to_owned()).ok_or_else(|| {
+                let known = known.join(", ");
+                format!("find one of the programs {known}: install it, or set `program`")
+            })
+        }
+    }
+}
+
+/// Starts a program on the screen of the settings.
+pub(crate) fn start_program(
+    settings: &PlayerSettings,
+    command: Vec<String>,
+    scratch: Option<&Path>,
+) -> Result<(RunningProgram, UnixStream), String> {
+    let environment = match &settings.display {
+        // A program that finds Wayland would prefer it.
+        Some(display) => vec![
+            ("DISPLAY".to_owned(), display.clone()),
+            ("WAYLAND_DISPLAY".to_owned(), String::new()),
+        ],
+        None if DISPLAYS.iter().any(|name| std::env::var_os(name).is_some()) => Vec::new(),
+        None => return Err("find a screen: set `display`, for instance to \":0\"".to_owned()),
+    };
+    let program = Program::of(command.into_iter().chain(settings.arguments.iter().cloned()));
+    let program = program.ok_or("start a program without a name")?;
+    let start = ProgramStart { environment: &environment, scratch };
+    program.start(start).map_err(|error| error.to_string())
+}
+
+/// Returns the reason why the connection to a program was lost: its end, if it has ended.
+pub(crate) async fn reason(program: &mut RunningProgram, lost: LinkError) -> String {
+    match tokio::time::timeout(ENDING, program.ended()).await {
+        Ok(ended) => ended.to_string(),
+        Err(_) => lost.to_string(),
+    }
+}

@@ -1,0 +1,228 @@
+//! Keeps the program of a screen running, and asks it every second what it shows.
+//!
+//! - The program is started when the screen is first used, and again when it has ended, with pauses
+//!   that grow.
+//! - One task owns the program. Dropping the driver ends the task and the program.
+//! - A medium that is not shown any more is reported as not shown, and the screen is darkened: the
+//!   planner decides what is shown next.
+
+use std::marker::PhantomData;
+use std::sync::{Arc, OnceLock};
+use std::time::Duration;
+
+use actuator::BoxFuture;
+use tokio::sync::{mpsc, oneshot, watch};
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
+
+use crate::config::{Content, PlayerSettings};
+use crate::player::{Player, PlayerTrouble};
+use crate::{Display, DisplayState};
+
+/// Pause between two questions to the program. The pause is short, so that a meeting can continue
+/// at another screen within a few seconds.
+const ASKING: Duration = Duration::from_secs(1);
+
+/// Pause before the program is started again for the first time.
+const PAUSE_FIRST: Duration = Duration::from_secs(1);
+
+/// Longest pause before the program is started again. A display that is switched on in the morning
+/// is used within a minute.
+const PAUSE_MAX: Duration = Duration::from_secs(60);
+
+/// Time after which a program that has run so long counts as sound, and the pauses begin anew.
+const SOUND_AFTER: Duration = Duration::from_secs(60);
+
+/// Capacity of the queue of requests. An actuator runs one method at a time.
+const WAITING_MAX: usize = 4;
+
+/// The channel of a screen of this machine: it has one, which belongs to it.
+const CHANNEL: u32 = 1;
+
+/// A request to the task that owns the program.
+struct Request {
+    what: Wanted,
+    answer: oneshot::Sender<Result<(), String>>,
+}
+
+enum Wanted {
+    Allocate,
+    Show(Option<Content>),
+}
+
+/// The state of the screen, or the reason why it does not work.
+type State = Result<DisplayState, String>;
+
+struct Supervised<P> {
+    settings: PlayerSettings,
+    task: OnceLock<(mpsc::Sender<Request>, watch::Receiver<State>)>,
+    player: PhantomData<fn() -> P>,
+}
+
+pub(crate) fn display<P: Player>(settings: PlayerSettings) -> Arc<dyn Display> {
+    Arc::new(Supervised::<P> { settings, task: OnceLock::new(), player: PhantomData })
+}
+
+impl<P: Player> Supervised<P> {
+    /// Returns the connection to the task, which is started at the first use.
+    fn task(&self) -> &(mpsc::Sender<Request>, watch::Receiver<State>) {
+        self.task.get_or_init(|| {
+            let (requests, requested) = mpsc::channel(WAITING_MAX);
+            let (state, seen) = watch::channel(Err("wait for the start of its program".to_owned()));
+            let supervision = Supervision {
+                settings: self.settings.clone(),
+                requested,
+                state,
+                is_allocated: false,
+            };
+            tokio::spawn(supervision.run::<P>());
+            (requests, seen)
+        })
+    }
+
+    fn request(&self, what: Wanted) -> BoxFuture<Result<(), String>> {
+        let requests = self.task().0.clone();
+        Box::pin(async move {
+            let (answer, answered) = oneshot::channel();
+            let gone = || "reach the program of the screen: it is being ended".to_owned();
+            requests.send(Request { what, answer }).await.map_err(|_| gone())?;
+            answered.await.map_err(|_| gone())?
+        })
+    }
+}
+
+impl<P: Player> Display for Supervised<P> {
+    fn allocate(&self) -> BoxFuture<Result<u32, String>> {
+        let allocated = self.request(Wanted::Allocate);
+        Box::pin(async move { allocated.await.map(|()| CHANNEL) })
+    }
+
+    fn show(&self, content: Option<&Content>) -> BoxFuture<Result<(), String>> {
+        self.request(Wanted::Show(content.cloned()))
+    }
+
+    fn panel(&self) -> BoxFuture<State> {
+        let state = self.task().1.borrow().clone();
+        Box::pin(std::future::ready(state))
+    }
+}
+
+/// The task that owns the program.
+struct Supervision {
+    settings: PlayerSettings,
+    requested: mpsc::Receiver<Request>,
+    state: watch::Sender<State>,
+    is_allocated: bool,
+}
+
+impl Supervision {
+    /// Runs the program, again and again, until the driver is dropped.
+    async fn run<P: Player>(mut self) {
+        let mut pause = PAUSE_FIRST;
+        loop {
+            let began = Instant::now();
+            let started = tokio::select! {
+                started = P::start(&self.settings) => started,
+                () = self.state.closed() => return,
+            };
+            let reason = match started {
+                Err(reason) => reason,
+                Ok(mut player) => {
+                    let reason = self.serve(&mut player).await;
+                    player.end().await;
+                    match reason {
+                        None => return,
+                        Some(reason) => reason,
+                    }
+                }
+            };
+            if began.elapsed() >= SOUND_AFTER {
+                pause = PAUSE_FIRST;
+            }
+            let screen = self.settings.screen.as_str();
+            tracing::warn!(screen, "failed to {reason}; it is started again in {pause:?}");
+            if !self.rest(pause, &reason).await {
+                return;
+            }
+            pause = (pause * 2).min(PAUSE_MAX);
+        }
+    }
+
+    /// Waits before the next start, and answers requests with the reason. Returns `false` if the
+    /// driver is dropped.
+    async fn rest(&mut self, pause: Duration, reason: &str) -> bool {
+        drop(self.state.send_replace(Err(reason.to_owned())));
+        let until = Instant::now() + pause;
+        loop {
+            tokio::select! {
+                () = sleep_until(until) => return true,
+                request = self.requested.recv() => match request {
+                    None => return false,
+                    // The requester may have given up.
+                    Some(request) => drop(request.answer.send(Err(reason.to_owned()))),
+                },
+            }
+        }
+    }
+
+    /// Serves requests and watches the program. Returns the reason why the program has to be started
+    /// again; `None` if the driver is dropped.
+    async fn serve<P: Player>(&mut self, player: &mut P) -> Option<String> {
+        let mut shown = None;
+        let mut asking = interval(ASKING);
+        asking.set_missed_tick_behavior(MissedTickBehavior::Delay);
+        loop {
+            self.publish(&shown);
+            let trouble = tokio::select! {
+                biased;
+                reason = player.failed() => return Some(reason),
+                request = self.requested.recv() => {
+                    let Request { what, answer } = request?;
+                    let done = match what {
+                        Wanted::Allocate => {
+                            self.is_allocated = true;
+                            Ok(())
+                        }
+                        Wanted::Show(content) => {
+                            let done = player.show(content.as_ref()).await;
+                            shown = content.filter(|_| done.is_ok());
+                            done
+                        }
+                    };
+                    // The state is published before the answer, so that a check in between does not
+                    // find the state from before.
+                    self.publish(&shown);
+                    let told = done.clone().map_err(PlayerTrouble::into_reason);
+                    let _ = answer.send(told);
+                    done.err()
+                }
+                _ = asking.tick() => player.check().await.err(),
+            };
+            match trouble {
+                None => (),
+                Some(PlayerTrouble::Program(reason)) => return Some(reason),
+                Some(PlayerTrouble::Content(reason)) => {
+                    let screen = self.settings.screen.as_str();
+                    tracing::warn!(screen, "it is dark: failed to {reason}");
+                    shown = None;
+                    if let Err(trouble) = player.show(None).await {
+                        return Some(trouble.into_reason());
+                    }
+                }
+            }
+        }
+    }
+
+    fn publish(&self, shown: &Option<Content>) {
+        let shown = shown.as_ref().map(|content| content.written().to_owned());
+        let channel = self.is_allocated.then_some(CHANNEL);
+        drop(self.state.send_replace(Ok(DisplayState { channel, shown })));
+    }
+}
+
+impl PlayerTrouble {
+    fn into_reason(self) -> String {
+        match self {
+            PlayerTrouble::Content(reason) | PlayerTrouble::Program(reason) => reason,
+        }
+    }
+}
