@@ -29,8 +29,9 @@ const LOADING: Duration = Duration::from_secs(5);
 /// Script that describes the page in the tab.
 const LOOK: &str = "(() => {
     const navigation = performance.getEntriesByType('navigation')[0];
-    const film = document.querySelector('video');
-    const picture = document.images.length === 1 ? document.images[0] : null;
+    const only = document.body && document.body.children.length === 1 && document.body.children[0];
+    const film = only && only.tagName === 'VIDEO' ? only : null;
+    const picture = only && only.tagName === 'IMG' ? only : null;
     return {
         url: location.href,
         ready: document.readyState,
@@ -47,7 +48,8 @@ const LOOK: &str = "(() => {
 
 /// Script that waits until the film of the page, if there is one, has a picture or an error.
 const SETTLED: &str = "new Promise(done => {
-    const film = document.querySelector('video');
+    const only = document.body && document.body.children.length === 1 && document.body.children[0];
+    const film = only && only.tagName === 'VIDEO' ? only : null;
     if (!film || film.error || film.readyState >= 2) return done(true);
     film.addEventListener('loadeddata', () => done(true));
     film.addEventListener('error', () => done(true), true);
@@ -78,10 +80,10 @@ pub struct PageState {
     pub is_visible: bool,
     /// HTTP status of the page; `None` if it has none.
     pub status: Option<u16>,
-    /// Whether the only picture of the page can be seen; `None` if the page has no or several
-    /// pictures.
+    /// Whether the picture can be seen that is all of the page; `None` if there is more, or no
+    /// picture.
     pub picture: Option<bool>,
-    /// The first film of the page; `None` if there is none.
+    /// The film that is all of the page; `None` if there is more, or no film.
     pub film: Option<FilmState>,
 }
 
@@ -135,6 +137,9 @@ impl Browser {
         self.session = session.ok_or_else(|| {
             LinkError::declined("attach to the tab of the browser", "it names no session")
         })?;
+        // A file that cannot be shown would be stored, and its bubble would hide a part of the page.
+        let no_downloads = json!({ "behavior": "deny" });
+        self.call("Browser.setDownloadBehavior", no_downloads).await?;
         self.call("Inspector.enable", json!({})).await?;
         self.call("Page.enable", json!({})).await?;
         Ok(())

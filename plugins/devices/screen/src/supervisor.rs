@@ -32,6 +32,10 @@ const PAUSE_MAX: Duration = Duration::from_secs(60);
 /// Time after which a program that has run so long counts as sound, and the pauses begin anew.
 const SOUND_AFTER: Duration = Duration::from_secs(60);
 
+/// Time for a program that does not answer to end. It is longer than what [`Player::failed`] waits
+/// for the reason of a program that has ended.
+const ENDING: Duration = Duration::from_secs(2);
+
 /// Capacity of the queue of requests. An actuator runs one method at a time.
 const WAITING_MAX: usize = 4;
 
@@ -172,7 +176,7 @@ impl Supervision {
         asking.set_missed_tick_behavior(MissedTickBehavior::Delay);
         loop {
             self.publish(&shown);
-            let trouble = tokio::select! {
+            let (done, answer) = tokio::select! {
                 biased;
                 reason = player.failed() => return Some(reason),
                 request = self.requested.recv() => {
@@ -184,32 +188,49 @@ impl Supervision {
                         }
                         Wanted::Show(content) => {
                             let done = player.show(content.as_ref()).await;
-                            shown = content.filter(|_| done.is_ok());
+                            shown = content;
                             done
                         }
                     };
-                    // The state is published before the answer, so that a check in between does not
-                    // find the state from before.
-                    self.publish(&shown);
-                    let told = done.clone().map_err(PlayerTrouble::into_reason);
-                    let _ = answer.send(told);
-                    done.err()
+                    (done, Some(answer))
                 }
-                _ = asking.tick() => player.check().await.err(),
+                _ = asking.tick() => (player.check().await, None),
             };
-            match trouble {
-                None => (),
-                Some(PlayerTrouble::Program(reason)) => return Some(reason),
-                Some(PlayerTrouble::Content(reason)) => {
-                    let screen = self.settings.screen.as_str();
-                    tracing::warn!(screen, "it is dark: failed to {reason}");
+            let told = done.clone().map_err(PlayerTrouble::into_reason);
+            let restart = match done {
+                Ok(()) => None,
+                Err(trouble) => {
                     shown = None;
-                    if let Err(trouble) = player.show(None).await {
-                        return Some(trouble.into_reason());
-                    }
+                    self.recover(player, trouble).await
                 }
+            };
+            // The screen is dark and the state is published before the answer, so that no check in
+            // between finds the state from before.
+            self.publish(&shown);
+            if let Some(answer) = answer {
+                // The requester may have given up.
+                let _ = answer.send(told);
+            }
+            if restart.is_some() {
+                return restart;
             }
         }
+    }
+
+    /// Darkens the screen if its content is in trouble. Returns the reason why the program has to be
+    /// started again; `None` if it works.
+    async fn recover<P: Player>(&self, player: &mut P, trouble: PlayerTrouble) -> Option<String> {
+        let lost = match trouble {
+            PlayerTrouble::Program(reason) => reason,
+            PlayerTrouble::Content(reason) => {
+                let screen = self.settings.screen.as_str();
+                tracing::warn!(screen, "the screen is dark: failed to {reason}");
+                player.show(None).await.err()?.into_reason()
+            }
+        };
+        // A program that has just ended has a better reason than its connection.
+        let ended = tokio::time::timeout(ENDING, player.failed()).await;
+        Some(ended.unwrap_or(lost))
     }
 
     fn publish(&self, shown: &Option<Content>) {

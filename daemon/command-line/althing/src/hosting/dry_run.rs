@@ -2,7 +2,8 @@
 //! the mistakes in their entries.
 //!
 //! Building an agent this way opens no device or connection, writes no file, and reads no file that
-//! exists only on the agent's own machine.
+//! exists only on the agent's own machine, except the files of screens (docs/screens.md, “What a
+//! medium is”).
 
 use std::collections::BTreeMap;
 use std::sync::Arc;

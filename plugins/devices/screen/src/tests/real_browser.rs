@@ -32,6 +32,7 @@ async fn the_browser_shows_each_kind_of_medium() {
         "film": film,
         "pdf": stage.file("slides.pdf", &stage::pdf()),
         "page": format!("{server}/red"),
+        "logo": format!("{server}/logo"),
         "alert": format!("{server}/alert"),
     });
     let mut screen = screen_with(&stage, media);
@@ -42,6 +43,8 @@ async fn the_browser_shows_each_kind_of_medium() {
         ("picture", BLUE),
         ("film", RED),
         ("pdf", BLUE),
+        ("page", RED),
+        ("logo", BLUE),
         ("page", RED),
         ("alert", BLUE),
     ] {
@@ -88,6 +91,8 @@ async fn what_the_browser_cannot_show_fails_with_a_reason() {
         until(&mut screen, "offers present").await;
         stage.is_dark().await;
     }
+    let home = std::env::home_dir().expect("a home");
+    assert!(!home.join("Downloads/archive.zip").exists(), "nothing is stored");
     call(&mut screen, "show", Some("page")).await.expect("it works as before");
     stage.shows(RED).await;
 }
