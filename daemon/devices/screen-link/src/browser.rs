@@ -8,6 +8,7 @@ use std::time::Duration;
 
 use serde_json::{Value, json};
 use tokio::net::UnixStream;
+use tokio::time::Instant;
 
 use crate::frames::Frames;
 use crate::{LinkError, limited};
@@ -25,6 +26,9 @@ const NAVIGATING: Duration = Duration::from_secs(12);
 /// Time limit for the parts of a page to arrive after the page itself. Then it counts as shown if it
 /// can be seen, because some pages never stop to load.
 const LOADING: Duration = Duration::from_secs(5);
+
+/// Pause before a page that has no answer yet is asked again; people do not notice it.
+const LOOKING_AGAIN: Duration = Duration::from_millis(50);
 
 /// Script that describes the page in the tab.
 const LOOK: &str = "(() => {
@@ -201,10 +205,27 @@ impl Browser {
             Err(LinkError::TimedOut { .. }) | Ok(()) => (),
             Err(error) => return Err(error),
         }
-        let page = self.look().await?;
+        let page = self.look_at_arrived().await?;
         match page.problem() {
             Some(why) => Err(LinkError::declined(what, why)),
             None => Ok(page),
+        }
+    }
+
+    /// Returns the page in the tab. A page that sends the browser on to another page as soon as it
+    /// is loaded has no answer for a moment; up to [`LOADING`] the question is repeated.
+    async fn look_at_arrived(&mut self) -> Result<PageState, LinkError> {
+        let until = Instant::now() + LOADING;
+        loop {
+            let looked = self.look().await;
+            let is_final = match &looked {
+                Ok(page) => page.is_readable,
+                Err(error) => !error.is_of_command(),
+            };
+            if is_final || Instant::now() >= until {
+                return looked;
+            }
+            tokio::time::sleep(LOOKING_AGAIN).await;
         }
     }
 

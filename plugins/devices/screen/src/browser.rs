@@ -38,6 +38,10 @@ const ARGUMENTS: &[&str] = &[
     "about:blank",
 ];
 
+/// Number of checks in a row after which a page that is not found counts as not shown. Pages that
+/// load themselves again from time to time are away for a second.
+const DOUBTS_MAX: u32 = 3;
+
 /// A running browser, and what it was asked to show.
 pub(crate) struct BrowserPlayer {
     // The program is ended before its folder is removed.
@@ -47,6 +51,8 @@ pub(crate) struct BrowserPlayer {
     folder: TempDir,
     /// Address of the page that was shown last, when it was loaded, and its kind.
     asked: (String, PageKind),
+    /// Number of checks in a row that have not found the page.
+    doubts: u32,
 }
 
 impl Player for BrowserPlayer {
@@ -68,7 +74,9 @@ impl Player for BrowserPlayer {
             ended = program.ended() => Err(PlayerTrouble::Program(ended.to_string())),
         };
         match prepared {
-            Ok((browser, asked)) => Ok(BrowserPlayer { program, browser, folder, asked }),
+            Ok((browser, asked)) => {
+                Ok(BrowserPlayer { program, browser, folder, asked, doubts: 0 })
+            }
             Err(PlayerTrouble::Content(reason) | PlayerTrouble::Program(reason)) => {
                 program.end().await;
                 Err(reason)
@@ -77,16 +85,27 @@ impl Player for BrowserPlayer {
     }
 
     async fn show(&mut self, content: Option<&Content>) -> Result<(), PlayerTrouble> {
+        self.doubts = 0;
         self.asked = opened(&mut self.browser, self.folder.path(), content).await?;
         Ok(())
     }
 
     async fn check(&mut self) -> Result<(), PlayerTrouble> {
-        let page = self.browser.look().await?;
         let (address, kind) = &self.asked;
-        match problem(&page, address, *kind) {
-            None => Ok(()),
-            Some(why) => Err(PlayerTrouble::Content(format!("show {address}: {why}"))),
+        let trouble = match self.browser.look().await {
+            Ok(page) => problem(&page, address, *kind).map(|why| format!("show {address}: {why}")),
+            Err(error) if error.is_of_command() => Some(error.to_string()),
+            Err(error) => return Err(error.into()),
+        };
+        match trouble {
+            None => {
+                self.doubts = 0;
+                Ok(())
+            }
+            Some(why) => {
+                self.doubts += 1;
+                if self.doubts < DOUBTS_MAX { Ok(()) } else { Err(PlayerTrouble::Content(why)) }
+            }
         }
     }
 

@@ -100,6 +100,10 @@ pub(crate) fn start_program(
 
 /// Returns the reason why the connection to a program was lost: its end, if it has ended.
 pub(crate) async fn reason(program: &mut RunningProgram, lost: LinkError) -> String {
+    if matches!(lost, LinkError::Crashed) {
+        // The program itself goes on.
+        return lost.to_string();
+    }
     match tokio::time::timeout(ENDING, program.ended()).await {
         Ok(ended) => ended.to_string(),
         Err(_) => lost.to_string(),

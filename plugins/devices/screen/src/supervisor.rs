@@ -43,7 +43,7 @@ const WAITING_MAX: usize = 4;
 const CHANNEL: u32 = 1;
 
 /// A request to the task that owns the program.
-struct Request {
+struct ScreenRequest {
     what: Wanted,
     answer: oneshot::Sender<Result<(), String>>,
 }
@@ -54,11 +54,11 @@ enum Wanted {
 }
 
 /// The state of the screen, or the reason why it does not work.
-type State = Result<DisplayState, String>;
+type ScreenReport = Result<DisplayState, String>;
 
 struct Supervised<P> {
     settings: PlayerSettings,
-    task: OnceLock<(mpsc::Sender<Request>, watch::Receiver<State>)>,
+    task: OnceLock<(mpsc::Sender<ScreenRequest>, watch::Receiver<ScreenReport>)>,
     player: PhantomData<fn() -> P>,
 }
 
@@ -68,7 +68,7 @@ pub(crate) fn display<P: Player>(settings: PlayerSettings) -> Arc<dyn Display> {
 
 impl<P: Player> Supervised<P> {
     /// Returns the connection to the task, which is started at the first use.
-    fn task(&self) -> &(mpsc::Sender<Request>, watch::Receiver<State>) {
+    fn task(&self) -> &(mpsc::Sender<ScreenRequest>, watch::Receiver<ScreenReport>) {
         self.task.get_or_init(|| {
             let (requests, requested) = mpsc::channel(WAITING_MAX);
             let (state, seen) = watch::channel(Err("wait for the start of its program".to_owned()));
@@ -88,7 +88,7 @@ impl<P: Player> Supervised<P> {
         Box::pin(async move {
             let (answer, answered) = oneshot::channel();
             let gone = || "reach the program of the screen: it is being ended".to_owned();
-            requests.send(Request { what, answer }).await.map_err(|_| gone())?;
+            requests.send(ScreenRequest { what, answer }).await.map_err(|_| gone())?;
             answered.await.map_err(|_| gone())?
         })
     }
@@ -104,7 +104,7 @@ impl<P: Player> Display for Supervised<P> {
         self.request(Wanted::Show(content.cloned()))
     }
 
-    fn panel(&self) -> BoxFuture<State> {
+    fn panel(&self) -> BoxFuture<ScreenReport> {
         let state = self.task().1.borrow().clone();
         Box::pin(std::future::ready(state))
     }
@@ -113,8 +113,8 @@ impl<P: Player> Display for Supervised<P> {
 /// The task that owns the program.
 struct Supervision {
     settings: PlayerSettings,
-    requested: mpsc::Receiver<Request>,
-    state: watch::Sender<State>,
+    requested: mpsc::Receiver<ScreenRequest>,
+    state: watch::Sender<ScreenReport>,
     is_allocated: bool,
 }
 
@@ -132,6 +132,9 @@ impl Supervision {
                 Err(reason) => reason,
                 Ok(mut player) => {
                     let reason = self.serve(&mut player).await;
+                    if let Some(reason) = &reason {
+                        drop(self.state.send_replace(Err(reason.clone())));
+                    }
                     player.end().await;
                     match reason {
                         None => return,
@@ -180,7 +183,7 @@ impl Supervision {
                 biased;
                 reason = player.failed() => return Some(reason),
                 request = self.requested.recv() => {
-                    let Request { what, answer } = request?;
+                    let ScreenRequest { what, answer } = request?;
                     let done = match what {
                         Wanted::Allocate => {
                             self.is_allocated = true;
@@ -206,7 +209,9 @@ impl Supervision {
             };
             // The screen is dark and the state is published before the answer, so that no check in
             // between finds the state from before.
-            self.publish(&shown);
+            if restart.is_none() {
+                self.publish(&shown);
+            }
             if let Some(answer) = answer {
                 // The requester may have given up.
                 let _ = answer.send(told);
@@ -228,6 +233,8 @@ impl Supervision {
                 player.show(None).await.err()?.into_reason()
             }
         };
+        // The screen offers nothing from now on.
+        drop(self.state.send_replace(Err(lost.clone())));
         // A program that has just ended has a better reason than its connection.
         let ended = tokio::time::timeout(ENDING, player.failed()).await;
         Some(ended.unwrap_or(lost))

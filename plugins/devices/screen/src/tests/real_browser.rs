@@ -32,6 +32,7 @@ async fn the_browser_shows_each_kind_of_medium() {
         "film": film,
         "pdf": stage.file("slides.pdf", &stage::pdf()),
         "page": format!("{server}/red"),
+        "onward": format!("{server}/onward"),
         "logo": format!("{server}/logo"),
         "alert": format!("{server}/alert"),
     });
@@ -44,6 +45,8 @@ async fn the_browser_shows_each_kind_of_medium() {
         ("film", RED),
         ("pdf", BLUE),
         ("page", RED),
+        ("logo", BLUE),
+        ("onward", RED),
         ("logo", BLUE),
         ("page", RED),
         ("alert", BLUE),

@@ -171,7 +171,7 @@ pub(super) fn pdf() -> Vec<u8> {
 }
 
 /// Serves pages on a port of this machine, and returns its address: `/red` and `/blue` are pages of
-/// one colour, `/alert` is blue behind a dialog,
+/// one colour, `/alert` is blue behind a dialog, `/onward` goes to `/red` at once,
 /// `/logo` is blue with a picture and a film that are missing, `/leaves?ADDRESS` is red and goes to the address
 /// after a second, `/hangs` is red and its script never ends. All others are not found.
 pub(super) async fn serve() -> String {
@@ -191,6 +191,7 @@ pub(super) async fn serve() -> String {
                 "/red" => ("200 OK", page("#f00", "")),
                 "/blue" => ("200 OK", page("#00f", "")),
                 "/logo" => ("200 OK", page("#00f", "") + "<p>Text<img src='/no'><video src='/no'>"),
+                "/onward" => ("200 OK", page("#fff", "onload = () => location = '/red'")),
                 "/alert" => ("200 OK", page("#00f", "alert('Hello')")),
                 "/leaves" => {
                     let script = format!("setTimeout(() => location = '{query}', 1000)");
