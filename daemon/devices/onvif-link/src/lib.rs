@@ -1,0 +1,34 @@
+//! A client of ONVIF cameras: presets, movement, pictures and motion events. It knows the twenty
+//! operations that these need, and is tolerant of what cameras answer.
+//!
+//! - [`CameraAccess`] is the address and the login of a camera, [`OnvifCamera`] a connection to it.
+//! - [`MotionEvents`] tells whether there is motion, and [`discover`] finds cameras in the network.
+//! - Every wait has a deadline, every answer a bound; no answer causes a panic. Passwords are read
+//!   from files, sent as digests only, and printed never.
+//! - The host of a camera is always that of the config: an address that the camera names counts by
+//!   its path, and by its port if its host is the same.
+//!
+//! This crate knows no agents and no places; `plugins/devices/ptz-camera` does.
+
+mod access;
+mod address;
+mod camera;
+mod clock;
+mod digest;
+mod discovery;
+mod error;
+mod events;
+mod http;
+mod motion;
+mod security;
+mod session;
+mod soap;
+mod tls;
+mod xml;
+
+pub use access::CameraAccess;
+pub use address::Address;
+pub use camera::{Abilities, CameraPreset, OnvifCamera, Position, PtzStatus, StopOnDrop};
+pub use discovery::{FoundCamera, WS_DISCOVERY, discover};
+pub use error::LinkError;
+pub use events::MotionEvents;
