@@ -79,6 +79,20 @@ pub struct PtzStatus {
     pub is_moving: Option<bool>,
 }
 
+/// First bytes of pictures, with the extension of their files. ONVIF wants JPEG; the others are
+/// seen as well.
+const PICTURE_KINDS: &[(&[u8], &str)] =
+    &[(b"\xff\xd8", "jpg"), (b"\x89PNG\r\n", "png"), (b"BM", "bmp")];
+
+/// A picture of a camera, as the camera has sent it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Snapshot {
+    /// Extension of the picture's file, such as `jpg`.
+    pub extension: &'static str,
+    /// Content of the picture's file.
+    pub content: Bytes,
+}
+
 /// Ways in which a camera can be moved.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Abilities {
@@ -265,12 +279,12 @@ impl OnvifCamera {
         })
     }
 
-    /// Takes a picture. Returns it as a JPEG.
+    /// Takes a picture.
     ///
     /// # Errors
     ///
-    /// Returns an error if the camera has no picture, or what it sends is no JPEG.
-    pub async fn snapshot(&self) -> Result<Bytes, LinkError> {
+    /// Returns an error if the camera has no picture, or what it sends is none.
+    pub async fn snapshot(&self) -> Result<Snapshot, LinkError> {
         let name = "GetSnapshotUri";
         let content = format!("<o:ProfileToken>{}</o:ProfileToken>", escape(&self.profile));
         let answer = call(&self.session, &self.media, self.media_namespace, name, &content).await?;
@@ -282,10 +296,13 @@ impl OnvifCamera {
         let name = "the request for a picture";
         let (kind, picture) =
             self.session.get(&at, name, PICTURE_BYTES_MAX, PICTURE_TIME_MAX).await?;
-        if picture.starts_with(b"\xff\xd8") {
-            return Ok(picture);
+        // The type that cameras state is often wrong; the first bytes are not.
+        let known = PICTURE_KINDS.iter().find(|(start, _)| picture.starts_with(start));
+        if let Some((_, extension)) = known {
+            return Ok(Snapshot { extension, content: picture });
         }
-        let problem = format!("it is no JPEG, but {} bytes of `{}`", picture.len(), excerpt(&kind));
+        let problem =
+            format!("it is no picture, but {} bytes of `{}`", picture.len(), excerpt(&kind));
         Err(LinkError::Unreadable { call: name.to_owned(), problem })
     }
 

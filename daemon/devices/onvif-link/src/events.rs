@@ -27,8 +27,8 @@ const SUBSCRIPTION_TEXT: &str = "PT10M";
 /// does with all.
 const SUBSCRIPTION_AGE_MAX: Duration = Duration::from_secs(480);
 
-/// Pause after an answer without messages that came at once: some cameras do not wait. The pause is
-/// shorter than a person notices.
+/// Pause after an answer that came at once: some cameras do not wait for messages, or have always
+/// one. The pause is shorter than a person notices.
 const PULL_PAUSE: Duration = Duration::from_millis(100);
 
 /// Maximum number of messages in one answer.
@@ -103,12 +103,10 @@ impl MotionEvents {
             .session
             .call(&subscription.call(operation, &content, PULL_TIME + CALL_TIME_MAX))
             .await?;
-        let mut count = 0_usize;
         for notification in answer.all("NotificationMessage") {
-            count += 1;
             self.note(notification);
         }
-        if count == 0 && began.elapsed() < PULL_PAUSE {
+        if began.elapsed() < PULL_PAUSE {
             tokio::time::sleep(PULL_PAUSE).await;
         }
         Ok(())

@@ -28,7 +28,7 @@ mod xml;
 
 pub use access::CameraAccess;
 pub use address::Address;
-pub use camera::{Abilities, CameraPreset, OnvifCamera, Position, PtzStatus, StopOnDrop};
+pub use camera::{Abilities, CameraPreset, OnvifCamera, Position, PtzStatus, Snapshot, StopOnDrop};
 pub use discovery::{FoundCamera, WS_DISCOVERY, discover};
 pub use error::LinkError;
 pub use events::MotionEvents;

@@ -5,7 +5,7 @@
 
 use std::io::Write as _;
 
-use crate::PtzPosition;
+use crate::position::PtzPosition;
 
 /// Minimum difference of brightness for a changed pixel. The noise of a camera's sensor is smaller.
 const CHANGED: i32 = 24;
@@ -98,7 +98,7 @@ fn byte(number: i32) -> u8 {
 #[cfg(test)]
 mod tests {
     use super::{Frame, y4m};
-    use crate::PtzPosition;
+    use crate::position::PtzPosition;
 
     fn gray(brightness: u8) -> Frame {
         let rgb = vec![brightness; 4 * 2 * 3];

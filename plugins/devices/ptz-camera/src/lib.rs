@@ -1,7 +1,8 @@
 //! The PTZ camera (the paper, “PTZ Camera”): “can move (PTZ), record video, snap pictures, and
 //! detect motion”.
 //!
-//! - [`Camera`] is the trait of drivers; `simulated` is the driver for the simulated building.
+//! - [`Camera`] is the trait of drivers. `onvif` drives cameras of the network; `simulated` is the
+//!   driver for the simulated building, whose single frames `frame_camera` turns into a camera.
 //! - The camera turns to presets, and by small steps in any direction. Each picture or video is a
 //!   file in the camera's `album`. The existence of a picture or a video of a place is a fact.
 //! - The camera detects motion. Motion is announced at once, and may make the camera request a
@@ -10,8 +11,11 @@
 
 mod album;
 mod config;
+mod driver;
 mod frame;
-mod motion_watch;
+mod frame_camera;
+mod onvif;
+mod position;
 mod simulated;
 mod tasks;
 
@@ -23,40 +27,35 @@ use std::time::Duration;
 use acl::Millis;
 use acl::content::{Method, Methods};
 use actuator::{
-    Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
-    OwnFact, facts_of, model_of,
+    Actuator, BoxFuture, Description, Device, DeviceEvent, Initiative, MethodCall, MethodFailure,
+    MethodResult, OwnFact, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use tokio::time::Instant;
 
-use config::{CameraSettings, Config};
+use config::{CameraSettings, Config, DriverSettings};
+pub use driver::{Camera, Known, News, Recording, SharedKnown, Step, View};
 pub use frame::Frame;
+use frame_camera::FrameCamera;
+pub use frame_camera::FrameSource;
+use position::PTZ;
+pub use position::PtzPosition;
 use tasks::CameraResult;
 
 /// Pause after a failure, during which a camera offers no actions.
 const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
 
-/// Time limit for turning, and for taking one picture.
-const ACTING_TIME_MAX: Duration = Duration::from_secs(15);
+const SIMULATED: &str = "simulated";
+const ONVIF: &str = "onvif";
 
 /// The entry of the PTZ camera in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "ptz-camera",
     about: "turns, zooms, takes pictures, records, and says when something moves",
-    drivers: &["simulated"],
+    drivers: &[SIMULATED, ONVIF],
     has_replicas: false,
     build,
 };
-
-/// Limits for the direction and zoom of a camera.
-struct PtzLimits {
-    pan: f64,
-    tilt: f64,
-    zoom: f64,
-}
-
-/// Limits of common dome cameras.
-const PTZ: PtzLimits = PtzLimits { pan: 170.0, tilt: 90.0, zoom: 10.0 };
 
 /// Steps by which a person turns the camera: name of the action, degrees of pan, degrees of tilt,
 /// and factor of zoom.
@@ -69,60 +68,23 @@ const STEPS: [(&str, f64, f64, f64); 6] = [
     ("zoom-out", 0.0, 0.0, 0.8),
 ];
 
-/// The direction and the zoom of a camera.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PtzPosition {
-    /// Pan angle of the camera, in degrees to the right; negative to the left.
-    pub pan: f64,
-    /// Tilt angle of the camera, in degrees up; negative down.
-    pub tilt: f64,
-    /// Magnification of the camera; 1 is no magnification.
-    pub zoom: f64,
-}
-
-/// The driver of a camera.
-pub trait Camera: Send + Sync + 'static {
-    /// Turns and zooms the camera. Error texts complete “failed to …”. Dropping the future stops
-    /// the camera.
-    fn aim(&self, aim: PtzPosition) -> BoxFuture<Result<(), String>>;
-
-    /// Returns the present picture of the camera.
-    fn frame(&self) -> BoxFuture<Result<Frame, String>>;
-}
-
-impl PtzLimits {
-    fn allows(&self, aim: PtzPosition) -> bool {
-        (-self.pan..=self.pan).contains(&aim.pan)
-            && (-self.tilt..=self.tilt).contains(&aim.tilt)
-            && (1.0..=self.zoom).contains(&aim.zoom)
-    }
-}
-
-impl std::fmt::Display for PtzLimits {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let PtzLimits { pan, tilt, zoom } = self;
-        write!(f, "pan -{pan} to {pan}, tilt -{tilt} to {tilt} degrees, zoom 1 to {zoom}")
-    }
-}
-
-impl PtzPosition {
-    /// Whether `other` is the same direction and zoom, within the precision of the motors.
-    fn is(&self, other: &PtzPosition) -> bool {
-        (self.pan - other.pan).abs() < 0.5
-            && (self.tilt - other.tilt).abs() < 0.5
-            && (self.zoom - other.zoom).abs() < 0.05
-    }
-}
-
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
-    let settings = blueprint.config_as::<Config>()?.understand(&blueprint)?;
+    let (settings, driver) = blueprint.config_as::<Config>()?.understand(&blueprint)?;
+    let camera: Arc<dyn Camera> = match driver {
+        DriverSettings::Onvif(settings) => onvif::camera(settings),
+        DriverSettings::Frames(presets, sensitivity) => {
+            Arc::new(FrameCamera::new(simulated::source(&blueprint)?, presets, sensitivity))
+        }
+    };
     let camera = PtzCamera {
         id: blueprint.id.to_string(),
         ontology: blueprint.host.ontology.name.to_string(),
-        camera: simulated::camera(&blueprint)?,
+        camera,
         settings,
-        aim: None,
-        last_frame: None,
+        in_view: None,
+        problem: None,
+        missing: BTreeSet::new(),
+        known: SharedKnown::new(),
         pictures: BTreeMap::new(),
         recorded: BTreeSet::new(),
         motion: BTreeMap::new(),
@@ -136,10 +98,14 @@ struct PtzCamera {
     ontology: String,
     settings: CameraSettings,
     camera: Arc<dyn Camera>,
-    /// Direction and zoom of the camera; `None` while they are unknown.
-    aim: Option<PtzPosition>,
-    /// The last picture of the camera, with which the next picture is compared.
-    last_frame: Option<Frame>,
+    /// Preset that the camera looks at; `None` if its direction is none, or not known.
+    in_view: Option<String>,
+    /// Reason why the camera cannot be used.
+    problem: Option<String>,
+    /// Presets of the config that the camera does not have.
+    missing: BTreeSet<String>,
+    /// The same, for the driver.
+    known: SharedKnown,
     /// Time of the last picture of each place.
     pictures: BTreeMap<String, Instant>,
     recorded: BTreeSet<String>,
@@ -150,16 +116,55 @@ struct PtzCamera {
 
 impl PtzCamera {
     fn is_available(&self) -> bool {
-        self.paused_until.is_none_or(|until| until <= Instant::now())
+        self.problem.is_none() && self.paused_until.is_none_or(|until| until <= Instant::now())
     }
 
     /// Returns the name and the place of the preset of the present direction; `None` if this
     /// direction is not a preset.
     fn preset(&self) -> Option<(&str, &str)> {
-        let aim = self.aim?;
-        let mut presets = self.settings.presets.iter();
-        let (name, preset) = presets.find(|(_, preset)| preset.aim.is(&aim))?;
-        Some((name, &preset.shows))
+        let name = self.in_view.as_deref()?;
+        Some((name, self.settings.presets.get(name)?))
+    }
+
+    /// Returns the time until which motion in the present place is not announced again. Continuing
+    /// motion is announced again after a third of the time for which the fact is valid.
+    fn quiet_until(&self) -> Instant {
+        let lasts = self.settings.motion.as_ref().map_or(Duration::ZERO, |motion| motion.lasts);
+        let last = self.preset().and_then(|(_, place)| self.motion.get(place));
+        last.map_or_else(Instant::now, |last| *last + lasts / 3)
+    }
+
+    /// Tells the driver what is known, after each change of it.
+    fn tell_driver(&self) {
+        self.known.set(Known {
+            preset: self.in_view.clone(),
+            quiet_until: self.quiet_until(),
+            problem: self.problem.clone(),
+            missing: self.missing.clone(),
+        });
+    }
+
+    /// Takes over what the driver has noticed. Returns the goal that motion leads to.
+    fn take_news(&mut self, news: News) -> Vec<Initiative> {
+        let News { preset, has_motion, problem, missing } = news;
+        if problem != self.problem {
+            match &problem {
+                Some(problem) => tracing::warn!(agent = self.id, "failed to {problem}"),
+                None => tracing::info!(agent = self.id, "the camera can be used"),
+            }
+        }
+        for name in missing.difference(&self.missing) {
+            tracing::warn!(agent = self.id, "the camera has lost the preset of `{name}`");
+        }
+        (self.in_view, self.problem, self.missing) = (preset, problem, missing);
+        let Some((_, place)) = self.preset().filter(|_| has_motion) else { return Vec::new() };
+        let place = place.to_owned();
+        let goal = self.settings.motion.as_ref().and_then(|motion| motion.goal(&place));
+        self.motion.insert(place.clone(), Instant::now());
+        // The goal is not requested again if it fails, because the moving person has left by then.
+        let (name, insists) = (format!("motion-{place}"), false);
+        let want = |goal| Initiative::RequestGoal { name, goal, insists };
+        goal.map(want).into_iter().collect()
     }
 
     /// Returns a fact that counts as known for the time `lasts` after `at`, or without a time limit
@@ -174,14 +179,16 @@ impl PtzCamera {
 
     fn lasting(&self) -> String {
         let mut text = String::new();
-        for (name, preset) in &self.settings.presets {
-            // Writing to memory cannot fail.
-            let _ = write!(text, "(shows {} {name} {}) ", self.id, preset.shows);
+        for (name, place) in &self.settings.presets {
+            if !self.missing.contains(name) {
+                // Writing to memory cannot fail.
+                let _ = write!(text, "(shows {} {name} {place}) ", self.id);
+            }
         }
         text
     }
 
-    fn actions() -> String {
+    fn actions(&self) -> String {
         let mut text = "(:action look-at
                 :agent ?c - ptz-camera
                 :parameters (?p - preset ?l - location)
@@ -192,13 +199,15 @@ impl PtzCamera {
                 :agent ?c - ptz-camera
                 :parameters (?p - preset ?l - location)
                 :precondition (and (looks-at ?c ?p) (shows ?c ?p ?l))
-                :effect (and (known-picture ?l) (increase (total-cost) 1)))
-            (:action record
+                :effect (and (known-picture ?l) (increase (total-cost) 1)))"
+            .to_owned();
+        if self.camera.can_record() {
+            text += "(:action record
                 :agent ?c - ptz-camera
                 :parameters (?p - preset ?l - location)
                 :precondition (and (looks-at ?c ?p) (shows ?c ?p ?l))
-                :effect (and (recorded ?l) (increase (total-cost) 2)))"
-            .to_owned();
+                :effect (and (recorded ?l) (increase (total-cost) 2)))";
+        }
         for (name, ..) in STEPS {
             let _ = write!(
                 text,
@@ -223,17 +232,21 @@ impl PtzCamera {
         };
         let preset = ("preset", "?p".to_owned());
         let at = [preset.clone(), ("place", "?l".to_owned())];
-        let recording = ACTING_TIME_MAX + self.settings.recording * 2;
+        let acting = self.camera.acting_time_max();
+        let recording = acting + self.settings.recording * 2;
         let mut methods: Methods = [
-            ("look-at".to_owned(), method("go_to_preset", &[preset], ACTING_TIME_MAX)),
-            ("take-snapshot".to_owned(), method("take_picture", &at, ACTING_TIME_MAX)),
+            ("look-at".to_owned(), method("go_to_preset", &[preset], acting)),
+            ("take-snapshot".to_owned(), method("take_picture", &at, acting)),
             ("record".to_owned(), method("record_video", &at, recording)),
         ]
         .into();
+        if !self.camera.can_record() {
+            methods.remove("record");
+        }
         for (name, pan, tilt, zoom) in STEPS {
             let by = [("pan", pan), ("tilt", tilt), ("zoom", zoom)];
             let by = by.map(|(key, value)| (key, value.to_string()));
-            methods.insert(name.to_owned(), method("move_by", &by, ACTING_TIME_MAX));
+            methods.insert(name.to_owned(), method("move_by", &by, acting));
         }
         methods
     }
@@ -246,7 +259,7 @@ impl Device for PtzCamera {
         let PtzCamera { id, ontology, settings, .. } = self;
         let presets: Vec<_> = settings.presets.keys().map(String::as_str).collect();
         let (presets, lasting) = (presets.join(" "), self.lasting());
-        let offered = if self.is_available() { Self::actions() } else { String::new() };
+        let offered = if self.is_available() { self.actions() } else { String::new() };
         let text = format!(
             "(define (agent {id}) (:domain {ontology})
                 (:types ptz-camera - camera)
@@ -276,6 +289,10 @@ impl Device for PtzCamera {
         facts
     }
 
+    fn read_state(&self) -> Option<BoxFuture<()>> {
+        self.camera.connect()
+    }
+
     fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<CameraResult, MethodFailure>> {
         match tasks::task(call, self) {
             Ok(task) => Box::pin(task),
@@ -285,10 +302,9 @@ impl Device for PtzCamera {
 
     fn on_success(&mut self, _call: &MethodCall, done: CameraResult) -> MethodResult {
         let (detail, observed) = match done {
-            CameraResult::Aimed(aim) => {
-                self.aim = Some(aim);
-                let PtzPosition { pan, tilt, zoom } = aim;
-                let detail = format!("looks {pan:.0}° right, {tilt:.0}° up, zoom {zoom:.1}");
+            CameraResult::Turned(View { preset, detail }) => {
+                self.in_view = preset;
+                self.tell_driver();
                 let preset = self.preset();
                 let looks = preset.map(|(name, _)| format!("(looks-at {} {name})", self.id));
                 (detail, looks.unwrap_or_default())
@@ -298,9 +314,9 @@ impl Device for PtzCamera {
                 let detail = format!("picture {}: {caption}", file.display());
                 (detail, format!("(known-picture {place})"))
             }
-            CameraResult::Video { place, file, frames } => {
+            CameraResult::Video { place, file, caption } => {
                 self.recorded.insert(place.clone());
-                let detail = format!("video {} of {frames} frames", file.display());
+                let detail = format!("video {} of {caption}", file.display());
                 (detail, format!("(recorded {place})"))
             }
         };
@@ -310,13 +326,20 @@ impl Device for PtzCamera {
 
     fn on_failure(&mut self, _call: &MethodCall, failure: &MethodFailure) {
         // The next look of the camera determines its present direction.
-        self.aim = None;
+        self.in_view = None;
+        self.tell_driver();
         if *failure != MethodFailure::GivenUp {
             self.paused_until = Some(Instant::now() + REST_AFTER_FAILURE);
         }
     }
 
     fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<PtzCamera>>> {
-        Some(Box::pin(motion_watch::watch(self)))
+        self.tell_driver();
+        let noticing = self.camera.notice(self.known.clone());
+        Some(Box::pin(async move {
+            let news = noticing.await;
+            let take: DeviceEvent<PtzCamera> = Box::new(|camera| camera.take_news(news));
+            take
+        }))
     }
 }

@@ -12,7 +12,8 @@ use agent::{Blueprint, BuildError};
 use building::{BuildingHandle, CameraView, SeenPlace};
 
 use crate::frame::Frame;
-use crate::{Camera, PtzPosition};
+use crate::frame_camera::FrameSource;
+use crate::position::PtzPosition;
 
 /// Width and height of a picture, in pixels. The picture is small, so that drawing five pictures a
 /// second costs little.
@@ -29,14 +30,14 @@ struct Simulated {
     camera: String,
 }
 
-pub(crate) fn camera(blueprint: &Blueprint) -> Result<Arc<dyn Camera>, BuildError> {
+pub(crate) fn source(blueprint: &Blueprint) -> Result<Arc<dyn FrameSource>, BuildError> {
     let building = blueprint.host.resources.get::<BuildingHandle>().ok_or_else(|| {
         blueprint.problem("a simulated driver needs a simulated building, and there is none")
     })?;
     Ok(Arc::new(Simulated { building, camera: blueprint.id.to_string() }))
 }
 
-impl Camera for Simulated {
+impl FrameSource for Simulated {
     fn aim(&self, aim: PtzPosition) -> BoxFuture<Result<(), String>> {
         let Simulated { building, camera } = self.clone();
         let PtzPosition { pan, tilt, zoom } = aim;

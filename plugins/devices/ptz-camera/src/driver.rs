@@ -1,0 +1,128 @@
+//! The trait of drivers: what a camera does, by the names of presets.
+
+use std::collections::BTreeSet;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use actuator::BoxFuture;
+use tokio::time::Instant;
+
+/// The driver of a camera. Error texts complete “failed to …”.
+pub trait Camera: Send + Sync + 'static {
+    /// Returns a future that connects to the camera, so that its state is known; `None` if the
+    /// state needs no connection. The time of the future is bounded.
+    fn connect(&self) -> Option<BoxFuture<()>> {
+        None
+    }
+
+    /// Returns the time limit for turning, and for taking one picture.
+    fn acting_time_max(&self) -> Duration;
+
+    /// Turns the camera to the preset with this name in the config. Dropping the future stops the
+    /// camera.
+    fn look_at(&self, preset: &str) -> BoxFuture<Result<View, String>>;
+
+    /// Turns and zooms the camera by a step, within its limits. Dropping the future stops the
+    /// camera.
+    fn move_by(&self, step: Step) -> BoxFuture<Result<View, String>>;
+
+    /// Takes a picture. Returns an error if the camera does not look at the preset.
+    fn take_picture(&self, preset: &str) -> BoxFuture<Result<Recording, String>>;
+
+    /// Whether the camera can record videos.
+    fn can_record(&self) -> bool;
+
+    /// Records a video of a length. Returns an error if the camera does not look at the preset.
+    fn record(&self, preset: &str, lasts: Duration) -> BoxFuture<Result<Recording, String>>;
+
+    /// Waits until the camera differs from what is known of it, or there is motion.
+    fn notice(&self, known: SharedKnown) -> BoxFuture<News>;
+}
+
+/// What a camera looks at.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct View {
+    /// Name of the preset in the config; `None` if the direction is none of them, or not known.
+    pub preset: Option<String>,
+    /// Description of the direction for a person.
+    pub detail: String,
+}
+
+/// A step by which a person turns a camera.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// Step to the right, in degrees; negative to the left.
+    pub pan: f64,
+    /// Step up, in degrees; negative down.
+    pub tilt: f64,
+    /// Factor of magnification.
+    pub zoom: f64,
+}
+
+/// A picture or a video of a camera.
+pub struct Recording {
+    /// Extension of its file.
+    pub extension: &'static str,
+    /// Returns the content of its file. Called on a thread for blocking work.
+    pub content: Box<dyn FnOnce() -> Vec<u8> + Send>,
+    /// Description of the content for a person, in one line.
+    pub caption: String,
+}
+
+/// What is known of a camera.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Known {
+    /// Preset that the camera looks at.
+    pub preset: Option<String>,
+    /// Time until which motion in the present place is not announced again.
+    pub quiet_until: Instant,
+    /// Reason why the camera cannot be used.
+    pub problem: Option<String>,
+    /// Presets of the config that the camera does not have.
+    pub missing: BTreeSet<String>,
+}
+
+/// What is known of a camera, kept up to date while the driver waits for news.
+#[derive(Clone, Debug)]
+pub struct SharedKnown(Arc<Mutex<Known>>);
+
+impl SharedKnown {
+    /// Returns what is known at the start: nothing.
+    pub fn new() -> SharedKnown {
+        SharedKnown(Arc::new(Mutex::new(Known {
+            preset: None,
+            quiet_until: Instant::now(),
+            problem: None,
+            missing: BTreeSet::new(),
+        })))
+    }
+
+    /// Returns what is known at present.
+    pub fn get(&self) -> Known {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// Replaces what is known.
+    pub fn set(&self, known: Known) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = known;
+    }
+}
+
+impl Default for SharedKnown {
+    fn default() -> SharedKnown {
+        SharedKnown::new()
+    }
+}
+
+/// News of a camera.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct News {
+    /// Preset that the camera looks at.
+    pub preset: Option<String>,
+    /// Whether there is motion in the picture.
+    pub has_motion: bool,
+    /// Reason why the camera cannot be used; `None` if it can.
+    pub problem: Option<String>,
+    /// Presets of the config that the camera does not have.
+    pub missing: BTreeSet<String>,
+}

@@ -1,0 +1,252 @@
+//! The ONVIF driver, for cameras of the network.
+//!
+//! - One task per camera connects, follows the direction and the motion events, and connects again
+//!   after a failure. What it sees is compared with what the agent knows.
+//! - Presets that are stored in the camera are the places to look at; a camera without presets
+//!   turns to positions.
+//! - A camera that says neither its position nor whether it moves has arrived after a time
+//!   (`settle`).
+
+mod follower;
+mod turning;
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+use actuator::BoxFuture;
+use onvif_link::{CameraAccess, CameraPreset, LinkError, OnvifCamera, Position};
+use tokio::sync::watch;
+use tokio::task::JoinHandle;
+use tokio::time::Instant;
+
+use crate::driver::{Camera, News, Recording, SharedKnown, Step, View};
+
+/// Time limit for turning, and for taking one picture: a whole turn of a slow camera, and the
+/// requests for it.
+const ACTING_TIME_MAX: Duration = Duration::from_secs(40);
+
+/// Time limit for the first connection, after which the agent is announced without it.
+const FIRST_CONNECTION_TIME_MAX: Duration = Duration::from_secs(5);
+
+/// Pause after which what the camera shows is compared again with what the agent knows, which may
+/// have changed by a failure.
+const COMPARE_INTERVAL: Duration = Duration::from_secs(1);
+
+/// Settings of the driver.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct OnvifSettings {
+    pub(crate) access: CameraAccess,
+    /// What the camera turns to, by the names of presets in the config.
+    pub(crate) targets: BTreeMap<String, Target>,
+    /// Time after which a camera that does not say whether it moves has arrived.
+    pub(crate) settle: Duration,
+    pub(crate) watches_motion: bool,
+}
+
+/// What a camera turns to.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) enum Target {
+    /// The preset of this name in the camera.
+    Preset(String),
+    /// A position.
+    Position(Position),
+}
+
+impl Target {
+    /// Returns the preset of the camera that this target names; by its name, or else by its token.
+    fn stored<'p>(&self, presets: &'p [CameraPreset]) -> Option<&'p CameraPreset> {
+        let Target::Preset(name) = self else { return None };
+        let by_name = presets.iter().find(|preset| preset.name.trim() == name);
+        by_name.or_else(|| presets.iter().find(|preset| preset.token == *name))
+    }
+}
+
+/// A camera of the network.
+#[derive(Clone)]
+struct OnvifDriver {
+    shared: Arc<Shared>,
+    /// The task that follows the camera; it starts at the first use, and ends with the driver.
+    follower: Arc<Mutex<Option<Follower>>>,
+}
+
+struct Follower(JoinHandle<()>);
+
+impl Drop for Follower {
+    fn drop(&mut self) {
+        self.0.abort();
+    }
+}
+
+/// What the driver's methods and its follower share.
+struct Shared {
+    settings: OnvifSettings,
+    /// The connection; `None` until it is made, and after it failed.
+    link: tokio::sync::Mutex<Option<Arc<OnvifCamera>>>,
+    seen: watch::Sender<Seen>,
+    pose: Mutex<Pose>,
+}
+
+/// What is seen of the camera.
+#[derive(Clone, Debug, Default, PartialEq)]
+struct Seen {
+    /// Whether a connection was tried.
+    is_tried: bool,
+    problem: Option<String>,
+    preset: Option<String>,
+    missing: BTreeSet<String>,
+    has_motion: bool,
+}
+
+/// Where the camera was turned to.
+#[derive(Clone, Debug, Default)]
+struct Pose {
+    /// Presets that are stored in the camera, at the last look.
+    stored: Vec<CameraPreset>,
+    /// Position in which the camera has arrived at the present preset; `None` if it does not say.
+    arrived_at: Option<Position>,
+    is_turning: bool,
+    /// End of the last movement.
+    turned_at: Option<Instant>,
+}
+
+pub(crate) fn camera(settings: OnvifSettings) -> Arc<dyn Camera> {
+    let shared = Shared {
+        settings,
+        link: tokio::sync::Mutex::new(None),
+        seen: watch::Sender::default(),
+        pose: Mutex::default(),
+    };
+    Arc::new(OnvifDriver { shared: Arc::new(shared), follower: Arc::default() })
+}
+
+impl OnvifDriver {
+    /// Starts the task that follows the camera, if it does not run.
+    fn follow(&self) {
+        let mut follower = lock(&self.follower);
+        if follower.is_none() {
+            let shared = Arc::clone(&self.shared);
+            *follower = Some(Follower(tokio::spawn(follower::follow(shared))));
+        }
+    }
+}
+
+impl Shared {
+    /// Returns the connection, and makes it if there is none.
+    async fn camera(&self) -> Result<Arc<OnvifCamera>, LinkError> {
+        let mut link = self.link.lock().await;
+        if let Some(camera) = &*link {
+            return Ok(Arc::clone(camera));
+        }
+        let camera = Arc::new(OnvifCamera::connect(&self.settings.access).await?);
+        *link = Some(Arc::clone(&camera));
+        Ok(camera)
+    }
+
+    /// Drops a connection that has failed, so that the next use makes a new one.
+    async fn forget(&self) {
+        *self.link.lock().await = None;
+    }
+
+    fn pose(&self) -> MutexGuard<'_, Pose> {
+        lock(&self.pose)
+    }
+
+    /// Returns the name in the config of the only preset at a position; `None` if there is none, or
+    /// several.
+    fn preset_at(&self, position: Position) -> Option<String> {
+        let pose = self.pose();
+        let mut at = self.settings.targets.iter().filter(|(_, target)| {
+            let expected = match target {
+                Target::Position(position) => Some(*position),
+                Target::Preset(_) => target.stored(&pose.stored).and_then(|stored| stored.position),
+            };
+            expected.is_some_and(|expected| expected.is(&position))
+        });
+        let only = at.next().map(|(name, _)| name.clone());
+        only.filter(|_| at.next().is_none())
+    }
+}
+
+impl Camera for OnvifDriver {
+    fn connect(&self) -> Option<BoxFuture<()>> {
+        let driver = self.clone();
+        Some(Box::pin(async move {
+            driver.follow();
+            let mut seen = driver.shared.seen.subscribe();
+            let tried = seen.wait_for(|seen| seen.is_tried);
+            // After this time, the camera is announced as it is: not yet known.
+            let _ = tokio::time::timeout(FIRST_CONNECTION_TIME_MAX, tried).await;
+        }))
+    }
+
+    fn acting_time_max(&self) -> Duration {
+        ACTING_TIME_MAX
+    }
+
+    fn look_at(&self, preset: &str) -> BoxFuture<Result<View, String>> {
+        let (shared, preset) = (Arc::clone(&self.shared), preset.to_owned());
+        Box::pin(async move { turning::look_at(&shared, preset).await.map_err(text) })
+    }
+
+    fn move_by(&self, step: Step) -> BoxFuture<Result<View, String>> {
+        let shared = Arc::clone(&self.shared);
+        Box::pin(async move { turning::move_by(&shared, step).await.map_err(text) })
+    }
+
+    fn take_picture(&self, preset: &str) -> BoxFuture<Result<Recording, String>> {
+        let (shared, preset) = (Arc::clone(&self.shared), preset.to_owned());
+        Box::pin(async move {
+            turning::check_view(&shared, &preset).await?;
+            let camera = shared.camera().await.map_err(text)?;
+            let picture = camera.snapshot().await.map_err(text)?;
+            let caption = format!("{} kB", picture.content.len().div_ceil(1_000));
+            let content = Box::new(move || picture.content.to_vec());
+            Ok(Recording { extension: picture.extension, content, caption })
+        })
+    }
+
+    fn can_record(&self) -> bool {
+        false
+    }
+
+    fn record(&self, _preset: &str, _lasts: Duration) -> BoxFuture<Result<Recording, String>> {
+        let problem = "record a video: the driver `onvif` takes pictures only";
+        Box::pin(std::future::ready(Err(problem.to_owned())))
+    }
+
+    fn notice(&self, known: SharedKnown) -> BoxFuture<News> {
+        let driver = self.clone();
+        Box::pin(async move {
+            driver.follow();
+            let mut changes = driver.shared.seen.subscribe();
+            loop {
+                let seen = changes.borrow_and_update().clone();
+                let known = known.get();
+                let Seen { problem, preset, missing, has_motion, .. } = seen;
+                let has_motion = has_motion
+                    && preset.is_some()
+                    && preset == known.preset
+                    && Instant::now() >= known.quiet_until;
+                let is_turning = driver.shared.pose().is_turning;
+                let is_news = problem != known.problem
+                    || missing != known.missing
+                    || (preset != known.preset && !is_turning)
+                    || has_motion;
+                if is_news {
+                    return News { preset, has_motion, problem, missing };
+                }
+                // The sender lives as long as the driver.
+                let _ = tokio::time::timeout(COMPARE_INTERVAL, changes.changed()).await;
+            }
+        })
+    }
+}
+
+fn text(error: LinkError) -> String {
+    error.to_string()
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
