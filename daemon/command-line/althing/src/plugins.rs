@@ -27,6 +27,7 @@ pub(crate) const PLUGINS: &[PluginEntry] = &[
     turtlebot::PLUGIN,
     cleaning_robot::PLUGIN,
     ptz_camera::PLUGIN,
+    ptz_camera::FINDER,
     screen::PLUGIN,
     video_robot::PLUGIN,
 ];

@@ -3,6 +3,7 @@
 //!
 //! - [`Camera`] is the trait of drivers. `onvif` drives cameras of the network; `simulated` is the
 //!   driver for the simulated building, whose single frames `frame_camera` turns into a camera.
+//! - `finder` lists the cameras of the network.
 //! - The camera turns to presets, and by small steps in any direction. Each picture or video is a
 //!   file in the camera's `album`. The existence of a picture or a video of a place is a fact.
 //! - The camera detects motion. Motion is announced at once, and may make the camera request a
@@ -12,12 +13,16 @@
 mod album;
 mod config;
 mod driver;
+mod finder;
 mod frame;
 mod frame_camera;
 mod onvif;
 mod position;
 mod simulated;
 mod tasks;
+
+#[cfg(test)]
+mod onvif_tests;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -35,6 +40,7 @@ use tokio::time::Instant;
 
 use config::{CameraSettings, Config, DriverSettings};
 pub use driver::{Camera, Known, News, Recording, SharedKnown, Step, View};
+pub use finder::FINDER;
 pub use frame::Frame;
 use frame_camera::FrameCamera;
 pub use frame_camera::FrameSource;
@@ -69,14 +75,18 @@ const STEPS: [(&str, f64, f64, f64); 6] = [
 ];
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
-    let (settings, driver) = blueprint.config_as::<Config>()?.understand(&blueprint)?;
+    Actuator::build(&blueprint, camera(&blueprint)?)
+}
+
+fn camera(blueprint: &Blueprint) -> Result<PtzCamera, BuildError> {
+    let (settings, driver) = blueprint.config_as::<Config>()?.understand(blueprint)?;
     let camera: Arc<dyn Camera> = match driver {
         DriverSettings::Onvif(settings) => onvif::camera(settings),
         DriverSettings::Frames(presets, sensitivity) => {
-            Arc::new(FrameCamera::new(simulated::source(&blueprint)?, presets, sensitivity))
+            Arc::new(FrameCamera::new(simulated::source(blueprint)?, presets, sensitivity))
         }
     };
-    let camera = PtzCamera {
+    Ok(PtzCamera {
         id: blueprint.id.to_string(),
         ontology: blueprint.host.ontology.name.to_string(),
         camera,
@@ -89,8 +99,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
         recorded: BTreeSet::new(),
         motion: BTreeMap::new(),
         paused_until: None,
-    };
-    Actuator::build(&blueprint, camera)
+    })
 }
 
 struct PtzCamera {
