@@ -381,50 +381,59 @@ struct Services {
 }
 
 impl Services {
+    /// Reads the addresses. Old cameras know only capabilities, and some cameras leave services
+    /// out of the one list that are in the other.
     async fn read(session: &Session) -> Result<Services, LinkError> {
-        let name = "GetServices";
+        let listed = Services::listed(session).await?;
+        let mut media = listed.iter().find(|(known, _)| known == MEDIA).map(|(_, at)| at.clone());
+        let find = |namespace: &str| {
+            listed.iter().find(|(known, _)| known == namespace).map(|(_, at)| at.clone())
+        };
+        let (mut ptz, mut events, media_2) = (find(PTZ), find(EVENTS), find(MEDIA_2));
+        if (media.is_none() && media_2.is_none()) || ptz.is_none() || events.is_none() {
+            let [more_media, more_ptz, more_events] = Services::capabilities(session).await?;
+            media = media.or(more_media);
+            (ptz, events) = (ptz.or(more_ptz), events.or(more_events));
+        }
+        let media = media.map(|at| (at, MEDIA)).or(media_2.map(|at| (at, MEDIA_2)));
+        let Some((media, media_namespace)) = media else {
+            let (call, problem) =
+                ("GetServices".to_owned(), "it has no service of pictures (media)".to_owned());
+            return Err(LinkError::Unreadable { call, problem });
+        };
+        Ok(Services { media, media_namespace, ptz, events })
+    }
+
+    /// Returns the services in the list of the camera, each with its namespace.
+    async fn listed(session: &Session) -> Result<Vec<(String, Address)>, LinkError> {
         let content = "<o:IncludeCapability>false</o:IncludeCapability>";
         let at = session.address();
-        let find: Box<dyn Fn(&str, &str) -> Option<Address> + Send + Sync> =
-            match call(session, at, DEVICE, name, content).await {
-                Ok(answer) if answer.child("Service").is_some() => {
-                    let found = answer.all("Service").filter_map(|service| {
-                        let namespace = service.text_at(&["Namespace"])?.to_owned();
-                        Some((namespace, session.resolve(service.text_at(&["XAddr"])?)?))
-                    });
-                    let found: Vec<_> = found.collect();
-                    Box::new(move |namespace, _| {
-                        let found = found.iter().find(|(known, _)| known == namespace);
-                        found.map(|(_, address)| address.clone())
-                    })
-                }
-                // Older cameras know only capabilities.
-                Ok(_) | Err(LinkError::Fault { .. } | LinkError::Unsupported(_)) => {
-                    let content = "<o:Category>All</o:Category>";
-                    let answer = call(session, at, DEVICE, "GetCapabilities", content).await?;
-                    let found = ["Media", "PTZ", "Events"].map(|name| {
-                        let named = answer.find("Capabilities");
-                        let named = named.and_then(|all| all.text_at(&[name, "XAddr"]));
-                        (name, named.and_then(|named| session.resolve(named)))
-                    });
-                    Box::new(move |_, name| {
-                        found.iter().find(|(known, _)| *known == name)?.1.clone()
-                    })
-                }
-                Err(error) => return Err(error),
-            };
-        let media = find(MEDIA, "Media").map(|address| (address, MEDIA));
-        let media = media.or_else(|| Some((find(MEDIA_2, "")?, MEDIA_2)));
-        let Some((media, media_namespace)) = media else {
-            let problem = "it has no service of pictures (media)".to_owned();
-            return Err(LinkError::Unreadable { call: name.to_owned(), problem });
+        let answer = match call(session, at, DEVICE, "GetServices", content).await {
+            Ok(answer) => answer,
+            Err(LinkError::Fault { .. } | LinkError::Unsupported(_)) => return Ok(Vec::new()),
+            Err(error) => return Err(error),
         };
-        Ok(Services {
-            media,
-            media_namespace,
-            ptz: find(PTZ, "PTZ"),
-            events: find(EVENTS, "Events"),
-        })
+        let services = answer.all("Service").filter_map(|service| {
+            let namespace = service.text_at(&["Namespace"])?.to_owned();
+            Some((namespace, session.resolve(service.text_at(&["XAddr"])?)?))
+        });
+        Ok(services.collect())
+    }
+
+    /// Returns the services of pictures, motors and events in the capabilities of the camera.
+    async fn capabilities(session: &Session) -> Result<[Option<Address>; 3], LinkError> {
+        let content = "<o:Category>All</o:Category>";
+        let at = session.address();
+        let answer = match call(session, at, DEVICE, "GetCapabilities", content).await {
+            Ok(answer) => answer,
+            Err(LinkError::Fault { .. } | LinkError::Unsupported(_)) => {
+                return Ok([const { None }; 3]);
+            }
+            Err(error) => return Err(error),
+        };
+        let all = answer.find("Capabilities");
+        Ok(["Media", "PTZ", "Events"]
+            .map(|name| session.resolve(all.and_then(|all| all.text_at(&[name, "XAddr"]))?)))
     }
 }
 
