@@ -1,6 +1,6 @@
 //! How a camera is reached: its address, its login, and the certificates that it may show.
 
-use std::fmt::{self, Debug, Formatter};
+use std::fmt::{self, Debug, Display, Formatter};
 use std::io::Read as _;
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
@@ -20,12 +20,12 @@ const FINGERPRINT_BYTES: usize = 32;
 pub struct CameraAccess {
     pub(crate) address: Address,
     pub(crate) login: Option<(String, Option<PathBuf>)>,
-    pub(crate) trust: Option<Trust>,
+    pub(crate) trust: Option<TrustedCertificate>,
 }
 
 /// The certificates that a camera may show.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum Trust {
+pub(crate) enum TrustedCertificate {
     /// One that an authority in this file has signed, or that is itself in this file (PEM).
     File(PathBuf),
     /// The one with this SHA-256 fingerprint.
@@ -65,9 +65,9 @@ impl CameraAccess {
         };
         let trust = match (ca, fingerprint) {
             (Some(_), Some(_)) => return wrong("write `ca` or `fingerprint`, and not both"),
-            (Some(ca), None) => Some(Trust::File(ca)),
+            (Some(ca), None) => Some(TrustedCertificate::File(ca)),
             (None, Some(text)) => match fingerprint_of(text) {
-                Some(fingerprint) => Some(Trust::Fingerprint(fingerprint)),
+                Some(fingerprint) => Some(TrustedCertificate::Fingerprint(fingerprint)),
                 None => {
                     return wrong(
                         "`fingerprint` is the SHA-256 of its certificate, 64 hexadecimal digits: \
@@ -102,13 +102,19 @@ impl CameraAccess {
     }
 
     /// Reads the login. The password is that in its file, without the end of the line.
-    pub(crate) fn read_login(&self) -> Result<Option<Login>, LinkError> {
+    pub(crate) fn read_login(&self) -> Result<Option<CameraLogin>, LinkError> {
         let Some((user, file)) = &self.login else { return Ok(None) };
         let password = file.as_deref().map(read).transpose()?.unwrap_or_default();
         let password = String::from_utf8(password)
             .map_err(|_| LinkError::File("log in: its password is no text".to_owned()))?;
         let password = password.trim_end_matches(['\n', '\r']).to_owned();
-        Ok(Some(Login { user: user.clone(), password }))
+        Ok(Some(CameraLogin { user: user.clone(), password }))
+    }
+}
+
+impl Display for CameraAccess {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        Display::fmt(&self.address, f)
     }
 }
 
@@ -131,14 +137,14 @@ pub(crate) fn login_hint(access: &CameraAccess) -> String {
 
 /// A login at a camera.
 #[derive(Clone, PartialEq, Eq)]
-pub(crate) struct Login {
+pub(crate) struct CameraLogin {
     pub(crate) user: String,
     pub(crate) password: String,
 }
 
-impl Debug for Login {
+impl Debug for CameraLogin {
     fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
-        f.debug_struct("Login").field("user", &self.user).finish_non_exhaustive()
+        f.debug_struct("CameraLogin").field("user", &self.user).finish_non_exhaustive()
     }
 }
 

@@ -103,6 +103,11 @@ impl Address {
         if is_default { host } else { format!("{host}:{port}") }
     }
 
+    /// Returns the shortest text from which [`Address::parse`] makes this address.
+    pub(crate) fn text(&self) -> String {
+        if self.path == DEVICE_PATH { self.to_string() } else { self.url() }
+    }
+
     pub(crate) fn url(&self) -> String {
         let scheme = if self.is_encrypted { "https" } else { "http" };
         format!("{scheme}://{}{}", self.authority(), self.path)
@@ -130,7 +135,9 @@ mod tests {
             ("https://[::1]:4430", "https://[::1]:4430/onvif/device_service"),
             ("::1", "http://[::1]/onvif/device_service"),
         ] {
-            assert_eq!(Address::parse(text).map(|address| address.url()), Ok(expected.to_owned()));
+            let address = Address::parse(text).expect(text);
+            assert_eq!(address.url(), expected);
+            assert_eq!(Address::parse(&address.text()), Ok(address));
         }
         for (text, expected) in [
             ("rtsp://cam", "write HOST"),

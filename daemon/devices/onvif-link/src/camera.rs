@@ -10,15 +10,9 @@ use hyper::body::Bytes;
 use crate::access::CameraAccess;
 use crate::address::Address;
 use crate::error::{LinkError, excerpt};
-use crate::session::{CALL_TIME_MAX, Call, Session};
-use crate::soap::Operation;
+use crate::services::{MEDIA, PTZ, Services, call};
+use crate::session::{CameraSession, DEVICE};
 use crate::xml::{Element, escape};
-
-const DEVICE: &str = "http://www.onvif.org/ver10/device/wsdl";
-const MEDIA: &str = "http://www.onvif.org/ver10/media/wsdl";
-const MEDIA_2: &str = "http://www.onvif.org/ver20/media/wsdl";
-const PTZ: &str = "http://www.onvif.org/ver20/ptz/wsdl";
-const EVENTS: &str = "http://www.onvif.org/ver10/events/wsdl";
 
 /// Maximum number of presets that are looked at; further ones are ignored. Cameras have up to 300.
 const PRESETS_MAX: usize = 1_024;
@@ -86,7 +80,7 @@ const PICTURE_KINDS: &[(&[u8], &str)] =
 
 /// A picture of a camera, as the camera has sent it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Snapshot {
+pub struct CameraPicture {
     /// Extension of the picture's file, such as `jpg`.
     pub extension: &'static str,
     /// Content of the picture's file.
@@ -107,7 +101,7 @@ pub struct Abilities {
 /// A connection to a camera.
 #[derive(Debug)]
 pub struct OnvifCamera {
-    pub(crate) session: Session,
+    pub(crate) session: CameraSession,
     media: Address,
     media_namespace: &'static str,
     ptz: Option<Address>,
@@ -130,7 +124,7 @@ impl OnvifCamera {
     ///
     /// Returns an error if the camera cannot be reached or understood, or rejects the login.
     pub async fn connect(access: &CameraAccess) -> Result<OnvifCamera, LinkError> {
-        let session = Session::open(access).await?;
+        let session = CameraSession::open(access).await?;
         let services = Services::read(&session).await?;
         let Services { media, media_namespace, ptz, events } = services;
         let mut camera = OnvifCamera {
@@ -284,7 +278,7 @@ impl OnvifCamera {
     /// # Errors
     ///
     /// Returns an error if the camera has no picture, or what it sends is none.
-    pub async fn snapshot(&self) -> Result<Snapshot, LinkError> {
+    pub async fn snapshot(&self) -> Result<CameraPicture, LinkError> {
         let name = "GetSnapshotUri";
         let content = format!("<o:ProfileToken>{}</o:ProfileToken>", escape(&self.profile));
         let answer = call(&self.session, &self.media, self.media_namespace, name, &content).await?;
@@ -299,7 +293,7 @@ impl OnvifCamera {
         // The type that cameras state is often wrong; the first bytes are not.
         let known = PICTURE_KINDS.iter().find(|(start, _)| picture.starts_with(start));
         if let Some((_, extension)) = known {
-            return Ok(Snapshot { extension, content: picture });
+            return Ok(CameraPicture { extension, content: picture });
         }
         let problem =
             format!("it is no picture, but {} bytes of `{}`", picture.len(), excerpt(&kind));
@@ -370,85 +364,6 @@ impl OnvifCamera {
             has_continuous: spaces.child("ContinuousPanTiltVelocitySpace").is_some(),
         })
     }
-}
-
-/// The addresses of the services that are used.
-struct Services {
-    media: Address,
-    media_namespace: &'static str,
-    ptz: Option<Address>,
-    events: Option<Address>,
-}
-
-impl Services {
-    /// Reads the addresses. Old cameras know only capabilities, and some cameras leave services
-    /// out of the one list that are in the other.
-    async fn read(session: &Session) -> Result<Services, LinkError> {
-        let listed = Services::listed(session).await?;
-        let mut media = listed.iter().find(|(known, _)| known == MEDIA).map(|(_, at)| at.clone());
-        let find = |namespace: &str| {
-            listed.iter().find(|(known, _)| known == namespace).map(|(_, at)| at.clone())
-        };
-        let (mut ptz, mut events, media_2) = (find(PTZ), find(EVENTS), find(MEDIA_2));
-        if (media.is_none() && media_2.is_none()) || ptz.is_none() || events.is_none() {
-            let [more_media, more_ptz, more_events] = Services::capabilities(session).await?;
-            media = media.or(more_media);
-            (ptz, events) = (ptz.or(more_ptz), events.or(more_events));
-        }
-        let media = media.map(|at| (at, MEDIA)).or(media_2.map(|at| (at, MEDIA_2)));
-        let Some((media, media_namespace)) = media else {
-            let (call, problem) =
-                ("GetServices".to_owned(), "it has no service of pictures (media)".to_owned());
-            return Err(LinkError::Unreadable { call, problem });
-        };
-        Ok(Services { media, media_namespace, ptz, events })
-    }
-
-    /// Returns the services in the list of the camera, each with its namespace.
-    async fn listed(session: &Session) -> Result<Vec<(String, Address)>, LinkError> {
-        let content = "<o:IncludeCapability>false</o:IncludeCapability>";
-        let at = session.address();
-        let answer = match call(session, at, DEVICE, "GetServices", content).await {
-            Ok(answer) => answer,
-            Err(LinkError::Fault { .. } | LinkError::Unsupported(_)) => return Ok(Vec::new()),
-            Err(error) => return Err(error),
-        };
-        let services = answer.all("Service").filter_map(|service| {
-            let namespace = service.text_at(&["Namespace"])?.to_owned();
-            Some((namespace, session.resolve(service.text_at(&["XAddr"])?)?))
-        });
-        Ok(services.collect())
-    }
-
-    /// Returns the services of pictures, motors and events in the capabilities of the camera.
-    async fn capabilities(session: &Session) -> Result<[Option<Address>; 3], LinkError> {
-        let content = "<o:Category>All</o:Category>";
-        let at = session.address();
-        let answer = match call(session, at, DEVICE, "GetCapabilities", content).await {
-            Ok(answer) => answer,
-            Err(LinkError::Fault { .. } | LinkError::Unsupported(_)) => {
-                return Ok([const { None }; 3]);
-            }
-            Err(error) => return Err(error),
-        };
-        let all = answer.find("Capabilities");
-        Ok(["Media", "PTZ", "Events"]
-            .map(|name| session.resolve(all.and_then(|all| all.text_at(&[name, "XAddr"]))?)))
-    }
-}
-
-/// Calls an operation of a service that needs no WS-Addressing.
-async fn call(
-    session: &Session,
-    at: &Address,
-    namespace: &str,
-    name: &str,
-    content: &str,
-) -> Result<Element, LinkError> {
-    let action = format!("{namespace}/{name}");
-    let operation = Operation { namespace, name, action: &action };
-    let time_max = CALL_TIME_MAX;
-    session.call(&Call { at, operation, content, addressing: None, time_max }).await
 }
 
 /// Returns the tokens by which a profile's source of pictures is named in events.

@@ -10,7 +10,7 @@ use base64::engine::general_purpose::STANDARD as BASE64;
 use md5::Digest as _;
 use ring::digest::SHA256;
 
-use crate::access::Login;
+use crate::access::CameraLogin;
 
 /// Maximum length of a challenge, in bytes; a longer one is ignored.
 const CHALLENGE_BYTES_MAX: usize = 4_096;
@@ -72,7 +72,7 @@ impl Challenge {
     /// requests so far with this challenge, from 1; `client_nonce` is random.
     pub(crate) fn answer(
         &self,
-        login: &Login,
+        login: &CameraLogin,
         (method, uri): (&str, &str),
         count: u32,
         client_nonce: &str,
@@ -117,7 +117,7 @@ impl DigestChallenge {
 
     fn answer(
         &self,
-        login: &Login,
+        login: &CameraLogin,
         (method, uri): (&str, &str),
         count: u32,
         client_nonce: &str,
@@ -211,8 +211,8 @@ fn parameters(text: &str) -> Vec<(String, String)> {
 mod tests {
     use super::*;
 
-    fn login() -> Login {
-        Login { user: "Mufasa".to_owned(), password: "Circle of Life".to_owned() }
+    fn login() -> CameraLogin {
+        CameraLogin { user: "Mufasa".to_owned(), password: "Circle of Life".to_owned() }
     }
 
     fn strongest(values: &[&str]) -> Option<Challenge> {
@@ -242,7 +242,7 @@ mod tests {
         let value = "Digest realm=\"testrealm@host.com\",\
                      nonce=\"dcd98b7102dd2f0e8b11d0f600bfb0c093\"";
         let challenge = strongest(&[value]).expect("a challenge");
-        let login = Login { password: "Circle Of Life".to_owned(), ..login() };
+        let login = CameraLogin { password: "Circle Of Life".to_owned(), ..login() };
         let answer = challenge.answer(&login, ("GET", "/dir/index.html"), 1, "x");
         let expected = "response=\"670fd8c2df070c60b045671b8b24ff02\"";
         assert!(answer.contains(expected), "{answer}");

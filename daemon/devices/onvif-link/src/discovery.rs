@@ -207,7 +207,7 @@ fn read(answer: &[u8], from: IpAddr) -> Vec<FoundCamera> {
             can_turn: scopes
                 .split_whitespace()
                 .any(|scope| scope.eq_ignore_ascii_case("onvif://www.onvif.org/type/ptz")),
-            address: address.to_string(),
+            address: address.text(),
         })
     };
     matches.all("ProbeMatch").filter_map(device).collect()
@@ -269,6 +269,9 @@ mod tests {
         for text in ["", "<a/>", "\u{0}", &answer("", ""), &answer("gopher://x", "%")] {
             assert_eq!(read(text.as_bytes(), from), []);
         }
+        let found = read(answer("http://x/onvif/device", "").as_bytes(), from);
+        let address = found.first().map(|one| one.address.as_str());
+        assert_eq!(address, Some("http://x/onvif/device"), "another path than the usual one");
         let found = read(answer("http://x/", "onvif://www.onvif.org/name/%zz%4").as_bytes(), from);
         assert_eq!(found.first().map(|one| one.name.as_str()), Some("%zz%4"));
     }

@@ -6,11 +6,11 @@ use std::time::{Duration, Instant};
 use crate::camera::OnvifCamera;
 use crate::error::LinkError;
 use crate::motion::{MotionMessage, MotionTracker};
+use crate::services::EVENTS;
 use crate::session::{CALL_TIME_MAX, Call};
 use crate::soap::{Addressing, Operation};
 use crate::xml::Element;
 
-const EVENTS: &str = "http://www.onvif.org/ver10/events/wsdl";
 const PORT_TYPE: &str = "http://www.onvif.org/ver10/events/wsdl/PullPointSubscription";
 const NOTIFICATION: &str = "http://docs.oasis-open.org/wsn/b-2";
 const NOTIFICATION_ACTIONS: &str = "http://docs.oasis-open.org/wsn/bw-2";

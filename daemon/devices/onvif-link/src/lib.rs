@@ -21,6 +21,7 @@ mod events;
 mod http;
 mod motion;
 mod security;
+mod services;
 mod session;
 mod soap;
 mod tls;
@@ -28,7 +29,9 @@ mod xml;
 
 pub use access::CameraAccess;
 pub use address::Address;
-pub use camera::{Abilities, CameraPreset, OnvifCamera, Position, PtzStatus, Snapshot, StopOnDrop};
+pub use camera::{
+    Abilities, CameraPicture, CameraPreset, OnvifCamera, Position, PtzStatus, StopOnDrop,
+};
 pub use discovery::{FoundCamera, WS_DISCOVERY, discover};
 pub use error::LinkError;
 pub use events::MotionEvents;

@@ -5,14 +5,14 @@ use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD as BASE64;
 use ring::digest::{Context, SHA1_FOR_LEGACY_USE_ONLY};
 
-use crate::access::Login;
+use crate::access::CameraLogin;
 use crate::xml::escape;
 
 const PROFILE: &str = "http://docs.oasis-open.org/wss/2004/01/oasis-200401-wss";
 
 /// Returns the header `Security` for a request. `created` is the time by the camera's clock, and
 /// `nonce` is random.
-pub(crate) fn header(login: &Login, created: &str, nonce: &[u8]) -> String {
+pub(crate) fn header(login: &CameraLogin, created: &str, nonce: &[u8]) -> String {
     let digest = password_digest(&login.password, created, nonce);
     format!(
         "<wsse:Security s:mustUnderstand=\"true\" \
@@ -50,7 +50,7 @@ mod tests {
 
     #[test]
     fn a_header_has_neither_the_password_nor_raw_markup() {
-        let login = Login { user: "a<b".to_owned(), password: "hunter2".to_owned() };
+        let login = CameraLogin { user: "a<b".to_owned(), password: "hunter2".to_owned() };
         let header = header(&login, "2010-09-16T07:50:45Z", b"0123456789abcdef");
         assert!(!header.contains("hunter2") && header.contains("a&lt;b"), "{header}");
         crate::xml::Element::parse(header.as_bytes()).expect("XML, but for a prefix of the whole");

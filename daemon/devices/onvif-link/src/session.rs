@@ -10,7 +10,7 @@ use ring::rand::{SecureRandom as _, SystemRandom};
 use time::OffsetDateTime;
 use tokio_rustls::TlsConnector;
 
-use crate::access::{CameraAccess, Login, login_hint};
+use crate::access::{CameraAccess, CameraLogin, login_hint};
 use crate::address::Address;
 use crate::digest::{Challenge, hex};
 use crate::error::{LinkError, excerpt};
@@ -30,20 +30,20 @@ const ANSWER_BYTES_MAX: usize = 2 << 20;
 /// accept a difference of some seconds at least.
 const CLOCK_STEP: i64 = 5;
 
-/// The device service, which every camera has.
-const DEVICE: &str = "http://www.onvif.org/ver10/device/wsdl";
+/// Namespace of the device service, which every camera has.
+pub(crate) const DEVICE: &str = "http://www.onvif.org/ver10/device/wsdl";
 
 /// The requests to one camera.
 #[derive(Debug)]
-pub(crate) struct Session {
+pub(crate) struct CameraSession {
     access: CameraAccess,
-    login: Option<Login>,
+    login: Option<CameraLogin>,
     tls: Option<TlsConnectorDebug>,
-    state: Mutex<SessionState>,
+    state: Mutex<CameraSessionState>,
 }
 
 #[derive(Debug, Default)]
-struct SessionState {
+struct CameraSessionState {
     /// How far the camera's clock is ahead of ours, in seconds.
     clock_offset: i64,
     /// The last challenge of the camera's HTTP server, and the number of answers to it.
@@ -60,7 +60,7 @@ impl std::fmt::Debug for TlsConnectorDebug {
     }
 }
 
-/// A request of [`Session::call`].
+/// A request of [`CameraSession::call`].
 #[derive(Clone, Debug)]
 pub(crate) struct Call<'c> {
     pub(crate) at: &'c Address,
@@ -71,14 +71,18 @@ pub(crate) struct Call<'c> {
     pub(crate) time_max: Duration,
 }
 
-impl Session {
+impl CameraSession {
     /// Reads the login and the certificates from their files, and the camera's clock.
-    pub(crate) async fn open(access: &CameraAccess) -> Result<Session, LinkError> {
+    pub(crate) async fn open(access: &CameraAccess) -> Result<CameraSession, LinkError> {
         let login = access.read_login()?;
         let tls = access.trust.as_ref().map(tls::settings).transpose()?;
         let tls = tls.map(|tls| TlsConnectorDebug(TlsConnector::from(Arc::new(tls))));
-        let session =
-            Session { access: access.clone(), login, tls, state: Mutex::new(Default::default()) };
+        let session = CameraSession {
+            access: access.clone(),
+            login,
+            tls,
+            state: Mutex::new(Default::default()),
+        };
         session.read_clock().await?;
         Ok(session)
     }
@@ -281,7 +285,7 @@ impl Session {
         LinkError::LoginRejected { address: self.address().to_string(), problem }
     }
 
-    fn state(&self) -> MutexGuard<'_, SessionState> {
+    fn state(&self) -> MutexGuard<'_, CameraSessionState> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -13,21 +13,21 @@ use rustls::{
     CertificateError, ClientConfig, DigitallySignedStruct, Error, RootCertStore, SignatureScheme,
 };
 
-use crate::access::{Trust, read};
+use crate::access::{TrustedCertificate, read};
 use crate::digest::hex;
 use crate::error::LinkError;
 
 /// Returns the TLS settings for a camera that may show certificates of this trust.
-pub(crate) fn settings(trust: &Trust) -> Result<ClientConfig, LinkError> {
+pub(crate) fn settings(trust: &TrustedCertificate) -> Result<ClientConfig, LinkError> {
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     let said = |problem: String| LinkError::File(format!("use TLS with the camera: {problem}"));
     let verifier = match trust {
-        Trust::Fingerprint(fingerprint) => Verifier {
+        TrustedCertificate::Fingerprint(fingerprint) => CameraCertificateVerifier {
             fingerprints: vec![*fingerprint],
             authorities: None,
             provider: Arc::clone(&provider),
         },
-        Trust::File(file) => {
+        TrustedCertificate::File(file) => {
             let named = |problem: String| {
                 LinkError::File(format!("use the certificates in {}: {problem}", file.display()))
             };
@@ -43,7 +43,7 @@ pub(crate) fn settings(trust: &Trust) -> Result<ClientConfig, LinkError> {
                 WebPkiServerVerifier::builder_with_provider(Arc::new(roots), Arc::clone(&provider))
                     .build()
                     .ok();
-            Verifier { fingerprints, authorities, provider: Arc::clone(&provider) }
+            CameraCertificateVerifier { fingerprints, authorities, provider: Arc::clone(&provider) }
         }
     };
     let config = ClientConfig::builder_with_provider(provider)
@@ -62,13 +62,13 @@ fn fingerprint(certificate: &[u8]) -> [u8; 32] {
 /// Accepts a certificate that is known, whatever its names and dates say, or that a known authority
 /// has signed.
 #[derive(Debug)]
-struct Verifier {
+struct CameraCertificateVerifier {
     fingerprints: Vec<[u8; 32]>,
     authorities: Option<Arc<WebPkiServerVerifier>>,
     provider: Arc<CryptoProvider>,
 }
 
-impl ServerCertVerifier for Verifier {
+impl ServerCertVerifier for CameraCertificateVerifier {
     fn verify_server_cert(
         &self,
         certificate: &CertificateDer<'_>,

@@ -27,13 +27,13 @@ pub trait Camera: Send + Sync + 'static {
     fn move_by(&self, step: Step) -> BoxFuture<Result<View, String>>;
 
     /// Takes a picture. Returns an error if the camera does not look at the preset.
-    fn take_picture(&self, preset: &str) -> BoxFuture<Result<Recording, String>>;
+    fn take_picture(&self, preset: &str) -> BoxFuture<Result<RecordedFile, String>>;
 
     /// Whether the camera can record videos.
     fn can_record(&self) -> bool;
 
     /// Records a video of a length. Returns an error if the camera does not look at the preset.
-    fn record(&self, preset: &str, lasts: Duration) -> BoxFuture<Result<Recording, String>>;
+    fn record(&self, preset: &str, lasts: Duration) -> BoxFuture<Result<RecordedFile, String>>;
 
     /// Waits until the camera differs from what is known of it, or there is motion.
     fn notice(&self, known: SharedKnown) -> BoxFuture<News>;
@@ -60,7 +60,7 @@ pub struct Step {
 }
 
 /// A picture or a video of a camera.
-pub struct Recording {
+pub struct RecordedFile {
     /// Extension of its file.
     pub extension: &'static str,
     /// Returns the content of its file. Called on a thread for blocking work.

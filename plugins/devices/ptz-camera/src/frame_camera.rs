@@ -12,7 +12,7 @@ use actuator::BoxFuture;
 use tokio::time::Instant;
 
 use crate::PTZ;
-use crate::driver::{Camera, News, Recording, SharedKnown, Step, View};
+use crate::driver::{Camera, News, RecordedFile, SharedKnown, Step, View};
 use crate::frame::{Frame, y4m};
 use crate::position::PtzPosition;
 
@@ -110,7 +110,7 @@ impl FrameCamera {
         }
     }
 
-    async fn film(self, preset: String, lasts: Duration) -> Result<Recording, String> {
+    async fn film(self, preset: String, lasts: Duration) -> Result<RecordedFile, String> {
         let count = (lasts.as_secs_f64() * f64::from(PER_SECOND)).ceil() as usize;
         let mut tick = tokio::time::interval(Duration::from_secs_f64(1.0 / f64::from(PER_SECOND)));
         let mut frames = Vec::new();
@@ -120,7 +120,7 @@ impl FrameCamera {
         }
         let caption = format!("{} frames", frames.len());
         let content = Box::new(move || y4m(&frames, PER_SECOND));
-        Ok(Recording { extension: "y4m", content, caption })
+        Ok(RecordedFile { extension: "y4m", content, caption })
     }
 }
 
@@ -147,13 +147,13 @@ impl Camera for FrameCamera {
         })
     }
 
-    fn take_picture(&self, preset: &str) -> BoxFuture<Result<Recording, String>> {
+    fn take_picture(&self, preset: &str) -> BoxFuture<Result<RecordedFile, String>> {
         let (camera, preset) = (self.clone(), preset.to_owned());
         Box::pin(async move {
             let frame = camera.frame_of(&preset).await?;
             let caption = frame.caption.clone();
             let content = Box::new(move || frame.ppm());
-            Ok(Recording { extension: "ppm", content, caption })
+            Ok(RecordedFile { extension: "ppm", content, caption })
         })
     }
 
@@ -161,7 +161,7 @@ impl Camera for FrameCamera {
         true
     }
 
-    fn record(&self, preset: &str, lasts: Duration) -> BoxFuture<Result<Recording, String>> {
+    fn record(&self, preset: &str, lasts: Duration) -> BoxFuture<Result<RecordedFile, String>> {
         Box::pin(self.clone().film(preset.to_owned(), lasts))
     }
 

@@ -39,7 +39,7 @@ use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use tokio::time::Instant;
 
 use config::{CameraSettings, Config, DriverSettings};
-pub use driver::{Camera, Known, News, Recording, SharedKnown, Step, View};
+pub use driver::{Camera, Known, News, RecordedFile, SharedKnown, Step, View};
 pub use finder::FINDER;
 pub use frame::Frame;
 use frame_camera::FrameCamera;

@@ -20,7 +20,7 @@ use tokio::sync::watch;
 use tokio::task::JoinHandle;
 use tokio::time::Instant;
 
-use crate::driver::{Camera, News, Recording, SharedKnown, Step, View};
+use crate::driver::{Camera, News, RecordedFile, SharedKnown, Step, View};
 
 /// Time limit for turning, and for taking one picture: a whole turn of a slow camera, and the
 /// requests for it.
@@ -67,12 +67,12 @@ impl Target {
 struct OnvifDriver {
     shared: Arc<Shared>,
     /// The task that follows the camera; it starts at the first use, and ends with the driver.
-    follower: Arc<Mutex<Option<Follower>>>,
+    follower: Arc<Mutex<Option<FollowerTask>>>,
 }
 
-struct Follower(JoinHandle<()>);
+struct FollowerTask(JoinHandle<()>);
 
-impl Drop for Follower {
+impl Drop for FollowerTask {
     fn drop(&mut self) {
         self.0.abort();
     }
@@ -126,7 +126,7 @@ impl OnvifDriver {
         let mut follower = lock(&self.follower);
         if follower.is_none() {
             let shared = Arc::clone(&self.shared);
-            *follower = Some(Follower(tokio::spawn(follower::follow(shared))));
+            *follower = Some(FollowerTask(tokio::spawn(follower::follow(shared))));
         }
     }
 }
@@ -194,7 +194,7 @@ impl Camera for OnvifDriver {
         Box::pin(async move { turning::move_by(&shared, step).await.map_err(text) })
     }
 
-    fn take_picture(&self, preset: &str) -> BoxFuture<Result<Recording, String>> {
+    fn take_picture(&self, preset: &str) -> BoxFuture<Result<RecordedFile, String>> {
         let (shared, preset) = (Arc::clone(&self.shared), preset.to_owned());
         Box::pin(async move {
             turning::check_view(&shared, &preset).await?;
@@ -202,7 +202,7 @@ impl Camera for OnvifDriver {
             let picture = camera.snapshot().await.map_err(text)?;
             let caption = format!("{} kB", picture.content.len().div_ceil(1_000));
             let content = Box::new(move || picture.content.to_vec());
-            Ok(Recording { extension: picture.extension, content, caption })
+            Ok(RecordedFile { extension: picture.extension, content, caption })
         })
     }
 
@@ -210,7 +210,7 @@ impl Camera for OnvifDriver {
         false
     }
 
-    fn record(&self, _preset: &str, _lasts: Duration) -> BoxFuture<Result<Recording, String>> {
+    fn record(&self, _preset: &str, _lasts: Duration) -> BoxFuture<Result<RecordedFile, String>> {
         let problem = "record a video: the driver `onvif` takes pictures only";
         Box::pin(std::future::ready(Err(problem.to_owned())))
     }

@@ -7,7 +7,7 @@ use actuator::{BoxFuture, MethodCall, MethodFailure};
 
 use crate::PtzCamera;
 use crate::album::Album;
-use crate::driver::{Recording, Step, View};
+use crate::driver::{RecordedFile, Step, View};
 
 /// The result of a method of the camera.
 #[derive(Clone, Debug, PartialEq)]
@@ -76,9 +76,9 @@ fn turned(
 async fn store(
     album: Album,
     place: &str,
-    recorded: Result<Recording, String>,
+    recorded: Result<RecordedFile, String>,
 ) -> Result<(PathBuf, String), MethodFailure> {
-    let Recording { extension, content, caption } = recorded.map_err(MethodFailure::Driver)?;
+    let RecordedFile { extension, content, caption } = recorded.map_err(MethodFailure::Driver)?;
     let place = place.to_owned();
     let keep = move || album.store(&place, extension, &content());
     match tokio::task::spawn_blocking(keep).await {

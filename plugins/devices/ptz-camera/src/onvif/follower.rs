@@ -38,7 +38,7 @@ const TURN_PAUSE: Duration = Duration::from_secs(3);
 pub(super) async fn follow(shared: Arc<Shared>) {
     let mut pause = PAUSE_MIN;
     if let Some(risk) = shared.settings.access.risk() {
-        tracing::warn!("a camera: {risk}");
+        tracing::warn!("the camera at {}: {risk}", shared.settings.access);
     }
     loop {
         let began = Instant::now();
@@ -207,7 +207,7 @@ async fn hear(shared: &Shared, camera: &Arc<OnvifCamera>) -> LinkError {
                     std::mem::replace(&mut seen.has_motion, has_motion) != has_motion
                 });
             }
-            Err(error @ LinkError::Unsupported(_)) => {
+            Err(error) if !camera.has_events() => {
                 tracing::warn!("motion is not noticed: failed to {error}");
                 return std::future::pending().await;
             }
