@@ -45,8 +45,7 @@ pub struct ConfiguredModels(pub Vec<ActionModel>);
 
 /// Resource of a host that marks a trial: the agent is built only to check that it can be built,
 /// perhaps on another machine than its own. The build then neither reads nor requires files,
-/// devices or anything else outside the agent's entry. The exception is a screen, whose media may be
-/// files: they are required in a check, too (docs/screens.md, “What a medium is”).
+/// devices or anything else outside the agent's entry.
 #[derive(Clone, Copy, Debug)]
 pub struct BuildCheck;
 

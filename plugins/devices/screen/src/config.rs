@@ -6,7 +6,7 @@ use std::fs::File;
 use std::path::{Path, PathBuf};
 
 use actuator::PlaceName;
-use agent::{Blueprint, BuildError};
+use agent::{Blueprint, BuildCheck, BuildError};
 use serde::Deserialize;
 
 use crate::{BROWSER, MPV};
@@ -133,17 +133,19 @@ impl Config {
     /// # Errors
     ///
     /// Returns an error if a name is no name of PDDL, if two media are the same, or if the driver
-    /// cannot show a medium, for instance because its file is missing.
+    /// cannot show a medium, for instance because its file is missing. A check on another machine
+    /// (`BuildCheck`) does not look for the files.
     pub(crate) fn contents(
         &self,
         blueprint: &Blueprint,
     ) -> Result<BTreeMap<String, Content>, BuildError> {
+        let is_check = blueprint.host.resources.get::<BuildCheck>().is_some();
         let content = |(name, written): (&String, &WrittenMedium)| {
             PlaceName::try_from(name.clone()).map_err(|_| {
                 let problem = format!("`{name}` cannot name a medium: it has to be a PDDL name");
                 blueprint.problem(problem)
             })?;
-            let content = content_of(written, &blueprint.driver)
+            let content = content_of(written, &blueprint.driver, is_check)
                 .map_err(|problem| blueprint.problem(format!("media.{name}: {problem}")))?;
             Ok((name.clone(), content))
         };
@@ -157,14 +159,14 @@ impl Config {
 }
 
 /// Returns the medium for this driver, or the reason why the driver cannot show it.
-fn content_of(written: &WrittenMedium, driver: &str) -> Result<Content, String> {
+fn content_of(written: &WrittenMedium, driver: &str, is_check: bool) -> Result<Content, String> {
     let content = match written {
         WrittenMedium::Text(PlainText { text }) => Content::Text(text.clone()),
         // A simulated screen shows any text, and has no files.
         WrittenMedium::Plain(text) if driver != BROWSER && driver != MPV => {
             Content::Text(text.clone())
         }
-        WrittenMedium::Plain(text) => plain_content(text, driver)?,
+        WrittenMedium::Plain(text) => plain_content(text, driver, is_check)?,
     };
     if driver != MPV {
         return Ok(content);
@@ -180,13 +182,16 @@ fn content_of(written: &WrittenMedium, driver: &str) -> Result<Content, String> 
     }
 }
 
-fn plain_content(text: &str, driver: &str) -> Result<Content, String> {
+fn plain_content(text: &str, driver: &str, is_check: bool) -> Result<Content, String> {
     let begins = |beginnings: &[&str]| beginnings.iter().any(|start| text.starts_with(start));
     if begins(ADDRESSES) || driver == MPV && begins(STREAMS) {
         return Ok(Content::Address(text.to_owned()));
     }
     if !begins(PATHS) {
         return Ok(Content::Text(text.to_owned()));
+    }
+    if is_check {
+        return Ok(Content::File { written: text.to_owned(), path: PathBuf::from(text) });
     }
     // The file is opened, because one that nobody may read is as good as missing.
     let path = Path::new(text).canonicalize();

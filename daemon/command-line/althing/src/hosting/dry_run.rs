@@ -2,8 +2,7 @@
 //! the mistakes in their entries.
 //!
 //! Building an agent this way opens no device or connection, writes no file, and reads no file that
-//! exists only on the agent's own machine, except the files of screens (docs/screens.md, “What a
-//! medium is”).
+//! exists only on the agent's own machine.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
