@@ -25,5 +25,6 @@ mod scenario;
 mod security;
 mod sensors;
 mod service;
+mod stops;
 mod stranger;
 mod support;

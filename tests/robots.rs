@@ -5,31 +5,32 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use building::{Building, Layout};
+use building::{Building, BuildingEvent, Layout};
 use simulated_nav2::{Nav2Settings, RobotWire, SimulatedNav2};
 use tokio::runtime::Runtime;
 
-use crate::support::{Office, lab, stderr};
+use crate::support::{Office, PATIENCE, lab, stderr};
 
 /// The places of the smart office's map, with their positions on the robot's map.
-const PLACES: [(&str, f64, f64); 4] = [
+pub(crate) const PLACES: [(&str, f64, f64); 4] = [
     ("corridor", 0.0, 0.0),
     ("office1", 6.0, 0.0),
     ("office2", -6.0, 0.0),
     ("conf-room", 0.0, 6.0),
 ];
 
-const ROBOT: &str = "turtlebot-1";
+pub(crate) const ROBOT: &str = "turtlebot-1";
 
 /// A robot in a building of its own, with the runtime of its Zenoh session.
-struct Robot {
-    building: Building,
-    nav2: SimulatedNav2,
-    _runtime: Runtime,
+pub(crate) struct Robot {
+    pub(crate) building: Building,
+    pub(crate) nav2: SimulatedNav2,
+    runtime: Runtime,
 }
 
 impl Robot {
-    fn start(wire: RobotWire, namespace: &str) -> Robot {
+    /// Starts a robot. A second of the building takes `pace` seconds.
+    pub(crate) fn start(wire: RobotWire, namespace: &str, pace: f64) -> Robot {
         let runtime = Runtime::new().expect("a runtime");
         let mut layout = Layout::new();
         layout.add_corridor(PLACES[0].0, 20.0).expect("a corridor");
@@ -38,7 +39,7 @@ impl Robot {
             layout.connect(PLACES[0].0, room, 6.0).expect("a door");
         }
         layout.add_robot(ROBOT, PLACES[0].0, 0.5).expect("a robot");
-        let building = Building::new(layout, 0.01).expect("a building");
+        let building = Building::new(layout, pace).expect("a building");
         let places = PLACES.map(|(place, x, y)| (place.to_owned(), (x, y)));
         let settings = Nav2Settings {
             robot: ROBOT.to_owned(),
@@ -48,16 +49,23 @@ impl Robot {
             battery_range: None,
         };
         let nav2 = runtime.block_on(SimulatedNav2::start(building.handle(), settings));
-        Robot { building, nav2: nav2.expect("a robot"), _runtime: runtime }
+        Robot { building, nav2: nav2.expect("a robot"), runtime }
     }
 
-    fn place(&self) -> String {
+    pub(crate) fn place(&self) -> String {
         self.building.place_of(ROBOT).expect("the robot")
+    }
+
+    /// Waits until the building has seen such an event.
+    pub(crate) fn await_event(&self, is_it: fn(&BuildingEvent) -> bool) {
+        let seen = self.building.wait_for(|truth| truth.any(is_it));
+        let seen = async { tokio::time::timeout(PATIENCE, seen).await };
+        self.runtime.block_on(seen).expect("the building has seen it in time");
     }
 }
 
 /// Returns the entry of a robot at `endpoint`, with the poses of `places`.
-fn entry(endpoint: &str, dialect: &str, places: &[(&str, f64, f64)]) -> String {
+pub(crate) fn entry(endpoint: &str, dialect: &str, places: &[(&str, f64, f64)]) -> String {
     let mut text = format!(
         "[[agent]]\nname = \"{ROBOT}\"\nplugin = \"turtlebot\"\ndriver = \"ros2\"\n\n\
          [agent.config]\nstart = \"corridor\"\n\n\
@@ -74,7 +82,7 @@ fn entry(endpoint: &str, dialect: &str, places: &[(&str, f64, f64)]) -> String {
 fn a_robot_with_nav2_reaches_goals_in_both_dialects() {
     for (wire, dialect) in [(RobotWire::Ros2Dds, "ros2dds"), (RobotWire::RmwZenoh(7), "rmw-zenoh")]
     {
-        let robot = Robot::start(wire, "tb1");
+        let robot = Robot::start(wire, "tb1", 0.01);
         let office = Office::new();
         let file = lab("decentralized") + &entry(robot.nav2.endpoint(), dialect, &PLACES);
         let file = office.write("lab.toml", &file);
@@ -118,6 +126,8 @@ fn a_place_without_a_pose_is_refused() {
         let file = office.write("lab.toml", &(lab("decentralized") + &entry));
         let checked = office.run(&["check", &file.display().to_string()]);
         assert!(!checked.status.success(), "{complaint}");
-        assert!(stderr(&checked).contains(complaint), "{}", stderr(&checked));
+        // The lines are wrapped.
+        let said = stderr(&checked).split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(said.contains(complaint), "{said}");
     }
 }

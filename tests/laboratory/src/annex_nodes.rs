@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use acl::content::{Achieve, Keep, Request, value};
 use acl::{AgentId, DaemonId, EcosystemId, Performative, Protocol};
-use agent::{Host, HostServices, MessageRouter, Resources, Spawner, StateFolder};
+use agent::{Host, HostServices, MessageRouter, Resources, Spawner, StateFolder, StopRegistry};
 use interfacing::{
     EcosystemEndpoint, Interface, InterfaceCounters, InterfaceEntry, PASSABLE_PERFORMATIVES,
     RuleEntry, connect,
@@ -84,6 +84,7 @@ impl InterfaceNode {
         let annex = MessageRouter::on(machine, ecosystem(ANNEX), daemon.clone(), settings.clone());
         annex.connect(wire.open(daemon, Arc::<MessageRouter>::clone(&annex) as _));
         let mut resources = Resources::default();
+        resources.insert(StopRegistry::open(&self.state));
         resources.insert(StateFolder(self.state.clone()));
         let host = Arc::new(Host {
             ontology: Arc::clone(&world.ontology),

@@ -9,7 +9,7 @@ use acl::content::{ActionToken, Record};
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation};
 use agent::{
     Blueprint, ExchangeSummary, Host, HostServices, LaunchContext, LaunchError, LaunchableAgent,
-    MachineSimulation, MessageRouter, PluginEntry, Resources, StateFolder,
+    MachineSimulation, MessageRouter, PluginEntry, Resources, StateFolder, StopRegistry,
 };
 use fastrand::Rng;
 use journal::MemoryStore;
@@ -250,6 +250,7 @@ impl SimulatedMachine {
         let TrialContext { ontology, map, script, settings, building, .. } = &*self.world;
         let mut resources = Resources::default();
         resources.insert(building.clone());
+        resources.insert(StopRegistry::open(&self.state));
         resources.insert(StateFolder(self.state.clone()));
         resources.share(Arc::clone(&self.journal_store));
         let journals = script.agents.iter().filter(|entry| entry.plugin == "journal");

@@ -1,8 +1,9 @@
 //! The actuator: the agent that drives a device.
 
 mod open_initiatives;
+mod stopping;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, VecDeque};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -13,7 +14,7 @@ use acl::content::{
 use acl::{AgentId, Message, Millis, Performative, ReplyToken};
 use agent::{
     Agent, Blueprint, BuildError, Callbacks, Context, Host, LaunchableAgent, Participation,
-    Presence, Resource, StateFolder, TimerId, WorkHandle,
+    Presence, Resource, StateFolder, StopRegistry, TimerId, WorkHandle,
 };
 use capability::{CompositionCache, DomainSnapshot, model_digest, text_of};
 use planner::{Cancel, Replanner};
@@ -38,6 +39,8 @@ pub struct Actuator {
     pub(crate) device: Box<dyn ErasedDevice>,
     pub(crate) initiatives: OpenInitiatives,
     host: Arc<Host>,
+    /// The stops of this daemon, which its actuators share.
+    stops: Arc<StopRegistry>,
     ledger: Ledger,
     announced: AnnouncedModel,
     running_command: Option<RunningCommand>,
@@ -48,6 +51,10 @@ pub struct Actuator {
     /// Data that the actuator's own planner keeps, used by one bid at a time. A second bid at the
     /// same time starts with an empty planner instead of waiting.
     bid_cache: Arc<Mutex<BidCache>>,
+    /// Work that waits for the next change of the daemon's stops.
+    following_stops: Option<WorkHandle>,
+    /// Confirmations of stops and releases that wait until these are on disk.
+    confirming_stops: VecDeque<WorkHandle>,
     /// Timer that drops the composite domain and the ground task that are kept for the next bid.
     cache_expiry: Option<TimerId>,
 }
@@ -112,6 +119,7 @@ impl Actuator {
         let ledger = Ledger::open(&blueprint.id, folder.as_deref(), host.settings.tokens_max)
             .map_err(|error| blueprint.problem(format!("its tokens cannot be read: {error}")))?;
         Ok(Actuator {
+            stops: host.stops(),
             device,
             initiatives: OpenInitiatives::default(),
             host,
@@ -121,6 +129,8 @@ impl Actuator {
             pending_reports: BTreeMap::new(),
             running_bids: BTreeMap::new(),
             bid_cache: Arc::default(),
+            following_stops: None,
+            confirming_stops: VecDeque::new(),
             cache_expiry: None,
         })
     }
@@ -141,13 +151,14 @@ impl Agent for Actuator {
     }
 
     fn model(&self) -> Option<String> {
-        Some(self.device.describe().model.to_string())
+        Some(self.offer().model.to_string())
     }
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
         // Subscribes to the shared domain before the first announcement, so that the announcement
         // is part of it.
         ctx.shared_domain(&self.host);
+        self.follow_stops(ctx);
         match self.device.read_state() {
             Some(looking) => {
                 let looked =
@@ -172,6 +183,7 @@ impl Agent for Actuator {
                 let local = self.local_domain(ctx)(&mut CompositionCache::default());
                 serde_json::to_string(&local.to_content()).ok()
             }
+            Resource::Stops => serde_json::to_string(&self.stop_state(ctx.id())).ok(),
             _ => None,
         }
     }
@@ -212,7 +224,7 @@ impl Actuator {
 
     /// Broadcasts the full action model: on activation, and whenever the model has changed.
     fn announce(&mut self, ctx: &mut Context<Self>) {
-        let Description { model, methods } = self.device.describe();
+        let Description { model, methods } = self.offer();
         let text = model.to_string();
         self.announced.digest = model_digest(&text, &methods);
         let named =
@@ -234,7 +246,7 @@ impl Actuator {
     /// Builds the next heartbeat. If the action model has changed since the last announcement,
     /// announces the full model instead and returns `None`.
     fn heartbeat_or_announce(&mut self, ctx: &mut Context<Self>) -> Option<Heartbeat> {
-        let Description { model, methods } = self.device.describe();
+        let Description { model, methods } = self.offer();
         if model_digest(&model.to_string(), &methods) != self.announced.digest {
             self.announce(ctx);
             return None;
@@ -270,6 +282,7 @@ impl Actuator {
             facts: text_of(&lasting),
             known_for,
             period: Millis(ctx.settings().heartbeat_period),
+            stops: self.stops.in_force(),
         }
     }
 
@@ -282,6 +295,10 @@ impl Actuator {
                 if let Err(refusal) = self.begin(&participation, *act, ctx) {
                     ctx.answer(&participation, Performative::Refuse, &refusal);
                 }
+            }
+            Ok(Request::Stop(stop)) => self.stop_requested(&participation, &stop, ctx),
+            Ok(Request::ReleaseStops(release)) => {
+                self.release_requested(&participation, &release, ctx);
             }
             Ok(_) => {
                 let detail = "an actuator takes `act`; ask the Plan Requester for goals";
@@ -301,6 +318,9 @@ impl Actuator {
             return Ok(());
         }
         let Act { action, method, arguments, token } = act;
+        if let Some(stop) = self.stop_against(&action, ctx.id()) {
+            return Err(stopping::refusal(&action, &stop));
+        }
         let timeout = self.admissible(&action, &method, ctx.id())?;
         if let Some(running) = &self.running_command {
             let detail = format!("{} is under way", running.call.action);
@@ -547,6 +567,9 @@ impl Actuator {
             Ok(call) => call,
             Err(error) => return ctx.not_understood(&message, error.to_string()),
         };
+        if let Some(stop) = self.stop_of_all(ctx.id()) {
+            return ctx.refuse(&participation, Reason::Stopped, stopping::described(&stop));
+        }
         if !self.device.makes_bids() {
             return ctx.refuse(&participation, Reason::Incapable, "this agent proposes no plans");
         }

@@ -414,6 +414,7 @@ mod tests {
             facts: String::new(),
             known_for: BTreeMap::new(),
             period: acl::Millis(std::time::Duration::from_secs(1)),
+            stops: Vec::new(),
         };
         let text = format!(
             "(define (agent {sender}) (:domain office) (:action {action} :agent ?r - object \
@@ -527,6 +528,7 @@ mod tests {
             facts: "x".repeat(256 << 10),
             known_for: BTreeMap::new(),
             period: acl::Millis(std::time::Duration::from_secs(1)),
+            stops: Vec::new(),
         });
         let long = message("robot", Performative::Inform, value(&heartbeat));
         assert_eq!(house.hears("robot-pi", None, long)["oversized"], 2);

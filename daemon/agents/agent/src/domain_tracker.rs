@@ -409,6 +409,7 @@ mod tests {
             facts: "(known hall)".to_owned(),
             known_for: BTreeMap::new(),
             period: acl::Millis(Duration::from_secs(1)),
+            stops: Vec::new(),
         }
     }
 

@@ -10,6 +10,7 @@ use acl::content::Mode;
 use pddl::{ActionModel, Domain, Problem};
 
 use crate::settings::AgentSettings;
+use crate::stops::StopRegistry;
 
 /// Data and resources that a daemon gives to all its agents.
 #[derive(Debug)]
@@ -69,6 +70,12 @@ impl Host {
     /// Returns the names of all objects on the map, such as rooms.
     pub fn places(&self) -> impl Iterator<Item = &str> + Clone {
         self.map.objects.iter().map(|declared| declared.object.name.as_str())
+    }
+
+    /// Returns the stops of the daemon. A host without such a resource has a registry of its own,
+    /// which keeps nothing.
+    pub fn stops(&self) -> Arc<StopRegistry> {
+        self.resources.get::<StopRegistry>().unwrap_or_default()
     }
 
     /// Checks that the map has the object `place`.

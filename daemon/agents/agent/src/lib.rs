@@ -67,6 +67,7 @@ mod router;
 mod settings;
 mod shared_domain;
 mod spawner;
+mod stops;
 mod stored_file;
 mod substrate_link;
 
@@ -92,5 +93,6 @@ pub use router::MessageRouter;
 pub use settings::{AgentSettings, TimingRule};
 pub use shared_domain::SharedDomain;
 pub use spawner::Spawner;
+pub use stops::{StopChanges, StopRegistry};
 pub use stored_file::replace_file;
 pub use substrate::{Presence, Resident, Resource, ResourceQuery};

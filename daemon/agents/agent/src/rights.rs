@@ -159,13 +159,16 @@ impl Rights {
             Request::ChangeState(_)
             | Request::SetMode(_)
             | Request::ChangeMetric(_)
-            | Request::ChangeActions(_) => {
+            | Request::ChangeActions(_)
+            | Request::ReleaseStops(_) => {
                 self.may(&self.changes, agent, "change things", "changes")
             }
             Request::StoreRecords(_) if !self.may_reason(agent) => Err(format!(
                 "`{agent}` is no reasoning agent, and only those write to the Journals"
             )),
             Request::StoreRecords(_) => Ok(()),
+            // A stop is safe, and must not fail because of a missing right.
+            Request::Stop(_) => Ok(()),
             // Sensors and robots report what they observe. An observation takes precedence over
             // what other agents claim, so for an agent that the file does not name it counts as a
             // change.
@@ -250,7 +253,9 @@ impl Default for AllowedRequesters {
 
 #[cfg(test)]
 mod tests {
-    use acl::content::{Achieve, AnswerQuestion, Keep, Observation, PersonsAnswer};
+    use acl::content::{
+        Achieve, AnswerQuestion, Keep, Observation, PersonsAnswer, ReleaseStops, Stop,
+    };
 
     use super::*;
 
@@ -321,6 +326,21 @@ mod tests {
         ] {
             let may = rights().may_advertise(&agent(who), &daemon(place), actions.iter().copied());
             assert_eq!(may.is_ok(), expected, "{who} {actions:?}: {may:?}");
+        }
+    }
+
+    #[test]
+    fn each_agent_may_stop_and_only_some_may_release() {
+        let stop = Request::Stop(Stop {
+            id: "one".to_owned(),
+            scope: Vec::new(),
+            by: agent("anyone"),
+            why: String::new(),
+        });
+        let release = Request::ReleaseStops(ReleaseStops { ids: vec!["one".to_owned()] });
+        for (who, may_release) in [("requester", true), ("robot", false), ("visitor", false)] {
+            assert_eq!(rights().may_ask(&agent(who), &stop), Ok(()), "{who}");
+            assert_eq!(rights().may_ask(&agent(who), &release).is_ok(), may_release, "{who}");
         }
     }
 

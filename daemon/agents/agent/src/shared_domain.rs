@@ -29,12 +29,18 @@ use tokio::time::Instant;
 use crate::broadcast_cache::{HeartbeatContent, HeartbeatPattern, HeartbeatRepetition, inform_of};
 use crate::domain_tracker::{DomainTracker, InformOutcome};
 use crate::host::Host;
+use crate::stops::StopRegistry;
+
+/// Beginning of a field that only heartbeats with stops have.
+const STOPS_KEY: &[u8] = b"\"stops\":";
 
 /// Composite domain that the actuators of one daemon share.
 pub struct SharedDomain {
     began: Instant,
     /// How long the objects and facts of an agent stay in the model after the agent has left.
     removal: Duration,
+    /// The stops of this daemon, to which those in received heartbeats are added.
+    stops: Arc<StopRegistry>,
     state: Mutex<SharedDomainState>,
 }
 
@@ -58,6 +64,7 @@ impl SharedDomain {
         SharedDomain {
             began: Instant::now(),
             removal: host.settings.removal,
+            stops: host.stops(),
             state: Mutex::new(state),
         }
     }
@@ -65,6 +72,16 @@ impl SharedDomain {
     /// Sets the broadcasts that arrived before this value was created, by sender: the newest one of
     /// each kind.
     pub(crate) fn set_earlier(&self, earlier: BTreeMap<AgentId, Vec<Bytes>>) {
+        // A stop must not wait until its sender sends again. Only few broadcasts have one.
+        let has_stops =
+            |payload: &&Bytes| payload.windows(STOPS_KEY.len()).any(|window| window == STOPS_KEY);
+        for payload in earlier.values().flatten().filter(has_stops) {
+            if let Ok(message) = acl::decode(payload)
+                && let Some(inform) = inform_of(&message)
+            {
+                self.take_stops(&inform);
+            }
+        }
         self.state().0.unread = earlier;
     }
 
@@ -100,9 +117,25 @@ impl SharedDomain {
     /// Handles a broadcast `inform`. The outcome states whether the sender's model must be
     /// requested first, and what was not accepted.
     pub(crate) fn receive(&self, message: &Message, inform: &Inform) -> InformOutcome {
+        self.take_stops(inform);
         let (mut state, now) = self.state();
         self.read_of(&mut state, &message.sender, now);
         self.take(&mut state, message, inform, now)
+    }
+
+    /// Adds the stops that an actuator repeats in its heartbeat. Stops that were released here stay
+    /// released.
+    fn take_stops(&self, inform: &Inform) {
+        let stops = match inform {
+            Inform::Heartbeat(heartbeat) => &heartbeat.stops,
+            Inform::Model(announced) => &announced.heartbeat.stops,
+            Inform::Epoch(_) | Inform::Answer(_) => return,
+        };
+        for stop in stops {
+            if self.stops.add(stop) {
+                tracing::warn!(stop = stop.id, by = %stop.by, "stopped, as another agent reports");
+            }
+        }
     }
 
     /// Handles a heartbeat that repeats the previous one of its sender; returns `false` if the

@@ -57,6 +57,7 @@ impl Meter {
             facts: "(known hall)".to_owned(),
             known_for: [].into(),
             period: Millis(ctx.settings().heartbeat_period),
+            stops: Vec::new(),
         };
         let (model, methods) = (MODEL.to_owned(), [].into());
         ctx.broadcast_state(&Inform::Model(Box::new(ModelAnnouncement {
@@ -290,6 +291,7 @@ impl Agent for Teller {
                 facts: String::new(),
                 known_for: [].into(),
                 period: Millis(ctx.settings().heartbeat_period),
+                stops: Vec::new(),
             };
             let methods = [].into();
             ctx.broadcast_state(&Inform::Model(Box::new(ModelAnnouncement {
@@ -391,6 +393,7 @@ impl Mumbler {
             facts: String::new(),
             known_for: [].into(),
             period: Millis(ctx.settings().heartbeat_period),
+            stops: Vec::new(),
         };
         let (model, methods) = ("(define (agent mumb".to_owned(), [].into());
         ctx.broadcast_state(&match self.sequence {

@@ -6,6 +6,7 @@
 
 pub(crate) mod cert;
 pub(crate) mod plugin;
+pub(crate) mod stop;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -19,9 +20,9 @@ use terminal::exit;
 /// The text that `althing` prints when it is called without arguments.
 const FIRST_SCREEN: &str = "\
 Althing: the sensors, robots, screens and people of a building plan together.
-
 Usage: althing COMMAND [OPTIONS]            althing help COMMAND tells more
 
+Stop  althing stop                          everything, a room or a robot, at once
 Try it
   althing scenario 1                        a robot stands in for a dead sensor
   althing up ecosystems/smart-office.toml   run this machine's part of an office
@@ -97,6 +98,9 @@ pub(crate) enum CliCommand {
     /// Answer a question that an agent asks a person; without arguments, list the open ones
     #[command(after_help = ANSWER_HELP)]
     Answer(AnswerArgs),
+    /// Stop all actuators, or agents and places: they end what they do, and begin nothing
+    #[command(after_help = stop::HELP)]
+    Stop(stop::StopArgs),
     /// Show the agents that are present, and what they offer
     Agents(AgentsArgs),
     /// Show what all agents can do together, as a PDDL domain

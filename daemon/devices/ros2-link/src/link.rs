@@ -12,10 +12,9 @@ use std::time::Duration;
 
 use ros_messages::Interfaces;
 use serde_json::{Value, json};
-use tokio::sync::watch;
+use tokio::sync::{mpsc, watch};
 use tokio_util::task::AbortOnDropHandle;
 use zenoh::Session;
-use zenoh::handlers::FifoChannel;
 use zenoh::pubsub::Subscriber;
 use zenoh::query::{ConsolidationMode, QueryTarget, ReplyKeyExpr};
 
@@ -252,6 +251,9 @@ impl RosLink {
         let session = self.session(within).await?;
         let key = self.shared.keys.any_hash(name, type_name)?;
         let payload = self.encode(name, &format!("{type_name}_Request"), request)?;
+        // Replies after the first valid one are dropped here: Zenoh logs an error for each that finds
+        // its own channel closed.
+        let (received, mut replies) = mpsc::channel(REPLIES_MAX);
         let get = session
             .get(key)
             .payload(payload)
@@ -259,14 +261,14 @@ impl RosLink {
             .consolidation(ConsolidationMode::None)
             .accept_replies(ReplyKeyExpr::Any)
             .timeout(within)
-            .with(FifoChannel::new(REPLIES_MAX));
-        let replies = match self.shared.keys.attachment() {
+            .callback(move |reply| drop(received.try_send(reply)));
+        match self.shared.keys.attachment() {
             Some(attachment) => get.attachment(attachment).await,
             None => get.await,
         }
         .map_err(RosError::zenoh)?;
         let mut refusal = None;
-        while let Ok(reply) = replies.recv_async().await {
+        while let Some(reply) = replies.recv().await {
             match reply.into_result() {
                 Ok(sample) => {
                     let bytes = sample.payload().to_bytes();

@@ -5,6 +5,7 @@
 
 mod goal;
 mod state;
+mod stop;
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -20,6 +21,7 @@ pub use self::state::{
     Claim, EpochChange, Guard, Heartbeat, ModelAnnouncement, Observation, Requested, RequestedFact,
     RequestedSince, Snapshot,
 };
+pub use self::stop::{ReleaseStops, STOP_ID_BYTES_MAX, STOP_NAMES_MAX, Stop, StopState};
 
 /// Content of a `request`: the act that the receiver is to carry out.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -48,6 +50,10 @@ pub enum Request {
     ChangeActions(ChangeActions),
     /// To the Domain Maintainer: believe the facts that the sender has observed.
     Observe(Observation),
+    /// To an actuator: end what it does, and begin nothing until the stop is released.
+    Stop(Stop),
+    /// To an actuator: end these stops.
+    ReleaseStops(ReleaseStops),
     /// To a Journal: store records. The Journal confirms the request when the records are on disk.
     StoreRecords(StoreRecords),
 }
@@ -434,6 +440,8 @@ pub enum Reason {
     NotBuilt,
     /// The content contradicts another agent or the ontology.
     Conflict,
+    /// A stop forbids the action, until the stop is released.
+    Stopped,
     /// The daemon is draining: it finishes its work before it stops.
     Stopping,
     /// This replica is a standby; another replica with the same name is the leader.

@@ -168,7 +168,7 @@ impl ParsedHeartbeat {
         heartbeat: &Heartbeat,
         now: Timestamp,
     ) -> Result<ParsedHeartbeat, Vec<Diagnostic>> {
-        let Heartbeat { digest, sequence, facts, known_for, period } = heartbeat;
+        let Heartbeat { digest, sequence, facts, known_for, period, .. } = heartbeat;
         let known = KnownFact::read_all(facts, known_for, now)?;
         let period = Some(period.0);
         let (digest, sequence) = (digest.clone(), *sequence);

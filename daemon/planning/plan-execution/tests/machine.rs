@@ -127,6 +127,7 @@ impl Owner {
             facts: facts.to_owned(),
             known_for: BTreeMap::new(),
             period: Millis(Duration::from_secs(1)),
+            stops: Vec::new(),
         };
         self.heartbeats.store_heartbeat(&agent("robot"), Incarnation(1), &beat);
         ExecutionEvent::HeartbeatReceived(agent("robot"))

@@ -89,7 +89,7 @@ fn sentence(about: &Metadata<'_>, line: &str) -> (String, String) {
         Some((part, meaning)) => ((*part).to_owned(), format!("{meaning}. This is reported once")),
         None => {
             let place = format!("{}:{}", about.target(), about.line().unwrap_or_default());
-            let line = line.trim_end_matches(['.', '!']);
+            let line = line.trim().trim_end_matches(['.', '!']);
             (
                 place,
                 format!(
@@ -114,10 +114,12 @@ impl fmt::Write for EventText {
 
 impl Visit for EventText {
     fn record_debug(&mut self, field: &Field, value: &dyn fmt::Debug) {
-        if field.name() == "message" {
-            // Returns an error if the line is too long; its beginning is kept.
-            let _ = write!(self, "{value:?}");
-        }
+        // Writing returns an error if the line is too long; its beginning is kept.
+        let _ = match field.name() {
+            "message" => write!(self, "{value:?}"),
+            // Some of Zenoh's errors have no message, only a field.
+            name => write!(self, " {name}={value:?}"),
+        };
     }
 }
 
@@ -142,12 +144,14 @@ mod tests {
                 tracing::error!(target: "zenoh::net::routing::hat::router::token",
                     "Error propagating token {name}: cannot get index of baf0f4ba!");
                 tracing::error!(target: "zenoh_link_tcp", "Unable to accept: \u{1b}]0;{name}.");
+                tracing::error!(target: "zenoh::api", error = "closed");
                 tracing::error!("an error of ours");
                 tracing::warn!(target: "zenoh::net", "a warning of Zenoh's");
             }
         });
         let told = told.lock().expect("no panic").clone();
-        assert_eq!(told.len(), 2, "{told:?}");
+        assert_eq!(told.len(), 3, "{told:?}");
+        assert!(told[2].contains("reports: error=\"closed\". This"), "{told:?}");
         assert!(told[0].starts_with("Zenoh received news of a daemon"), "{told:?}");
         let of_ours = "Zenoh, which carries the messages, reports: ";
         assert_eq!(

@@ -266,6 +266,8 @@ pub enum Resource {
     Mailbox,
     /// Questions to people that have no answer yet.
     Questions,
+    /// The stops in force at each actuator.
+    Stops,
     /// The records that a Journal keeps.
     Journal,
     /// The plugins of a daemon that run as processes, and their state.
@@ -371,7 +373,7 @@ impl ViolationKind {
 
 impl Resource {
     /// All resources.
-    pub const ALL: [Resource; 11] = [
+    pub const ALL: [Resource; 12] = [
         Resource::Directory,
         Resource::Domain,
         Resource::State,
@@ -379,6 +381,7 @@ impl Resource {
         Resource::Model,
         Resource::Mailbox,
         Resource::Questions,
+        Resource::Stops,
         Resource::Journal,
         Resource::Plugins,
         Resource::Discovered,
@@ -400,6 +403,7 @@ impl Resource {
             Resource::Model => "model",
             Resource::Mailbox => "mailbox",
             Resource::Questions => "questions",
+            Resource::Stops => "stops",
             Resource::Journal => "journal",
             Resource::Plugins => "plugins",
             Resource::Discovered => "discovered",

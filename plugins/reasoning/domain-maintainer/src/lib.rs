@@ -180,6 +180,7 @@ impl Agent for DomainMaintainer {
             | Resource::Model
             | Resource::Mailbox
             | Resource::Questions
+            | Resource::Stops
             | Resource::Journal
             | Resource::Plugins
             | Resource::Discovered

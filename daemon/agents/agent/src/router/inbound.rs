@@ -72,6 +72,7 @@ impl Inbound for MessageRouter {
             | Resource::State
             | Resource::Goals
             | Resource::Questions
+            | Resource::Stops
             | Resource::Journal => self.pass_query(&query),
             Resource::Directory
             | Resource::Model
@@ -291,6 +292,7 @@ impl MessageRouter {
             | Resource::State
             | Resource::Goals
             | Resource::Questions
+            | Resource::Stops
             | Resource::Journal => None,
         };
         answer.into_iter().collect()

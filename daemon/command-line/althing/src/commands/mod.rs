@@ -27,6 +27,7 @@ mod sensors;
 pub(crate) mod set;
 mod side_link;
 pub(crate) mod state;
+pub(crate) mod stop;
 mod up;
 mod validate;
 pub(crate) mod watch;
@@ -61,6 +62,7 @@ pub(crate) fn run(command: CliCommand) -> ExitCode {
         CliCommand::Set(args) => set::run(&args),
         CliCommand::Mode(args) => mode::run(&args),
         CliCommand::Answer(args) => answer::run(&args),
+        CliCommand::Stop(args) => stop::run(&args),
         CliCommand::Agents(args) => agents::run(&args),
         CliCommand::Domain(args) => domain::run(&args),
         CliCommand::State(args) => state::run(&args),

@@ -228,6 +228,8 @@ fn shape(performative: Performative, content: &Value) -> Result<Protocol, String
             | Request::ChangeActions(_)
             | Request::Observe(_)
             | Request::StoreRecords(_)
+            | Request::Stop(_)
+            | Request::ReleaseStops(_)
             | Request::SetMode(_)
             | Request::AnswerQuestion(_) => Protocol::StateChange,
         }),

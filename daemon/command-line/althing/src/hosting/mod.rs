@@ -35,11 +35,11 @@ use std::time::Duration;
 use acl::{AgentId, DaemonId, EcosystemId};
 use agent::{
     AdmissionPolicy, Admissions, AgentSettings, ConfiguredModels, ConfiguredNames, Host,
-    HostServices, MessageRouter, Mode, Resources, Rights, Spawner, StateFolder,
+    HostServices, MessageRouter, Mode, Resources, Rights, Spawner, StateFolder, StopRegistry,
 };
 use substrate::Substrate;
 use substrate::memory::Network;
-use tokio_util::sync::CancellationToken;
+use tokio_util::sync::{CancellationToken, DropGuard};
 use tokio_util::task::TaskTracker;
 
 use crate::config::{AgentEntry, Ecosystem};
@@ -166,6 +166,24 @@ pub(crate) struct NodeOptions<'a> {
     pub(crate) state: Option<std::path::PathBuf>,
 }
 
+/// Launches an agent that no ecosystem file names, for as long as the returned guard lives.
+pub(crate) fn launch_guest(
+    router: &Arc<MessageRouter>,
+    id: AgentId,
+    agent: impl agent::Agent,
+    ontology: &str,
+) -> DropGuard {
+    let stopping = CancellationToken::new();
+    let launch_context = supervisor::launch_context(&id, router, ontology, &stopping, false);
+    let task = agent::LaunchableAgent::launch(Box::new(agent), launch_context);
+    tokio::spawn(async move {
+        if let Ok(Err(error)) = task.await {
+            tracing::error!(%id, "failed to {error}");
+        }
+    });
+    stopping.drop_guard()
+}
+
 impl DaemonNode {
     /// Opens the substrate and launches the agents. Returns as soon as the daemon sees all of its
     /// agents.
@@ -196,6 +214,8 @@ impl DaemonNode {
         if agents.iter().any(uses_models) {
             resources.insert(ConfiguredModels(models(ecosystem).into_values().collect()));
         }
+        let stops = state.as_deref().map(StopRegistry::open).unwrap_or_default();
+        resources.insert(stops);
         state.into_iter().for_each(|folder| resources.insert(StateFolder(folder)));
         let host = Arc::new(Host {
             ontology: Arc::clone(&ecosystem.domain),

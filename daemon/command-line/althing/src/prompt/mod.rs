@@ -27,7 +27,7 @@ use tokio::task::JoinHandle;
 use crate::cli::{ReplyArgs, WatchWords};
 use crate::commands::client::EcosystemView;
 use crate::commands::{
-    act, agents, answer, domain, event_output, goal, goals, mailbox, set, state, watch,
+    act, agents, answer, domain, event_output, goal, goals, mailbox, set, state, stop, watch,
 };
 use crate::interruption;
 use completion::CompletionWords;
@@ -219,6 +219,8 @@ impl Prompt {
                 let said = self.answer(&id, text.join(" ")).await;
                 return self.say(said).await;
             }
+            Verb::Stop { names } => stop::stop(&view, &names, None, json).await,
+            Verb::Release { ids } => stop::release(&view, &ids, json).await,
             Verb::Goals => goals::print(&view, json).await,
             Verb::Agents => agents::print(&view, json).await,
             Verb::Domain => domain::print(&view, json).await,

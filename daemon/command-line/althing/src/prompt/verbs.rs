@@ -14,6 +14,7 @@ Ask    (GOAL)  goal GOAL|NAME [--maintain] [--priority N]
        mode MODE               centralized or decentralized
        cancel N                cancel the goal or action [N]
        answer N TEXT           answer question N; `answer` alone: all open ones
+Stop   stop [NAME ...]         everything, or agents and places; release [ID ...]
 Look   agents  domain  state  goals  mailbox [AGENT]
        watch [N|ID]            the messages, or those of one goal; watch --off
 Else   help VERB  quit         Tab completes, Ctrl-D ends
@@ -47,6 +48,16 @@ pub(super) enum Verb {
     },
     /// Answer an agent's question, or list the open ones
     Answer(ReplyArgs),
+    /// Stop everything, or agents and places
+    Stop {
+        /// Agents and places; everything if none is named
+        names: Vec<String>,
+    },
+    /// End stops: all that are in force, or these
+    Release {
+        /// Identifiers of the stops to end
+        ids: Vec<String>,
+    },
     /// Show the goals and the state of each
     Goals,
     /// Show the agents that are present

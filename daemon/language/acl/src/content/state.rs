@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Methods, Offers};
+use super::{Methods, Offers, Stop};
 use crate::{AgentId, Millis};
 
 /// The domain and the state of one moment, as known to the Domain Maintainer.
@@ -232,6 +232,9 @@ pub struct Heartbeat {
     /// Longest time until the next heartbeat is sent. After several such periods without a
     /// heartbeat, the agent counts as silent.
     pub period: Millis,
+    /// Stops that are in force at the actuator's daemon.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub stops: Vec<Stop>,
 }
 
 /// A change of the ecosystem's capabilities, or of its believed state.

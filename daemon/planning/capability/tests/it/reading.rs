@@ -14,6 +14,7 @@ fn heartbeat(facts: &str) -> Heartbeat {
         facts: facts.to_owned(),
         known_for: [("(known-temperature office2)".to_owned(), Millis::from(60_000))].into(),
         period: Millis::from(1_000),
+        stops: Vec::new(),
     }
 }
 

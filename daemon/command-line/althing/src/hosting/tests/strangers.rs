@@ -114,6 +114,7 @@ impl Body {
             facts,
             known_for: [].into(),
             period: Millis(Duration::from_secs(1)),
+            stops: Vec::new(),
         };
         ctx.broadcast_state(&Inform::Model(Box::new(ModelAnnouncement {
             model,

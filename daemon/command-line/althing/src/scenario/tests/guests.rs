@@ -89,6 +89,7 @@ impl Guest {
             facts: "(located guest office1)".to_owned(),
             known_for: [].into(),
             period: Millis(Duration::from_secs(1)),
+            stops: Vec::new(),
         };
         let model = model.to_owned();
         ctx.broadcast_state(&Inform::Model(Box::new(ModelAnnouncement {

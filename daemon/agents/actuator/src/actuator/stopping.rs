@@ -1,0 +1,187 @@
+//! Stops of an actuator: it ends what it does, and begins nothing until the stop is released.
+//!
+//! - A stop takes effect before it is written to disk, and is confirmed afterwards. It may come by
+//!   request, or in the heartbeat of another agent that has received it.
+//! - A stop of a place concerns the actions that name it, and the agents that are there: those with
+//!   a fact about themselves and the place, such as `(at robot hall)`.
+//! - A stopped agent offers no actions, so that no plan is made with it.
+
+use std::sync::Arc;
+
+use acl::AgentId;
+use acl::content::{Outcome, Reason, Refusal, ReleaseStops, Report, Stop, StopState};
+use agent::{Context, Participation, StopChanges};
+use pddl::InitElement;
+use substrate::BoxFuture;
+
+use crate::actuator::Actuator;
+use crate::device::Description;
+
+/// Maximum number of confirmations that wait for the disk at a time.
+const CONFIRMATIONS_MAX: usize = 64;
+
+/// Returns the refusal of an action that a stop forbids.
+pub(super) fn refusal(action: &str, stop: &Stop) -> Refusal {
+    Refusal::new(Reason::Stopped, format!("{action}: {}", described(stop)))
+}
+
+/// Returns a stop in words for a person, with the command that ends it.
+pub(super) fn described(stop: &Stop) -> String {
+    let Stop { id, scope, by, why } = stop;
+    let what = if scope.is_empty() { String::new() } else { format!(" ({})", scope.join(", ")) };
+    let why = if why.is_empty() { String::new() } else { format!(": {why}") };
+    format!("stopped{what} by `{by}`{why}; `althing stop --release {id}` ends the stop")
+}
+
+impl Actuator {
+    /// Returns what the device offers at present; nothing if the agent is stopped.
+    pub(super) fn offer(&self) -> Description {
+        let mut offer = self.device.describe();
+        let agent = AgentId::new(offer.model.agent.as_str());
+        if agent.is_ok_and(|agent| self.stop_of_all(&agent).is_some()) {
+            offer.model.actions.clear();
+            offer.model.durative_actions.clear();
+            offer.methods.clear();
+        }
+        offer
+    }
+
+    /// Returns a stop that forbids all actions of this agent.
+    pub(super) fn stop_of_all(&self, own: &AgentId) -> Option<Stop> {
+        let concerned = |stop: &Stop| {
+            stop.concerns(own.as_str()) || self.places(own).any(|place| stop.concerns(&place))
+        };
+        self.stops.find(concerned)
+    }
+
+    /// Returns a stop that forbids `action`, which is a ground step such as `(move robot hall lab)`.
+    pub(super) fn stop_against(&self, action: &str, own: &AgentId) -> Option<Stop> {
+        let step = pddl::parse_step(action).into_result().ok();
+        let arguments = || step.iter().flat_map(|step| &step.arguments);
+        let names = |stop: &Stop| arguments().any(|name| stop.concerns(name.as_str()));
+        self.stop_of_all(own).or_else(|| self.stops.find(names))
+    }
+
+    /// Returns the other objects in the facts of the device that begin with the agent itself.
+    fn places(&self, own: &AgentId) -> impl Iterator<Item = String> {
+        let facts = self.device.facts().into_iter();
+        let own = own.to_string();
+        facts.flat_map(move |fact| match &fact.fact {
+            InitElement::Atom(atom) => {
+                let mut names = atom.arguments.iter().map(ToString::to_string);
+                let is_own = names.next().is_some_and(|first| first.eq_ignore_ascii_case(&own));
+                if is_own { names.collect() } else { Vec::new() }
+            }
+            _ => Vec::new(),
+        })
+    }
+
+    /// Returns the stops that this agent knows, as the answer to a query.
+    pub(super) fn stop_state(&self, own: &AgentId) -> StopState {
+        StopState { agent: own.clone(), stops: self.stops.in_force() }
+    }
+
+    /// Handles a change of the daemon's stops, now and from now on.
+    pub(super) fn follow_stops(&mut self, ctx: &mut Context<Self>) {
+        let mut changes = self.stops.changes();
+        let next = async move {
+            changes.next().await;
+            changes
+        };
+        self.wait_for_stops(Box::pin(next), ctx);
+    }
+
+    fn wait_for_stops(&mut self, next: BoxFuture<StopChanges>, ctx: &mut Context<Self>) {
+        let following = ctx.run(next, |actuator: &mut Self, mut changes, ctx| {
+            actuator.obey(ctx);
+            let stops = Arc::clone(&actuator.stops);
+            let saved = ctx.run_blocking(move || stops.save());
+            let next = async move {
+                match saved.await {
+                    Ok(Ok(())) => (),
+                    Ok(Err(error)) => tracing::error!(%error, "a stop is not written to disk"),
+                    Err(error) => tracing::error!(%error, "a stop is not written to disk"),
+                }
+                changes.next().await;
+                changes
+            };
+            actuator.wait_for_stops(Box::pin(next), ctx);
+        });
+        self.following_stops = Some(following);
+    }
+
+    /// Ends the action under way if a stop forbids it, and announces what is still offered.
+    fn obey(&mut self, ctx: &mut Context<Self>) -> Option<String> {
+        let action = self.running_command.as_ref().map(|running| running.call.action.clone());
+        let stop = action.as_ref().and_then(|action| self.stop_against(action, ctx.id()));
+        if let Some(stop) = &stop {
+            self.cancel_command(&described(stop), ctx);
+        }
+        // A stopped action is reported with the new offer in its heartbeat.
+        if stop.is_none() {
+            self.send_heartbeat(ctx);
+        }
+        action.filter(|_| stop.is_some())
+    }
+
+    pub(super) fn stop_requested(
+        &mut self,
+        participation: &Participation,
+        stop: &Stop,
+        ctx: &mut Context<Self>,
+    ) {
+        let before = self.running_command.as_ref().map(|running| running.call.action.clone());
+        self.stops.add(stop);
+        let ended = self.obey(ctx);
+        if self.stops.find(|known| known.id == stop.id).is_none() {
+            let detail = format!("stop {} was released before it came here", stop.id);
+            return ctx.refuse(participation, Reason::Conflict, detail);
+        }
+        let is_concerned = self.stop_of_all(ctx.id()).is_some();
+        let detail = match (&ended, &before) {
+            (Some(action), _) => format!("stopped: {action}"),
+            (None, Some(action)) => format!("goes on with {action}, which the stop does not name"),
+            (None, None) if is_concerned => "was already still".to_owned(),
+            (None, None) => "was still; the stop does not name it".to_owned(),
+        };
+        self.confirm_when_saved(participation, Report::new(Outcome::Done, detail), ctx);
+    }
+
+    pub(super) fn release_requested(
+        &mut self,
+        participation: &Participation,
+        release: &ReleaseStops,
+        ctx: &mut Context<Self>,
+    ) {
+        self.stops.release(&release.ids);
+        self.obey(ctx);
+        let detail = match self.stop_of_all(ctx.id()) {
+            Some(other) => format!("still stopped: {}", described(&other)),
+            None => "may act again".to_owned(),
+        };
+        self.confirm_when_saved(participation, Report::new(Outcome::Done, detail), ctx);
+    }
+
+    /// Writes the stops to disk, then confirms the request.
+    fn confirm_when_saved(
+        &mut self,
+        participation: &Participation,
+        report: Report,
+        ctx: &mut Context<Self>,
+    ) {
+        let stops = Arc::clone(&self.stops);
+        let saved = ctx.run_blocking(move || stops.save());
+        let participation = participation.clone();
+        let confirming = ctx.run(saved, move |_: &mut Self, saved, ctx| {
+            let mut report = report;
+            if !matches!(saved, Ok(Ok(()))) {
+                ctx.failure_counters().count_not_persisted();
+                report.detail += " (not written to disk: a restart forgets it)";
+            }
+            ctx.answer(&participation, acl::Performative::Confirm, &report);
+        });
+        self.confirming_stops.push_back(confirming);
+        let surplus = self.confirming_stops.len().saturating_sub(CONFIRMATIONS_MAX);
+        self.confirming_stops.drain(..surplus);
+    }
+}

@@ -1,0 +1,326 @@
+//! `althing stop`: stops the actuators of a running ecosystem, or some of them, and releases stops.
+//!
+//! The request goes to every agent that is present, at once and without asking another agent first:
+//! a stop must work if every reasoning agent is dead. Actuators pass it on in their heartbeats.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::fmt::Write as _;
+use std::pin::pin;
+use std::process::ExitCode;
+use std::time::Duration;
+
+use acl::content::{Refusal, ReleaseStops, Report, Request, Stop, StopState, value};
+use acl::{AgentId, Message, Performative, Protocol};
+use agent::Resource;
+use keyboard::{Keyboard, MessageDraft, Terminal, UserEvent, UserRequest};
+use ring::rand::{SecureRandom as _, SystemRandom};
+use serde_json::{Value, json};
+use terminal::{exit, output, visible};
+
+use crate::cli::stop::StopArgs;
+use crate::commands::client::{self, EcosystemView};
+use crate::commands::user_request::FAILED;
+use crate::{hosting, plugins};
+
+/// How long answers are awaited. An actuator answers within milliseconds; one that is just being
+/// reached again through another link needs longer.
+const ANSWERED_WITHIN: Duration = Duration::from_secs(3);
+
+/// Maximum number of agents that are asked before others have answered: a fraction of what the queue
+/// of a keyboard agent holds.
+const UNANSWERED_MAX: usize = 256;
+
+/// Number of random bytes in the identifier of a stop: enough to tell apart the stops of a building,
+/// and short enough to be typed.
+const ID_BYTES: usize = 4;
+
+/// Answer of one agent to a stop or a release.
+enum StopAnswer {
+    /// The agent has done it; the text says what it did.
+    Done(String),
+    /// The agent has not done it, for this reason.
+    Declined(String),
+}
+
+/// Runs `althing stop`.
+pub(super) fn run(args: &StopArgs) -> ExitCode {
+    let json = args.print.json;
+    client::with_link(&args.reach, json, async |link| {
+        let code = if args.list {
+            list(&link.view, json).await
+        } else if args.release {
+            release(&link.view, &args.names, json).await
+        } else {
+            stop(&link.view, &args.names, args.because.as_deref(), json).await
+        };
+        (link, code)
+    })
+}
+
+/// Prints the stops in force, and the number of actuators that know each.
+pub(crate) async fn list(view: &EcosystemView, json: bool) -> ExitCode {
+    let states = states(view).await;
+    let stops = in_force(&states);
+    if json {
+        return output::print_json(&json!({ "stops": stops }), exit::DONE);
+    }
+    if stops.is_empty() {
+        return output::print("nothing is stopped\n", exit::DONE);
+    }
+    let mut text = format!("{:<20} {:<20} {:>6}  WHAT\n", "ID", "BY", "KNOW");
+    for stop in stops.values() {
+        let know = states.iter().filter(|state| state.stops.iter().any(|it| it.id == stop.id));
+        let (id, by) = (visible::line(&stop.id), stop.by.as_str());
+        let (know, what) = (know.count(), what(stop));
+        let _ = writeln!(text, "{id:<20} {by:<20} {know:>6}  {what}");
+    }
+    output::print(text, exit::DONE)
+}
+
+/// Stops the agents and places `names`, or everything if there are none, and prints the answers.
+pub(crate) async fn stop(
+    view: &EcosystemView,
+    names: &[String],
+    because: Option<&str>,
+    json: bool,
+) -> ExitCode {
+    let by = match AgentId::new(&client::guest_name("stop")) {
+        Ok(by) => by,
+        Err(error) => return super::wrong(&error.to_string(), json),
+    };
+    if let Some(unknown) = names.iter().find(|name| !is_known(view, name)) {
+        output::print_note(&format!(
+            "note: `{unknown}` is no agent that is present, and no place of the map; it is stopped \
+             all the same"
+        ));
+    }
+    let id = match new_id() {
+        Ok(id) => id,
+        Err(problem) => return client::unavailable(problem, json),
+    };
+    let why = because.unwrap_or_default().to_owned();
+    let stop = Stop { id: id.clone(), scope: names.to_vec(), by, why };
+    let table = match send_to_all(view, &Request::Stop(stop.clone())).await {
+        Ok(table) => table,
+        Err(problem) => return client::unavailable(problem, json),
+    };
+    let head = format!("stop {id}: {}", what(&stop));
+    print_table(view, &head, &table, Some(&id), json)
+}
+
+/// Returns a random identifier of a stop.
+fn new_id() -> Result<String, &'static str> {
+    let mut bytes = [0; ID_BYTES];
+    let filled = SystemRandom::new().fill(&mut bytes);
+    filled.map_err(|_| "name the stop: the system gives no random numbers")?;
+    Ok(bytes.iter().map(|byte| format!("{byte:02x}")).collect())
+}
+
+/// Releases the stops `names`, or all that are in force if there are none, and prints the answers.
+pub(crate) async fn release(view: &EcosystemView, names: &[String], json: bool) -> ExitCode {
+    let ids: Vec<String> = match names {
+        [] => in_force(&states(view).await).into_keys().collect(),
+        named => named.to_vec(),
+    };
+    if ids.is_empty() {
+        return output::print("nothing is stopped\n", exit::DONE);
+    }
+    let head = format!("released: {}", ids.join(", "));
+    let table = match send_to_all(view, &Request::ReleaseStops(ReleaseStops { ids })).await {
+        Ok(table) => table,
+        Err(problem) => return client::unavailable(problem, json),
+    };
+    print_table(view, &head, &table, None, json)
+}
+
+/// Sends a request to all agents that are present, and returns the answers of the actuators; `None`
+/// for an actuator that did not answer in time.
+async fn send_to_all(
+    view: &EcosystemView,
+    request: &Request,
+) -> Result<BTreeMap<AgentId, Option<StopAnswer>>, &'static str> {
+    let (keyboard, terminal) = Keyboard::with_terminal();
+    let id = AgentId::new(&client::guest_name("stop")).map_err(|_| "name a keyboard")?;
+    let _guest = hosting::launch_guest(&view.router, id, keyboard, view.ontology());
+    let answers = Round::new(terminal, request).run(view).await?;
+    // Other agents than actuators decline the request.
+    let states = states(view).await;
+    let actuators: BTreeSet<&AgentId> = states.iter().map(|state| &state.agent).collect();
+    let is_actuator = |(agent, answer): &(AgentId, StopAnswer)| {
+        matches!(answer, StopAnswer::Done(_)) || actuators.contains(agent)
+    };
+    let answers = answers.into_iter().filter(is_actuator);
+    let mut table: BTreeMap<AgentId, Option<StopAnswer>> =
+        answers.map(|(agent, answer)| (agent, Some(answer))).collect();
+    for agent in actuators {
+        table.entry(agent.clone()).or_insert(None);
+    }
+    Ok(table)
+}
+
+/// A request to all agents, with the answers so far. The command sees the agents one after the
+/// other when it joins; each is asked as soon as it is seen.
+struct Round {
+    terminal: Terminal,
+    content: Value,
+    asked: BTreeSet<AgentId>,
+    answers: BTreeMap<AgentId, StopAnswer>,
+}
+
+impl Round {
+    fn new(terminal: Terminal, request: &Request) -> Round {
+        let content = value(request);
+        Round { terminal, content, asked: BTreeSet::new(), answers: BTreeMap::new() }
+    }
+
+    /// Asks all agents, and returns their answers when all have answered, or at the deadline.
+    async fn run(
+        mut self,
+        view: &EcosystemView,
+    ) -> Result<BTreeMap<AgentId, StopAnswer>, &'static str> {
+        let deadline = tokio::time::sleep(ANSWERED_WITHIN);
+        let (mut deadline, router) = (pin!(deadline), &view.router);
+        let (_, mut changes) = router.presence_changes();
+        let mut sees_all = pin!(router.broadcast_ready());
+        let mut is_complete = false;
+        loop {
+            self.ask_new(view)?;
+            if is_complete && self.answers.len() == self.asked.len() {
+                break;
+            }
+            tokio::select! {
+                heard = self.terminal.events.recv() => {
+                    let heard = heard.ok_or("hear the answers: the keyboard agent has ended")?;
+                    if let UserEvent::Answered(_, message) = heard
+                        && let Some(answer) = answer_of(&message)
+                    {
+                        self.answers.insert(message.sender.clone(), answer);
+                    }
+                }
+                _ = changes.recv() => (),
+                () = &mut sees_all, if !is_complete => is_complete = true,
+                () = &mut deadline => break,
+            }
+        }
+        if self.asked.is_empty() { Err("see any agent of the ecosystem") } else { Ok(self.answers) }
+    }
+
+    /// Asks the agents that are seen and were not asked yet. If the queue of requests is full, the
+    /// others are asked after the next answers.
+    fn ask_new(&mut self, view: &EcosystemView) -> Result<(), &'static str> {
+        let directory = view.router.directory();
+        let present = directory.iter().filter(|resident| !resident.daemon.is_guest());
+        for agent in present.map(|resident| &resident.agent) {
+            if self.asked.contains(agent) || self.asked.len() > self.answers.len() + UNANSWERED_MAX
+            {
+                continue;
+            }
+            let draft = MessageDraft {
+                to: Some(agent.clone()),
+                performative: Performative::Request,
+                protocol: Protocol::StateChange,
+                conversation: None,
+                content: self.content.clone(),
+                patience: ANSWERED_WITHIN,
+            };
+            let sent = self.terminal.requests.try_send(UserRequest::Send(draft));
+            sent.map_err(|_| "send the request: the keyboard agent has ended")?;
+            self.asked.insert(agent.clone());
+        }
+        Ok(())
+    }
+}
+
+/// Reads an answer to a stop or a release; `None` for a message that is no final answer.
+fn answer_of(message: &Message) -> Option<StopAnswer> {
+    match message.performative {
+        Performative::Confirm => {
+            message.content_as::<Report>().ok().map(|report| StopAnswer::Done(report.detail))
+        }
+        Performative::Refuse | Performative::NotUnderstood => {
+            let why = message.content_as::<Refusal>().map(|refusal| refusal.detail);
+            Some(StopAnswer::Declined(why.unwrap_or_else(|error| error.to_string())))
+        }
+        _ => None,
+    }
+}
+
+/// Returns the devices of the ecosystem file that are absent. Nobody can say what they do.
+fn absent(view: &EcosystemView) -> Vec<AgentId> {
+    let directory = view.router.directory();
+    let entries = view.ecosystem.iter().flat_map(|ecosystem| &ecosystem.agents);
+    let known = plugins::known();
+    let is_device =
+        |plugin: &str| known.iter().any(|known| known.name == plugin && !known.drivers.is_empty());
+    entries
+        .filter(|entry| is_device(&entry.plugin) && directory.find(&entry.name).is_none())
+        .map(|entry| entry.name.clone())
+        .collect()
+}
+
+fn print_table(
+    view: &EcosystemView,
+    head: &str,
+    table: &BTreeMap<AgentId, Option<StopAnswer>>,
+    stop: Option<&str>,
+    json: bool,
+) -> ExitCode {
+    let absent = absent(view);
+    let said = |answer: &Option<StopAnswer>| match answer {
+        Some(StopAnswer::Done(what)) => what.clone(),
+        Some(StopAnswer::Declined(why)) => format!("NOT DONE: {why}"),
+        None => "DID NOT ANSWER: it may go on".to_owned(),
+    };
+    let is_done = |answer: &&Option<StopAnswer>| matches!(answer, Some(StopAnswer::Done(_)));
+    let is_complete = absent.is_empty() && table.values().filter(is_done).count() == table.len();
+    let code = if is_complete { exit::DONE } else { FAILED };
+    if json {
+        let agents: BTreeMap<&str, String> =
+            table.iter().map(|(agent, answer)| (agent.as_str(), said(answer))).collect();
+        let value = json!({
+            "stop": stop, "agents": agents, "not_reached": absent, "complete": is_complete,
+        });
+        return output::print_json(&value, code);
+    }
+    let absent = absent.iter().map(|agent| (agent, "NOT REACHED: it is absent".to_owned()));
+    let rows = table.iter().map(|(agent, answer)| (agent, said(answer))).chain(absent);
+    let mut text = format!("{head}\n");
+    for (agent, said) in rows {
+        let _ = writeln!(text, "  {:<24} {}", agent.as_str(), visible::line(&said));
+    }
+    if let Some(id) = stop {
+        let _ = writeln!(text, "release it: althing stop --release {id}");
+    }
+    output::print(text, code)
+}
+
+/// Returns what a stop stops, in words for a person.
+fn what(stop: &Stop) -> String {
+    let what = match stop.scope.as_slice() {
+        [] => "everything".to_owned(),
+        names => names.join(", "),
+    };
+    let why = if stop.why.is_empty() { String::new() } else { format!(" ({})", stop.why) };
+    visible::line(&format!("{what}{why}")).to_string()
+}
+
+/// Whether a name is that of an agent that is present, or of an object of the map.
+fn is_known(view: &EcosystemView, name: &str) -> bool {
+    let is_agent = AgentId::new(name).is_ok_and(|id| view.router.directory().find(&id).is_some());
+    let map = view.ecosystem.as_ref().map(|ecosystem| &ecosystem.problem);
+    let is_place = |map: &std::sync::Arc<pddl::Problem>| {
+        map.objects.iter().any(|declared| declared.object.name == *name)
+    };
+    is_agent || map.is_none_or(is_place)
+}
+
+async fn states(view: &EcosystemView) -> Vec<StopState> {
+    let answers = view.ask(Resource::Stops, None).await;
+    answers.iter().filter_map(|answer| serde_json::from_slice(answer).ok()).collect()
+}
+
+/// Returns the stops that any actuator knows, by their identifiers.
+fn in_force(states: &[StopState]) -> BTreeMap<String, Stop> {
+    let stops = states.iter().flat_map(|state| &state.stops);
+    stops.map(|stop| (stop.id.clone(), stop.clone())).collect()
+}
