@@ -410,7 +410,7 @@ fn settings(without: Option<Safeguard>) -> AgentSettings {
         Some(Safeguard::Fencing) => settings.tokens_max = 0,
         Some(Safeguard::Duplicates) => settings.heard_messages_max = 0,
         Some(Safeguard::Grace) => settings.grace = Duration::ZERO,
-        Some(Safeguard::Journal | Safeguard::Loops) | None => (),
+        Some(Safeguard::Journal | Safeguard::Loops | Safeguard::Latch) | None => (),
     }
     settings
 }

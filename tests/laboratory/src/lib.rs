@@ -15,6 +15,7 @@
 //!   receive.
 //! - [`checks`]: the promises that must hold afterwards; [`commands`]: that each command is
 //!   executed once and in order; [`open_exchanges`]: that exchanges end.
+//! - [`stops`]: a stop in the midst of the faults.
 //! - [`fault_effects`]: counters of the faults that took effect.
 //! - [`trial`]: plays a seed; [`trial_context`]: the state that all machines of a trial share;
 //!   [`trial_error`]: the reason why a trial cannot be played.
@@ -29,9 +30,11 @@ pub mod machine;
 pub mod open_exchanges;
 pub mod people;
 pub mod script;
+pub mod stops;
 pub mod trial;
 pub mod trial_context;
 pub mod trial_error;
 
 pub use script::Safeguard;
-pub use trial::{TrialResult, play};
+pub use trial::{TrialResult, play, play_with_stop};
+pub use trial_error::TrialError;

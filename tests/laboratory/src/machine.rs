@@ -250,7 +250,10 @@ impl SimulatedMachine {
         let TrialContext { ontology, map, script, settings, building, .. } = &*self.world;
         let mut resources = Resources::default();
         resources.insert(building.clone());
-        resources.insert(StopRegistry::open(&self.state));
+        resources.insert(match self.world.without {
+            Some(Safeguard::Latch) => StopRegistry::default(),
+            _ => StopRegistry::open(&self.state),
+        });
         resources.insert(StateFolder(self.state.clone()));
         resources.share(Arc::clone(&self.journal_store));
         let journals = script.agents.iter().filter(|entry| entry.plugin == "journal");

@@ -6,7 +6,7 @@ use std::sync::{OnceLock, mpsc};
 use std::time::Instant;
 
 use clap::Parser;
-use laboratory::{Safeguard, TrialResult, play};
+use laboratory::{Safeguard, TrialError, TrialResult, play, play_with_stop};
 use tracing_subscriber::fmt::format::Writer;
 use tracing_subscriber::fmt::time::FormatTime;
 
@@ -26,6 +26,9 @@ struct Arguments {
     /// Disable one guarantee: some seed should fail.
     #[arg(long, value_name = "GUARD")]
     without: Option<Safeguard>,
+    /// A person stops everything in the midst of the faults: no device may begin anything then.
+    #[arg(long)]
+    stop: bool,
     /// Go on after the first seed that fails.
     #[arg(long)]
     all: bool,
@@ -34,10 +37,17 @@ struct Arguments {
     jobs: Option<usize>,
 }
 
+impl Arguments {
+    fn play(&self, seed: u64) -> Result<TrialResult, TrialError> {
+        let play = if self.stop { play_with_stop } else { play };
+        play(seed, self.without)
+    }
+}
+
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
     if let Some(seed) = arguments.replay {
-        return replay(seed, arguments.without);
+        return replay(seed, &arguments);
     }
     let began = Instant::now();
     let (played, failed) = play_all(&arguments);
@@ -52,13 +62,13 @@ fn main() -> ExitCode {
 }
 
 /// Plays one seed and prints its whole history.
-fn replay(seed: u64, without: Option<Safeguard>) -> ExitCode {
+fn replay(seed: u64, arguments: &Arguments) -> ExitCode {
     tracing_subscriber::fmt()
         .with_env_filter(tracing_subscriber::EnvFilter::from_default_env())
         .with_writer(std::io::stderr)
         .with_timer(OwnTime(OnceLock::new()))
         .init();
-    match play(seed, without) {
+    match arguments.play(seed) {
         Ok(verdict) => {
             verdict.transcript.iter().for_each(|line| println!("{line}"));
             print_result(&verdict);
@@ -103,7 +113,7 @@ fn play_all(arguments: &Arguments) -> (u64, Vec<u64>) {
                     if seed >= last {
                         return;
                     }
-                    let played = play(seed, arguments.without);
+                    let played = arguments.play(seed);
                     if tell_verdict.send((seed, played)).is_err() {
                         return;
                     }

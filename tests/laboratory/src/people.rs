@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use acl::ConversationId;
 use acl::content::{Keep, Outcome};
+use acl::{ConversationId, Message};
 use keyboard::{RequestId, Terminal, UserEvent, UserRequest};
 use tokio::time::Instant;
 
@@ -20,6 +20,8 @@ pub struct Person {
     /// History of each goal, by its number.
     pub traces: BTreeMap<usize, GoalTrace>,
     since: Instant,
+    /// Answers to messages that the person wrote, as they were received.
+    answers: Vec<Message>,
 }
 
 /// History of a goal, from the reports that its person has received.
@@ -50,7 +52,14 @@ impl Person {
     pub fn new(name: &str, since: Instant) -> Person {
         let name = name.to_owned();
         let (unnamed, stories) = (BTreeMap::new(), BTreeMap::new());
-        Person { name, terminal: None, without_conversation: unnamed, traces: stories, since }
+        Person {
+            name,
+            terminal: None,
+            without_conversation: unnamed,
+            traces: stories,
+            since,
+            answers: Vec::new(),
+        }
     }
 
     /// Gives the person a terminal.
@@ -94,6 +103,19 @@ impl Person {
         true
     }
 
+    /// Writes a message. Nothing is sent if the person has no terminal.
+    pub fn send(&self, said: UserRequest) {
+        if let Some(terminal) = &self.terminal {
+            // A full queue is as good as a terminal that is away: the request does not arrive.
+            drop(terminal.requests.try_send(said));
+        }
+    }
+
+    /// Returns the answers to written messages since the last call.
+    pub fn take_answers(&mut self) -> Vec<Message> {
+        std::mem::take(&mut self.answers)
+    }
+
     /// Reads the reports that have arrived.
     pub fn read_reports(&mut self) {
         let at = self.since.elapsed();
@@ -103,9 +125,14 @@ impl Person {
             if let Some(story) = asked.and_then(|number| self.traces.get_mut(&number)) {
                 story.conversation = heard.conversation().cloned();
             }
-            if matches!(heard, UserEvent::Sent(_)) {
-                continue;
-            }
+            let heard = match heard {
+                UserEvent::Sent(_) => continue,
+                UserEvent::Answered(_, message) => {
+                    self.answers.push(*message);
+                    continue;
+                }
+                other => other,
+            };
             let about = heard.conversation().cloned();
             let is_it = |story: &&mut GoalTrace| story.conversation == about;
             if let Some(story) = self.traces.values_mut().find(is_it) {

@@ -56,6 +56,8 @@ pub enum Safeguard {
     Grace,
     /// A proxy agent names the ecosystems through which it has come.
     Loops,
+    /// A stop outlives the process of a daemon.
+    Latch,
 }
 
 /// A trial, drawn from a seed.

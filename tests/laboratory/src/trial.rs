@@ -11,6 +11,7 @@ use crate::checks;
 use crate::cluster::Cluster;
 use crate::fault_effects::FaultEffects;
 use crate::script::{FAULTS_UNTIL, Safeguard, TrialScript};
+use crate::stops::StopTrial;
 use crate::trial_error::TrialError;
 
 /// Time limit for everything to end after the last fault.
@@ -61,11 +62,29 @@ pub struct GoalCounts {
 /// Returns an error if the trial cannot be set up: its files cannot be created, or the drawn plan
 /// is no valid building.
 pub fn play(seed: u64, without: Option<Safeguard>) -> Result<TrialResult, TrialError> {
+    play_trial(seed, without, false)
+}
+
+/// Plays a seed in which a person stops everything in the midst of the faults.
+///
+/// # Errors
+///
+/// Returns an error as [`play`] does.
+pub fn play_with_stop(seed: u64, without: Option<Safeguard>) -> Result<TrialResult, TrialError> {
+    play_trial(seed, without, true)
+}
+
+fn play_trial(
+    seed: u64,
+    without: Option<Safeguard>,
+    has_stop: bool,
+) -> Result<TrialResult, TrialError> {
     let (runtime, folder) = (runtime()?, folder()?);
     runtime.block_on(async {
         let script = TrialScript::draw(seed)?;
+        let stop = has_stop.then(|| StopTrial::draw(&script));
         let city = Cluster::new(script, without, folder.path())?;
-        Ok(Trial::new(city).play().await)
+        Ok(Trial::new(city, stop).play().await)
     })
 }
 
@@ -84,11 +103,13 @@ struct Trial {
     city: Cluster,
     digest: Arc<Mutex<DefaultHasher>>,
     broken: Vec<String>,
+    /// A stop of everything; `None` if the trial has none.
+    stop: Option<StopTrial>,
     since: Instant,
 }
 
 impl Trial {
-    fn new(city: Cluster) -> Trial {
+    fn new(city: Cluster, stop: Option<StopTrial>) -> Trial {
         let digest = Arc::new(Mutex::new(DefaultHasher::new()));
         let (heard, since) = (Arc::clone(&digest), Instant::now());
         if let Some(annex) = &city.world.annex {
@@ -113,7 +134,7 @@ impl Trial {
                 String::from_utf8_lossy(payload)
             );
         });
-        Trial { city, digest, broken: Vec::new(), since }
+        Trial { city, digest, broken: Vec::new(), stop, since }
     }
 
     async fn play(mut self) -> TrialResult {
@@ -127,6 +148,8 @@ impl Trial {
             self.city.read_begun(number);
         }
         let (goals, mailboxes) = (self.city.goals().await, self.city.mailboxes().await);
+        let stopped = self.stop.iter().flat_map(StopTrial::violations);
+        self.broken.extend(stopped.cloned());
         self.broken.extend(checks::all_violations(&self.city, &goals, &mailboxes, settled));
         self.into_trial_result()
     }
@@ -169,6 +192,9 @@ impl Trial {
         let until = self.city.now() + SETTLES_WITHIN;
         while self.city.now() < until {
             self.wait_until(self.city.now() + Duration::from_millis(500)).await;
+            if self.stop.as_ref().is_some_and(|stop| !stop.is_over()) {
+                continue;
+            }
             let mut stories = self.city.people.iter().flat_map(|person| person.traces.values());
             if stories.all(|story| story.is_settled() || !story.is_listening)
                 && checks::is_at_rest(&self.city.goals().await)
@@ -217,6 +243,9 @@ impl Trial {
                     self.broken.push(format!("{goal} is said to hold, and {room} was never read"));
                 }
             }
+        }
+        if let (Some(stop), Some(person)) = (&mut self.stop, self.city.people.first_mut()) {
+            stop.advance(self.since.elapsed(), person, &truth);
         }
     }
 
