@@ -9,7 +9,7 @@ use building::{Building, BuildingEvent, Layout};
 use simulated_nav2::{Nav2Settings, RobotWire, SimulatedNav2};
 use tokio::runtime::Runtime;
 
-use crate::support::{Office, PATIENCE, lab, stderr};
+use crate::support::{Office, PATIENCE, lab, stderr, stdout};
 
 /// The places of the smart office's map, with their positions on the robot's map.
 pub(crate) const PLACES: [(&str, f64, f64); 4] = [
@@ -90,6 +90,11 @@ fn a_robot_with_nav2_reaches_goals_in_both_dialects() {
         office.up_alone(&[]);
         office.await_devices(1);
         office.await_fact(&format!("(at {ROBOT} corridor)"), true);
+
+        let file = office.file.display().to_string();
+        let recorded = office.run(&["robot", ROBOT, "hall", "--ecosystem", &file]);
+        let line = "hall = { x = 0.000, y = 0.000, yaw = 0.000 }\n";
+        assert_eq!(stdout(&recorded), line, "{}", stderr(&recorded));
 
         let (code, said) = office.ask(&["goal", &format!("(at {ROBOT} office1)")]);
         assert_eq!((code, robot.place().as_str()), (Some(0), "office1"), "{said}");

@@ -32,6 +32,8 @@ use tokio::sync::watch;
 
 use crate::ros2::Ros2Config;
 
+pub use crate::ros2::recorded_pose;
+
 /// Share of the full range at or below which the battery counts as empty. With less charge the
 /// cells are damaged, and the next place is too far anyway.
 const EMPTY: f64 = 0.01;

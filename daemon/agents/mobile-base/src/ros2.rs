@@ -34,6 +34,9 @@ const READ_WITHIN: Duration = Duration::from_secs(5);
 /// changes every second.
 const CHARGE_STEP: f64 = 0.01;
 
+/// How long a robot is waited for whose pose a person records. AMCL tells the last pose at once.
+const POSE_TOLD_WITHIN: Duration = Duration::from_secs(5);
+
 /// Pause before the robot is asked again after an error.
 const ASK_AGAIN: Duration = Duration::from_secs(1);
 
@@ -84,6 +87,19 @@ fn default_initial_pose() -> bool {
     true
 }
 
+impl Ros2Config {
+    /// Returns the address of the robot, after checking it.
+    fn address(&self) -> Result<RosAddress, String> {
+        let Ros2Config { endpoint, dialect, namespace, domain_id, .. } = self;
+        let dialect: Dialect =
+            dialect.parse().map_err(|problem| format!("config.ros2.dialect: {problem}"))?;
+        let (endpoint, namespace) = (endpoint.clone(), namespace.clone());
+        let address = RosAddress { endpoint, dialect, namespace, domain_id: *domain_id };
+        address.check().map_err(|problem| format!("config.ros2: {problem}"))?;
+        Ok(address)
+    }
+}
+
 /// A robot with Nav2 as a mobile base.
 #[derive(Clone)]
 struct Ros2Base {
@@ -122,12 +138,8 @@ pub(crate) fn base(
     own_poses: &[&str],
     range: Option<f64>,
 ) -> Result<Arc<dyn BaseDriver>, String> {
-    let Ros2Config { endpoint, dialect, namespace, domain_id, places, tolerance, initial_pose } =
-        config;
-    let dialect: Dialect =
-        dialect.parse().map_err(|problem| format!("config.ros2.dialect: {problem}"))?;
-    let address = RosAddress { endpoint, dialect, namespace, domain_id };
-    address.check().map_err(|problem| format!("config.ros2: {problem}"))?;
+    let address = config.address()?;
+    let Ros2Config { places, tolerance, initial_pose, .. } = config;
     if !(tolerance.is_finite() && tolerance > 0.0) {
         return Err(format!("config.ros2.tolerance = {tolerance} must be above zero"));
     }
@@ -139,6 +151,36 @@ pub(crate) fn base(
     let agent = blueprint.id.to_string();
     let settings = Ros2Settings { agent, address, places, tolerance, initial_pose, range };
     Ok(Arc::new(Ros2Base { settings: Arc::new(settings), attended: Arc::default() }))
+}
+
+/// Returns the pose of a robot as a value of the table `config.ros2.places`. `config` is the
+/// `config` of the robot's entry; its places may be missing.
+///
+/// # Errors
+///
+/// Returns a text for a person if the config has no usable `ros2` table, or if the robot is not
+/// reached or does not know where it is. The text completes “failed to …”.
+pub async fn recorded_pose(config: &serde_json::Value) -> Result<String, String> {
+    let mut table = config["ros2"].clone();
+    let Some(entries) = table.as_object_mut() else {
+        return Err("read its `config.ros2`: there is none".to_owned());
+    };
+    entries.entry("places").or_insert_with(|| serde_json::json!({}));
+    let config: Ros2Config = serde_json::from_value(table)
+        .map_err(|error| format!("read its `config.ros2`: {error}"))?;
+    let address = config.address()?;
+    let link = RosLink::open(address, Arc::new(ros2_link::standard_interfaces()));
+    let link = link.map_err(|error| error.to_string())?;
+    let robot = Nav2Robot::new(link, Nav2Names::default());
+    let told = tokio::time::timeout(POSE_TOLD_WITHIN, robot.first_pose()).await;
+    let told = told.map_err(|_| {
+        "read its pose: it tells none (`amcl_pose`); is it localized, and has it moved?".to_owned()
+    })?;
+    told.map_err(|error| error.to_string())?;
+    match robot.pose().await.map_err(|error| error.to_string())? {
+        Some(Pose { x, y, yaw }) => Ok(format!("{{ x = {x:.3}, y = {y:.3}, yaw = {yaw:.3} }}")),
+        None => Err("read its pose: it does not know where it is".to_owned()),
+    }
 }
 
 /// Checks that each place to which the robot can drive has a pose, and that each pose is finite and

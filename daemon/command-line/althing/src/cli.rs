@@ -6,6 +6,7 @@
 
 pub(crate) mod cert;
 pub(crate) mod plugin;
+pub(crate) mod robot;
 pub(crate) mod stop;
 
 use std::path::PathBuf;
@@ -22,7 +23,7 @@ const FIRST_SCREEN: &str = "\
 Althing: the sensors, robots, screens and people of a building plan together.
 Usage: althing COMMAND [OPTIONS]            althing help COMMAND tells more
 
-Stop  althing stop                          everything, a room or a robot, at once
+Stop  althing stop                          everything, or a room, or a robot
 Try it
   althing scenario 1                        a robot stands in for a dead sensor
   althing up ecosystems/smart-office.toml   run this machine's part of an office
@@ -39,7 +40,7 @@ Look  agents    that are present       domain   all agents' actions, as PDDL
 Plan  plan      without an ecosystem   validate a plan, to the step that fails
       check     find mistakes in ecosystem files, PDDL, action models
       replay    a recording            send     one message as it is written
-More  plugin    programs that bring agents: add, list, remove them
+More  plugin    programs with agents     robot    the pose of a place
       cert      keys, certificates sensors  plugged in   completions of shells
 
 Options: -v, -vv (log more), --json (output for programs), -h, -V
@@ -123,6 +124,9 @@ pub(crate) enum CliCommand {
     /// Show the sensors that this machine's kernel knows, and how to add them to an ecosystem
     #[command(after_help = SENSORS_HELP)]
     Sensors(SensorsArgs),
+    /// Record the pose of a place, where a robot with ROS 2 stands now
+    #[command(after_help = robot::HELP)]
+    Robot(robot::RobotArgs),
     /// Add, list and remove plugins: programs that bring agents
     #[command(after_help = plugin::HELP)]
     Plugin(plugin::PluginArgs),

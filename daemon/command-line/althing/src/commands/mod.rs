@@ -21,6 +21,7 @@ mod mode;
 mod plugin;
 mod printed_reports;
 mod replay;
+mod robot;
 mod scenario;
 mod send;
 mod sensors;
@@ -72,6 +73,7 @@ pub(crate) fn run(command: CliCommand) -> ExitCode {
         CliCommand::Mailbox(args) => mailbox::run(&args),
         CliCommand::Cert(args) => cert::run(&args),
         CliCommand::Sensors(args) => sensors::run(&args),
+        CliCommand::Robot(args) => robot::run(&args),
         CliCommand::Send(args) => send::run(&args),
         CliCommand::Completions(args) => completions::run(&args),
     }

@@ -14,7 +14,8 @@ Ask    (GOAL)  goal GOAL|NAME [--maintain] [--priority N]
        mode MODE               centralized or decentralized
        cancel N                cancel the goal or action [N]
        answer N TEXT           answer question N; `answer` alone: all open ones
-Stop   stop [NAME ...]         everything, or agents and places; release [ID ...]
+Stop   stop [NAME ...]         everything, or agents and places
+       release [ID ...]        end all stops, or these
 Look   agents  domain  state  goals  mailbox [AGENT]
        watch [N|ID]            the messages, or those of one goal; watch --off
 Else   help VERB  quit         Tab completes, Ctrl-D ends
