@@ -27,6 +27,9 @@ const SPREADS_WITHIN: Duration = Duration::from_secs(15);
 /// How long the stop holds everywhere before it is released.
 const HOLDS_FOR: Duration = Duration::from_secs(15);
 
+/// How often the person asks, until one device has confirmed: that one tells the others.
+const ASKS_EVERY: Duration = Duration::from_secs(5);
+
 /// How long the person waits for the answer of a device: until all faults are over.
 const PATIENCE: Duration = Duration::from_secs(120);
 
@@ -34,6 +37,8 @@ const PATIENCE: Duration = Duration::from_secs(120);
 pub struct StopTrial {
     /// Time at which the person stops everything.
     at: Duration,
+    /// Time at which the person asks again, as long as no device has confirmed.
+    again_at: Duration,
     devices: Vec<AgentId>,
     state: StopProgress,
     /// Devices whose confirmation has reached the person, each with the number of the building's
@@ -64,6 +69,7 @@ impl StopTrial {
         let name = |name: &str| AgentId::new(name).expect("invariant: a name");
         StopTrial {
             at: Duration::from_millis(rng.u64(from..until)),
+            again_at: Duration::ZERO,
             devices: devices.map(|entry| name(&entry.name)).collect(),
             state: StopProgress::Ahead,
             confirmed: BTreeMap::new(),
@@ -94,11 +100,13 @@ impl StopTrial {
         match self.state {
             StopProgress::Ahead if now >= self.at => {
                 self.state = StopProgress::InForce;
-                let by = AgentId::new(&person.name).expect("invariant: a name");
-                let (id, scope, why) = (ID.to_owned(), Vec::new(), String::new());
-                self.request(person, &Request::Stop(Stop { id, scope, by, why }));
+                self.again_at = now;
             }
             StopProgress::InForce => {
+                if self.confirmed.is_empty() && now >= self.again_at {
+                    self.again_at = now + ASKS_EVERY;
+                    self.request_stop(person);
+                }
                 self.compare(truth);
                 if self.spread.is_none() && now >= FAULTS_UNTIL + SPREADS_WITHIN {
                     self.spread = Some(truth.next_sequence());
@@ -111,6 +119,12 @@ impl StopTrial {
             }
             StopProgress::Ahead | StopProgress::Released => (),
         }
+    }
+
+    fn request_stop(&self, person: &Person) {
+        let by = AgentId::new(&person.name).expect("invariant: a name");
+        let (id, scope, why) = (ID.to_owned(), Vec::new(), String::new());
+        self.request(person, &Request::Stop(Stop { id, scope, by, why }));
     }
 
     fn request(&self, person: &Person, request: &Request) {
