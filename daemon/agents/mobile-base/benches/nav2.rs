@@ -7,7 +7,9 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use building::{Building, Layout};
-use ros2_link::{Dialect, Nav2Names, Nav2Robot, Pose, RosAddress, RosLink, standard_interfaces};
+use ros2_link::{
+    MapPose, Nav2Names, Nav2Robot, RosAddress, RosDialect, RosLink, standard_interfaces,
+};
 use simulated_nav2::{Nav2Settings, RobotWire, SimulatedNav2};
 
 /// Number of goals that are timed.
@@ -19,9 +21,10 @@ const WARM_UP: usize = 20;
 fn main() {
     let runtime = tokio::runtime::Builder::new_multi_thread().enable_all().build();
     let runtime = runtime.expect("a runtime");
-    for (wire, dialect, domain_id) in
-        [(RobotWire::Ros2Dds, Dialect::Ros2Dds, 0), (RobotWire::RmwZenoh(7), Dialect::RmwZenoh, 7)]
-    {
+    for (wire, dialect, domain_id) in [
+        (RobotWire::Ros2Dds, RosDialect::Ros2Dds, 0),
+        (RobotWire::RmwZenoh(7), RosDialect::RmwZenoh, 7),
+    ] {
         let (mut sent, mut ended) = runtime.block_on(drive(wire, dialect, domain_id));
         println!("{dialect:?}: goal at Nav2 {}; goal over {}", told(&mut sent), told(&mut ended));
     }
@@ -35,7 +38,7 @@ fn told(times: &mut [Duration]) -> String {
 
 async fn drive(
     wire: RobotWire,
-    dialect: Dialect,
+    dialect: RosDialect,
     domain_id: u32,
 ) -> (Vec<Duration>, Vec<Duration>) {
     let mut layout = Layout::new();
@@ -66,7 +69,7 @@ async fn drive(
         let x = if number % 2 == 0 { 5.0 } else { 0.0 };
         let began = Instant::now();
         let arrived = async {
-            robot.drive(Pose { x, y: 0.0, yaw: 0.0 }, |_| ()).await.expect("it arrives");
+            robot.drive(MapPose { x, y: 0.0, yaw: 0.0 }, |_| ()).await.expect("it arrives");
             began.elapsed()
         };
         let goals = u64::try_from(number + 1).unwrap_or(u64::MAX);

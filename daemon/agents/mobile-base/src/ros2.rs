@@ -12,7 +12,7 @@ use std::time::Duration;
 use actuator::BoxFuture;
 use agent::Blueprint;
 use pddl::InitElement;
-use ros2_link::{Dialect, Nav2Names, Nav2Robot, Pose, RosAddress, RosError, RosLink};
+use ros2_link::{MapPose, Nav2Names, Nav2Robot, RosAddress, RosDialect, RosError, RosLink};
 use serde::Deserialize;
 use tokio::sync::watch;
 use tokio_util::task::AbortOnDropHandle;
@@ -55,7 +55,7 @@ pub(crate) struct Ros2Config {
     /// ROS domain of a robot with `rmw-zenoh`.
     #[serde(default)]
     domain_id: u32,
-    /// Pose of each place on the robot's map.
+    /// MapPose of each place on the robot's map.
     places: BTreeMap<String, PlacePose>,
     /// Distance in meters up to which the robot stands at a place.
     #[serde(default = "default_tolerance")]
@@ -91,7 +91,7 @@ impl Ros2Config {
     /// Returns the address of the robot, after checking it.
     fn address(&self) -> Result<RosAddress, String> {
         let Ros2Config { endpoint, dialect, namespace, domain_id, .. } = self;
-        let dialect: Dialect =
+        let dialect: RosDialect =
             dialect.parse().map_err(|problem| format!("config.ros2.dialect: {problem}"))?;
         let (endpoint, namespace) = (endpoint.clone(), namespace.clone());
         let address = RosAddress { endpoint, dialect, namespace, domain_id: *domain_id };
@@ -110,10 +110,10 @@ struct Ros2Base {
 struct Ros2Settings {
     agent: String,
     address: RosAddress,
-    places: BTreeMap<String, Pose>,
+    places: BTreeMap<String, MapPose>,
     tolerance: f64,
-    /// Pose that the robot is told at a start if it tells none; `None` if it is told nothing.
-    initial_pose: Option<Pose>,
+    /// MapPose that the robot is told at a start if it tells none; `None` if it is told nothing.
+    initial_pose: Option<MapPose>,
     /// Range of a full battery in meters; `None` if the base has no battery.
     range: Option<f64>,
 }
@@ -144,8 +144,8 @@ pub(crate) fn base(
         return Err(format!("config.ros2.tolerance = {tolerance} must be above zero"));
     }
     check_places(blueprint, &places, start, own_poses)?;
-    let pose = |PlacePose { x, y, yaw }: PlacePose| Pose { x, y, yaw };
-    let places: BTreeMap<String, Pose> =
+    let pose = |PlacePose { x, y, yaw }: PlacePose| MapPose { x, y, yaw };
+    let places: BTreeMap<String, MapPose> =
         places.into_iter().map(|(name, at)| (name.to_lowercase(), pose(at))).collect();
     let initial_pose = initial_pose.then(|| places.get(start).copied()).flatten();
     let agent = blueprint.id.to_string();
@@ -178,7 +178,7 @@ pub async fn recorded_pose(config: &serde_json::Value) -> Result<String, String>
     })?;
     told.map_err(|error| error.to_string())?;
     match robot.pose().await.map_err(|error| error.to_string())? {
-        Some(Pose { x, y, yaw }) => Ok(format!("{{ x = {x:.3}, y = {y:.3}, yaw = {yaw:.3} }}")),
+        Some(MapPose { x, y, yaw }) => Ok(format!("{{ x = {x:.3}, y = {y:.3}, yaw = {yaw:.3} }}")),
         None => Err("read its pose: it does not know where it is".to_owned()),
     }
 }
@@ -243,8 +243,8 @@ fn reachable(blueprint: &Blueprint, start: &str) -> BTreeSet<String> {
 // === impl Ros2Settings ===
 
 impl Ros2Settings {
-    fn place_at(&self, pose: &Pose) -> BasePlace {
-        let distance = |(_, at): &(&String, &Pose)| at.distance(pose);
+    fn place_at(&self, pose: &MapPose) -> BasePlace {
+        let distance = |(_, at): &(&String, &MapPose)| at.distance(pose);
         let nearest = self.places.iter().min_by(|one, two| distance(one).total_cmp(&distance(two)));
         match nearest {
             Some((place, at)) if at.distance(pose) <= self.tolerance => {

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use building::{Building, Layout, RobotBattery};
 use ros2_link::{
-    ActionClient, Dialect, GoalStatus, Nav2Names, Nav2Robot, Pose, RosAddress, RosLink,
+    ActionClient, MapPose, Nav2Names, Nav2Robot, RosAddress, RosDialect, RosGoalStatus, RosLink,
     standard_interfaces,
 };
 use simulated_nav2::{Nav2Settings, RobotWire, SimulatedNav2};
@@ -46,9 +46,9 @@ fn layout() -> Layout {
     layout
 }
 
-const CORRIDOR: Pose = Pose { x: 0.0, y: 0.0, yaw: 0.0 };
-const OFFICE1: Pose = Pose { x: 6.0, y: 0.0, yaw: 1.5 };
-const OFFICE2: Pose = Pose { x: -6.0, y: 0.0, yaw: 0.0 };
+const CORRIDOR: MapPose = MapPose { x: 0.0, y: 0.0, yaw: 0.0 };
+const OFFICE1: MapPose = MapPose { x: 6.0, y: 0.0, yaw: 1.5 };
+const OFFICE2: MapPose = MapPose { x: -6.0, y: 0.0, yaw: 0.0 };
 
 async fn office(wire: RobotWire, namespace: &str) -> Office {
     let building = Building::new(layout(), PACE).expect("a building");
@@ -64,8 +64,8 @@ async fn office(wire: RobotWire, namespace: &str) -> Office {
     };
     let nav2 = SimulatedNav2::start(building.handle(), settings).await.expect("a robot");
     let (dialect, domain_id) = match wire {
-        RobotWire::Ros2Dds => (Dialect::Ros2Dds, 0),
-        RobotWire::RmwZenoh(domain) => (Dialect::RmwZenoh, domain),
+        RobotWire::Ros2Dds => (RosDialect::Ros2Dds, 0),
+        RobotWire::RmwZenoh(domain) => (RosDialect::RmwZenoh, domain),
     };
     let (endpoint, namespace) = (nav2.endpoint().to_owned(), namespace.to_owned());
     let address = RosAddress { endpoint, dialect, namespace, domain_id };
@@ -75,7 +75,7 @@ async fn office(wire: RobotWire, namespace: &str) -> Office {
 }
 
 impl Office {
-    async fn drive(&self, to: Pose) -> Result<(), String> {
+    async fn drive(&self, to: MapPose) -> Result<(), String> {
         let driven = tokio::time::timeout(PATIENCE, self.robot.drive(to, |_| ()));
         driven.await.expect("in time").map_err(|error| error.to_string())
     }
@@ -175,7 +175,7 @@ async fn a_goal_of_another_program_is_named_as_the_reason() {
         driven.expect_err("it was replaced"),
         "drive there: another program's goal took the place of this one"
     );
-    assert_eq!(end, GoalStatus::Succeeded);
+    assert_eq!(end, RosGoalStatus::Succeeded);
 }
 
 #[tokio::test(flavor = "multi_thread")]
@@ -209,7 +209,7 @@ async fn a_robot_that_was_never_there_is_named_by_its_endpoint() {
     let endpoint = "tcp/127.0.0.1:9".to_owned();
     let address = RosAddress {
         endpoint: endpoint.clone(),
-        dialect: Dialect::Ros2Dds,
+        dialect: RosDialect::Ros2Dds,
         namespace: String::new(),
         domain_id: 0,
     };

@@ -37,7 +37,7 @@ const ASK_AGAIN: Duration = Duration::from_millis(250);
 
 /// State of a goal, as ROS numbers it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum GoalStatus {
+pub enum RosGoalStatus {
     /// The goal was reached.
     Succeeded,
     /// The goal was cancelled on request.
@@ -48,13 +48,13 @@ pub enum GoalStatus {
     Active,
 }
 
-impl GoalStatus {
-    fn of(number: i64) -> GoalStatus {
+impl RosGoalStatus {
+    fn of(number: i64) -> RosGoalStatus {
         match number {
-            4 => GoalStatus::Succeeded,
-            5 => GoalStatus::Canceled,
-            6 => GoalStatus::Aborted,
-            _ => GoalStatus::Active,
+            4 => RosGoalStatus::Succeeded,
+            5 => RosGoalStatus::Canceled,
+            6 => RosGoalStatus::Aborted,
+            _ => RosGoalStatus::Active,
         }
     }
 }
@@ -63,7 +63,7 @@ impl GoalStatus {
 #[derive(Clone, Debug, PartialEq)]
 pub struct GoalEnd {
     /// How the goal ended.
-    pub status: GoalStatus,
+    pub status: RosGoalStatus,
     /// Result of the server; empty if the server has none or it was lost.
     pub result: Value,
     /// Whether the server took another program's goal in place of this one.
@@ -247,18 +247,18 @@ impl RosGoal {
     }
 
     fn end_of(&self, answer: &Value) -> GoalEnd {
-        let status = GoalStatus::of(answer["status"].as_i64().unwrap_or_default());
+        let status = RosGoalStatus::of(answer["status"].as_i64().unwrap_or_default());
         // A server that does not know the goal any more answers with the status “unknown”.
-        let status = if status == GoalStatus::Active { GoalStatus::Aborted } else { status };
-        let is_replaced = status == GoalStatus::Aborted && self.is_replaced();
+        let status = if status == RosGoalStatus::Active { RosGoalStatus::Aborted } else { status };
+        let is_replaced = status == RosGoalStatus::Aborted && self.is_replaced();
         GoalEnd { status, result: answer["result"].clone(), is_replaced }
     }
 
     /// Returns the end of this goal in an array of statuses; `None` if the goal is not over there.
-    fn ended(&self, statuses: &Value) -> Option<GoalStatus> {
+    fn ended(&self, statuses: &Value) -> Option<RosGoalStatus> {
         let own = list(statuses).find(|status| self.is_of_this(&status["goal_info"]["goal_id"]))?;
-        let status = GoalStatus::of(own["status"].as_i64().unwrap_or_default());
-        (status != GoalStatus::Active).then_some(status)
+        let status = RosGoalStatus::of(own["status"].as_i64().unwrap_or_default());
+        (status != RosGoalStatus::Active).then_some(status)
     }
 
     /// Whether the server carries out another goal at present.

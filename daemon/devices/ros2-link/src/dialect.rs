@@ -19,7 +19,7 @@ const GID_BYTES: usize = 16;
 
 /// How the names of ROS are put on Zenoh.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub enum Dialect {
+pub enum RosDialect {
     /// That of `zenoh-bridge-ros2dds`, for robots whose nodes use DDS.
     #[default]
     Ros2Dds,
@@ -27,13 +27,13 @@ pub enum Dialect {
     RmwZenoh,
 }
 
-impl FromStr for Dialect {
+impl FromStr for RosDialect {
     type Err = String;
 
-    fn from_str(text: &str) -> Result<Dialect, String> {
+    fn from_str(text: &str) -> Result<RosDialect, String> {
         match text {
-            "ros2dds" => Ok(Dialect::Ros2Dds),
-            "rmw-zenoh" => Ok(Dialect::RmwZenoh),
+            "ros2dds" => Ok(RosDialect::Ros2Dds),
+            "rmw-zenoh" => Ok(RosDialect::RmwZenoh),
             _ => Err(format!(
                 "there is no dialect `{text}`: write `ros2dds` (the robot runs \
                  zenoh-bridge-ros2dds) or `rmw-zenoh` (its nodes run with rmw_zenoh)"
@@ -44,7 +44,7 @@ impl FromStr for Dialect {
 
 /// Makes the keys and attachments of one robot.
 pub(crate) struct RosKeys {
-    dialect: Dialect,
+    dialect: RosDialect,
     /// Namespace of the robot without slashes at its ends; may be empty.
     namespace: String,
     domain_id: u32,
@@ -53,7 +53,7 @@ pub(crate) struct RosKeys {
 }
 
 impl RosKeys {
-    pub(crate) fn new(dialect: Dialect, namespace: &str, domain_id: u32) -> RosKeys {
+    pub(crate) fn new(dialect: RosDialect, namespace: &str, domain_id: u32) -> RosKeys {
         let mut gid = [0; GID_BYTES];
         fastrand::Rng::new().fill(&mut gid);
         let namespace = namespace.trim_matches('/').to_owned();
@@ -84,8 +84,8 @@ impl RosKeys {
         interfaces: &Interfaces,
     ) -> Result<String, UnknownTypeError> {
         let hash = match self.dialect {
-            Dialect::Ros2Dds => String::new(),
-            Dialect::RmwZenoh => interfaces.type_hash(type_name)?,
+            RosDialect::Ros2Dds => String::new(),
+            RosDialect::RmwZenoh => interfaces.type_hash(type_name)?,
         };
         self.key(name, type_name, &hash)
     }
@@ -93,8 +93,8 @@ impl RosKeys {
     fn key(&self, name: &str, type_name: &str, hash: &str) -> Result<String, UnknownTypeError> {
         let full_name = self.full_name(name);
         match self.dialect {
-            Dialect::Ros2Dds => Ok(full_name),
-            Dialect::RmwZenoh => {
+            RosDialect::Ros2Dds => Ok(full_name),
+            RosDialect::RmwZenoh => {
                 let dds = dds_name(type_name).ok_or_else(|| UnknownTypeError {
                     name: type_name.to_owned(),
                     advice: "a full name is such as `geometry_msgs/msg/Pose`".to_owned(),
@@ -106,7 +106,7 @@ impl RosKeys {
 
     /// Returns the attachment of the next message; `None` if the dialect has none.
     pub(crate) fn attachment(&self) -> Option<Vec<u8>> {
-        if self.dialect == Dialect::Ros2Dds {
+        if self.dialect == RosDialect::Ros2Dds {
             return None;
         }
         let number = self.sequence.fetch_add(1, Ordering::Relaxed) + 1;
@@ -127,22 +127,22 @@ mod tests {
 
     const POSE: &str = "geometry_msgs/msg/PoseStamped";
 
-    fn keys(dialect: Dialect, namespace: &str) -> RosKeys {
+    fn keys(dialect: RosDialect, namespace: &str) -> RosKeys {
         RosKeys::new(dialect, namespace, 7)
     }
 
     #[test]
     fn keys_of_the_bridge_are_names_of_ros() {
-        let robot = keys(Dialect::Ros2Dds, "/tb1");
+        let robot = keys(RosDialect::Ros2Dds, "/tb1");
         assert_eq!(robot.any_hash("amcl_pose", POSE).expect("a type"), "tb1/amcl_pose");
         assert_eq!(robot.any_hash("/tf", POSE).expect("a type"), "tf");
-        assert_eq!(keys(Dialect::Ros2Dds, "").any_hash("odom", POSE).expect("a type"), "odom");
+        assert_eq!(keys(RosDialect::Ros2Dds, "").any_hash("odom", POSE).expect("a type"), "odom");
         assert_eq!(robot.attachment(), None);
     }
 
     #[test]
     fn keys_of_rmw_zenoh_have_the_domain_the_type_and_its_hash() {
-        let robot = keys(Dialect::RmwZenoh, "tb1");
+        let robot = keys(RosDialect::RmwZenoh, "tb1");
         let dds = "geometry_msgs::msg::dds_::PoseStamped_";
         assert_eq!(robot.any_hash("goal", POSE).expect("a type"), format!("7/tb1/goal/{dds}/*"));
         let exact = robot.exact("goal", POSE, &Interfaces::standard()).expect("a type");
@@ -151,7 +151,7 @@ mod tests {
 
     #[test]
     fn attachments_of_rmw_zenoh_are_numbered() {
-        let robot = keys(Dialect::RmwZenoh, "");
+        let robot = keys(RosDialect::RmwZenoh, "");
         let (first, second) = (robot.attachment().expect("one"), robot.attachment().expect("one"));
         assert_eq!((first.len(), first[0], second[0], first[16]), (33, 1, 2, 16));
         assert_eq!(first[17..], second[17..], "the sender is the same");
@@ -159,7 +159,7 @@ mod tests {
 
     #[test]
     fn an_unknown_dialect_is_refused_with_the_known_ones() {
-        let error = "dds".parse::<Dialect>().expect_err("no dialect");
+        let error = "dds".parse::<RosDialect>().expect_err("no dialect");
         assert!(error.contains("`ros2dds`") && error.contains("`rmw-zenoh`"), "{error}");
     }
 }

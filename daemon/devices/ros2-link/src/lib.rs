@@ -2,7 +2,7 @@
 //!
 //! - [`RosLink`] (`link`) is a Zenoh session of its own to one robot. It is a device bus: it shares
 //!   nothing with the sessions that carry the messages of agents.
-//! - Two [`Dialect`]s are spoken (`dialect`): that of `zenoh-bridge-ros2dds`, whose keys are the
+//! - Two [`RosDialect`]s are spoken (`dialect`): that of `zenoh-bridge-ros2dds`, whose keys are the
 //!   names of ROS, and that of `rmw_zenoh`, whose keys also have the domain, the type and its hash.
 //! - [`ActionClient`] (`action`) sends goals to an action server, and follows them.
 //! - [`Nav2Robot`] (`nav2`) is a robot that drives with Nav2: poses, battery, dock.
@@ -16,12 +16,12 @@ mod link;
 mod nav2;
 mod pose;
 
-pub use action::{ActionClient, GoalEnd, GoalStatus, RosGoal};
-pub use dialect::Dialect;
+pub use action::{ActionClient, GoalEnd, RosGoal, RosGoalStatus};
+pub use dialect::RosDialect;
 pub use error::RosError;
 pub use link::{RosAddress, RosLink, TopicReader};
 pub use nav2::{Nav2Names, Nav2Robot};
-pub use pose::Pose;
+pub use pose::MapPose;
 
 /// Returns the definitions of messages that robots need most, those of ROS 2 Jazzy.
 pub fn standard_interfaces() -> ros_messages::Interfaces {

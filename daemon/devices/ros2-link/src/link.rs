@@ -18,7 +18,7 @@ use zenoh::Session;
 use zenoh::pubsub::Subscriber;
 use zenoh::query::{ConsolidationMode, QueryTarget, ReplyKeyExpr};
 
-use crate::dialect::{Dialect, RosKeys};
+use crate::dialect::{RosDialect, RosKeys};
 use crate::error::RosError;
 
 /// How long one attempt to open the session may take. A robot in the same network answers within
@@ -45,7 +45,7 @@ pub struct RosAddress {
     /// Zenoh endpoint of the robot's bridge or router, such as `tcp/192.168.1.20:7447`.
     pub endpoint: String,
     /// How ROS names are put on Zenoh there.
-    pub dialect: Dialect,
+    pub dialect: RosDialect,
     /// Namespace of the robot's names; may be empty.
     pub namespace: String,
     /// ROS domain, which is part of the keys of `rmw_zenoh`.

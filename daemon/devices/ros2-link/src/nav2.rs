@@ -13,10 +13,10 @@ use serde_json::{Value, json};
 use tokio::sync::OnceCell;
 use tokio::time::Instant;
 
-use crate::action::{ActionClient, GoalEnd, GoalStatus};
+use crate::action::{ActionClient, GoalEnd, RosGoalStatus};
 use crate::error::RosError;
 use crate::link::{RosLink, TopicReader};
-use crate::pose::Pose;
+use crate::pose::MapPose;
 
 /// How long a link to the robot is awaited by each operation. A daemon and its robot often start
 /// together; a robot that boots is waited for by the next plan.
@@ -131,7 +131,7 @@ impl Nav2Robot {
     /// # Errors
     ///
     /// Returns an error if there is no link to the robot, or if its message cannot be read.
-    pub async fn pose(&self) -> Result<Option<Pose>, RosError> {
+    pub async fn pose(&self) -> Result<Option<MapPose>, RosError> {
         let message = self.topics().await?.pose.latest()?;
         Ok(message.as_ref().and_then(localized))
     }
@@ -184,7 +184,7 @@ impl Nav2Robot {
     /// # Errors
     ///
     /// Returns an error if there is no link to the robot.
-    pub async fn set_pose(&self, pose: Pose) -> Result<(), RosError> {
+    pub async fn set_pose(&self, pose: MapPose) -> Result<(), RosError> {
         let mut covariance = [0.0; 36];
         (covariance[0], covariance[7]) = (INITIAL_VARIANCE, INITIAL_VARIANCE);
         covariance[35] = INITIAL_YAW_VARIANCE;
@@ -214,7 +214,7 @@ impl Nav2Robot {
     /// Returns the reason why the robot did not arrive.
     pub async fn drive(
         &self,
-        to: Pose,
+        to: MapPose,
         mut on_feedback: impl FnMut(f64) + Send,
     ) -> Result<(), RosError> {
         let mut topics = self.topics().await?;
@@ -306,7 +306,7 @@ impl Nav2Robot {
         let ended = tokio::time::timeout(DOCKING_TIMEOUT, goal.end(|_| ())).await;
         match ended {
             Ok(end) => match end?.status {
-                GoalStatus::Succeeded => Ok(()),
+                RosGoalStatus::Succeeded => Ok(()),
                 _ => Err(RosError::Robot(format!("{name}: the robot gave it up"))),
             },
             Err(_) => Err(RosError::Robot(format!("{name} within {DOCKING_TIMEOUT:?}"))),
@@ -320,11 +320,11 @@ fn is_docked(dock_status: &mut TopicReader) -> Result<bool, RosError> {
 }
 
 /// Returns the pose in a message of the localization; `None` if it is uncertain or no pose.
-fn localized(message: &Value) -> Option<Pose> {
+fn localized(message: &Value) -> Option<MapPose> {
     let variance = |index: usize| message["pose"]["covariance"][index].as_f64();
     let is_certain = |index| variance(index).is_some_and(|it| it.abs() <= LOCALIZED_VARIANCE);
     let is_known = is_certain(0) && is_certain(7);
-    is_known.then(|| Pose::of_message(&message["pose"]["pose"])).flatten()
+    is_known.then(|| MapPose::of_message(&message["pose"]["pose"])).flatten()
 }
 
 /// Returns the charge in a message of the battery, between 0 and 1. Some robots report percent,
@@ -337,8 +337,8 @@ fn charge_of(message: &Value) -> Option<f64> {
 fn arrived(end: &GoalEnd) -> Result<(), RosError> {
     let failed = |text: String| Err(RosError::Robot(format!("drive there: {text}")));
     match end.status {
-        GoalStatus::Succeeded => return Ok(()),
-        GoalStatus::Canceled => return failed("another program cancelled the goal".to_owned()),
+        RosGoalStatus::Succeeded => return Ok(()),
+        RosGoalStatus::Canceled => return failed("another program cancelled the goal".to_owned()),
         _ if end.is_replaced => {
             return failed("another program's goal took the place of this one".to_owned());
         }
@@ -367,15 +367,15 @@ fn printable(text: &str) -> String {
 mod tests {
     use super::*;
 
-    fn end(status: GoalStatus, result: Value, is_replaced: bool) -> String {
+    fn end(status: RosGoalStatus, result: Value, is_replaced: bool) -> String {
         let end = GoalEnd { status, result, is_replaced };
         arrived(&end).map_or_else(|error| error.to_string(), |()| "arrived".to_owned())
     }
 
     #[test]
     fn each_end_of_a_goal_has_its_reason() {
-        let aborted = |result| end(GoalStatus::Aborted, result, false);
-        assert_eq!(end(GoalStatus::Succeeded, json!({}), false), "arrived");
+        let aborted = |result| end(RosGoalStatus::Aborted, result, false);
+        assert_eq!(end(RosGoalStatus::Succeeded, json!({}), false), "arrived");
         assert_eq!(aborted(json!({})), "drive there: Nav2 gave up, and gives no reason");
         assert_eq!(
             aborted(json!({"error_code": 9003})),
@@ -385,8 +385,8 @@ mod tests {
             aborted(json!({"error_code": 1, "error_msg": "no\u{1b}[31m path"})),
             "drive there: Nav2 gave up: no [31m path (error 1)"
         );
-        assert!(end(GoalStatus::Aborted, json!({}), true).contains("another program's goal"));
-        assert!(end(GoalStatus::Canceled, json!({}), false).contains("cancelled"));
+        assert!(end(RosGoalStatus::Aborted, json!({}), true).contains("another program's goal"));
+        assert!(end(RosGoalStatus::Canceled, json!({}), false).contains("cancelled"));
     }
 
     #[test]
@@ -407,7 +407,7 @@ mod tests {
         let message = |variance: f64| {
             let mut covariance = [0.0; 36];
             covariance[7] = variance;
-            let pose = Pose { x: 1.0, y: 2.0, yaw: 0.0 }.to_message();
+            let pose = MapPose { x: 1.0, y: 2.0, yaw: 0.0 }.to_message();
             json!({ "pose": { "pose": pose, "covariance": covariance.to_vec() } })
         };
         assert!(localized(&message(0.1)).is_some());

@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 /// Position and heading in the frame `map`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Pose {
+pub struct MapPose {
     /// Position in meters.
     pub x: f64,
     /// Position in meters.
@@ -13,9 +13,9 @@ pub struct Pose {
     pub yaw: f64,
 }
 
-impl Pose {
+impl MapPose {
     /// Returns the distance between two positions, in meters.
-    pub fn distance(&self, other: &Pose) -> f64 {
+    pub fn distance(&self, other: &MapPose) -> f64 {
         (self.x - other.x).hypot(self.y - other.y)
     }
 
@@ -29,7 +29,7 @@ impl Pose {
     }
 
     /// Reads a `geometry_msgs/msg/Pose`. Returns `None` if a number is missing or not finite.
-    pub(crate) fn of_message(message: &Value) -> Option<Pose> {
+    pub(crate) fn of_message(message: &Value) -> Option<MapPose> {
         let number = |part: &str, axis: &str| {
             message[part][axis].as_f64().filter(|number| number.is_finite())
         };
@@ -37,7 +37,7 @@ impl Pose {
         let turn = |axis| number("orientation", axis);
         let (qx, qy, qz, qw) = (turn("x")?, turn("y")?, turn("z")?, turn("w")?);
         let yaw = (2.0 * (qw * qz + qx * qy)).atan2(1.0 - 2.0 * (qy * qy + qz * qz));
-        Some(Pose { x, y, yaw })
+        Some(MapPose { x, y, yaw })
     }
 }
 
@@ -48,17 +48,17 @@ mod tests {
     #[test]
     fn a_pose_survives_its_message() {
         for yaw in [-3.0, -1.5, 0.0, 0.7, 3.1] {
-            let pose = Pose { x: 1.25, y: -2.5, yaw };
-            let read = Pose::of_message(&pose.to_message()).expect("a pose");
+            let pose = MapPose { x: 1.25, y: -2.5, yaw };
+            let read = MapPose::of_message(&pose.to_message()).expect("a pose");
             assert!((read.yaw - yaw).abs() < 1e-9 && read.distance(&pose) == 0.0, "{read:?}");
         }
     }
 
     #[test]
     fn a_pose_without_a_number_is_none() {
-        let mut message = Pose { x: 0.0, y: 0.0, yaw: 0.0 }.to_message();
+        let mut message = MapPose { x: 0.0, y: 0.0, yaw: 0.0 }.to_message();
         message["position"]["x"] = json!("nan");
-        assert_eq!(Pose::of_message(&message), None);
-        assert_eq!(Pose::of_message(&json!({})), None);
+        assert_eq!(MapPose::of_message(&message), None);
+        assert_eq!(MapPose::of_message(&json!({})), None);
     }
 }

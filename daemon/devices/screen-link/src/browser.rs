@@ -11,7 +11,7 @@ use tokio::net::UnixStream;
 use tokio::time::Instant;
 
 use crate::frames::Frames;
-use crate::{LinkError, limited};
+use crate::{ScreenLinkError, limited};
 
 /// Time limit of a browser's start, from a cold disk of a small board.
 const STARTING: Duration = Duration::from_secs(30);
@@ -108,7 +108,7 @@ impl Browser {
     /// # Errors
     ///
     /// Returns an error if the browser does not start in time or has no tab.
-    pub async fn attach(stream: UnixStream) -> Result<Browser, LinkError> {
+    pub async fn attach(stream: UnixStream) -> Result<Browser, ScreenLinkError> {
         let mut browser = Browser {
             frames: Frames::new(stream, 0),
             target: String::new(),
@@ -122,7 +122,7 @@ impl Browser {
         Ok(browser)
     }
 
-    async fn attach_to_tab(&mut self) -> Result<(), LinkError> {
+    async fn attach_to_tab(&mut self) -> Result<(), ScreenLinkError> {
         self.call("Target.setDiscoverTargets", json!({ "discover": true })).await?;
         loop {
             let targets = self.call("Target.getTargets", json!({})).await?;
@@ -139,7 +139,7 @@ impl Browser {
         let attached = self.call("Target.attachToTarget", attach).await?;
         let session = attached["sessionId"].as_str().map(str::to_owned);
         self.session = session.ok_or_else(|| {
-            LinkError::declined("attach to the tab of the browser", "it names no session")
+            ScreenLinkError::declined("attach to the tab of the browser", "it names no session")
         })?;
         // A file that cannot be shown would be stored, and its bubble would hide a part of the page.
         let no_downloads = json!({ "behavior": "deny" });
@@ -155,7 +155,7 @@ impl Browser {
     /// # Errors
     ///
     /// Returns an error if the browser does not answer.
-    pub async fn fill_screen(&mut self) -> Result<(), LinkError> {
+    pub async fn fill_screen(&mut self) -> Result<(), ScreenLinkError> {
         let sizes = "[innerWidth, innerHeight, screen.width, screen.height]";
         let sizes = self.evaluate(sizes).await?;
         let size = |index: usize| sizes[index].as_u64().unwrap_or(0);
@@ -180,41 +180,44 @@ impl Browser {
     ///
     /// # Errors
     ///
-    /// Returns [`LinkError::Declined`] if the page cannot be loaded or is an error of its server,
+    /// Returns [`ScreenLinkError::Declined`] if the page cannot be loaded or is an error of its server,
     /// and another error if the browser does not answer.
-    pub async fn open(&mut self, url: &str) -> Result<PageState, LinkError> {
+    pub async fn open(&mut self, url: &str) -> Result<PageState, ScreenLinkError> {
         let what = format!("load {}", crate::shortened(url));
         (self.has_arrived, self.is_loaded) = (false, false);
         let call = self.call("Page.navigate", json!({ "url": url }));
         let navigated = match limited(&what, NAVIGATING, call).await {
-            Err(LinkError::TimedOut { .. }) => {
+            Err(ScreenLinkError::TimedOut { .. }) => {
                 let why = format!("there was no answer within {NAVIGATING:?}");
-                return Err(LinkError::declined(what, why));
+                return Err(ScreenLinkError::declined(what, why));
             }
             navigated => navigated?,
         };
         if navigated["isDownload"] == true {
-            return Err(LinkError::declined(what, "it is a file that the browser cannot show"));
+            return Err(ScreenLinkError::declined(
+                what,
+                "it is a file that the browser cannot show",
+            ));
         }
         if let Some(why) = navigated["errorText"].as_str() {
-            return Err(LinkError::declined(what, why));
+            return Err(ScreenLinkError::declined(what, why));
         }
         // The page is there already, and only the part after `#` differs.
         self.is_loaded |= navigated["loaderId"].is_null();
         match limited(&what, LOADING, self.loaded()).await {
-            Err(LinkError::TimedOut { .. }) | Ok(()) => (),
+            Err(ScreenLinkError::TimedOut { .. }) | Ok(()) => (),
             Err(error) => return Err(error),
         }
         let page = self.look_at_arrived().await?;
         match page.problem() {
-            Some(why) => Err(LinkError::declined(what, why)),
+            Some(why) => Err(ScreenLinkError::declined(what, why)),
             None => Ok(page),
         }
     }
 
     /// Returns the page in the tab. A page that sends the browser on to another page as soon as it
     /// is loaded has no answer for a moment; up to [`LOADING`] the question is repeated.
-    async fn look_at_arrived(&mut self) -> Result<PageState, LinkError> {
+    async fn look_at_arrived(&mut self) -> Result<PageState, ScreenLinkError> {
         let until = Instant::now() + LOADING;
         loop {
             let looked = self.look().await;
@@ -230,7 +233,7 @@ impl Browser {
     }
 
     /// Waits until the present page and its film are loaded.
-    async fn loaded(&mut self) -> Result<(), LinkError> {
+    async fn loaded(&mut self) -> Result<(), ScreenLinkError> {
         while !self.is_loaded {
             self.handle_next_event().await?;
         }
@@ -244,7 +247,7 @@ impl Browser {
     /// # Errors
     ///
     /// Returns an error if the tab does not answer: it has crashed, or its script never ends.
-    pub async fn look(&mut self) -> Result<PageState, LinkError> {
+    pub async fn look(&mut self) -> Result<PageState, ScreenLinkError> {
         let page = self.evaluate(LOOK).await?;
         let film = |film: &Value| FilmState {
             error: film["error"].as_str().map(crate::shortened),
@@ -264,7 +267,7 @@ impl Browser {
 
     /// Waits until the browser closes the connection or its tab crashes, and returns that error.
     /// Events that arrive meanwhile are handled.
-    pub async fn failed(&mut self) -> LinkError {
+    pub async fn failed(&mut self) -> ScreenLinkError {
         loop {
             if let Err(error) = self.handle_next_event().await {
                 return error;
@@ -272,22 +275,22 @@ impl Browser {
         }
     }
 
-    async fn evaluate(&mut self, script: &str) -> Result<Value, LinkError> {
+    async fn evaluate(&mut self, script: &str) -> Result<Value, ScreenLinkError> {
         let script = json!({ "expression": script, "returnByValue": true });
         let evaluated = self.quick("Runtime.evaluate", script).await?;
         if let Some(why) = evaluated["exceptionDetails"]["text"].as_str() {
-            return Err(LinkError::declined("look at the page", why));
+            return Err(ScreenLinkError::declined("look at the page", why));
         }
         Ok(evaluated["result"]["value"].clone())
     }
 
-    async fn quick(&mut self, method: &str, parameters: Value) -> Result<Value, LinkError> {
+    async fn quick(&mut self, method: &str, parameters: Value) -> Result<Value, ScreenLinkError> {
         let what = format!("have the answer of the page to `{method}`");
         limited(&what, ANSWERING, self.call(method, parameters)).await
     }
 
     /// Sends a command and returns its result. Events that arrive before the result are handled.
-    async fn call(&mut self, method: &str, parameters: Value) -> Result<Value, LinkError> {
+    async fn call(&mut self, method: &str, parameters: Value) -> Result<Value, ScreenLinkError> {
         let id = self.send(method, parameters).await?;
         loop {
             let mut message = self.next().await?;
@@ -295,13 +298,16 @@ impl Browser {
                 continue;
             }
             if let Some(why) = message["error"]["message"].as_str() {
-                return Err(LinkError::declined(format!("do `{method}` in the browser"), why));
+                return Err(ScreenLinkError::declined(
+                    format!("do `{method}` in the browser"),
+                    why,
+                ));
             }
             return Ok(message["result"].take());
         }
     }
 
-    async fn send(&mut self, method: &str, parameters: Value) -> Result<u64, LinkError> {
+    async fn send(&mut self, method: &str, parameters: Value) -> Result<u64, ScreenLinkError> {
         self.last_id += 1;
         let mut command = json!({ "id": self.last_id, "method": method, "params": parameters });
         let is_of_browser = method.starts_with("Target.") || method.starts_with("Browser.");
@@ -312,14 +318,14 @@ impl Browser {
         Ok(self.last_id)
     }
 
-    async fn handle_next_event(&mut self) -> Result<(), LinkError> {
+    async fn handle_next_event(&mut self) -> Result<(), ScreenLinkError> {
         self.next().await.map(drop)
     }
 
     /// Returns the next message. If it is an event, the event is handled first.
-    async fn next(&mut self) -> Result<Value, LinkError> {
+    async fn next(&mut self) -> Result<Value, ScreenLinkError> {
         if self.is_crashed {
-            return Err(LinkError::Crashed);
+            return Err(ScreenLinkError::Crashed);
         }
         let message = self.frames.next().await?;
         let parameters = &message["params"];
@@ -340,7 +346,7 @@ impl Browser {
             }
             _ => (),
         }
-        if self.is_crashed { Err(LinkError::Crashed) } else { Ok(message) }
+        if self.is_crashed { Err(ScreenLinkError::Crashed) } else { Ok(message) }
     }
 }
 

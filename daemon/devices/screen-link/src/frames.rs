@@ -4,7 +4,7 @@ use serde_json::Value;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::UnixStream;
 
-use crate::LinkError;
+use crate::ScreenLinkError;
 
 /// Maximum length of a message of the program, in bytes. The longest that is needed is the answer
 /// of a page, with its address; events of pages with addresses of the kind `data:` are longer.
@@ -30,7 +30,7 @@ impl Frames {
     }
 
     /// Writes a message.
-    pub(crate) async fn send(&mut self, message: &Value) -> Result<(), LinkError> {
+    pub(crate) async fn send(&mut self, message: &Value) -> Result<(), ScreenLinkError> {
         let mut bytes = message.to_string().into_bytes();
         bytes.push(self.delimiter);
         self.stream.write_all(&bytes).await?;
@@ -38,7 +38,7 @@ impl Frames {
     }
 
     /// Returns the next message. Nothing is lost if the future is dropped.
-    pub(crate) async fn next(&mut self) -> Result<Value, LinkError> {
+    pub(crate) async fn next(&mut self) -> Result<Value, ScreenLinkError> {
         loop {
             let is_end = |byte: &u8| *byte == self.delimiter;
             let unseen = self.received.get(self.scanned..).unwrap_or_default();
@@ -50,17 +50,18 @@ impl Frames {
                 if message.iter().all(u8::is_ascii_whitespace) {
                     continue;
                 }
-                return serde_json::from_slice(&message)
-                    .map_err(|error| LinkError::Malformed(format!("it is not JSON: {error}")));
+                return serde_json::from_slice(&message).map_err(|error| {
+                    ScreenLinkError::Malformed(format!("it is not JSON: {error}"))
+                });
             }
             self.scanned = self.received.len();
             if self.scanned > MESSAGE_BYTES_MAX {
                 let limit = MESSAGE_BYTES_MAX >> 20;
-                return Err(LinkError::Malformed(format!("it is longer than {limit} MiB")));
+                return Err(ScreenLinkError::Malformed(format!("it is longer than {limit} MiB")));
             }
             self.received.reserve(READ_BYTES);
             if self.stream.read_buf(&mut self.received).await? == 0 {
-                return Err(LinkError::Closed);
+                return Err(ScreenLinkError::Closed);
             }
         }
     }
@@ -83,7 +84,7 @@ mod tests {
         for expected in [json!({ "a": 1 }), json!({ "b": 2 }), json!([3])] {
             assert_eq!(frames.next().await.expect("a message"), expected);
         }
-        assert!(matches!(frames.next().await, Err(LinkError::Closed)));
+        assert!(matches!(frames.next().await, Err(ScreenLinkError::Closed)));
     }
 
     #[tokio::test]
@@ -91,7 +92,7 @@ mod tests {
         let (ours, mut theirs) = UnixStream::pair().expect("a pair");
         let mut frames = Frames::new(ours, b'\n');
         theirs.write_all(b"\xff\xfe{\n").await.expect("written");
-        assert!(matches!(frames.next().await, Err(LinkError::Malformed(_))));
+        assert!(matches!(frames.next().await, Err(ScreenLinkError::Malformed(_))));
         let flood = tokio::spawn(async move {
             let part = vec![b'x'; 64 << 10];
             while theirs.write_all(&part).await.is_ok() {}

@@ -21,7 +21,7 @@ use std::time::Duration;
 /// Reason why a program did not do what it was told. The message completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
-pub enum LinkError {
+pub enum ScreenLinkError {
     /// The program has declined a command, for instance because a page cannot be loaded. The
     /// program itself works.
     #[error("{what}: {why}")]
@@ -53,14 +53,14 @@ pub enum LinkError {
     Crashed,
 }
 
-impl LinkError {
+impl ScreenLinkError {
     /// Whether the program itself still works, and only the command has failed.
     pub fn is_of_command(&self) -> bool {
-        matches!(self, LinkError::Declined { .. })
+        matches!(self, ScreenLinkError::Declined { .. })
     }
 
-    fn declined(what: impl Into<String>, why: impl Into<String>) -> LinkError {
-        LinkError::Declined { what: what.into(), why: shortened(&why.into()) }
+    fn declined(what: impl Into<String>, why: impl Into<String>) -> ScreenLinkError {
+        ScreenLinkError::Declined { what: what.into(), why: shortened(&why.into()) }
     }
 }
 
@@ -81,10 +81,10 @@ fn shortened(words: &str) -> String {
 async fn limited<T>(
     what: &str,
     within: Duration,
-    work: impl Future<Output = Result<T, LinkError>>,
-) -> Result<T, LinkError> {
+    work: impl Future<Output = Result<T, ScreenLinkError>>,
+) -> Result<T, ScreenLinkError> {
     match tokio::time::timeout(within, work).await {
         Ok(done) => done,
-        Err(_) => Err(LinkError::TimedOut { what: what.to_owned(), within }),
+        Err(_) => Err(ScreenLinkError::TimedOut { what: what.to_owned(), within }),
     }
 }

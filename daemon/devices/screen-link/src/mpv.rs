@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 use tokio::net::UnixStream;
 
 use crate::frames::Frames;
-use crate::{LinkError, limited};
+use crate::{ScreenLinkError, limited};
 
 /// Time limit of the start of mpv, from a cold disk of a small board.
 const STARTING: Duration = Duration::from_secs(20);
@@ -53,7 +53,7 @@ impl Mpv {
     /// # Errors
     ///
     /// Returns an error if it does not answer in time.
-    pub async fn attach(stream: UnixStream) -> Result<Mpv, LinkError> {
+    pub async fn attach(stream: UnixStream) -> Result<Mpv, ScreenLinkError> {
         let frames = Frames::new(stream, b'\n');
         let mut mpv =
             Mpv { frames, last_id: 0, entry: None, begun: None, has_frame: false, ended: None };
@@ -65,33 +65,33 @@ impl Mpv {
     ///
     /// # Errors
     ///
-    /// Returns [`LinkError::Declined`] with the reason of mpv if there is nothing to see, and
+    /// Returns [`ScreenLinkError::Declined`] with the reason of mpv if there is nothing to see, and
     /// another error if mpv does not answer.
-    pub async fn load(&mut self, path: &str) -> Result<(), LinkError> {
+    pub async fn load(&mut self, path: &str) -> Result<(), ScreenLinkError> {
         let what = format!("play {}", crate::shortened(path));
         let loading = self.quick(json!(["loadfile", path, "replace"])).await?;
         self.entry = loading["playlist_entry_id"].as_i64();
         if self.entry.is_none() {
-            return Err(LinkError::declined(what, "this mpv is older than 0.33"));
+            return Err(ScreenLinkError::declined(what, "this mpv is older than 0.33"));
         }
         match limited(&what, LOADING, self.first_frame()).await {
             Ok(()) => (),
-            Err(LinkError::TimedOut { within, .. }) => {
+            Err(ScreenLinkError::TimedOut { within, .. }) => {
                 let why = format!("there was no picture within {within:?}");
-                return Err(LinkError::declined(what, why));
+                return Err(ScreenLinkError::declined(what, why));
             }
             Err(error) => return Err(error),
         }
         if let Some(why) = self.end() {
-            return Err(LinkError::declined(what, why));
+            return Err(ScreenLinkError::declined(what, why));
         }
         match self.look().await?.has_picture {
             true => Ok(()),
-            false => Err(LinkError::declined(what, "it has a sound and no picture")),
+            false => Err(ScreenLinkError::declined(what, "it has a sound and no picture")),
         }
     }
 
-    async fn first_frame(&mut self) -> Result<(), LinkError> {
+    async fn first_frame(&mut self) -> Result<(), ScreenLinkError> {
         while self.end().is_none() && !(self.has_frame && self.begun == self.entry) {
             self.next().await?;
         }
@@ -109,7 +109,7 @@ impl Mpv {
     /// # Errors
     ///
     /// Returns an error if mpv does not answer.
-    pub async fn stop(&mut self) -> Result<(), LinkError> {
+    pub async fn stop(&mut self) -> Result<(), ScreenLinkError> {
         self.quick(json!(["stop"])).await.map(drop)
     }
 
@@ -118,7 +118,7 @@ impl Mpv {
     /// # Errors
     ///
     /// Returns an error if mpv does not answer.
-    pub async fn look(&mut self) -> Result<MpvState, LinkError> {
+    pub async fn look(&mut self) -> Result<MpvState, ScreenLinkError> {
         let path = self.property("path").await?.as_str().map(str::to_owned);
         let position = self.property("time-pos").await?.as_f64();
         let has_picture = self.property("vid").await?.is_number();
@@ -128,7 +128,7 @@ impl Mpv {
 
     /// Waits until mpv closes the connection, and returns that error. Events that arrive meanwhile
     /// are handled.
-    pub async fn failed(&mut self) -> LinkError {
+    pub async fn failed(&mut self) -> ScreenLinkError {
         loop {
             if let Err(error) = self.next().await {
                 return error;
@@ -137,20 +137,20 @@ impl Mpv {
     }
 
     /// Returns the value of a property; `null` if it has none at present.
-    async fn property(&mut self, name: &str) -> Result<Value, LinkError> {
+    async fn property(&mut self, name: &str) -> Result<Value, ScreenLinkError> {
         match self.quick(json!(["get_property", name])).await {
-            Err(LinkError::Declined { .. }) => Ok(Value::Null),
+            Err(ScreenLinkError::Declined { .. }) => Ok(Value::Null),
             value => value,
         }
     }
 
-    async fn quick(&mut self, command: Value) -> Result<Value, LinkError> {
+    async fn quick(&mut self, command: Value) -> Result<Value, ScreenLinkError> {
         let what = format!("have the answer of mpv to `{}`", command[0].as_str().unwrap_or(""));
         limited(&what, ANSWERING, self.command(command)).await
     }
 
     /// Sends a command and returns its result. Events that arrive before the result are handled.
-    async fn command(&mut self, command: Value) -> Result<Value, LinkError> {
+    async fn command(&mut self, command: Value) -> Result<Value, ScreenLinkError> {
         self.last_id += 1;
         let id = self.last_id;
         let name = command[0].as_str().unwrap_or_default().to_owned();
@@ -164,14 +164,14 @@ impl Mpv {
                 Some("success") => Ok(message["data"].take()),
                 why => {
                     let what = format!("do `{name}` in mpv");
-                    Err(LinkError::declined(what, why.unwrap_or("no reason is given")))
+                    Err(ScreenLinkError::declined(what, why.unwrap_or("no reason is given")))
                 }
             };
         }
     }
 
     /// Returns the next message. If it is an event, the event is handled first.
-    async fn next(&mut self) -> Result<Value, LinkError> {
+    async fn next(&mut self) -> Result<Value, ScreenLinkError> {
         let message = self.frames.next().await?;
         let entry = message["playlist_entry_id"].as_i64();
         match message["event"].as_str() {

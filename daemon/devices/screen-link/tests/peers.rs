@@ -1,7 +1,7 @@
 //! The protocols, with peers that are made up: slow, hostile and dying ones. Real programs are in the
 //! tests of the plugin `screen`.
 
-use screen_link::{Browser, LinkError, Mpv};
+use screen_link::{Browser, Mpv, ScreenLinkError};
 use serde_json::{Value, json};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::UnixStream;
@@ -152,17 +152,17 @@ async fn a_page_is_opened_and_every_failure_has_a_reason() {
 async fn a_browser_that_hangs_crashes_or_closes_is_told_from_a_page_that_fails() {
     let mut hangs = browser(on("Runtime.evaluate", Vec::new())).await;
     let error = hangs.look().await.expect_err("no answer");
-    assert!(matches!(error, LinkError::TimedOut { .. }) && !error.is_of_command(), "{error}");
+    assert!(matches!(error, ScreenLinkError::TimedOut { .. }) && !error.is_of_command(), "{error}");
     let crash = vec![event("Inspector.targetCrashed", json!({}))];
     let mut crashes = browser(on("Page.navigate", crash)).await;
-    assert!(matches!(crashes.open("http://a/").await, Err(LinkError::Crashed)));
-    assert!(matches!(crashes.look().await, Err(LinkError::Crashed)), "it stays so");
+    assert!(matches!(crashes.open("http://a/").await, Err(ScreenLinkError::Crashed)));
+    assert!(matches!(crashes.look().await, Err(ScreenLinkError::Crashed)), "it stays so");
     let gone = vec![event("Target.targetDestroyed", json!({ "targetId": "t" }))];
     let mut closed = browser(on("Page.navigate", gone)).await;
-    assert!(matches!(closed.open("http://a/").await, Err(LinkError::Crashed)));
+    assert!(matches!(closed.open("http://a/").await, Err(ScreenLinkError::Crashed)));
     let mut ends = browser(on("Page.navigate", vec![Value::Null])).await;
-    assert!(matches!(ends.open("http://a/").await, Err(LinkError::Closed)));
-    assert!(matches!(ends.failed().await, LinkError::Closed | LinkError::Io(_)));
+    assert!(matches!(ends.open("http://a/").await, Err(ScreenLinkError::Closed)));
+    assert!(matches!(ends.failed().await, ScreenLinkError::Closed | ScreenLinkError::Io(_)));
 }
 
 #[tokio::test(start_paused = true)]
@@ -231,7 +231,7 @@ async fn a_film_counts_as_shown_when_its_own_first_frame_is() {
         assert_eq!(error.to_string(), expected);
     }
     let mut dies = mpv(vec![begun(2), Value::Null]).await;
-    assert!(matches!(dies.load("a.mp4").await, Err(LinkError::Closed)));
+    assert!(matches!(dies.load("a.mp4").await, Err(ScreenLinkError::Closed)));
 }
 
 #[tokio::test(start_paused = true)]

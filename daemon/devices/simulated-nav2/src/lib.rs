@@ -63,12 +63,12 @@ pub struct Nav2Settings {
 /// A running simulated robot. Dropping it ends its session, as if the robot was switched off.
 pub struct SimulatedNav2 {
     endpoint: String,
-    state: Arc<RobotState>,
+    state: Arc<DrivingRobot>,
     _tasks: Vec<AbortOnDropHandle<()>>,
     _initial_pose: zenoh::pubsub::Subscriber<()>,
 }
 
-struct RobotState {
+struct DrivingRobot {
     node: Arc<RobotNode>,
     building: BuildingHandle,
     settings: Nav2Settings,
@@ -92,7 +92,7 @@ impl SimulatedNav2 {
     ) -> zenoh::Result<SimulatedNav2> {
         let (node, endpoint) = RobotNode::open(settings.wire, &settings.namespace).await?;
         let node = Arc::new(node);
-        let state = Arc::new(RobotState {
+        let state = Arc::new(DrivingRobot {
             node: Arc::clone(&node),
             building,
             settings,
@@ -153,7 +153,7 @@ impl SimulatedNav2 {
 
 async fn serve_actions(
     node: &Arc<RobotNode>,
-    state: &Arc<RobotState>,
+    state: &Arc<DrivingRobot>,
 ) -> zenoh::Result<Vec<AbortOnDropHandle<()>>> {
     let robot = Arc::clone(state);
     let accepts: AcceptsGoals = Arc::new(move || {
@@ -183,7 +183,7 @@ async fn serve_actions(
 
 async fn serve_lifecycle(
     node: &Arc<RobotNode>,
-    state: &Arc<RobotState>,
+    state: &Arc<DrivingRobot>,
 ) -> zenoh::Result<AbortOnDropHandle<()>> {
     let (name, type_name) = ("bt_navigator/get_state", "lifecycle_msgs/srv/GetState");
     let mut service = node.service(name, type_name).await?;
@@ -198,7 +198,7 @@ async fn serve_lifecycle(
     })))
 }
 
-impl RobotState {
+impl DrivingRobot {
     /// Drives to the place at the pose of the goal.
     async fn navigate(self: Arc<Self>, goal: Value, feedback: Feedback) -> Result<Value, Value> {
         let aborted = |text: &str| json!({ "error_code": NO_WAY, "error_msg": text });

@@ -104,7 +104,8 @@ impl<'t, 'd> ForestBuilder<'t, 'd> {
             let before = self.end;
             self.end = self.text.len() - left.len();
             if let Some(comment) = self.foreign_comment(token) {
-                rest = rest.get(comment - self.end..).unwrap_or_default();
+                // The comment may end within the word that begins it: `/* old */new`.
+                rest = self.text.as_bytes().get(comment..).unwrap_or_default();
                 self.end = comment;
                 continue;
             }
@@ -130,7 +131,8 @@ impl<'t, 'd> ForestBuilder<'t, 'd> {
         let is_block = word.starts_with(b"/*");
         let rest = &self.text[start..];
         let length = match is_block {
-            true => rest.find("*/").map_or(rest.len(), |end| end + 2),
+            // The comment `/*/` is still open.
+            true => rest[2..].find("*/").map_or(rest.len(), |end| end + 4),
             false => rest.find(['\n', '\r']).unwrap_or(rest.len()),
         };
         let mark = &rest[..mark];

@@ -7,7 +7,7 @@
 use std::time::Duration;
 
 use programs::RunningProgram;
-use screen_link::{LinkError, Mpv};
+use screen_link::{Mpv, ScreenLinkError};
 use tokio::time::Instant;
 
 use crate::config::{Content, PlayerSettings};
@@ -101,7 +101,7 @@ impl Player for MpvPlayer {
     }
 
     async fn failed(&mut self) -> String {
-        let lost: LinkError = self.mpv.failed().await;
+        let lost: ScreenLinkError = self.mpv.failed().await;
         player::reason(&mut self.program, lost).await
     }
 

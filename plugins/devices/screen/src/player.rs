@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use programs::{Program, ProgramStart, RunningProgram};
-use screen_link::LinkError;
+use screen_link::ScreenLinkError;
 use tokio::net::UnixStream;
 
 use crate::config::{Content, PlayerSettings};
@@ -46,8 +46,8 @@ pub(crate) enum PlayerTrouble {
     Program(String),
 }
 
-impl From<LinkError> for PlayerTrouble {
-    fn from(error: LinkError) -> PlayerTrouble {
+impl From<ScreenLinkError> for PlayerTrouble {
+    fn from(error: ScreenLinkError) -> PlayerTrouble {
         match error.is_of_command() {
             true => PlayerTrouble::Content(error.to_string()),
             false => PlayerTrouble::Program(error.to_string()),
@@ -99,8 +99,8 @@ pub(crate) fn start_program(
 }
 
 /// Returns the reason why the connection to a program was lost: its end, if it has ended.
-pub(crate) async fn reason(program: &mut RunningProgram, lost: LinkError) -> String {
-    if matches!(lost, LinkError::Crashed) {
+pub(crate) async fn reason(program: &mut RunningProgram, lost: ScreenLinkError) -> String {
+    if matches!(lost, ScreenLinkError::Crashed) {
         // The program itself goes on.
         return lost.to_string();
     }

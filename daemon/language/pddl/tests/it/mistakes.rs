@@ -586,6 +586,22 @@ fn comments_begin_with_a_semicolon() {
 }
 
 #[test]
+fn a_comment_of_another_language_ends_where_it_ends_there() {
+    check(
+        "(define (domain d) /*/ (domain */(:predicates (p)) /* old */(:constants a))",
+        expect![[r#"
+            1:20: error: `/*` begins no comment in PDDL; begin each line of a comment with `;`
+              at `/*`
+            1:52: error: `/*` begins no comment in PDDL; begin each line of a comment with `;`
+              at `/*`
+            (define (domain d)
+              (:constants a)
+              (:predicates (p)))
+        "#]],
+    );
+}
+
+#[test]
 fn symbols_for_operators_are_corrected() {
     check(
         "(define (domain d) (:predicates (p ?x) (q)) (:action a :parameters (?x ?y)
