@@ -107,7 +107,7 @@ impl Person {
     pub fn send(&self, said: UserRequest) {
         if let Some(terminal) = &self.terminal {
             // A full queue is as good as a terminal that is away: the request does not arrive.
-            drop(terminal.requests.try_send(said));
+            let _ = terminal.requests.try_send(said);
         }
     }
 
