@@ -25,6 +25,7 @@ pub(crate) const ROBOT: &str = "turtlebot-1";
 pub(crate) struct Robot {
     pub(crate) building: Building,
     pub(crate) nav2: SimulatedNav2,
+    settings: Nav2Settings,
     runtime: Runtime,
 }
 
@@ -44,12 +45,24 @@ impl Robot {
         let settings = Nav2Settings {
             robot: ROBOT.to_owned(),
             wire,
+            listen: None,
             namespace: namespace.to_owned(),
             places: BTreeMap::from(places),
             battery_range: None,
         };
-        let nav2 = runtime.block_on(SimulatedNav2::start(building.handle(), settings));
-        Robot { building, nav2: nav2.expect("a robot"), runtime }
+        let nav2 = runtime.block_on(SimulatedNav2::start(building.handle(), settings.clone()));
+        Robot { building, nav2: nav2.expect("a robot"), settings, runtime }
+    }
+
+    /// Switches the robot off, calls `meanwhile`, and switches it on again at the same endpoint.
+    fn restart(self, meanwhile: impl FnOnce()) -> Robot {
+        let Robot { building, nav2, settings, runtime } = self;
+        let listen = Some(nav2.endpoint().to_owned());
+        runtime.block_on(nav2.close());
+        meanwhile();
+        let again = Nav2Settings { listen, ..settings.clone() };
+        let nav2 = runtime.block_on(SimulatedNav2::start(building.handle(), again));
+        Robot { building, nav2: nav2.expect("a robot"), settings, runtime }
     }
 
     pub(crate) fn place(&self) -> String {
@@ -110,6 +123,14 @@ fn a_robot_with_nav2_reaches_goals_in_both_dialects() {
         office.await_fact(&format!("(at {ROBOT} office1)"), false);
         robot.nav2.set_localized(true);
         office.await_fact(&format!("(at {ROBOT} office1)"), true);
+
+        let robot = robot.restart(|| {
+            office.await_devices(0);
+            office.await_fact(&format!("(at {ROBOT} office1)"), false);
+        });
+        office.await_devices(1);
+        let (code, said) = office.ask(&["goal", &format!("(at {ROBOT} corridor)")]);
+        assert_eq!((code, robot.place().as_str()), (Some(0), "corridor"), "{said}");
     }
 }
 

@@ -52,6 +52,7 @@ async fn drive(
     let settings = Nav2Settings {
         robot: "robot".to_owned(),
         wire,
+        listen: None,
         namespace: String::new(),
         places: places
             .map(|(place, x)| (place.to_owned(), (x, 0.0)))

@@ -101,6 +101,8 @@ pub enum BasePlace {
     Near(String),
     /// The base does not know where it is.
     Unknown,
+    /// The driver does not reach the base, so that nothing can be done with it.
+    Unreachable,
 }
 
 impl fmt::Display for BasePlace {
@@ -109,6 +111,7 @@ impl fmt::Display for BasePlace {
             BasePlace::At(place) => write!(f, "at `{place}`"),
             BasePlace::Near(place) => write!(f, "at no place; the nearest is `{place}`"),
             BasePlace::Unknown => write!(f, "where it does not know"),
+            BasePlace::Unreachable => write!(f, "out of reach"),
         }
     }
 }
@@ -285,7 +288,7 @@ impl MobileBase {
     pub fn place(&self) -> Option<String> {
         match self.current_state().place {
             BasePlace::At(place) => Some(place),
-            BasePlace::Near(_) | BasePlace::Unknown => None,
+            BasePlace::Near(_) | BasePlace::Unknown | BasePlace::Unreachable => None,
         }
     }
 
@@ -455,7 +458,7 @@ impl MobileBase {
         let mut text = match place {
             BasePlace::At(place) => format!("(at {} {place}) ", self.id),
             BasePlace::Near(place) => format!("(stray-near {} {place}) ", self.id),
-            BasePlace::Unknown => format!("(lost {}) ", self.id),
+            BasePlace::Unknown | BasePlace::Unreachable => format!("(lost {}) ", self.id),
         };
         text += &self.constant_facts();
         if let (Some(PowerSupply { range, .. }), Some(charge)) = (&self.power, charge) {
@@ -472,6 +475,9 @@ impl MobileBase {
     /// An empty text adds no condition.
     pub fn actions(&self, guard: &str) -> String {
         let kind = self.kind;
+        if self.current_state().place == BasePlace::Unreachable {
+            return String::new();
+        }
         let rejoin = if self.can_stray { rejoin(kind) } else { String::new() };
         if self.power.is_none() {
             return format!(

@@ -37,6 +37,13 @@ const CHARGE_STEP: f64 = 0.01;
 /// How long a robot is waited for whose pose a person records. AMCL tells the last pose at once.
 const POSE_TOLD_WITHIN: Duration = Duration::from_secs(5);
 
+/// Interval at which the link to the robot is checked while the robot says nothing.
+const LINK_CHECKED_EVERY: Duration = Duration::from_secs(1);
+
+/// How long the link may be lost before the robot counts as out of reach. A robot that changes its
+/// access point is away for some seconds.
+const LINK_LOST_AFTER: Duration = Duration::from_secs(5);
+
 /// Pause before the robot is asked again after an error.
 const ASK_AGAIN: Duration = Duration::from_secs(1);
 
@@ -273,10 +280,17 @@ impl Ros2Settings {
     ) {
         self.establish_pose(&robot).await;
         let step = self.range.unwrap_or_default() * CHARGE_STEP;
+        let mut away = Duration::ZERO;
         loop {
-            let news = match robot.next_message().await {
-                Ok(()) => self.read(&robot).await,
-                Err(error) => Err(error),
+            let news = tokio::time::timeout(LINK_CHECKED_EVERY, robot.next_message()).await;
+            away = if robot.is_linked().await { Duration::ZERO } else { away + LINK_CHECKED_EVERY };
+            let news = match news {
+                _ if away >= LINK_LOST_AFTER => {
+                    Ok(BaseReading { place: BasePlace::Unreachable, charge: None })
+                }
+                Ok(Ok(())) => self.read(&robot).await,
+                Ok(Err(error)) => Err(error),
+                Err(_) => continue,
             };
             let is_error = news.is_err();
             readings.send_if_modified(|known| {

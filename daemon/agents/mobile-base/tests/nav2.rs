@@ -58,6 +58,7 @@ async fn office(wire: RobotWire, namespace: &str) -> Office {
     let settings = Nav2Settings {
         robot: ROBOT.to_owned(),
         wire,
+        listen: None,
         namespace: namespace.to_owned(),
         places,
         battery_range: Some(RANGE),

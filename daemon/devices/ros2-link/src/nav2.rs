@@ -126,6 +126,11 @@ impl Nav2Robot {
         topics.await.cloned()
     }
 
+    /// Whether the robot's bridge or router is linked at present.
+    pub async fn is_linked(&self) -> bool {
+        self.link.is_linked().await
+    }
+
     /// Returns the pose of the robot; `None` if the robot does not know where it is.
     ///
     /// # Errors

@@ -52,6 +52,8 @@ pub struct Nav2Settings {
     pub robot: String,
     /// How the names of ROS are put on Zenoh.
     pub wire: RobotWire,
+    /// Endpoint at which the robot listens; `None` for a port of loopback that the kernel chooses.
+    pub listen: Option<String>,
     /// Namespace of the robot; may be empty.
     pub namespace: String,
     /// Position of each place on the robot's map, in meters.
@@ -90,7 +92,7 @@ impl SimulatedNav2 {
         building: BuildingHandle,
         settings: Nav2Settings,
     ) -> zenoh::Result<SimulatedNav2> {
-        let (node, endpoint) = RobotNode::open(settings.wire, &settings.namespace).await?;
+        let (node, endpoint) = RobotNode::open(&settings).await?;
         let node = Arc::new(node);
         let state = Arc::new(DrivingRobot {
             node: Arc::clone(&node),
@@ -112,6 +114,14 @@ impl SimulatedNav2 {
         tasks.push(serve_lifecycle(&node, &state).await?);
         tasks.push(AbortOnDropHandle::new(tokio::spawn(Arc::clone(&state).tell())));
         Ok(SimulatedNav2 { endpoint, state, _tasks: tasks, _initial_pose: initial_pose })
+    }
+
+    /// Switches the robot off, and waits until its endpoint is free.
+    pub async fn close(self) {
+        let node = Arc::clone(&self.state.node);
+        drop(self);
+        // An error means that the session is closed already.
+        drop(node.session.close().await);
     }
 
     /// Returns the Zenoh endpoint at which the robot is reached.

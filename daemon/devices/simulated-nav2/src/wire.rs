@@ -12,6 +12,8 @@ use zenoh::Session;
 use zenoh::bytes::ZBytes;
 use zenoh::query::{Query, Queryable};
 
+use crate::Nav2Settings;
+
 /// Number of requests to one service that wait; further ones are not answered.
 const REQUESTS_MAX: usize = 64;
 
@@ -41,21 +43,19 @@ pub(crate) struct Service {
 }
 
 impl RobotNode {
-    /// Opens a router on a port of loopback that the kernel chooses. Returns it with its endpoint.
-    pub(crate) async fn open(
-        wire: RobotWire,
-        namespace: &str,
-    ) -> zenoh::Result<(RobotNode, String)> {
+    /// Opens a router. Returns it with its endpoint.
+    pub(crate) async fn open(settings: &Nav2Settings) -> zenoh::Result<(RobotNode, String)> {
+        let Nav2Settings { wire, listen, namespace, .. } = settings.clone();
+        let listen = listen.unwrap_or_else(|| "tcp/127.0.0.1:0".to_owned());
         let settings = json!({
             "mode": "router",
-            "listen": { "endpoints": ["tcp/127.0.0.1:0"] },
+            "listen": { "endpoints": [listen] },
             "scouting": { "multicast": { "enabled": false }, "gossip": { "enabled": false } },
         });
         let session = zenoh::open(zenoh::Config::from_json5(&settings.to_string())?).await?;
         let endpoint = session.info().locators().await.into_iter().next();
         let endpoint = endpoint.ok_or("the router of the simulated robot has no address")?;
         let interfaces = Interfaces::standard();
-        let namespace = namespace.to_owned();
         Ok((RobotNode { session, wire, namespace, interfaces }, endpoint.to_string()))
     }
 
