@@ -271,7 +271,8 @@ impl Actuator {
         self.announced.sequence += 1;
         let (lasting, passing): (Vec<_>, Vec<_>) =
             self.device.facts().into_iter().partition(|fact| fact.known_for.is_none());
-        let lasting: Vec<_> = lasting.into_iter().map(|fact| fact.fact).collect();
+        let lasting = lasting.into_iter().map(|fact| fact.fact);
+        let lasting: Vec<_> = lasting.chain(self.stop_fact(ctx.id())).collect();
         let known_for = passing
             .into_iter()
             .filter_map(|fact| Some((fact.fact.to_string(), Millis(fact.known_for?))))

@@ -27,7 +27,23 @@ pub(crate) fn obstacles(explanation: &Explanation, known: &PlanningSnapshot) -> 
         "" => String::new(),
         told => format!(" (not composed: {told})"),
     };
-    Some(format!("{explanation}{}{not_composed}", describe_avoided(&known.avoided)))
+    let stopped = describe_stopped(known);
+    Some(format!("{explanation}{}{not_composed}{stopped}", describe_avoided(&known.avoided)))
+}
+
+/// Returns the agents that are stopped, in parentheses; an empty string if there are none.
+fn describe_stopped(known: &PlanningSnapshot) -> String {
+    let stopped = known.problem.init.iter().filter_map(|element| match element {
+        InitElement::Atom(atom) if atom.predicate == "stopped" => {
+            atom.arguments.first().map(|agent| format!("`{agent}`"))
+        }
+        _ => None,
+    });
+    let stopped = listed(stopped.collect(), ", ");
+    if stopped.is_empty() {
+        return stopped;
+    }
+    format!(" (stopped: {stopped}; `althing stop --list` tells by whom, `--release` ends it)")
 }
 
 /// Returns the avoided actions and their reasons, in parentheses; an empty string if there are
@@ -400,6 +416,16 @@ mod tests {
         let known = self::known(&["a"], "(in a hall) (open hall)", &AvoidedActions::new());
         let explanation = known.explain(&goal("(known hall)"), &Cancel::new()).expect("explained");
         assert_eq!(obstacles(&explanation, &known), None);
+    }
+
+    #[test]
+    fn stopped_agents_are_reported_with_the_obstacle() {
+        let declared = "(stopped ?a - object) (offers-measure ?s - sensor))";
+        let domain = DOMAIN.replacen("(offers-measure ?s - sensor))", declared, 1);
+        let known = known_in(&domain, &[], "(stopped a) (open hall)", &AvoidedActions::new());
+        let explanation = known.explain(&goal("(known hall)"), &Cancel::new()).expect("explained");
+        let obstacle = obstacles(&explanation, &known).expect("an obstacle");
+        assert!(obstacle.contains(" (stopped: `a`; `althing stop --list`"), "{obstacle}");
     }
 
     #[test]

@@ -4,7 +4,7 @@
 //!   request, or in the heartbeat of another agent that has received it.
 //! - A stop of a place concerns the actions that name it, and the agents that are there: those with
 //!   a fact about themselves and the place, such as `(at robot hall)`.
-//! - A stopped agent offers no actions, so that no plan is made with it.
+//! - A stopped agent offers no actions, so that no plan is made with it, and has the fact `stopped`.
 
 use std::sync::Arc;
 
@@ -16,6 +16,7 @@ use substrate::BoxFuture;
 
 use crate::actuator::Actuator;
 use crate::device::Description;
+use crate::pddl_text::{facts_of, model_of};
 
 /// Maximum number of confirmations that wait for the disk at a time.
 const CONFIRMATIONS_MAX: usize = 64;
@@ -42,8 +43,18 @@ impl Actuator {
             offer.model.actions.clear();
             offer.model.durative_actions.clear();
             offer.methods.clear();
+            // The ontology need not know the word.
+            let words = "(define (agent a) (:domain d) (:predicates (stopped ?a - object)))";
+            offer.model.predicates.extend(model_of(words).predicates);
         }
         offer
+    }
+
+    /// Returns the fact that this agent is stopped; none if it is not.
+    pub(super) fn stop_fact(&self, own: &AgentId) -> Vec<InitElement> {
+        let stop = self.stop_of_all(own);
+        let text = stop.map(|_| format!("(stopped {own})")).unwrap_or_default();
+        facts_of(&text).into_iter().map(|fact| fact.fact).collect()
     }
 
     /// Returns a stop that forbids all actions of this agent.

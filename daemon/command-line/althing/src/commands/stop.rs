@@ -141,26 +141,34 @@ async fn send_to_all(
 ) -> Result<BTreeMap<AgentId, Option<StopAnswer>>, &'static str> {
     let (keyboard, terminal) = Keyboard::with_terminal();
     let id = AgentId::new(&client::guest_name("stop")).map_err(|_| "name a keyboard")?;
-    let _guest = hosting::launch_guest(&view.router, id, keyboard, view.ontology());
-    let answers = Round::new(terminal, request).run(view).await?;
-    // Other agents than actuators decline the request.
-    let states = states(view).await;
-    let actuators: BTreeSet<&AgentId> = states.iter().map(|state| &state.agent).collect();
-    let is_actuator = |(agent, answer): &(AgentId, StopAnswer)| {
-        matches!(answer, StopAnswer::Done(_)) || actuators.contains(agent)
-    };
-    let answers = answers.into_iter().filter(is_actuator);
-    let mut table: BTreeMap<AgentId, Option<StopAnswer>> =
-        answers.map(|(agent, answer)| (agent, Some(answer))).collect();
-    for agent in actuators {
-        table.entry(agent.clone()).or_insert(None);
+    let _guest = hosting::launch_guest(&view.router, id.clone(), keyboard, view.ontology());
+    let mut round = Round::new(id, terminal, request);
+    round.run(view).await?;
+    let Round { asked, mut answers, .. } = round;
+    let mut table = BTreeMap::new();
+    for agent in asked {
+        let answer = answers.remove(&agent);
+        let is_done = matches!(answer, Some(StopAnswer::Done(_)));
+        // Only agents with an action model act, and only they are in the table. Other agents
+        // decline the request.
+        if is_done || has_model(view, &agent).await {
+            table.insert(agent, answer);
+        }
     }
     Ok(table)
+}
+
+/// Whether an agent has announced an action model. An agent in another language may not know stops,
+/// and must not be missing in the table.
+async fn has_model(view: &EcosystemView, agent: &AgentId) -> bool {
+    !view.ask(Resource::Model, Some(agent.clone())).await.is_empty()
 }
 
 /// A request to all agents, with the answers so far. The command sees the agents one after the
 /// other when it joins; each is asked as soon as it is seen.
 struct Round {
+    /// The agent that asks.
+    own: AgentId,
     terminal: Terminal,
     content: Value,
     asked: BTreeSet<AgentId>,
@@ -168,16 +176,13 @@ struct Round {
 }
 
 impl Round {
-    fn new(terminal: Terminal, request: &Request) -> Round {
+    fn new(own: AgentId, terminal: Terminal, request: &Request) -> Round {
         let content = value(request);
-        Round { terminal, content, asked: BTreeSet::new(), answers: BTreeMap::new() }
+        Round { own, terminal, content, asked: BTreeSet::new(), answers: BTreeMap::new() }
     }
 
-    /// Asks all agents, and returns their answers when all have answered, or at the deadline.
-    async fn run(
-        mut self,
-        view: &EcosystemView,
-    ) -> Result<BTreeMap<AgentId, StopAnswer>, &'static str> {
+    /// Asks all agents until all have answered, or until the deadline.
+    async fn run(&mut self, view: &EcosystemView) -> Result<(), &'static str> {
         let deadline = tokio::time::sleep(ANSWERED_WITHIN);
         let (mut deadline, router) = (pin!(deadline), &view.router);
         let (_, mut changes) = router.presence_changes();
@@ -202,7 +207,7 @@ impl Round {
                 () = &mut deadline => break,
             }
         }
-        if self.asked.is_empty() { Err("see any agent of the ecosystem") } else { Ok(self.answers) }
+        if self.asked.is_empty() { Err("see any agent of the ecosystem") } else { Ok(()) }
     }
 
     /// Asks the agents that are seen and were not asked yet. If the queue of requests is full, the
@@ -210,8 +215,9 @@ impl Round {
     fn ask_new(&mut self, view: &EcosystemView) -> Result<(), &'static str> {
         let directory = view.router.directory();
         let present = directory.iter().filter(|resident| !resident.daemon.is_guest());
-        for agent in present.map(|resident| &resident.agent) {
-            if self.asked.contains(agent) || self.asked.len() > self.answers.len() + UNANSWERED_MAX
+        let others = present.map(|resident| &resident.agent).filter(|agent| **agent != self.own);
+        for agent in others.cloned().collect::<Vec<_>>() {
+            if self.asked.contains(&agent) || self.asked.len() > self.answers.len() + UNANSWERED_MAX
             {
                 continue;
             }
@@ -225,7 +231,7 @@ impl Round {
             };
             let sent = self.terminal.requests.try_send(UserRequest::Send(draft));
             sent.map_err(|_| "send the request: the keyboard agent has ended")?;
-            self.asked.insert(agent.clone());
+            self.asked.insert(agent);
         }
         Ok(())
     }
