@@ -6,7 +6,7 @@ use std::os::unix::fs::FileTypeExt as _;
 
 use rustix::event::{PollFd, PollFlags, poll};
 use rustix::io::Errno;
-use tokio::signal::unix::{SignalKind, signal};
+use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::oneshot;
 
 /// Waits for SIGINT or SIGTERM, and returns the number of the signal. The signal handlers are
@@ -27,6 +27,31 @@ pub(crate) fn interrupted() -> impl Future<Output = i32> {
         tokio::select! {
             _ = interrupts.recv() => interrupt.as_raw_value(),
             _ = terminations.recv() => terminate.as_raw_value(),
+        }
+    }
+}
+
+/// Presses of Ctrl-C (SIGINT). The signal handler is installed when the value is made, so that a
+/// Ctrl-C right after the first line of output does not end the process without a word.
+pub(crate) struct CtrlC(Option<Signal>);
+
+impl CtrlC {
+    /// Installs the signal handler. If it cannot be installed, Ctrl-C ends the process as usual.
+    ///
+    /// # Panics
+    ///
+    /// Panics if it is called outside of a Tokio runtime.
+    pub(crate) fn listen() -> CtrlC {
+        CtrlC(signal(SignalKind::interrupt()).ok())
+    }
+
+    /// Waits for the next Ctrl-C.
+    pub(crate) async fn pressed(&mut self) {
+        match &mut self.0 {
+            Some(presses) => {
+                presses.recv().await;
+            }
+            None => std::future::pending().await,
         }
     }
 }
@@ -66,7 +91,7 @@ fn is_pipe() -> bool {
 
 #[cfg(test)]
 mod tests {
-    use rustix::process::{Signal, getpid, kill_process};
+    use rustix::process::{Signal as ProcessSignal, getpid, kill_process};
 
     use super::*;
 
@@ -74,7 +99,7 @@ mod tests {
     async fn a_signal_before_the_first_poll_is_received() {
         let interrupted = interrupted();
         // Without installed handlers, this would end the tests.
-        kill_process(getpid(), Signal::TERM).expect("our own process");
-        assert_eq!(interrupted.await, Signal::TERM.as_raw());
+        kill_process(getpid(), ProcessSignal::TERM).expect("our own process");
+        assert_eq!(interrupted.await, ProcessSignal::TERM.as_raw());
     }
 }

@@ -10,7 +10,6 @@ use acl::content::{GoalStatus, HistoryEntry, Outcome, Report};
 use acl::{AgentId, ConversationId};
 use keyboard::{Keyboard, RequestRef, Terminal, UserEvent, UserRequest};
 use terminal::{exit, output};
-use tokio::signal;
 
 use crate::commands::client::{self, ClientLink};
 use crate::commands::connection_watch::{ConnectionEvent, ConnectionWatch};
@@ -52,6 +51,7 @@ pub(super) async fn send_and_follow(
     said: UserRequest,
     manner: ExchangeOptions,
 ) -> ExitCode {
+    let mut ctrl_c = interruption::CtrlC::listen();
     let json = manner.json;
     let is_cancel = matches!(said, UserRequest::Cancel(_));
     let is_to_all = matches!(&said, UserRequest::Send(draft) if draft.to.is_none());
@@ -77,7 +77,7 @@ pub(super) async fn send_and_follow(
                 continue;
             }
             heard = terminal.events.recv() => heard,
-            _ = signal::ctrl_c() => {
+            () = ctrl_c.pressed() => {
                 match (&interrupt, &about) {
                     (InterruptAction::GiveUp, Some(about)) => {
                         output::print_note("cancelling; Ctrl-C once more leaves without the outcome");

@@ -15,7 +15,6 @@ use terminal::output::Color;
 use terminal::render::plural;
 use terminal::styled::Styled;
 use terminal::{exit, output, visible};
-use tokio::signal;
 
 use crate::cli::WatchArgs;
 use crate::commands::client::{self, ClientTarget};
@@ -53,12 +52,13 @@ pub(super) fn run(args: &WatchArgs) -> ExitCode {
     let ClientTarget { name, endpoints, keys, .. } = target;
     let listening = WatchOptions { ecosystem: name, endpoints, keys, role: "cli" };
     super::in_runtime(async move {
+        let mut ctrl_c = interruption::CtrlC::listen();
         tokio::select! {
             ended = listen(&listening, conversation, json) => match ended {
                 Ok(code) => code,
                 Err(problem) => client::unavailable(&problem, json),
             },
-            _ = signal::ctrl_c() => exit::with(exit::DONE),
+            () = ctrl_c.pressed() => exit::with(exit::DONE),
             () = interruption::reader_gone() => exit::with(exit::DONE),
         }
     })
