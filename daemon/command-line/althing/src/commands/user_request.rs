@@ -51,8 +51,7 @@ pub(super) async fn send_and_follow(
     said: UserRequest,
     manner: ExchangeOptions,
 ) -> ExitCode {
-    let mut ctrl_c = interruption::CtrlC::listen();
-    let json = manner.json;
+    let (json, mut ctrl_c) = (manner.json, interruption::CtrlC::listen());
     let is_cancel = matches!(said, UserRequest::Cancel(_));
     let is_to_all = matches!(&said, UserRequest::Send(draft) if draft.to.is_none());
     let mut terminal = match begin(link, said, &manner).await {
