@@ -329,6 +329,8 @@ impl Actuator {
         }
         let call = MethodCall { action, method, arguments };
         if let Some(refusal) = self.device.check_call(&call) {
+            // The plan may have been made with older knowledge.
+            self.send_heartbeat(ctx);
             return Err(refusal);
         }
         ctx.answer(participation, Performative::Agree, &Agreement { token: token.clone() });

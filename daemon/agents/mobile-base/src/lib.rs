@@ -22,7 +22,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::Millis;
-use acl::content::{Achieve, Keep, Method, Methods};
+use acl::content::{Achieve, Keep, Method, Methods, Reason, Refusal};
 use actuator::{
     BoxFuture, Initiative, MethodCall, MethodFailure, MethodResult, PlaceName, facts_of,
 };
@@ -556,6 +556,19 @@ fn push(text: &mut String, piece: std::fmt::Arguments<'_>) {
 // === impl MobileBase: acting ===
 
 impl MobileBase {
+    /// Returns a refusal if a `move` is to begin at another place than the base stands at: its plan
+    /// was made with older knowledge. Other calls are not refused.
+    pub fn check_call(&self, call: &MethodCall) -> Option<Refusal> {
+        let step = pddl::parse_step(&call.action).into_result().ok()?;
+        let from = step.arguments.get(1).filter(|_| step.action == "move")?;
+        if self.place().is_some_and(|place| place.eq_ignore_ascii_case(from.as_str())) {
+            return None;
+        }
+        let detail =
+            format!("{} begins at `{from}`: the base stands {}", call.action, self.whereabouts());
+        Some(Refusal::new(Reason::Conflict, detail))
+    }
+
     /// Runs a method of the base; fails with [`MethodFailure::UnknownMethod`] if the base has no
     /// such method.
     pub fn perform(&self, call: &MethodCall) -> BoxFuture<Result<BaseOutcome, MethodFailure>> {

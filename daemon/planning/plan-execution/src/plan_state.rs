@@ -372,8 +372,11 @@ impl PlanState {
 
     fn refused(&mut self, step: usize, refusal: &Refusal, out: &mut Vec<ExecutionCommand>) {
         let Some(running) = self.running_steps.get_mut(&step) else { return };
-        // A busy agent has not failed, because it can do the same action a moment later.
-        running.is_blamed = !matches!(refusal.reason, Reason::Busy | Reason::MailboxFull);
+        // A busy agent has not failed, because it can do the same action a moment later. Nor has one
+        // that declines what the plan assumes of it: the next plan begins with what it reports.
+        let is_able =
+            [Reason::Busy, Reason::MailboxFull, Reason::Conflict].contains(&refusal.reason);
+        running.is_blamed = !is_able;
         let problem = format!("`{}` declined: {}", running.agent, refusal.detail);
         self.fail(step, Report { declined: Some(refusal.reason), ..failure(problem) }, out);
     }

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::Millis;
-use acl::content::Method;
+use acl::content::{Method, Refusal};
 use actuator::{
     Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
     OwnFact, facts_of, model_of,
@@ -155,6 +155,10 @@ impl Device for CleaningRobot {
             text += &format!(" (swept {place})");
         }
         facts_of(&text)
+    }
+
+    fn check_call(&mut self, call: &MethodCall) -> Option<Refusal> {
+        self.base.check_call(call)
     }
 
     fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<CleaningResult, MethodFailure>> {

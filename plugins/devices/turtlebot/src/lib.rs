@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use acl::Millis;
-use acl::content::Method;
+use acl::content::{Method, Refusal};
 use actuator::{
     Actuator, BoxFuture, Description, Device, DeviceEvent, Initiative, InitiativeUpdate,
     MethodCall, MethodFailure, MethodResult, OwnFact, facts_of, model_of,
@@ -155,6 +155,10 @@ impl Device for TurtleBot {
     fn facts(&self) -> Vec<OwnFact> {
         let patrolled = self.patrol.iter().flat_map(Patrol::facts);
         facts_of(&self.base.facts()).into_iter().chain(self.validated()).chain(patrolled).collect()
+    }
+
+    fn check_call(&mut self, call: &MethodCall) -> Option<Refusal> {
+        self.base.check_call(call)
     }
 
     fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<TurtleBotResult, MethodFailure>> {

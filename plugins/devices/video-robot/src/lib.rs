@@ -12,7 +12,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::Millis;
-use acl::content::Method;
+use acl::content::{Method, Refusal};
 use actuator::{
     Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
     OwnFact, PlaceName, facts_of, model_of,
@@ -144,6 +144,10 @@ impl Device for VideoRobot {
             }
         }
         facts_of(&text)
+    }
+
+    fn check_call(&mut self, call: &MethodCall) -> Option<Refusal> {
+        self.base.check_call(call)
     }
 
     fn perform(
