@@ -92,3 +92,36 @@ fn a_stopped_place_is_not_entered() {
     assert!(table.contains("was already still"), "{table}");
     office.await_devices(0);
 }
+
+/// Actuators of one daemon learn of a stop together; each still tells what the stop has ended.
+#[test]
+fn each_of_two_robots_of_a_daemon_tells_what_a_stop_has_ended() {
+    let robots = [0, 1].map(|_| Robot::start(RobotWire::Ros2Dds, "tb1", 1.0));
+    let names = [ROBOT, "turtlebot-2"];
+    let entries = [0, 1].map(|number| {
+        entry(robots[number].nav2.endpoint(), "ros2dds", &PLACES).replace(ROBOT, names[number])
+    });
+    let office = Office::new();
+    let file = office.write("lab.toml", &(lab("centralized") + &entries.concat()));
+    let mut office = office.with_file(file);
+    office.up_alone(&[]);
+    office.await_devices(2);
+    let mut asked = names.map(|name| {
+        office.await_fact(&format!("(at {name} corridor)"), true);
+        let mut command = office.command(&["act", &format!("(move {name} corridor office1)")]);
+        command.spawn().expect("a command")
+    });
+    for robot in &robots {
+        robot.await_event(|event| matches!(event, BuildingEvent::Departed { .. }));
+    }
+    let (code, table) = office.ask(&["stop"]);
+    assert_eq!(code, Some(0), "{table}");
+    for (name, robot) in names.iter().zip(&robots) {
+        let line = format!("stopped: (move {name} corridor office1)");
+        assert!(table.contains(&line), "{line}: {table}");
+        robot.await_event(|event| matches!(event, BuildingEvent::Stayed { .. }));
+    }
+    for asked in &mut asked {
+        asked.wait().expect("it ends");
+    }
+}

@@ -51,6 +51,8 @@ pub struct Actuator {
     /// Data that the actuator's own planner keeps, used by one bid at a time. A second bid at the
     /// same time starts with an empty planner instead of waiting.
     bid_cache: Arc<Mutex<BidCache>>,
+    /// The last action that a stop has ended, with the identifier of the stop.
+    ended_by_stop: Option<(String, String)>,
     /// Work that waits for the next change of the daemon's stops.
     following_stops: Option<WorkHandle>,
     /// Confirmations of stops and releases that wait until these are on disk.
@@ -129,6 +131,7 @@ impl Actuator {
             pending_reports: BTreeMap::new(),
             running_bids: BTreeMap::new(),
             bid_cache: Arc::default(),
+            ended_by_stop: None,
             following_stops: None,
             confirming_stops: VecDeque::new(),
             cache_expiry: None,

@@ -34,7 +34,7 @@ const READ_WITHIN: Duration = Duration::from_secs(5);
 /// changes every second.
 const CHARGE_STEP: f64 = 0.01;
 
-/// How long a robot is waited for whose pose a person records. AMCL tells the last pose at once.
+/// How long `althing robot` waits for the pose of a robot. AMCL sends the last pose at once.
 const POSE_TOLD_WITHIN: Duration = Duration::from_secs(5);
 
 /// Interval at which the link to the robot is checked while the robot says nothing.

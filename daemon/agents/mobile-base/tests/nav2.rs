@@ -1,5 +1,5 @@
 //! A robot with Nav2 as its client sees it, over real Zenoh, in both dialects. The robot drives in
-//! the simulated building, whose truth decides.
+//! the simulated building. The truth of the building decides.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -51,7 +51,11 @@ const OFFICE1: MapPose = MapPose { x: 6.0, y: 0.0, yaw: 1.5 };
 const OFFICE2: MapPose = MapPose { x: -6.0, y: 0.0, yaw: 0.0 };
 
 async fn office(wire: RobotWire, namespace: &str) -> Office {
-    let building = Building::new(layout(), PACE).expect("a building");
+    office_at(PACE, wire, namespace).await
+}
+
+async fn office_at(pace: f64, wire: RobotWire, namespace: &str) -> Office {
+    let building = Building::new(layout(), pace).expect("a building");
     let places = [("corridor", CORRIDOR), ("office1", OFFICE1), ("office2", OFFICE2)];
     let places: BTreeMap<_, _> =
         places.into_iter().map(|(name, pose)| (name.to_owned(), (pose.x, pose.y))).collect();
@@ -218,4 +222,13 @@ async fn a_robot_that_was_never_there_is_named_by_its_endpoint() {
     let robot = Nav2Robot::new(link, Nav2Names::default());
     let reason = robot.pose().await.expect_err("nothing listens there").to_string();
     assert!(reason.starts_with(&format!("reach the robot at `{endpoint}`: ")), "{reason}");
+}
+
+/// The trip takes longer than the client tolerates the silence of a server.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_server_that_answers_no_questions_for_results_is_followed_by_its_topics() {
+    let office = office_at(1.0, RobotWire::Ros2Dds, "").await;
+    office.nav2.set_answers_results(false);
+    office.drive(OFFICE1).await.expect("it arrives");
+    assert_eq!(office.place(), "office1");
 }

@@ -106,7 +106,7 @@ pub struct OnvifCamera {
     media_namespace: &'static str,
     ptz: Option<Address>,
     pub(crate) events: Option<Address>,
-    /// Token of the profile whose picture and motors are used.
+    /// Token of the media profile for pictures and movements.
     profile: String,
     /// Tokens of the profile's source of pictures.
     pub(crate) own_sources: BTreeSet<String>,

@@ -6,6 +6,7 @@
 //!   the link was lost meanwhile, the question is repeated; the status topic tells the end as well.
 //! - Messages about other goals are ignored: another program may use the same server.
 
+use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
 use serde_json::{Value, json};
@@ -31,6 +32,10 @@ const RESULT_AFTER_END: Duration = Duration::from_secs(2);
 /// How long an action server may be unreachable while it has a goal. A robot changes its access
 /// point within some seconds.
 const SERVER_LOST_AFTER: Duration = Duration::from_secs(10);
+
+/// Time after which a question without an answer was held by a node of the robot. Without such a
+/// node, Zenoh ends the question within the round trip.
+const HELD_FOR: Duration = Duration::from_secs(1);
 
 /// Pause before a question for the result is repeated that was ended without an answer.
 const ASK_AGAIN: Duration = Duration::from_millis(250);
@@ -85,6 +90,8 @@ pub struct RosGoal {
     client: ActionClient,
     id: Vec<u8>,
     is_over: bool,
+    /// Time at which the server was last heard about this goal.
+    heard_at: Mutex<Instant>,
 }
 
 impl ActionClient {
@@ -121,7 +128,8 @@ impl ActionClient {
         let request = json!({ "goal_id": { "uuid": id }, "goal": goal });
         // The server may accept the goal although the answer is lost or comes too late, so the goal
         // is cancelled unless its rejection is known.
-        let mut sent = RosGoal { client: self.clone(), id, is_over: false };
+        let heard_at = Mutex::new(Instant::now());
+        let mut sent = RosGoal { client: self.clone(), id, is_over: false, heard_at };
         let response = self.call("send_goal", "SendGoal", &request, ACCEPT_TIMEOUT).await;
         let is_unsent =
             matches!(&response, Err(RosError::NotLinked { .. } | RosError::Encode { .. }));
@@ -180,6 +188,7 @@ impl RosGoal {
             loop {
                 match feedback.next().await {
                     Ok(message) if self.is_of_this(&message["goal_id"]) => {
+                        self.hear();
                         on_feedback(&message["feedback"]);
                     }
                     Ok(_) => (),
@@ -225,18 +234,19 @@ impl RosGoal {
     /// Asks for the result until there is one, or the server is lost.
     async fn ask_result(&self) -> Result<Value, RosError> {
         let request = json!({ "goal_id": { "uuid": self.id } });
-        let mut answered_at = Instant::now();
+        self.hear();
         loop {
             let asked_at = Instant::now();
             let answer =
                 self.client.call("get_result", "GetResult", &request, RESULT_TIMEOUT).await;
             match answer {
                 Ok(answer) => return Ok(answer),
-                // The question ended by its own time: the server had it all the while.
-                Err(RosError::NoAnswer { .. }) if asked_at.elapsed() >= RESULT_TIMEOUT / 2 => {
-                    answered_at = Instant::now();
+                // Some node of the robot had the question for a while: the server is there. A bridge
+                // may give up before the time of the question is over.
+                Err(RosError::NoAnswer { .. }) if asked_at.elapsed() >= HELD_FOR => {
+                    self.hear();
                 }
-                Err(error) if answered_at.elapsed() >= SERVER_LOST_AFTER => {
+                Err(error) if self.silence() >= SERVER_LOST_AFTER => {
                     return Err(RosError::Robot(format!(
                         "follow the goal: the robot is out of reach ({error})"
                     )));
@@ -244,6 +254,15 @@ impl RosGoal {
                 Err(_) => tokio::time::sleep(ASK_AGAIN).await,
             }
         }
+    }
+
+    fn hear(&self) {
+        *self.heard_at.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
+    }
+
+    /// Returns how long the server has not been heard about this goal.
+    fn silence(&self) -> Duration {
+        self.heard_at.lock().unwrap_or_else(PoisonError::into_inner).elapsed()
     }
 
     fn end_of(&self, answer: &Value) -> GoalEnd {

@@ -142,7 +142,12 @@ impl RosLink {
     pub async fn is_linked(&self) -> bool {
         let session = self.shared.session.borrow().clone();
         match session {
-            Some(session) => session.info().routers_zid().await.next().is_some(),
+            Some(session) => {
+                let info = session.info();
+                // A bridge may also be a peer.
+                let is_router = info.routers_zid().await.next().is_some();
+                is_router || info.peers_zid().await.next().is_some()
+            }
             None => false,
         }
     }

@@ -2,6 +2,7 @@
 //! running one, as with Nav2.
 
 use std::pin::Pin;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 
 use serde_json::{Value, json};
@@ -38,6 +39,7 @@ pub(crate) struct ActionServer {
     type_name: &'static str,
     accepts: AcceptsGoals,
     run: RunGoal,
+    answers_results: Arc<AtomicBool>,
     goals: watch::Sender<Vec<ServedGoal>>,
     running: Mutex<Option<JoinHandle<()>>>,
 }
@@ -57,6 +59,7 @@ impl ActionServer {
         type_name: &'static str,
         accepts: AcceptsGoals,
         run: RunGoal,
+        answers_results: &Arc<AtomicBool>,
     ) -> zenoh::Result<AbortOnDropHandle<()>> {
         let server = Arc::new(ActionServer {
             node: Arc::clone(node),
@@ -64,6 +67,7 @@ impl ActionServer {
             type_name,
             accepts,
             run,
+            answers_results: Arc::clone(answers_results),
             goals: watch::Sender::new(Vec::new()),
             running: Mutex::new(None),
         });
@@ -161,6 +165,9 @@ impl ActionServer {
     }
 
     async fn get_result(self: Arc<Self>, query: Query) {
+        if !self.answers_results.load(Ordering::Relaxed) {
+            return;
+        }
         let type_name = format!("{}_GetResult", self.type_name);
         let Some(request) = self.node.request(&query, &type_name) else { return };
         let id = &request["goal_id"]["uuid"];

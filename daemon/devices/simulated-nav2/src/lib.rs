@@ -77,6 +77,8 @@ struct DrivingRobot {
     is_active: AtomicBool,
     is_localized: AtomicBool,
     is_docked: AtomicBool,
+    /// Whether action servers answer questions for results.
+    answers_results: Arc<AtomicBool>,
     /// Number of goals that Nav2 has accepted or rejected.
     goals: watch::Sender<u64>,
     initial_poses: AtomicU64,
@@ -101,6 +103,7 @@ impl SimulatedNav2 {
             is_active: AtomicBool::new(true),
             is_localized: AtomicBool::new(true),
             is_docked: AtomicBool::new(false),
+            answers_results: Arc::new(AtomicBool::new(true)),
             goals: watch::Sender::new(0),
             initial_poses: AtomicU64::new(0),
         });
@@ -137,6 +140,12 @@ impl SimulatedNav2 {
     /// Makes the localization certain or uncertain.
     pub fn set_localized(&self, is_localized: bool) {
         self.state.is_localized.store(is_localized, Ordering::Relaxed);
+    }
+
+    /// Makes the action servers drop questions for results, or answer them. The topics of the actions
+    /// go on.
+    pub fn set_answers_results(&self, answers: bool) {
+        self.state.answers_results.store(answers, Ordering::Relaxed);
     }
 
     /// Whether the robot stands in its dock.
@@ -181,13 +190,15 @@ async fn serve_actions(
         Box::pin(std::future::ready(Ok(json!({ "is_docked": false }))))
     });
     let always: AcceptsGoals = Arc::new(|| true);
+    let results = &state.answers_results;
     let navigate_type = "nav2_msgs/action/NavigateToPose";
     let dock_type = "irobot_create_msgs/action/Dock";
     let undock_type = "irobot_create_msgs/action/Undock";
     Ok(vec![
-        ActionServer::serve(node, "navigate_to_pose", navigate_type, accepts, navigate).await?,
-        ActionServer::serve(node, "dock", dock_type, Arc::clone(&always), dock).await?,
-        ActionServer::serve(node, "undock", undock_type, always, undock).await?,
+        ActionServer::serve(node, "navigate_to_pose", navigate_type, accepts, navigate, results)
+            .await?,
+        ActionServer::serve(node, "dock", dock_type, Arc::clone(&always), dock, results).await?,
+        ActionServer::serve(node, "undock", undock_type, always, undock, results).await?,
     ])
 }
 

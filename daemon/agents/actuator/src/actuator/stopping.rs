@@ -122,17 +122,20 @@ impl Actuator {
     }
 
     /// Ends the action under way if a stop forbids it, and announces what is still offered.
-    fn obey(&mut self, ctx: &mut Context<Self>) -> Option<String> {
-        let action = self.running_command.as_ref().map(|running| running.call.action.clone());
-        let stop = action.as_ref().and_then(|action| self.stop_against(action, ctx.id()));
-        if let Some(stop) = &stop {
-            self.cancel_command(&described(stop), ctx);
+    fn obey(&mut self, ctx: &mut Context<Self>) {
+        let action = self.running_action();
+        match action.as_ref().and_then(|action| self.stop_against(action, ctx.id())) {
+            Some(stop) => {
+                // The report of the action brings the new offer in its heartbeat.
+                self.cancel_command(&described(&stop), ctx);
+                self.ended_by_stop = action.map(|action| (action, stop.id));
+            }
+            None => self.send_heartbeat(ctx),
         }
-        // A stopped action is reported with the new offer in its heartbeat.
-        if stop.is_none() {
-            self.send_heartbeat(ctx);
-        }
-        action.filter(|_| stop.is_some())
+    }
+
+    fn running_action(&self) -> Option<String> {
+        self.running_command.as_ref().map(|running| running.call.action.clone())
     }
 
     pub(super) fn stop_requested(
@@ -141,18 +144,18 @@ impl Actuator {
         stop: &Stop,
         ctx: &mut Context<Self>,
     ) {
-        let before = self.running_command.as_ref().map(|running| running.call.action.clone());
         self.stops.add(stop);
-        let ended = self.obey(ctx);
+        self.obey(ctx);
         if self.stops.find(|known| known.id == stop.id).is_none() {
             let detail = format!("stop {} was released before it came here", stop.id);
             return ctx.refuse(participation, Reason::Conflict, detail);
         }
-        let is_concerned = self.stop_of_all(ctx.id()).is_some();
-        let detail = match (&ended, &before) {
-            (Some(action), _) => format!("stopped: {action}"),
+        // The stop may have come earlier, through another actuator of this daemon.
+        let ended = self.ended_by_stop.as_ref().filter(|(_, id)| *id == stop.id);
+        let detail = match (ended, self.running_action()) {
+            (Some((action, _)), _) => format!("stopped: {action}"),
             (None, Some(action)) => format!("goes on with {action}, which the stop does not name"),
-            (None, None) if is_concerned => "was already still".to_owned(),
+            (None, None) if self.stop_of_all(ctx.id()).is_some() => "was already still".to_owned(),
             (None, None) => "was still; the stop does not name it".to_owned(),
         };
         self.confirm_when_saved(participation, Report::new(Outcome::Done, detail), ctx);

@@ -27,7 +27,7 @@ pub(crate) struct StopArgs {
     /// List the stops in force
     #[arg(long, conflicts_with = "release")]
     pub(crate) list: bool,
-    /// The reason, for the people who meet the stop
+    /// The reason, shown in every refusal
     #[arg(long, value_name = "TEXT", conflicts_with_all = ["release", "list"])]
     pub(crate) because: Option<String>,
     #[command(flatten)]

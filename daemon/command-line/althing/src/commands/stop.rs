@@ -251,7 +251,7 @@ fn answer_of(message: &Message) -> Option<StopAnswer> {
     }
 }
 
-/// Returns the devices of the ecosystem file that are absent. Nobody can say what they do.
+/// Returns the devices of the ecosystem file that are absent. Their state is unknown.
 fn absent(view: &EcosystemView) -> Vec<AgentId> {
     let directory = view.router.directory();
     let entries = view.ecosystem.iter().flat_map(|ecosystem| &ecosystem.agents);
