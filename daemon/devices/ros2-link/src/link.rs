@@ -326,7 +326,7 @@ async fn open_session(
                 tracing::info!(endpoint, "linked to the robot");
                 return opened.closed().await;
             }
-            Ok(Err(error)) => error.to_string(),
+            Ok(Err(error)) => opening_problem(&error.to_string()),
             Err(_) => format!("there was no answer within {OPEN_TIMEOUT:?}"),
         };
         tracing::debug!(endpoint, problem, "failed to reach the robot; it is tried again");
@@ -334,6 +334,16 @@ async fn open_session(
         tokio::time::sleep(pause).await;
         pause = (pause * 2).min(REOPEN_LONGEST);
     }
+}
+
+/// Returns Zenoh's reason for a session that was not opened, in words for a person.
+fn opening_problem(error: &str) -> String {
+    if error.contains("Unable to connect") {
+        return "nothing answers there; is the robot on, and its bridge or router?".to_owned();
+    }
+    // Zenoh appends the place in its own source.
+    let reason = error.split(" at /").next().unwrap_or(error);
+    reason.trim().trim_end_matches(['!', '.']).to_owned()
 }
 
 async fn try_open(endpoint: &str) -> zenoh::Result<Session> {
@@ -381,5 +391,18 @@ impl TopicReader {
                 return Ok(message);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reasons_of_zenoh_have_no_places_in_its_source() {
+        let refused =
+            "Unable to connect to any of [Single(tcp/127.0.0.1:9)]!  at /x/zenoh/a.rs:447.";
+        assert!(opening_problem(refused).starts_with("nothing answers there"));
+        assert_eq!(opening_problem("Invalid locator! at /x/y.rs:1."), "Invalid locator");
     }
 }
