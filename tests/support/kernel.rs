@@ -9,7 +9,7 @@ mod left_out;
 
 use std::fs::{self, File, Permissions};
 use std::os::unix::fs::PermissionsExt as _;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -45,6 +45,19 @@ cd /sys/bus/i2c/devices/i2c-0
 echo tmp006 0x40 > new_device
 "#;
 
+/// Source of the library that lets the kernel run on processors with wide registers.
+const WIDE_REGISTERS: &str = include_str!("wide_registers.c");
+
+/// Compiles the library for wide registers into a folder. The compiler is the one that links tests.
+fn wide_registers(folder: &Path) -> PathBuf {
+    let (source, library) = (folder.join("wide_registers.c"), folder.join("wide_registers.so"));
+    fs::write(&source, WIDE_REGISTERS).expect("a file");
+    let mut compiler = Command::new("cc");
+    let compiled = compiler.args(["-shared", "-fPIC", "-o"]).args([&library, &source]).status();
+    assert!(compiled.expect("Rust links with it").success(), "{} is compiled", source.display());
+    library
+}
+
 /// Runs a script as a kernel's first process, in the folder of its bus; returns the script's output
 /// lines. Returns `None` with a report if packages are missing: then nothing is tested, and
 /// `CI=true` fails.
@@ -61,6 +74,7 @@ pub(crate) fn said_in(folder: &Path, megabytes: u32, script: &str) -> Option<Vec
         .args([&format!("mem={megabytes}M"), "root=/dev/root", "rootfstype=hostfs", "rootflags=/"])
         .args(["ro", "quiet", "con=null", "con0=null,fd:1", &format!("init={}", init.display())])
         .env("HOME", folder)
+        .env("LD_PRELOAD", wide_registers(folder))
         .stdin(Stdio::null())
         .stdout(File::create(&out).expect("a file"))
         .stderr(Stdio::null())
