@@ -16,6 +16,7 @@
 //! - Suppositions ignore numbers: a supposed action is assumed to be applicable whatever its
 //!   numeric conditions are.
 
+mod hindrances;
 mod places;
 mod plain;
 mod sentences;
@@ -26,6 +27,7 @@ use std::collections::BTreeMap;
 
 use pddl::{ActionModel, Atom, Condition, Domain, Name, Problem, TypeExpr};
 
+use self::hindrances::hindrances;
 use self::places::places;
 pub use self::plain::{Unsolvability, why_unsolvable};
 use self::support::{Support, SuppositionRules};
@@ -38,7 +40,7 @@ use crate::options::Options;
 use crate::outcome::PlanError;
 
 /// Maximum number of alternatives that are listed for one part of the goal, the smallest ones
-/// first. More would not help a person.
+/// first, and of parts whose hindrances are searched. More would not help a person.
 const ALTERNATIVES_MAX: usize = 3;
 
 /// Inputs of an explanation.
@@ -84,6 +86,8 @@ pub struct Obstacle {
     pub unreachable: Vec<Atom>,
     /// Actions that could make the unreachable facts true, under the agents' own names for them.
     pub actions: Vec<Name>,
+    /// Facts that hold, that no action ends, and without which the part would be reachable.
+    pub hindrances: Vec<Atom>,
     /// Sets of missing capabilities, the smallest set first. Each set alone would suffice to reach
     /// the part.
     pub alternatives: Vec<Alternative>,
@@ -182,9 +186,13 @@ pub fn explain(
             conjunct: conjunct.clone(),
             actions: supposed.adding(&unreachable),
             unreachable,
+            hindrances: Vec::new(),
             alternatives: Vec::new(),
             is_numeric: numeric.contains(&part),
         });
+    }
+    for obstacle in explanation.obstacles.iter_mut().take(ALTERNATIVES_MAX) {
+        obstacle.hindrances = hindrances(known, &obstacle.conjunct, options, cancel)?;
     }
     let asked = parts.iter().enumerate().filter(|(part, _)| !support.is_reached(*part));
     let asked: Vec<usize> = asked.map(|(part, _)| part).collect();

@@ -68,6 +68,12 @@ impl Obstacle {
         if self.is_numeric {
             return "an action would do, but a numeric condition prevents it".to_owned();
         }
+        if !self.hindrances.is_empty() {
+            let facts: Vec<String> =
+                self.hindrances.iter().map(|fact| format!("`{fact}`")).collect();
+            let verb = if facts.len() == 1 { "prevents" } else { "prevent" };
+            return format!("{} {verb} it, which no agent here ends", named(&facts));
+        }
         let is_here =
             |missing: &MissingCapability| matches!(missing.agent, SupposedObject::Here(_));
         let (here, new): (Vec<&Alternative>, Vec<&Alternative>) =

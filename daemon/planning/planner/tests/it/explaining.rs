@@ -90,6 +90,46 @@ fn check(objects: &str, init: &str, expected: Expect) {
     expected.assert_eq(&lines(&explained(&office, GUARDS, &[], goal)));
 }
 
+/// Of three blocked ways, one has to be opened; which one of two ways to an office is opened does not
+/// matter.
+#[test]
+fn facts_that_no_agent_ends_are_named_as_hindrances() {
+    let domain = "(define (domain ways) (:requirements :typing :negative-preconditions)
+        (:types place robot) (:predicates (at ?r - robot ?p - place) (way ?a ?b - place)
+            (blocked ?r - robot ?a ?b - place) (shut ?p - place))
+        (:action move :parameters (?r - robot ?a ?b - place)
+            :precondition (and (at ?r ?a) (way ?a ?b) (not (blocked ?r ?a ?b)) (not (shut ?b)))
+            :effect (and (not (at ?r ?a)) (at ?r ?b))))";
+    let problem = |init: &str| {
+        format!(
+            "(define (problem p) (:domain ways) (:objects hall lab attic store - place r - robot)
+            (:init (at r hall) (way hall lab) (way hall attic) (way attic lab) (way lab store)
+                {init}) (:goal (and)))"
+        )
+    };
+    let both = parse(domain, &problem("(blocked r hall lab) (blocked r attic lab)"));
+    let explanation = explained(&both, &[], &[], "(at r lab)");
+    assert_eq!(
+        explanation.to_string(),
+        "no agent here can reach `(at r lab)`; `(blocked r hall lab)` prevents it, which no agent \
+         here ends"
+    );
+    let all = parse(
+        domain,
+        &problem("(blocked r hall lab) (blocked r attic lab) (shut store) (shut hall)"),
+    );
+    let explanation = explained(&all, &[], &[], "(at r store)");
+    assert_eq!(
+        explanation.to_string(),
+        "no agent here can reach `(at r store)`; `(blocked r hall lab)` and `(shut store)` prevent \
+         it, which no agent here ends"
+    );
+    // A fact that does not matter is not named.
+    let far = parse(domain, &problem("(blocked r hall lab)"));
+    let explanation = explained(&far, &[], &[], "(way store hall)");
+    assert!(explanation.obstacles[0].hindrances.is_empty(), "{explanation}");
+}
+
 #[test]
 fn without_agents_a_sensor_or_a_robot_with_a_sensor_is_suggested() {
     check(
