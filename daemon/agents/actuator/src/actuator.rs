@@ -53,6 +53,8 @@ pub struct Actuator {
     bid_cache: Arc<Mutex<BidCache>>,
     /// The last action that a stop has ended, with the identifier of the stop.
     ended_by_stop: Option<(String, String)>,
+    /// Work that brings the device to a standstill after the last stop.
+    standing_still: Option<WorkHandle>,
     /// Work that waits for the next change of the daemon's stops.
     following_stops: Option<WorkHandle>,
     /// Confirmations of stops and releases that wait until these are on disk.
@@ -132,6 +134,7 @@ impl Actuator {
             running_bids: BTreeMap::new(),
             bid_cache: Arc::default(),
             ended_by_stop: None,
+            standing_still: None,
             following_stops: None,
             confirming_stops: VecDeque::new(),
             cache_expiry: None,
@@ -455,10 +458,15 @@ impl Actuator {
             Err(failure) => {
                 self.device.on_failure(&call, &failure);
                 let report = Report::new(Outcome::Failed, format!("failed to {failure}"));
-                // The action was stopped at an unknown point.
-                let is_unknown =
-                    matches!(failure, MethodFailure::TimedOut(_) | MethodFailure::Interrupted(_));
-                Report { declined: is_unknown.then_some(Reason::TimedOut), ..report }
+                let declined = match failure {
+                    // The action was stopped at an unknown point.
+                    MethodFailure::TimedOut(_) | MethodFailure::Interrupted(_) => {
+                        Some(Reason::TimedOut)
+                    }
+                    MethodFailure::Hindered(_) => Some(Reason::Conflict),
+                    _ => None,
+                };
+                Report { declined, ..report }
             }
         };
         report.action = Some(call.action);

@@ -49,6 +49,14 @@ pub trait Device: Sized + Send + 'static {
     /// Called when a method of the device has failed or was cancelled.
     fn on_failure(&mut self, _call: &MethodCall, _failure: &MethodFailure) {}
 
+    /// Returns a future that brings the device to a standstill, and ends when the device itself has
+    /// confirmed this. Called when a stop concerns the device, also if no method runs; a running
+    /// method is cancelled before. The text of an error completes “failed to …”. Returns `None` if
+    /// cancelling the method is all that can be done.
+    fn stand_still(&mut self) -> Option<BoxFuture<Result<(), String>>> {
+        None
+    }
+
     /// Returns a future that waits for the next event that no request caused: a person moves, a
     /// battery runs low. The future returns a [`DeviceEvent`], which changes the device and returns
     /// its initiatives: goals that the device requests, and questions that it asks people. The new
@@ -126,6 +134,10 @@ pub enum MethodFailure {
     /// The driver of the device returned this error.
     #[error("{0}")]
     Driver(String),
+    /// The device is able, but its surroundings are not as the plan assumed. The device reports them
+    /// as facts, so that the next plan avoids them; the action itself is not avoided.
+    #[error("{0}")]
+    Hindered(String),
     /// The method was ended from outside at an unknown point, for this reason.
     #[error("{0}")]
     Interrupted(String),

@@ -24,6 +24,7 @@ pub(crate) trait ErasedDevice: Send + 'static {
     fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<ErasedYield, MethodFailure>>;
     fn on_success(&mut self, call: &MethodCall, yielded: ErasedYield) -> MethodResult;
     fn on_failure(&mut self, call: &MethodCall, failure: &MethodFailure);
+    fn stand_still(&mut self) -> Option<BoxFuture<Result<(), String>>>;
     fn next_event(&mut self) -> Option<BoxFuture<ErasedEvent>>;
     fn receive_news(&mut self, name: &str, news: &InitiativeUpdate) -> Vec<Initiative>;
     fn makes_bids(&self) -> bool;
@@ -64,6 +65,10 @@ impl<D: Device> ErasedDevice for D {
 
     fn on_failure(&mut self, call: &MethodCall, failure: &MethodFailure) {
         Device::on_failure(self, call, failure);
+    }
+
+    fn stand_still(&mut self) -> Option<BoxFuture<Result<(), String>>> {
+        Device::stand_still(self)
     }
 
     fn next_event(&mut self) -> Option<BoxFuture<ErasedEvent>> {

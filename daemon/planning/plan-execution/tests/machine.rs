@@ -366,6 +366,20 @@ fn an_incapable_agent_is_reported_and_a_busy_one_is_not() {
     }
 }
 
+#[test]
+fn an_action_that_its_surroundings_hinder_is_not_avoided() {
+    for (declined, expected) in [(Some(Reason::Conflict), None), (None, Some("(light lamp room)"))]
+    {
+        let mut owner = Owner::new();
+        owner.tell(ExecutionEvent::Started);
+        let report = Report { declined, ..Report::new(Outcome::Failed, "the way is blocked") };
+        owner.tell(ExecutionEvent::StepReported(1, report));
+        owner.tell(ExecutionEvent::StepAbandoned(0));
+        let end = owner.ends.first().expect("it has ended");
+        assert_eq!(end.action.as_deref(), expected);
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 1_000, ..ProptestConfig::default() })]
 

@@ -2,11 +2,14 @@
 //!
 //! - A stop takes effect before it is written to disk, and is confirmed afterwards. It may come by
 //!   request, or in the heartbeat of another agent that has received it.
+//! - A device that goes on by itself, such as a robot with a goal, is brought to a standstill. The
+//!   confirmation tells whether the device has confirmed that.
 //! - A stop of a place concerns the actions that name it, and the agents that are there: those with
 //!   a fact about themselves and the place, such as `(at robot hall)`.
 //! - A stopped agent offers no actions, so that no plan is made with it, and has the fact `stopped`.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use acl::AgentId;
 use acl::content::{Outcome, Reason, Refusal, ReleaseStops, Report, Stop, StopState};
@@ -20,6 +23,9 @@ use crate::pddl_text::{facts_of, model_of};
 
 /// Maximum number of confirmations that wait for the disk at a time.
 const CONFIRMATIONS_MAX: usize = 64;
+
+/// How long a device may take to confirm its standstill. `althing stop` waits for three seconds.
+const STILL_WITHIN: Duration = Duration::from_secs(2);
 
 /// Returns the refusal of an action that a stop forbids.
 pub(super) fn refusal(action: &str, stop: &Stop) -> Refusal {
@@ -100,6 +106,10 @@ impl Actuator {
             changes
         };
         self.wait_for_stops(Box::pin(next), ctx);
+        // The device may have gone on while this daemon was restarted.
+        if self.stop_of_all(ctx.id()).is_some() {
+            self.begin_standing_still(ctx);
+        }
     }
 
     fn wait_for_stops(&mut self, next: BoxFuture<StopChanges>, ctx: &mut Context<Self>) {
@@ -121,10 +131,15 @@ impl Actuator {
         self.following_stops = Some(following);
     }
 
-    /// Ends the action under way if a stop forbids it, and announces what is still offered.
+    /// Ends the action under way if a stop forbids it, and announces what is still offered. Brings
+    /// the device to a standstill if a stop concerns it.
     fn obey(&mut self, ctx: &mut Context<Self>) {
         let action = self.running_action();
-        match action.as_ref().and_then(|action| self.stop_against(action, ctx.id())) {
+        let ends = action.as_ref().and_then(|action| self.stop_against(action, ctx.id()));
+        if ends.is_some() || self.stop_of_all(ctx.id()).is_some() {
+            self.begin_standing_still(ctx);
+        }
+        match ends {
             Some(stop) => {
                 // The report of the action brings the new offer in its heartbeat.
                 self.cancel_command(&described(&stop), ctx);
@@ -132,6 +147,30 @@ impl Actuator {
             }
             None => self.send_heartbeat(ctx),
         }
+    }
+
+    /// Brings the device to a standstill, beside everything else.
+    fn begin_standing_still(&mut self, ctx: &mut Context<Self>) {
+        let own = ctx.id().clone();
+        let standing = ctx.run(self.stand_still(), move |actuator: &mut Self, still, _| {
+            actuator.standing_still = None;
+            if let Err(problem) = still {
+                tracing::warn!(agent = %own, problem, "stopped, but its device may go on");
+            }
+        });
+        self.standing_still = Some(standing);
+    }
+
+    /// Returns a future that brings the device to a standstill, and tells within a time limit whether
+    /// the device has confirmed it.
+    fn stand_still(&mut self) -> BoxFuture<Result<(), String>> {
+        let Some(still) = self.device.stand_still() else {
+            return Box::pin(std::future::ready(Ok(())));
+        };
+        Box::pin(async move {
+            let still = tokio::time::timeout(STILL_WITHIN, still).await;
+            still.unwrap_or_else(|_| Err(format!("see it stand still within {STILL_WITHIN:?}")))
+        })
     }
 
     fn running_action(&self) -> Option<String> {
@@ -152,13 +191,27 @@ impl Actuator {
         }
         // The stop may have come earlier, through another actuator of this daemon.
         let ended = self.ended_by_stop.as_ref().filter(|(_, id)| *id == stop.id);
+        let is_stopped = self.stop_of_all(ctx.id()).is_some();
         let detail = match (ended, self.running_action()) {
             (Some((action, _)), _) => format!("stopped: {action}"),
             (None, Some(action)) => format!("goes on with {action}, which the stop does not name"),
-            (None, None) if self.stop_of_all(ctx.id()).is_some() => "was already still".to_owned(),
+            (None, None) if is_stopped => "was already still".to_owned(),
             (None, None) => "was still; the stop does not name it".to_owned(),
         };
-        self.confirm_when_saved(participation, Report::new(Outcome::Done, detail), ctx);
+        let still = match is_stopped || ended.is_some() {
+            true => self.stand_still(),
+            false => Box::pin(std::future::ready(Ok(()))),
+        };
+        let report = async move {
+            match still.await {
+                Ok(()) => Report::new(Outcome::Done, detail),
+                Err(problem) => Report::new(
+                    Outcome::Failed,
+                    format!("{detail}; but its device may go on: failed to {problem}"),
+                ),
+            }
+        };
+        self.confirm_when_saved(participation, report, ctx);
     }
 
     pub(super) fn release_requested(
@@ -173,21 +226,22 @@ impl Actuator {
             Some(other) => format!("still stopped: {}", described(&other)),
             None => "may act again".to_owned(),
         };
-        self.confirm_when_saved(participation, Report::new(Outcome::Done, detail), ctx);
+        let report = std::future::ready(Report::new(Outcome::Done, detail));
+        self.confirm_when_saved(participation, report, ctx);
     }
 
-    /// Writes the stops to disk, then confirms the request.
+    /// Writes the stops to disk, then confirms the request with the report.
     fn confirm_when_saved(
         &mut self,
         participation: &Participation,
-        report: Report,
+        report: impl Future<Output = Report> + Send + 'static,
         ctx: &mut Context<Self>,
     ) {
         let stops = Arc::clone(&self.stops);
         let saved = ctx.run_blocking(move || stops.save());
         let participation = participation.clone();
-        let confirming = ctx.run(saved, move |_: &mut Self, saved, ctx| {
-            let mut report = report;
+        let both = async move { (saved.await, report.await) };
+        let confirming = ctx.run(both, move |_: &mut Self, (saved, mut report), ctx| {
             if !matches!(saved, Ok(Ok(()))) {
                 ctx.failure_counters().count_not_persisted();
                 report.detail += " (not written to disk: a restart forgets it)";

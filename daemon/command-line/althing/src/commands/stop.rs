@@ -9,7 +9,7 @@ use std::pin::pin;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use acl::content::{Refusal, ReleaseStops, Report, Request, Stop, StopState, value};
+use acl::content::{Outcome, Refusal, ReleaseStops, Report, Request, Stop, StopState, value};
 use acl::{AgentId, Message, Performative, Protocol};
 use agent::Resource;
 use keyboard::{Keyboard, MessageDraft, Terminal, UserEvent, UserRequest};
@@ -38,6 +38,8 @@ const ID_BYTES: usize = 4;
 enum StopAnswer {
     /// The agent has done it; the text says what it did.
     Done(String),
+    /// The agent has done what it can, but its device may go on; the text says why.
+    Doubtful(String),
     /// The agent has not done it, for this reason.
     Declined(String),
 }
@@ -148,7 +150,7 @@ async fn send_to_all(
     let mut table = BTreeMap::new();
     for agent in asked {
         let answer = answers.remove(&agent);
-        let is_done = matches!(answer, Some(StopAnswer::Done(_)));
+        let is_done = matches!(answer, Some(StopAnswer::Done(_) | StopAnswer::Doubtful(_)));
         // Only agents with an action model act, and only they are in the table. Other agents
         // decline the request.
         if is_done || has_model(view, &agent).await {
@@ -241,7 +243,11 @@ impl Round {
 fn answer_of(message: &Message) -> Option<StopAnswer> {
     match message.performative {
         Performative::Confirm => {
-            message.content_as::<Report>().ok().map(|report| StopAnswer::Done(report.detail))
+            let report = message.content_as::<Report>().ok()?;
+            Some(match report.outcome {
+                Outcome::Failed => StopAnswer::Doubtful(report.detail),
+                _ => StopAnswer::Done(report.detail),
+            })
         }
         Performative::Refuse | Performative::NotUnderstood => {
             let why = message.content_as::<Refusal>().map(|refusal| refusal.detail);
@@ -274,6 +280,7 @@ fn print_table(
     let absent = absent(view);
     let said = |answer: &Option<StopAnswer>| match answer {
         Some(StopAnswer::Done(what)) => what.clone(),
+        Some(StopAnswer::Doubtful(what)) => format!("MAY GO ON: {what}"),
         Some(StopAnswer::Declined(why)) => format!("NOT DONE: {why}"),
         None => "DID NOT ANSWER: it may go on".to_owned(),
     };
