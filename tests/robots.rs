@@ -4,6 +4,7 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
+use std::path::PathBuf;
 
 use building::{Building, BuildingEvent, Layout};
 use simulated_nav2::{Nav2Settings, RobotWire, SimulatedNav2};
@@ -32,14 +33,24 @@ pub(crate) struct Robot {
 impl Robot {
     /// Starts a robot. A second of the building takes `pace` seconds.
     pub(crate) fn start(wire: RobotWire, namespace: &str, pace: f64) -> Robot {
+        let [(corridor, ..), rooms @ ..] = PLACES;
+        let doors = rooms.map(|(room, ..)| (corridor, room, 6.0));
+        Robot::start_in(&doors, wire, namespace, pace)
+    }
+
+    /// Starts a robot in a building with these doors, each with the length of the way.
+    fn start_in(doors: &[(&str, &str, f64)], wire: RobotWire, namespace: &str, pace: f64) -> Robot {
         let runtime = Runtime::new().expect("a runtime");
         let mut layout = Layout::new();
         layout.add_corridor(PLACES[0].0, 20.0).expect("a corridor");
         for (room, ..) in &PLACES[1..] {
             layout.add_room(room, 20.0).expect("a room");
-            layout.connect(PLACES[0].0, room, 6.0).expect("a door");
+        }
+        for (from, to, meters) in doors {
+            layout.connect(from, to, *meters).expect("a door");
         }
         layout.add_robot(ROBOT, PLACES[0].0, 0.5).expect("a robot");
+        layout.mount_screen(&format!("{ROBOT}-screen"), ROBOT).expect("a screen");
         let building = Building::new(layout, pace).expect("a building");
         let places = PLACES.map(|(place, x, y)| (place.to_owned(), (x, y)));
         let settings = Nav2Settings {
@@ -65,6 +76,12 @@ impl Robot {
         Robot { building, nav2: nav2.expect("a robot"), settings, runtime }
     }
 
+    /// Switches the robot off. Returns its building.
+    pub(crate) fn switch_off(self) -> Building {
+        self.runtime.block_on(self.nav2.close());
+        self.building
+    }
+
     pub(crate) fn place(&self) -> String {
         self.building.place_of(ROBOT).expect("the robot")
     }
@@ -81,7 +98,7 @@ impl Robot {
 pub(crate) fn entry(endpoint: &str, dialect: &str, places: &[(&str, f64, f64)]) -> String {
     let mut text = format!(
         "[[agent]]\nname = \"{ROBOT}\"\nplugin = \"turtlebot\"\ndriver = \"ros2\"\n\n\
-         [agent.config]\nstart = \"corridor\"\n\n\
+         [agent.config]\nstart = \"corridor\"\nblocked-for = 1\n\n\
          [agent.config.ros2]\nendpoint = \"{endpoint}\"\nnamespace = \"tb1\"\n\
          dialect = \"{dialect}\"\ndomain-id = 7\n\n[agent.config.ros2.places]\n"
     );
@@ -117,6 +134,8 @@ fn a_robot_with_nav2_reaches_goals_in_both_dialects() {
         assert_ne!(code, Some(0), "{said}");
         assert!(said.contains("the door is locked (error 9000)"), "{said}");
         robot.building.unlock_door("corridor", "office1").expect("a door");
+        office.await_fact(&format!("(blocked {ROBOT} office1 corridor)"), true);
+        office.await_fact(&format!("(blocked {ROBOT} office1 corridor)"), false);
 
         robot.nav2.set_localized(false);
         office.await_fact(&format!("(lost {ROBOT})"), true);
@@ -156,4 +175,142 @@ fn a_place_without_a_pose_is_refused() {
         let said = stderr(&checked).split_whitespace().collect::<Vec<_>>().join(" ");
         assert!(said.contains(complaint), "{said}");
     }
+}
+
+/// Returns the file of an office whose map has this ring of ways in both directions, with the
+/// lengths that a robot can be wrong about.
+fn ring(office: &Office, entry: &str) -> PathBuf {
+    let mut map = String::from(
+        "(define (problem ring) (:domain smart-office)
+        (:objects office1 office2 conf-room - room corridor - corridor)
+        (:init (= (total-cost) 0)",
+    );
+    for (from, to, meters) in RING {
+        for (from, to) in [(from, to), (to, from)] {
+            write!(map, " (connected {from} {to}) (= (distance {from} {to}) {meters})")
+                .expect("a text");
+        }
+    }
+    map += ") (:goal (and)) (:metric minimize (total-cost)))";
+    let map = office.write("ring.pddl", &map).display().to_string();
+    let file = lab("centralized") + entry;
+    let line = file.lines().find(|line| line.starts_with("problem = ")).expect("it has a map");
+    office.write("lab.toml", &file.replace(line, &format!("problem = \"{map}\"")))
+}
+
+/// Two ways lead from the corridor to the first office.
+const RING: [(&str, &str, f64); 4] = [
+    ("corridor", "office1", 6.0),
+    ("corridor", "office2", 6.0),
+    ("office2", "conf-room", 6.0),
+    ("conf-room", "office1", 6.0),
+];
+
+#[test]
+fn a_robot_goes_around_a_way_that_is_blocked() {
+    let robot = Robot::start_in(&RING, RobotWire::Ros2Dds, "tb1", 0.01);
+    robot.building.lock_door("corridor", "office1").expect("a door");
+    let office = Office::new();
+    let entry = entry(robot.nav2.endpoint(), "ros2dds", &PLACES).replace("blocked-for = 1", "");
+    let file = ring(&office, &entry);
+    let mut office = office.with_file(file);
+    office.up_alone(&[]);
+    office.await_devices(1);
+    office.await_fact(&format!("(at {ROBOT} corridor)"), true);
+
+    let (code, said) = office.ask(&["goal", &format!("(at {ROBOT} office1)")]);
+    assert_eq!((code, robot.place().as_str()), (Some(0), "office1"), "{said}");
+    assert!(said.contains("the door is locked (error 9000)"), "{said}");
+    let truth = robot.building.truth();
+    let trips = truth.occurrences().filter_map(|occurrence| match &occurrence.event {
+        BuildingEvent::Moved { to, .. } => Some(to.clone()),
+        _ => None,
+    });
+    assert_eq!(trips.collect::<Vec<_>>(), ["office2", "conf-room", "office1"]);
+
+    // Without another way, the goal ends with the reason, and does not wait.
+    robot.building.lock_door("office1", "conf-room").expect("a door");
+    let (code, said) = office.ask(&["goal", &format!("(at {ROBOT} office2)")]);
+    assert_ne!(code, Some(0), "{said}");
+    assert!(said.contains(&format!("`(blocked {ROBOT} ")), "{said}");
+    assert!(said.contains("prevents it, which no agent here ends"), "{said}");
+    assert_eq!(robot.place(), "office1");
+}
+
+/// The map says that both ways from the corridor to the office are equally long.
+#[test]
+fn a_robot_prefers_ways_that_have_taken_less_time() {
+    let slow = [("corridor", "office1", 30.0), RING[1], RING[2], RING[3]];
+    let robot = Robot::start_in(&slow, RobotWire::Ros2Dds, "tb1", 0.05);
+    let office = Office::new();
+    // In the building of the test, a second takes 50 ms, so that the robot is so much faster.
+    let entry =
+        entry(robot.nav2.endpoint(), "ros2dds", &PLACES).replace("blocked-for = 1", "speed = 10.0");
+    let file = ring(&office, &entry);
+    let mut office = office.with_file(file);
+    office.up_alone(&[]);
+    office.await_devices(1);
+    let cost = |office: &Office| {
+        let state = office.ask_json(&["state"]).to_string();
+        let told = state.split(&format!("(travel {ROBOT} corridor office1) ")).nth(1);
+        let told = told.expect("it tells the cost").split(')').next().expect("a number");
+        told.parse::<f64>().expect("a number")
+    };
+    assert!((cost(&office) - 6.0).abs() < 0.01);
+    for place in ["office1", "corridor"] {
+        let (code, said) = office.ask(&["goal", &format!("(at {ROBOT} {place})")]);
+        assert_eq!((code, robot.place().as_str()), (Some(0), place), "{said}");
+    }
+    assert!(cost(&office) > 10.0, "{}", cost(&office));
+}
+
+#[test]
+fn a_cleaning_robot_sweeps_the_lanes_of_a_room() {
+    let robot = Robot::start(RobotWire::RmwZenoh(7), "tb1", 0.01);
+    let office = Office::new();
+    let lanes = "brush = \"brush\"\n[agent.config.lanes]\n\
+        office1 = [{ x = 6.0, y = 1.0 }, { x = 7.0, y = 1.0 }, { x = 7.0, y = -1.0 }]\n\n\
+        [agent.config.ros2]\n";
+    let entry = entry(robot.nav2.endpoint(), "rmw-zenoh", &PLACES)
+        .replace("plugin = \"turtlebot\"", "plugin = \"cleaning-robot\"")
+        .replace("[agent.config.ros2]\n", lanes);
+    let file = lab("centralized") + &entry;
+    let line = file.lines().find(|line| line.starts_with("domain = ")).expect("it has a domain");
+    let domain = line.split('"').nth(1).expect("a path");
+    let domain = std::fs::read_to_string(domain).expect("it is there");
+    let domain = domain.replacen("(:predicates", "(:predicates (swept ?l - location)", 1);
+    let domain = office.write("domain.pddl", &domain).display().to_string();
+    let file = file.replace(line, &format!("domain = \"{domain}\""));
+    let file = office.write("lab.toml", &file);
+    let mut office = office.with_file(file);
+    office.up_alone(&[]);
+    office.await_devices(1);
+    let (code, said) = office.ask(&["goal", "(swept office1)"]);
+    let truth = robot.building.truth();
+    let is_swept = |event: &BuildingEvent| matches!(event, BuildingEvent::Swept { location, .. } if location == "office1");
+    assert!(code == Some(0) && truth.any(is_swept), "{said}");
+    assert!(!robot.nav2.is_brush_on());
+    // It is back at the pose of the room, and so can go on.
+    let (code, said) = office.ask(&["goal", &format!("(at {ROBOT} corridor)")]);
+    assert_eq!((code, robot.place().as_str()), (Some(0), "corridor"), "{said}");
+    let (code, said) = office.ask(&["goal", "(swept office2)"]);
+    assert_ne!(code, Some(0), "it has no lanes there: {said}");
+}
+
+#[test]
+fn a_video_robot_shows_a_text_on_its_display() {
+    let robot = Robot::start(RobotWire::Ros2Dds, "tb1", 0.01);
+    let office = Office::new();
+    let entry = entry(robot.nav2.endpoint(), "ros2dds", &PLACES)
+        .replace("plugin = \"turtlebot\"", "plugin = \"video-robot\"")
+        .replace("blocked-for = 1\n", "media = { slides = \"the slides\" }\n");
+    let file = office.write("lab.toml", &(lab("centralized") + &entry));
+    let mut office = office.with_file(file);
+    office.up_alone(&[]);
+    office.await_devices(1);
+    let (code, said) = office.ask(&["goal", "(presented slides conf-room)"]);
+    assert_eq!((code, robot.place().as_str()), (Some(0), "conf-room"), "{said}");
+    robot.await_event(
+        |event| matches!(event, BuildingEvent::Shown { text, .. } if text == "the slides"),
+    );
 }

@@ -41,8 +41,9 @@ fn a_driving_robot_stands_still_until_the_stop_is_released() {
     let (code, table) = office.ask(&["stop", "--because", "the fire alarm"]);
     assert_eq!(code, Some(0), "{table}");
     assert!(table.contains(&format!("stopped: (move {ROBOT} corridor office1)")), "{table}");
-    robot.await_event(|event| matches!(event, BuildingEvent::Stayed { .. }));
+    // The answer comes when the robot has confirmed that it stands still.
     assert_eq!((robot.place().as_str(), trips(&robot)), ("corridor", (1, 1)));
+    assert!(robot.nav2.zero_velocities() > 0, "its velocity is set to zero");
     office.await_devices(0);
 
     let step = format!("(move {ROBOT} corridor office2)");
@@ -124,4 +125,21 @@ fn each_of_two_robots_of_a_daemon_tells_what_a_stop_has_ended() {
     for asked in &mut asked {
         asked.wait().expect("it ends");
     }
+}
+
+#[test]
+fn a_stop_tells_that_a_robot_out_of_reach_may_go_on() {
+    let (robot, office) = office();
+    let mut asked = office.command(&["act", &format!("(move {ROBOT} corridor office1)")]);
+    let mut asked = asked.spawn().expect("a command");
+    robot.await_event(|event| matches!(event, BuildingEvent::Departed { .. }));
+    // The building, in which the robot goes on, is held by the test.
+    let building = robot.switch_off();
+    let (code, table) = office.ask(&["stop"]);
+    assert_ne!(code, Some(0), "{table}");
+    let row = table.lines().find(|line| line.contains(ROBOT)).expect("it is in the table");
+    assert!(row.contains("MAY GO ON: "), "{table}");
+    drop(building);
+    let _ = asked.kill();
+    asked.wait().expect("it ends");
 }

@@ -12,8 +12,11 @@
 //! A robot's plugin takes the base's part of the model, the facts and the methods from this module,
 //! and adds those of the robot.
 
+mod config;
 mod ros2;
+mod ros_part;
 mod simulated;
+mod ways;
 
 use std::collections::BTreeMap;
 use std::fmt::{self, Write as _};
@@ -27,12 +30,15 @@ use actuator::{
     BoxFuture, Initiative, MethodCall, MethodFailure, MethodResult, PlaceName, facts_of,
 };
 use agent::{Blueprint, BuildError};
-use serde::Deserialize;
 use tokio::sync::watch;
+use tokio::time::Instant;
 
-use crate::ros2::Ros2Config;
+use crate::config::{BatteryConfig, positive};
+use crate::ways::KnownWays;
 
-pub use crate::ros2::recorded_pose;
+pub use crate::config::BaseConfig;
+pub use crate::ros_part::RosPart;
+pub use crate::ros2::{PlacePose, recorded_pose};
 
 /// Share of the full range at or below which the battery counts as empty. With less charge the
 /// cells are damaged, and the next place is too far anyway.
@@ -66,9 +72,8 @@ const REJOIN_COST: u32 = 2;
 
 /// Interface to the hardware of a mobile base.
 pub trait BaseDriver: Send + Sync + 'static {
-    /// Drives the base to a neighboring place. The text of an error completes “failed to …”.
-    /// Dropping the future stops the base.
-    fn navigate_to(&self, place: &str) -> BoxFuture<Result<(), String>>;
+    /// Drives the base to a neighboring place. Dropping the future stops the base.
+    fn navigate_to(&self, place: &str) -> BoxFuture<Result<(), DriveFailure>>;
 
     /// Charges the battery of the base, which must be at the dock.
     fn recharge(&self) -> BoxFuture<Result<(), String>>;
@@ -76,11 +81,28 @@ pub trait BaseDriver: Send + Sync + 'static {
     /// Returns where the base really stands, and how far it can still drive.
     fn read(&self) -> BoxFuture<Result<BaseReading, String>>;
 
+    /// Brings the base to a standstill, and waits until it confirms this. By default dropping the
+    /// future of a method is enough.
+    fn stand_still(&self) -> Option<BoxFuture<Result<(), String>>> {
+        None
+    }
+
     /// Waits until the base reads otherwise than `known`, for a base that may be moved by others.
     /// By default this never happens.
     fn until_differs(&self, _known: BaseReading) -> BoxFuture<()> {
         Box::pin(pending())
     }
+}
+
+/// Reason why a base did not arrive. The text completes “failed to …”.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum DriveFailure {
+    /// The base is able to drive, and did not get through on this way.
+    #[error("{0}")]
+    NoWay(String),
+    /// Any other reason.
+    #[error("{0}")]
+    Other(String),
 }
 
 /// What a driver reads from a base.
@@ -116,68 +138,6 @@ impl fmt::Display for BasePlace {
     }
 }
 
-/// Part of a robot's `config` in the ecosystem file that describes its mobile base.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub struct BaseConfig {
-    /// Place where the base stands at the start.
-    start: PlaceName,
-    /// Speed of the base, in meters per second.
-    #[serde(default = "default_speed")]
-    speed: f64,
-    /// Time limit of one move of the base, in seconds: enough for a corridor of 30 meters at 0.3
-    /// m/s, with a person in the way.
-    #[serde(default = "default_move_timeout")]
-    move_timeout: f64,
-    /// The battery of the base; `None` if its range is unlimited.
-    #[serde(default)]
-    battery: Option<BatteryConfig>,
-    /// Place where the battery is charged; `None` if the base has no battery.
-    #[serde(default)]
-    dock: Option<PlaceName>,
-    /// Poses, which are spots beside the places of the map, by name.
-    #[serde(default)]
-    poses: BTreeMap<String, PoseConfig>,
-    /// The robot behind the driver `ros2`; `None` for other drivers.
-    #[serde(default)]
-    ros2: Option<Ros2Config>,
-}
-
-#[derive(Clone, Debug, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
-struct BatteryConfig {
-    /// Range of a full battery, in meters.
-    range: f64,
-    /// Range that is left in the battery at the start, in meters; a full range if the key is
-    /// missing.
-    #[serde(default)]
-    charge: Option<f64>,
-    /// Time to charge an empty battery, in seconds.
-    #[serde(default = "default_recharge_time")]
-    recharge_time: f64,
-}
-
-/// A pose, which is a spot beside a place of the map. The config gives the place alone, or the
-/// place and its distance from the pose in meters.
-#[derive(Clone, Debug, Deserialize)]
-#[serde(untagged)]
-enum PoseConfig {
-    Near(PlaceName),
-    Away { near: PlaceName, meters: f64 },
-}
-
-fn default_speed() -> f64 {
-    0.3
-}
-
-fn default_move_timeout() -> f64 {
-    120.0
-}
-
-fn default_recharge_time() -> f64 {
-    600.0
-}
-
 /// The mobile base of one robot.
 pub struct MobileBase {
     id: String,
@@ -193,8 +153,11 @@ pub struct MobileBase {
     /// future may be dropped at any time.
     state: Arc<watch::Sender<BaseReading>>,
     driver: Arc<dyn BaseDriver>,
-    /// Whether the base can stand beside a place, and so offers to drive there.
-    can_stray: bool,
+    /// The ways as a real base knows them; `None` if the base is simulated. A real base can stand
+    /// beside a place, and so offers to drive there.
+    ways: Option<Arc<watch::Sender<KnownWays>>>,
+    /// Access to a robot with ROS 2; `None` with another driver.
+    ros: Option<RosPart>,
     /// Whether the base has requested a charge.
     wants_charge: bool,
 }
@@ -231,13 +194,16 @@ impl MobileBase {
         kind: &'static str,
         config: BaseConfig,
     ) -> Result<MobileBase, BuildError> {
-        let BaseConfig { start, speed, move_timeout, battery, dock, poses, ros2 } = config;
+        let BaseConfig { start, speed, move_timeout, battery, dock, poses, blocked_for, ros2 } =
+            config;
         let problem = |text: String| blueprint.problem(text);
         let range = battery.as_ref().map(|battery| battery.range);
         let own_poses: Vec<&str> = poses.keys().map(String::as_str).collect();
-        let driver: Arc<dyn BaseDriver> = match (blueprint.driver.as_str(), ros2) {
+        let (driver, ros): (Arc<dyn BaseDriver>, _) = match (blueprint.driver.as_str(), ros2) {
             (ROS2, Some(ros2)) => {
-                ros2::base(blueprint, ros2, start.as_str(), &own_poses, range).map_err(problem)?
+                let base = ros2::base(blueprint, ros2, start.as_str(), &own_poses, range);
+                let base = base.map_err(problem)?;
+                (Arc::new(base.clone()), Some(RosPart::of(base)))
             }
             (ROS2, None) => {
                 let missing = "the driver `ros2` needs a table `config.ros2`, with the `endpoint` \
@@ -248,13 +214,23 @@ impl MobileBase {
                 let surplus = format!("`config.ros2` is for the driver `ros2`, not `{other}`");
                 return Err(blueprint.problem(surplus));
             }
-            (_, None) => simulated::base(blueprint)?,
+            (_, None) => (simulated::base(blueprint)?, None),
         };
         let speed = positive("speed", speed).map_err(problem)?;
         let move_timeout = positive("move-timeout", move_timeout).map_err(problem)?;
         let charge = battery.as_ref().map(|battery| battery.charge.unwrap_or(battery.range));
         let power = PowerSupply::of(battery, dock).map_err(problem)?;
         let poses = poses.into_iter().map(|(name, pose)| pose.of(name, blueprint));
+        let poses: Vec<_> = poses.collect::<Result<_, _>>().map_err(problem)?;
+        let blocked_for = positive("blocked-for", blocked_for).map_err(problem)?;
+        let own_ways = poses.iter().map(|(pose, near, meters)| {
+            (pose.to_string().to_lowercase(), near.to_string().to_lowercase(), *meters)
+        });
+        let ways = ros.as_ref().map(|_| {
+            let blocked_for = Duration::from_secs_f64(blocked_for);
+            let ways = KnownWays::of(&blueprint.host.map, own_ways, blocked_for);
+            Arc::new(watch::Sender::new(ways))
+        });
         Ok(MobileBase {
             id: blueprint.id.to_string(),
             kind,
@@ -262,13 +238,14 @@ impl MobileBase {
             speed,
             move_timeout: Duration::from_secs_f64(move_timeout),
             power,
-            poses: poses.collect::<Result<_, _>>().map_err(problem)?,
+            poses,
             state: Arc::new(watch::Sender::new(BaseReading {
                 place: BasePlace::At(start.to_string()),
                 charge,
             })),
             driver,
-            can_stray: blueprint.driver == ROS2,
+            ways,
+            ros,
             wants_charge: false,
         })
     }
@@ -292,6 +269,16 @@ impl MobileBase {
         }
     }
 
+    /// Returns the access to a robot with ROS 2; `None` with another driver.
+    pub fn ros(&self) -> Option<&RosPart> {
+        self.ros.as_ref()
+    }
+
+    /// Brings the base to a standstill: see [`BaseDriver::stand_still`].
+    pub fn stand_still(&self) -> Option<BoxFuture<Result<(), String>>> {
+        self.driver.stand_still()
+    }
+
     fn current_state(&self) -> BaseReading {
         self.state.borrow().clone()
     }
@@ -311,7 +298,12 @@ impl MobileBase {
     }
 
     fn handle(&self) -> BaseHandle {
-        BaseHandle { driver: Arc::clone(&self.driver), state: Arc::clone(&self.state) }
+        BaseHandle {
+            driver: Arc::clone(&self.driver),
+            state: Arc::clone(&self.state),
+            ways: self.ways.clone(),
+            speed: self.speed,
+        }
     }
 
     fn is_empty(&self) -> bool {
@@ -319,13 +311,14 @@ impl MobileBase {
         self.current_state().charge.is_some_and(|charge| charge <= power.range * EMPTY)
     }
 
-    /// Waits until the base was moved by others, or until the charge of the battery becomes low, or
-    /// ceases to be low. If it is low, [`MobileBase::take_initiatives`] then returns the request to
+    /// Waits until the base was moved by others, until a blocked way is to be tried again, or until
+    /// the charge of the battery becomes low, or ceases to be low. If it is low, [`MobileBase::take_initiatives`] then returns the request to
     /// charge it.
     pub fn next_initiative(&self) -> BoxFuture<()> {
         let (mut changes, wants_charge) = (self.state.subscribe(), self.wants_charge);
         let range = self.power.as_ref().map(|power| power.range);
         let (body, known) = (self.handle(), self.current_state());
+        let ways = self.ways.as_ref().map(|ways| ways.subscribe());
         Box::pin(async move {
             let has_charge_news = async {
                 let is_news = |state: &BaseReading| {
@@ -339,6 +332,7 @@ impl MobileBase {
             };
             tokio::select! {
                 () = has_charge_news => (),
+                () = next_unblocked(ways) => (),
                 () = body.driver.until_differs(known) => drop(body.refresh().await),
             }
         })
@@ -359,9 +353,22 @@ impl MobileBase {
     }
 }
 
-fn positive(name: &str, number: f64) -> Result<f64, String> {
-    let is_fine = number.is_finite() && number > 0.0 && number < 1e6;
-    is_fine.then_some(number).ok_or_else(|| format!("{name} = {number} must be above zero"))
+/// Waits until a blocked way is no longer blocked.
+async fn next_unblocked(ways: Option<watch::Receiver<KnownWays>>) {
+    let Some(mut ways) = ways else { return pending().await };
+    loop {
+        let expiry = ways.borrow_and_update().next_expiry(Instant::now());
+        let expired = async {
+            match expiry {
+                Some(expiry) => tokio::time::sleep_until(expiry).await,
+                None => pending().await,
+            }
+        };
+        tokio::select! {
+            () = expired => return,
+            changed = ways.changed() => if changed.is_err() { pending().await },
+        }
+    }
 }
 
 impl PowerSupply {
@@ -384,35 +391,6 @@ impl PowerSupply {
     }
 }
 
-impl PoseConfig {
-    /// Distance between a pose and its place in meters, if the config gives none: one step into a
-    /// room.
-    const METERS: f64 = 1.0;
-
-    fn of(
-        self,
-        name: String,
-        blueprint: &Blueprint,
-    ) -> Result<(PlaceName, PlaceName, f64), String> {
-        let is_on_map = |name: &PlaceName| {
-            let mut objects = blueprint.host.map.objects.iter();
-            objects.any(|declaration| declaration.object.name == name.as_str())
-        };
-        let name = PlaceName::try_from(name).map_err(|error| error.to_string())?;
-        let (near, meters) = match self {
-            PoseConfig::Near(near) => (near, Self::METERS),
-            PoseConfig::Away { near, meters } => (near, positive("poses.meters", meters)?),
-        };
-        if is_on_map(&name) {
-            return Err(format!("the pose `{name}` is a place on the map: it needs no pose"));
-        }
-        if !is_on_map(&near) {
-            return Err(format!("the pose `{name}` is near `{near}`, which is not on the map"));
-        }
-        Ok((name, near, meters))
-    }
-}
-
 // === impl MobileBase: its part of a robot's self-description ===
 
 impl MobileBase {
@@ -428,11 +406,18 @@ impl MobileBase {
     /// Returns the declarations of the predicates of the base that the ontology need not have, as
     /// PDDL.
     pub fn predicates(&self) -> &'static str {
-        if self.can_stray {
-            "(stray-near ?b - mobile-base ?l - location) (lost ?b - mobile-base)"
+        if self.ways.is_some() {
+            "(stray-near ?b - mobile-base ?l - location) (lost ?b - mobile-base)
+             (blocked ?b - mobile-base ?from ?to - location)"
         } else {
             ""
         }
+    }
+
+    /// Returns the declarations of the functions of the base that the ontology need not have, as
+    /// PDDL.
+    pub fn functions(&self) -> &'static str {
+        if self.ways.is_some() { "(travel ?b - mobile-base ?from ?to - location)" } else { "" }
     }
 
     /// Returns the facts of the base that never change, as PDDL.
@@ -461,6 +446,9 @@ impl MobileBase {
             BasePlace::Unknown | BasePlace::Unreachable => format!("(lost {}) ", self.id),
         };
         text += &self.constant_facts();
+        if let Some(ways) = &self.ways {
+            text += &ways.borrow().facts(&self.id, Instant::now());
+        }
         if let (Some(PowerSupply { range, .. }), Some(charge)) = (&self.power, charge) {
             push(&mut text, format_args!(" (= (charge {}) {charge})", self.id));
             if charge >= *range {
@@ -478,15 +466,18 @@ impl MobileBase {
         if self.current_state().place == BasePlace::Unreachable {
             return String::new();
         }
-        let rejoin = if self.can_stray { rejoin(kind) } else { String::new() };
+        let (rejoin, passable, cost) = match &self.ways {
+            Some(_) => (rejoin(kind), "(not (blocked ?b ?from ?to))", "(travel ?b ?from ?to)"),
+            None => (String::new(), "", "(distance ?from ?to)"),
+        };
         if self.power.is_none() {
             return format!(
                 "{rejoin}(:action move
                     :agent ?b - {kind}
                     :parameters (?from ?to - location)
-                    :precondition (and (at ?b ?from) (connected ?from ?to) {guard})
+                    :precondition (and (at ?b ?from) (connected ?from ?to) {passable} {guard})
                     :effect (and (not (at ?b ?from)) (at ?b ?to)
-                        (increase (total-cost) (distance ?from ?to))))"
+                        (increase (total-cost) {cost})))"
             );
         }
         let recharge = format!(
@@ -505,10 +496,10 @@ impl MobileBase {
                 :agent ?b - {kind}
                 :parameters (?from ?to - location)
                 :precondition (and (at ?b ?from) (connected ?from ?to)
-                    (>= (charge ?b) (distance ?from ?to)) {guard})
+                    (>= (charge ?b) (distance ?from ?to)) {passable} {guard})
                 :effect (and (not (at ?b ?from)) (at ?b ?to) (not (charged ?b))
                     (decrease (charge ?b) (distance ?from ?to))
-                    (increase (total-cost) (distance ?from ?to))))
+                    (increase (total-cost) {cost})))
             {recharge}"
         )
     }
@@ -521,7 +512,7 @@ impl MobileBase {
             timeout: Millis(self.move_timeout),
         };
         let mut methods: Methods = [("move".to_owned(), navigate.clone())].into();
-        if self.can_stray {
+        if self.ways.is_some() {
             methods.insert("rejoin".to_owned(), navigate);
         }
         if let Some(PowerSupply { recharge_time, .. }) = &self.power {
@@ -606,18 +597,47 @@ impl MobileBase {
 struct BaseHandle {
     driver: Arc<dyn BaseDriver>,
     state: Arc<watch::Sender<BaseReading>>,
+    ways: Option<Arc<watch::Sender<KnownWays>>>,
+    /// Speed of the base, in meters per second.
+    speed: f64,
 }
 
 impl BaseHandle {
     async fn navigate_to(&self, place: String) -> Result<BaseOutcome, MethodFailure> {
+        let (from, began) = (self.state.borrow().place.clone(), Instant::now());
         let moved = self.driver.navigate_to(&place).await;
+        self.learn(&from, &place, &moved, began.elapsed());
         let truth = self.refresh().await?;
-        moved.map_err(MethodFailure::Driver)?;
+        moved.map_err(|failure| match failure {
+            DriveFailure::NoWay(why) if self.ways.is_some() => MethodFailure::Hindered(why),
+            DriveFailure::NoWay(why) | DriveFailure::Other(why) => MethodFailure::Driver(why),
+        })?;
         match truth {
             BasePlace::At(truth) if truth == place => Ok(BaseOutcome::Arrived(truth)),
             other => {
                 Err(MethodFailure::Driver(format!("arrive at `{place}`: the base stands {other}")))
             }
+        }
+    }
+
+    /// Remembers how the base fared on the way between two places.
+    fn learn(
+        &self,
+        from: &BasePlace,
+        to: &str,
+        moved: &Result<(), DriveFailure>,
+        elapsed: Duration,
+    ) {
+        let (Some(ways), BasePlace::At(from)) = (&self.ways, from) else { return };
+        match moved {
+            Ok(()) => {
+                let meters = elapsed.as_secs_f64() * self.speed;
+                ways.send_modify(|ways| ways.passed(from, to, meters));
+            }
+            Err(DriveFailure::NoWay(_)) => {
+                ways.send_modify(|ways| ways.failed(from, to, Instant::now()));
+            }
+            Err(DriveFailure::Other(_)) => (),
         }
     }
 

@@ -12,12 +12,14 @@ use std::time::Duration;
 use actuator::BoxFuture;
 use agent::Blueprint;
 use pddl::InitElement;
-use ros2_link::{MapPose, Nav2Names, Nav2Robot, RosAddress, RosDialect, RosError, RosLink};
+use ros2_link::{
+    MapPose, Nav2Names, Nav2Robot, RosAddress, RosDialect, RosError, RosLink, VelocityMessage,
+};
 use serde::Deserialize;
 use tokio::sync::watch;
 use tokio_util::task::AbortOnDropHandle;
 
-use crate::{BaseDriver, BasePlace, BaseReading};
+use crate::{BaseDriver, BasePlace, BaseReading, DriveFailure};
 
 /// How long a robot may take to tell its pose before it is told that it stands at `start`. A robot
 /// with a known pose answers at once.
@@ -67,15 +69,18 @@ pub(crate) struct Ros2Config {
     /// Distance in meters up to which the robot stands at a place.
     #[serde(default = "default_tolerance")]
     tolerance: f64,
+    /// Type of the messages that set the robot's velocity: `twist` or `twist-stamped`.
+    #[serde(default = "default_velocity")]
+    velocity: String,
     /// Whether the robot is told at a start that it stands at `start`, if it tells no pose itself.
     #[serde(default = "default_initial_pose")]
     initial_pose: bool,
 }
 
 /// Position in meters and heading in radians, in the frame `map`.
-#[derive(Clone, Copy, Debug, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct PlacePose {
+pub struct PlacePose {
     x: f64,
     y: f64,
     #[serde(default)]
@@ -90,8 +95,25 @@ fn default_tolerance() -> f64 {
     1.0
 }
 
+fn default_velocity() -> String {
+    "twist".to_owned()
+}
+
 fn default_initial_pose() -> bool {
     true
+}
+
+impl From<PlacePose> for MapPose {
+    fn from(PlacePose { x, y, yaw }: PlacePose) -> MapPose {
+        MapPose { x, y, yaw }
+    }
+}
+
+impl PlacePose {
+    /// Whether all its numbers are finite.
+    pub fn is_finite(&self) -> bool {
+        [self.x, self.y, self.yaw].iter().all(|number| number.is_finite())
+    }
 }
 
 impl Ros2Config {
@@ -109,9 +131,20 @@ impl Ros2Config {
 
 /// A robot with Nav2 as a mobile base.
 #[derive(Clone)]
-struct Ros2Base {
+pub(crate) struct Ros2Base {
     settings: Arc<Ros2Settings>,
     attended: Arc<OnceLock<AttendedRobot>>,
+    /// Number of methods that move the robot at present.
+    moving: Arc<watch::Sender<usize>>,
+}
+
+/// A method that moves the robot. The places that the robot tells meanwhile are no news.
+struct MovingRobot(Arc<watch::Sender<usize>>);
+
+impl Drop for MovingRobot {
+    fn drop(&mut self) {
+        self.0.send_modify(|number| *number -= 1);
+    }
 }
 
 struct Ros2Settings {
@@ -123,6 +156,7 @@ struct Ros2Settings {
     initial_pose: Option<MapPose>,
     /// Range of a full battery in meters; `None` if the base has no battery.
     range: Option<f64>,
+    velocity: VelocityMessage,
 }
 
 /// The link to a robot, with the task that follows the robot's messages.
@@ -144,20 +178,22 @@ pub(crate) fn base(
     start: &str,
     own_poses: &[&str],
     range: Option<f64>,
-) -> Result<Arc<dyn BaseDriver>, String> {
+) -> Result<Ros2Base, String> {
     let address = config.address()?;
-    let Ros2Config { places, tolerance, initial_pose, .. } = config;
+    let Ros2Config { places, tolerance, initial_pose, velocity, .. } = config;
+    let velocity =
+        velocity.parse().map_err(|problem| format!("config.ros2.velocity: {problem}"))?;
     if !(tolerance.is_finite() && tolerance > 0.0) {
         return Err(format!("config.ros2.tolerance = {tolerance} must be above zero"));
     }
     check_places(blueprint, &places, start, own_poses)?;
-    let pose = |PlacePose { x, y, yaw }: PlacePose| MapPose { x, y, yaw };
     let places: BTreeMap<String, MapPose> =
-        places.into_iter().map(|(name, at)| (name.to_lowercase(), pose(at))).collect();
+        places.into_iter().map(|(name, at)| (name.to_lowercase(), at.into())).collect();
     let initial_pose = initial_pose.then(|| places.get(start).copied()).flatten();
     let agent = blueprint.id.to_string();
-    let settings = Ros2Settings { agent, address, places, tolerance, initial_pose, range };
-    Ok(Arc::new(Ros2Base { settings: Arc::new(settings), attended: Arc::default() }))
+    let settings =
+        Ros2Settings { agent, address, places, tolerance, initial_pose, range, velocity };
+    Ok(Ros2Base { settings: Arc::new(settings), attended: Arc::default(), moving: Arc::default() })
 }
 
 /// Returns the pose of a robot as a value of the table `config.ros2.places`. `config` is the
@@ -198,8 +234,8 @@ fn check_places(
     start: &str,
     own_poses: &[&str],
 ) -> Result<(), String> {
-    for (name, PlacePose { x, y, yaw }) in places {
-        if ![x, y, yaw].iter().all(|number| number.is_finite()) {
+    for (name, pose) in places {
+        if !pose.is_finite() {
             return Err(format!("config.ros2.places.{name}: x, y and yaw must be finite"));
         }
         if !own_poses.contains(&name.as_str()) {
@@ -362,31 +398,73 @@ impl Ros2Base {
         })
     }
 
-    async fn drive(&self, place: &str) -> Result<(), String> {
-        let pose = self.settings.places.get(&place.to_lowercase()).copied();
-        let pose = pose.ok_or_else(|| format!("drive to `{place}`: it has no pose"))?;
-        let AttendedRobot { robot, readings, .. } = self.attended();
+    pub(crate) fn robot(&self) -> &Nav2Robot {
+        &self.attended().robot
+    }
+
+    fn begin_moving(&self) -> MovingRobot {
+        self.moving.send_modify(|number| *number += 1);
+        MovingRobot(Arc::clone(&self.moving))
+    }
+
+    /// Drives through `poses`, one after the other, and back to `place`.
+    pub(crate) async fn drive_through(
+        &self,
+        poses: &[PlacePose],
+        place: &str,
+    ) -> Result<(), DriveFailure> {
+        let _moving = self.begin_moving();
+        for pose in poses {
+            let driven = self.drive_to_pose((*pose).into()).await;
+            driven.map_err(|error| DriveFailure::Other(error.to_string()))?;
+        }
+        self.drive(place).await
+    }
+
+    async fn drive_to_pose(&self, pose: MapPose) -> Result<(), RosError> {
         let agent = &self.settings.agent;
-        let driven = robot.drive(pose, |meters| {
-            tracing::debug!(agent, place, meters, "drives");
+        let MapPose { x, y, .. } = pose;
+        let driven = self.robot().drive(pose, |meters| {
+            tracing::debug!(agent, x, y, meters, "drives");
         });
-        driven.await.map_err(|error| error.to_string())?;
+        driven.await
+    }
+
+    async fn drive(&self, place: &str) -> Result<(), DriveFailure> {
+        let _moving = self.begin_moving();
+        let pose = self.settings.places.get(&place.to_lowercase()).copied();
+        let pose =
+            pose.ok_or_else(|| DriveFailure::Other(format!("drive to `{place}`: it has no pose")))?;
+        self.drive_to_pose(pose).await.map_err(|error| match error {
+            RosError::NoWay { .. } => DriveFailure::NoWay(error.to_string()),
+            _ => DriveFailure::Other(error.to_string()),
+        })?;
         // The message that tells the arrival may come after the end of the goal.
         let is_there = |reading: &Result<BaseReading, String>| matches!(reading, Ok(BaseReading { place: BasePlace::At(at), .. }) if at == place);
-        drop(tokio::time::timeout(SETTLES_WITHIN, readings.clone().wait_for(is_there)).await);
+        let mut readings = self.attended().readings.clone();
+        drop(tokio::time::timeout(SETTLES_WITHIN, readings.wait_for(is_there)).await);
         Ok(())
     }
 }
 
 impl BaseDriver for Ros2Base {
-    fn navigate_to(&self, place: &str) -> BoxFuture<Result<(), String>> {
+    fn navigate_to(&self, place: &str) -> BoxFuture<Result<(), DriveFailure>> {
         let (base, place) = (self.clone(), place.to_owned());
         Box::pin(async move { base.drive(&place).await })
+    }
+
+    fn stand_still(&self) -> Option<BoxFuture<Result<(), String>>> {
+        let base = self.clone();
+        Some(Box::pin(async move {
+            let still = base.robot().stand_still(base.settings.velocity).await;
+            still.map_err(|error| error.to_string())
+        }))
     }
 
     fn recharge(&self) -> BoxFuture<Result<(), String>> {
         let base = self.clone();
         Box::pin(async move {
+            let _moving = base.begin_moving();
             base.attended().robot.recharge().await.map_err(|error| error.to_string())
         })
     }
@@ -405,14 +483,22 @@ impl BaseDriver for Ros2Base {
         let base = self.clone();
         Box::pin(async move {
             let step = base.settings.range.unwrap_or_default() * CHARGE_STEP;
-            let mut readings = base.attended().readings.clone();
+            let (mut readings, mut moving) =
+                (base.attended().readings.clone(), base.moving.subscribe());
             let differs = |reading: &Result<BaseReading, String>| {
                 reading.as_ref().is_ok_and(|reading| {
                     reading.place != known.place || has_other_charge(&known, reading, step)
                 })
             };
-            if readings.wait_for(differs).await.is_err() {
-                std::future::pending().await
+            loop {
+                // The senders live as long as the base.
+                drop(moving.wait_for(|moving| *moving == 0).await);
+                if readings.wait_for(differs).await.is_err() {
+                    std::future::pending().await
+                }
+                if *moving.borrow_and_update() == 0 {
+                    return;
+                }
             }
         })
     }

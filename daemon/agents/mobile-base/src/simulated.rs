@@ -7,7 +7,7 @@ use actuator::BoxFuture;
 use agent::{Blueprint, BuildError};
 use building::BuildingHandle;
 
-use crate::{BaseDriver, BasePlace, BaseReading};
+use crate::{BaseDriver, BasePlace, BaseReading, DriveFailure};
 
 #[derive(Clone)]
 struct Simulated {
@@ -23,10 +23,11 @@ pub(crate) fn base(blueprint: &Blueprint) -> Result<Arc<dyn BaseDriver>, BuildEr
 }
 
 impl BaseDriver for Simulated {
-    fn navigate_to(&self, place: &str) -> BoxFuture<Result<(), String>> {
+    fn navigate_to(&self, place: &str) -> BoxFuture<Result<(), DriveFailure>> {
         let (Simulated { building, robot }, place) = (self.clone(), place.to_owned());
         Box::pin(async move {
-            building.navigate(&robot, &place).await.map_err(|error| error.to_string())
+            let moved = building.navigate(&robot, &place).await;
+            moved.map_err(|error| DriveFailure::Other(error.to_string()))
         })
     }
 

@@ -8,7 +8,7 @@ use std::time::Duration;
 use building::{Building, Layout, RobotBattery};
 use ros2_link::{
     ActionClient, MapPose, Nav2Names, Nav2Robot, RosAddress, RosDialect, RosGoalStatus, RosLink,
-    standard_interfaces,
+    VelocityMessage, standard_interfaces,
 };
 use simulated_nav2::{Nav2Settings, RobotWire, SimulatedNav2};
 
@@ -44,6 +44,12 @@ fn layout() -> Layout {
     };
     layout.equip(ROBOT, battery).expect("a battery");
     layout
+}
+
+const NAVIGATE: &str = "nav2_msgs/action/NavigateToPose";
+
+fn goal_at(pose: MapPose) -> serde_json::Value {
+    serde_json::json!({ "pose": { "pose": { "position": { "x": pose.x, "y": pose.y } } } })
 }
 
 const CORRIDOR: MapPose = MapPose { x: 0.0, y: 0.0, yaw: 0.0 };
@@ -160,19 +166,36 @@ async fn a_goal_that_is_dropped_is_cancelled_at_the_robot() {
     }
 }
 
+/// Another program drives the robot, and no goal of this client is there to be cancelled.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_robot_stands_still_whoever_has_sent_its_goal() {
+    for (wire, namespace) in WIRES {
+        let office = office(wire, namespace).await;
+        let name = Nav2Names::default().navigate;
+        let client = ActionClient::new(&office.link, &name, NAVIGATE, PATIENCE).await;
+        let mut goal = client.expect("a link").send(&goal_at(OFFICE2)).await.expect("accepted");
+        office.departed().await;
+        let still = office.robot.stand_still(VelocityMessage::Twist);
+        tokio::time::timeout(PATIENCE, still).await.expect("in time").expect("it stands still");
+        assert_eq!(office.place(), "corridor", "{wire:?}");
+        let end = tokio::time::timeout(PATIENCE, goal.end(|_| ())).await.expect("in time");
+        assert_eq!(end.expect("an end").status, RosGoalStatus::Canceled);
+        assert!(office.nav2.zero_velocities() > 0);
+        // A robot without a goal confirms it, too.
+        let still = office.robot.stand_still(VelocityMessage::Twist);
+        tokio::time::timeout(PATIENCE, still).await.expect("in time").expect("it stands still");
+    }
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn a_goal_of_another_program_is_named_as_the_reason() {
     let office = office(RobotWire::Ros2Dds, "").await;
     let other = async {
         office.departed().await;
         let name = Nav2Names::default().navigate;
-        let action = "nav2_msgs/action/NavigateToPose";
         let client =
-            ActionClient::new(&office.link, &name, action, PATIENCE).await.expect("a link");
-        let goal = serde_json::json!({
-            "pose": { "pose": { "position": { "x": OFFICE2.x, "y": OFFICE2.y } } }
-        });
-        let mut goal = client.send(&goal).await.expect("accepted");
+            ActionClient::new(&office.link, &name, NAVIGATE, PATIENCE).await.expect("a link");
+        let mut goal = client.send(&goal_at(OFFICE2)).await.expect("accepted");
         goal.end(|_| ()).await.expect("an end").status
     };
     let (driven, end) = tokio::join!(office.drive(OFFICE1), other);

@@ -141,6 +141,16 @@ impl ActionClient {
         Err(RosError::Rejected { action: self.link.full_name(&self.name) })
     }
 
+    /// Returns the name of the action, without the robot's namespace.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Returns a reader of the states of the server's goals.
+    pub(crate) fn statuses(&self) -> TopicReader {
+        self.status.clone()
+    }
+
     async fn call(
         &self,
         part: &str,
@@ -153,7 +163,8 @@ impl ActionClient {
         self.link.call(&service, &type_name, request, within).await
     }
 
-    async fn cancel(&self, id: &[u8]) -> Result<(), RosError> {
+    /// Cancels a goal.
+    pub(crate) async fn cancel(&self, id: &[u8]) -> Result<(), RosError> {
         let service = format!("{}/_action/cancel_goal", self.name);
         let request = json!({ "goal_info": { "goal_id": { "uuid": id } } });
         let cancelled = self

@@ -65,6 +65,12 @@ pub enum RosError {
         /// Name of the action.
         action: String,
     },
+    /// Nav2 gave a goal up: it found no way, or did not get through.
+    #[error("drive there: {reason}")]
+    NoWay {
+        /// Reason of Nav2.
+        reason: String,
+    },
     /// The robot did not do what was asked, for this reason.
     #[error("{0}")]
     Robot(String),

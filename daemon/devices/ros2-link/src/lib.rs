@@ -5,7 +5,8 @@
 //! - Two [`RosDialect`]s are spoken (`dialect`): that of `zenoh-bridge-ros2dds`, whose keys are the
 //!   names of ROS, and that of `rmw_zenoh`, whose keys also have the domain, the type and its hash.
 //! - [`ActionClient`] (`action`) sends goals to an action server, and follows them.
-//! - [`Nav2Robot`] (`nav2`) is a robot that drives with Nav2: poses, battery, dock.
+//! - [`Nav2Robot`] (`nav2`) is a robot that drives with Nav2: poses, battery, dock, and a standstill
+//!   (`standstill`).
 //!
 //! The encoding of messages is that of the crate `ros-messages`.
 
@@ -15,13 +16,15 @@ mod error;
 mod link;
 mod nav2;
 mod pose;
+mod standstill;
 
 pub use action::{ActionClient, GoalEnd, RosGoal, RosGoalStatus};
 pub use dialect::RosDialect;
 pub use error::RosError;
 pub use link::{RosAddress, RosLink, TopicReader};
-pub use nav2::{Nav2Names, Nav2Robot};
+pub use nav2::{Nav2Names, Nav2Robot, printable};
 pub use pose::MapPose;
+pub use standstill::VelocityMessage;
 
 /// Returns the definitions of messages that robots need most, those of ROS 2 Jazzy.
 pub fn standard_interfaces() -> ros_messages::Interfaces {

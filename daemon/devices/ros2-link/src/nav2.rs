@@ -46,6 +46,8 @@ const INITIAL_YAW_VARIANCE: f64 = 0.068_5;
 /// Share of the battery at which it counts as full. Many batteries never report 100 %.
 const FULL: f64 = 0.98;
 
+const DOCK_TYPE: &str = "irobot_create_msgs/action/Dock";
+const UNDOCK_TYPE: &str = "irobot_create_msgs/action/Undock";
 const POSE_TYPE: &str = "geometry_msgs/msg/PoseWithCovarianceStamped";
 
 /// Names of a robot's topics, services and actions, without its namespace.
@@ -67,6 +69,8 @@ pub struct Nav2Names {
     pub dock: String,
     /// Action of the type `irobot_create_msgs/action/Undock`.
     pub undock: String,
+    /// Topic that sets the velocity: see [`crate::VelocityMessage`].
+    pub velocity: String,
 }
 
 impl Default for Nav2Names {
@@ -82,6 +86,7 @@ impl Default for Nav2Names {
             dock_status: name("dock_status"),
             dock: name("dock"),
             undock: name("undock"),
+            velocity: name("cmd_vel"),
         }
     }
 }
@@ -109,6 +114,22 @@ impl Nav2Robot {
     /// Creates a robot at the other end of `link`.
     pub fn new(link: RosLink, names: Nav2Names) -> Nav2Robot {
         Nav2Robot { link, names: Arc::new(names), topics: Arc::default(), unread: Arc::default() }
+    }
+
+    pub(crate) fn names(&self) -> &Nav2Names {
+        &self.names
+    }
+
+    pub(crate) async fn navigation(&self) -> Result<ActionClient, RosError> {
+        Ok(self.topics().await?.navigation)
+    }
+
+    pub(crate) async fn docking(&self) -> Result<ActionClient, RosError> {
+        ActionClient::new(&self.link, &self.names.dock, DOCK_TYPE, LINK_TIMEOUT).await
+    }
+
+    pub(crate) async fn undocking(&self) -> Result<ActionClient, RosError> {
+        ActionClient::new(&self.link, &self.names.undock, UNDOCK_TYPE, LINK_TIMEOUT).await
     }
 
     async fn topics(&self) -> Result<RobotTopics, RosError> {
@@ -201,6 +222,35 @@ impl Nav2Robot {
         self.link.publish(topic, POSE_TYPE, &message, LINK_TIMEOUT).await
     }
 
+    /// Publishes one message on any topic of the robot.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is no link to the robot, or if the message does not have its type.
+    pub async fn publish(
+        &self,
+        topic: &str,
+        type_name: &str,
+        message: &Value,
+    ) -> Result<(), RosError> {
+        self.link.publish(topic, type_name, message, LINK_TIMEOUT).await
+    }
+
+    /// Calls any service of the robot.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if no node of the robot answers in time, or if a message does not have its
+    /// type.
+    pub async fn call(
+        &self,
+        service: &str,
+        type_name: &str,
+        request: &Value,
+    ) -> Result<Value, RosError> {
+        self.link.call(service, type_name, request, SERVICE_TIMEOUT).await
+    }
+
     /// Returns the charge of the battery between 0 and 1; `None` if the robot does not tell.
     ///
     /// # Errors
@@ -224,7 +274,7 @@ impl Nav2Robot {
     ) -> Result<(), RosError> {
         let mut topics = self.topics().await?;
         if is_docked(&mut topics.dock_status)? {
-            self.run(&self.names.undock, "irobot_create_msgs/action/Undock").await?;
+            run(&self.undocking().await?).await?;
         }
         let goal = json!({
             "pose": { "header": { "frame_id": "map" }, "pose": to.to_message() },
@@ -282,7 +332,7 @@ impl Nav2Robot {
     pub async fn recharge(&self) -> Result<(), RosError> {
         let mut topics = self.topics().await?;
         if !is_docked(&mut topics.dock_status)? {
-            self.run(&self.names.dock, "irobot_create_msgs/action/Dock").await?;
+            run(&self.docking().await?).await?;
         }
         // The first messages may be older than the end of the docking.
         let mut was_docked = false;
@@ -303,19 +353,19 @@ impl Nav2Robot {
             }
         }
     }
+}
 
-    /// Runs an action without arguments to its end.
-    async fn run(&self, name: &str, type_name: &str) -> Result<(), RosError> {
-        let client = ActionClient::new(&self.link, name, type_name, LINK_TIMEOUT).await?;
-        let mut goal = client.send(&json!({})).await?;
-        let ended = tokio::time::timeout(DOCKING_TIMEOUT, goal.end(|_| ())).await;
-        match ended {
-            Ok(end) => match end?.status {
-                RosGoalStatus::Succeeded => Ok(()),
-                _ => Err(RosError::Robot(format!("{name}: the robot gave it up"))),
-            },
-            Err(_) => Err(RosError::Robot(format!("{name} within {DOCKING_TIMEOUT:?}"))),
-        }
+/// Runs an action of the dock to its end.
+async fn run(client: &ActionClient) -> Result<(), RosError> {
+    let name = client.name();
+    let mut goal = client.send(&json!({})).await?;
+    let ended = tokio::time::timeout(DOCKING_TIMEOUT, goal.end(|_| ())).await;
+    match ended {
+        Ok(end) => match end?.status {
+            RosGoalStatus::Succeeded => Ok(()),
+            _ => Err(RosError::Robot(format!("{name}: the robot gave it up"))),
+        },
+        Err(_) => Err(RosError::Robot(format!("{name} within {DOCKING_TIMEOUT:?}"))),
     }
 }
 
@@ -339,28 +389,30 @@ fn charge_of(message: &Value) -> Option<f64> {
     Some(if share > 1.0 { share / 100.0 } else { share }.min(1.0))
 }
 
+/// Returns an error if the goal to drive somewhere ended without arrival.
 fn arrived(end: &GoalEnd) -> Result<(), RosError> {
-    let failed = |text: String| Err(RosError::Robot(format!("drive there: {text}")));
-    match end.status {
+    let other = match end.status {
         RosGoalStatus::Succeeded => return Ok(()),
-        RosGoalStatus::Canceled => return failed("another program cancelled the goal".to_owned()),
-        _ if end.is_replaced => {
-            return failed("another program's goal took the place of this one".to_owned());
-        }
-        _ => (),
+        RosGoalStatus::Canceled => Some("another program cancelled the goal"),
+        _ if end.is_replaced => Some("another program's goal took the place of this one"),
+        _ => None,
+    };
+    if let Some(other) = other {
+        return Err(RosError::Robot(format!("drive there: {other}")));
     }
     let message = end.result["error_msg"].as_str().unwrap_or_default();
     let code = end.result["error_code"].as_u64().filter(|code| *code != 0);
-    failed(match (message, code) {
+    let reason = match (message, code) {
         ("", None) => "Nav2 gave up, and gives no reason".to_owned(),
         ("", Some(code)) => format!("Nav2 gave up with error {code}"),
         (message, None) => format!("Nav2 gave up: {}", printable(message)),
         (message, Some(code)) => format!("Nav2 gave up: {} (error {code})", printable(message)),
-    })
+    };
+    Err(RosError::NoWay { reason })
 }
 
 /// Returns a text of the robot's without control characters, and not too long for one line.
-fn printable(text: &str) -> String {
+pub fn printable(text: &str) -> String {
     const LENGTH_MAX: usize = 200;
     text.chars()
         .map(|letter| if letter.is_control() { ' ' } else { letter })

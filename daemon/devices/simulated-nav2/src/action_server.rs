@@ -189,13 +189,16 @@ impl ActionServer {
     async fn cancel_goal(&self, query: &Query) {
         let Some(request) = self.node.request(query, CANCEL) else { return };
         let id = &request["goal_info"]["goal_id"]["uuid"];
-        let is_running =
-            self.goals.borrow().iter().any(|goal| goal.id == *id && goal.status == EXECUTING);
+        // An identifier of zeros stands for all goals.
+        let is_all =
+            id.as_array().is_some_and(|bytes| bytes.iter().all(|byte| byte.as_u64() == Some(0)));
+        let is_meant = |goal: &&ServedGoal| goal.status == EXECUTING && (is_all || goal.id == *id);
+        let running = self.goals.borrow().iter().find(is_meant).map(|goal| goal.id.clone());
         let name = format!("{}/_action/cancel_goal", self.name);
-        let code = if is_running { 0 } else { 3 };
-        if is_running {
+        let code = if running.is_some() || is_all { 0 } else { 3 };
+        if let Some(id) = running {
             self.stop_running().await;
-            self.finish(id, CANCELED, json!({})).await;
+            self.finish(&id, CANCELED, json!({})).await;
         }
         self.node.reply(query, &name, CANCEL, &json!({ "return_code": code })).await;
     }

@@ -6,19 +6,22 @@
 //!   for a while, and gives up with a code and a text.
 //! - The localization follows the robot, also if it is carried away in the building.
 //!   [`SimulatedNav2::set_localized`] makes it uncertain.
-//! - The battery is that of the building; docking charges it.
+//! - While the robot drives, it tells poses between its start and its goal. A goal in the place where
+//!   it stands moves it within the place; with the brush on, it sweeps the place on the way.
+//! - The battery is that of the building; docking charges it. The display is the screen that is
+//!   mounted on the robot in the building.
 
 mod action_server;
 mod wire;
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use building::BuildingHandle;
 use serde_json::{Value, json};
-use tokio::sync::watch;
+use tokio::sync::{mpsc, watch};
 use tokio_util::task::AbortOnDropHandle;
 
 use crate::action_server::{AcceptsGoals, ActionServer, Feedback, RunGoal};
@@ -37,13 +40,18 @@ const FEEDBACK_INTERVAL: Duration = Duration::from_millis(20);
 /// take half a minute in reality.
 const RECOVERY_TIME: Duration = Duration::from_millis(100);
 
-/// Farthest distance of a goal from a place of the building, in meters.
-const NEAR: f64 = 0.5;
+/// Farthest distance of a goal from a place of the building, in meters: half a room.
+const NEAR: f64 = 2.5;
 
 /// Error code of Nav2 for a goal that cannot be reached.
 const NO_WAY: u16 = 9_000;
 
 const POSE: &str = "geometry_msgs/msg/PoseWithCovarianceStamped";
+/// Number of texts for the display that wait.
+const TEXTS_MAX: usize = 16;
+
+const VELOCITY: &str = "geometry_msgs/msg/Twist";
+const TEXT: &str = "std_msgs/msg/String";
 
 /// A robot of the simulated building, and where its places are on the robot's map.
 #[derive(Clone, Debug)]
@@ -67,7 +75,7 @@ pub struct SimulatedNav2 {
     endpoint: String,
     state: Arc<DrivingRobot>,
     _tasks: Vec<AbortOnDropHandle<()>>,
-    _initial_pose: zenoh::pubsub::Subscriber<()>,
+    _topics: Vec<zenoh::pubsub::Subscriber<()>>,
 }
 
 struct DrivingRobot {
@@ -82,6 +90,18 @@ struct DrivingRobot {
     /// Number of goals that Nav2 has accepted or rejected.
     goals: watch::Sender<u64>,
     initial_poses: AtomicU64,
+    /// Number of messages that set the velocity to zero.
+    zero_velocities: AtomicU64,
+    /// Position that the robot tells, with the place to which it belongs.
+    position: Mutex<Option<(String, Position)>>,
+    /// Whether the brush is on, and whether it was on when the robot drove within its place.
+    brush: Mutex<Brush>,
+}
+
+#[derive(Default)]
+struct Brush {
+    is_on: bool,
+    has_swept: bool,
 }
 
 impl SimulatedNav2 {
@@ -106,17 +126,16 @@ impl SimulatedNav2 {
             answers_results: Arc::new(AtomicBool::new(true)),
             goals: watch::Sender::new(0),
             initial_poses: AtomicU64::new(0),
+            zero_velocities: AtomicU64::new(0),
+            position: Mutex::default(),
+            brush: Mutex::default(),
         });
-        let told = Arc::clone(&state);
-        let initial_pose = node.subscribe("initialpose", POSE, move |_| {
-            told.initial_poses.fetch_add(1, Ordering::Relaxed);
-            told.is_localized.store(true, Ordering::Relaxed);
-        });
-        let initial_pose = initial_pose.await?;
+        let topics = subscribe(&node, &state).await?;
         let mut tasks = serve_actions(&node, &state).await?;
         tasks.push(serve_lifecycle(&node, &state).await?);
+        tasks.push(serve_brush(&node, &state).await?);
         tasks.push(AbortOnDropHandle::new(tokio::spawn(Arc::clone(&state).tell())));
-        Ok(SimulatedNav2 { endpoint, state, _tasks: tasks, _initial_pose: initial_pose })
+        Ok(SimulatedNav2 { endpoint, state, _tasks: tasks, _topics: topics })
     }
 
     /// Switches the robot off, and waits until its endpoint is free.
@@ -164,10 +183,75 @@ impl SimulatedNav2 {
         drop(self.state.goals.subscribe().wait_for(|goals| *goals >= number).await);
     }
 
+    /// Returns how often the velocity of the robot was set to zero.
+    pub fn zero_velocities(&self) -> u64 {
+        self.state.zero_velocities.load(Ordering::Relaxed)
+    }
+
+    /// Whether the brush of the robot is on.
+    pub fn is_brush_on(&self) -> bool {
+        locked(&self.state.brush).is_on
+    }
+
     /// Returns how often the robot was told where it stands.
     pub fn initial_poses(&self) -> u64 {
         self.state.initial_poses.load(Ordering::Relaxed)
     }
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+async fn subscribe(
+    node: &RobotNode,
+    state: &Arc<DrivingRobot>,
+) -> zenoh::Result<Vec<zenoh::pubsub::Subscriber<()>>> {
+    let told = Arc::clone(state);
+    let initial_pose = node.subscribe("initialpose", POSE, move |_| {
+        told.initial_poses.fetch_add(1, Ordering::Relaxed);
+        told.is_localized.store(true, Ordering::Relaxed);
+    });
+    let robot = Arc::clone(state);
+    let velocity = node.subscribe("cmd_vel", VELOCITY, move |velocity| {
+        let is_zero = |part: &str| {
+            ["x", "y", "z"].iter().all(|axis| velocity[part][axis].as_f64() == Some(0.0))
+        };
+        if is_zero("linear") && is_zero("angular") {
+            robot.zero_velocities.fetch_add(1, Ordering::Relaxed);
+        }
+    });
+    let (shown, mut texts) = mpsc::channel::<Value>(TEXTS_MAX);
+    let display = node.subscribe("hmi/display/message", TEXT, move |text| {
+        // A text that does not fit into the queue is not shown.
+        drop(shown.try_send(text));
+    });
+    let (building, screen) = (state.building.clone(), format!("{}-screen", state.settings.robot));
+    tokio::spawn(async move {
+        while let Some(text) = texts.recv().await {
+            let text = text["data"].as_str().filter(|text| !text.is_empty());
+            // A robot without a screen shows nothing.
+            drop(building.show(&screen, text).await);
+        }
+    });
+    Ok(vec![initial_pose.await?, velocity.await?, display.await?])
+}
+
+async fn serve_brush(
+    node: &Arc<RobotNode>,
+    state: &Arc<DrivingRobot>,
+) -> zenoh::Result<AbortOnDropHandle<()>> {
+    let (name, type_name) = ("brush", "std_srvs/srv/SetBool");
+    let mut service = node.service(name, type_name).await?;
+    let (node, state) = (Arc::clone(node), Arc::clone(state));
+    Ok(AbortOnDropHandle::new(tokio::spawn(async move {
+        while let Some(query) = service.next().await {
+            let Some(request) = node.request(&query, type_name) else { continue };
+            let is_on = request["data"].as_bool() == Some(true);
+            *locked(&state.brush) = Brush { is_on, has_swept: false };
+            node.reply(&query, name, type_name, &json!({ "success": true })).await;
+        }
+    })))
 }
 
 async fn serve_actions(
@@ -219,6 +303,44 @@ async fn serve_lifecycle(
     })))
 }
 
+/// A position on the robot's map, in meters.
+#[derive(Clone, Copy)]
+struct Position {
+    x: f64,
+    y: f64,
+}
+
+impl Position {
+    fn distance(self, other: Position) -> f64 {
+        (self.x - other.x).hypot(self.y - other.y)
+    }
+
+    /// Returns the position at this share of the way to another one.
+    fn towards(self, other: Position, share: f64) -> Position {
+        let between = |from: f64, to: f64| from + (to - from) * share;
+        Position { x: between(self.x, other.x), y: between(self.y, other.y) }
+    }
+}
+
+/// A robot that drives. The building knows no positions between places: when the drive ends without
+/// arrival, the robot is back where it began.
+struct OnTheWay<'a> {
+    robot: &'a DrivingRobot,
+    rests_at: Option<(String, Position)>,
+}
+
+impl OnTheWay<'_> {
+    fn arrive(mut self, place: String, position: Position) {
+        self.rests_at = Some((place, position));
+    }
+}
+
+impl Drop for OnTheWay<'_> {
+    fn drop(&mut self) {
+        *locked(&self.robot.position) = self.rests_at.take();
+    }
+}
+
 impl DrivingRobot {
     /// Drives to the place at the pose of the goal.
     async fn navigate(self: Arc<Self>, goal: Value, feedback: Feedback) -> Result<Value, Value> {
@@ -229,32 +351,79 @@ impl DrivingRobot {
         let position = &goal["pose"]["pose"]["position"];
         let (x, y) = (position["x"].as_f64(), position["y"].as_f64());
         let (Some(x), Some(y)) = (x, y) else { return Err(aborted("the pose has no position")) };
-        let distance = |(px, py): (f64, f64)| (px - x).hypot(py - y);
-        let near = self.settings.places.iter().find(|(_, at)| distance(**at) <= NEAR);
-        let Some((place, _)) = near else { return Err(aborted("the pose is outside the map")) };
-        let start = self.place().await.and_then(|place| self.settings.places.get(&place).copied());
-        let meters = start.map_or(0.0, distance);
-        let driven = self.building.navigate(&self.settings.robot, place);
+        let to = Position { x, y };
+        let Some(place) = self.place_near(to) else {
+            return Err(aborted("the pose is outside the map"));
+        };
+        let (Some(here), Some(from)) = (self.place().await, self.position().await) else {
+            return Err(aborted("the robot is nowhere"));
+        };
+        let driven = async {
+            if here == place {
+                return self.drive_within_place().await;
+            }
+            let driven = self.building.navigate(&self.settings.robot, &place).await;
+            driven.map_err(|error| error.to_string())
+        };
         let mut driven = std::pin::pin!(driven);
         let mut pace = tokio::time::interval(FEEDBACK_INTERVAL);
+        let on_the_way = OnTheWay { robot: &self, rests_at: Some((here.clone(), from)) };
         let mut told = 0_u32;
         let end = loop {
             tokio::select! {
                 end = &mut driven => break end,
                 _ = pace.tick() => {
                     told += 1;
-                    let left = meters / f64::from(told);
-                    feedback(json!({ "distance_remaining": left }));
+                    let left = 1.0 / f64::from(told);
+                    *locked(&self.position) = Some((here.clone(), from.towards(to, 1.0 - left)));
+                    feedback(json!({ "distance_remaining": from.distance(to) * left }));
                 }
             }
         };
         match end {
-            Ok(()) => Ok(json!({})),
+            Ok(()) => {
+                on_the_way.arrive(place.clone(), to);
+                Ok(json!({}))
+            }
             Err(error) => {
                 tokio::time::sleep(RECOVERY_TIME).await;
-                Err(aborted(&error.to_string()))
+                Err(aborted(&error))
             }
         }
+    }
+
+    /// Drives within the place at which the robot stands, and sweeps it if the brush is on.
+    async fn drive_within_place(&self) -> Result<(), String> {
+        let sweeps = {
+            let brush = locked(&self.brush);
+            brush.is_on && !brush.has_swept
+        };
+        if sweeps {
+            let swept = self.building.sweep(&self.settings.robot).await;
+            swept.map_err(|error| error.to_string())?;
+            locked(&self.brush).has_swept = true;
+        }
+        Ok(())
+    }
+
+    /// Returns the place whose position is near; `None` if there is none.
+    fn place_near(&self, position: Position) -> Option<String> {
+        let distance =
+            |(_, (x, y)): &(&String, &(f64, f64))| position.distance(Position { x: *x, y: *y });
+        let places = self.settings.places.iter();
+        let nearest = places.min_by(|one, two| distance(one).total_cmp(&distance(two)))?;
+        (distance(&nearest) <= NEAR).then(|| nearest.0.clone())
+    }
+
+    /// Returns the position of the robot on its map; `None` if its place has none.
+    async fn position(&self) -> Option<Position> {
+        let here = self.place().await?;
+        if let Some((place, position)) = &*locked(&self.position)
+            && *place == here
+        {
+            return Some(*position);
+        }
+        self.settings.places.get(&here).map(|(x, y)| Position { x: *x, y: *y })
     }
 
     async fn dock(self: Arc<Self>) -> Result<Value, Value> {
@@ -276,9 +445,7 @@ impl DrivingRobot {
         let mut pace = tokio::time::interval(TELEMETRY_INTERVAL);
         loop {
             pace.tick().await;
-            if let Some((x, y)) =
-                self.place().await.and_then(|place| self.settings.places.get(&place).copied())
-            {
+            if let Some(Position { x, y }) = self.position().await {
                 let is_localized = self.is_localized.load(Ordering::Relaxed);
                 let mut covariance = [0.0; 36];
                 covariance[0] = if is_localized { 0.05 } else { 25.0 };

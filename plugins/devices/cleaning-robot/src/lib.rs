@@ -1,11 +1,14 @@
 //! The cleaning robot: a mobile base that drives to rooms and sweeps them.
 //!
 //! - `mobile_base::MobileBase` implements moving, the battery and the dock, as for every robot.
+//! - The broom has a driver of its own: `simulated`, or with ROS 2 the lanes of each room.
 //! - The bin of the robot has space for a few rooms, and is emptied at the robot's home. The fill
 //!   level of the bin is private, so that other ecosystems cannot see how much was cleaned.
 
+mod lanes;
 mod simulated;
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -16,15 +19,17 @@ use actuator::{
     OwnFact, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
-use mobile_base::{BaseConfig, BaseOutcome, MobileBase};
+use mobile_base::{BaseConfig, BaseOutcome, MobileBase, PlacePose};
 use pddl::InitElement;
 use serde::Deserialize;
+
+use crate::lanes::LaneBroom;
 
 /// The entry of the cleaning robot in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "cleaning-robot",
     about: "a mobile base that sweeps rooms, and empties its bin at home",
-    drivers: &["simulated"],
+    drivers: mobile_base::DRIVERS,
     has_replicas: false,
     build,
 };
@@ -40,9 +45,12 @@ const EMPTYING_MAX: Duration = Duration::from_secs(60);
 
 /// The driver of the broom.
 trait Broom: Send + Sync + 'static {
-    /// Sweeps the location of the robot, and returns the name of the location. Error texts complete
-    /// “failed to …”.
-    fn sweep(&self) -> BoxFuture<Result<String, String>>;
+    /// Returns the places that can be swept; `None` if all can.
+    fn places(&self) -> Option<Vec<String>>;
+
+    /// Sweeps `place`, at which the robot stands, and returns the name of the swept place. Error
+    /// texts complete “failed to …”.
+    fn sweep(&self, place: &str) -> BoxFuture<Result<String, String>>;
 }
 
 /// The `config` of a cleaning robot's entry.
@@ -54,6 +62,12 @@ struct Config {
     /// Number of swept rooms with which the bin is full.
     #[serde(default = "default_bin")]
     bin: u32,
+    /// Poses through which a robot with ROS 2 drives to sweep a place, by the name of the place.
+    #[serde(default)]
+    lanes: BTreeMap<String, Vec<PlacePose>>,
+    /// Name of the service that switches the brush of a robot with ROS 2; `None` if it has none.
+    #[serde(default)]
+    brush: Option<String>,
     /// All other keys of the entry's `config`. Any such key is an error.
     #[serde(flatten)]
     unknown: serde_json::Map<String, serde_json::Value>,
@@ -86,15 +100,22 @@ enum CleaningResult {
 }
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
-    let Config { base, bin, unknown } = blueprint.config_as()?;
+    let Config { base, bin, lanes, brush, unknown } = blueprint.config_as()?;
     if let Some(key) = unknown.keys().next() {
         return Err(blueprint.problem(format!("a cleaning robot's config has no key `{key}`")));
     }
     if bin == 0 {
         return Err(blueprint.problem("bin = 0: a bin takes at least one room"));
     }
-    let broom = simulated::broom(&blueprint)?;
     let base = MobileBase::new(&blueprint, "cleaning-robot", base)?;
+    let broom: Arc<dyn Broom> = match base.ros() {
+        Some(robot) => Arc::new(LaneBroom::new(&blueprint, robot, lanes, brush)?),
+        None if lanes.is_empty() && brush.is_none() => simulated::broom(&blueprint)?,
+        None => {
+            let surplus = "`lanes` and `brush` are for the driver `ros2`";
+            return Err(blueprint.problem(surplus));
+        }
+    };
     let robot = CleaningRobot {
         id: blueprint.id.to_string(),
         ontology: blueprint.host.ontology.name.to_string(),
@@ -122,11 +143,16 @@ impl Device for CleaningRobot {
         methods.insert("sweep".to_owned(), method(SWEEP, SWEEPING_MAX));
         methods.insert("empty-bin".to_owned(), method(EMPTY_BIN, EMPTYING_MAX));
         let (objects, lasting, moving) = (base.objects(), base.constant_facts(), base.actions(""));
+        let (predicates, functions) = (base.predicates(), base.functions());
+        // A place without lanes cannot be swept.
+        let can_sweep = if self.broom.places().is_some() { "(has-lanes ?b ?l)" } else { "" };
         let text = format!(
             "(define (agent {id}) (:domain {ontology})
                 (:types cleaning-robot - mobile-base)
-                (:predicates (:private
+                (:functions {functions})
+                (:predicates {predicates} (:private
                     (bin-free ?b - cleaning-robot)
+                    (has-lanes ?b - cleaning-robot ?l - location)
                     (bin-emptied-at ?b - cleaning-robot ?l - location)))
                 (:objects {objects})
                 (:init {lasting} (bin-emptied-at {id} {home}))
@@ -134,7 +160,7 @@ impl Device for CleaningRobot {
                 (:action sweep
                     :agent ?b - cleaning-robot
                     :parameters (?l - location)
-                    :precondition (and (at ?b ?l) (bin-free ?b))
+                    :precondition (and (at ?b ?l) (bin-free ?b) {can_sweep})
                     :effect (and (swept ?l) (increase (total-cost) 5)))
                 (:action empty-bin
                     :agent ?b - cleaning-robot
@@ -151,6 +177,9 @@ impl Device for CleaningRobot {
         if rooms_in_bin < bin {
             text += &format!(" (bin-free {id})");
         }
+        for place in self.broom.places().unwrap_or_default() {
+            text += &format!(" (has-lanes {id} {place})");
+        }
         for place in swept {
             text += &format!(" (swept {place})");
         }
@@ -164,7 +193,12 @@ impl Device for CleaningRobot {
     fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<CleaningResult, MethodFailure>> {
         match call.method.as_str() {
             SWEEP => {
-                let swept = self.broom.sweep();
+                let Some(place) = self.base.place() else {
+                    let stands = self.base.whereabouts();
+                    let failure = MethodFailure::Driver(format!("sweep: it stands {stands}"));
+                    return Box::pin(std::future::ready(Err(failure)));
+                };
+                let swept = self.broom.sweep(&place);
                 Box::pin(async move {
                     swept.await.map(CleaningResult::Swept).map_err(MethodFailure::Driver)
                 })
@@ -207,6 +241,10 @@ impl Device for CleaningRobot {
 
     fn read_state(&self) -> Option<BoxFuture<()>> {
         Some(self.base.locate())
+    }
+
+    fn stand_still(&mut self) -> Option<BoxFuture<Result<(), String>>> {
+        self.base.stand_still()
     }
 
     fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<CleaningRobot>>> {

@@ -22,7 +22,11 @@ pub(crate) fn broom(blueprint: &Blueprint) -> Result<Arc<dyn Broom>, BuildError>
 }
 
 impl Broom for Simulated {
-    fn sweep(&self) -> BoxFuture<Result<String, String>> {
+    fn places(&self) -> Option<Vec<String>> {
+        None
+    }
+
+    fn sweep(&self, _place: &str) -> BoxFuture<Result<String, String>> {
         let (building, robot) = (Arc::clone(&self.building), self.robot.clone());
         Box::pin(async move { building.sweep(&robot).await.map_err(|error| error.to_string()) })
     }

@@ -140,11 +140,12 @@ impl Device for TurtleBot {
             methods.insert("patrol".to_owned(), patrol.method());
         }
         let (objects, lasting) = (base.objects(), base.constant_facts());
-        let predicates = base.predicates();
+        let (predicates, functions) = (base.predicates(), base.functions());
         let text = format!(
             "(define (agent {id}) (:domain {ontology})
                 (:types turtlebot - mobile-base)
                 (:predicates {predicates})
+                (:functions {functions})
                 (:objects {objects})
                 (:init {lasting})
                 {actions})"
@@ -203,6 +204,10 @@ impl Device for TurtleBot {
 
     fn read_state(&self) -> Option<BoxFuture<()>> {
         Some(self.base.locate())
+    }
+
+    fn stand_still(&mut self) -> Option<BoxFuture<Result<(), String>>> {
+        self.base.stand_still()
     }
 
     fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<TurtleBot>>> {

@@ -4,7 +4,9 @@
 //! - `mobile_base::MobileBase` implements moving, the battery and the dock, as for every robot.
 //! - The robot presents media at any location, at a higher cost than a fixed screen. While the
 //!   robot presents, it does not move.
+//! - The screen has a driver of its own: `simulated`, or with ROS 2 a topic with the shown text.
 
+mod display;
 mod simulated;
 
 use std::collections::BTreeMap;
@@ -21,6 +23,8 @@ use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use mobile_base::{BaseConfig, BaseOutcome, MobileBase};
 use serde::Deserialize;
 
+use crate::display::RosDisplay;
+
 /// Time limit for the robot's screen to light up.
 const SHOWING_TIME_MAX: Duration = Duration::from_secs(30);
 
@@ -28,7 +32,7 @@ const SHOWING_TIME_MAX: Duration = Duration::from_secs(30);
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "video-robot",
     about: "a mobile base with a screen: presents wherever it drives",
-    drivers: &["simulated"],
+    drivers: mobile_base::DRIVERS,
     has_replicas: false,
     build,
 };
@@ -41,6 +45,9 @@ struct Config {
     base: BaseConfig,
     /// Media that the robot can show: the text of each medium, by the medium's name in plans.
     media: BTreeMap<String, String>,
+    /// Topic of the display of a robot with ROS 2.
+    #[serde(default)]
+    display: Option<String>,
     /// All other keys of the entry's `config`. Any such key is an error.
     #[serde(flatten)]
     unknown: serde_json::Map<String, serde_json::Value>,
@@ -53,7 +60,7 @@ pub trait ScreenDriver: Send + Sync + 'static {
 }
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
-    let Config { base, media, unknown } = blueprint.config_as()?;
+    let Config { base, media, display, unknown } = blueprint.config_as()?;
     if let Some(key) = unknown.keys().next() {
         return Err(blueprint.problem(format!("a video-robot's config has no key `{key}`")));
     }
@@ -62,11 +69,16 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
             blueprint.problem(format!("`{name}` cannot name a medium: it has to be a PDDL name"))
         })?;
     }
-    let screen = simulated::screen(&blueprint)?;
+    let base = MobileBase::new(&blueprint, "video-robot", base)?;
+    let screen: Arc<dyn ScreenDriver> = match (base.ros(), display) {
+        (Some(robot), display) => Arc::new(RosDisplay::new(robot, display)),
+        (None, None) => simulated::screen(&blueprint)?,
+        (None, Some(_)) => return Err(blueprint.problem("`display` is for the driver `ros2`")),
+    };
     let robot = VideoRobot {
         id: blueprint.id.to_string(),
         ontology: blueprint.host.ontology.name.to_string(),
-        base: MobileBase::new(&blueprint, "video-robot", base)?,
+        base,
         media,
         screen,
         shown: None,
@@ -111,9 +123,12 @@ impl Device for VideoRobot {
         let media: Vec<_> = media.keys().map(|name| format!("{name} - media")).collect();
         let (objects, media) = (base.objects(), media.join(" "));
         let (lasting, moving) = (base.constant_facts(), base.actions("(not (presenting ?b))"));
+        let (predicates, functions) = (base.predicates(), base.functions());
         let text = format!(
             "(define (agent {id}) (:domain {ontology})
                 (:types video-robot - mobile-base)
+                (:predicates {predicates})
+                (:functions {functions})
                 (:objects {objects} {media})
                 (:init {lasting})
                 {moving}
@@ -191,6 +206,10 @@ impl Device for VideoRobot {
 
     fn read_state(&self) -> Option<BoxFuture<()>> {
         Some(self.base.locate())
+    }
+
+    fn stand_still(&mut self) -> Option<BoxFuture<Result<(), String>>> {
+        self.base.stand_still()
     }
 
     fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<VideoRobot>>> {
