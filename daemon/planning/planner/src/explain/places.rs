@@ -119,8 +119,9 @@ impl PlacementSearch<'_> {
         Alternative { missing: missing.collect() }
     }
 
-    /// Computes the places of the new agents of a set, for each part of the goal in `parts`. Each
-    /// entry of the result is the number of the supposition, and the place of its agent.
+    /// Computes where the new agents of `set` have to be, for each part of the goal in `parts` that
+    /// depends on it. The key of the result is the part of the goal; an entry is the number of a
+    /// supposition in the set, and the place of its agent.
     fn place(
         &mut self,
         set: &SuppositionSet,

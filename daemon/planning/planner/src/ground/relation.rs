@@ -223,8 +223,9 @@ impl Relation {
         self.indices.len() - 1
     }
 
-    /// Returns the rows with the values `key`, under a binding, in the indexed columns. The row
-    /// that was indexed first comes first; the others follow in reverse order.
+    /// Returns the rows that have the values of `key` in the indexed columns. A variable in `key`
+    /// has its value in `binding`. The row that was indexed first comes first; the others follow in
+    /// reverse order.
     #[inline]
     pub(super) fn matching(
         &self,

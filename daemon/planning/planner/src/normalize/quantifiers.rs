@@ -175,8 +175,9 @@ impl QuantifierRearrangement {
         Some(all.into_iter().map(|parts| junction(parts, existential)).collect())
     }
 
-    /// Returns one quantifier for each group of variables with common parts. Parts without any of
-    /// the variables stay outside the quantifiers.
+    /// Quantifies the variables `slots` over `parts`, with one quantifier for each group of
+    /// variables that occur together in a part. Parts without any of the variables stay outside the
+    /// quantifiers.
     fn components(
         &mut self,
         slots: Vec<SlotIndex>,

@@ -211,8 +211,9 @@ impl<'t> RelaxationBuilder<'t> {
         self.origins.push(origin);
     }
 
-    /// Returns the numeric step of each proposition that a relaxed operator adds. Empty without
-    /// numeric steps.
+    /// Returns the numeric step of each addition in `adds`, in their order; [`NO_STEP`] for an
+    /// addition that one application of its operator achieves. The result is empty if the
+    /// relaxation has no numeric steps.
     fn steps_of(&self, adds: &Rows) -> Vec<u32> {
         if self.numbers.is_empty() {
             return Vec::new();
