@@ -311,8 +311,8 @@ pub struct DurativeAction {
     pub span: Span,
 }
 
-/// A constraint on the duration of a durative action: `[(at start|at end] (= ?duration
-/// EXPRESSION)`.
+/// A constraint on the duration of a durative action: `(= ?duration EXPRESSION)`, or with `<=` or
+/// `>=`; also within `(at start …)` or `(at end …)`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct DurationConstraint {
     /// Time at which the expression is evaluated; `None` if the text omits it.
