@@ -321,8 +321,8 @@ impl Maintainer {
     }
 
     /// Adopts all changes by requests that the central maintainer has sent, in place of those that
-    /// it sent before. Claims of owners with heartbeats to this maintainer take precedence. Has no
-    /// effect on a maintainer that does not follow the central one.
+    /// it sent before. A fact does not change if its owner reports it to this maintainer in
+    /// heartbeats. Has no effect on a maintainer that does not follow the central one.
     ///
     /// # Errors
     ///
