@@ -52,8 +52,8 @@ pub(crate) fn watch_socket(socket: PathBuf) -> SocketWatch {
     SocketWatch(watch.abort_handle())
 }
 
-/// Whether the folder of a socket exists or can be created. Otherwise the restarted daemon would
-/// exit at once.
+/// Creates the folder of a socket if it is missing, and returns whether this process may write in
+/// it. Otherwise the restarted daemon would exit at once.
 fn can_be_made(socket: &Path) -> bool {
     let folder = socket.parent().unwrap_or(socket);
     let made = DirBuilder::new().recursive(true).mode(0o700).create(folder);
