@@ -80,7 +80,8 @@ pub fn human(report: &DiagnosticReport, look: RenderStyle) -> String {
     text
 }
 
-/// Returns the number of errors and warnings in words, such as “2 errors and 1 warning”.
+/// Returns the numbers of errors, warnings and hints in words, such as “2 errors and 1 warning”, or
+/// “no mistakes”.
 pub fn summary(report: &DiagnosticReport) -> String {
     let counts =
         [(Severity::Error, "error"), (Severity::Warning, "warning"), (Severity::Hint, "hint")]
