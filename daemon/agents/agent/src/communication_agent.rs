@@ -404,8 +404,9 @@ impl CommunicationAgent {
         }
     }
 
-    /// Whether the protocol allows `message` as the opening of an exchange. If so, the exchange is
-    /// tracked from now on; if not, the message is answered with `not-understood`.
+    /// Begins to track the exchange that `message` opens, and returns `true`. If the protocol does
+    /// not allow this opening, answers with `not-understood` and returns `false`. A message that
+    /// opens no exchange is allowed, and not tracked.
     pub(crate) fn engage(&mut self, message: &Message) -> bool {
         let (Some(token), Some(protocol)) = (&message.reply_with, message.protocol) else {
             return true;
