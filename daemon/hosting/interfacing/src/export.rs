@@ -75,7 +75,8 @@ pub enum ExportError {
     Durative,
 }
 
-/// Returns the part of the agent's model `model` that is exported to the near side.
+/// Returns the part of `model` that the rules export, in the vocabulary of the near side. `model`
+/// is the action model of the agent on the far side.
 ///
 /// # Errors
 ///
