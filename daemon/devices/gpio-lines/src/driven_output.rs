@@ -5,8 +5,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 use crate::line_watch::run_blocking;
 use crate::{GpioBoard, LineError, OutputLine, OutputSettings};
 
-/// Output line for driving. The line is opened at its first use, and closed when all clones of this
-/// value are dropped.
+/// An output line that can be made active or inactive. The line is opened at its first use, and
+/// closed when all clones of this value are dropped.
 #[derive(Clone)]
 pub struct DrivenOutput {
     board: Arc<dyn GpioBoard>,
