@@ -25,9 +25,9 @@ use crate::{Program, ProgramError, ProgramGroup, START, last_line};
 const HAND_OVER: &str = "exec \"$@\" 3<&0 4>&0 </dev/null";
 
 /// Shell script of the watch. It waits until its input is closed, which this process does when the
-/// program is no longer needed, and the kernel when this process ends. Then it kills the group `$1` and
-/// removes the folder `$2`, if there is one. A process that was just killed may have written a file
-/// meanwhile, so the removal is repeated once.
+/// program is no longer needed, and the kernel when this process ends. Then it kills the group `$1`
+/// and removes the folder `$2`, if there is one. A process that was just killed may have written a
+/// file meanwhile, so the removal is repeated once.
 const CLEANUP: &str = "trap '' HUP INT TERM
 read -r word
 kill -KILL \"-$1\"
