@@ -67,7 +67,8 @@ struct PhidgetLine {
     /// Channel of the part. It is opened at the first use, so that no channel is opened before the
     /// agent is active.
     channel: Arc<tokio::sync::Mutex<Option<PhidgetChannel>>>,
-    /// Time of the last swing, for a part with a value that swings; `None` before the first swing.
+    /// Time at which the value last swung beyond the threshold of motion; `None` before the first
+    /// swing. Only the values of some motion detectors swing (`PhidgetPart::swings`).
     swung: Mutex<Option<Instant>>,
 }
 
