@@ -10,8 +10,8 @@ use pddl::{ActionModel, InitElement};
 
 use crate::effect::AgentFacts;
 
-/// File with the facts of one agent. The first line is a comment with the digest of the action model;
-/// each further line is a fact in PDDL.
+/// File with the facts of one agent. The first line is a comment with the digest of the action
+/// model; each further line is a fact in PDDL.
 #[derive(Clone, Debug)]
 pub(crate) struct FactFile {
     /// Path of the file; `None` if nothing outlives the process.
