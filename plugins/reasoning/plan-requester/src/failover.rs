@@ -169,8 +169,8 @@ impl PlanRequester {
         }
     }
 
-    /// Sends to an initiator that has joined the outcomes of its ended goals, and reports about its
-    /// kept goals that hold, because the initiator may have missed these reports.
+    /// Sends what the initiator `asker` may have missed before it joined: the outcomes of its ended
+    /// goals, and a report for each of its kept goals that holds.
     pub(crate) fn send_missed_outcomes(&mut self, asker: &Resident, ctx: &mut Context<Self>) {
         for (participation, report) in self.ended.of_asker(asker) {
             self.send_or_queue(&participation, report, ctx);
