@@ -33,7 +33,7 @@ pub struct BaseConfig {
     /// How long a way is avoided on which the base failed, in seconds. A real base only.
     #[serde(default = "default_blocked_for")]
     pub(crate) blocked_for: f64,
-    /// The robot behind the driver `ros2`; `None` for other drivers.
+    /// Settings of the driver `ros2`; `None` for other drivers.
     #[serde(default)]
     pub(crate) ros2: Option<Ros2Config>,
 }
@@ -52,8 +52,8 @@ pub(crate) struct BatteryConfig {
     pub(crate) recharge_time: f64,
 }
 
-/// A pose, which is a spot beside a place of the map. The config gives the place alone, or the
-/// place and its distance from the pose in meters.
+/// A pose, which is a spot beside a place of the map. The config gives that place alone, or that
+/// place and the distance between the two, in meters.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(untagged)]
 pub(crate) enum PoseConfig {

@@ -40,8 +40,8 @@ pub use crate::config::BaseConfig;
 pub use crate::ros_part::RosPart;
 pub use crate::ros2::{PlacePose, recorded_pose};
 
-/// Share of the full range at or below which the battery counts as empty. With less charge the
-/// cells are damaged, and the next place is too far anyway.
+/// Share of the full range at or below which the battery counts as empty. A lower charge damages
+/// the cells, and the next place is too far anyway.
 const EMPTY: f64 = 0.01;
 
 /// Share of the full range at or below which the base requests a charge. The rest is enough for the
@@ -55,7 +55,7 @@ const CHARGING_PRIORITY: i32 = 10;
 const DOCKING: Duration = Duration::from_secs(60);
 
 /// How long the driver may take after a start to report the robot's place. A localization that is
-/// already running needs less, and the robot's absence during this time has no effect.
+/// already running answers sooner.
 const LOOKED_WITHIN: Duration = Duration::from_secs(1);
 
 /// Cost of charging in a plan, in meters of driving, so that a plan charges the battery only if it
@@ -87,8 +87,8 @@ pub trait BaseDriver: Send + Sync + 'static {
         None
     }
 
-    /// Waits until the base reads otherwise than `known`, for a base that may be moved by others.
-    /// By default this never happens.
+    /// Waits until the reading of the base differs from `known`, for a base that others may move.
+    /// By default the wait never ends.
     fn until_differs(&self, _known: BaseReading) -> BoxFuture<()> {
         Box::pin(pending())
     }
@@ -105,7 +105,7 @@ pub enum DriveFailure {
     Other(String),
 }
 
-/// What a driver reads from a base.
+/// The place and the charge of a base, as its driver reads them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct BaseReading {
     /// Where the base stands.
@@ -119,11 +119,11 @@ pub struct BaseReading {
 pub enum BasePlace {
     /// At this place of the map, or in this pose.
     At(String),
-    /// At no place; this one is the nearest.
+    /// At no place of the map; this place is the nearest.
     Near(String),
     /// The base does not know where it is.
     Unknown,
-    /// The driver does not reach the base, so that nothing can be done with it.
+    /// The driver does not reach the base, so that the base offers no actions.
     Unreachable,
 }
 
@@ -147,7 +147,7 @@ pub struct MobileBase {
     speed: f64,
     move_timeout: Duration,
     power: Option<PowerSupply>,
-    /// Each pose with the place beside it and the distance between them in meters.
+    /// Each pose, the place of the map beside it, and the distance between them in meters.
     poses: Vec<(PlaceName, PlaceName, f64)>,
     /// The last reading. The base shares it with the future that moves the base, because that
     /// future may be dropped at any time.
@@ -283,8 +283,8 @@ impl MobileBase {
         self.state.borrow().clone()
     }
 
-    /// Reads the real place and the range left from the driver after a start. If the driver does
-    /// not answer in time, the base keeps the values of the config.
+    /// Reads the real place and the range left from the driver after a start. If the driver fails
+    /// or does not answer in time, the base keeps the values of the config.
     pub fn locate(&self) -> BoxFuture<()> {
         let (body, id) = (self.handle(), self.id.clone());
         Box::pin(async move {
@@ -311,7 +311,7 @@ impl MobileBase {
         self.current_state().charge.is_some_and(|charge| charge <= power.range * EMPTY)
     }
 
-    /// Waits until the base was moved by others, until a blocked way is to be tried again, or until
+    /// Waits until others have moved the base, until a blocked way is to be tried again, or until
     /// the charge of the battery becomes low, or ceases to be low. If it is low, [`MobileBase::take_initiatives`] then returns the request to
     /// charge it.
     pub fn next_initiative(&self) -> BoxFuture<()> {
@@ -527,7 +527,7 @@ impl MobileBase {
     }
 }
 
-/// Returns the action that drives a base from beside a place to the place.
+/// Returns the action by which a base that stands beside a place drives to the place, as PDDL.
 fn rejoin(kind: &str) -> String {
     format!(
         "(:action rejoin
@@ -547,8 +547,8 @@ fn push(text: &mut String, piece: std::fmt::Arguments<'_>) {
 // === impl MobileBase: acting ===
 
 impl MobileBase {
-    /// Returns a refusal if a `move` is to begin at another place than the base stands at: its plan
-    /// was made with older knowledge. Other calls are not refused.
+    /// Returns a refusal if the call is a `move` from another place than the base stands at: its
+    /// plan was made with older knowledge. Other calls are not refused.
     pub fn check_call(&self, call: &MethodCall) -> Option<Refusal> {
         let step = pddl::parse_step(&call.action).into_result().ok()?;
         let from = step.arguments.get(1).filter(|_| step.action == "move")?;
@@ -593,7 +593,7 @@ impl MobileBase {
     }
 }
 
-/// Driver and state of a mobile base, as a running method uses them.
+/// The driver and the state of a mobile base, for a method that runs.
 struct BaseHandle {
     driver: Arc<dyn BaseDriver>,
     state: Arc<watch::Sender<BaseReading>>,
@@ -647,8 +647,8 @@ impl BaseHandle {
         charged.map(|()| BaseOutcome::Recharged).map_err(MethodFailure::Driver)
     }
 
-    /// Reads the real place and the range left from the driver, and stores both. Called after each
-    /// method, even a failed one. Returns the place.
+    /// Reads the real place and the range left from the driver, stores both, and returns the place.
+    /// Called after each method, even a failed one.
     async fn refresh(&self) -> Result<BasePlace, MethodFailure> {
         let reading = self.driver.read().await.map_err(MethodFailure::Driver)?;
         let place = reading.place.clone();

@@ -2,8 +2,8 @@
 //!
 //! - `config.ros2` has the address of the robot, and the pose of each place on the robot's map. The
 //!   robot stands at the nearest place, if that is near enough.
-//! - The session is opened when the agent starts, in the background. If the robot has not told its
-//!   pose some seconds later, it is told that it stands at `start`.
+//! - The session is opened in the background when the agent starts. If the robot has not reported
+//!   its pose some seconds later, the driver sets the pose to that of `start`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::{Arc, OnceLock};
@@ -21,15 +21,16 @@ use tokio_util::task::AbortOnDropHandle;
 
 use crate::{BaseDriver, BasePlace, BaseReading, DriveFailure};
 
-/// How long a robot may take to tell its pose before it is told that it stands at `start`. A robot
-/// with a known pose answers at once.
+/// How long a robot may take to report its pose before the driver sets the pose to that of `start`.
+/// A robot with a known pose reports it at once.
 const POSE_AWAITED: Duration = Duration::from_secs(3);
 
-/// How long the localization may take to tell that the robot stands where it has arrived. AMCL
+/// How long the localization may take to report that the robot stands where it has arrived. AMCL
 /// publishes within half a second after a movement.
 const SETTLES_WITHIN: Duration = Duration::from_secs(3);
 
-/// How long a reading of the robot is awaited: enough for one that is being linked.
+/// How long a reading of the robot is awaited: long enough for a robot with a link that is being
+/// opened.
 const READ_WITHIN: Duration = Duration::from_secs(5);
 
 /// Change of the charge that counts as news, as a share of the range. Robots report far smaller
@@ -39,7 +40,7 @@ const CHARGE_STEP: f64 = 0.01;
 /// How long `althing robot` waits for the pose of a robot. AMCL sends the last pose at once.
 const POSE_TOLD_WITHIN: Duration = Duration::from_secs(5);
 
-/// Interval at which the link to the robot is checked while the robot says nothing.
+/// Interval at which the link to the robot is checked while the robot sends nothing.
 const LINK_CHECKED_EVERY: Duration = Duration::from_secs(1);
 
 /// How long the link may be lost before the robot counts as out of reach. A robot that changes its
@@ -55,24 +56,25 @@ const ASK_AGAIN: Duration = Duration::from_secs(1);
 pub(crate) struct Ros2Config {
     /// Zenoh endpoint of the robot's bridge or router, such as `tcp/192.168.1.20:7447`.
     endpoint: String,
-    /// `ros2dds` or `rmw-zenoh`.
+    /// How the robot's messages reach Zenoh: `ros2dds` (through zenoh-bridge-ros2dds) or
+    /// `rmw-zenoh`.
     #[serde(default = "default_dialect")]
     dialect: String,
-    /// Namespace of the robot's names.
+    /// ROS namespace of the robot's names; may be empty.
     #[serde(default)]
     namespace: String,
-    /// ROS domain of a robot with `rmw-zenoh`.
+    /// ROS domain of the robot; used with `rmw-zenoh` only.
     #[serde(default)]
     domain_id: u32,
-    /// MapPose of each place on the robot's map.
+    /// Pose of each place on the robot's map, by the name of the place.
     places: BTreeMap<String, PlacePose>,
-    /// Distance in meters up to which the robot stands at a place.
+    /// Distance from the pose of a place, in meters, within which the robot stands at that place.
     #[serde(default = "default_tolerance")]
     tolerance: f64,
     /// Type of the messages that set the robot's velocity: `twist` or `twist-stamped`.
     #[serde(default = "default_velocity")]
     velocity: String,
-    /// Whether the robot is told at a start that it stands at `start`, if it tells no pose itself.
+    /// Whether the driver sets the robot's pose to that of `start`, if the robot reports none.
     #[serde(default = "default_initial_pose")]
     initial_pose: bool,
 }
@@ -152,7 +154,7 @@ struct Ros2Settings {
     address: RosAddress,
     places: BTreeMap<String, MapPose>,
     tolerance: f64,
-    /// MapPose that the robot is told at a start if it tells none; `None` if it is told nothing.
+    /// Pose that the driver sets if the robot reports none; `None` if the driver sets no pose.
     initial_pose: Option<MapPose>,
     /// Range of a full battery in meters; `None` if the base has no battery.
     range: Option<f64>,
@@ -308,7 +310,7 @@ impl Ros2Settings {
         Ok(BaseReading { place, charge })
     }
 
-    /// Follows the robot's messages, for as long as the receivers exist.
+    /// Follows the robot's messages until it is dropped, and sends each new reading to `readings`.
     async fn attend(
         self: Arc<Self>,
         robot: Nav2Robot,
@@ -343,7 +345,7 @@ impl Ros2Settings {
         }
     }
 
-    /// Tells the robot that it stands at `start`, if it does not tell where it stands.
+    /// Sets the robot's pose to that of `start`, if the robot does not report its pose.
     async fn establish_pose(&self, robot: &Nav2Robot) {
         let Some(start) = self.initial_pose else { return };
         while let Err(error) = robot.pose().await {
@@ -359,7 +361,7 @@ impl Ros2Settings {
     }
 }
 
-/// Whether a reading says something else than the one before. A charge that differs by less than
+/// Whether the reading `news` differs from the reading `known`. A charge that differs by less than
 /// `step` does not count.
 fn is_news(
     known: &Result<BaseReading, String>,
@@ -439,7 +441,7 @@ impl Ros2Base {
             RosError::NoWay { .. } => DriveFailure::NoWay(error.to_string()),
             _ => DriveFailure::Other(error.to_string()),
         })?;
-        // The message that tells the arrival may come after the end of the goal.
+        // The message of the localization about the arrival may come after the end of the goal.
         let is_there = |reading: &Result<BaseReading, String>| matches!(reading, Ok(BaseReading { place: BasePlace::At(at), .. }) if at == place);
         let mut readings = self.attended().readings.clone();
         drop(tokio::time::timeout(SETTLES_WITHIN, readings.wait_for(is_there)).await);
