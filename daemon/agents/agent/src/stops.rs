@@ -3,10 +3,11 @@
 //! - A stop is latched: it is on disk before it is confirmed, and holds after a restart. It ends
 //!   only when it is released by its identifier. A released stop does not come back, although
 //!   actuators elsewhere may still repeat it in their heartbeats.
-//! - Stops spread with heartbeats, releases do not: an actuator that missed a release stays stopped
-//!   until it is released, too. So no daemon can start the actuators of others.
-//! - No stop is refused. If there are too many, they become one stop of everything. A file that
-//!   cannot be read counts as a stop of everything.
+//! - Stops spread with heartbeats, and releases do not: an actuator that missed a release stays
+//!   stopped until it receives one. So no daemon can start the actuators of others.
+//! - A stop is never dropped because of its number or length. Too many stops become one stop of
+//!   everything, and a stop of too many names becomes one of everything. A file that cannot be read
+//!   counts as a stop of everything.
 
 use std::collections::VecDeque;
 use std::fs;
@@ -21,15 +22,15 @@ use tokio::sync::watch;
 
 use crate::stored_file::replace_file;
 
-/// Maximum number of stops in force. People stop parts of a building one by one; each heartbeat
-/// repeats all of them.
+/// Maximum number of stops in force; beyond it, all become one stop of everything. People stop
+/// parts of a building one by one, and each heartbeat repeats all stops.
 const STOPS_MAX: usize = 32;
 
-/// Number of released stops that are remembered: a machine that was away for months may still have
-/// one of them.
+/// Number of released stops that are remembered; the oldest are forgotten. A machine that was away
+/// for months may still have one of the stops in force.
 const RELEASED_MAX: usize = 1_024;
 
-/// Identifier of the stop that stands for a file that cannot be read.
+/// Identifier of the stop of everything that is in force when the file cannot be read.
 const UNREADABLE: &str = "unreadable-file";
 
 /// Name of the file in the daemon's folder.
@@ -94,8 +95,8 @@ impl StopRegistry {
         self.state.borrow().stops.iter().find(|stop| concerns(stop)).cloned()
     }
 
-    /// Adds a stop, and returns `false` if it is in force already or was released. The stop holds
-    /// at once; [`StopRegistry::save`] latches it.
+    /// Adds a stop, and returns whether it is new: `false` if it is in force already, was released,
+    /// or has no usable identifier. The stop holds at once; [`StopRegistry::save`] latches it.
     pub fn add(&self, stop: &Stop) -> bool {
         let Some(stop) = bounded(stop) else { return false };
         self.state.send_if_modified(|state| {
@@ -162,8 +163,8 @@ impl StopRegistry {
 pub struct StopChanges(watch::Receiver<Latched>);
 
 impl StopChanges {
-    /// Waits for a change since the last call, or since the receiver was made. If the registry is
-    /// gone, waits for ever.
+    /// Waits for a change since the last call, or since [`StopRegistry::changes`]. If the registry
+    /// is gone, waits for ever.
     pub async fn next(&mut self) {
         if self.0.changed().await.is_err() {
             std::future::pending().await
@@ -171,8 +172,8 @@ impl StopChanges {
     }
 }
 
-/// Returns the stop within the bounds of identifiers and names; `None` if it has no usable
-/// identifier.
+/// Returns the stop within the limits of a stop: too many names become a stop of everything, and a
+/// long reason is cut off. Returns `None` if the identifier is empty or too long.
 fn bounded(stop: &Stop) -> Option<Stop> {
     /// Longest reason that is kept, in characters.
     const WHY_CHARS_MAX: usize = 200;
