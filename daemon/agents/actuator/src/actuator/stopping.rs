@@ -1,12 +1,12 @@
-//! Stops of an actuator: it ends what it does, and begins nothing until the stop is released.
+//! How an actuator obeys stops: it ends its action, and begins none until the stop is released.
 //!
-//! - A stop takes effect before it is written to disk, and is confirmed afterwards. It may come by
-//!   request, or in the heartbeat of another agent that has received it.
+//! - A stop takes effect before it is written to disk, and is confirmed afterwards. It comes as a
+//!   request, or in the heartbeat of another actuator that has received it.
 //! - A device that goes on by itself, such as a robot with a goal, is brought to a standstill. The
 //!   confirmation tells whether the device has confirmed that.
-//! - A stop of a place concerns the actions that name it, and the agents that are there: those with
-//!   a fact about themselves and the place, such as `(at robot hall)`.
-//! - A stopped agent offers no actions, so that no plan is made with it, and has the fact `stopped`.
+//! - A stop of a place concerns the actions that name the place, and the agents that are there:
+//!   those with a fact about themselves and the place, such as `(at robot hall)`.
+//! - A stopped agent offers no actions, so that no plan is made with it. It has the fact `stopped`.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -41,7 +41,8 @@ pub(super) fn described(stop: &Stop) -> String {
 }
 
 impl Actuator {
-    /// Returns what the device offers at present; nothing if the agent is stopped.
+    /// Returns the description of the device at present; without actions and methods if the agent
+    /// is stopped.
     pub(super) fn offer(&self) -> Description {
         let mut offer = self.device.describe();
         let agent = AgentId::new(offer.model.agent.as_str());
@@ -49,21 +50,21 @@ impl Actuator {
             offer.model.actions.clear();
             offer.model.durative_actions.clear();
             offer.methods.clear();
-            // The ontology need not know the word.
+            // The ontology need not declare the predicate `stopped`.
             let words = "(define (agent a) (:domain d) (:predicates (stopped ?a - object)))";
             offer.model.predicates.extend(model_of(words).predicates);
         }
         offer
     }
 
-    /// Returns the fact that this agent is stopped; none if it is not.
+    /// Returns the fact `stopped` of this agent; nothing if the agent is not stopped.
     pub(super) fn stop_fact(&self, own: &AgentId) -> Vec<InitElement> {
         let stop = self.stop_of_all(own);
         let text = stop.map(|_| format!("(stopped {own})")).unwrap_or_default();
         facts_of(&text).into_iter().map(|fact| fact.fact).collect()
     }
 
-    /// Returns a stop that forbids all actions of this agent.
+    /// Returns a stop that forbids all actions of this agent; `None` if there is none.
     pub(super) fn stop_of_all(&self, own: &AgentId) -> Option<Stop> {
         let concerned = |stop: &Stop| {
             stop.concerns(own.as_str()) || self.places(own).any(|place| stop.concerns(&place))
@@ -71,7 +72,8 @@ impl Actuator {
         self.stops.find(concerned)
     }
 
-    /// Returns a stop that forbids `action`, which is a ground step such as `(move robot hall lab)`.
+    /// Returns a stop that forbids `action`, a ground step such as `(move robot hall lab)`; `None`
+    /// if there is none.
     pub(super) fn stop_against(&self, action: &str, own: &AgentId) -> Option<Stop> {
         let step = pddl::parse_step(action).into_result().ok();
         let arguments = || step.iter().flat_map(|step| &step.arguments);
@@ -79,7 +81,8 @@ impl Actuator {
         self.stop_of_all(own).or_else(|| self.stops.find(names))
     }
 
-    /// Returns the other objects in the facts of the device that begin with the agent itself.
+    /// Returns the names that follow the name of the agent in facts of the device, such as `hall`
+    /// in `(at robot hall)`. The places where the agent is are among them.
     fn places(&self, own: &AgentId) -> impl Iterator<Item = String> {
         let facts = self.device.facts().into_iter();
         let own = own.to_string();
@@ -98,7 +101,7 @@ impl Actuator {
         StopState { agent: own.clone(), stops: self.stops.in_force() }
     }
 
-    /// Handles a change of the daemon's stops, now and from now on.
+    /// Begins to follow the daemon's stops: the actuator obeys each change, then writes it to disk.
     pub(super) fn follow_stops(&mut self, ctx: &mut Context<Self>) {
         let mut changes = self.stops.changes();
         let next = async move {
@@ -131,8 +134,8 @@ impl Actuator {
         self.following_stops = Some(following);
     }
 
-    /// Ends the action under way if a stop forbids it, and announces what is still offered. Brings
-    /// the device to a standstill if a stop concerns it.
+    /// Ends the running action if a stop forbids it, and announces what the agent still offers.
+    /// Brings the device to a standstill if a stop concerns it.
     fn obey(&mut self, ctx: &mut Context<Self>) {
         let action = self.running_action();
         let ends = action.as_ref().and_then(|action| self.stop_against(action, ctx.id()));
@@ -141,7 +144,7 @@ impl Actuator {
         }
         match ends {
             Some(stop) => {
-                // The report of the action brings the new offer in its heartbeat.
+                // The heartbeat before the report of the action announces the new offer.
                 self.cancel_command(&described(&stop), ctx);
                 self.ended_by_stop = action.map(|action| (action, stop.id));
             }
