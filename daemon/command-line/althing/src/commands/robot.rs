@@ -1,4 +1,4 @@
-//! `althing robot`: records the pose of a place, where a robot stands now.
+//! `althing robot`: prints the pose in which a robot stands now, as the pose of a place.
 
 use std::process::ExitCode;
 
@@ -8,7 +8,8 @@ use crate::cli::robot::RobotArgs;
 use crate::config::{self, Ecosystem, Overrides};
 use crate::plugins;
 
-/// Runs `althing robot`: prints the line that tells a robot where a place is.
+/// Runs `althing robot`: prints the line of `config.ros2.places` with the place and the robot's
+/// pose.
 pub(super) fn run(args: &RobotArgs) -> ExitCode {
     let failed = |problem: &str| {
         output::print_note(&format!("error: failed to {problem}"));

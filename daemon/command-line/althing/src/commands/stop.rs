@@ -1,7 +1,8 @@
-//! `althing stop`: stops the actuators of a running ecosystem, or some of them, and releases stops.
+//! `althing stop`: stops the actuators of a running ecosystem, or some of them; also lists stops
+//! and releases them.
 //!
-//! The request goes to every agent that is present, at once and without asking another agent first:
-//! a stop must work if every reasoning agent is dead. Actuators pass it on in their heartbeats.
+//! The request goes to every agent that is present, at once and without a query to another agent: a
+//! stop must work if every reasoning agent is dead. Actuators repeat the stop in their heartbeats.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -22,25 +23,25 @@ use crate::commands::client::{self, EcosystemView};
 use crate::commands::user_request::FAILED;
 use crate::{hosting, plugins};
 
-/// How long answers are awaited. An actuator answers within milliseconds; one that is just being
-/// reached again through another link needs longer.
+/// How long answers are awaited. An actuator answers within milliseconds; an actuator with a lost
+/// link needs longer, until it is reached through another link.
 const ANSWERED_WITHIN: Duration = Duration::from_secs(3);
 
-/// Maximum number of agents that are asked before others have answered: a fraction of what the queue
-/// of a keyboard agent holds.
+/// Maximum number of agents that are asked and have not answered. It is a fraction of the capacity
+/// of a keyboard agent's queue.
 const UNANSWERED_MAX: usize = 256;
 
-/// Number of random bytes in the identifier of a stop: enough to tell apart the stops of a building,
-/// and short enough to be typed.
+/// Number of random bytes in the identifier of a stop. The identifier tells apart the stops of a
+/// building, and is short enough to be typed.
 const ID_BYTES: usize = 4;
 
 /// Answer of one agent to a stop or a release.
 enum StopAnswer {
-    /// The agent has done it; the text says what it did.
+    /// The agent has carried out the request; the text says what it did.
     Done(String),
     /// The agent has done what it can, but its device may go on; the text says why.
     Doubtful(String),
-    /// The agent has not done it, for this reason.
+    /// The agent has not carried out the request, for this reason.
     Declined(String),
 }
 
@@ -161,13 +162,13 @@ async fn send_to_all(
 }
 
 /// Whether an agent has announced an action model. An agent in another language may not know stops,
-/// and must not be missing in the table.
+/// and must be in the table nevertheless.
 async fn has_model(view: &EcosystemView, agent: &AgentId) -> bool {
     !view.ask(Resource::Model, Some(agent.clone())).await.is_empty()
 }
 
-/// A request to all agents, with the answers so far. The command sees the agents one after the
-/// other when it joins; each is asked as soon as it is seen.
+/// A request to all agents, with the answers so far. When the command joins, it sees the agents one
+/// after the other, and asks each as soon as it sees the agent.
 struct Round {
     /// The agent that asks.
     own: AgentId,
@@ -183,7 +184,8 @@ impl Round {
         Round { own, terminal, content, asked: BTreeSet::new(), answers: BTreeMap::new() }
     }
 
-    /// Asks all agents until all have answered, or until the deadline.
+    /// Asks all agents, and waits until all have answered, or until the deadline. Returns an error
+    /// if no agent is seen.
     async fn run(&mut self, view: &EcosystemView) -> Result<(), &'static str> {
         let deadline = tokio::time::sleep(ANSWERED_WITHIN);
         let (mut deadline, router) = (pin!(deadline), &view.router);
@@ -212,8 +214,8 @@ impl Round {
         if self.asked.is_empty() { Err("see any agent of the ecosystem") } else { Ok(()) }
     }
 
-    /// Asks the agents that are seen and were not asked yet. If the queue of requests is full, the
-    /// others are asked after the next answers.
+    /// Asks the agents that are seen and were not asked yet. If [`UNANSWERED_MAX`] agents have not
+    /// answered, the others are asked after the next answers.
     fn ask_new(&mut self, view: &EcosystemView) -> Result<(), &'static str> {
         let directory = view.router.directory();
         let present = directory.iter().filter(|resident| !resident.daemon.is_guest());
@@ -257,7 +259,8 @@ fn answer_of(message: &Message) -> Option<StopAnswer> {
     }
 }
 
-/// Returns the devices of the ecosystem file that are absent. Their state is unknown.
+/// Returns the agents with a driver that the ecosystem file names and that are absent. What their
+/// devices do is unknown.
 fn absent(view: &EcosystemView) -> Vec<AgentId> {
     let directory = view.router.directory();
     let entries = view.ecosystem.iter().flat_map(|ecosystem| &ecosystem.agents);
@@ -317,7 +320,8 @@ fn what(stop: &Stop) -> String {
     visible::line(&format!("{what}{why}")).to_string()
 }
 
-/// Whether a name is that of an agent that is present, or of an object of the map.
+/// Whether a name is that of an agent that is present, or of an object of the map. If the map is
+/// unknown, any name may be that of a place.
 fn is_known(view: &EcosystemView, name: &str) -> bool {
     let is_agent = AgentId::new(name).is_ok_and(|id| view.router.directory().find(&id).is_some());
     let map = view.ecosystem.as_ref().map(|ecosystem| &ecosystem.problem);
