@@ -7,10 +7,10 @@ use std::time::Instant;
 use ros_messages::Interfaces;
 use serde_json::json;
 
-/// Messages in a round; one round takes some ten milliseconds.
+/// Number of messages in a round; one round takes some ten milliseconds.
 const MESSAGES: u32 = 10_000;
 
-/// Rounds, of which the median is printed.
+/// Number of rounds; their median is printed.
 const ROUNDS: usize = 21;
 
 fn main() {

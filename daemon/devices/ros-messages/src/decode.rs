@@ -1,8 +1,8 @@
 //! Decodes XCDR1 of either byte order as a JSON object.
 //!
-//! The bytes come from outside: no length in them is trusted, and a message that ends early is a
-//! prefix, not an error. A later version of ROS may append fields to a message, and an earlier one
-//! lacks them.
+//! The bytes come from outside, so no length in them is trusted. A message that ends early is no
+//! error; it gives the fields up to its end. A later version of ROS may append fields to a message,
+//! and an earlier one lacks them.
 
 use serde_json::{Map, Value};
 
@@ -13,7 +13,7 @@ use crate::structure::{FieldArity, FieldElement, MessageField, MessageStructure,
 use crate::values::from_bits;
 use crate::{DECODED_VALUES_MAX, NESTING_MAX};
 
-/// Number of bytes before the fields: encoding, options.
+/// Number of bytes before the fields: two for the encoding, two for options.
 const HEADER_BYTES: usize = 4;
 
 /// A decoded message.
@@ -34,14 +34,15 @@ impl Decoded {
 }
 
 impl Interfaces {
-    /// Returns the fields of a message. Fields that the bytes do not contain as a whole are missing
-    /// in the object, an array or sequence as soon as one of its elements is incomplete. Bytes after
+    /// Returns the fields of a message. The object lacks each field that the bytes do not contain
+    /// as a whole; it lacks an array or sequence if one of its elements is incomplete. Bytes after
     /// the last field are ignored. Text that is not UTF-8 has replacement characters.
     ///
     /// # Errors
     ///
-    /// Returns an error if the type is not known, if the header is not that of XCDR1, and if a
-    /// field has a value that its type does not have.
+    /// Returns an error if the type is not known, if the header is not that of XCDR1, if a field
+    /// has a value that its type does not have, or if the message exceeds [`DECODED_VALUES_MAX`] or
+    /// [`NESTING_MAX`].
     pub fn decode(&self, type_name: &str, bytes: &[u8]) -> Result<Decoded, CdrDecodeError> {
         let structure = self.message(type_name)?;
         let is_big_endian = match bytes {
@@ -64,9 +65,9 @@ impl Interfaces {
     }
 }
 
-/// Reason for which reading stops.
+/// Reason why reading stops.
 enum ReadStop {
-    /// The bytes end before the value at this path does.
+    /// The bytes end before the end of the value at this path.
     Ended(String),
     Failed(CdrDecodeError),
 }
@@ -80,11 +81,11 @@ impl From<CdrDecodeError> for ReadStop {
 /// A message that is being decoded.
 struct CdrReader<'a> {
     interfaces: &'a Interfaces,
-    /// The message after its header. Alignment counts from the first byte.
+    /// The bytes of the message after its header. Alignment counts from the first of them.
     bytes: &'a [u8],
     position: usize,
     is_big_endian: bool,
-    /// Number of values so far.
+    /// Number of values that were read so far.
     values: usize,
 }
 
@@ -97,7 +98,7 @@ impl<'a> CdrReader<'a> {
         self.bytes.len().saturating_sub(self.position)
     }
 
-    /// Returns the next `length` bytes from a multiple of `alignment`.
+    /// Skips padding up to a multiple of `alignment`, and returns the next `length` bytes.
     fn take(
         &mut self,
         alignment: usize,
@@ -111,7 +112,7 @@ impl<'a> CdrReader<'a> {
         Ok(taken)
     }
 
-    /// Returns the bits of a number of `size` bytes.
+    /// Reads a number of `size` bytes, and returns its bits.
     fn bits(&mut self, size: usize, path: FieldPath<'_>) -> Result<u64, ReadStop> {
         let taken = self.take(size, size, path)?;
         let mut bytes = [0; 8];
@@ -123,14 +124,15 @@ impl<'a> CdrReader<'a> {
         Ok(u64::from_le_bytes(bytes))
     }
 
-    /// Returns the number of bytes, units or elements of what follows; `None` if it is larger than
-    /// an address.
+    /// Reads the number of bytes, units or elements that follow. A number that does not fit into
+    /// `usize` counts as an early end of the message.
     fn length(&mut self, path: FieldPath<'_>) -> Result<usize, ReadStop> {
         let length = self.bits(4, path)?;
         usize::try_from(length).map_err(|_| ReadStop::Ended(path.to_string()))
     }
 
-    /// Returns the complete fields of a structure, and the path to the first missing field.
+    /// Reads a structure. Returns its complete fields, and the path to the first missing field;
+    /// `None` if all are complete.
     fn structure(
         &mut self,
         structure: &MessageStructure,
@@ -149,7 +151,7 @@ impl<'a> CdrReader<'a> {
         }
         for field in &structure.fields {
             let path = path.field(&field.name);
-            // Only here part of a value is of use.
+            // An incomplete structure is kept; any other incomplete value is dropped.
             if let (FieldElement::Nested(name), FieldArity::One) = (&field.element, field.arity) {
                 let (nested, missing) = self.structure(self.interfaces.message(name)?, path)?;
                 if missing.is_none() || !nested.is_empty() {
@@ -209,7 +211,7 @@ impl<'a> CdrReader<'a> {
         }
     }
 
-    /// Counts one value.
+    /// Counts one value. Returns an error if there are more than [`DECODED_VALUES_MAX`].
     fn count(&mut self, path: FieldPath<'_>) -> Result<(), CdrDecodeError> {
         if self.values >= DECODED_VALUES_MAX {
             return Err(CdrDecodeError::TooManyValues { path: path.to_string() });
@@ -228,7 +230,8 @@ impl<'a> CdrReader<'a> {
         Ok(from_bits(primitive, bits).ok_or_else(|| wrong(path, problem()))?)
     }
 
-    /// Reads a text. Its length counts the NUL at its end; some senders write neither.
+    /// Reads a text. Its length counts the NUL at its end. Some senders write no NUL, and do not
+    /// count it.
     fn string(&mut self, bound: Option<u32>, path: FieldPath<'_>) -> Result<Value, ReadStop> {
         let length = self.length(path)?;
         let bytes = self.take(1, length, path)?;

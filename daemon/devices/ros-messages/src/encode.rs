@@ -9,7 +9,8 @@ use crate::structure::{FieldArity, FieldElement, MessageField, MessageStructure,
 use crate::values::little_endian;
 use crate::{ENCODED_BYTES_MAX, NESTING_MAX};
 
-/// First bytes of a message in little-endian XCDR1: encoding, options. Alignment counts from here.
+/// Header of a message in little-endian XCDR1: two bytes for the encoding, two for options.
+/// Alignment counts from the byte after the header.
 const HEADER: [u8; 4] = [0, 1, 0, 0];
 
 impl Interfaces {
@@ -64,7 +65,7 @@ impl CdrWriter<'_> {
         self.put(4, &length.to_le_bytes(), path)
     }
 
-    /// Writes a structure; without a value, all its defaults.
+    /// Writes a structure. If there is no value, writes the defaults of its fields.
     fn structure(
         &mut self,
         type_name: &str,
@@ -190,8 +191,8 @@ impl CdrWriter<'_> {
         self.put(1, &[0], path)
     }
 
-    /// Writes a text of UTF-16: the number of its units, then each unit in four bytes, without an
-    /// end. The implementations of ROS for Cyclone DDS and Fast DDS agree on this.
+    /// Writes a text of UTF-16: the number of its units, then each unit in four bytes, without a
+    /// NUL at the end. The implementations of ROS for Cyclone DDS and Fast DDS agree on this.
     fn wide_string(
         &mut self,
         bound: Option<u32>,
@@ -208,7 +209,7 @@ impl CdrWriter<'_> {
     }
 }
 
-/// Returns the text of a value; without a value, an empty text.
+/// Returns the text of a value; an empty text if there is no value.
 fn text_of<'a>(value: Option<&'a Value>, path: FieldPath<'_>) -> Result<&'a str, CdrEncodeError> {
     match value {
         None => Ok(""),

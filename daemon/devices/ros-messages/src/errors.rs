@@ -5,7 +5,7 @@ use std::fmt;
 /// Number of characters of a wrong value or text that an error repeats.
 const FOUND_CHARS_MAX: usize = 40;
 
-/// A definition that is not one of ROS 2, with all its mistakes.
+/// Error about a definition that ROS 2 does not allow, with all its mistakes.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("read `{file}`: {}", mistakes.iter().map(ToString::to_string).collect::<Vec<_>>().join("; "))]
 pub struct DefinitionError {
@@ -24,7 +24,7 @@ pub struct DefinitionMistake {
     pub column: usize,
     /// Text of the mistake, shortened if it is long.
     pub found: String,
-    /// What is wrong, and what would be right.
+    /// Description of the mistake and its correction.
     pub problem: String,
 }
 
@@ -37,17 +37,17 @@ impl fmt::Display for DefinitionMistake {
     }
 }
 
-/// A type that is not known, or that has no encoding.
+/// Error about a type that is not known, or that has no encoding.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("find the ROS type `{name}`: {advice}")]
 pub struct UnknownTypeError {
     /// Name of the type.
     pub name: String,
-    /// What would be right.
+    /// Advice for a correction.
     pub advice: String,
 }
 
-/// A value that is not one of its type.
+/// Reason why a value cannot be encoded as a message.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CdrEncodeError {
@@ -59,7 +59,7 @@ pub enum CdrEncodeError {
     UnknownField {
         /// Path to the field.
         path: String,
-        /// Type without the field.
+        /// Name of the type that has no such field.
         type_name: String,
         /// Fields of the type, separated by commas.
         known: String,
@@ -69,7 +69,7 @@ pub enum CdrEncodeError {
     WrongValue {
         /// Path to the field.
         path: String,
-        /// What the field takes.
+        /// Description of the values that the field takes.
         expected: String,
         /// Value that was given, shortened if it is long.
         found: String,
@@ -88,7 +88,7 @@ pub enum CdrEncodeError {
     },
 }
 
-/// Bytes that are not a message of their type.
+/// Reason why bytes cannot be decoded as a message.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
 pub enum CdrDecodeError {
@@ -109,7 +109,7 @@ pub enum CdrDecodeError {
     WrongValue {
         /// Path to the field.
         path: String,
-        /// What is wrong, and what would be right.
+        /// Description of the mistake, and of a right value.
         problem: String,
     },
     /// The message has more than [`crate::DECODED_VALUES_MAX`] values.

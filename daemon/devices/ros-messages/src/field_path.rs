@@ -2,8 +2,8 @@
 
 use std::fmt;
 
-/// Path from the message to a field, as a list on the stack: a path costs nothing until an error
-/// writes it.
+/// Path from the message to a field, as a linked list on the stack. A path is written as text only
+/// in an error.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct FieldPath<'a> {
     parent: Option<&'a FieldPath<'a>>,
@@ -23,12 +23,12 @@ impl FieldPath<'_> {
     pub(crate) const MESSAGE: FieldPath<'static> =
         FieldPath { parent: None, step: PathStep::Message, depth: 0 };
 
-    /// Returns the path to a field of what this path leads to.
+    /// Returns the path to the field `name` of the structure at this path.
     pub(crate) fn field<'a>(&'a self, name: &'a str) -> FieldPath<'a> {
         FieldPath { parent: Some(self), step: PathStep::Field(name), depth: self.depth + 1 }
     }
 
-    /// Returns the path to an element of what this path leads to.
+    /// Returns the path to the element `index` of the array or sequence at this path.
     pub(crate) fn index(&self, index: usize) -> FieldPath<'_> {
         FieldPath { parent: Some(self), step: PathStep::Index(index), depth: self.depth }
     }

@@ -18,16 +18,16 @@ use crate::values::{float_value, little_endian, whole_value};
 /// One line of a definition.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Statement {
-    /// Nothing but blanks and a comment.
+    /// A line with at most blanks and a comment.
     Blank,
     /// The line between the parts of a service or an action.
     Separator,
-    /// A field; its place is not set.
+    /// A field; its place is not set yet.
     Field(MessageField),
     Constant(String, Value),
 }
 
-/// A mistake in a line: where it begins, and what would be right.
+/// A mistake in a line: its place, and its correction.
 #[derive(Clone, Debug)]
 pub(crate) struct GrammarMistake<'a> {
     /// The rest of the line from the mistake on.
@@ -49,13 +49,13 @@ impl<'a> ParseError<&'a str> for GrammarMistake<'a> {
     }
 }
 
-/// Returns the mistake of the word with which `at` begins.
+/// Returns a mistake about the first word of `at`.
 fn mistake(at: &str, problem: impl Into<String>) -> GrammarMistake<'_> {
     let end = at.find(char::is_whitespace).unwrap_or(at.len());
     GrammarMistake { at, found: &at[..end], problem: problem.into() }
 }
 
-/// Returns the mistake of all that `at` has.
+/// Returns a mistake about all of `at`.
 fn mistake_of_all(at: &str, problem: impl Into<String>) -> GrammarMistake<'_> {
     GrammarMistake { at, found: at, problem: problem.into() }
 }
@@ -64,7 +64,7 @@ fn fail<T>(mistake: GrammarMistake<'_>) -> GrammarResult<'_, T> {
     Err(nom::Err::Failure(mistake))
 }
 
-/// Reads a line, without its comment, of a definition of `package`.
+/// Reads one line of a definition of `package`, and ignores its comment.
 pub(crate) fn statement<'a>(line: &'a str, package: &str) -> Result<Statement, GrammarMistake<'a>> {
     let text = line.split('#').next().unwrap_or_default().trim_end();
     let parsed = alt((
@@ -187,7 +187,8 @@ fn element(base: &str, bound: Option<u32>, package: &str) -> Result<FieldElement
         }
         "time" => return Err("ROS 2 spells this type `builtin_interfaces/Time`".to_owned()),
         "duration" => return Err("ROS 2 spells this type `builtin_interfaces/Duration`".to_owned()),
-        // As a matter of habit from ROS 1; no package but `std_msgs` has a type of this name.
+        // As in ROS 1, the name needs no package: no package but `std_msgs` has a type of this
+        // name.
         "Header" => return Ok(FieldElement::Nested("std_msgs/msg/Header".to_owned())),
         _ => {}
     }
@@ -283,7 +284,7 @@ fn array_element(input: &str) -> GrammarResult<'_, &str> {
     }
 }
 
-/// Returns the value of a text, or what would be right.
+/// Returns the value that a text stands for. The error text says what is right.
 fn scalar(text: &str, element: &FieldElement) -> Result<Value, String> {
     let (bound, length, unit) = match element {
         FieldElement::Primitive(primitive) => return number(text, *primitive),
@@ -315,7 +316,7 @@ fn unquoted(text: &str) -> Result<String, String> {
     Ok(text.to_owned())
 }
 
-/// Returns the number or truth value of a text, or what would be right.
+/// Returns the number or truth value that a text stands for. The error text says what is right.
 fn number(text: &str, primitive: PrimitiveType) -> Result<Value, String> {
     let value = match primitive {
         PrimitiveType::Bool => match text.to_ascii_lowercase().as_str() {
@@ -330,7 +331,8 @@ fn number(text: &str, primitive: PrimitiveType) -> Result<Value, String> {
     value.filter(is_fitting).ok_or_else(|| format!("the value is {}", primitive.expectation()))
 }
 
-/// Returns the whole number of a text: decimal, or with `0x`, `0o` or `0b`.
+/// Returns the whole number that a text stands for: decimal, or with `0x`, `0o` or `0b`. Returns
+/// `None` if it stands for none.
 fn whole(text: &str) -> Option<i128> {
     let (is_negative, digits) = match text.strip_prefix('-') {
         Some(digits) => (true, digits),

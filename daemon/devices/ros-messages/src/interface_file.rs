@@ -1,4 +1,4 @@
-//! Reads a file of a definition, and derives the messages of services and actions from it.
+//! Reads the file of a definition, and derives the messages of services and actions from it.
 
 use std::collections::BTreeSet;
 
@@ -12,7 +12,8 @@ use crate::structure::{
 /// Structures with their full names.
 pub(crate) type NamedStructures = Vec<(String, MessageStructure)>;
 
-/// Returns the structures that a file defines: itself, and those that ROS derives.
+/// Returns the structures that a file defines: that of a message, or those that ROS derives from a
+/// service or an action.
 pub(crate) fn read(
     package: &str,
     file_name: &str,
@@ -36,7 +37,8 @@ pub(crate) fn read(
     })
 }
 
-/// Returns the name and the kind of a file.
+/// Returns the name and the kind of a definition, such as `Pose` and `msg`, from the name of its
+/// file. Returns a mistake if the name of the package or of the file is not allowed.
 fn names_of<'a>(
     package: &str,
     file_name: &'a str,
@@ -62,10 +64,10 @@ fn names_of<'a>(
     Ok((name, kind))
 }
 
-/// A part of a file between separators.
+/// A part of a file, before, between or after its separators.
 struct FileSection {
     structure: MessageStructure,
-    /// Line of the separator before the section; 0 for the first section.
+    /// Line of the separator before the section, from 1; 0 for the first section.
     begin: usize,
 }
 
@@ -122,7 +124,7 @@ fn lines(text: &str) -> std::str::Lines<'_> {
 
 /// Returns the column at which the rest of a line begins.
 fn column(line: &str, rest: &str) -> usize {
-    // A comment is no part of the rest, so the places are compared, not the lengths.
+    // The rest has no comment, so the places are compared, and not the lengths.
     let offset = (rest.as_ptr() as usize).saturating_sub(line.as_ptr() as usize);
     line.get(..offset).map_or(0, |before| before.chars().count()) + 1
 }

@@ -28,7 +28,7 @@ impl Interfaces {
         interfaces
     }
 
-    /// Adds the definition with the text of a file such as `NavigateToPose.action`. It replaces a
+    /// Adds the definition `text`, as in a file such as `NavigateToPose.action`. It replaces a
     /// known definition of the same name, and may name types that are added later.
     ///
     /// # Errors
@@ -72,8 +72,8 @@ impl Interfaces {
         self.structures.keys().map(String::as_str)
     }
 
-    /// Returns the constants of a message with their values, sorted by name; none if the type is not
-    /// known.
+    /// Returns the constants of a message with their values, sorted by name; none if the type is
+    /// not known.
     pub fn constants(&self, type_name: &str) -> impl Iterator<Item = (&str, &Value)> {
         let structure = self.structures.get(type_name);
         let constants = structure.into_iter().flat_map(|structure| &structure.constants);
@@ -85,7 +85,8 @@ impl Interfaces {
         self.structures.get(name).ok_or_else(|| self.unknown(name))
     }
 
-    /// Returns the structure of a message.
+    /// Returns the structure of a message. Returns an error for a service or an action, which has
+    /// no encoding.
     pub(crate) fn message(&self, name: &str) -> Result<&MessageStructure, UnknownTypeError> {
         let structure = self.structure(name)?;
         let advice = match structure.role {
@@ -102,7 +103,8 @@ impl Interfaces {
         Err(UnknownTypeError { name: name.to_owned(), advice })
     }
 
-    /// Returns the error for a name that is not known, with a known name that is like it.
+    /// Returns the error for a name that is not known. The error names a known type with a similar
+    /// name, if there is one.
     fn unknown(&self, name: &str) -> UnknownTypeError {
         let package = name.split('/').next();
         let last = name.rsplit('/').next().map(str::to_lowercase);
@@ -119,7 +121,8 @@ impl Interfaces {
         UnknownTypeError { name: name.to_owned(), advice }
     }
 
-    /// Returns the fields of new structures by which a structure would contain itself.
+    /// Returns a mistake for each field of the new structures `added` by which a structure would
+    /// contain itself.
     fn circles(&self, added: &NamedStructures) -> Vec<DefinitionMistake> {
         let added: HashMap<_, _> = added.iter().map(|(name, of)| (name.as_str(), of)).collect();
         let find = |name: &str| added.get(name).copied().or_else(|| self.structures.get(name));

@@ -45,14 +45,15 @@ pub use errors::{
 pub use interfaces::Interfaces;
 pub use names::dds_name;
 
-/// Levels of messages within messages that are encoded and decoded. Definitions of ROS have fewer
-/// than ten; the bound keeps a long chain of definitions from exhausting the stack.
+/// Maximum number of levels of messages within messages. Definitions of ROS have fewer than ten;
+/// the bound keeps a long chain of definitions from exhausting the stack.
 pub const NESTING_MAX: usize = 64;
 
-/// Length in bytes of the longest message that is encoded. Enough for an uncompressed image; the
-/// bound keeps a definition of arrays of arrays from exhausting the memory.
+/// Maximum length of an encoded message, in bytes. Enough for an uncompressed image; the bound
+/// keeps a definition of arrays of arrays from exhausting the memory.
 pub const ENCODED_BYTES_MAX: usize = 64 << 20;
 
-/// Number of values that are decoded from one message. One value takes up to a few hundred bytes as
-/// JSON, so the bound is that of about 50 MiB. The ranges of a laser scanner are a few thousand.
+/// Maximum number of values in a decoded message. One value takes up to a few hundred bytes as
+/// JSON, so a message takes some tens of MiB at most. The ranges of a laser scanner are a few
+/// thousand values.
 pub const DECODED_VALUES_MAX: usize = 100_000;

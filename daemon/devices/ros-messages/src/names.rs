@@ -1,14 +1,16 @@
 //! Names of packages, types, fields and constants, as ROS spells them.
 
-/// Returns the name of a type as DDS and rmw_zenoh spell it, for instance
-/// `nav2_msgs::action::dds_::NavigateToPose_SendGoal_` for `nav2_msgs/action/NavigateToPose_SendGoal`;
-/// `None` if `type_name` is not of the form `package/msg/Name`, with `srv` or `action` for `msg`.
+/// Returns the name of a type as DDS and rmw_zenoh spell it; `None` if `type_name` is not of the
+/// form `package/msg/Name`, with `srv` or `action` for `msg`. For instance,
+/// `nav2_msgs::action::dds_::NavigateToPose_SendGoal_` stands for
+/// `nav2_msgs/action/NavigateToPose_SendGoal`.
 pub fn dds_name(type_name: &str) -> Option<String> {
     let (package, kind, name) = parts(type_name)?;
     Some(format!("{package}::{kind}::dds_::{name}_"))
 }
 
-/// Returns the package, the kind and the name of a full name of a type.
+/// Returns the package, the kind and the name in the full name of a type; `None` if it is no full
+/// name.
 pub(crate) fn parts(type_name: &str) -> Option<(&str, &str, &str)> {
     let mut parts = type_name.split('/');
     let (package, kind, name) = (parts.next()?, parts.next()?, parts.next()?);

@@ -7,13 +7,13 @@ use crate::Interfaces;
 use crate::structure::{FieldArity, FieldElement, MessageStructure, PrimitiveType, StructureRole};
 use crate::values::{float_value, from_bits, whole_value};
 
-/// Random values for each message.
+/// Number of random values for each message.
 const VALUES: usize = 200;
 
-/// Random messages, over all types.
+/// Number of messages of random bytes, over all types.
 const GARBAGE: usize = 60_000;
 
-/// Elements of a random sequence, at most.
+/// Maximum number of elements of a random sequence.
 const ELEMENTS_MAX: usize = 4;
 
 /// Returns the built-in definitions, one with every kind of field, and one with wide strings.
@@ -102,8 +102,8 @@ fn random_number(primitive: PrimitiveType, rng: &mut Rng) -> Value {
     }
 }
 
-/// Returns a copy of a message in the other byte order, made by a decoder of its own: it swaps the
-/// bytes of each number as it walks along the definition.
+/// Returns a copy of a message in the other byte order. The copy is made by a decoder of its own,
+/// which walks along the definition and swaps the bytes of each number.
 fn swapped(interfaces: &Interfaces, structure: &MessageStructure, bytes: &[u8]) -> Vec<u8> {
     let mut swapped = bytes.to_vec();
     swapped[1] = 0;

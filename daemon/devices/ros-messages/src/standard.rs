@@ -1,6 +1,6 @@
-//! The built-in definitions: facts of the interfaces of ROS 2 Jazzy, each with its source.
+//! The built-in definitions, those of ROS 2 Jazzy. Each file names its source.
 
-/// Package, name of the file, and text of the definition.
+/// The package, the name of the file, and the text of a definition.
 type StandardDefinition = (&'static str, &'static str, &'static str);
 
 macro_rules! definition {

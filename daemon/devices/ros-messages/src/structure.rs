@@ -16,7 +16,7 @@ pub(crate) struct MessageStructure {
     pub(crate) constants: BTreeMap<String, Value>,
 }
 
-/// What a structure stands for.
+/// Kind of definition that a structure stands for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum StructureRole {
     Message,
@@ -40,9 +40,9 @@ pub(crate) struct MessageField {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum FieldElement {
     Primitive(PrimitiveType),
-    /// Text in UTF-8, with the largest number of bytes.
+    /// Text in UTF-8, with the maximum number of bytes; `None` for no maximum.
     String(Option<u32>),
-    /// Text in UTF-16, with the largest number of units of 16 bits.
+    /// Text in UTF-16, with the maximum number of units of 16 bits; `None` for no maximum.
     WideString(Option<u32>),
     /// The full name of another structure, such as `geometry_msgs/msg/Pose`.
     Nested(String),
@@ -79,7 +79,7 @@ impl MessageStructure {
         MessageStructure { role, fields, constants: BTreeMap::new() }
     }
 
-    /// Returns the names of the structures that the fields contain.
+    /// Returns the fields that contain a structure, each with the name of that structure.
     pub(crate) fn references(&self) -> impl Iterator<Item = (&MessageField, &str)> {
         self.fields.iter().filter_map(|field| match &field.element {
             FieldElement::Nested(name) => Some((field, name.as_str())),
@@ -101,7 +101,7 @@ impl MessageField {
 }
 
 impl PrimitiveType {
-    /// Returns the type with a name of the definition language.
+    /// Returns the type that the definition language calls `name`; `None` if there is none.
     pub(crate) fn named(name: &str) -> Option<PrimitiveType> {
         Some(match name {
             "bool" => PrimitiveType::Bool,
@@ -133,7 +133,7 @@ impl PrimitiveType {
         }
     }
 
-    /// Returns the least and the greatest whole number; `None` for types that are not whole numbers.
+    /// Returns the least and the greatest value of a type of whole numbers; `None` for other types.
     pub(crate) fn whole_range(self) -> Option<(i128, i128)> {
         let is_signed = match self {
             PrimitiveType::Bool | PrimitiveType::Float32 | PrimitiveType::Float64 => return None,
@@ -147,7 +147,7 @@ impl PrimitiveType {
         Some(if is_signed { (-values / 2, values / 2 - 1) } else { (0, values - 1) })
     }
 
-    /// Returns what a value of the type is, for errors.
+    /// Returns a description of the type's values, for errors.
     pub(crate) fn expectation(self) -> String {
         match (self, self.whole_range()) {
             (_, Some((least, greatest))) => format!("a whole number from {least} to {greatest}"),

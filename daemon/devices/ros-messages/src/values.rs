@@ -1,4 +1,4 @@
-//! Numbers as JSON values, in both directions. Encoding, decoding and default values share it.
+//! Conversion of numbers to JSON values and back, for encoding, decoding and default values.
 
 use serde_json::{Number, Value};
 
@@ -20,7 +20,7 @@ pub(crate) fn whole_value(whole: i128) -> Option<Value> {
     signed.or_else(|_| u64::try_from(whole).map(Value::from)).ok()
 }
 
-/// Returns the float that a value stands for.
+/// Returns the float that a JSON value stands for; `None` if it stands for none.
 fn float_of(value: &Value) -> Option<f64> {
     match value {
         Value::Number(number) => number.as_f64(),
@@ -34,13 +34,13 @@ fn float_of(value: &Value) -> Option<f64> {
     }
 }
 
-/// Returns the whole number that a value is.
+/// Returns the whole number that a JSON value stands for; `None` if it stands for none.
 fn whole_of(value: &Value) -> Option<i128> {
     value.as_i64().map(i128::from).or_else(|| value.as_u64().map(i128::from))
 }
 
-/// Returns the bytes of a value in the order of little-endian machines, in the first
-/// [`PrimitiveType::size`] bytes; `None` if the type does not have the value.
+/// Returns the little-endian bytes of a value, in the first [`PrimitiveType::size`] bytes of the
+/// array; `None` if the type does not have the value.
 pub(crate) fn little_endian(primitive: PrimitiveType, value: &Value) -> Option<[u8; 8]> {
     let bits = match primitive {
         PrimitiveType::Bool => u64::from(value.as_bool()?),
@@ -63,7 +63,7 @@ pub(crate) fn little_endian(primitive: PrimitiveType, value: &Value) -> Option<[
     Some(bits.to_le_bytes())
 }
 
-/// Returns the value that the bits of a type stand for; `None` if the type does not have them.
+/// Returns the value that `bits` stand for in the type; `None` if the type has no such value.
 pub(crate) fn from_bits(primitive: PrimitiveType, bits: u64) -> Option<Value> {
     Some(match primitive {
         PrimitiveType::Bool if bits > 1 => return None,

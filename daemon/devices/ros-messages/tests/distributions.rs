@@ -7,8 +7,8 @@ use serde_json::{Value, json};
 const RESULT: &str = "nav2_msgs/action/NavigateToPose_GetResult_Response";
 const FEEDBACK: &str = "nav2_msgs/action/NavigateToPose_FeedbackMessage";
 
-/// Returns what Jazzy's definitions read from a message that another distribution encodes, whose
-/// `NavigateToPose.action` has the parts `result` and `feedback`.
+/// Returns the values that Jazzy's definitions read from a message of another distribution.
+/// `result` and `feedback` are parts of the `NavigateToPose.action` of that distribution.
 fn read_from(result: &str, feedback: &str, type_name: &str, value: &Value) -> Decoded {
     let mut other = Interfaces::standard();
     let goal = "geometry_msgs/PoseStamped pose\nstring behavior_tree";

@@ -1,5 +1,6 @@
 //! Compares bytes and hashes with those of other implementations: PyPI's rosbags (bytes of both
-//! orders, hashes; `rosbags_golden.py` writes the file) and rosidl, the generator of ROS 2 (hashes).
+//! orders, hashes; `rosbags_golden.py` writes the file) and rosidl, the generator of ROS 2
+//! (hashes).
 
 #[path = "../../../../tests/support/left_out.rs"]
 mod left_out;
@@ -89,8 +90,8 @@ fn hashes_are_those_of_rosidl() {
     assert!(count > 25, "{count} hashes are too few");
 }
 
-/// rosbags has no wide strings; the fields and the hash are those of `test_msgs`, which ROS 2 tests
-/// itself with.
+/// The library rosbags has no wide strings. The fields and the hash are those of `test_msgs`, with
+/// which ROS 2 tests itself.
 #[test]
 fn wide_strings_have_the_hash_of_rosidl() {
     let mut interfaces = Interfaces::default();

@@ -10,7 +10,8 @@ fn with(text: &str) -> Interfaces {
     interfaces
 }
 
-/// Returns what is decoded after `value` is encoded as a message of the definition `text`.
+/// Returns the value that is decoded after `value` is encoded as a message of the definition
+/// `text`.
 fn there_and_back(text: &str, value: &Value) -> Value {
     let interfaces = with(text);
     let bytes = interfaces.encode("test_msgs/msg/Test", value).expect("the value fits");
