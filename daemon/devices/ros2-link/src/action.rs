@@ -2,8 +2,9 @@
 //!
 //! - The subscriptions to feedback and status come before the goal, because a bridge connects them
 //!   only then.
-//! - A goal ends with the answer to `get_result`, which the server sends when the goal is over. If
-//!   the link was lost meanwhile, the question is repeated; the status topic tells the end as well.
+//! - A goal ends with the answer to `get_result`, which the server sends when the goal is over. A
+//!   request for the result that is lost with the link is repeated; the status topic reports the
+//!   end as well.
 //! - Messages about other goals are ignored: another program may use the same server.
 
 use std::sync::{Mutex, PoisonError};
@@ -22,25 +23,26 @@ const ACCEPT_TIMEOUT: Duration = Duration::from_secs(5);
 /// How long an action server may take to answer a request to cancel a goal.
 const CANCEL_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// How long one question for the result waits. The answer comes when the goal is over, so the time
-/// only bounds the questions that a lost link leaves open.
+/// How long one request for the result waits for its answer. The answer comes when the goal is
+/// over, so this time limit only ends requests that a lost link leaves open.
 const RESULT_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// How long the result is awaited after the status topic has told the end of the goal.
+/// How long the result is awaited after the status topic has reported the end of the goal.
 const RESULT_AFTER_END: Duration = Duration::from_secs(2);
 
 /// How long an action server may be unreachable while it has a goal. A robot changes its access
 /// point within some seconds.
 const SERVER_LOST_AFTER: Duration = Duration::from_secs(10);
 
-/// Time after which a question without an answer was held by a node of the robot. Without such a
-/// node, Zenoh ends the question within the round trip.
+/// Least duration of a request for the result that shows, although it ends without an answer, that
+/// the robot is reachable: a node of the robot has held the request. If no node receives it, Zenoh
+/// ends the request within the round trip.
 const HELD_FOR: Duration = Duration::from_secs(1);
 
-/// Pause before a question for the result is repeated that was ended without an answer.
+/// Pause before the next request for the result, after one that ended without an answer.
 const ASK_AGAIN: Duration = Duration::from_millis(250);
 
-/// State of a goal, as ROS numbers it.
+/// State of a goal, from the numbers of `action_msgs/msg/GoalStatus`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RosGoalStatus {
     /// The goal was reached.
@@ -49,7 +51,7 @@ pub enum RosGoalStatus {
     Canceled,
     /// The server gave the goal up, or took another one in its place.
     Aborted,
-    /// The goal is not over.
+    /// The goal is not over, or its number is unknown.
     Active,
 }
 
@@ -69,7 +71,7 @@ impl RosGoalStatus {
 pub struct GoalEnd {
     /// How the goal ended.
     pub status: RosGoalStatus,
-    /// Result of the server; empty if the server has none or it was lost.
+    /// Result of the server; empty if the server has none, and null if it was lost.
     pub result: Value,
     /// Whether the server took another program's goal in place of this one.
     pub is_replaced: bool,
@@ -90,7 +92,7 @@ pub struct RosGoal {
     client: ActionClient,
     id: Vec<u8>,
     is_over: bool,
-    /// Time at which the server was last heard about this goal.
+    /// Time of the last sign that the server is reachable.
     heard_at: Mutex<Instant>,
 }
 
@@ -242,7 +244,7 @@ impl RosGoal {
         Ok(GoalEnd { status: ended, result, is_replaced: self.is_replaced() })
     }
 
-    /// Asks for the result until there is one, or the server is lost.
+    /// Requests the result until there is an answer, or the server counts as lost.
     async fn ask_result(&self) -> Result<Value, RosError> {
         let request = json!({ "goal_id": { "uuid": self.id } });
         self.hear();
@@ -252,8 +254,8 @@ impl RosGoal {
                 self.client.call("get_result", "GetResult", &request, RESULT_TIMEOUT).await;
             match answer {
                 Ok(answer) => return Ok(answer),
-                // Some node of the robot had the question for a while: the server is there. A bridge
-                // may give up before the time of the question is over.
+                // A node of the robot has held the request for a while, so the server is there. A
+                // bridge may give up before the time limit of the request.
                 Err(RosError::NoAnswer { .. }) if asked_at.elapsed() >= HELD_FOR => {
                     self.hear();
                 }
@@ -271,7 +273,7 @@ impl RosGoal {
         *self.heard_at.lock().unwrap_or_else(PoisonError::into_inner) = Instant::now();
     }
 
-    /// Returns how long the server has not been heard about this goal.
+    /// Returns the time since the last sign that the server is reachable.
     fn silence(&self) -> Duration {
         self.heard_at.lock().unwrap_or_else(PoisonError::into_inner).elapsed()
     }
@@ -284,14 +286,15 @@ impl RosGoal {
         GoalEnd { status, result: answer["result"].clone(), is_replaced }
     }
 
-    /// Returns the end of this goal in an array of statuses; `None` if the goal is not over there.
+    /// Returns the final state of this goal in an array of statuses; `None` if the array does not
+    /// report its end.
     fn ended(&self, statuses: &Value) -> Option<RosGoalStatus> {
         let own = list(statuses).find(|status| self.is_of_this(&status["goal_info"]["goal_id"]))?;
         let status = RosGoalStatus::of(own["status"].as_i64().unwrap_or_default());
         (status != RosGoalStatus::Active).then_some(status)
     }
 
-    /// Whether the server carries out another goal at present.
+    /// Whether the server carries out another goal at present, according to its last status.
     fn is_replaced(&self) -> bool {
         let Ok(Some(statuses)) = self.client.status.clone().latest() else { return false };
         list(&statuses).any(|status| {

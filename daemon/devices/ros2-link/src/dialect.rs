@@ -1,4 +1,4 @@
-//! The two ways in which ROS names are put on Zenoh.
+//! The two ways in which ROS names become keys of Zenoh.
 //!
 //! | | `zenoh-bridge-ros2dds` | `rmw_zenoh` |
 //! |---|---|---|
@@ -17,13 +17,13 @@ use ros_messages::{Interfaces, UnknownTypeError, dds_name};
 /// Number of bytes that identify a ROS entity.
 const GID_BYTES: usize = 16;
 
-/// How the names of ROS are put on Zenoh.
+/// The way in which ROS names become keys of Zenoh.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum RosDialect {
-    /// That of `zenoh-bridge-ros2dds`, for robots whose nodes use DDS.
+    /// The way of `zenoh-bridge-ros2dds`, for robots with nodes that use DDS.
     #[default]
     Ros2Dds,
-    /// That of `rmw_zenoh`, for robots whose nodes use Zenoh themselves.
+    /// The way of `rmw_zenoh`, for robots with nodes that use Zenoh themselves.
     RmwZenoh,
 }
 

@@ -1,4 +1,4 @@
-//! Reasons why a robot could not be reached or did not do what was asked of it.
+//! Errors of a robot: it could not be reached, or did not do what was asked of it.
 
 use std::time::Duration;
 
@@ -13,18 +13,18 @@ pub enum RosError {
     NotLinked {
         /// Endpoint of the robot's bridge or router.
         endpoint: String,
-        /// Reason of the last attempt to connect.
+        /// Reason why the last attempt to connect failed.
         reason: String,
     },
     /// The address of the robot is malformed.
     #[error("use the address of the robot: {0}")]
     Address(String),
-    /// No node of the robot answered a service.
+    /// No node of the robot answered a call of a service.
     #[error("call `{service}`: no node of the robot answered within {within:?}; is it running?")]
     NoAnswer {
         /// Name of the service.
         service: String,
-        /// How long was waited.
+        /// Time for which an answer was awaited.
         within: Duration,
     },
     /// The service answered with an error of Zenoh's, or of the bridge.
@@ -56,7 +56,7 @@ pub enum RosError {
     /// A type is not known.
     #[error(transparent)]
     UnknownType(#[from] UnknownTypeError),
-    /// Zenoh could not do something; the text is Zenoh's.
+    /// An operation of Zenoh failed, for this reason, which is Zenoh's text.
     #[error("use the link to the robot: {0}")]
     Zenoh(String),
     /// An action server rejected a goal.

@@ -2,8 +2,9 @@
 //!
 //! - [`RosLink`] (`link`) is a Zenoh session of its own to one robot. It is a device bus: it shares
 //!   nothing with the sessions that carry the messages of agents.
-//! - Two [`RosDialect`]s are spoken (`dialect`): that of `zenoh-bridge-ros2dds`, whose keys are the
-//!   names of ROS, and that of `rmw_zenoh`, whose keys also have the domain, the type and its hash.
+//! - Two [`RosDialect`]s are known (`dialect`). In that of `zenoh-bridge-ros2dds`, the keys of
+//!   Zenoh are the names of ROS; in that of `rmw_zenoh`, the keys also have the domain, the type
+//!   and its hash.
 //! - [`ActionClient`] (`action`) sends goals to an action server, and follows them.
 //! - [`Nav2Robot`] (`nav2`) is a robot that drives with Nav2: poses, battery, dock, and a standstill
 //!   (`standstill`).

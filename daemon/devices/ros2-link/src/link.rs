@@ -1,11 +1,11 @@
 //! The Zenoh session to one robot, with topics and services.
 //!
-//! - The session is opened in the background, again and again until the robot's bridge or router
-//!   answers. Afterwards Zenoh itself restores a lost connection, and repeats subscriptions.
+//! - The session is opened in the background: attempts are repeated until the robot's bridge or
+//!   router answers. Afterwards Zenoh itself restores a lost connection, and repeats subscriptions.
 //! - The session is a client: it listens nowhere, finds no other sessions, and is linked to the
 //!   configured endpoint only.
-//! - A topic keeps the latest message. It is decoded when it is read, so a robot that floods a topic
-//!   costs no more than the copies of Zenoh's.
+//! - A reader of a topic keeps the latest message, and decodes it only when it is read. So a robot
+//!   that floods a topic causes no work but Zenoh's copies of the messages.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -29,8 +29,8 @@ const OPEN_TIMEOUT: Duration = Duration::from_secs(8);
 const REOPEN_FIRST: Duration = Duration::from_millis(250);
 const REOPEN_LONGEST: Duration = Duration::from_secs(4);
 
-/// How long the answer with the last message of a topic is awaited. A topic without such messages
-/// is answered by nobody, within the round trip.
+/// How long the last message of a topic from before the subscription is awaited. If no node of the
+/// robot keeps such messages, Zenoh ends the request within the round trip.
 const HISTORY_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Longest message from a robot, in bytes. A map of a floor has a few megabytes.
@@ -44,7 +44,7 @@ const REPLIES_MAX: usize = 16;
 pub struct RosAddress {
     /// Zenoh endpoint of the robot's bridge or router, such as `tcp/192.168.1.20:7447`.
     pub endpoint: String,
-    /// How ROS names are put on Zenoh there.
+    /// The way in which ROS names become keys of Zenoh there.
     pub dialect: RosDialect,
     /// Namespace of the robot's names; may be empty.
     pub namespace: String,
@@ -93,7 +93,8 @@ struct SharedLink {
     _opener: AbortOnDropHandle<()>,
 }
 
-/// The latest message of a topic. Clones share the subscription, which ends with the last of them.
+/// A subscription to a topic, with the latest message. Clones share the subscription, which ends
+/// when the last of them is dropped.
 #[derive(Clone)]
 pub struct TopicReader {
     name: String,
@@ -138,7 +139,7 @@ impl RosLink {
         &self.shared.interfaces
     }
 
-    /// Whether the robot's bridge or router is linked at present.
+    /// Whether this machine is linked to the robot's bridge or router at present.
     pub async fn is_linked(&self) -> bool {
         let session = self.shared.session.borrow().clone();
         match session {
@@ -163,8 +164,8 @@ impl RosLink {
         })
     }
 
-    /// Subscribes to a topic. The last message that was published before is requested, which
-    /// topics with the durability “transient local” answer.
+    /// Subscribes to a topic, and requests the last message from before the subscription. Topics
+    /// with the durability “transient local” answer this request.
     ///
     /// # Errors
     ///
@@ -244,8 +245,8 @@ impl RosLink {
     ///
     /// # Errors
     ///
-    /// Returns an error if no node answers within the time `within`, if the answer is an error or
-    /// cannot be read, or if the request does not have its type.
+    /// Returns an error if there is no link or no node answers within the time `within`, if the
+    /// answer is an error or cannot be read, or if the request does not have its type.
     pub async fn call(
         &self,
         name: &str,
@@ -256,8 +257,8 @@ impl RosLink {
         let session = self.session(within).await?;
         let key = self.shared.keys.any_hash(name, type_name)?;
         let payload = self.encode(name, &format!("{type_name}_Request"), request)?;
-        // Replies after the first valid one are dropped here: Zenoh logs an error for each that finds
-        // its own channel closed.
+        // Replies after the first valid one are dropped here. If the channel were closed instead,
+        // Zenoh would log an error for each of them.
         let (received, mut replies) = mpsc::channel(REPLIES_MAX);
         let get = session
             .get(key)

@@ -18,18 +18,18 @@ use crate::error::RosError;
 use crate::link::{RosLink, TopicReader};
 use crate::pose::MapPose;
 
-/// How long a link to the robot is awaited by each operation. A daemon and its robot often start
-/// together; a robot that boots is waited for by the next plan.
+/// How long each operation awaits a link to the robot. A daemon and its robot often start together.
+/// If the robot still boots after this time, the operation fails, and a later plan tries it again.
 const LINK_TIMEOUT: Duration = Duration::from_secs(5);
 
 /// How long a service of a robot may take to answer.
 const SERVICE_TIMEOUT: Duration = Duration::from_secs(3);
 
-/// How long an inactive Nav2 is waited for. Nav2 takes some ten seconds to become active after its
-/// start.
+/// How long a drive waits for an inactive Nav2. Nav2 takes some ten seconds to become active after
+/// its start.
 const ACTIVE_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// Pause between two questions whether Nav2 is active.
+/// Pause between two requests for the state of Nav2.
 const ACTIVE_POLL: Duration = Duration::from_millis(500);
 
 /// Time limit of docking and undocking. The Create 3 gives up by itself after less.
@@ -39,7 +39,7 @@ const DOCKING_TIMEOUT: Duration = Duration::from_secs(90);
 /// 0.25 after an initial pose, and is far below 0.1 in a known place.
 const LOCALIZED_VARIANCE: f64 = 1.0;
 
-/// Variances of an initial pose that RViz sends: half a meter, and 15 degrees.
+/// Variances of an initial pose, as RViz sends them: the squares of half a meter and of 15 degrees.
 const INITIAL_VARIANCE: f64 = 0.25;
 const INITIAL_YAW_VARIANCE: f64 = 0.068_5;
 
@@ -55,7 +55,7 @@ const POSE_TYPE: &str = "geometry_msgs/msg/PoseWithCovarianceStamped";
 pub struct Nav2Names {
     /// Action of the type `nav2_msgs/action/NavigateToPose`.
     pub navigate: String,
-    /// Service of the type `lifecycle_msgs/srv/GetState` that tells whether Nav2 is active.
+    /// Service of the type `lifecycle_msgs/srv/GetState`, with the answer whether Nav2 is active.
     pub state: String,
     /// Topic of the type `geometry_msgs/msg/PoseWithCovarianceStamped`: the localization.
     pub pose: String,
@@ -97,7 +97,8 @@ pub struct Nav2Robot {
     link: RosLink,
     names: Arc<Nav2Names>,
     topics: Arc<OnceCell<RobotTopics>>,
-    /// The same subscriptions, as [`Nav2Robot::next_message`] has read them so far.
+    /// Copies of the subscriptions, for [`Nav2Robot::next_message`]: they remember which messages
+    /// it has returned.
     unread: Arc<tokio::sync::Mutex<Option<RobotTopics>>>,
 }
 
@@ -147,12 +148,12 @@ impl Nav2Robot {
         topics.await.cloned()
     }
 
-    /// Whether the robot's bridge or router is linked at present.
+    /// Whether this machine is linked to the robot's bridge or router at present.
     pub async fn is_linked(&self) -> bool {
         self.link.is_linked().await
     }
 
-    /// Returns the pose of the robot; `None` if the robot does not know where it is.
+    /// Returns the pose of the robot; `None` if the robot has reported none, or is uncertain of it.
     ///
     /// # Errors
     ///
@@ -162,11 +163,11 @@ impl Nav2Robot {
         Ok(message.as_ref().and_then(localized))
     }
 
-    /// Waits until the robot has told its pose at least once.
+    /// Waits until the robot has reported its pose at least once.
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no link to the robot.
+    /// Returns an error if there is no link to the robot, or if its message cannot be read.
     pub async fn first_pose(&self) -> Result<(), RosError> {
         let mut pose = self.topics().await?.pose;
         match pose.latest()? {
@@ -175,8 +176,8 @@ impl Nav2Robot {
         }
     }
 
-    /// Waits for a message of the robot about its pose, its battery or its dock. Messages that came
-    /// before the call count once.
+    /// Waits for a message of the robot about its pose, its battery or its dock. All messages of
+    /// one topic that came before the call count as one.
     ///
     /// # Errors
     ///
@@ -196,7 +197,7 @@ impl Nav2Robot {
         }
     }
 
-    /// Whether the robot has told that it is docked.
+    /// Whether the robot is docked, according to its last message; `false` if there is none.
     ///
     /// # Errors
     ///
@@ -251,7 +252,7 @@ impl Nav2Robot {
         self.link.call(service, type_name, request, SERVICE_TIMEOUT).await
     }
 
-    /// Returns the charge of the battery between 0 and 1; `None` if the robot does not tell.
+    /// Returns the charge of the battery between 0 and 1; `None` if the robot has not reported it.
     ///
     /// # Errors
     ///
@@ -374,7 +375,7 @@ fn is_docked(dock_status: &mut TopicReader) -> Result<bool, RosError> {
     Ok(message.is_some_and(|message| message["is_docked"] == json!(true)))
 }
 
-/// Returns the pose in a message of the localization; `None` if it is uncertain or no pose.
+/// Returns the pose in a message of the localization; `None` if it is uncertain, or is not a pose.
 fn localized(message: &Value) -> Option<MapPose> {
     let variance = |index: usize| message["pose"]["covariance"][index].as_f64();
     let is_certain = |index| variance(index).is_some_and(|it| it.abs() <= LOCALIZED_VARIANCE);
@@ -382,8 +383,8 @@ fn localized(message: &Value) -> Option<MapPose> {
     is_known.then(|| MapPose::of_message(&message["pose"]["pose"])).flatten()
 }
 
-/// Returns the charge in a message of the battery, between 0 and 1. Some robots report percent,
-/// although the message is defined otherwise.
+/// Returns the charge in a message of the battery, between 0 and 1; `None` if it has none. Some
+/// robots report percent, although the message is defined otherwise.
 fn charge_of(message: &Value) -> Option<f64> {
     let share = message["percentage"].as_f64().filter(|share| *share >= 0.0)?;
     Some(if share > 1.0 { share / 100.0 } else { share }.min(1.0))
@@ -411,7 +412,7 @@ fn arrived(end: &GoalEnd) -> Result<(), RosError> {
     Err(RosError::NoWay { reason })
 }
 
-/// Returns a text of the robot's without control characters, and not too long for one line.
+/// Returns a text of the robot without control characters, cut off where it is too long for a line.
 pub fn printable(text: &str) -> String {
     const LENGTH_MAX: usize = 200;
     text.chars()

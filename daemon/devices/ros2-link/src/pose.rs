@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-/// Position and heading in the frame `map`.
+/// Position and heading of a robot in the frame `map`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MapPose {
     /// Position in meters.
@@ -14,7 +14,7 @@ pub struct MapPose {
 }
 
 impl MapPose {
-    /// Returns the distance between two positions, in meters.
+    /// Returns the distance between the positions of two poses, in meters.
     pub fn distance(&self, other: &MapPose) -> f64 {
         (self.x - other.x).hypot(self.y - other.y)
     }
