@@ -24,13 +24,14 @@ const ABORTED: i8 = 6;
 const STATUS: &str = "action_msgs/msg/GoalStatusArray";
 const CANCEL: &str = "action_msgs/srv/CancelGoal";
 
-/// Publishes feedback of the running goal.
+/// Function that publishes feedback of the running goal.
 pub(crate) type Feedback = Arc<dyn Fn(Value) + Send + Sync>;
 type Running = Pin<Box<dyn Future<Output = Result<Value, Value>> + Send>>;
 
-/// What a server does with a goal: returns the result, or the result of an aborted goal.
+/// Function by which a server carries out a goal. Returns the result, or, as the error, the result
+/// of an aborted goal.
 pub(crate) type RunGoal = Arc<dyn Fn(Value, Feedback) -> Running + Send + Sync>;
-/// Whether a server accepts goals at present.
+/// Function that returns whether a server accepts goals at present.
 pub(crate) type AcceptsGoals = Arc<dyn Fn() -> bool + Send + Sync>;
 
 pub(crate) struct ActionServer {
@@ -52,7 +53,7 @@ struct ServedGoal {
 }
 
 impl ActionServer {
-    /// Serves goals until the returned task is dropped.
+    /// Starts a server, which serves goals until the returned task is dropped.
     pub(crate) async fn serve(
         node: &Arc<RobotNode>,
         name: &'static str,
@@ -138,7 +139,7 @@ impl ActionServer {
         *self.running.lock().unwrap_or_else(PoisonError::into_inner) = Some(task);
     }
 
-    /// Ends the running goal, and waits until it does nothing any more.
+    /// Aborts the task of the running goal, and waits until the task has ended.
     async fn stop_running(&self) {
         let running = self.running.lock().unwrap_or_else(PoisonError::into_inner).take();
         if let Some(running) = running {

@@ -1,5 +1,5 @@
-//! A robot with Nav2 that drives in the simulated building. It is reached over Zenoh as real
-//! robots are, through a bridge or with `rmw_zenoh`, and its truth is that of the building.
+//! A robot with Nav2 that drives in the simulated building. Its clients reach it over Zenoh as they
+//! reach real robots, through a bridge or with `rmw_zenoh`. Its real place is that of the building.
 //!
 //! - Nav2 rejects goals while it is not active ([`SimulatedNav2::set_active`]). A new goal takes
 //!   the place of the running one. A cancelled goal ends as such. Where no way leads, Nav2 tries
@@ -33,32 +33,34 @@ pub use wire::RobotWire;
 /// after each movement, the others once or more per second.
 const TELEMETRY_INTERVAL: Duration = Duration::from_millis(100);
 
-/// Interval of the feedback of a goal; that of Nav2's behaviour trees is 10 ms.
+/// Interval of the feedback of a goal. The behaviour trees of a real Nav2 publish it every 10 ms.
 const FEEDBACK_INTERVAL: Duration = Duration::from_millis(20);
 
-/// Time for which Nav2 tries to find another way before it gives up: that of its recoveries, which
-/// take half a minute in reality.
+/// Time for which Nav2 tries to find another way before it gives up. The recoveries of a real Nav2
+/// take half a minute.
 const RECOVERY_TIME: Duration = Duration::from_millis(100);
 
-/// Farthest distance of a goal from a place of the building, in meters: half a room.
+/// Maximum distance of a goal from a place of the building, in meters: half a room. A goal that is
+/// farther from all places is outside the map.
 const NEAR: f64 = 2.5;
 
 /// Error code of Nav2 for a goal that cannot be reached.
 const NO_WAY: u16 = 9_000;
 
-const POSE: &str = "geometry_msgs/msg/PoseWithCovarianceStamped";
 /// Number of texts for the display that wait.
 const TEXTS_MAX: usize = 16;
 
+const POSE: &str = "geometry_msgs/msg/PoseWithCovarianceStamped";
 const VELOCITY: &str = "geometry_msgs/msg/Twist";
 const TEXT: &str = "std_msgs/msg/String";
 
-/// A robot of the simulated building, and where its places are on the robot's map.
+/// The robot of the building that drives with Nav2, and the position of each place on the robot's
+/// map.
 #[derive(Clone, Debug)]
 pub struct Nav2Settings {
     /// Name of the robot in the building.
     pub robot: String,
-    /// How the names of ROS are put on Zenoh.
+    /// The way in which ROS names become keys of Zenoh.
     pub wire: RobotWire,
     /// Endpoint at which the robot listens; `None` for a port of loopback that the kernel chooses.
     pub listen: Option<String>,
@@ -85,7 +87,7 @@ struct DrivingRobot {
     is_active: AtomicBool,
     is_localized: AtomicBool,
     is_docked: AtomicBool,
-    /// Whether action servers answer questions for results.
+    /// Whether action servers answer requests for results.
     answers_results: Arc<AtomicBool>,
     /// Number of goals that Nav2 has accepted or rejected.
     goals: watch::Sender<u64>,
@@ -161,8 +163,8 @@ impl SimulatedNav2 {
         self.state.is_localized.store(is_localized, Ordering::Relaxed);
     }
 
-    /// Makes the action servers drop questions for results, or answer them. The topics of the actions
-    /// go on.
+    /// Makes the action servers ignore requests for results, or answer them. The topics of the
+    /// actions go on.
     pub fn set_answers_results(&self, answers: bool) {
         self.state.answers_results.store(answers, Ordering::Relaxed);
     }
@@ -177,7 +179,7 @@ impl SimulatedNav2 {
         *self.state.goals.borrow()
     }
 
-    /// Waits until Nav2 has been sent this number of goals.
+    /// Waits until this number of goals has been sent to Nav2.
     pub async fn until_goals(&self, number: u64) {
         // The sender lives as long as the robot.
         drop(self.state.goals.subscribe().wait_for(|goals| *goals >= number).await);
@@ -440,7 +442,7 @@ impl DrivingRobot {
         self.building.place_of(&self.settings.robot).await.ok()
     }
 
-    /// Publishes the localization, the battery and the dock status again and again.
+    /// Publishes the localization, the battery and the dock status every [`TELEMETRY_INTERVAL`].
     async fn tell(self: Arc<Self>) {
         let mut pace = tokio::time::interval(TELEMETRY_INTERVAL);
         loop {

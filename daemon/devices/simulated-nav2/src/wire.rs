@@ -17,10 +17,10 @@ use crate::Nav2Settings;
 /// Number of requests to one service that wait; further ones are not answered.
 const REQUESTS_MAX: usize = 64;
 
-/// Identifier of the simulated robot as a ROS entity; any will do.
+/// Identifier of the simulated robot as a ROS entity; its value does not matter.
 const GID: [u8; 16] = *b"simulated-nav2-0";
 
-/// How the robot puts the names of ROS on Zenoh.
+/// The way in which ROS names become keys of Zenoh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RobotWire {
     /// As `zenoh-bridge-ros2dds` does.
@@ -43,7 +43,7 @@ pub(crate) struct Service {
 }
 
 impl RobotNode {
-    /// Opens a router. Returns it with its endpoint.
+    /// Opens a Zenoh router. Returns the node of the robot on it, and its endpoint.
     pub(crate) async fn open(settings: &Nav2Settings) -> zenoh::Result<(RobotNode, String)> {
         let Nav2Settings { wire, listen, namespace, .. } = settings.clone();
         let listen = listen.unwrap_or_else(|| "tcp/127.0.0.1:0".to_owned());
@@ -106,14 +106,15 @@ impl RobotNode {
         let payload = self.interfaces.encode(type_name, message);
         let payload = payload.expect("invariant: the simulated robot fills its messages correctly");
         let put = self.session.put(self.key(name, type_name), payload);
-        // A router whose session is closed has nobody to publish to.
+        // A closed session has no subscribers, so its error does not matter.
         drop(match self.wire {
             RobotWire::Ros2Dds => put.await,
             RobotWire::RmwZenoh(_) => put.attachment(attachment()).await,
         });
     }
 
-    /// Returns the request in a call; `None` if it cannot be read, as a real node ignores it then.
+    /// Returns the request in a call. Returns `None` if it cannot be read; a real node ignores such
+    /// a call.
     pub(crate) fn request(&self, query: &Query, type_name: &str) -> Option<Value> {
         let payload = query.payload()?.to_bytes();
         if matches!(self.wire, RobotWire::RmwZenoh(_)) {
@@ -149,7 +150,7 @@ fn attachment() -> ZBytes {
 // === impl Service ===
 
 impl Service {
-    /// Returns the next call.
+    /// Waits for the next call of the service, and returns it; `None` if there will be none.
     pub(crate) async fn next(&mut self) -> Option<Query> {
         self.requests.recv().await
     }
