@@ -97,8 +97,8 @@ pub struct Nav2Robot {
     link: RosLink,
     names: Arc<Nav2Names>,
     topics: Arc<OnceCell<RobotTopics>>,
-    /// Copies of the subscriptions, for [`Nav2Robot::next_message`]: they remember which messages
-    /// it has returned.
+    /// Copies of the subscriptions, for [`Nav2Robot::next_message`]: they remember for which
+    /// messages it has returned.
     unread: Arc<tokio::sync::Mutex<Option<RobotTopics>>>,
 }
 

@@ -1,7 +1,8 @@
-//! A Chromium, by its DevTools protocol: <https://chromedevtools.github.io/devtools-protocol/>.
+//! Controls a Chromium by its DevTools protocol:
+//! <https://chromedevtools.github.io/devtools-protocol/>.
 //!
-//! - One tab is used: the first that the browser has. A further tab would hide it, which
-//!   [`PageState::is_visible`] tells.
+//! - One tab is used, the first that the browser has. If another tab hides it,
+//!   [`PageState::is_visible`] is `false`.
 //! - Dialogs of a page (`alert`) would stop the page and every answer from it, so they are closed.
 
 use std::time::Duration;
@@ -13,7 +14,8 @@ use tokio::time::Instant;
 use crate::frames::Frames;
 use crate::{ScreenLinkError, limited};
 
-/// Time limit of a browser's start, from a cold disk of a small board.
+/// Time limit for a browser to start. It is that of a small board that reads the program from a
+/// slow disk.
 const STARTING: Duration = Duration::from_secs(30);
 
 /// Time limit of a command that the browser answers without a network. A page whose script never
@@ -23,11 +25,11 @@ const ANSWERING: Duration = Duration::from_secs(3);
 /// Time limit for a server to answer with a page.
 const NAVIGATING: Duration = Duration::from_secs(12);
 
-/// Time limit for the parts of a page to arrive after the page itself. Then it counts as shown if it
-/// can be seen, because some pages never stop to load.
+/// Time limit for the parts of a page to arrive after the page itself. After this time, a page
+/// counts as shown if it can be seen, because some pages never stop loading.
 const LOADING: Duration = Duration::from_secs(5);
 
-/// Pause before a page that has no answer yet is asked again; people do not notice it.
+/// Pause before a page that has not answered is asked again. People do not notice the pause.
 const LOOKING_AGAIN: Duration = Duration::from_millis(50);
 
 /// Script that describes the page in the tab.
@@ -66,37 +68,37 @@ pub struct Browser {
     target: String,
     session: String,
     last_id: u64,
-    /// Whether the page that was asked for has replaced the one before.
+    /// Whether the requested page has replaced the one before.
     has_arrived: bool,
-    /// Whether the load event of the page that was asked for has arrived.
+    /// Whether the load event of the requested page has arrived.
     is_loaded: bool,
     is_crashed: bool,
 }
 
-/// The page in the tab, as the page itself says.
+/// State of the page in the tab, as a script in the page reports it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PageState {
     /// Address of the page.
     pub url: String,
-    /// Whether the page has been read so far that it can be seen.
+    /// Whether the browser has parsed the page, so that it can be seen.
     pub is_readable: bool,
     /// Whether the tab is in front and its window has a size.
     pub is_visible: bool,
     /// HTTP status of the page; `None` if it has none.
     pub status: Option<u16>,
-    /// Whether the picture can be seen that is all of the page; `None` if there is more, or no
-    /// picture.
+    /// For a page that consists of one picture: whether the picture can be seen. `None` for any
+    /// other page.
     pub picture: Option<bool>,
-    /// The film that is all of the page; `None` if there is more, or no film.
+    /// For a page that consists of one film: the state of the film. `None` for any other page.
     pub film: Option<FilmState>,
 }
 
-/// A film in a page.
+/// State of a film in a page.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FilmState {
-    /// Reason why the film cannot be played.
+    /// Reason why the film cannot be played; `None` if it can.
     pub error: Option<String>,
-    /// Whether there is a picture to show.
+    /// Whether the film has a picture to show.
     pub has_picture: bool,
     /// Whether the film is neither paused nor at its end.
     pub is_moving: bool,
@@ -141,7 +143,8 @@ impl Browser {
         self.session = session.ok_or_else(|| {
             ScreenLinkError::declined("attach to the tab of the browser", "it names no session")
         })?;
-        // A file that cannot be shown would be stored, and its bubble would hide a part of the page.
+        // Otherwise the browser would store a file that it cannot show, and hide a part of the page
+        // with a message about it.
         let no_downloads = json!({ "behavior": "deny" });
         self.call("Browser.setDownloadBehavior", no_downloads).await?;
         self.call("Inspector.enable", json!({})).await?;
@@ -149,8 +152,8 @@ impl Browser {
         Ok(())
     }
 
-    /// Makes the window as large as the screen. Without a window manager, which would do so, a
-    /// browser leaves a margin.
+    /// Makes the window as large as the screen. Without a window manager to do this, a browser
+    /// leaves a margin.
     ///
     /// # Errors
     ///
@@ -180,8 +183,8 @@ impl Browser {
     ///
     /// # Errors
     ///
-    /// Returns [`ScreenLinkError::Declined`] if the page cannot be loaded or is an error of its server,
-    /// and another error if the browser does not answer.
+    /// Returns [`ScreenLinkError::Declined`] if the page cannot be loaded or is an error of its
+    /// server, and another error if the browser does not answer.
     pub async fn open(&mut self, url: &str) -> Result<PageState, ScreenLinkError> {
         let what = format!("load {}", crate::shortened(url));
         (self.has_arrived, self.is_loaded) = (false, false);
@@ -215,8 +218,8 @@ impl Browser {
         }
     }
 
-    /// Returns the page in the tab. A page that sends the browser on to another page as soon as it
-    /// is loaded has no answer for a moment; up to [`LOADING`] the question is repeated.
+    /// Returns the page in the tab. A page that redirects the browser as soon as it is loaded has
+    /// no answer for a moment, so the query is repeated for at most [`LOADING`].
     async fn look_at_arrived(&mut self) -> Result<PageState, ScreenLinkError> {
         let until = Instant::now() + LOADING;
         loop {
@@ -351,7 +354,7 @@ impl Browser {
 }
 
 impl PageState {
-    /// Returns the reason why people do not see what the page is for; `None` if they see it.
+    /// Returns the reason why people do not see the content of the page; `None` if they see it.
     pub fn problem(&self) -> Option<String> {
         let PageState { url, is_readable, is_visible, status, picture, film } = self;
         if url.starts_with("chrome-error:") {

@@ -1,4 +1,4 @@
-//! Messages of JSON on a socket, each followed by a delimiter.
+//! Sends and receives messages of JSON on a socket, each followed by a delimiter.
 
 use serde_json::Value;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
@@ -6,11 +6,11 @@ use tokio::net::UnixStream;
 
 use crate::ScreenLinkError;
 
-/// Maximum length of a message of the program, in bytes. The longest that is needed is the answer
-/// of a page, with its address; events of pages with addresses of the kind `data:` are longer.
+/// Maximum length of a message of the program, in bytes. Events may contain the address of a page,
+/// and an address of the kind `data:` contains the whole page.
 const MESSAGE_BYTES_MAX: usize = 8 << 20;
 
-/// Number of bytes for which there is room in one read.
+/// Number of bytes that one read receives at most.
 const READ_BYTES: usize = 16 << 10;
 
 /// A socket that carries messages in both directions.

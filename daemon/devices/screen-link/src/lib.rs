@@ -1,11 +1,11 @@
-//! The protocols by which programs that show something are told what to show, and asked what they
-//! show.
+//! The protocols that control programs which show something: they tell a program what to show, and
+//! ask it what it shows.
 //!
 //! - [`Browser`] speaks the DevTools protocol of Chromium, as it is spoken over a pipe: texts of
 //!   JSON, each followed by a zero byte.
 //! - [`Mpv`] speaks the JSON protocol of mpv: texts of JSON, one a line.
-//! - Both own one end of a socket. Starting the program that has the other end, ending it, and what
-//!   is to be shown are left to others.
+//! - Each owns one end of a socket. Other crates start and end the program at the other end, and
+//!   decide what is shown.
 //! - Every wait has a deadline, and a message of the program has a maximum length.
 
 mod browser;
@@ -18,7 +18,7 @@ pub use mpv::{Mpv, MpvState};
 use std::io;
 use std::time::Duration;
 
-/// Reason why a program did not do what it was told. The message completes “failed to …”.
+/// Reason why a program did not carry out a command. The message completes “failed to …”.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum ScreenLinkError {
@@ -28,7 +28,7 @@ pub enum ScreenLinkError {
     Declined {
         /// Description of the command.
         what: String,
-        /// Reason of the program.
+        /// Reason that the program gives.
         why: String,
     },
     /// The program did not answer in time.
@@ -64,10 +64,10 @@ impl ScreenLinkError {
     }
 }
 
-/// Maximum length of a program's own words in an error, in characters; the rest is cut off.
+/// Maximum length of a program's text in an error, in characters; the rest is cut off.
 const WORDS_CHARS_MAX: usize = 200;
 
-/// Returns the words of a program in one line of bounded length.
+/// Returns a program's text as one line of bounded length.
 fn shortened(words: &str) -> String {
     let mut line: String = words.chars().map(|c| if c.is_control() { ' ' } else { c }).collect();
     if let Some((end, _)) = line.char_indices().nth(WORDS_CHARS_MAX) {

@@ -1,4 +1,4 @@
-//! An mpv, by its JSON protocol: <https://mpv.io/manual/stable/#json-ipc>.
+//! Controls an mpv by its JSON protocol: <https://mpv.io/manual/stable/#json-ipc>.
 
 use std::time::Duration;
 
@@ -8,7 +8,8 @@ use tokio::net::UnixStream;
 use crate::frames::Frames;
 use crate::{ScreenLinkError, limited};
 
-/// Time limit of the start of mpv, from a cold disk of a small board.
+/// Time limit for mpv to start. It is that of a small board that reads the program from a slow
+/// disk.
 const STARTING: Duration = Duration::from_secs(20);
 
 /// Time limit of a command that mpv answers without a network.
@@ -24,26 +25,26 @@ pub struct Mpv {
     last_id: u64,
     /// Number that mpv has given to the film that was loaded last.
     entry: Option<i64>,
-    /// Number of the film that was begun last.
+    /// Number of the film that mpv has begun last.
     begun: Option<i64>,
-    /// Whether the film that was begun last has shown a frame.
+    /// Whether the film that mpv has begun last has shown a frame.
     has_frame: bool,
-    /// Number of the film that has ended last, and the reason.
+    /// Number of the film that has ended last, and the reason of its end.
     ended: Option<(i64, String)>,
 }
 
-/// What mpv shows, as mpv itself says.
+/// State of mpv, as mpv reports it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MpvState {
     /// Path or address of the film; `None` if there is none.
     pub path: Option<String>,
-    /// Position in the film, in seconds.
+    /// Position in the film, in seconds; `None` if there is none.
     pub position: Option<f64>,
     /// Whether the film has a picture, and not only a sound.
     pub has_picture: bool,
     /// Whether the film waits for its network.
     pub is_waiting: bool,
-    /// Reason why the film that was loaded last has ended.
+    /// Reason why the film that was loaded last has ended; `None` if it has not.
     pub end: Option<String>,
 }
 
@@ -52,7 +53,7 @@ impl Mpv {
     ///
     /// # Errors
     ///
-    /// Returns an error if it does not answer in time.
+    /// Returns an error if mpv does not answer in time.
     pub async fn attach(stream: UnixStream) -> Result<Mpv, ScreenLinkError> {
         let frames = Frames::new(stream, b'\n');
         let mut mpv =
@@ -65,8 +66,8 @@ impl Mpv {
     ///
     /// # Errors
     ///
-    /// Returns [`ScreenLinkError::Declined`] with the reason of mpv if there is nothing to see, and
-    /// another error if mpv does not answer.
+    /// Returns [`ScreenLinkError::Declined`] with mpv's reason if nothing can be seen, and another
+    /// error if mpv does not answer.
     pub async fn load(&mut self, path: &str) -> Result<(), ScreenLinkError> {
         let what = format!("play {}", crate::shortened(path));
         let loading = self.quick(json!(["loadfile", path, "replace"])).await?;

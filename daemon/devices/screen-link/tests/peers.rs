@@ -1,12 +1,12 @@
-//! The protocols, with peers that are made up: slow, hostile and dying ones. Real programs are in the
-//! tests of the plugin `screen`.
+//! The protocols, with made-up peers: slow ones, hostile ones, and ones that end suddenly. The
+//! tests of the plugin `screen` have the real programs.
 
 use screen_link::{Browser, Mpv, ScreenLinkError};
 use serde_json::{Value, json};
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::net::UnixStream;
 
-/// The other end of a connection, which answers by a function: a command in, messages out.
+/// The other end of a connection. It answers by a function: a command in, messages out.
 struct Peer {
     stream: UnixStream,
     delimiter: u8,
@@ -54,7 +54,7 @@ fn peer(delimiter: u8, answer: impl Fn(&Value) -> Vec<Value> + Send + 'static) -
     ours
 }
 
-/// A browser that does what it is told, except for what `special` answers.
+/// A browser that carries out all commands, except those that `special` answers.
 async fn browser(special: impl Fn(&Value) -> Option<Vec<Value>> + Send + 'static) -> Browser {
     let link = peer(0, move |command| {
         if let Some(messages) = special(command) {
@@ -185,7 +185,7 @@ async fn a_dialog_of_a_page_is_closed() {
     assert_eq!(browser.look().await.expect("an answer").url, "http://b/");
 }
 
-/// An mpv whose answer to `loadfile` is followed by these events.
+/// An mpv that sends these events after its answer to `loadfile`.
 async fn mpv(events: Vec<Value>) -> Mpv {
     let link = peer(b'\n', move |command| {
         let data = match (command["command"][0].as_str(), command["command"][1].as_str()) {
