@@ -101,7 +101,8 @@ impl CameraAccess {
         )
     }
 
-    /// Reads the login. The password is that in its file, without the end of the line.
+    /// Reads the login; `None` if the config has none. The password is the text of its file,
+    /// without the end of the line.
     pub(crate) fn read_login(&self) -> Result<Option<CameraLogin>, LinkError> {
         let Some((user, file)) = &self.login else { return Ok(None) };
         let password = file.as_deref().map(read).transpose()?.unwrap_or_default();
@@ -118,7 +119,7 @@ impl Display for CameraAccess {
     }
 }
 
-/// Returns a text about the login for an error: what a person has to look at.
+/// Returns a text for an error about a rejected login: what a person has to check.
 pub(crate) fn login_hint(access: &CameraAccess) -> String {
     match &access.login {
         None => "it wants a login; write `user` and `password-file`".to_owned(),

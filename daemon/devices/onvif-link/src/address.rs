@@ -28,7 +28,7 @@ pub struct Address {
 
 impl Address {
     /// Returns the address for the text of a config: `HOST`, `HOST:PORT`, `http://…` or
-    /// `https://…`. Without a path, it is that of the device service.
+    /// `https://…`. A text without a path gives the address of the device service.
     ///
     /// # Errors
     ///
@@ -80,11 +80,12 @@ impl Address {
         Ok(Address { is_encrypted, host, port, path })
     }
 
-    /// Returns the address of a service that the camera has named.
+    /// Returns the address of a service from the text `named` of the camera; `None` if the text is
+    /// no address.
     ///
     /// The host is always that of this address, and TLS stays TLS: a camera behind a router names
-    /// an address that is not reachable, and a hostile one must not direct the login elsewhere. The
-    /// port that the camera has named counts only together with the host of this address.
+    /// an address that is not reachable, and a hostile camera must not direct the login elsewhere.
+    /// The port that the camera has named counts only together with the host of this address.
     pub(crate) fn resolve(&self, named: &str, peer: Option<IpAddr>) -> Option<Address> {
         let named = Address::parse(named.trim()).ok()?;
         let named_ip = named.host.parse().ok();

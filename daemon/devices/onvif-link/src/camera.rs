@@ -24,12 +24,12 @@ const PICTURE_BYTES_MAX: usize = 16 << 20;
 /// Time limit for a picture. A camera that sleeps, or encrypts slowly, needs some seconds.
 const PICTURE_TIME_MAX: Duration = Duration::from_secs(10);
 
-/// Time after which a camera ends a movement by itself, if it heeds it: a bound for the case that
-/// this process ends before it stops the camera.
+/// Time limit that a camera gets with each movement. A camera that respects it ends the movement
+/// even if this process ends before it stops the camera.
 const DRIFT_MAX: &str = "PT2S";
 
 /// Direction and zoom of a camera, in ONVIF's generic units: pan and tilt from -1 to 1, zoom from 0
-/// to 1. Also a speed, from -1 to 1 each.
+/// to 1. A speed has the same form, with -1 to 1 for each.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Position {
     /// Pan, to the right.
@@ -40,7 +40,7 @@ pub struct Position {
     pub zoom: f64,
 }
 
-/// Greatest difference of two positions that count as the same: the precision of common motors, and
+/// Maximum difference of two positions that count as the same: the precision of common motors, and
 /// the rounding of cameras.
 const SAME_POSITION: f64 = 0.01;
 
@@ -60,21 +60,21 @@ pub struct CameraPreset {
     pub token: String,
     /// Name of the preset for people; empty if it has none.
     pub name: String,
-    /// Direction of the preset; `None` if the camera does not say.
+    /// Direction of the preset; `None` if the camera does not report it.
     pub position: Option<Position>,
 }
 
-/// What a camera says of its position.
+/// Position and movement of a camera, as the camera reports them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PtzStatus {
-    /// Present direction; `None` if the camera does not say.
+    /// Present direction; `None` if the camera does not report it.
     pub position: Option<Position>,
-    /// Whether the camera moves; `None` if it does not say.
+    /// Whether the camera moves; `None` if it does not report it.
     pub is_moving: Option<bool>,
 }
 
-/// First bytes of pictures, with the extension of their files. ONVIF wants JPEG; the others are
-/// seen as well.
+/// First bytes of pictures, with the extension of their files. ONVIF requires JPEG; some cameras
+/// send the others.
 const PICTURE_KINDS: &[(&[u8], &str)] =
     &[(b"\xff\xd8", "jpg"), (b"\x89PNG\r\n", "png"), (b"BM", "bmp")];
 
@@ -154,7 +154,7 @@ impl OnvifCamera {
         self.events.is_some()
     }
 
-    /// Returns how far the camera's clock is ahead of ours, in seconds.
+    /// Returns how far the camera's clock is ahead of this machine's, in seconds.
     pub fn clock_offset(&self) -> i64 {
         self.session.clock_offset()
     }
@@ -233,7 +233,7 @@ impl OnvifCamera {
     ///
     /// # Errors
     ///
-    /// Returns an error if the camera neither stops, nor moves with the speed zero.
+    /// Returns an error if the camera accepts neither a stop nor a movement with the speed zero.
     pub async fn stop(&self) -> Result<(), LinkError> {
         let content = self.with_profile("<o:PanTilt>true</o:PanTilt><o:Zoom>true</o:Zoom>");
         let stopped = self.ptz("Stop", &content).await;
@@ -247,7 +247,7 @@ impl OnvifCamera {
         still.map(drop).or(stopped.map(drop))
     }
 
-    /// Reads the present position.
+    /// Reads the present position, and whether the camera moves.
     ///
     /// # Errors
     ///
@@ -277,7 +277,7 @@ impl OnvifCamera {
     ///
     /// # Errors
     ///
-    /// Returns an error if the camera has no picture, or what it sends is none.
+    /// Returns an error if the camera has no picture, or sends anything else in its place.
     pub async fn snapshot(&self) -> Result<CameraPicture, LinkError> {
         let name = "GetSnapshotUri";
         let content = format!("<o:ProfileToken>{}</o:ProfileToken>", escape(&self.profile));
@@ -314,7 +314,7 @@ impl OnvifCamera {
     }
 
     /// Reads the profiles, and chooses the first one with motors, or else the first. Returns the
-    /// token of the motors' node.
+    /// token of the motors' node; `None` if there is none.
     async fn read_profiles(&mut self) -> Result<Option<String>, LinkError> {
         let content = if self.media_namespace == MEDIA { "" } else { "<o:Type>All</o:Type>" };
         let name = "GetProfiles";
@@ -340,8 +340,8 @@ impl OnvifCamera {
         Ok(node)
     }
 
-    /// Reads what the motors can do. A camera that does not say is taken to be able to do
-    /// everything, and refuses what it cannot do.
+    /// Reads the abilities of the motors. A camera that does not report them counts as having all;
+    /// it refuses the movements that it cannot carry out.
     async fn read_abilities(&self, node: Option<&str>) -> Result<Abilities, LinkError> {
         if self.ptz.is_none() {
             return Ok(Abilities::default());
@@ -376,7 +376,7 @@ fn sources(profile: &Element) -> BTreeSet<String> {
     tokens.into_iter().flatten().map(str::to_owned).collect()
 }
 
-/// Returns a position as XML.
+/// Returns a position as XML, with each number limited to -1 to 1.
 fn vector(position: Position) -> String {
     let Position { pan, tilt, zoom } = position;
     let number = |value: f64| if value.is_finite() { value.clamp(-1.0, 1.0) } else { 0.0 };
@@ -397,7 +397,7 @@ fn position(element: &Element) -> Option<Position> {
     }
 }
 
-/// A movement that is stopped when this value is dropped, unless it has ended.
+/// A guard of a movement. It stops the camera when it is dropped, unless it was disarmed.
 #[derive(Debug)]
 pub struct StopOnDrop(Option<Arc<OnvifCamera>>);
 
@@ -407,7 +407,7 @@ impl StopOnDrop {
         StopOnDrop(Some(Arc::clone(camera)))
     }
 
-    /// Ends the guard: the camera has arrived, or was stopped.
+    /// Ends the guard without a stop, because the camera has arrived or was stopped.
     pub fn disarm(mut self) {
         self.0 = None;
     }

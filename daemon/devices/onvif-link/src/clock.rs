@@ -5,7 +5,7 @@ use time::{Date, Month, OffsetDateTime, PrimitiveDateTime, Time};
 
 use crate::xml::Element;
 
-/// Returns how far a camera's clock is ahead of ours, in seconds, from its answer to
+/// Returns how far a camera's clock is ahead of this machine's, in seconds, from its answer to
 /// `GetSystemDateAndTime`. Returns `None` if the answer has no valid UTC time.
 pub(crate) fn offset(answer: &Element, now: OffsetDateTime) -> Option<i64> {
     let utc = answer.find("UTCDateTime")?;

@@ -1,5 +1,5 @@
-//! Cameras in the network, found by WS-Discovery: a question to all, which every ONVIF device
-//! answers.
+//! Finds the cameras in a network by WS-Discovery: a question to all devices, which every ONVIF
+//! device answers.
 
 use std::collections::BTreeMap;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr, SocketAddrV4};
@@ -22,7 +22,7 @@ pub const WS_DISCOVERY: SocketAddr =
 /// Maximum number of devices; further ones are ignored.
 const DEVICES_MAX: usize = 256;
 
-/// Maximum length of an answer, in bytes; the rest of a longer one is lost, so that it is no XML.
+/// Maximum length of an answer, in bytes. A longer answer is cut off, so that it cannot be read.
 const ANSWER_BYTES_MAX: usize = 16 << 10;
 
 /// Time after which the question is asked again: datagrams get lost.
@@ -36,18 +36,19 @@ const INTERFACES_MAX: usize = 16;
 pub struct FoundCamera {
     /// Identifier of the device, which stays the same, such as `urn:uuid:…`.
     pub id: String,
-    /// Name of the device for people; empty if it does not say.
+    /// Name of the device for people; empty if the device reports none.
     pub name: String,
-    /// Model of the device; empty if it does not say.
+    /// Model of the device; empty if the device reports none.
     pub hardware: String,
-    /// Whether the device says that it can turn.
+    /// Whether the device reports that it can turn.
     pub can_turn: bool,
     /// Address of the device, for the `address` of a config.
     pub address: String,
 }
 
-/// Asks all devices of the network, or one device, for `lasts`. Returns those that answer, in the
-/// order of their identifiers.
+/// Asks for devices during the time `lasts`: all in the network if `to` is a group such as
+/// [`WS_DISCOVERY`], or else the device at `to`. Returns those that answer, in the order of their
+/// identifiers.
 ///
 /// # Errors
 ///
@@ -213,7 +214,7 @@ fn read(answer: &[u8], from: IpAddr) -> Vec<FoundCamera> {
     matches.all("ProbeMatch").filter_map(device).collect()
 }
 
-/// Returns the text of a part of a URI.
+/// Returns a part of a URI with its percent escapes decoded.
 fn decoded(part: &str) -> String {
     let mut bytes = Vec::with_capacity(part.len());
     let mut rest = part.bytes();

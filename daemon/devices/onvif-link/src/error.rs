@@ -12,7 +12,7 @@ pub enum LinkError {
     Unreachable {
         /// Address of the camera.
         address: String,
-        /// What the network reports.
+        /// Reason that the network reports.
         problem: String,
     },
     /// The camera did not answer in time.
@@ -30,7 +30,7 @@ pub enum LinkError {
     LoginRejected {
         /// Address of the camera.
         address: String,
-        /// What would be right.
+        /// Advice for a correction.
         problem: String,
     },
     /// The camera refuses an operation.
@@ -46,10 +46,10 @@ pub enum LinkError {
     Unreadable {
         /// Operation that was answered.
         call: String,
-        /// What is wrong with the answer.
+        /// Description of the mistake in the answer.
         problem: String,
     },
-    /// The camera does not have a function.
+    /// The camera does not have a function that is needed.
     #[error("{0}")]
     Unsupported(String),
     /// A file of the login or of the certificates cannot be used.

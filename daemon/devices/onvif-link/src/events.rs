@@ -1,4 +1,4 @@
-//! Motion events of a camera, by a pull point of its service of events (WS-BaseNotification).
+//! Motion events of a camera, from a pull point of its service of events (WS-BaseNotification).
 
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -15,16 +15,15 @@ const PORT_TYPE: &str = "http://www.onvif.org/ver10/events/wsdl/PullPointSubscri
 const NOTIFICATION: &str = "http://docs.oasis-open.org/wsn/b-2";
 const NOTIFICATION_ACTIONS: &str = "http://docs.oasis-open.org/wsn/bw-2";
 
-/// Time that a camera may wait for a message before it answers; also as ONVIF writes it. Routers
+/// Time that a camera may wait for a message before it answers; also in ONVIF's notation. Routers
 /// forget connections that are idle for longer than half a minute.
 const PULL_TIME: Duration = Duration::from_secs(20);
 const PULL_TIME_TEXT: &str = "PT20S";
 
-/// Time for which a subscription is asked for, as ONVIF writes it.
+/// Requested duration of a subscription, in ONVIF's notation.
 const SUBSCRIPTION_TEXT: &str = "PT10M";
 
-/// Age at which a subscription is replaced. Renewing one does not work with many cameras; a new one
-/// does with all.
+/// Age at which a subscription is replaced by a new one. Many cameras fail to renew a subscription.
 const SUBSCRIPTION_AGE_MAX: Duration = Duration::from_secs(480);
 
 /// Pause after an answer that came at once: some cameras do not wait for messages, or have always
@@ -131,7 +130,7 @@ impl MotionEvents {
         }
     }
 
-    /// Returns the subscription, and makes a new one if there is none, or it is old.
+    /// Returns the subscription. Makes a new one if there is none, or if it is old.
     async fn subscribed(&mut self) -> Result<Subscription, LinkError> {
         if let Some(known) = &self.subscription {
             if known.since.elapsed() < SUBSCRIPTION_AGE_MAX {
@@ -142,7 +141,7 @@ impl MotionEvents {
         }
         let fresh = self.subscribe().await?;
         self.subscription = Some(fresh.clone());
-        // Asks for the present state; what does not answer reports the next change.
+        // Asks for the present state. A detector that does not answer reports its next change.
         self.synchronize(&fresh).await;
         Ok(fresh)
     }

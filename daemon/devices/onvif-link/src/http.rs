@@ -1,7 +1,7 @@
 //! One bounded HTTP exchange with a camera.
 //!
-//! Each exchange has a connection of its own: many cameras close connections without notice, and
-//! ask for few things a minute.
+//! Each exchange has a connection of its own: many cameras close connections without notice, and a
+//! camera receives only a few requests a minute.
 
 use std::net::IpAddr;
 use std::time::Duration;

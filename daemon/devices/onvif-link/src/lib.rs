@@ -4,9 +4,9 @@
 //! - [`CameraAccess`] is the address and the login of a camera, [`OnvifCamera`] a connection to it.
 //! - [`MotionEvents`] tells whether there is motion, and [`discover`] finds cameras in the network.
 //! - Every wait has a deadline, every answer a bound; no answer causes a panic. Passwords are read
-//!   from files, sent as digests only, and printed never.
-//! - The host of a camera is always that of the config: an address that the camera names counts by
-//!   its path, and by its port if its host is the same.
+//!   from files, sent as digests or, with HTTP Basic, over TLS only, and never printed.
+//! - The host of a camera is always that of the config. Of an address that the camera names, only
+//!   the path is used, and the port if the host is the same.
 //!
 //! This crate knows no agents and no places; `plugins/devices/ptz-camera` does.
 

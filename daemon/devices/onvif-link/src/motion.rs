@@ -8,18 +8,19 @@ use std::time::{Duration, Instant};
 
 use crate::xml::Element;
 
-/// Time after the last message of motion for which motion counts. Some cameras never report its
-/// end.
+/// Time for which motion lasts after the last message that reports it. Some cameras never report
+/// its end.
 const OFF_TIMEOUT: Duration = Duration::from_secs(60);
 
-/// Time after which motion without an end counts as a stuck alarm. Nobody moves for so long in the
-/// same picture without a pause; alarms that stay on for hours are known.
+/// Time after which motion without an end counts as a stuck alarm. People do not move for so long
+/// in the same picture without a pause; alarms that stay on for hours are known.
 const STUCK_AFTER: Duration = Duration::from_secs(600);
 
 /// Maximum number of detectors of a camera; messages of further ones are ignored.
 const DETECTORS_MAX: usize = 64;
 
-/// Endings of topics of motion, with the name of the item that tells it. Prefixes are left out.
+/// Last parts of the topics that report motion, without prefixes. Each has the names of the items
+/// that may contain whether there is motion, in the order in which they are tried.
 const TOPICS: &[(&str, &[&str])] = &[
     ("RuleEngine/CellMotionDetector/Motion", &["IsMotion", "State"]),
     ("VideoSource/MotionAlarm", &["State", "IsMotion"]),
@@ -29,7 +30,7 @@ const TOPICS: &[(&str, &[&str])] = &[
     ("RuleEngine/FieldDetector/ObjectsInside", &["IsInside"]),
 ];
 
-/// What one message says of motion.
+/// Content of one message about motion.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct MotionMessage {
     /// The detector: the topic, and the source of the message.
@@ -41,7 +42,7 @@ pub(crate) struct MotionMessage {
 }
 
 impl MotionMessage {
-    /// Returns what a notification says of motion; `None` if it is about anything else.
+    /// Reads a notification; `None` if it is not about motion.
     pub(crate) fn of(notification: &Element) -> Option<MotionMessage> {
         let topic = plain_topic(notification.text_at(&["Topic"])?);
         let (_, items) = TOPICS.iter().find(|(known, _)| topic.ends_with(known))?;
@@ -88,7 +89,7 @@ struct Detector {
 }
 
 impl MotionTracker {
-    /// Notes a message. Returns the name of the detector if its alarm is now found to be stuck.
+    /// Records a message. Returns the name of the detector if its alarm is now found to be stuck.
     pub(crate) fn note(&mut self, message: &MotionMessage, now: Instant) -> Option<String> {
         let MotionMessage { detector, is_motion, .. } = message;
         if !is_motion {

@@ -20,8 +20,9 @@ pub(crate) struct Services {
 }
 
 impl Services {
-    /// Reads the addresses. Old cameras know only capabilities, and some cameras leave services
-    /// out of the one list that are in the other.
+    /// Reads the addresses from the camera's list of services, and then from its list of
+    /// capabilities if one is missing. Old cameras have the second list only, and some cameras
+    /// leave services out of one of the two.
     pub(crate) async fn read(session: &CameraSession) -> Result<Services, LinkError> {
         let listed = Services::listed(session).await?;
         let mut media = listed.iter().find(|(known, _)| known == MEDIA).map(|(_, at)| at.clone());

@@ -44,14 +44,14 @@ pub(crate) struct CameraSession {
 
 #[derive(Debug, Default)]
 struct CameraSessionState {
-    /// How far the camera's clock is ahead of ours, in seconds.
+    /// How far the camera's clock is ahead of this machine's, in seconds.
     clock_offset: i64,
     /// The last challenge of the camera's HTTP server, and the number of answers to it.
     challenge: Option<(Challenge, u32)>,
     peer: Option<IpAddr>,
 }
 
-/// A connector of TLS; its settings have no `Debug`.
+/// A TLS connector with `Debug`, which its settings do not implement.
 struct TlsConnectorDebug(TlsConnector);
 
 impl std::fmt::Debug for TlsConnectorDebug {
@@ -91,18 +91,20 @@ impl CameraSession {
         &self.access.address
     }
 
-    /// Returns the address of a service that the camera has named.
+    /// Returns the address of a service from the text `named` of the camera; `None` if the text is
+    /// no address.
     pub(crate) fn resolve(&self, named: &str) -> Option<Address> {
         let peer = self.state().peer;
         self.access.address.resolve(named, peer)
     }
 
-    /// Returns how far the camera's clock is ahead of ours, in seconds.
+    /// Returns how far the camera's clock is ahead of this machine's, in seconds.
     pub(crate) fn clock_offset(&self) -> i64 {
         self.state().clock_offset
     }
 
-    /// Sends a request, and returns the element inside the body of the answer.
+    /// Sends a request, and returns the element inside the body of the answer. If the camera
+    /// rejects the login, reads its clock again, and repeats the request once if the clock was set.
     pub(crate) async fn call(&self, call: &Call<'_>) -> Result<Element, LinkError> {
         let first = self.ask(call, self.login.is_some()).await?;
         let fault = match first {
@@ -125,7 +127,7 @@ impl CameraSession {
         }
     }
 
-    /// Gets a file, of at most `bytes_max` bytes. Returns it with its type.
+    /// Gets a file of at most `bytes_max` bytes. Returns its type and its content.
     pub(crate) async fn get(
         &self,
         at: &Address,
@@ -152,8 +154,8 @@ impl CameraSession {
         }
     }
 
-    /// Reads the camera's clock, without a login: the login depends on it. A camera without a
-    /// readable clock counts as one with ours.
+    /// Reads the camera's clock without a login, because the login depends on the clock. A clock
+    /// that cannot be read counts as equal to this machine's.
     async fn read_clock(&self) -> Result<(), LinkError> {
         let action = format!("{DEVICE}/GetSystemDateAndTime");
         let operation =

@@ -59,7 +59,8 @@ pub(crate) fn envelope(
     )
 }
 
-/// Writes an element of a reference to a subscription, which the camera wants back as a header.
+/// Writes an element of a reference to a subscription as a header, as the camera requires it in
+/// requests about the subscription.
 fn write_parameter(header: &mut String, element: &Element, is_header: bool) {
     let Element { name, namespace, .. } = element;
     // A name that is no name would spoil the request; such an element is left out.
@@ -100,7 +101,8 @@ impl SoapFault {
     }
 }
 
-/// Returns the content of the body of an answer, or the fault in it.
+/// Returns the content of the body of an answer, or the fault in it. Returns an error if the answer
+/// is no envelope.
 pub(crate) fn open(answer: &Element) -> Result<Result<Element, SoapFault>, String> {
     let body = match answer.name.as_str() {
         "Envelope" => answer.child("Body").ok_or("it has no body")?,

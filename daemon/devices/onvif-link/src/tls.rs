@@ -1,5 +1,5 @@
-//! TLS to cameras. Cameras certify themselves, often without a name in the certificate, so that a
-//! certificate can also be trusted as it is.
+//! TLS to cameras. Cameras sign their certificates themselves, often without a name in them, so
+//! that a certificate can also be trusted as it is.
 
 use std::sync::Arc;
 
@@ -17,7 +17,7 @@ use crate::access::{TrustedCertificate, read};
 use crate::digest::hex;
 use crate::error::LinkError;
 
-/// Returns the TLS settings for a camera that may show certificates of this trust.
+/// Returns the TLS settings for a camera that may show the certificates of `trust`.
 pub(crate) fn settings(trust: &TrustedCertificate) -> Result<ClientConfig, LinkError> {
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     let said = |problem: String| LinkError::File(format!("use TLS with the camera: {problem}"));
@@ -59,8 +59,8 @@ fn fingerprint(certificate: &[u8]) -> [u8; 32] {
     fingerprint
 }
 
-/// Accepts a certificate that is known, whatever its names and dates say, or that a known authority
-/// has signed.
+/// Verifier that accepts a known certificate, whatever its names and dates, and a certificate that
+/// a known authority has signed.
 #[derive(Debug)]
 struct CameraCertificateVerifier {
     fingerprints: Vec<[u8; 32]>,

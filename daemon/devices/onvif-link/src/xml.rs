@@ -30,7 +30,7 @@ pub(crate) struct Element {
 }
 
 impl Element {
-    /// Reads a document. The text of an error says what is wrong with the document.
+    /// Reads a document. The error is a text about the document's mistake.
     pub(crate) fn parse(bytes: &[u8]) -> Result<Element, String> {
         let text = String::from_utf8_lossy(bytes);
         let mut reader = NsReader::from_str(text.trim_start_matches('\u{feff}').trim());
@@ -154,7 +154,7 @@ fn add_text(element: Option<&mut Element>, event: &Event<'_>) {
     }
 }
 
-/// Returns a text as it is written inside an element or an attribute.
+/// Returns a text as it is written inside an element or an attribute, without control characters.
 pub(crate) fn escape(text: &str) -> String {
     let legal = text.chars().filter(|symbol| !symbol.is_control()).collect::<String>();
     quick_xml::escape::escape(legal).into_owned()
