@@ -11,8 +11,8 @@ use std::time::SystemTime;
 pub(crate) struct Album {
     folder: PathBuf,
     camera: String,
-    /// Maximum number of pictures and maximum number of videos that are kept; of more, the oldest
-    /// are deleted.
+    /// Maximum number of pictures, and maximum number of videos. The oldest files beyond it are
+    /// deleted.
     keep: usize,
 }
 

@@ -28,12 +28,12 @@ pub(crate) struct Config {
     location: PlaceName,
     /// Presets of the camera, by name.
     presets: BTreeMap<String, RawPreset>,
-    /// Folder of pictures and videos; without this key, the folder `pictures` in the daemon's state
-    /// folder.
+    /// Folder of pictures and videos. Without this key, it is the folder `pictures` in the daemon's
+    /// state folder.
     #[serde(default)]
     folder: Option<PathBuf>,
-    /// Maximum number of pictures and maximum number of videos that are kept; of more, the oldest
-    /// are deleted.
+    /// Maximum number of pictures, and maximum number of videos. The oldest files beyond it are
+    /// deleted.
     #[serde(default = "default_keep")]
     keep: usize,
     /// Length of a recording, in seconds.
@@ -49,7 +49,8 @@ pub(crate) struct Config {
     /// Time for which the fact `motion` stays true after the last motion, such as `"30s"`.
     #[serde(default = "default_motion_for")]
     motion_for: String,
-    /// Share of the picture that must change to count as motion, between 0 and 1.
+    /// Share of the picture that must change to count as motion, between 0 and 1; not for the
+    /// driver `onvif`.
     #[serde(default)]
     sensitivity: Option<f64>,
     /// Goal that the camera requests when it detects motion; `None` if it requests none.
@@ -58,7 +59,7 @@ pub(crate) struct Config {
     /// Address of a camera with the driver `onvif`, such as `10.0.0.9` or `https://camera.local`.
     #[serde(default)]
     address: Option<String>,
-    /// User at the camera.
+    /// User name of the login at the camera.
     #[serde(default)]
     user: Option<String>,
     /// File with the password of the user.
@@ -67,10 +68,11 @@ pub(crate) struct Config {
     /// File with the camera's certificate, or those of the trusted authorities.
     #[serde(default)]
     ca: Option<PathBuf>,
-    /// SHA-256 of the camera's certificate.
+    /// SHA-256 fingerprint of the camera's certificate, in hexadecimal digits.
     #[serde(default)]
     fingerprint: Option<String>,
-    /// Time after which a camera that does not say whether it moves has arrived, such as `"4s"`.
+    /// Time after which a camera counts as arrived if it does not report whether it moves, such as
+    /// `"4s"`.
     #[serde(default)]
     settle: Option<String>,
 }
@@ -78,7 +80,7 @@ pub(crate) struct Config {
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct RawPreset {
-    /// Place of the map that is in view in this direction.
+    /// Place of the map that the camera shows at this preset.
     shows: PlaceName,
     pan: Option<f64>,
     tilt: Option<f64>,
@@ -103,14 +105,14 @@ fn default_keep() -> usize {
     50
 }
 
-/// Length of a recording without `record-seconds`, in seconds.
+/// Default of `record-seconds`.
 const RECORD_SECONDS: f64 = 5.0;
 
-/// Share of the picture without `sensitivity`. It is less than a hundredth of the picture, because
-/// a person in full view takes at least a hundredth.
+/// Default of `sensitivity`. It is less than a hundredth of the picture, because a person in full
+/// view takes at least a hundredth.
 const SENSITIVITY: f64 = 0.004;
 
-/// Time without `settle`. Slow cameras turn by 45 degrees a second.
+/// Default of `settle`. Slow cameras turn by 45 degrees a second.
 const SETTLE: Duration = Duration::from_secs(4);
 
 /// Maximum of `settle`; the time limit for turning is longer.
@@ -152,10 +154,11 @@ impl Motion {
 
 /// The settings of a camera's driver.
 pub(crate) enum DriverSettings {
-    /// A camera of the network.
+    /// The driver `onvif`, for a camera of the network.
     Onvif(OnvifSettings),
-    /// A camera of single frames: directions of its presets, and the share of the picture that must
-    /// change to count as motion.
+    /// The driver `simulated`, for a camera that gives single frames: the direction of each preset,
+    /// and the share of the picture that must change to count as motion; `None` if the camera does
+    /// not watch for motion.
     Frames(BTreeMap<String, PtzPosition>, Option<f64>),
 }
 
@@ -218,7 +221,7 @@ impl Config {
         self.presets.iter().map(understand).collect()
     }
 
-    /// Returns the settings of a camera of single frames.
+    /// Returns the settings of the driver `simulated`.
     fn frames(&self) -> Result<DriverSettings, String> {
         let Config { address, user, password_file, ca, fingerprint, settle, .. } = self;
         let foreign = [
@@ -257,7 +260,7 @@ impl Config {
         Ok(DriverSettings::Frames(directions, self.motion.then_some(sensitivity)))
     }
 
-    /// Returns the settings of a camera with the driver `onvif`.
+    /// Returns the settings of the driver `onvif`.
     fn onvif(&self) -> Result<OnvifSettings, String> {
         let Config { address, user, password_file, ca, fingerprint, .. } = self;
         let Some(address) = address else {
@@ -295,7 +298,8 @@ impl Config {
     }
 }
 
-/// Returns what a camera with the driver `onvif` turns to for a preset of the config.
+/// Returns the preset or the position in the camera for a preset of the config with the driver
+/// `onvif`.
 fn target(name: &str, raw: &RawPreset) -> Result<Target, String> {
     let RawPreset { shows, pan, tilt, zoom, preset, position } = raw;
     if pan.or(*tilt).or(*zoom).is_some() {

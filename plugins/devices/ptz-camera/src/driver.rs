@@ -1,4 +1,4 @@
-//! The trait of drivers: what a camera does, by the names of presets.
+//! The trait of drivers: the actions of a camera, by the names of presets.
 
 use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -10,12 +10,12 @@ use tokio::time::Instant;
 /// The driver of a camera. Error texts complete “failed to …”.
 pub trait Camera: Send + Sync + 'static {
     /// Returns a future that connects to the camera, so that its state is known; `None` if the
-    /// state needs no connection. The time of the future is bounded.
+    /// state needs no connection. The future ends within a bounded time.
     fn connect(&self) -> Option<BoxFuture<()>> {
         None
     }
 
-    /// Returns the time limit for turning, and for taking one picture.
+    /// Returns the time limit for turning, which is also that for taking a picture.
     fn acting_time_max(&self) -> Duration;
 
     /// Turns the camera to the preset with this name in the config. Dropping the future stops the
@@ -35,14 +35,14 @@ pub trait Camera: Send + Sync + 'static {
     /// Records a video of a length. Returns an error if the camera does not look at the preset.
     fn record(&self, preset: &str, lasts: Duration) -> BoxFuture<Result<RecordedFile, String>>;
 
-    /// Waits until the camera differs from what is known of it, or there is motion.
+    /// Waits until the state of the camera differs from `known`, or there is motion.
     fn notice(&self, known: SharedKnown) -> BoxFuture<News>;
 }
 
-/// What a camera looks at.
+/// The direction of a camera after a turn.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct View {
-    /// Name of the preset in the config; `None` if the direction is none of them, or not known.
+    /// Name of the preset in the config; `None` if the direction is not a preset, or is unknown.
     pub preset: Option<String>,
     /// Description of the direction for a person.
     pub detail: String,
@@ -55,39 +55,39 @@ pub struct Step {
     pub pan: f64,
     /// Step up, in degrees; negative down.
     pub tilt: f64,
-    /// Factor of magnification.
+    /// Factor by which the magnification changes.
     pub zoom: f64,
 }
 
 /// A picture or a video of a camera.
 pub struct RecordedFile {
-    /// Extension of its file.
+    /// Extension of the file.
     pub extension: &'static str,
-    /// Returns the content of its file. Called on a thread for blocking work.
+    /// Function that returns the content of the file. Called on a thread for blocking work.
     pub content: Box<dyn FnOnce() -> Vec<u8> + Send>,
     /// Description of the content for a person, in one line.
     pub caption: String,
 }
 
-/// What is known of a camera.
+/// The known state of a camera.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Known {
-    /// Preset that the camera looks at.
+    /// Preset that the camera looks at; `None` if its direction is not a preset, or is unknown.
     pub preset: Option<String>,
     /// Time until which motion in the present place is not announced again.
     pub quiet_until: Instant,
-    /// Reason why the camera cannot be used.
+    /// Reason why the camera cannot be used; `None` if it can.
     pub problem: Option<String>,
     /// Presets of the config that the camera does not have.
     pub missing: BTreeSet<String>,
 }
 
-/// What is known of a camera, kept up to date while the driver waits for news.
+/// The known state of a camera, which the driver reads while it waits for news.
 #[derive(Clone, Debug)]
 pub struct SharedKnown(Arc<Mutex<Known>>);
 
 impl SharedKnown {
-    /// Returns what is known at the start: nothing.
+    /// Returns the state at the start: nothing is known.
     pub fn new() -> SharedKnown {
         SharedKnown(Arc::new(Mutex::new(Known {
             preset: None,
@@ -97,12 +97,12 @@ impl SharedKnown {
         })))
     }
 
-    /// Returns what is known at present.
+    /// Returns the state that is known at present.
     pub fn get(&self) -> Known {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Replaces what is known.
+    /// Replaces the known state.
     pub fn set(&self, known: Known) {
         *self.0.lock().unwrap_or_else(PoisonError::into_inner) = known;
     }
@@ -114,10 +114,10 @@ impl Default for SharedKnown {
     }
 }
 
-/// News of a camera.
+/// News of a camera: its state, because it differs from the known one or because there is motion.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct News {
-    /// Preset that the camera looks at.
+    /// Preset that the camera looks at; `None` if its direction is not a preset, or is unknown.
     pub preset: Option<String>,
     /// Whether there is motion in the picture.
     pub has_motion: bool,

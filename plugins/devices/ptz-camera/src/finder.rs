@@ -1,8 +1,8 @@
-//! The camera finder: lists the ONVIF cameras of the network (WS-Discovery), each with the lines of
-//! the ecosystem file that bring it in.
+//! The camera finder: lists the ONVIF cameras of the network (WS-Discovery). With each it lists the
+//! lines of the ecosystem file that make the camera an agent.
 //!
-//! A found camera takes part only by those lines: its login and the places that it shows are known
-//! to people only.
+//! A found camera takes part only by those lines, because only people know its login and the places
+//! that it shows.
 
 use std::net::{IpAddr, SocketAddr};
 use std::time::Duration;
@@ -29,10 +29,10 @@ pub const FINDER: PluginEntry = PluginEntry {
 /// second, and the question is asked twice.
 const LISTENING_TIME: Duration = Duration::from_secs(3);
 
-/// Pause between two searches: a camera that is plugged in needs about as long to start.
+/// Pause between two searches. A camera that is plugged in needs about as long to start.
 const SEARCH_INTERVAL: Duration = Duration::from_secs(30);
 
-/// Port of WS-Discovery, of a device that is asked alone.
+/// Port of WS-Discovery, for a device that is asked alone.
 const PORT: u16 = 3702;
 
 /// Maximum length of the part of a camera's name that is used in the name of its agent.
@@ -146,7 +146,7 @@ impl CameraFinder {
     }
 }
 
-/// Returns the lines of configuration with which a camera would take part in the ecosystem.
+/// Returns the lines of the ecosystem file by which a camera takes part.
 fn lines(agent: &AgentId, camera: &FoundCamera, note: &str) -> String {
     let FoundCamera { name, hardware, can_turn, address, .. } = camera;
     let turns = if *can_turn { ", turns" } else { "" };
@@ -162,7 +162,7 @@ fn lines(agent: &AgentId, camera: &FoundCamera, note: &str) -> String {
     )
 }
 
-/// Returns a text of a camera for a comment: nothing in it ends the line.
+/// Returns a text of a camera for a comment, without characters that could end the line.
 fn plain(text: &str) -> String {
     text.chars().filter(|symbol| !symbol.is_control()).collect()
 }

@@ -13,10 +13,10 @@ const CHANGED: i32 = 24;
 /// One picture of a camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Frame {
-    /// Width of the picture, in pixels. The width is even.
+    /// Width of the picture, in pixels; an even number.
     pub width: usize,
-    /// Height of the picture, in pixels. Width and height are even, because each square of four
-    /// pixels shares its colors in videos.
+    /// Height of the picture, in pixels; an even number. In videos, each square of four pixels
+    /// shares its colors.
     pub height: usize,
     /// Red, green and blue of each pixel of the picture, row by row from the top.
     pub rgb: Vec<u8>,
@@ -35,7 +35,7 @@ impl Frame {
     }
 
     /// Returns the share of pixels that have changed since `before`, from 0 to 1. Returns 0 if the
-    /// pictures were taken in different directions, because their difference is no evidence of
+    /// pictures have different directions or sizes, because their difference is then no evidence of
     /// motion.
     pub(crate) fn change_since(&self, before: &Frame) -> f64 {
         if before.aim != self.aim || before.rgb.len() != self.rgb.len() || self.rgb.is_empty() {
@@ -50,7 +50,8 @@ impl Frame {
         self.rgb.chunks_exact(3).map(|pixel| yuv(pixel).0)
     }
 
-    /// Returns one color plane of the picture: the mean value of each square of four pixels.
+    /// Returns one color plane of the picture. Each value is the mean of `of` over a square of four
+    /// pixels.
     fn chroma(&self, of: impl Fn(&[u8]) -> i32) -> Vec<u8> {
         let at = |x: usize, y: usize| {
             let start = (y * self.width + x) * 3;

@@ -1,5 +1,5 @@
-//! Cameras that give single frames, together with their direction: what they look at, pictures and
-//! videos made of frames, and motion found by comparing them.
+//! A camera that gives single frames, each with the direction of the camera. This module makes
+//! pictures and videos of the frames, and finds motion by comparing them.
 //!
 //! Motion is a change of a large enough share of the picture between two frames of the same
 //! direction.
@@ -16,17 +16,17 @@ use crate::driver::{Camera, News, RecordedFile, SharedKnown, Step, View};
 use crate::frame::{Frame, y4m};
 use crate::position::PtzPosition;
 
-/// Pause between two frames. It is short, because a person walking by is in the picture for only
-/// about a second.
+/// Pause between two frames of a camera that watches for motion. It is short, because a person
+/// walking by is in the picture for only about a second.
 const LOOK_INTERVAL: Duration = Duration::from_millis(200);
 
-/// Pause between two frames of a camera that does not detect motion, or does not respond.
+/// Pause between two frames of a camera that does not watch for motion, or does not respond.
 const LOOK_INTERVAL_IDLE: Duration = Duration::from_secs(5);
 
-/// Time limit for turning, and for taking one picture.
+/// Time limit for turning, which is also that for taking a picture.
 const ACTING_TIME_MAX: Duration = Duration::from_secs(15);
 
-/// Pictures per second of a recording: enough for recognising a person.
+/// Number of pictures per second of a recording: enough to recognize a person.
 const PER_SECOND: u32 = 5;
 
 /// The source of single frames.
@@ -74,8 +74,8 @@ impl FrameCamera {
         Ok(self.view(aim))
     }
 
-    /// Returns a frame of the camera. Returns an error if the direction of the camera is not the
-    /// one that the plan assumes.
+    /// Returns the present frame of the camera. Returns an error if the camera does not look at the
+    /// preset.
     async fn frame_of(&self, preset: &str) -> Result<Frame, String> {
         let aim = self.aim_of(preset)?;
         let frame = self.source.frame().await?;

@@ -1,11 +1,12 @@
 //! The PTZ camera (the paper, “PTZ Camera”): “can move (PTZ), record video, snap pictures, and
 //! detect motion”.
 //!
-//! - [`Camera`] is the trait of drivers. `onvif` drives cameras of the network; `simulated` is the
-//!   driver for the simulated building, whose single frames `frame_camera` turns into a camera.
+//! - [`Camera`] is the trait of drivers. `onvif` drives cameras of the network. `simulated` gives
+//!   the single frames of a camera in the simulated building, from which `frame_camera` makes a
+//!   camera.
 //! - `finder` lists the cameras of the network.
 //! - The camera turns to presets, and by small steps in any direction. Each picture or video is a
-//!   file in the camera's `album`. The existence of a picture or a video of a place is a fact.
+//!   file in the camera's `album`. That there is a picture or a video of a place is a fact.
 //! - The camera detects motion. Motion is announced at once, and may make the camera request a
 //!   goal.
 //! - If the camera does not look in the direction that the plan assumes, taking a picture fails.
@@ -64,7 +65,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 };
 
 /// Steps by which a person turns the camera: name of the action, degrees of pan, degrees of tilt,
-/// and factor of zoom.
+/// and factor by which the magnification changes.
 const STEPS: [(&str, f64, f64, f64); 6] = [
     ("pan-left", -10.0, 0.0, 1.0),
     ("pan-right", 10.0, 0.0, 1.0),
@@ -107,13 +108,13 @@ struct PtzCamera {
     ontology: String,
     settings: CameraSettings,
     camera: Arc<dyn Camera>,
-    /// Preset that the camera looks at; `None` if its direction is none, or not known.
+    /// Preset that the camera looks at; `None` if its direction is not a preset, or is unknown.
     in_view: Option<String>,
-    /// Reason why the camera cannot be used.
+    /// Reason why the camera cannot be used; `None` if it can.
     problem: Option<String>,
     /// Presets of the config that the camera does not have.
     missing: BTreeSet<String>,
-    /// The same, for the driver.
+    /// The known state of the camera, for the driver.
     known: SharedKnown,
     /// Time of the last picture of each place.
     pictures: BTreeMap<String, Instant>,
@@ -128,8 +129,8 @@ impl PtzCamera {
         self.problem.is_none() && self.paused_until.is_none_or(|until| until <= Instant::now())
     }
 
-    /// Returns the name and the place of the preset of the present direction; `None` if this
-    /// direction is not a preset.
+    /// Returns the name and the place of the preset that the camera looks at; `None` if its
+    /// direction is not a preset, or is unknown.
     fn preset(&self) -> Option<(&str, &str)> {
         let name = self.in_view.as_deref()?;
         Some((name, self.settings.presets.get(name)?))
@@ -143,7 +144,7 @@ impl PtzCamera {
         last.map_or_else(Instant::now, |last| *last + lasts / 3)
     }
 
-    /// Tells the driver what is known, after each change of it.
+    /// Passes the known state to the driver. Must be called after each change of it.
     fn tell_driver(&self) {
         self.known.set(Known {
             preset: self.in_view.clone(),
@@ -153,7 +154,8 @@ impl PtzCamera {
         });
     }
 
-    /// Takes over what the driver has noticed. Returns the goal that motion leads to.
+    /// Adopts the state that the driver reports. Returns the request for the goal that the config
+    /// sets for motion, if there is motion.
     fn take_news(&mut self, news: News) -> Vec<Initiative> {
         let News { preset, has_motion, problem, missing } = news;
         if problem != self.problem {
@@ -176,8 +178,8 @@ impl PtzCamera {
         goal.map(want).into_iter().collect()
     }
 
-    /// Returns a fact that counts as known for the time `lasts` after `at`, or without a time limit
-    /// if `lasts` is `None`. Returns an empty list if the time is over.
+    /// Returns a fact that counts as known for the time `lasts` after `at`; without a time limit if
+    /// `lasts` is `None`. Returns an empty list if the time is over.
     fn passing(&self, fact: &str, at: Instant, lasts: Option<Duration>) -> Vec<OwnFact> {
         let known_for = lasts.map(|lasts| lasts.saturating_sub(at.elapsed()));
         if known_for.is_some_and(|left| left.is_zero()) {

@@ -1,11 +1,12 @@
 //! The ONVIF driver, for cameras of the network.
 //!
 //! - One task per camera connects, follows the direction and the motion events, and connects again
-//!   after a failure. What it sees is compared with what the agent knows.
-//! - Presets that are stored in the camera are the places to look at; a camera without presets
-//!   turns to positions.
-//! - A camera that says neither its position nor whether it moves has arrived after a time
-//!   (`settle`).
+//!   after a failure. The driver compares the state that this task sees with the state that the
+//!   agent knows.
+//! - The driver turns the camera to presets that are stored in the camera, or to positions if the
+//!   camera stores no presets.
+//! - A camera that reports neither its position nor whether it moves counts as arrived after the
+//!   time `settle`.
 
 mod follower;
 mod turning;
@@ -22,29 +23,29 @@ use tokio::time::Instant;
 
 use crate::driver::{Camera, News, RecordedFile, SharedKnown, Step, View};
 
-/// Time limit for turning, and for taking one picture: a whole turn of a slow camera, and the
-/// requests for it.
+/// Time limit for turning, which is also that for taking a picture: that of a whole turn of a slow
+/// camera, and the requests for it.
 const ACTING_TIME_MAX: Duration = Duration::from_secs(40);
 
 /// Time limit for the first connection, after which the agent is announced without it.
 const FIRST_CONNECTION_TIME_MAX: Duration = Duration::from_secs(5);
 
-/// Pause after which what the camera shows is compared again with what the agent knows, which may
-/// have changed by a failure.
+/// Interval at which the state of the camera is compared again with the state that the agent knows,
+/// which a failure may have changed.
 const COMPARE_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Settings of the driver.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct OnvifSettings {
     pub(crate) access: CameraAccess,
-    /// What the camera turns to, by the names of presets in the config.
+    /// Targets of the camera, by the names of presets in the config.
     pub(crate) targets: BTreeMap<String, Target>,
-    /// Time after which a camera that does not say whether it moves has arrived.
+    /// Time after which a camera counts as arrived if it does not report whether it moves.
     pub(crate) settle: Duration,
     pub(crate) watches_motion: bool,
 }
 
-/// What a camera turns to.
+/// Target to which a camera turns.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) enum Target {
     /// The preset of this name in the camera.
@@ -54,7 +55,8 @@ pub(crate) enum Target {
 }
 
 impl Target {
-    /// Returns the preset of the camera that this target names; by its name, or else by its token.
+    /// Returns the stored preset with the name of this target, or else with that name as its token.
+    /// Returns `None` if there is none, or if the target is a position.
     fn stored<'p>(&self, presets: &'p [CameraPreset]) -> Option<&'p CameraPreset> {
         let Target::Preset(name) = self else { return None };
         let by_name = presets.iter().find(|preset| preset.name.trim() == name);
@@ -78,7 +80,7 @@ impl Drop for FollowerTask {
     }
 }
 
-/// What the driver's methods and its follower share.
+/// Data that the driver's methods and its follower share.
 struct Shared {
     settings: OnvifSettings,
     /// The connection; `None` until it is made, and after it failed.
@@ -87,7 +89,7 @@ struct Shared {
     pose: Mutex<Pose>,
 }
 
-/// What is seen of the camera.
+/// State of the camera, as the follower and the methods see it.
 #[derive(Clone, Debug, Default, PartialEq)]
 struct Seen {
     /// Whether a connection was tried.
@@ -98,12 +100,13 @@ struct Seen {
     has_motion: bool,
 }
 
-/// Where the camera was turned to.
+/// Knowledge about the direction of the camera.
 #[derive(Clone, Debug, Default)]
 struct Pose {
-    /// Presets that are stored in the camera, at the last look.
+    /// Presets that were stored in the camera when they were last read.
     stored: Vec<CameraPreset>,
-    /// Position in which the camera has arrived at the present preset; `None` if it does not say.
+    /// Position of the camera at the present preset; `None` if it is unknown, or if the direction
+    /// is not a preset.
     arrived_at: Option<Position>,
     is_turning: bool,
     /// End of the last movement.
@@ -152,8 +155,8 @@ impl Shared {
         lock(&self.pose)
     }
 
-    /// Returns the name in the config of the only preset at a position; `None` if there is none, or
-    /// several.
+    /// Returns the name in the config of the preset at a position; `None` if there is none, or if
+    /// there are several.
     fn preset_at(&self, position: Position) -> Option<String> {
         let pose = self.pose();
         let mut at = self.settings.targets.iter().filter(|(_, target)| {
@@ -175,7 +178,7 @@ impl Camera for OnvifDriver {
             driver.follow();
             let mut seen = driver.shared.seen.subscribe();
             let tried = seen.wait_for(|seen| seen.is_tried);
-            // After this time, the camera is announced as it is: not yet known.
+            // After this time, the camera is announced with an unknown state.
             let _ = tokio::time::timeout(FIRST_CONNECTION_TIME_MAX, tried).await;
         }))
     }

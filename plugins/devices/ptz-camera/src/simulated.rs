@@ -1,5 +1,5 @@
-//! The simulated driver, which turns a camera in the simulated building, and draws the places in
-//! its view.
+//! The simulated driver, which turns a camera in the simulated building, and draws the places that
+//! the camera sees.
 //!
 //! A place is drawn as a patch of floor in a color of its own, a person as a figure, a robot as a
 //! box. Moving things change their position with the building's time.
@@ -60,7 +60,7 @@ struct Canvas {
 }
 
 impl Canvas {
-    /// Fills the part of a box around a point that is within the picture.
+    /// Fills the part of a box that is within the picture. `(x, y)` is the center of the box.
     fn fill(&mut self, (x, y): (f64, f64), (width, height): (f64, f64), color: [u8; 3]) {
         let range = |middle: f64, size: f64, end: usize| {
             let start = (middle - size / 2.0).clamp(0.0, end as f64) as usize;
@@ -118,7 +118,7 @@ fn caption(place: &SeenPlace) -> String {
     format!("{}: {who}", place.location)
 }
 
-/// Returns a color for a name. The color of a name is always the same, and darker than the wall.
+/// Returns the color of a name. It is always the same, and darker than the wall.
 fn color_of(name: &str) -> [u8; 3] {
     let mut hasher = DefaultHasher::new();
     name.hash(&mut hasher);

@@ -1,4 +1,4 @@
-//! The methods of a camera, and their work with the driver and the album.
+//! The methods of a camera, which use the driver and the album.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -72,7 +72,7 @@ fn turned(
     })
 }
 
-/// Writes a file on a thread for blocking work. Returns its path, and its description.
+/// Writes a recorded file on a thread for blocking work. Returns its path and its description.
 async fn store(
     album: Album,
     place: &str,

@@ -9,14 +9,15 @@ use tokio::time::Instant;
 
 use super::{Shared, Target};
 
-/// Pause between two looks at the direction. A person who turns the camera with its app is noticed
-/// within this time.
+/// Pause between two readings of the direction. If a person turns the camera with its app, the
+/// driver notices it within this time.
 const LOOK_INTERVAL: Duration = Duration::from_secs(3);
 
-/// Number of looks between two readings of the camera's presets: a minute.
+/// Number of readings of the direction between two readings of the presets, which take place once a
+/// minute.
 const LOOKS_PER_READING: usize = 20;
 
-/// Number of failed looks in a row after which the connection counts as lost. A single answer gets
+/// Number of failed readings in a row after which the connection counts as lost. Single answers get
 /// lost in a wireless network.
 const FAILURES_MAX: usize = 2;
 
@@ -27,11 +28,11 @@ const PAUSE_MAX: Duration = Duration::from_secs(60);
 /// Pause after a rejected login. Cameras lock users out after some attempts.
 const PAUSE_LOGIN: Duration = Duration::from_secs(120);
 
-/// Pauses after failed motion events: the first, and the longest.
+/// Pauses before motion events are requested again after a failure: the first, and the longest.
 const EVENTS_PAUSE_MIN: Duration = Duration::from_secs(1);
 const EVENTS_PAUSE_MAX: Duration = Duration::from_secs(30);
 
-/// Time after a turn during which motion does not count: the picture itself has moved.
+/// Time after a turn for which motion does not count, because the turn has moved the picture.
 const TURN_PAUSE: Duration = Duration::from_secs(3);
 
 /// Follows a camera, and connects again after each failure. Never ends.
@@ -58,7 +59,7 @@ pub(super) async fn follow(shared: Arc<Shared>) {
     }
 }
 
-/// Connects, and reads the presets of the camera.
+/// Connects to the camera, and reads its presets.
 async fn connected(shared: &Shared) -> Result<Arc<OnvifCamera>, LinkError> {
     let camera = shared.camera().await?;
     let identity = camera.identity().await.unwrap_or_default();
@@ -73,7 +74,7 @@ async fn connected(shared: &Shared) -> Result<Arc<OnvifCamera>, LinkError> {
     Ok(camera)
 }
 
-/// Returns the reason why a camera without any of the presets cannot be used.
+/// Returns the reason why a camera without any preset of the config cannot be used.
 fn useless(shared: &Shared) -> String {
     let wanted = shared.settings.targets.values().filter_map(|target| match target {
         Target::Preset(name) => Some(format!("`{name}`")),
@@ -86,7 +87,8 @@ fn useless(shared: &Shared) -> String {
     format!("use the camera: none of its presets is {wanted}; it has {has}")
 }
 
-/// Reads the presets of the camera. Returns those of the config that it does not have.
+/// Reads the presets of the camera. Returns the presets of the config that the camera does not
+/// have.
 async fn read_presets(
     shared: &Shared,
     camera: &OnvifCamera,
@@ -128,7 +130,8 @@ async fn stay(shared: &Shared, camera: &Arc<OnvifCamera>) -> LinkError {
     }
 }
 
-/// Looks at the direction of the camera now and then.
+/// Reads the direction of the camera every [`LOOK_INTERVAL`]. Returns the error after which the
+/// connection counts as lost.
 async fn look(shared: &Shared, camera: &OnvifCamera) -> LinkError {
     let (mut failures, mut looks) = (0, 0_usize);
     loop {
@@ -165,7 +168,7 @@ async fn look_once(
     let before = shared.pose().turned_at;
     let position = match camera.status().await {
         Ok(status) => status.position,
-        // A camera without this operation cannot say where it looks.
+        // A camera without this operation does not report its direction.
         Err(LinkError::Fault { .. } | LinkError::Unsupported(_)) => None,
         Err(error) => return Err(error),
     };
@@ -187,7 +190,8 @@ async fn look_once(
     Ok(())
 }
 
-/// Hears of motion. Returns only if the camera cannot be reached.
+/// Follows the motion events of the camera. A failure is logged, and followed by another attempt;
+/// the function never returns.
 async fn hear(shared: &Shared, camera: &Arc<OnvifCamera>) -> LinkError {
     if !shared.settings.watches_motion {
         return std::future::pending().await;

@@ -1,4 +1,4 @@
-//! Turning a camera, and knowing when it has arrived.
+//! Turns a camera, and finds out when it has arrived.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -9,28 +9,29 @@ use tokio::time::Instant;
 use super::{Shared, Target};
 use crate::driver::{Step, View};
 
-/// Pause between two looks at the position of a turning camera.
+/// Pause between two readings of the position of a turning camera.
 const POSITION_INTERVAL: Duration = Duration::from_millis(300);
 
 /// Time limit for arriving. A whole turn of a slow camera takes 20 seconds.
 const ARRIVAL_TIME_MAX: Duration = Duration::from_secs(25);
 
-/// Time that a step of a camera takes which only turns until it is stopped.
+/// Duration of a step of a camera that cannot turn to a position, and turns until it is stopped.
 const STEP_TIME: Duration = Duration::from_millis(400);
 
-/// Speed of such a step: half of the greatest.
+/// Speed of such a step: half of the maximum.
 const STEP_SPEED: f64 = 0.5;
 
-/// A step of a camera that turns to positions, in ONVIF's generic units: 10 degrees of 340.
+/// Length of a step of a camera that turns to positions, in ONVIF's generic units: 10 degrees of
+/// 340.
 const STEP_POSITION: f64 = 0.06;
 
-/// Difference of positions beyond which a camera has not turned to where it should.
+/// Difference between the requested and the reached position beyond which turning has failed.
 const ELSEWHERE: f64 = 0.05;
 
-/// Number of failed looks at the position in a row after which turning has failed.
+/// Number of failed readings of the position in a row after which turning has failed.
 const FAILURES_MAX: usize = 3;
 
-/// Marks the camera as turning; ends when it is dropped.
+/// A mark that the camera is turning. The mark ends when this value is dropped.
 struct Turning(Arc<Shared>);
 
 impl Turning {
@@ -127,21 +128,21 @@ async fn begin(
     }
 }
 
-/// What was seen of a camera on its way.
+/// Readings of a camera on its way to a target.
 #[derive(Debug, Default)]
 struct Way {
     last: Option<Position>,
-    /// Number of looks in a row at which the position was the same.
+    /// Number of readings in a row with the same position.
     same_count: usize,
     has_moved: bool,
 }
 
 impl Way {
-    /// Notes a look. Returns whether the camera has arrived.
+    /// Records a reading. Returns whether the camera has arrived.
     ///
-    /// The word of a camera that it stands still counts only if it has said before that it moves:
-    /// some say “idle” always. A position that stays the same counts if it is the expected one.
-    /// Otherwise the camera has arrived after the time to settle.
+    /// The report of a camera that it stands still counts only if the camera has reported before
+    /// that it moves: some cameras always report “idle”. A position that stays the same counts if
+    /// it is the expected one. Otherwise the camera has arrived after the time `settle`.
     fn note(&mut self, seen: PtzStatus, expected: Option<Position>, is_settled: bool) -> bool {
         let PtzStatus { position, is_moving } = seen;
         let is_same = match (position, self.last) {
@@ -160,7 +161,7 @@ impl Way {
             return false;
         }
         match is_moving {
-            // A camera that always says “moving” stands still if its position does.
+            // A camera that always reports “moving” stands still if its position does not change.
             Some(true) => is_settled && position.is_some() && self.same_count > 3,
             Some(false) if self.has_moved => true,
             _ => is_there || is_settled,
@@ -168,7 +169,8 @@ impl Way {
     }
 }
 
-/// Waits until the camera has arrived. Returns its position, if it says so.
+/// Waits until the camera has arrived. Returns its position; `None` if the camera does not report
+/// it.
 async fn arrive(
     shared: &Shared,
     camera: &OnvifCamera,
@@ -179,7 +181,7 @@ async fn arrive(
         tokio::time::sleep(POSITION_INTERVAL).await;
         let seen = match camera.status().await {
             Ok(seen) => seen,
-            // A camera without this operation says nothing.
+            // A camera without this operation reports nothing.
             Err(LinkError::Fault { .. } | LinkError::Unsupported(_)) => PtzStatus::default(),
             Err(error) => {
                 failures += 1;
@@ -199,7 +201,8 @@ async fn arrive(
     )))
 }
 
-/// Turns by a step: to a position next to the present one, or else for a moment.
+/// Turns the camera by a step: to a position next to the present one, or, if the camera cannot turn
+/// to a position, for the time [`STEP_TIME`].
 pub(super) async fn move_by(shared: &Arc<Shared>, step: Step) -> Result<View, LinkError> {
     let camera = shared.camera().await?;
     let turning = Turning::begin(shared);
