@@ -1,8 +1,8 @@
 //! The driver `browser`: a Chromium that fills the screen.
 //!
-//! The browser is spoken to over a pipe (`--remote-debugging-pipe`) and not over a port, because a
-//! port of the own machine is open to all its users, and to every page that the browser shows. The
-//! browser also ends by itself when the pipe is closed.
+//! The driver controls the browser over a pipe (`--remote-debugging-pipe`) and not over a port,
+//! because a port of the machine is open to all its users, and to every page that the browser
+//! shows. The browser also ends by itself when the pipe is closed.
 
 use std::path::Path;
 
@@ -18,7 +18,7 @@ use crate::player::{self, Player, PlayerTrouble};
 const PROGRAMS: &[&str] = &["chromium", "chromium-browser", "google-chrome"];
 
 /// Arguments of the browser: it fills the screen, asks nothing, plays films without a click, and
-/// reaches for no server that is not of the page.
+/// connects to no server but those of the page.
 const ARGUMENTS: &[&str] = &[
     "--remote-debugging-pipe",
     "--kiosk",
@@ -38,20 +38,22 @@ const ARGUMENTS: &[&str] = &[
     "about:blank",
 ];
 
-/// Number of checks in a row after which a page that is not found counts as not shown. Pages that
-/// load themselves again from time to time are away for a second.
+/// Number of failed checks in a row after which the page counts as not shown. A page that reloads
+/// itself from time to time is away for a second.
 const DOUBTS_MAX: u32 = 3;
 
-/// A running browser, and what it was asked to show.
+/// A running browser, and the page that it has to show.
 pub(crate) struct BrowserPlayer {
     // The program is ended before its folder is removed.
     program: RunningProgram,
     browser: Browser,
-    /// Folder of the profile, unless it is kept, and of the driver's own pages.
+    /// Folder of the driver's own pages, and of the profile unless the config sets a profile that
+    /// is kept.
     folder: TempDir,
-    /// Address of the page that was shown last, when it was loaded, and its kind.
+    /// Address of the page that was shown last, as it was when the page was loaded, and the kind of
+    /// the page.
     asked: (String, PageKind),
-    /// Number of checks in a row that have not found the page.
+    /// Number of checks in a row that have failed.
     doubts: u32,
 }
 
@@ -119,7 +121,7 @@ impl Player for BrowserPlayer {
     }
 }
 
-/// Attaches to the browser and makes it dark.
+/// Attaches to the browser, makes it dark, and makes it fill the screen.
 async fn prepared(
     link: tokio::net::UnixStream,
     folder: &Path,
@@ -130,7 +132,7 @@ async fn prepared(
     Ok((browser, asked))
 }
 
-/// Opens the page of a medium. Returns its address when it was loaded, and its kind.
+/// Opens the page of a medium. Returns the address of the page when it was loaded, and its kind.
 async fn opened(
     browser: &mut Browser,
     folder: &Path,
@@ -160,8 +162,9 @@ fn problem(page: &PageState, address: &str, kind: PageKind) -> Option<String> {
     None
 }
 
-/// Returns the part of an address that stays while a page is shown: of a server its name, because
-/// pages change the rest themselves; of a file all but the part after `#`.
+/// Returns the part of an address that does not change while a page is shown. Of a page on a server
+/// it is the name of the server, because pages change the rest themselves; of a file it is all but
+/// the part after `#`.
 fn site(address: &str) -> &str {
     let address = address.split('#').next().unwrap_or_default();
     match address.split_once("://") {

@@ -19,12 +19,13 @@ pub(crate) struct Config {
     pub(crate) location: PlaceName,
     /// Media that the screen can show, by their names in plans.
     media: BTreeMap<String, WrittenMedium>,
-    /// Drivers `browser` and `mpv`: the program; the default is found in the folders of `PATH`.
+    /// Drivers `browser` and `mpv`: the program. The default is a program that is found in the
+    /// folders of `PATH`.
     program: Option<String>,
     /// Drivers `browser` and `mpv`: further arguments of the program.
     arguments: Option<Vec<String>>,
-    /// Drivers `browser` and `mpv`: the X display, such as `":0"`; the default is that of the
-    /// daemon.
+    /// Drivers `browser` and `mpv`: the X display, such as `":0"`. The default is the display of
+    /// the daemon.
     display: Option<String>,
     /// Driver `browser`: folder of a profile that is kept, for pages at which a person has logged
     /// in. The default is a profile that is removed with the browser.
@@ -35,7 +36,7 @@ pub(crate) struct Config {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(untagged, expecting = "write a text, an address, a path, or { text = \"…\" }")]
 enum WrittenMedium {
-    /// A text, an address or a path: its beginning says which.
+    /// A text, an address or a path; its beginning decides.
     Plain(String),
     /// A text, whatever its beginning.
     Text(PlainText),
@@ -58,7 +59,7 @@ pub enum Content {
     File {
         /// Path as the config writes it.
         written: String,
-        /// Path from the root.
+        /// Absolute path.
         path: PathBuf,
     },
 }
@@ -74,13 +75,13 @@ pub(crate) struct PlayerSettings {
     pub(crate) profile: Option<PathBuf>,
 }
 
-/// Beginnings of an address for the driver `browser`.
+/// Beginnings of an address, for the drivers `browser` and `mpv`.
 const ADDRESSES: &[&str] = &["http://", "https://"];
 
-/// Further beginnings of an address for the driver `mpv`.
+/// Further beginnings of an address, for the driver `mpv` only.
 const STREAMS: &[&str] = &["rtsp://", "rtmp://", "udp://", "rtp://", "srt://"];
 
-/// Beginnings of a path.
+/// Beginnings of the path of a file.
 const PATHS: &[&str] = &["/", "./", "../"];
 
 /// Endings of files that mpv cannot show.
@@ -158,7 +159,7 @@ impl Config {
     }
 }
 
-/// Returns the medium for this driver, or the reason why the driver cannot show it.
+/// Returns the medium for this driver. The error is the reason why the driver cannot show it.
 fn content_of(written: &WrittenMedium, driver: &str, is_check: bool) -> Result<Content, String> {
     let content = match written {
         WrittenMedium::Text(PlainText { text }) => Content::Text(text.clone()),
@@ -193,7 +194,7 @@ fn plain_content(text: &str, driver: &str, is_check: bool) -> Result<Content, St
     if is_check {
         return Ok(Content::File { written: text.to_owned(), path: PathBuf::from(text) });
     }
-    // The file is opened, because one that nobody may read is as good as missing.
+    // The file is opened, because a file that the daemon may not read is as good as missing.
     let path = Path::new(text).canonicalize();
     let path = path.and_then(|path| File::open(&path)?.metadata().map(|about| (path, about)));
     let (path, about) = path.map_err(|error| format!("the file {text} cannot be read: {error}"))?;

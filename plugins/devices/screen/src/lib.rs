@@ -1,13 +1,13 @@
 //! The screen (the paper, Figure 1), which shows media to the people in its room.
 //!
-//! - [`Display`] is the trait of drivers. `simulated` is a screen of the simulated building,
-//!   `browser` a Chromium that fills the screen of this machine, `mpv` the player of that name.
-//!   `supervisor` keeps the program of the last two running.
+//! - [`Display`] is the trait of drivers. `simulated` is a screen of the simulated building.
+//!   `browser` is a Chromium that fills the screen of this machine, and `mpv` is the player of that
+//!   name. `supervisor` keeps the program of the last two running.
 //! - A screen that is plugged in for the first time has no channel, and requests the goal to get
 //!   one: “complete the setup (resource allocation and integration) automatically”. With a channel,
 //!   media can be presented in the room of the screen.
-//! - A screen checks itself every second. A screen that has failed announces that it offers no
-//!   actions and presents nothing, so that other screens take over.
+//! - A screen is checked every second. A screen that has failed announces that it offers no actions
+//!   and presents nothing, so that other screens take over.
 
 mod browser;
 mod config;
@@ -42,7 +42,7 @@ const CHECK_INTERVAL: Duration = Duration::from_secs(1);
 /// Time limit of a check of the screen; a longer check counts as a failure.
 const CHECK_TIME_MAX: Duration = Duration::from_secs(3);
 
-/// Time limit for the screen to light up, which is that of a projector's lamp.
+/// Time limit for the screen to light up. It is that of a projector's lamp.
 const SHOWING_TIME_MAX: Duration = Duration::from_secs(30);
 
 const SIMULATED: &str = "simulated";
@@ -61,10 +61,10 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 /// The driver of a screen. Error texts complete “failed to …”.
 pub trait Display: Send + Sync + 'static {
     /// Allocates a channel to the screen, and returns the channel. A screen that has a channel
-    /// keeps it. A screen without a channel shows nothing.
+    /// keeps it. A screen without a channel cannot show anything.
     fn allocate(&self) -> BoxFuture<Result<u32, String>>;
 
-    /// Shows this content on the screen; `None` turns the screen dark.
+    /// Shows this medium on the screen; `None` turns the screen dark.
     fn show(&self, content: Option<&Content>) -> BoxFuture<Result<(), String>>;
 
     /// Returns the state of the screen.
@@ -76,7 +76,7 @@ pub trait Display: Send + Sync + 'static {
 pub struct DisplayState {
     /// Channel of the screen; `None` if the screen has none yet.
     pub channel: Option<u32>,
-    /// What the screen shows, as the config writes it; `None` if the screen is dark.
+    /// Medium that the screen shows, as the config writes it; `None` if the screen is dark.
     pub shown: Option<String>,
 }
 
@@ -107,7 +107,7 @@ struct Screen {
     id: String,
     ontology: String,
     location: PlaceName,
-    /// What each medium is, by its name in plans.
+    /// Content of each medium, by the medium's name in plans.
     media: BTreeMap<String, Content>,
     display: Arc<dyn Display>,
     state: ScreenStatus,

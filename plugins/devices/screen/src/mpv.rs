@@ -1,8 +1,8 @@
 //! The driver `mpv`: films, pictures and streams with the player of that name.
 //!
-//! The player is spoken to over a socket that it inherits (`--input-ipc-client`), and not over a
-//! socket in the file system. No other program can use it, and the player ends by itself when the
-//! socket is closed.
+//! The driver controls the player over a socket that the player inherits (`--input-ipc-client`),
+//! and not over a socket in the file system. No other program can use it, and the player ends by
+//! itself when the socket is closed.
 
 use std::time::Duration;
 
@@ -40,13 +40,13 @@ const ARGUMENTS: &[&str] = &[
 /// Time for which a film may wait for its network before it counts as not shown.
 const WAITING_MAX: Duration = Duration::from_secs(10);
 
-/// A running player, and what it was asked to show.
+/// A running player, and the film that it has to show.
 pub(crate) struct MpvPlayer {
     program: RunningProgram,
     mpv: Mpv,
-    /// Path or address of the film that was asked for.
+    /// Path or address of the film that the player has to show; `None` if the screen is dark.
     asked: Option<String>,
-    /// Time since which the film waits for its network.
+    /// Time since which the film waits for its network; `None` if it does not wait.
     waiting_since: Option<Instant>,
 }
 

@@ -12,7 +12,7 @@ const PICTURES: &[&str] =
 /// Endings of films.
 const FILMS: &[&str] = &["m4v", "mkv", "mov", "mp4", "ogv", "webm"];
 
-/// The beginning of each page. Nothing is shown but its content, not even the pointer.
+/// The beginning of each page. The page shows nothing but its content, not even the pointer.
 const HEAD: &str = "<!doctype html><meta charset=utf-8><title></title><style>
 html, body { margin: 0; height: 100%; background: #000; color: #fff; overflow: hidden; cursor: none }
 img, video { width: 100vw; height: 100vh; object-fit: contain; display: block }
@@ -21,7 +21,7 @@ p { margin: 0; height: 100vh; padding: 0 5vw; box-sizing: border-box; display: f
     overflow-wrap: anywhere; font-family: sans-serif }
 </style>";
 
-/// Size of a short text, in hundredths of the shorter side of the screen.
+/// Maximum size of a text, in hundredths of the shorter side of the screen.
 const TEXT_SIZE_MAX: f64 = 16.0;
 
 /// Size of a text of one hundred characters, in hundredths of the shorter side of the screen. The
@@ -31,9 +31,9 @@ const TEXT_SIZE_OF_HUNDRED: f64 = 9.0;
 /// The kind of page that shows a medium.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum PageKind {
-    /// A page of this file, which stays as it is.
+    /// A page that this module makes; its address does not change.
     Own,
-    /// A page of this file with a film, which has to move.
+    /// A page with a film that this module makes; the film has to move.
     Film,
     /// Any other page or document, which may change its own address.
     Foreign,
@@ -78,7 +78,8 @@ fn text_body(text: &str) -> String {
     format!("<p style=\"font-size:{size:.1}vmin\">{}</p>", escaped(text))
 }
 
-/// The browser shows its own message in place of a file that is no PDF, and does not report it.
+/// Returns an error if a file is no PDF. The browser would show a message of its own in its place,
+/// and would not report it.
 fn check_pdf(path: &Path) -> io::Result<()> {
     use io::Read as _;
     let mut start = Vec::new();
@@ -93,7 +94,7 @@ fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-/// Returns the address of a file.
+/// Returns the address of a file, beginning with `file://`.
 pub(crate) fn file_address(path: &Path) -> String {
     use std::os::unix::ffi::OsStrExt as _;
     let mut address = "file://".to_owned();

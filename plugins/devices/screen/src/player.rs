@@ -1,4 +1,4 @@
-//! What a program must do to be the driver of a screen, and how such a program is started.
+//! The trait of the programs that drive a screen, and how such a program is started.
 
 use std::path::Path;
 use std::time::Duration;
@@ -9,10 +9,11 @@ use tokio::net::UnixStream;
 
 use crate::config::{Content, PlayerSettings};
 
-/// Time for a program whose connection is lost to end, so that its own reason can be reported.
+/// Time for a program to end after its connection is lost, so that the program's own reason can be
+/// reported.
 const ENDING: Duration = Duration::from_secs(1);
 
-/// Environment variables of which a program needs one to find a screen.
+/// Environment variables; a program needs one of them to find a screen.
 const DISPLAYS: &[&str] = &["DISPLAY", "WAYLAND_DISPLAY"];
 
 /// A running program that shows media. Error texts complete “failed to …”.
@@ -20,16 +21,16 @@ pub(crate) trait Player: Send + Sized + 'static {
     /// Starts the program, with a dark screen.
     fn start(settings: &PlayerSettings) -> impl Future<Output = Result<Self, String>> + Send;
 
-    /// Shows this content, and returns when it can be seen; `None` turns the screen dark.
+    /// Shows this medium, and returns when it can be seen; `None` turns the screen dark.
     fn show(
         &mut self,
         content: Option<&Content>,
     ) -> impl Future<Output = Result<(), PlayerTrouble>> + Send;
 
-    /// Asks the program whether it shows what was asked for last.
+    /// Checks whether the program shows the medium that was requested last.
     fn check(&mut self) -> impl Future<Output = Result<(), PlayerTrouble>> + Send;
 
-    /// Waits until the program ends or can show nothing any more, and returns the reason. Nothing
+    /// Waits until the program ends or can show nothing any more, and returns the reason. No event
     /// is lost if the future is dropped.
     fn failed(&mut self) -> impl Future<Output = String> + Send;
 
@@ -37,10 +38,10 @@ pub(crate) trait Player: Send + Sized + 'static {
     fn end(self) -> impl Future<Output = ()> + Send;
 }
 
-/// Reason why a program does not show what it was asked for.
+/// Reason why a program does not show the medium that was requested.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum PlayerTrouble {
-    /// The content cannot be shown; the program works.
+    /// The medium cannot be shown; the program works.
     Content(String),
     /// The program has to be started again.
     Program(String),
@@ -55,7 +56,8 @@ impl From<ScreenLinkError> for PlayerTrouble {
     }
 }
 
-/// Returns the program of the settings, or the first of `known` in the folders of `PATH`.
+/// Returns the program of the settings; if they name none, the first of `known` that is in a folder
+/// of `PATH`.
 pub(crate) fn find_program(settings: &PlayerSettings, known: &[&str]) -> Result<String, String> {
     let folders = std::env::var_os("PATH").unwrap_or_default();
     let is_there = |name: &str| {
@@ -98,7 +100,8 @@ pub(crate) fn start_program(
     program.start(start).map_err(|error| error.to_string())
 }
 
-/// Returns the reason why the connection to a program was lost: its end, if it has ended.
+/// Returns the reason why the connection to a program was lost: the end of the program if it has
+/// ended, otherwise `lost`.
 pub(crate) async fn reason(program: &mut RunningProgram, lost: ScreenLinkError) -> String {
     if matches!(lost, ScreenLinkError::Crashed) {
         // The program itself goes on.

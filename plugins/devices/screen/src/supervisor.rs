@@ -1,10 +1,10 @@
-//! Keeps the program of a screen running, and asks it every second what it shows.
+//! Keeps the program of a screen running, and checks every second what it shows.
 //!
 //! - The program is started when the screen is first used, and again when it has ended, with pauses
 //!   that grow.
 //! - One task owns the program. Dropping the driver ends the task and the program.
-//! - A medium that is not shown any more is reported as not shown, and the screen is darkened: the
-//!   planner decides what is shown next.
+//! - If a medium is no longer shown, the supervisor reports this and darkens the screen; a plan
+//!   decides what is shown next.
 
 use std::marker::PhantomData;
 use std::sync::{Arc, OnceLock};
@@ -18,8 +18,8 @@ use crate::config::{Content, PlayerSettings};
 use crate::player::{Player, PlayerTrouble};
 use crate::{Display, DisplayState};
 
-/// Pause between two questions to the program. The pause is short, so that a meeting can continue
-/// at another screen within a few seconds.
+/// Pause between two checks of the program. The pause is short, so that a meeting can continue at
+/// another screen within a few seconds.
 const ASKING: Duration = Duration::from_secs(1);
 
 /// Pause before the program is started again for the first time.
@@ -29,17 +29,17 @@ const PAUSE_FIRST: Duration = Duration::from_secs(1);
 /// is used within a minute.
 const PAUSE_MAX: Duration = Duration::from_secs(60);
 
-/// Time after which a program that has run so long counts as sound, and the pauses begin anew.
+/// Running time after which a program counts as sound, and the pauses begin anew.
 const SOUND_AFTER: Duration = Duration::from_secs(60);
 
-/// Time for a program that does not answer to end. It is longer than what [`Player::failed`] waits
-/// for the reason of a program that has ended.
+/// Time for a program that does not answer to end. It is longer than the time for which
+/// [`Player::failed`] waits for the reason of a program that has ended.
 const ENDING: Duration = Duration::from_secs(2);
 
 /// Capacity of the queue of requests. An actuator runs one method at a time.
 const WAITING_MAX: usize = 4;
 
-/// The channel of a screen of this machine: it has one, which belongs to it.
+/// The channel of a screen of this machine, which has a channel of its own.
 const CHANNEL: u32 = 1;
 
 /// A request to the task that owns the program.
@@ -67,7 +67,7 @@ pub(crate) fn display<P: Player>(settings: PlayerSettings) -> Arc<dyn Display> {
 }
 
 impl<P: Player> Supervised<P> {
-    /// Returns the connection to the task, which is started at the first use.
+    /// Returns the connection to the task. Starts the task at the first use.
     fn task(&self) -> &(mpsc::Sender<ScreenRequest>, watch::Receiver<ScreenReport>) {
         self.task.get_or_init(|| {
             let (requests, requested) = mpsc::channel(WAITING_MAX);
@@ -119,7 +119,7 @@ struct Supervision {
 }
 
 impl Supervision {
-    /// Runs the program, again and again, until the driver is dropped.
+    /// Runs the program until the driver is dropped; starts it again each time that it ends.
     async fn run<P: Player>(mut self) {
         let mut pause = PAUSE_FIRST;
         loop {
@@ -154,8 +154,8 @@ impl Supervision {
         }
     }
 
-    /// Waits before the next start, and answers requests with the reason. Returns `false` if the
-    /// driver is dropped.
+    /// Waits before the next start. Meanwhile answers requests with `reason`. Returns `false` if
+    /// the driver is dropped.
     async fn rest(&mut self, pause: Duration, reason: &str) -> bool {
         drop(self.state.send_replace(Err(reason.to_owned())));
         let until = Instant::now() + pause;
@@ -171,8 +171,8 @@ impl Supervision {
         }
     }
 
-    /// Serves requests and watches the program. Returns the reason why the program has to be started
-    /// again; `None` if the driver is dropped.
+    /// Serves requests and watches the program. Returns the reason why the program has to be
+    /// started again; `None` if the driver is dropped.
     async fn serve<P: Player>(&mut self, player: &mut P) -> Option<String> {
         let mut shown = None;
         let mut asking = interval(ASKING);
@@ -222,8 +222,8 @@ impl Supervision {
         }
     }
 
-    /// Darkens the screen if its content is in trouble. Returns the reason why the program has to be
-    /// started again; `None` if it works.
+    /// Darkens the screen if its medium cannot be shown. Returns the reason why the program has to
+    /// be started again; `None` if the program works.
     async fn recover<P: Player>(&self, player: &mut P, trouble: PlayerTrouble) -> Option<String> {
         let lost = match trouble {
             PlayerTrouble::Program(reason) => reason,
@@ -235,7 +235,7 @@ impl Supervision {
         };
         // The screen offers nothing from now on.
         drop(self.state.send_replace(Err(lost.clone())));
-        // A program that has just ended has a better reason than its connection.
+        // A program that has just ended gives a more precise reason than its connection.
         let ended = tokio::time::timeout(ENDING, player.failed()).await;
         Some(ended.unwrap_or(lost))
     }

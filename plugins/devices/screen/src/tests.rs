@@ -26,7 +26,8 @@ fn blueprint(driver: &str, config: Value, resources: Resources) -> Blueprint {
     Blueprint { id, driver: driver.to_owned(), config: config.into(), host: Arc::new(host) }
 }
 
-/// Calls a method of the screen, as the actuator does. Returns the detail or the reason.
+/// Calls a method of the screen, as the actuator does. Returns the detail, or the reason of the
+/// failure.
 async fn call(screen: &mut Screen, method: &str, medium: Option<&str>) -> Result<String, String> {
     let arguments = medium.map(|medium| ("media".to_owned(), medium.to_owned()));
     let call = MethodCall {
@@ -43,7 +44,8 @@ async fn call(screen: &mut Screen, method: &str, medium: Option<&str>) -> Result
     }
 }
 
-/// Handles events of the screen until its facts contain `wanted`, or do not if it begins with `!`.
+/// Handles events of the screen until its facts contain `wanted`. If `wanted` begins with `!`,
+/// until they do not contain the rest of it.
 async fn until(screen: &mut Screen, wanted: &str) {
     const PATIENCE: Duration = Duration::from_secs(60);
     let (is_wanted, fact) = match wanted.strip_prefix('!') {

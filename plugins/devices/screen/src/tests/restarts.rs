@@ -1,4 +1,4 @@
-//! The supervision of a program, with a program that is made up.
+//! The supervision of a program, with a made-up program.
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -67,7 +67,7 @@ async fn state(display: &Arc<dyn Display>, wanted: impl Fn(&Result<DisplayState,
     }
 }
 
-/// The statics are for one test, so it is one.
+/// This is one test and not several, because the program uses static variables.
 #[tokio::test(start_paused = true)]
 async fn a_program_is_asked_watched_and_started_again() {
     let display = supervisor::display::<Made>(PlayerSettings::default());

@@ -78,7 +78,8 @@ impl Stage {
         [(320, 240), (3, 3), (636, 3), (3, 476), (636, 476)].map(|(x, y)| pixel(x, y)).to_vec()
     }
 
-    /// Waits until the middle of the display has a colour, up to what films lose by their encoding.
+    /// Waits until the middle of the display has a colour, apart from what films lose by their
+    /// encoding.
     pub(super) async fn shows(&self, color: Color) {
         let is_like = |(red, green, blue): Color| {
             let near = |one: u8, other: u8| one.abs_diff(other) < 16;
@@ -148,7 +149,7 @@ pub(super) fn encode(from: &str, to: &Path) {
     assert!(encoded.success() && to.is_file(), "mpv encodes {from}");
 }
 
-/// Returns a PDF whose only page is filled with blue.
+/// Returns a PDF with one page, which is filled with blue.
 pub(super) fn pdf() -> Vec<u8> {
     let content = "0 0 1 rg 0 0 640 480 re f";
     let objects = [
@@ -171,8 +172,8 @@ pub(super) fn pdf() -> Vec<u8> {
 }
 
 /// Serves pages on a port of this machine, and returns its address: `/red` and `/blue` are pages of
-/// one colour, `/alert` is blue behind a dialog, `/onward` goes to `/red` at once,
-/// `/logo` is blue with a picture and a film that are missing, `/leaves?ADDRESS` is red and goes to the address
+/// one colour, `/alert` is blue behind a dialog, `/onward` goes to `/red` at once, `/logo` is blue
+/// with a picture and a film that are missing, `/leaves?ADDRESS` is red and goes to the address
 /// after a second, `/hangs` is red and its script never ends. All others are not found.
 pub(super) async fn serve() -> String {
     let listener = TcpListener::bind("127.0.0.1:0").await.expect("a port");
@@ -211,7 +212,7 @@ pub(super) async fn serve() -> String {
     address
 }
 
-/// Returns the ids of living processes whose command line contains `word`.
+/// Returns the ids of living processes with `word` in their command lines.
 pub(super) fn processes(word: &str) -> Vec<i32> {
     let pids = fs::read_dir("/proc").expect("/proc").flatten();
     let pids = pids.filter_map(|entry| entry.file_name().to_str()?.parse::<i32>().ok());
