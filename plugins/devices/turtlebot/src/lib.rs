@@ -2,10 +2,10 @@
 //! and between named poses of its own, and carries sensors.
 //!
 //! - `mobile_base::MobileBase` implements moving, the battery and the dock, as for every robot.
-//! - The robot carries the agents that announce to be `mounted-on` it, and makes plans with their
+//! - The robot carries the agents that announce to be `mounted-on` it, and plans with their
 //!   actions.
 //! - With the key `login` in the config, a person can log in at the robot's on-board screen, at the
-//!   location of the robot.
+//!   place where the robot is.
 //! - With the key `patrol`, the robot repeatedly visits some places, as long as no other goal needs
 //!   the robot.
 
@@ -44,7 +44,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 struct Config {
     #[serde(flatten)]
     base: BaseConfig,
-    /// Settings for logging in at the robot's screen; `None` if that is not possible.
+    /// Settings for logging in at the robot's screen; `None` if people cannot log in there.
     #[serde(default)]
     login: Option<LoginConfig>,
     /// Places that the robot patrols, and the interval of the visits; `None` without a patrol.
@@ -89,7 +89,7 @@ enum TurtleBotResult {
 }
 
 impl TurtleBot {
-    /// Returns the place in the arguments of a call. Returns an error if the base is not in that
+    /// Returns the place in the arguments of a call. Returns an error if the base is not at that
     /// place, because the robot may have been moved since the plan was made.
     fn called_place(&self, call: &MethodCall) -> Result<String, MethodFailure> {
         let (place, here) = (call.argument("place")?, self.base.place());

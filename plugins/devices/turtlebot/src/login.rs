@@ -8,8 +8,8 @@
 //! - **Invariant:** neither the PIN nor an answer is in a log, a report or a `Debug` output of this
 //!   file.
 //!
-//! The actuator sends the question. The method passes the text to `Device::next_event`, which makes
-//! the actuator send the question, and `Device::receive_news` passes the answer back to the method.
+//! The method passes the text of the question to `Device::next_event`, which makes the actuator
+//! send the question. `Device::receive_news` passes the answer back to the method.
 
 use std::fs::File;
 use std::io::Read as _;
@@ -25,7 +25,7 @@ use serde::Deserialize;
 use tokio::sync::{Mutex, mpsc};
 use tokio::time::Instant;
 
-/// Name of the login question among the goals and questions that the robot requests.
+/// Name of the login question among the robot's initiatives.
 pub(crate) const LOGIN: &str = "login";
 
 /// Name of the method that lets a person log in.
@@ -35,8 +35,8 @@ pub(crate) const METHOD: &str = "log_in";
 /// each lock, trying all PINs of four digits takes eleven days.
 const LOCK_TIME: Duration = Duration::from_secs(5 * 60);
 
-/// Time of an attempt in addition to the wait for the person, for the transport of the question and
-/// the answer.
+/// Time of an attempt beyond the wait for the person: for the transport of the question and the
+/// answer.
 const ATTEMPT_MARGIN: Duration = Duration::from_secs(2);
 
 /// A request of the login to the actuator: to send a question, or to withdraw it.
@@ -46,7 +46,7 @@ enum QuestionRequest {
     Nothing,
 }
 
-/// Capacity of the queue of requests and of the queue of answers. Usually each has one element.
+/// Capacity of the queue of requests, and of the queue of answers. Usually each has one element.
 const WAITING_MAX: usize = 4;
 
 /// The key `login` in the `config` of an entry.
@@ -56,14 +56,13 @@ pub(crate) struct LoginConfig {
     /// PIN that a person must enter to log in.
     #[serde(default)]
     pin: Option<String>,
-    /// Path of a file with the PIN in its first line, as an alternative to a PIN in the ecosystem
-    /// file.
+    /// Path of a file with the PIN in its first line, in place of a PIN in the ecosystem file.
     #[serde(default)]
     pin_file: Option<PathBuf>,
     /// Time limit for one answer, such as `"60s"`.
     #[serde(default = "default_patience")]
     patience: String,
-    /// Number of wrong answers after which the screen is locked.
+    /// Number of wrong answers in one login after which the screen is locked.
     #[serde(default = "default_attempts")]
     attempts: u32,
     /// Time for which a person counts as validated after the login, such as `"10m"`.
@@ -99,8 +98,8 @@ impl Secret {
     }
 }
 
-/// Reads a PIN from a file. Returns an error if every user of the machine has access to the file,
-/// or its group can change it.
+/// Reads a PIN from a file. Returns an error if all users of the machine have access to the file,
+/// or if its group can change it.
 ///
 /// The group may read the file, because systemd passes credentials to services in this way, and
 /// administrators let a daemon read a file of root in this way.
@@ -200,8 +199,8 @@ impl Login {
         Box::pin(attempt.run())
     }
 
-    /// Waits until the login has a question to send or to withdraw, and returns the requests of the
-    /// robot for that.
+    /// Waits until the login has a question to send or to withdraw, and returns the initiatives for
+    /// that.
     pub(crate) fn next_question(&self) -> BoxFuture<Vec<Initiative>> {
         let (asked, patience) = (Arc::clone(&self.pending_requests), self.patience);
         Box::pin(async move {

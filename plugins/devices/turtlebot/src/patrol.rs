@@ -28,7 +28,7 @@ pub(crate) const ACTION: &str = "(:action patrol
         :precondition (at ?b ?l)
         :effect (and (patrolled ?l) (increase (total-cost) 1)))";
 
-/// Time limit of the action of looking around at a place.
+/// Time limit for looking around at a place.
 const LOOKING_TIME_MAX: Duration = Duration::from_secs(5);
 
 /// The key `patrol` in the `config` of an entry.
@@ -102,7 +102,7 @@ impl Patrol {
         }
     }
 
-    /// Returns the places that count as patrolled at present, as facts.
+    /// Returns the fact `patrolled` of each place that counts as patrolled at present.
     pub(crate) fn facts(&self) -> Vec<OwnFact> {
         let lately = self.last.iter().filter_map(|(place, at)| {
             let left = self.every.saturating_sub(at.elapsed());
