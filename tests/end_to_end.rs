@@ -1,8 +1,8 @@
 //! End-to-end tests: the program `althing` in real processes, over Zenoh.
 //!
-//! They are one target, so that the test support and its libraries are compiled and linked once. Targets
-//! of their own are `load` and `faults`, which need the machine for themselves, and `confinement`, where
-//! plugins attack their surroundings.
+//! They are one target, so that the test support and its libraries are compiled and linked once.
+//! Targets of their own are `load` and `faults`, which need the machine for themselves, and
+//! `confinement`, where plugins attack their surroundings.
 
 mod buildings;
 mod commands;

@@ -1,5 +1,6 @@
 //! Stops, on real processes: a robot that drives stands still, and begins nothing until the stop is
-//! released. The building of the simulated Nav2 is in the process of the test, and its truth decides.
+//! released. The building of the simulated Nav2 is in the process of the test, and its truth
+//! decides.
 
 use building::BuildingEvent;
 use simulated_nav2::RobotWire;

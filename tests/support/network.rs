@@ -238,8 +238,8 @@ impl Site {
         agents.iter().find(|each| each["agent"] == agent)?["incarnation"].as_u64()
     }
 
-    /// Waits until a later incarnation of an agent than `before` is seen from a machine. The absence
-    /// in between may be too short to be seen.
+    /// Waits until a later incarnation of an agent than `before` is seen from a machine. The
+    /// absence in between may be too short to be seen.
     pub(crate) fn await_later_incarnation(&self, machine: &str, agent: &str, before: u64) {
         let deadline = Instant::now() + PATIENCE;
         loop {

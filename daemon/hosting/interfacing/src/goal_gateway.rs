@@ -138,7 +138,8 @@ impl GoalGateway {
         self.open.insert(asking, work);
     }
 
-    /// Reports the state of a goal to the initiator. The texts of the other ecosystem are not passed on.
+    /// Reports the state of a goal to the initiator. The texts of the other ecosystem are not
+    /// passed on.
     fn answer(
         &mut self,
         participation: &Participation,

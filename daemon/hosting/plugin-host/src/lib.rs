@@ -109,8 +109,8 @@ pub struct HostSettings {
     pub packages: PackageStore,
     /// The ecosystem that the proxy agents join.
     pub spawner: Spawner,
-    /// Agents that the ecosystem file assigns to this daemon, by the name of the package that has to bring
-    /// them.
+    /// Agents that the ecosystem file assigns to this daemon, by the name of the package that has
+    /// to bring them.
     pub agents: BTreeMap<String, Vec<WantedAgent>>,
     /// Names of all agents in the ecosystem file, on any daemon.
     pub named: BTreeSet<AgentId>,

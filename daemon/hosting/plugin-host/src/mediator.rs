@@ -187,7 +187,8 @@ impl CallMediator {
     }
 
     /// Allows a signal only to processes of the plugin's own group. The process id can belong to
-    /// another process when the kernel sends the signal only if the checked process ends in between.
+    /// another process when the kernel sends the signal only if the checked process ends in
+    /// between.
     fn signal(&self, process: u64) -> Result<Response, Errno> {
         // A `pid_t` is the lower half of the register.
         let process = i32::from_ne_bytes(((process & 0xffff_ffff) as u32).to_ne_bytes());

@@ -248,8 +248,8 @@ impl Effects {
     ///
     /// # Errors
     ///
-    /// Returns diagnostics if `believe` or `retract` is not valid PDDL. Their places are in the first
-    /// of these texts that is not valid.
+    /// Returns diagnostics if `believe` or `retract` is not valid PDDL. Their places are in the
+    /// first of these texts that is not valid.
     pub fn read(change: &ChangeState) -> Result<Effects, Vec<Diagnostic>> {
         let ChangeState { believe, retract, owner: _ } = change;
         Ok(Effects {

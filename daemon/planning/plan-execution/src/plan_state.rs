@@ -379,8 +379,8 @@ impl PlanState {
 
     fn refused(&mut self, step: usize, refusal: &Refusal, out: &mut Vec<ExecutionCommand>) {
         let Some(running) = self.running_steps.get_mut(&step) else { return };
-        // A busy agent has not failed, because it can do the same action a moment later. Nor has one
-        // that declines what the plan assumes of it: the next plan begins with what it reports.
+        // A busy agent has not failed, because it can do the same action a moment later. Nor has
+        // one that declines what the plan assumes of it: the next plan begins with what it reports.
         let is_able =
             [Reason::Busy, Reason::MailboxFull, Reason::Conflict].contains(&refusal.reason);
         running.is_blamed = !is_able;

@@ -1,9 +1,9 @@
 //! Programs that stay: started once, spoken to over a socket, and ended with this process.
 //!
 //! The program runs in a process group of its own. A second process, the *watch*, is a shell that
-//! reads from a pipe whose write end only this process holds. When this process ends in any way, the
-//! kernel closes the pipe, and the watch kills the group and removes the folder of the program. A
-//! parent death signal would reach the program, but not its children. The watch does not cover a
+//! reads from a pipe whose write end only this process holds. When this process ends in any way,
+//! the kernel closes the pipe, and the watch kills the group and removes the folder of the program.
+//! A parent death signal would reach the program, but not its children. The watch does not cover a
 //! program that leaves its process group.
 
 use std::collections::VecDeque;
@@ -130,8 +130,8 @@ impl RunningProgram {
 
     /// Kills the program and its children, removes its folder, and waits until this is done.
     pub async fn end(mut self) {
-        // The watch does it. The number of the group cannot be reused meanwhile, because the program
-        // is not reaped before.
+        // The watch does it. The number of the group cannot be reused meanwhile, because the
+        // program is not reaped before.
         if let Some((mut watch, word)) = self.watch.take() {
             drop(word);
             let _ = tokio::time::timeout(CLEANING_UP, watch.wait()).await;

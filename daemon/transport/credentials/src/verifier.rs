@@ -208,8 +208,9 @@ impl Verifier {
         let Seal { incarnation, number, at, .. } = *seal;
         let place = MessagePosition { incarnation, channel, number, at, is_for_this_incarnation };
         heard.replays.record(signer, place, now)?;
-        // The rate is checked last: a replay of another daemon's messages must not use up that daemon's
-        // permits. A message that is dropped because of the rate is sent again under another number.
+        // The rate is checked last: a replay of another daemon's messages must not use up that
+        // daemon's permits. A message that is dropped because of the rate is sent again under
+        // another number.
         match heard.rate.take(self.messages_per_second, now) {
             true => Ok(()),
             false => Err(DistrustReason::Flooded),
@@ -329,8 +330,8 @@ impl Verifier {
     }
 }
 
-/// Returns the origin of a message that was sent under the name `signer` with this certificate; `None`
-/// if the certificate does not cover that name.
+/// Returns the origin of a message that was sent under the name `signer` with this certificate;
+/// `None` if the certificate does not cover that name.
 fn speaking(signer: &str, certificate: &Certificate) -> Option<VerifiedOrigin> {
     let signer = DaemonId::new(signer).ok()?;
     let voucher = certificate.daemon()?;

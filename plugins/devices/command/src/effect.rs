@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 use actuator::MethodCall;
 use pddl::{Atom, Effect, InitElement, Name, Term};
 
-/// Facts of the agent, by the text of the fact. The value of a function is listed by the text of the
-/// function.
+/// Facts of the agent, by the text of the fact. The value of a function is listed by the text of
+/// the function.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct AgentFacts(BTreeMap<String, InitElement>);
 

@@ -1,5 +1,5 @@
-//! The facts of an agent on disk, so that a restart of the daemon does not make facts false that the
-//! agent's programs have made true.
+//! The facts of an agent on disk, so that a restart of the daemon does not make facts false that
+//! the agent's programs have made true.
 
 use std::path::PathBuf;
 use std::{fs, io};
@@ -30,7 +30,8 @@ impl FactFile {
         FactFile { path, header: format!("; facts of the model {digest:016x}") }
     }
 
-    /// Returns the stored facts; `None` if there are none, or if they belong to another action model.
+    /// Returns the stored facts; `None` if there are none, or if they belong to another action
+    /// model.
     ///
     /// # Errors
     ///

@@ -1,14 +1,14 @@
 //! An actuator that runs programs: its entry has an action model in PDDL, and a program for each
 //! action.
 //!
-//! - `config` checks the model against the programs; `effect` applies the effects of actions to the agent's
-//!   facts.
+//! - `config` checks the model against the programs; `effect` applies the effects of actions to the
+//!   agent's facts.
 //! - The crate `programs` runs programs, and ends each one with all processes that it started.
 //! - If a program succeeds, the effect of its action becomes true. Lines that the program prints in
-//!   parentheses are additional facts, such as `(= (temperature office1) 21.5)` or `(not (lit office1))`;
-//!   the last other line is a message to people.
-//! - If a program is ended before it has finished, or the daemon ends while it runs, the facts that its
-//!   action would have changed are unknown.
+//!   parentheses are additional facts, such as `(= (temperature office1) 21.5)` or
+//!   `(not (lit office1))`; the last other line is a message to people.
+//! - If a program is ended before it has finished, or the daemon ends while it runs, the facts that
+//!   its action would have changed are unknown.
 //! - `fact_file` stores the facts, so that they outlive the daemon.
 //! - After a failure the actuator offers no actions for a while, so that plans are made without it.
 

@@ -105,8 +105,8 @@ struct DomainMaintainer {
     /// alone.
     has_requests: bool,
     journal_client: JournalClient<DomainMaintainer>,
-    /// Whether this replica of the Domain Maintainer leads. A standby receives the same messages and
-    /// sends none.
+    /// Whether this replica of the Domain Maintainer leads. A standby receives the same messages
+    /// and sends none.
     is_leading: bool,
     /// Version of the record of requested changes that this replica last read or wrote.
     record_version: Option<Version>,

@@ -294,8 +294,8 @@ impl PlanRequester {
             return self.replicate_plan(&id, ctx);
         }
         let was_running = self.goals.get(&id).is_some_and(|goal| goal.state.phase().is_running());
-        // If the initiator has asked this replica in the same incarnation, it may no longer wait in the
-        // exchange that the record names.
+        // If the initiator has asked this replica in the same incarnation, it may no longer wait in
+        // the exchange that the record names.
         if let Some(participation) = self.local_exchange(&record.participation) {
             record.participation = participation;
         }

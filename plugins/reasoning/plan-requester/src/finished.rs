@@ -80,8 +80,8 @@ impl FinishedGoals {
         self.own.iter().cloned().collect()
     }
 
-    /// Stores an outcome that was sent to the initiator of a goal. Whether the message arrived is not
-    /// known.
+    /// Stores an outcome that was sent to the initiator of a goal. Whether the message arrived is
+    /// not known.
     pub(crate) fn store_sent(&mut self, participation: Participation, report: Report) {
         self.sent.retain(|(other, _)| other.exchange != participation.exchange);
         if self.sent.len() >= TOLD_MAX {
@@ -90,8 +90,8 @@ impl FinishedGoals {
         self.sent.push_back((participation, report));
     }
 
-    /// Queues an outcome that could not be sent to its initiator. The queue is bounded, because each
-    /// outcome in it counts towards the maximum number of goals that are accepted at a time.
+    /// Queues an outcome that could not be sent to its initiator. The queue is bounded, because
+    /// each outcome in it counts towards the maximum number of goals that are accepted at a time.
     pub(crate) fn queue_unsent(&mut self, participation: Participation, report: Report) {
         self.unsent.push_back((participation, report));
     }
@@ -114,8 +114,8 @@ impl FinishedGoals {
         self.unsent.len()
     }
 
-    /// Returns the outcome of the goal that is requested once more with `participation`; `None` if no
-    /// outcome is known.
+    /// Returns the outcome of the goal that is requested once more with `participation`; `None` if
+    /// no outcome is known.
     pub(crate) fn of(&self, participation: &Participation) -> Option<&Report> {
         let is_it = |other: &Participation| {
             other.conversation == participation.conversation

@@ -94,10 +94,11 @@ struct Config {
     domain_maintainer: AgentId,
     planning_agent: AgentId,
     plan_executor: AgentId,
-    /// The action models that the agents of the ecosystem file will announce, as far as they are known.
+    /// The action models that the agents of the ecosystem file will announce, as far as they are
+    /// known.
     configured_models: Vec<ActionModel>,
-    /// Whether a new plan is made when a plan fails. Switched off only in tests that show the effect of
-    /// replanning.
+    /// Whether a new plan is made when a plan fails. Switched off only in tests that show the
+    /// effect of replanning.
     replanning: bool,
 }
 

@@ -1,5 +1,5 @@
-//! An ONVIF device for trying things by hand: prints its address, and runs until Ctrl-C. Its user is
-//! `admin` with the password `admin`, and its presets are `Home` and `Door`.
+//! An ONVIF device for trying things by hand: prints its address, and runs until Ctrl-C. Its user
+//! is `admin` with the password `admin`, and its presets are `Home` and `Door`.
 //!
 //! With an IP address of this machine as its argument, it is there for the network, and answers
 //! WS-Discovery; without one, it is there for this machine only.

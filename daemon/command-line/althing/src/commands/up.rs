@@ -201,8 +201,8 @@ async fn up(
         exit::with(exit::UNAVAILABLE)
     };
     hosting::warn_of_few_file_handles();
-    // The presence and the building are dropped after the node: other daemons must not see that this
-    // one has left before it has.
+    // The presence and the building are dropped after the node: other daemons must not see that
+    // this one has left before it has.
     let opened = match hosting::open_daemon(&ecosystem, &place).await {
         Ok(opened) => opened,
         Err(problem) => return unavailable(format!("failed to {problem}")),

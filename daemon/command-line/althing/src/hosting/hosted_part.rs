@@ -22,8 +22,8 @@ impl HostedPart {
     ///
     /// # Errors
     ///
-    /// Returns an error, as text for a person, if the ecosystem has no daemon of that name, or if it is
-    /// secured and does not name this machine.
+    /// Returns an error, as text for a person, if the ecosystem has no daemon of that name, or if
+    /// it is secured and does not name this machine.
     pub(crate) fn find(ecosystem: &Ecosystem, asked: Option<&str>) -> Result<HostedPart, String> {
         let host = host_name();
         let named = match asked {

@@ -1,5 +1,5 @@
-//! Opens the daemon of a machine: its place in the folder of sockets, its keys, its links, its simulated
-//! building and its agents.
+//! Opens the daemon of a machine: its place in the folder of sockets, its keys, its links, its
+//! simulated building and its agents.
 
 use std::path::PathBuf;
 

@@ -1,11 +1,11 @@
 //! Restarts this process if a thread of Zenoh has panicked.
 //!
-//! Such a thread may hold a lock of Zenoh's routing tables, which is then poisoned. The daemon would
-//! send and receive nothing any more, and would still look alive to its service manager. (A thread
-//! of Zenoh 1.10.2 can panic if a link closes and opens again while its machine is busy:
+//! Such a thread may hold a lock of Zenoh's routing tables, which is then poisoned. The daemon
+//! would send and receive nothing any more, and would still look alive to its service manager. (A
+//! thread of Zenoh 1.10.2 can panic if a link closes and opens again while its machine is busy:
 //! `unregister_subscriber` in `net/routing/hat/router/pubsub.rs` expects a context that is gone;
-//! eclipse-zenoh/zenoh#2624 is a similar panic.)
-//! As after any crash, the next incarnation reads its state from disk and from the Journals.
+//! eclipse-zenoh/zenoh#2624 is a similar panic.) As after any crash, the next incarnation reads its
+//! state from disk and from the Journals.
 
 use std::sync::OnceLock;
 use std::sync::mpsc::{SyncSender, sync_channel};
@@ -24,7 +24,8 @@ const UPTIME_MIN: Duration = Duration::from_secs(10);
 /// Channel that wakes the thread of [`watch_zenoh_panics`]. Empty in a process that does not watch.
 static ZENOH_PANICKED: OnceLock<SyncSender<()>> = OnceLock::new();
 
-/// Notes that a thread of this name has panicked. The panic hook of the program calls this function.
+/// Notes that a thread of this name has panicked. The panic hook of the program calls this
+/// function.
 pub(crate) fn note_panic(thread: &str) {
     if is_zenoh_thread(thread)
         && let Some(panicked) = ZENOH_PANICKED.get()

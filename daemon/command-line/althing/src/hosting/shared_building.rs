@@ -59,9 +59,9 @@ impl SimulatedBuilding {
     }
 }
 
-/// Opens the simulated building in which the simulated drivers of `agents` act: the one that another
-/// process serves at `socket`, or else a new one, which is served there. Opens none if no driver is
-/// simulated.
+/// Opens the simulated building in which the simulated drivers of `agents` act: the one that
+/// another process serves at `socket`, or else a new one, which is served there. Opens none if no
+/// driver is simulated.
 ///
 /// # Errors
 ///

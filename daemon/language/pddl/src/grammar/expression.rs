@@ -109,8 +109,8 @@ fn apply<'f>(
     items: Items<'f>,
     span: Span,
 ) -> Option<Expression> {
-    // `f(x)` is one operand, which is reported. The lists in `(+(f) 1)` and `(+ 1(f))` touch an operator
-    // and a number, and are operands of their own.
+    // `f(x)` is one operand, which is reported. The lists in `(+(f) 1)` and `(+ 1(f))` touch an
+    // operator and a number, and are operands of their own.
     let is_operand = |node: &SyntaxNode<'f>| {
         let is_name = |word: SyntaxNode<'f>| word.text().starts_with(char::is_alphabetic);
         !node.touched_word().is_some_and(is_name)

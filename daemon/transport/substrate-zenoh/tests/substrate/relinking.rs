@@ -1,10 +1,10 @@
 //! Tests of links that close and open again before the routes are computed anew: Zenoh then does
 //! not send its declarations again.
 //!
-//! In such a moment a thread of Zenoh 1.10.2 can panic on a busy machine: `unregister_subscriber` in
-//! `net/routing/hat/router/pubsub.rs` expects a context that is gone (eclipse-zenoh/zenoh#2624 has a
-//! similar panic). A session of which a thread has panicked proves nothing, so an attempt that fails
-//! after such a panic is repeated. Daemons restart themselves after it.
+//! In such a moment a thread of Zenoh 1.10.2 can panic on a busy machine: `unregister_subscriber`
+//! in `net/routing/hat/router/pubsub.rs` expects a context that is gone (eclipse-zenoh/zenoh#2624
+//! has a similar panic). A session of which a thread has panicked proves nothing, so an attempt
+//! that fails after such a panic is repeated. Daemons restart themselves after it.
 
 use std::panic;
 use std::sync::atomic::{AtomicUsize, Ordering};
