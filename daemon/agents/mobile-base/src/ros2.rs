@@ -392,8 +392,9 @@ impl Ros2Base {
             let link = RosLink::open(address, interfaces);
             let link = link.expect("invariant: the address was checked when the base was built");
             let robot = Nav2Robot::new(link, Nav2Names::default());
-            let (sender, readings) =
-                watch::channel(Err("the robot has not told where it stands yet".to_owned()));
+            let (sender, readings) = watch::channel(Err(
+                "read where the robot stands: it has not reported it yet".to_owned(),
+            ));
             let attending = Arc::clone(&self.settings).attend(robot.clone(), sender);
             let _attending = AbortOnDropHandle::new(tokio::spawn(attending));
             AttendedRobot { robot, readings, _attending }

@@ -5,15 +5,15 @@ use serde::{Deserialize, Serialize};
 use crate::AgentId;
 
 /// A stop of all actuators, or of some. An actuator that has received it ends its action and begins
-/// none, until this very stop is released. Actuators repeat the stops that they know in their
+/// none until this stop is released; other stops have no influence on that. Actuators repeat the stops that they know in their
 /// heartbeats, so that a stop reaches agents that were cut off when it was requested.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Stop {
     /// Identifier of the stop, chosen by its requester; a release names it.
     pub id: String,
-    /// Names of the agents and places that are stopped; if empty, everything is. A place stops the
-    /// agents that are there, and every action that names it.
+    /// Names of the agents and places that are stopped. An empty list stops everything. The name of
+    /// a place stops the agents that are there, and every action that names the place.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub scope: Vec<String>,
     /// The agent that requested the stop.
@@ -31,7 +31,7 @@ pub struct ReleaseStops {
     pub ids: Vec<String>,
 }
 
-/// State of one actuator with regard to stops, as it answers a query.
+/// The stops that one actuator knows: its answer to a query.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct StopState {
