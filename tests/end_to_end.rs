@@ -21,6 +21,7 @@ mod programs;
 mod reality;
 mod recording;
 mod robots;
+mod safeguards;
 mod scenario;
 mod security;
 mod sensors;

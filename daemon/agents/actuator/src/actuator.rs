@@ -1,6 +1,7 @@
 //! The actuator: the agent that drives a device.
 
 mod open_initiatives;
+mod safeguarding;
 mod stopping;
 
 use std::collections::{BTreeMap, VecDeque};
@@ -18,12 +19,14 @@ use agent::{
 };
 use capability::{CompositionCache, DomainSnapshot, model_digest, text_of};
 use planner::{Cancel, Replanner};
+use tokio::sync::oneshot;
 
 use crate::actuator::open_initiatives::OpenInitiatives;
 use crate::bidding::bid;
 use crate::device::{Description, Device, MethodCall, MethodFailure, MethodResult};
 use crate::erased_device::{ErasedDevice, ErasedYield};
 use crate::ledger::{Ledger, TokenState};
+use crate::safeguards::{GuardedActions, Safeguards};
 
 /// Maximum number of calls for proposals that are answered side by side; further calls are refused.
 /// Each answer uses a thread for some milliseconds.
@@ -53,6 +56,11 @@ pub struct Actuator {
     bid_cache: Arc<Mutex<BidCache>>,
     /// The last action that a stop has ended, with the identifier of the stop.
     ended_by_stop: Option<(String, String)>,
+    /// The actions that people have to allow, or that are limited in their rate.
+    guarded: GuardedActions,
+    /// Takes the answer of people to whether the running action may begin; `None` if no action waits
+    /// for it.
+    consent: Option<oneshot::Sender<Result<(), MethodFailure>>>,
     /// Work that brings the device to a standstill after the last stop.
     standing_still: Option<WorkHandle>,
     /// Work that waits for the next change of the daemon's stops.
@@ -122,6 +130,11 @@ impl Actuator {
         let folder = host.resources.get::<StateFolder>();
         let ledger = Ledger::open(&blueprint.id, folder.as_deref(), host.settings.tokens_max)
             .map_err(|error| blueprint.problem(format!("its tokens cannot be read: {error}")))?;
+        let safeguards = host.resources.get::<Safeguards>();
+        let guarded = GuardedActions::of(safeguards.as_deref(), &blueprint.id);
+        let actions = device.describe().model;
+        let actions = actions.actions.iter().map(|action| action.name.as_str());
+        guarded.check_names(actions).map_err(|why| blueprint.problem(why))?;
         Ok(Actuator {
             stops: host.stops(),
             device,
@@ -134,6 +147,8 @@ impl Actuator {
             running_bids: BTreeMap::new(),
             bid_cache: Arc::default(),
             ended_by_stop: None,
+            guarded,
+            consent: None,
             standing_still: None,
             following_stops: None,
             confirming_stops: VecDeque::new(),
@@ -328,6 +343,9 @@ impl Actuator {
         if let Some(stop) = self.stop_against(&action, ctx.id()) {
             return Err(stopping::refusal(&action, &stop));
         }
+        if let Some(refusal) = self.rate_objection(&action) {
+            return Err(refusal);
+        }
         let timeout = self.admissible(&action, &method, ctx.id())?;
         if let Some(running) = &self.running_command {
             let detail = format!("{} is under way", running.call.action);
@@ -341,6 +359,7 @@ impl Actuator {
         }
         ctx.answer(participation, Performative::Agree, &Agreement { token: token.clone() });
         let record = self.ledger.begin_token(token.clone());
+        let consent = self.begin_guarded(&call, ctx);
         let performance = self.device.perform(&call);
         let (recording, counters) = (ctx.run_blocking(record), ctx.failure_counters());
         let work = async move {
@@ -354,6 +373,7 @@ impl Actuator {
                 }
                 Err(error) => return Err(MethodFailure::Driver(error.to_string())),
             }
+            consent.await?;
             let performed = tokio::time::timeout(timeout, performance).await;
             performed.unwrap_or(Err(MethodFailure::TimedOut(timeout)))
         };
@@ -464,6 +484,8 @@ impl Actuator {
                         Some(Reason::TimedOut)
                     }
                     MethodFailure::Hindered(_) => Some(Reason::Conflict),
+                    MethodFailure::Forbidden(_) => Some(Reason::Incapable),
+                    MethodFailure::Unanswered(_) => Some(Reason::Unanswered),
                     _ => None,
                 };
                 Report { declined, ..report }
@@ -567,6 +589,7 @@ impl Actuator {
         else {
             return;
         };
+        self.withdraw_consent(ctx);
         self.device.on_failure(&call, &MethodFailure::GivenUp);
         let mut report = Report::new(Outcome::Cancelled, why);
         report.action = Some(call.action);

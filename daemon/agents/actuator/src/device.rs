@@ -40,7 +40,8 @@ pub trait Device: Sized + Send + 'static {
         None
     }
 
-    /// Runs a method of the device. Dropping the returned future cancels the method.
+    /// Runs a method of the device. Dropping the returned future cancels the method. Nothing may
+    /// happen before the future is polled, because a person may have to allow the action first.
     fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<Self::Yield, MethodFailure>>;
 
     /// Called when a method has succeeded. From then on [`Device::facts`] returns the new facts.
@@ -138,6 +139,12 @@ pub enum MethodFailure {
     /// as facts, so that the next plan avoids them; the action itself is not avoided.
     #[error("{0}")]
     Hindered(String),
+    /// A person has forbidden the action.
+    #[error("{0}")]
+    Forbidden(String),
+    /// No person has allowed the action in time.
+    #[error("{0}")]
+    Unanswered(String),
     /// The method was ended from outside at an unknown point, for this reason.
     #[error("{0}")]
     Interrupted(String),

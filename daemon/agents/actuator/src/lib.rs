@@ -6,6 +6,7 @@
 //! - Has its own planner and its own local domain, composed of the messages that its daemon
 //!   receives. Answers a call for proposals with plans for the conjuncts that it can reach alone or
 //!   with the agents it carries (the paper, “Decentralized Planning”).
+//! - Keeps the safeguards of the host: asks people before an action, and limits how often it begins.
 //! - Acts by itself: announces events of its device at once, requests goals, asks people questions.
 //!
 //! A plugin implements [`Device`], with the model, the facts and the methods of its device. This
@@ -20,6 +21,7 @@ mod ledger;
 mod measured_value;
 mod on_off;
 mod pddl_text;
+mod safeguards;
 
 pub use actuator::Actuator;
 pub use agent::StateFolder;
@@ -28,4 +30,5 @@ pub use initiative::{DeviceEvent, Initiative, InitiativeUpdate};
 pub use measured_value::{converted_value, is_possible_value, unit_conversion};
 pub use on_off::{OnOffNames, OnOffPredicates, is_derived};
 pub use pddl_text::{InvalidPlaceName, PlaceName, facts_of, model_of};
+pub use safeguards::{ActionSafeguard, RateLimit, Safeguards};
 pub use substrate::BoxFuture;

@@ -49,8 +49,9 @@ impl RosPart {
         work: BoxFuture<Result<(), String>>,
     ) -> BoxFuture<Result<(), String>> {
         let (on, robot) = (self.switch(service, true), self.clone());
-        let mut running = RunningSwitch { robot, service: service.to_owned(), is_on: true };
+        let service = service.to_owned();
         Box::pin(async move {
+            let mut running = RunningSwitch { robot, service, is_on: true };
             // A request without an answer may have been obeyed.
             on.await?;
             let done = work.await;

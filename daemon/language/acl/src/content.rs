@@ -485,7 +485,8 @@ pub struct Report {
     /// PDDL facts that were observed.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub observations: String,
-    /// Reason for which an agent refused the reported action; `None` if no agent refused it.
+    /// Reason why the reported action was refused or failed, as a code; `None` if there is no code for
+    /// it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub declined: Option<Reason>,
     /// Earlier reports about the goal. Only a final report that is repeated to a reconnected

@@ -131,6 +131,9 @@ impl Actuator {
             InitiativeUpdate::Unanswered(why) => why.as_str(),
         };
         tracing::info!(initiative = name, word, "news of an initiative");
+        if self.receive_consent(name, news) {
+            return;
+        }
         let initiatives = self.device.receive_news(name, news);
         self.send_heartbeat(ctx);
         self.carry_out(initiatives, ctx);
@@ -304,7 +307,7 @@ impl Actuator {
 
     // === questions ===
 
-    fn ask_people(
+    pub(super) fn ask_people(
         &mut self,
         name: String,
         question: &Question,
@@ -332,7 +335,12 @@ impl Actuator {
     }
 
     /// Withdraws a question of the device, if the question is open.
-    fn withdraw_question(&mut self, name: &str, detail: String, ctx: &mut Context<Self>) {
+    pub(super) fn withdraw_question(
+        &mut self,
+        name: &str,
+        detail: String,
+        ctx: &mut Context<Self>,
+    ) {
         if let Some(exchange) = self.initiatives.questions.remove(name) {
             ctx.cancel(&exchange, &Withdrawal { detail });
         }

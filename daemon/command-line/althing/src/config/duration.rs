@@ -30,6 +30,13 @@ pub(super) fn deserialize<'de, D: Deserializer<'de>>(from: D) -> Result<Duration
     parse(&String::deserialize(from)?).map_err(serde::de::Error::custom)
 }
 
+/// Does the same as [`deserialize`] for a duration that may be missing.
+pub(super) fn deserialize_some<'de, D: Deserializer<'de>>(
+    from: D,
+) -> Result<Option<Duration>, D::Error> {
+    deserialize(from).map(Some)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId};
+use actuator::Safeguards;
 use agent::{AdmissionPolicy, AgentSettings, Mode, Rights};
 use keyboard::GoalRequest;
 use pddl::{Domain, Problem};
@@ -42,6 +43,8 @@ pub(crate) struct Ecosystem {
     pub(crate) security: Option<SecuritySettings>,
     /// The rights of agents and daemons. Rights are enforced only if the ecosystem is secured.
     pub(crate) rights: Rights,
+    /// The actions that a person must allow, or that are limited in their rate.
+    pub(crate) safeguards: Safeguards,
     /// The settings for plugins that run as processes.
     pub(crate) plugins: PluginSettings,
     /// The settings of the simulated building.

@@ -15,6 +15,8 @@ mod interfaces;
 
 mod rights;
 
+mod safeguards;
+
 mod timing;
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -65,6 +67,7 @@ pub(super) fn interpret_values(
         limits,
         security,
         rights,
+        safeguards,
         plugins,
         building,
     } = raw;
@@ -87,6 +90,7 @@ pub(super) fn interpret_values(
     if let AllowedNames::These(newcomers) = &mut rights.newcomers {
         newcomers.extend(interfaces.iter().filter_map(|interface| interface.daemon.clone()));
     }
+    let safeguards = meaning.safeguards(safeguards, &agents);
     let plugins = meaning.plugins(plugins);
     let building = meaning.building(building, files.as_ref());
 
@@ -108,6 +112,7 @@ pub(super) fn interpret_values(
         settings,
         security,
         rights,
+        safeguards,
         plugins,
         building,
         places: SourceMap::of(layers),

@@ -30,8 +30,22 @@ pub(super) struct RawConfig {
     pub(super) limits: RawLimits,
     pub(super) security: RawSecurity,
     pub(super) rights: RawRights,
+    #[serde(default)]
+    pub(super) safeguards: BTreeMap<String, BTreeMap<String, RawSafeguard>>,
     pub(super) plugins: RawPlugins,
     pub(super) building: RawBuilding,
+}
+
+/// The values of one action in `[safeguards]`.
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "kebab-case", default)]
+pub(super) struct RawSafeguard {
+    pub(super) confirm: bool,
+    #[serde(deserialize_with = "duration::deserialize_some")]
+    pub(super) patience: Option<Duration>,
+    pub(super) at_most: Option<u32>,
+    #[serde(deserialize_with = "duration::deserialize_some")]
+    pub(super) per: Option<Duration>,
 }
 
 /// The values of one goal in `[goals]`.

@@ -199,6 +199,7 @@ fn scalar(shape: &Shape, value: &DeValue<'_>) -> Result<Value, Option<String>> {
             Ok(_) => ok,
             Err(help) => Err(Some(help)),
         },
+        (Shape::Flag, DeValue::Boolean(_)) => ok,
         (Shape::Duration, DeValue::Integer(_) | DeValue::Float(_)) => {
             Err(Some("a duration has a unit and stands in quotes, such as \"500ms\"".to_owned()))
         }
@@ -227,6 +228,9 @@ fn type_correction(path: &str, shape: &Shape, value: &DeValue<'_>) -> Option<Str
         }
         (Shape::Text | Shape::Texts, DeValue::Integer(_) | DeValue::Float(_)) => {
             Some(format!("write {key} = \"{}\"", toml_text(value)))
+        }
+        (Shape::Flag, DeValue::String(text)) if ["true", "false"].contains(&text.as_ref()) => {
+            Some(format!("write {key} = {text}, without quotes"))
         }
         (Shape::Number { .. } | Shape::Count, DeValue::String(text)) => {
             let plain = text.trim().replace(',', ".");

@@ -25,6 +25,8 @@ pub(super) enum Shape {
     Duration,
     /// A whole number greater than 0.
     Count,
+    /// `true` or `false`.
+    Flag,
     /// A number from `min` to `max`.
     Number { min: f64, max: f64 },
     /// A list in brackets, with elements of this shape.
@@ -58,6 +60,11 @@ pub(super) static FILE: Shape = Shape::Table(&[
     key("limits", Shape::Table(LIMITS), "lengths of queues"),
     key("security", Shape::Table(SECURITY), "links by TLS, and signed messages"),
     key("rights", Shape::Table(RIGHTS), "rights, in a secured ecosystem"),
+    key(
+        "safeguards",
+        Shape::Each(&Shape::Each(&Shape::Table(SAFEGUARD))),
+        "actions that a person must allow, or that are limited, by agent and action",
+    ),
     key("plugins", Shape::Table(PLUGINS), "plugins that run as processes"),
     key("building", Shape::Table(BUILDING), "the simulated building"),
 ]);
@@ -80,6 +87,13 @@ const GOAL: &[SchemaKey] = &[
 /// The shape of a goal's priority: a number that fits into an `i32` and that people can still
 /// compare.
 const PRIORITY: Shape = Shape::Number { min: -1_000_000.0, max: 1_000_000.0 };
+
+const SAFEGUARD: &[SchemaKey] = &[
+    key("confirm", Shape::Flag, "whether a person must allow the action each time"),
+    key("patience", Shape::Duration, "how long people may take to allow it"),
+    key("at-most", Shape::Count, "how often it may begin in the time `per`"),
+    key("per", Shape::Duration, "the time that `at-most` counts in"),
+];
 
 const AGENT: &[SchemaKey] = &[
     key("name", Shape::Text, "its name, such as \"thermometer-office2\""),
@@ -202,6 +216,7 @@ impl Shape {
             }
             Shape::Duration => "a duration, such as \"500ms\", \"2s\" or \"1min\"".to_owned(),
             Shape::Count => "a whole number above 0".to_owned(),
+            Shape::Flag => "true or false".to_owned(),
             Shape::Number { min, max } => format!("a number from {min} to {max}"),
             Shape::List(element) => format!("a list in [ ], each {}", element.expected()),
             Shape::Table(_) | Shape::Each(_) | Shape::Free => "a table".to_owned(),
@@ -221,6 +236,7 @@ impl Shape {
             Shape::Brief(key, _) => format!("\"TEXT\" | {{ {key} = \"TEXT\", … }}"),
             Shape::Duration => "\"NUMBER(ms|s|min|h)\"".to_owned(),
             Shape::Count => "INTEGER".to_owned(),
+            Shape::Flag => "true|false".to_owned(),
             Shape::Number { .. } => "NUMBER".to_owned(),
             Shape::List(element) => format!("[{}, …]", element.notation()),
             Shape::Table(_) | Shape::Each(_) | Shape::Free => "{ KEY = VALUE, … }".to_owned(),

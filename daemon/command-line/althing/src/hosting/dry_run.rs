@@ -25,6 +25,7 @@ impl DryRun {
     pub(crate) fn of(ecosystem: &Ecosystem) -> DryRun {
         let mut resources = Resources::default();
         resources.insert(BuildCheck);
+        resources.insert(ecosystem.safeguards.clone());
         // Drivers need a handle of a building. No agent acts, so the building is empty.
         let building = Building::new(Layout::new(), 1.0);
         building.into_iter().for_each(|building| resources.insert(building.handle()));

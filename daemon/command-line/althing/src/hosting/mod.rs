@@ -205,6 +205,7 @@ impl DaemonNode {
         building.into_iter().for_each(|building| resources.insert(building));
         let admit = ecosystem.plugins.admit;
         resources.insert(Admissions::new(admit));
+        resources.insert(ecosystem.safeguards.clone());
         let named = ecosystem.agents.iter().map(|entry| entry.name.to_string());
         resources.insert(ConfiguredNames(named.collect()));
         let uses_models = |entry: &AgentEntry| {

@@ -1,0 +1,97 @@
+//! Safeguards of an actuator: people are asked before an action begins, and an action that has begun
+//! too often is refused for a while.
+
+use acl::Millis;
+use acl::content::{Question, Reason, Refusal};
+use agent::Context;
+use substrate::BoxFuture;
+use tokio::sync::oneshot;
+use tokio::time::Instant;
+
+use super::Actuator;
+use crate::device::{Description, MethodCall, MethodFailure};
+use crate::initiative::InitiativeUpdate;
+
+/// Name of the question whether an action may begin. No device uses it: names of devices have no
+/// space.
+const QUESTION: &str = "may begin";
+
+/// Answers that allow an action, in lower case. Every other answer forbids it.
+const CONSENT: [&str; 2] = ["yes", "y"];
+
+impl Actuator {
+    /// Adds the time for asking people to the time limits of the methods that they have to allow. An
+    /// action that has begun too often stays offered, so that its refusal tells the reason.
+    pub(super) fn guard_offer(&self, offer: &mut Description) {
+        for (action, method) in &mut offer.methods {
+            let patience = self.guarded.asks_people(action).unwrap_or_default();
+            method.timeout = Millis(method.timeout.0 + patience);
+        }
+    }
+
+    /// Returns a refusal if an action has begun too often.
+    pub(super) fn rate_objection(&self, action: &str) -> Option<Refusal> {
+        let step = pddl::parse_step(action).into_result().ok()?;
+        let why = self.guarded.objection(step.action.as_str(), Instant::now())?;
+        Some(Refusal::new(Reason::Incapable, why))
+    }
+
+    /// Records that an action begins. If people have to allow it, asks them, and returns a future
+    /// that ends with their answer.
+    pub(super) fn begin_guarded(
+        &mut self,
+        call: &MethodCall,
+        ctx: &mut Context<Self>,
+    ) -> BoxFuture<Result<(), MethodFailure>> {
+        let step = pddl::parse_step(&call.action).into_result().ok();
+        let name = step.map(|step| step.action.as_str().to_owned()).unwrap_or_default();
+        self.guarded.begins(&name, Instant::now());
+        let Some(patience) = self.guarded.asks_people(&name) else {
+            return Box::pin(std::future::ready(Ok(())));
+        };
+        let text = format!("`{}` is about to do {}. May it? yes, no", ctx.id(), call.action);
+        let (answer, answered) = oneshot::channel();
+        self.consent = Some(answer);
+        self.ask_people(QUESTION.to_owned(), &Question::new(text), patience, ctx);
+        Box::pin(async move {
+            // The actuator drops the sender if it gives the action up.
+            answered.await.unwrap_or(Err(MethodFailure::GivenUp))
+        })
+    }
+
+    /// Passes an answer to the action that waits for consent. Returns `false` if the news is about
+    /// something else.
+    pub(super) fn receive_consent(&mut self, name: &str, news: &InitiativeUpdate) -> bool {
+        if name != QUESTION {
+            return false;
+        }
+        let consent = match news {
+            InitiativeUpdate::Answer(answer) => {
+                match CONSENT.contains(&answer.trim().to_lowercase().as_str()) {
+                    true => Ok(()),
+                    false => Err(MethodFailure::Forbidden("get leave: a person said no".into())),
+                }
+            }
+            InitiativeUpdate::Unanswered(why) => {
+                Err(MethodFailure::Unanswered(format!("get leave from a person: {why}")))
+            }
+            InitiativeUpdate::Refused(refusal) => {
+                let why = &refusal.detail;
+                Err(MethodFailure::Unanswered(format!("ask a person for leave: {why}")))
+            }
+            InitiativeUpdate::Report(_) => return true,
+        };
+        if let Some(waiting) = self.consent.take() {
+            // An action that was given up meanwhile needs no answer.
+            drop(waiting.send(consent));
+        }
+        true
+    }
+
+    /// Withdraws the question whether the action may begin, because the action is given up.
+    pub(super) fn withdraw_consent(&mut self, ctx: &mut Context<Self>) {
+        if self.consent.take().is_some() {
+            self.withdraw_question(QUESTION, "the action was given up".to_owned(), ctx);
+        }
+    }
+}

@@ -1,0 +1,142 @@
+//! Safeguards of actions: a person has to allow an action each time, or it is limited in its rate.
+
+use std::collections::{BTreeMap, VecDeque};
+use std::time::Duration;
+
+use acl::AgentId;
+use tokio::time::Instant;
+
+/// Resource of a host: the safeguards of its agents' actions, by agent and by the name of the
+/// action. Agents that no file names, such as those of a gateway, may have safeguards, too.
+#[derive(Clone, Debug, Default)]
+pub struct Safeguards(pub BTreeMap<AgentId, BTreeMap<String, ActionSafeguard>>);
+
+/// The safeguard of one action.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct ActionSafeguard {
+    /// How long people may take to allow the action; `None` if nobody is asked.
+    pub asks_people: Option<Duration>,
+    /// How often the action may begin; `None` without a limit.
+    pub limit: Option<RateLimit>,
+}
+
+/// Maximum number of times that an action may begin in any span of time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RateLimit {
+    /// The maximum number of times.
+    pub at_most: u32,
+    /// The span of time.
+    pub per: Duration,
+}
+
+/// The safeguards of one agent, and when its limited actions began lately.
+#[derive(Debug, Default)]
+pub(crate) struct GuardedActions {
+    safeguards: BTreeMap<String, ActionSafeguard>,
+    begun: BTreeMap<String, VecDeque<Instant>>,
+}
+
+impl GuardedActions {
+    /// Returns the safeguards of the agent `own`; none if the host has none.
+    pub(crate) fn of(safeguards: Option<&Safeguards>, own: &AgentId) -> GuardedActions {
+        let safeguards = safeguards.and_then(|all| all.0.get(own)).cloned().unwrap_or_default();
+        GuardedActions { safeguards, begun: BTreeMap::new() }
+    }
+
+    /// Checks that the agent, which offers these `actions` at its start, has each guarded action: a
+    /// misspelled name would guard nothing. An agent that offers nothing yet is not checked.
+    ///
+    /// # Errors
+    ///
+    /// Returns the first name that is not offered, with those that are.
+    pub(crate) fn check_names<'a>(
+        &self,
+        actions: impl Iterator<Item = &'a str>,
+    ) -> Result<(), String> {
+        let offered: Vec<&str> = actions.collect();
+        let unknown = self.safeguards.keys().find(|name| !offered.contains(&name.as_str()));
+        let Some(unknown) = unknown.filter(|_| !offered.is_empty()) else { return Ok(()) };
+        let near = pddl::nearest(unknown, offered.iter().copied());
+        let hint = match near {
+            Some(near) => format!("did you mean `{near}`?"),
+            None => format!("it has {}", offered.join(", ")),
+        };
+        Err(format!("`safeguards` names `{unknown}`, which is no action of it; {hint}"))
+    }
+
+    /// Returns how long people may take to allow the action; `None` if nobody is asked.
+    pub(crate) fn asks_people(&self, action: &str) -> Option<Duration> {
+        self.safeguards.get(action)?.asks_people
+    }
+
+    /// Returns why the action may not begin at the time `now`; `None` if it may.
+    pub(crate) fn objection(&self, action: &str, now: Instant) -> Option<String> {
+        let RateLimit { at_most, per } = self.safeguards.get(action)?.limit?;
+        let begun = self.begun.get(action)?;
+        // The oldest of the last `at_most` beginnings.
+        let first = begun.iter().rev().nth(usize::try_from(at_most).ok()?.checked_sub(1)?)?;
+        let rest = (*first + per).saturating_duration_since(now);
+        // Whole seconds, rounded up, so that nobody is told to wait for nothing.
+        let rest = Duration::from_secs(rest.as_secs_f64().ceil() as u64);
+        (!rest.is_zero()).then(|| {
+            let (per, rest) = (humantime::format_duration(per), humantime::format_duration(rest));
+            let times = if at_most == 1 { "once" } else { &format!("{at_most} times") };
+            format!("`{action}` may begin at most {times} in {per}; again in {rest}")
+        })
+    }
+
+    /// Records that an action begins.
+    pub(crate) fn begins(&mut self, action: &str, now: Instant) {
+        let Some(RateLimit { at_most, .. }) = self.safeguards.get(action).and_then(|it| it.limit)
+        else {
+            return;
+        };
+        let begun = self.begun.entry(action.to_owned()).or_default();
+        begun.push_back(now);
+        let surplus = begun.len().saturating_sub(usize::try_from(at_most).unwrap_or(usize::MAX));
+        begun.drain(..surplus);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const MINUTE: Duration = Duration::from_secs(60);
+
+    fn guarded(at_most: u32) -> GuardedActions {
+        let limit = Some(RateLimit { at_most, per: MINUTE });
+        let safeguard = ActionSafeguard { asks_people: None, limit };
+        let own = AgentId::new("heater").expect("a name");
+        let of = [("switch-on".to_owned(), safeguard)].into();
+        GuardedActions::of(Some(&Safeguards([(own.clone(), of)].into())), &own)
+    }
+
+    #[test]
+    fn an_action_may_begin_as_often_as_its_limit_allows_in_any_span() {
+        let (mut heater, start) = (guarded(2), Instant::now());
+        let at = |seconds| start + Duration::from_secs(seconds);
+        for second in [0, 50] {
+            assert_eq!(heater.objection("switch-on", at(second)), None);
+            heater.begins("switch-on", at(second));
+        }
+        assert_eq!(
+            heater.objection("switch-on", at(59)).as_deref(),
+            Some("`switch-on` may begin at most 2 times in 1m; again in 1s")
+        );
+        // The span slides: the second beginning still counts.
+        assert_eq!(heater.objection("switch-on", at(60)), None);
+        heater.begins("switch-on", at(60));
+        assert!(heater.objection("switch-on", at(109)).is_some());
+        assert_eq!(heater.objection("switch-on", at(110)), None);
+        assert_eq!(heater.objection("switch-off", at(59)), None, "it has no limit");
+    }
+
+    #[test]
+    fn a_limit_of_once_is_said_so() {
+        let (mut heater, start) = (guarded(1), Instant::now());
+        heater.begins("switch-on", start);
+        let why = heater.objection("switch-on", start).expect("too early");
+        assert_eq!(why, "`switch-on` may begin at most once in 1m; again in 1m");
+    }
+}
