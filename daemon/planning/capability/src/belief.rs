@@ -37,7 +37,7 @@ pub(crate) struct FactClaim {
     pub(crate) until: Option<Timestamp>,
 }
 
-/// Believed value of a term, and the latest time at which it expires; `until` is `None` if the
+/// Believed value of a fact, and the latest time at which it expires; `until` is `None` if the
 /// value does not expire.
 #[derive(Clone, Copy, Debug)]
 struct BelievedValue {
@@ -105,8 +105,8 @@ pub(crate) struct Beliefs {
 // === impl ClaimSource ===
 
 impl ClaimSource {
-    /// Whether this maintainer must send a claim of this origin to other maintainers, because they
-    /// cannot receive the claim in any other way.
+    /// Whether this maintainer must send a claim from this source to other maintainers, because
+    /// they cannot receive the claim in any other way.
     pub(crate) fn is_requested(self) -> bool {
         match self {
             ClaimSource::Request
@@ -119,8 +119,8 @@ impl ClaimSource {
 }
 
 impl ClaimSource {
-    /// Whether a claim of this origin comes neither from a model nor from a heartbeat. Such a claim
-    /// ends when an agent that is responsible for the fact contradicts the claim.
+    /// Whether the source is neither a model nor a heartbeat. A claim from such a source ends when
+    /// an agent that is responsible for the fact contradicts the claim.
     fn is_another(self) -> bool {
         self.is_requested() || self == ClaimSource::Announced
     }
@@ -647,7 +647,7 @@ impl Beliefs {
         })
     }
 
-    /// Returns the believed value of a term. The value is read from `holding` if that is kept up to
+    /// Returns the believed value of a fact. The value is read from `holding` if that is kept up to
     /// date, and otherwise computed from the claims.
     pub(crate) fn value_of(
         &self,

@@ -13,7 +13,8 @@ pub(crate) enum FactSymbolKind {
     Function,
 }
 
-/// The term of a fact, without its value. Claims with the same term are claims about the same fact.
+/// The identity of a fact, which does not include its value: a predicate or a function, and the
+/// arguments.
 ///
 /// A key is cheap to clone: several tables of each maintainer contain it, and a machine may run
 /// many maintainers.
@@ -27,7 +28,7 @@ struct FactTerm {
     arguments: Box<[Name]>,
 }
 
-/// The value that a claim gives a term.
+/// The value that a claim states for a fact. A false fact has no value, because no owner claims it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum FactValue {
     /// The fact of a predicate is true.
@@ -38,7 +39,7 @@ pub(crate) enum FactValue {
     Number(Number),
 }
 
-/// Meaning of an element of `:init`, as a statement about a term.
+/// Meaning of an element of `:init`, as a statement about a fact.
 pub(crate) enum FactStatement {
     /// The fact or function has the given value.
     Is(FactKey, FactValue),
@@ -58,7 +59,7 @@ pub enum Owner {
     Agent(AgentId),
 }
 
-/// The origin of a claim.
+/// The source of a claim: how the Domain Maintainer came to know it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[non_exhaustive]
 pub enum ClaimSource {
@@ -119,7 +120,7 @@ impl FactKey {
         &self.0.arguments
     }
 
-    /// Returns the element of `:init` that gives this term `value`.
+    /// Returns the element of `:init` that states `value` for this fact.
     pub(crate) fn element(&self, value: FactValue) -> InitElement {
         let arguments = self.arguments().iter().cloned().map(Term::Object).collect();
         let span = Span::default();

@@ -2,7 +2,7 @@
 //! one problem.
 //!
 //! Start reading at [`Maintainer`]. Agents join and leave, announce their action models and report
-//! facts. At every moment there is one composite domain and one state, with the origin of each
+//! facts. At every moment there is one composite domain and one state, with the claims about each
 //! fact. A [`DomainSnapshot`] of both is the input of a planner.
 //!
 //! The central maintainer and the maintainer that the actuators of a daemon share are the same

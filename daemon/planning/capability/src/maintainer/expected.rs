@@ -25,10 +25,10 @@ use crate::timestamp::Timestamp;
 type Binding = BTreeMap<Name, Name>;
 
 impl Maintainer {
-    /// Marks the facts as unknown that agents which have not joined yet will be responsible for.
-    /// `models` are the models of these agents, as far as the ecosystem file determines them.
-    /// Agents that have joined already, and models that exceed a limit, are skipped. The marks of
-    /// an agent end when the agent joins.
+    /// Marks facts as unknown if an agent that has not joined yet will be responsible for them.
+    /// `models` are the models of such agents, as far as the ecosystem file determines them. Agents
+    /// that have joined already, and models that exceed a limit, are skipped. The marks of an agent
+    /// end when the agent joins.
     pub fn expect_agents(
         &mut self,
         models: impl IntoIterator<Item = ActionModel>,

@@ -459,7 +459,7 @@ fn is_other(known: &FactClaim, told: &FactClaim) -> bool {
     !is_same_end || known.value != told.value
 }
 
-/// Returns an arbitrary value for a fact, used where only the term of the fact matters.
+/// Returns an arbitrary value for a fact, used where the value does not matter.
 fn any_value(fact: &FactKey) -> FactValue {
     match fact.space() {
         FactSymbolKind::Predicate => FactValue::True,

@@ -1,5 +1,5 @@
-//! Outputs of the Domain Maintainer: snapshots for planning, and the believed state with the origin
-//! of each fact.
+//! Outputs of the Domain Maintainer: snapshots for planning, and the believed state with the claims
+//! about each fact.
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -48,7 +48,7 @@ pub struct OwnerClaim {
     /// Number of the owner's latest heartbeat that contains the claim; 0 if no heartbeat has made
     /// it.
     pub sequence: u64,
-    /// The origin of the claim.
+    /// The source of the claim.
     pub source: ClaimSource,
     /// Time since the owner last made or repeated the claim.
     pub age: Duration,
