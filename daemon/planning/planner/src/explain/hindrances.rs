@@ -1,8 +1,8 @@
-//! Facts that hold and prevent a part of a goal: no action ends them, and every way to the part needs
-//! some of them to be false.
+//! Facts that hold and prevent a part of a goal: no action ends them, and every way to the part
+//! needs some of them to be false.
 //!
-//! A smallest set of such facts is searched by removing facts from the problem and testing whether
-//! the part becomes reachable (QuickXplain: Junker, 2004).
+//! A smallest set of such facts is found by removing facts from the problem and testing whether the
+//! part becomes reachable (QuickXplain: Junker, 2004).
 
 use std::collections::BTreeSet;
 
@@ -14,15 +14,16 @@ use crate::limits::Cancel;
 use crate::options::Options;
 use crate::outcome::PlanError;
 
-/// Maximum number of facts among which hindrances are searched. Each test grounds the task anew.
+/// Maximum number of facts among which hindrances are searched for. Each test grounds the task
+/// anew.
 const CANDIDATES_MAX: usize = 64;
 
-/// Prefixes of the auxiliary predicates for unknown facts (`pddl::knowledge`), which mean nothing to
-/// a person.
+/// Prefixes of the auxiliary predicates for unknown facts (`pddl::knowledge`), which mean nothing
+/// to a person.
 const AUXILIARY: [&str; 2] = ["unknown-", "maybe-"];
 
-/// Returns a smallest set of facts without which `part` would be reachable; an empty set if there is
-/// none, or if there are too many candidates.
+/// Returns a smallest set of facts without which `part` would be reachable; an empty set if there
+/// is none, or if there are too many candidates.
 ///
 /// # Errors
 ///

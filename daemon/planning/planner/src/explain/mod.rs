@@ -40,7 +40,7 @@ use crate::options::Options;
 use crate::outcome::PlanError;
 
 /// Maximum number of alternatives that are listed for one part of the goal, the smallest ones
-/// first, and of parts whose hindrances are searched. More would not help a person.
+/// first, and of parts whose hindrances are searched for. More would not help a person.
 const ALTERNATIVES_MAX: usize = 3;
 
 /// Inputs of an explanation.

@@ -1,6 +1,6 @@
-//! Computes the suppositions that make each literal of the supposed task reachable. The result for
-//! a literal is its smallest sets of at most two suppositions. The sets are propagated along the
-//! operators to a fixpoint.
+//! Computes the suppositions that make each literal of the [`SupposedTask`] reachable. The result
+//! for a literal is its smallest sets of at most two suppositions. The sets are propagated along
+//! the operators to a fixpoint.
 
 use std::collections::{BTreeMap, VecDeque};
 
@@ -27,7 +27,8 @@ pub(super) struct SuppositionSet {
     members: [u32; 2],
 }
 
-/// Origin of a rule in the supposed task.
+/// What a rule supposes, according to the operator or axiom of the [`SupposedTask`] that it comes
+/// from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum RuleOrigin {
     /// An action that an agent offers, or an axiom: no supposition is needed.
@@ -46,7 +47,7 @@ struct SuppositionRule {
     origin: RuleOrigin,
 }
 
-/// The supposed task as rules over literals.
+/// The operators and axioms of the [`SupposedTask`], each as a [`SuppositionRule`].
 #[derive(Default)]
 pub(super) struct SuppositionRules {
     rules: Vec<SuppositionRule>,

@@ -1,4 +1,5 @@
-//! Builds the relaxed task with supposed capabilities, as a domain and a problem.
+//! Builds the *supposed task*: the relaxed task with operators that suppose missing capabilities,
+//! as a domain and a problem.
 //!
 //! Every action that an agent offers, or has offered, has a guard: a fact that allows an agent to
 //! use the action. The task has four kinds of auxiliary operators:
@@ -29,8 +30,8 @@ const THERE: &str = "%there";
 const NEW: &str = "%new";
 const EXPLAINED: &str = "%explained";
 
-/// Meaning of an auxiliary operator of the supposed task. An operator is identified by the name of
-/// its schema.
+/// Meaning of an auxiliary operator of the [`SupposedTask`]. An operator is identified by the name
+/// of its schema.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum OperatorMeaning {
     /// An agent offers the capability with this index.
@@ -52,7 +53,8 @@ pub(super) struct SupposableFact {
     pub(super) capability: Option<usize>,
 }
 
-/// The supposed task, with the meanings of its auxiliary operators.
+/// The relaxed task in which missing capabilities can be supposed, with the meanings of its
+/// auxiliary operators.
 pub(super) struct SupposedTask {
     pub(super) domain: Domain,
     pub(super) problem: Problem,

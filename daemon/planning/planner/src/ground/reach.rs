@@ -92,7 +92,8 @@ pub(super) fn reach_on(
     reach.finish()
 }
 
-/// Numbers of objects and schemas in the continued earlier evaluation.
+/// Numbers of objects and schemas that the task had in the earlier evaluation, which [`reach_on`]
+/// continues.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct PreviousCounts {
     pub(super) objects: usize,

@@ -29,8 +29,8 @@ const WIDE: usize = 8;
 /// therefore relaxed reachable, and joins of four variables over them are too large.
 const WHOLE_MAX: usize = 3;
 
-/// Maximum number of parameters in one piece. The piece of a single test with more
-/// parameters is larger.
+/// Maximum number of parameters in one piece. A single conjunct of the precondition with more
+/// parameters has a larger piece of its own.
 const PIECE_MAX: usize = 2;
 
 /// A lifted task with its wide actions split into pieces.
@@ -342,7 +342,7 @@ fn next(schema: &LiftedSchema, bound: &[SlotIndex], open: &[Formula]) -> SlotInd
 // === impl Piece ===
 
 impl Piece {
-    /// Whether a test fits into this piece within the limit on parameters.
+    /// Whether a conjunct of the precondition fits into this piece within the limit on parameters.
     fn has_room_for(&self, test: &Formula) -> bool {
         let mut scope = self.scope.clone();
         extend(&mut scope, test);
