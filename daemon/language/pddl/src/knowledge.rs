@@ -139,8 +139,8 @@ impl Knowledge {
         self.symbols.values().any(|auxiliary| auxiliary.names().any(|name| name == predicate))
     }
 
-    /// Returns the symbol with the auxiliary predicate `unknown-…` that `predicate` is; `None` for
-    /// other predicates.
+    /// Returns the symbol of which `predicate` is the auxiliary predicate `unknown-…`; `None` if
+    /// `predicate` is not such an auxiliary predicate.
     pub fn unknown_by(&self, predicate: &Name) -> Option<&Name> {
         let is_it = |auxiliary: &AuxiliaryPredicates| match auxiliary {
             AuxiliaryPredicates::Predicate { unknown, .. }

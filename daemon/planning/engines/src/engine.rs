@@ -20,7 +20,7 @@ impl ExternalEngine {
         }
     }
 
-    /// Returns the file names of the engine's program that are searched for on `PATH`.
+    /// Returns the file names under which the engine's program is searched for on `PATH`.
     pub(crate) fn programs(self) -> &'static [&'static str] {
         match self {
             ExternalEngine::FastDownward => &["fast-downward.py", "fast-downward"],

@@ -54,8 +54,8 @@ pub enum GoalEvent {
     /// This attempt has found that the goal does not hold, and that the listed blockers use all
     /// agents that offer any action.
     AgentsBusy(Attempt, Blockers),
-    /// This attempt has found that the goal does not hold. A plan can be searched for, by the given
-    /// agents.
+    /// This attempt has found that the goal does not hold, and that it can be planned for, in the
+    /// given flow.
     GoalOpen(Attempt, PlanningFlow),
     /// The Planning Agent has not answered this attempt, or has declined it. The text gives the
     /// reason; planning is tried again after the duration.

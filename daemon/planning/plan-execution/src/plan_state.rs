@@ -310,8 +310,8 @@ impl PlanState {
                 if let Some(why @ (Reason::Uncertain | Reason::TimedOut)) = report.declined {
                     return self.step_uncertain(step, &agent, (why, &report.detail), out);
                 }
-                // The agent is able, and its surroundings are not as the plan assumed: the next plan
-                // begins with the facts that it reports.
+                // The agent is able, and its surroundings are not as the plan assumed: the next
+                // plan begins with the facts that it reports.
                 if report.declined == Some(Reason::Conflict)
                     && let Some(running) = self.running_steps.get_mut(&step)
                 {
