@@ -543,8 +543,8 @@ impl Actuator {
         }
     }
 
-    /// Handles that a requester of the running action has stood down. The action goes on if another
-    /// requester follows it now or soon.
+    /// Removes a requester of the running action that has stood down. The action goes on if another
+    /// requester follows it now or soon; otherwise it is cancelled.
     fn requester_stood_down(&mut self, exchange: &ReplyToken, ctx: &mut Context<Self>) {
         let Some(running) = &mut self.running_command else { return };
         if !running.subscribers.iter().any(|asker| asker.exchange == *exchange) {

@@ -135,8 +135,8 @@ pub enum MethodFailure {
     /// The driver of the device returned this error.
     #[error("{0}")]
     Driver(String),
-    /// The device is able, but its surroundings are not as the plan assumed. The device reports them
-    /// as facts, so that the next plan avoids them; the action itself is not avoided.
+    /// The device is able, but its surroundings are not as the plan assumed. The device reports
+    /// them as facts, so that the next plan avoids them; the action itself is not avoided.
     #[error("{0}")]
     Hindered(String),
     /// A person has forbidden the action.

@@ -164,8 +164,8 @@ impl Outbox {
         self.parcels.retain(|_, under_way| under_way.parcel.exchange.as_ref() != Some(exchange));
     }
 
-    /// Handles that an incarnation of a receiver is present. Returns the actions that are due on
-    /// the messages to that receiver:
+    /// Updates the messages to a receiver after an incarnation of it was seen to be present.
+    /// Returns the actions that are due on these messages:
     ///
     /// - The incarnation is the same as before, or the first one: the message is sent.
     /// - The incarnation is a new one on the same daemon. It has no record of earlier exchanges, so

@@ -165,8 +165,8 @@ pub fn replicate_detached<A: ReplicatesRecords>(
     journal_queue::deliver(agent, records, None, ctx);
 }
 
-/// Handles that this agent becomes the leader or a standby. Call this function from
-/// [`Agent::leadership_changed`].
+/// Updates the agent's [`JournalClient`] after the agent has become the leader or a standby. Call
+/// this function from [`Agent::leadership_changed`].
 pub fn handle_leadership<A: ReplicatesRecords>(
     agent: &mut A,
     is_leading: bool,
@@ -184,7 +184,8 @@ pub fn handle_leadership<A: ReplicatesRecords>(
     }
 }
 
-/// Handles that another agent has joined or left. Call this function for every change of presence.
+/// Updates the agent's [`JournalClient`] after another agent has joined or left. Call this function
+/// for every change of presence.
 pub fn handle_presence<A: ReplicatesRecords>(
     agent: &mut A,
     presence: &Presence,

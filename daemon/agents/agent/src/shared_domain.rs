@@ -198,8 +198,8 @@ impl SharedDomain {
         tracker.receive(Arc::make_mut(maintainer), message, inform, None, now)
     }
 
-    /// Handles that an agent has joined or left. Returns the time after which the agent's model
-    /// must be requested; `None` if the model need not be requested.
+    /// Applies a presence change: an agent has joined or left. Returns the time after which the
+    /// agent's model must be requested; `None` if the model need not be requested.
     pub(crate) fn presence(&self, presence: &Presence) -> Option<Duration> {
         let (mut state, now) = self.state();
         let agent = &presence.resident().agent;

@@ -165,8 +165,8 @@ impl Actuator {
         self.standing_still = Some(standing);
     }
 
-    /// Returns a future that brings the device to a standstill, and tells within a time limit whether
-    /// the device has confirmed it.
+    /// Returns a future that brings the device to a standstill, and tells within a time limit
+    /// whether the device has confirmed it.
     fn stand_still(&mut self) -> BoxFuture<Result<(), String>> {
         let Some(still) = self.device.stand_still() else {
             return Box::pin(std::future::ready(Ok(())));
