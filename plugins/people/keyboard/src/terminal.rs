@@ -1,6 +1,6 @@
-//! The terminal of a Keyboard Agent: two channels between the agent and a person, and the messages
-//! in them. Each request has a number, and each output about the request repeats that number, so
-//! that the loss of an output does not change the meaning of the others.
+//! The terminal of a Keyboard Agent: two channels between the agent and a person, one for requests
+//! and one for outputs. Each request has a number, and each output about the request repeats that
+//! number, so that the loss of an output does not change the meaning of the others.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -11,7 +11,7 @@ use serde::Deserialize;
 use serde_json::Value;
 use tokio::sync::mpsc;
 
-/// Capacity of each of the two channels, in messages.
+/// Capacity of each of the two channels, in requests or outputs.
 const CHANNEL_CAPACITY: usize = 1_024;
 
 /// Places in the channel of outputs that progress reports may not take. They keep room for the

@@ -49,7 +49,8 @@ pub(crate) struct CertAuthorityArgs {
     /// How long the authority is valid
     #[arg(long, value_name = "DAYS", default_value_t = credentials::AUTHORITY_DAYS, value_parser = days())]
     pub(crate) days: u32,
-    /// The folder of the keys [default: that of the file, or keys/NAME in the configuration folder]
+    /// The folder of the keys [default: the one that the ecosystem file names, or keys/NAME in the
+    /// configuration folder]
     #[arg(long, value_name = "FOLDER")]
     pub(crate) folder: Option<PathBuf>,
     #[command(flatten)]
@@ -102,7 +103,8 @@ pub(crate) struct CertPlaceArgs {
     /// The ecosystem: its file, or its name [default: ./althing.toml]
     #[arg(long, value_name = "FILE|NAME")]
     pub(crate) ecosystem: Option<String>,
-    /// The folder of the keys [default: that of the file, or keys/NAME in the configuration folder]
+    /// The folder of the keys [default: the one that the ecosystem file names, or keys/NAME in the
+    /// configuration folder]
     #[arg(long, value_name = "FOLDER")]
     pub(crate) folder: Option<PathBuf>,
 }

@@ -1,5 +1,5 @@
-//! Formats the messages that a person receives: as lines for people, or as JSON objects for
-//! programs.
+//! Formats the outputs of a Keyboard Agent to its person: as lines for people, or as JSON objects
+//! for programs.
 
 use std::process::ExitCode;
 
@@ -11,7 +11,7 @@ use terminal::output::Color;
 use terminal::styled::Styled;
 use terminal::{exit, output};
 
-/// Prints a message that a person receives, and returns the exit code of printing.
+/// Prints an output of a Keyboard Agent, and returns the exit code of printing.
 pub(crate) fn print(heard: &UserEvent, json: bool) -> ExitCode {
     if json {
         return output::print_json(&object(heard), exit::DONE);
@@ -20,7 +20,7 @@ pub(crate) fn print(heard: &UserEvent, json: bool) -> ExitCode {
     output::print_styled(&text, exit::DONE)
 }
 
-/// Formats a message as lines for people.
+/// Formats an output of a Keyboard Agent as lines for people.
 pub(crate) fn lines(heard: &UserEvent) -> Vec<Styled> {
     match heard {
         UserEvent::Sent(about) => vec![line(Color::Dim, "asked", about.conversation.as_str())],
@@ -93,7 +93,7 @@ fn of_message(message: &Message) -> Styled {
     Styled::line(&format!("{:<8} {from}: {said}", act.as_str()))
 }
 
-/// Formats a message as a JSON object for programs.
+/// Formats an output of a Keyboard Agent as a JSON object for programs.
 pub(crate) fn object(heard: &UserEvent) -> Value {
     match heard {
         UserEvent::Sent(RequestRef { conversation, .. }) => {
