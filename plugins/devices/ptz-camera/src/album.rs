@@ -11,7 +11,7 @@ use std::time::SystemTime;
 pub(crate) struct Album {
     folder: PathBuf,
     camera: String,
-    /// Maximum number of pictures, and maximum number of videos. The oldest files beyond it are
+    /// Maximum number of pictures, and likewise of videos. If there are more, the oldest are
     /// deleted.
     keep: usize,
 }

@@ -32,7 +32,7 @@ pub(crate) struct Config {
     /// state folder.
     #[serde(default)]
     folder: Option<PathBuf>,
-    /// Maximum number of pictures, and maximum number of videos. The oldest files beyond it are
+    /// Maximum number of pictures, and likewise of videos. If there are more, the oldest are
     /// deleted.
     #[serde(default = "default_keep")]
     keep: usize,

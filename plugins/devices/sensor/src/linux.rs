@@ -29,7 +29,7 @@ const _: () = assert!(TRYING.as_millis() + SLOWEST.as_millis() < MEASURING.as_mi
 /// Duration of the slowest reading: that of a 1-wire thermometer.
 const SLOWEST: Duration = Duration::from_millis(750);
 
-/// Pause between two readings, during which a disturbed bus can settle.
+/// Pause before a failed reading is repeated, during which a disturbed bus can settle.
 const PAUSE: Duration = Duration::from_millis(100);
 
 /// Pause between two checks whether the device is plugged in: about the time that a person needs to

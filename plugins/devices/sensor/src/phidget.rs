@@ -36,8 +36,9 @@ const ANSWERING: Duration = Duration::from_millis(1_900);
 const _: () = assert!(TRYING.as_millis() < ANSWERING.as_millis());
 const _: () = assert!(ANSWERING.as_millis() < MEASURING.as_millis());
 
-/// Pause between two readings. An interface kit has a new value every quarter of a second, and a
-/// digital input has a new value at once.
+/// Pause before a failed reading is repeated, and between two readings while a change is awaited.
+/// An interface kit has a new value every quarter of a second, and a digital input has a new value
+/// at once.
 const PAUSE: Duration = Duration::from_millis(100);
 
 /// Pause between two checks whether the device is plugged in: about the time that a person needs to
