@@ -73,7 +73,8 @@ fn load(from: Option<&Path>) -> Result<Library, String> {
             })?;
             vec![file.into_os_string()]
         }
-        // The path is made absolute, because a bare name would be searched in the system's folders.
+        // The path is made absolute, because a bare name would be searched for in the system's
+        // folders.
         Some(file) => match std::path::absolute(file) {
             Ok(file) if file.exists() => vec![file.into_os_string()],
             _ => return Err(format!("there is no {}", file.display())),

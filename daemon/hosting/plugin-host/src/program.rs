@@ -102,8 +102,8 @@ struct Shim {
     environment: Vec<String>,
 }
 
-/// Folders in which the program of a package is searched, and files that the package may name by
-/// path.
+/// Folders in which the program of a package is searched for, and files that the package may name
+/// by path.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ProgramScope<'s> {
     /// Folder of the package that names the program.
@@ -111,7 +111,7 @@ pub(crate) struct ProgramScope<'s> {
     /// Files and folders that the package requests to read. A person has to allow them before the
     /// plugin is started.
     pub(crate) read: &'s [PathBuf],
-    /// Folders in which a program is searched by its name.
+    /// Folders in which a program is searched for by its name.
     pub(crate) path: &'s [PathBuf],
 }
 
@@ -124,9 +124,9 @@ pub(crate) struct ProgramCandidate {
     asked: Option<PathBuf>,
 }
 
-/// Resolves the program of a package. A name without `/` is searched in the package's own virtual
-/// environment and then in the folders of the path. A name with `/` is a file of the package, or an
-/// absolute path.
+/// Resolves the program of a package. A name without `/` is searched for in the package's own
+/// virtual environment and then in the folders of the path. A name with `/` is a file of the
+/// package, or an absolute path.
 ///
 /// # Errors
 ///

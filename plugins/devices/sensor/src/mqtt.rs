@@ -32,7 +32,7 @@ struct MqttProbe {
     broker: Broker,
     topic: String,
     availability: Option<String>,
-    /// Format of values in texts. Without a JSON pointer, a value is searched by the quantity's
+    /// Format of values in texts. Without a JSON pointer, a value is searched for by the quantity's
     /// name.
     format: TextFormat,
     /// Subscriptions. They are created at the first use, so that no connection is opened before the

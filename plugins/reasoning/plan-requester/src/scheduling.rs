@@ -140,7 +140,8 @@ impl PlanRequester {
         let steps = self.running_beside(id).flat_map(|(_, other)| &other.steps_left);
         let conditions = self.running_beside(id).map(|(_, other)| &other.condition);
         if known.can_run_beside(plan, steps, conditions) {
-            // All plans are checked at once; blocking plans are searched only if that check fails.
+            // All plans are checked at once; blocking plans are searched for only if that check
+            // fails.
             return PlanDecision::Run;
         }
         let is_in_the_way = |(_, other): &(_, &Goal)| {

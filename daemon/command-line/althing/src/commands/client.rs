@@ -106,8 +106,8 @@ impl ClientTarget {
                  with `althing up`, or name one elsewhere with --connect ENDPOINT"
             ));
         }
-        // If the file has no security settings, no keys are searched: the file is the same on all
-        // machines.
+        // If the file has no security settings, no keys are searched for: the file is the same on
+        // all machines.
         let settings = ecosystem.as_ref().map(|ecosystem| ecosystem.security.as_ref());
         let keys = match settings {
             Some(None) => None,

@@ -1,4 +1,4 @@
-//! The places where ecosystem files and keys are searched if the user names none.
+//! The places where ecosystem files and keys are searched for if the user names none.
 
 use std::path::{Path, PathBuf};
 
