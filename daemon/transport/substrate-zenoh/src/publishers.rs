@@ -8,8 +8,8 @@ use std::collections::HashMap;
 use std::hash::Hash;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Maximum number of publishers that are kept; beyond it, those are dropped that were not used
-/// lately. A daemon of ten agents, each of which converses with twenty others in five
+/// Maximum number of publishers that are kept. If there are more, those that were not used lately
+/// are dropped. A daemon of ten agents, each of which converses with twenty others in five
 /// performatives, uses a thousand; each publisher takes three or four kilobytes with its routes.
 pub(crate) const PUBLISHERS_MAX: usize = 1024;
 

@@ -146,8 +146,8 @@ struct PlanRequester {
     /// Timer until the next attempt to send outcomes for which the outbox had no room; `None` if
     /// there are no such outcomes.
     resend_timer: Option<TimerId>,
-    /// Origin of the time in the goals' states: the first time at which a time was needed; `None`
-    /// before.
+    /// Time from which the times in the goals' states are counted: that of the first call of
+    /// [`PlanRequester::elapsed`]; `None` before that call.
     began_at: Option<Instant>,
 }
 

@@ -72,8 +72,8 @@ impl PlanRequester {
         }
     }
 
-    /// Returns the time since the first call of this function, the origin of the time in the goals'
-    /// states.
+    /// Returns the time since the first call of this function. The times in the goals' states are
+    /// counted from that call.
     pub(crate) fn elapsed(&mut self, ctx: &Context<Self>) -> Duration {
         let now = ctx.now();
         now - *self.began_at.get_or_insert(now)
