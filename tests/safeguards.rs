@@ -1,6 +1,6 @@
 //! Safeguards of actions, on real processes: a person allows or forbids a robot's move, and an
-//! action that has begun too often is refused. The truth is where the robot says it stands, which is
-//! the place in the simulated building.
+//! action that has begun too often is refused. The truth is where the robot says it stands, which
+//! is the place in the simulated building.
 
 use crate::support::{Office, lab, stderr};
 

@@ -6,7 +6,8 @@
 //! - Has its own planner and its own local domain, composed of the messages that its daemon
 //!   receives. Answers a call for proposals with plans for the conjuncts that it can reach alone or
 //!   with the agents it carries (the paper, “Decentralized Planning”).
-//! - Keeps the safeguards of the host: asks people before an action, and limits how often it begins.
+//! - Keeps the safeguards of the host: asks people before an action, and limits how often it
+//!   begins.
 //! - Acts by itself: announces events of its device at once, requests goals, asks people questions.
 //!
 //! A plugin implements [`Device`], with the model, the facts and the methods of its device. This

@@ -312,8 +312,8 @@ impl MobileBase {
     }
 
     /// Waits until others have moved the base, until a blocked way is to be tried again, or until
-    /// the charge of the battery becomes low, or ceases to be low. If it is low, [`MobileBase::take_initiatives`] then returns the request to
-    /// charge it.
+    /// the charge of the battery becomes low, or ceases to be low. If it is low,
+    /// [`MobileBase::take_initiatives`] then returns the request to charge it.
     pub fn next_initiative(&self) -> BoxFuture<()> {
         let (mut changes, wants_charge) = (self.state.subscribe(), self.wants_charge);
         let range = self.power.as_ref().map(|power| power.range);

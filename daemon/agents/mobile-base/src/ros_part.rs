@@ -7,7 +7,8 @@ use crate::ros2::{PlacePose, Ros2Base};
 const TEXT: &str = "std_msgs/msg/String";
 const SWITCH: &str = "std_srvs/srv/SetBool";
 
-/// Access of a robot's plugin to a robot with ROS 2. The texts of all errors complete “failed to …”.
+/// Access of a robot's plugin to a robot with ROS 2. The texts of all errors complete “failed to
+/// …”.
 #[derive(Clone)]
 pub struct RosPart {
     base: Ros2Base,

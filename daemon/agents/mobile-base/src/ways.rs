@@ -1,8 +1,8 @@
 //! Ways between places, as a real base has come to know them: how long each takes, and which ones
 //! the base could not pass lately.
 //!
-//! - The cost of a `move` is a value of the base itself, `travel`, in meters at the base's speed. It
-//!   begins with the length on the map, and follows the time that driving took.
+//! - The cost of a `move` is a value of the base itself, `travel`, in meters at the base's speed.
+//!   It begins with the length on the map, and follows the time that driving took.
 //! - A way on which the base failed is `blocked` for a while, in both directions, so that the next
 //!   plan takes another way. Each further failure doubles the time, and a success ends it.
 
@@ -73,8 +73,8 @@ impl KnownWays {
         KnownWays { costs, blocked: BTreeMap::new(), blocked_for }
     }
 
-    /// Records that the base has driven from one place to another, for which it needed as long as
-    /// for this number of meters.
+    /// Records that the base has driven from one place to another. `meters` is the length of a way
+    /// that would take as long at the base's speed.
     pub(crate) fn passed(&mut self, from: &str, to: &str, meters: f64) {
         for way in both(from, to) {
             self.blocked.remove(&way);

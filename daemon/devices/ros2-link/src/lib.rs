@@ -6,8 +6,8 @@
 //!   Zenoh are the names of ROS; in that of `rmw_zenoh`, the keys also have the domain, the type
 //!   and its hash.
 //! - [`ActionClient`] (`action`) sends goals to an action server, and follows them.
-//! - [`Nav2Robot`] (`nav2`) is a robot that drives with Nav2: poses, battery, dock, and a standstill
-//!   (`standstill`).
+//! - [`Nav2Robot`] (`nav2`) is a robot that drives with Nav2: poses, battery, dock, and a
+//!   standstill (`standstill`).
 //!
 //! The encoding of messages is that of the crate `ros-messages`.
 

@@ -6,8 +6,8 @@
 //!   for a while, and gives up with a code and a text.
 //! - The localization follows the robot, also if it is carried away in the building.
 //!   [`SimulatedNav2::set_localized`] makes it uncertain.
-//! - While the robot drives, it tells poses between its start and its goal. A goal in the place where
-//!   it stands moves it within the place; with the brush on, it sweeps the place on the way.
+//! - While the robot drives, it tells poses between its start and its goal. A goal in the place
+//!   where it stands moves it within the place; with the brush on, it sweeps the place on the way.
 //! - The battery is that of the building; docking charges it. The display is the screen that is
 //!   mounted on the robot in the building.
 

@@ -442,7 +442,7 @@ pub enum Reason {
     Conflict,
     /// A stop forbids the action, until the stop is released.
     Stopped,
-    /// The daemon is draining: it finishes its work before it stops.
+    /// The daemon is draining: its agents cancel what they have begun, and begin nothing more.
     Stopping,
     /// This replica is a standby; another replica with the same name is the leader.
     StandingBy,

@@ -1,5 +1,5 @@
-//! Safeguards of an actuator: people are asked before an action begins, and an action that has begun
-//! too often is refused for a while.
+//! Safeguards of an actuator: people are asked before an action begins, and an action that has
+//! begun too often is refused for a while.
 
 use acl::Millis;
 use acl::content::{Question, Reason, Refusal};

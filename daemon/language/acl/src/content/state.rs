@@ -87,7 +87,7 @@ pub struct Guard {
     pub predicate: String,
 }
 
-/// The state that the Domain Maintainer believes, with the origin of each fact.
+/// The state that the Domain Maintainer believes, with the source of each fact.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BelievedState {
@@ -127,7 +127,7 @@ pub struct Claim {
     pub owner: String,
     /// The claimed PDDL fact. A fact about a function has the value that this owner claims.
     pub fact: String,
-    /// Origin of the claim: `model`, `heartbeat`, `effect`, `request`, `observation`, `departure`,
+    /// Source of the claim: `model`, `heartbeat`, `effect`, `request`, `observation`, `departure`,
     /// `announced`.
     pub source: String,
     /// Time since the claim was last made, in milliseconds.

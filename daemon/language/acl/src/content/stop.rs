@@ -5,8 +5,9 @@ use serde::{Deserialize, Serialize};
 use crate::AgentId;
 
 /// A stop of all actuators, or of some. An actuator that has received it ends its action and begins
-/// none until this stop is released; other stops have no influence on that. Actuators repeat the stops that they know in their
-/// heartbeats, so that a stop reaches agents that were cut off when it was requested.
+/// none until this stop is released; other stops have no influence on that. Actuators repeat the
+/// stops that they know in their heartbeats, so that a stop reaches agents that were cut off when
+/// it was requested.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Stop {

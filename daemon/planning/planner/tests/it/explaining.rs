@@ -90,8 +90,8 @@ fn check(objects: &str, init: &str, expected: Expect) {
     expected.assert_eq(&lines(&explained(&office, GUARDS, &[], goal)));
 }
 
-/// Of three blocked ways, one has to be opened; which one of two ways to an office is opened does not
-/// matter.
+/// Of three blocked ways, one has to be opened; which one of two ways to an office is opened does
+/// not matter.
 #[test]
 fn facts_that_no_agent_ends_are_named_as_hindrances() {
     let domain = "(define (domain ways) (:requirements :typing :negative-preconditions)
