@@ -606,8 +606,9 @@ impl BaseHandle {
     async fn navigate_to(&self, place: String) -> Result<BaseOutcome, MethodFailure> {
         let (from, began) = (self.state.borrow().place.clone(), Instant::now());
         let moved = self.driver.navigate_to(&place).await;
-        self.learn(&from, &place, &moved, began.elapsed());
+        let elapsed = began.elapsed();
         let truth = self.refresh().await?;
+        self.learn((&from, &place), &truth, &moved, elapsed);
         moved.map_err(|failure| match failure {
             DriveFailure::NoWay(why) if self.ways.is_some() => MethodFailure::Hindered(why),
             DriveFailure::NoWay(why) | DriveFailure::Other(why) => MethodFailure::Driver(why),
@@ -620,16 +621,19 @@ impl BaseHandle {
         }
     }
 
-    /// Remembers how the base fared on the way between two places.
+    /// Remembers how the base fared on the way from one place to another. `truth` is where it stands
+    /// now: a base that stands at a third place was not on this way at all.
     fn learn(
         &self,
-        from: &BasePlace,
-        to: &str,
+        (from, to): (&BasePlace, &str),
+        truth: &BasePlace,
         moved: &Result<(), DriveFailure>,
         elapsed: Duration,
     ) {
         let (Some(ways), BasePlace::At(from)) = (&self.ways, from) else { return };
+        let was_elsewhere = matches!(truth, BasePlace::At(at) if at != from && at != to);
         match moved {
+            _ if was_elsewhere => (),
             Ok(()) => {
                 let meters = elapsed.as_secs_f64() * self.speed;
                 ways.send_modify(|ways| ways.passed(from, to, meters));

@@ -1,5 +1,6 @@
 //! Launches a scenario: the building, and the agents in it, in this process or in several.
 
+use std::any::Any;
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
 use std::time::Duration;
@@ -8,6 +9,7 @@ use ::building::{Building, Server};
 use acl::{AgentId, DaemonId, Message};
 use agent::Mode;
 use bytes::Bytes;
+use substrate::BoxFuture;
 use substrate::memory::Network;
 use tempfile::TempDir;
 use tokio::io::{AsyncBufReadExt as _, BufReader};
@@ -34,6 +36,11 @@ pub(crate) enum ScenarioSubstrate {
     Processes,
 }
 
+/// A function that puts other devices in the place of simulated ones: it changes the drivers in the
+/// ecosystem, and returns the devices, which live as long as the scenario.
+pub(crate) type DeviceReplacement =
+    fn(Building, Ecosystem) -> BoxFuture<(Ecosystem, Box<dyn Any + Send>)>;
+
 /// A scenario with its launched agents. Dropping this value ends all of them.
 pub(crate) struct LaunchedScenario {
     pub(crate) building: Building,
@@ -46,6 +53,7 @@ pub(crate) struct LaunchedScenario {
     program: DaemonLauncher,
     transport: MessageTransport,
     _server: Option<Server>,
+    _devices: Option<Box<dyn Any + Send>>,
     _folder: TempDir,
 }
 
@@ -64,6 +72,7 @@ pub(crate) async fn launch_scenario(
     setting: &Setting,
     stage: ScenarioSubstrate,
     mode: Mode,
+    replacement: Option<DeviceReplacement>,
 ) -> Result<LaunchedScenario, String> {
     let folder = tempfile::Builder::new()
         .prefix("althing-")
@@ -80,6 +89,13 @@ pub(crate) async fn launch_scenario(
         .map_err(|error| format!("the scenario's own files are wrong: {error:?}"))?;
     let building = Building::new(setting.at_first.clone(), ecosystem.building.time_scale)
         .map_err(|error| format!("failed to {error}"))?;
+    let (ecosystem, devices) = match replacement {
+        Some(replace) => {
+            let (ecosystem, devices) = replace(building.clone(), ecosystem).await;
+            (ecosystem, Some(devices))
+        }
+        None => (ecosystem, None),
+    };
     let program = DaemonLauncher::new(file, folder.path(), mode)?;
     let at_first: Vec<AgentEntry> = { ecosystem.agents.iter() }
         .filter(|entry| !setting.comes_later(entry.name.as_str()))
@@ -102,6 +118,7 @@ pub(crate) async fn launch_scenario(
         program,
         transport,
         _server: server,
+        _devices: devices,
         _folder: folder,
     })
 }

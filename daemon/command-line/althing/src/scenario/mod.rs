@@ -25,6 +25,7 @@ use agent::Mode;
 
 use crate::hosting::DaemonNode;
 
+use launched::DeviceReplacement;
 pub(crate) use launched::ScenarioSubstrate;
 
 /// A scenario of the paper.
@@ -57,6 +58,9 @@ pub(crate) struct ScenarioOptions {
     /// A function that launches additional agents in scenario 1, which are not part of the
     /// building.
     pub(crate) guests: Option<fn(&DaemonNode)>,
+    /// A function that puts other devices in the place of simulated ones; not with agents in several
+    /// processes.
+    pub(crate) replacement: Option<DeviceReplacement>,
 }
 
 /// A line of output about an event in a scenario.
@@ -89,7 +93,16 @@ impl ScenarioOptions {
         mode: Mode,
         stage: ScenarioSubstrate,
     ) -> ScenarioOptions {
-        ScenarioOptions { scenario, seed, mode, stage, replanning: true, kills: true, guests: None }
+        ScenarioOptions {
+            scenario,
+            seed,
+            mode,
+            stage,
+            replanning: true,
+            kills: true,
+            guests: None,
+            replacement: None,
+        }
     }
 }
 

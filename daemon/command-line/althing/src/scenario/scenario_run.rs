@@ -52,7 +52,8 @@ impl<'t> ScenarioRun<'t> {
         script: &ScenarioOptions,
         tell: &'t mut dyn FnMut(ScenarioEvent),
     ) -> Result<ScenarioRun<'t>, String> {
-        let set = launched::launch_scenario(setting, script.stage, script.mode).await?;
+        let set = launched::launch_scenario(setting, script.stage, script.mode, script.replacement);
+        let set = set.await?;
         let user = seat(&set, "user")?;
         let (building, began) = (set.building.clone(), Instant::now());
         Ok(ScenarioRun { set, building, user, told: BTreeMap::new(), began, tell })

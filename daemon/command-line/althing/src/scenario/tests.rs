@@ -13,6 +13,7 @@ mod changes;
 mod explanations;
 mod goals;
 mod guests;
+mod robots;
 mod sensors;
 
 const MODES: [Mode; 2] = [Mode::Centralized, Mode::Decentralized];

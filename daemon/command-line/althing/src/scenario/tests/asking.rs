@@ -98,6 +98,7 @@ pub(super) async fn office(mode: Mode) -> (LaunchedScenario, String) {
         &temperatures::setting(&scenario),
         ScenarioSubstrate::Memory,
         mode,
+        None,
     )
     .await
     .expect("a stage");

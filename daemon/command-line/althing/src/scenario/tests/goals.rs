@@ -42,6 +42,7 @@ impl Office {
             &temperatures::setting(scenario),
             ScenarioSubstrate::Memory,
             mode,
+            None,
         )
         .await
         .expect("the stage");
