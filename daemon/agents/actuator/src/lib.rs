@@ -15,6 +15,7 @@
 
 mod actuator;
 mod bidding;
+mod declared;
 mod device;
 mod erased_device;
 mod initiative;
@@ -26,6 +27,7 @@ mod safeguards;
 
 pub use actuator::Actuator;
 pub use agent::StateFolder;
+pub use declared::{AgentFacts, FactFile, UncertainEffect, check_effect, declared_model};
 pub use device::{Description, Device, MethodCall, MethodFailure, MethodResult, OwnFact};
 pub use initiative::{DeviceEvent, Initiative, InitiativeUpdate};
 pub use measured_value::{converted_value, is_possible_value, unit_conversion};

@@ -58,8 +58,8 @@ pub(crate) struct Ros2Config {
     endpoint: String,
     /// How the robot's messages reach Zenoh: `ros2dds` (through zenoh-bridge-ros2dds) or
     /// `rmw-zenoh`.
-    #[serde(default = "default_dialect")]
-    dialect: String,
+    #[serde(default)]
+    dialect: RosDialect,
     /// ROS namespace of the robot's names; may be empty.
     #[serde(default)]
     namespace: String,
@@ -87,10 +87,6 @@ pub struct PlacePose {
     y: f64,
     #[serde(default)]
     yaw: f64,
-}
-
-fn default_dialect() -> String {
-    "ros2dds".to_owned()
 }
 
 fn default_tolerance() -> f64 {
@@ -122,10 +118,9 @@ impl Ros2Config {
     /// Returns the address of the robot, after checking it.
     fn address(&self) -> Result<RosAddress, String> {
         let Ros2Config { endpoint, dialect, namespace, domain_id, .. } = self;
-        let dialect: RosDialect =
-            dialect.parse().map_err(|problem| format!("config.ros2.dialect: {problem}"))?;
         let (endpoint, namespace) = (endpoint.clone(), namespace.clone());
-        let address = RosAddress { endpoint, dialect, namespace, domain_id: *domain_id };
+        let (dialect, domain_id) = (*dialect, *domain_id);
+        let address = RosAddress { endpoint, dialect, namespace, domain_id };
         address.check().map_err(|problem| format!("config.ros2: {problem}"))?;
         Ok(address)
     }

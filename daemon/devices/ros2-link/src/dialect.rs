@@ -13,12 +13,14 @@ use std::sync::atomic::{AtomicI64, Ordering};
 use std::time::{SystemTime, UNIX_EPOCH};
 
 use ros_messages::{Interfaces, UnknownTypeError, dds_name};
+use serde::Deserialize;
 
 /// Number of bytes that identify a ROS entity.
 const GID_BYTES: usize = 16;
 
 /// The way in which ROS names become keys of Zenoh.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Deserialize)]
+#[serde(try_from = "String")]
 pub enum RosDialect {
     /// The way of `zenoh-bridge-ros2dds`, for robots with nodes that use DDS.
     #[default]
@@ -39,6 +41,14 @@ impl FromStr for RosDialect {
                  zenoh-bridge-ros2dds) or `rmw-zenoh` (its nodes run with rmw_zenoh)"
             )),
         }
+    }
+}
+
+impl TryFrom<String> for RosDialect {
+    type Error = String;
+
+    fn try_from(text: String) -> Result<RosDialect, String> {
+        text.parse()
     }
 }
 

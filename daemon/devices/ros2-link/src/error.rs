@@ -81,3 +81,12 @@ impl RosError {
         RosError::Zenoh(error.to_string())
     }
 }
+
+/// Returns a text of the robot's without control characters, and not too long for one line.
+pub fn printable(text: &str) -> String {
+    const LENGTH_MAX: usize = 200;
+    text.chars()
+        .map(|letter| if letter.is_control() { ' ' } else { letter })
+        .take(LENGTH_MAX)
+        .collect()
+}

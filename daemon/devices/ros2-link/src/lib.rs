@@ -21,7 +21,7 @@ mod standstill;
 
 pub use action::{ActionClient, GoalEnd, RosGoal, RosGoalStatus};
 pub use dialect::RosDialect;
-pub use error::RosError;
+pub use error::{RosError, printable};
 pub use link::{RosAddress, RosLink, TopicReader};
 pub use nav2::{Nav2Names, Nav2Robot, printable};
 pub use pose::MapPose;

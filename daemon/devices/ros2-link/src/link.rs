@@ -11,8 +11,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use ros_messages::Interfaces;
+use serde::Deserialize;
 use serde_json::{Value, json};
 use tokio::sync::{mpsc, watch};
+use tokio::time::Instant;
 use tokio_util::task::AbortOnDropHandle;
 use zenoh::Session;
 use zenoh::pubsub::Subscriber;
@@ -29,6 +31,9 @@ const OPEN_TIMEOUT: Duration = Duration::from_secs(8);
 const REOPEN_FIRST: Duration = Duration::from_millis(250);
 const REOPEN_LONGEST: Duration = Duration::from_secs(4);
 
+/// Pause between two checks whether there is a link. Zenoh reports no event when it is restored.
+const LINK_POLL: Duration = Duration::from_millis(100);
+
 /// How long the last message of a topic from before the subscription is awaited. If no node of the
 /// robot keeps such messages, Zenoh ends the request within the round trip.
 const HISTORY_TIMEOUT: Duration = Duration::from_secs(2);
@@ -40,15 +45,19 @@ const MESSAGE_BYTES_MAX: usize = 16 << 20;
 const REPLIES_MAX: usize = 16;
 
 /// Address of a robot, and the names under which its nodes are found there.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct RosAddress {
     /// Zenoh endpoint of the robot's bridge or router, such as `tcp/192.168.1.20:7447`.
     pub endpoint: String,
     /// The way in which ROS names become keys of Zenoh there.
+    #[serde(default)]
     pub dialect: RosDialect,
     /// Namespace of the robot's names; may be empty.
+    #[serde(default)]
     pub namespace: String,
     /// ROS domain, which is part of the keys of `rmw_zenoh`.
+    #[serde(default)]
     pub domain_id: u32,
 }
 
@@ -153,15 +162,37 @@ impl RosLink {
         }
     }
 
+    /// Waits until the robot's bridge or router is linked.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error with the reason if there is no link within the time `within`.
+    pub async fn until_linked(&self, within: Duration) -> Result<(), RosError> {
+        let began = Instant::now();
+        while !self.is_linked().await {
+            if began.elapsed() >= within {
+                return Err(self.not_linked());
+            }
+            tokio::time::sleep(LINK_POLL).await;
+        }
+        Ok(())
+    }
+
+    /// Returns the error of a link that does not exist now, with the reason.
+    fn not_linked(&self) -> RosError {
+        let endpoint = self.shared.endpoint.clone();
+        let reason = match *self.shared.session.borrow() {
+            Some(_) => "the connection was lost, and is opened again".to_owned(),
+            None => self.shared.reason.lock().unwrap_or_else(PoisonError::into_inner).clone(),
+        };
+        RosError::NotLinked { endpoint, reason }
+    }
+
     async fn session(&self, within: Duration) -> Result<Session, RosError> {
         let mut session = self.shared.session.clone();
         let opened = tokio::time::timeout(within, session.wait_for(Option::is_some)).await;
         let session = opened.ok().and_then(Result::ok).and_then(|session| session.clone());
-        session.ok_or_else(|| {
-            let reason = self.shared.reason.lock().unwrap_or_else(PoisonError::into_inner);
-            let (endpoint, reason) = (self.shared.endpoint.clone(), reason.clone());
-            RosError::NotLinked { endpoint, reason }
-        })
+        session.ok_or_else(|| self.not_linked())
     }
 
     /// Subscribes to a topic, and requests the last message from before the subscription. Topics

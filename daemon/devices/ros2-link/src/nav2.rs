@@ -14,7 +14,7 @@ use tokio::sync::OnceCell;
 use tokio::time::Instant;
 
 use crate::action::{ActionClient, GoalEnd, RosGoalStatus};
-use crate::error::RosError;
+use crate::error::{RosError, printable};
 use crate::link::{RosLink, TopicReader};
 use crate::pose::MapPose;
 
@@ -410,15 +410,6 @@ fn arrived(end: &GoalEnd) -> Result<(), RosError> {
         (message, Some(code)) => format!("Nav2 gave up: {} (error {code})", printable(message)),
     };
     Err(RosError::NoWay { reason })
-}
-
-/// Returns a text of the robot without control characters, cut off where it is too long for a line.
-pub fn printable(text: &str) -> String {
-    const LENGTH_MAX: usize = 200;
-    text.chars()
-        .map(|letter| if letter.is_control() { ' ' } else { letter })
-        .take(LENGTH_MAX)
-        .collect()
 }
 
 #[cfg(test)]

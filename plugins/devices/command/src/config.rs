@@ -4,12 +4,11 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use actuator::{UncertainEffect, check_effect, declared_model};
 use agent::{Blueprint, BuildError};
 use pddl::{ActionModel, ActionSchema};
 use programs::Program;
 use serde::Deserialize;
-
-use crate::effect;
 
 /// Default and maximum of the time limit of a program.
 const TIME_OUT: Duration = Duration::from_secs(10);
@@ -66,7 +65,7 @@ impl Config {
         blueprint: &Blueprint,
     ) -> Result<(ActionModel, BTreeMap<String, ActionProgram>), BuildError> {
         let wrong = |problem: String| blueprint.problem(problem);
-        let model = self.model(blueprint)?;
+        let model = declared_model(blueprint, &self.model)?;
         let mut runs = BTreeMap::new();
         for (name, action) in self.actions {
             let schema = model.actions.iter().find(|schema| schema.name.as_str() == name);
@@ -89,33 +88,6 @@ impl Config {
         }
         Ok((model, runs))
     }
-
-    fn model(&self, blueprint: &Blueprint) -> Result<ActionModel, BuildError> {
-        let parsed = pddl::parse_action_model(&self.model);
-        if let Some(first) = parsed.diagnostics.iter().find(|found| found.is_error()) {
-            return Err(blueprint.problem(format!("model:{}", first.located(&self.model))));
-        }
-        let nothing = || blueprint.problem("model: it is empty");
-        let model = parsed.value.ok_or_else(nothing)?;
-        let (id, domain) = (blueprint.id.as_str(), &blueprint.host.ontology.name);
-        if model.agent.as_str() != id {
-            let problem =
-                format!("model: it is for `{}`; write (define (agent {id}) …", model.agent);
-            return Err(blueprint.problem(problem));
-        }
-        if model.domain != *domain {
-            let problem = format!("model: write (:domain {domain}), as the ecosystem has it");
-            return Err(blueprint.problem(problem));
-        }
-        let found = pddl::check_action_model(&blueprint.host.ontology, &model);
-        if let Some(first) = found.iter().find(|found| found.is_error()) {
-            return Err(blueprint.problem(format!("model:{}", first.located(&self.model))));
-        }
-        if !model.durative_actions.is_empty() {
-            return Err(blueprint.problem("model: durative actions are not built yet"));
-        }
-        Ok(model)
-    }
 }
 
 impl ActionEntry {
@@ -131,13 +103,28 @@ impl ActionEntry {
             let known: Vec<_> = variables.iter().map(|name| format!("{{{name}}}")).collect();
             return Err(format!("`{{{unknown}}}` is none of its variables: {}", known.join(", ")));
         }
-        effect::check(&schema.effect)?;
+        check_effect(&schema.effect).map_err(advice)?;
         let time_out = self.time_out.as_deref().map(humantime::parse_duration).transpose();
         let time_out = time_out.map_err(|error| format!("time-out: {error}"))?.unwrap_or(TIME_OUT);
         if time_out.is_zero() || time_out > TIME_OUT_MAX {
             return Err(format!("time-out: between 1ms and {}s", TIME_OUT_MAX.as_secs()));
         }
         Ok(ActionProgram { words: self.run, variables, time_out })
+    }
+}
+
+/// Returns the error for an effect that the success of the program does not determine.
+fn advice(effect: UncertainEffect) -> String {
+    match effect {
+        UncertainEffect::Number(fluent) => format!(
+            "its effect changes {fluent}, which only the program can know: let it print the number, \
+             as in (= {fluent} 21.5)"
+        ),
+        UncertainEffect::Conditional => {
+            "its effect has `forall` or `when`: say what is true whenever the program ends well, and \
+             let it print the rest"
+                .to_owned()
+        }
     }
 }
 

@@ -1,20 +1,17 @@
 //! An actuator that runs programs: its entry has an action model in PDDL, and a program for each
 //! action.
 //!
-//! - `config` checks the model against the programs; `effect` applies the effects of actions to the
-//!   agent's facts.
+//! - `config` checks the model against the programs.
 //! - The crate `programs` runs programs, and ends each one with all processes that it started.
 //! - If a program succeeds, the effect of its action becomes true. Lines that the program prints in
 //!   parentheses are additional facts, such as `(= (temperature office1) 21.5)` or
 //!   `(not (lit office1))`; the last other line is a message to people.
 //! - If a program is ended before it has finished, or the daemon ends while it runs, the facts that
 //!   its action would have changed are unknown.
-//! - `fact_file` stores the facts, so that they outlive the daemon.
+//! - The facts are stored (`actuator::FactFile`), so that they outlive the daemon.
 //! - After a failure the actuator offers no actions for a while, so that plans are made without it.
 
 mod config;
-mod effect;
-mod fact_file;
 
 use std::collections::BTreeMap;
 use std::time::Duration;
@@ -22,8 +19,8 @@ use std::time::Duration;
 use acl::Millis;
 use acl::content::Method;
 use actuator::{
-    Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
-    OwnFact,
+    Actuator, AgentFacts, BoxFuture, Description, Device, DeviceEvent, FactFile, MethodCall,
+    MethodFailure, MethodResult, OwnFact,
 };
 use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use pddl::{ActionModel, ActionSchema, InitElement};
@@ -31,8 +28,6 @@ use programs::ProgramError;
 use tokio::time::Instant;
 
 use crate::config::{ActionProgram, Config};
-use crate::effect::AgentFacts;
-use crate::fact_file::FactFile;
 
 /// Pause after a failure, during which an actuator offers no actions.
 const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);

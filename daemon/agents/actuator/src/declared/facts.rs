@@ -2,26 +2,29 @@
 
 use std::collections::BTreeMap;
 
-use actuator::MethodCall;
-use pddl::{Atom, Effect, InitElement, Name, Term};
+use pddl::{Atom, Effect, FluentTerm, InitElement, Name, Term};
+
+use crate::device::MethodCall;
 
 /// Facts of the agent, by the text of the fact. The value of a function is listed by the text of
 /// the function.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct AgentFacts(BTreeMap<String, InitElement>);
+pub struct AgentFacts(BTreeMap<String, InitElement>);
 
 impl AgentFacts {
-    pub(crate) fn new(facts: Vec<InitElement>) -> AgentFacts {
+    /// Creates the facts of an agent from those of its model, or of its file.
+    pub fn new(facts: Vec<InitElement>) -> AgentFacts {
         let mut known = AgentFacts::default();
         facts.into_iter().for_each(|fact| known.add(fact));
         known
     }
 
-    pub(crate) fn facts(&self) -> impl Iterator<Item = InitElement> {
+    /// Returns all facts, in the order of their texts.
+    pub fn facts(&self) -> impl Iterator<Item = InitElement> {
         self.0.values().cloned()
     }
 
-    pub(crate) fn add(&mut self, fact: InitElement) {
+    fn add(&mut self, fact: InitElement) {
         let key = match &fact {
             InitElement::Assign(fluent, _) => format!("= {fluent}"),
             // An atom is true, false or unknown; the latest of these replaces the others.
@@ -40,25 +43,25 @@ impl AgentFacts {
         }
     }
 
-    /// Returns the facts after a program that carried out `call` and has succeeded, and those of
-    /// them that the action or the output of the program (`printed`) has made known.
-    pub(crate) fn after_success(
+    /// Returns the facts after `call` has succeeded, and those of them that the action or its result
+    /// (`told`) has made known.
+    pub fn after_success(
         &self,
         effect: Option<&Effect>,
         call: &MethodCall,
-        printed: &[InitElement],
+        told: &[InitElement],
     ) -> (AgentFacts, Vec<InitElement>) {
         let mut after = self.clone();
         let mut observed =
             effect.map(|effect| after.apply(effect, &call.arguments)).unwrap_or_default();
-        printed.iter().for_each(|fact| after.add(fact.clone()));
-        observed.extend(printed.iter().cloned());
+        told.iter().for_each(|fact| after.add(fact.clone()));
+        observed.extend(told.iter().cloned());
         (after, observed)
     }
 
-    /// Returns the facts after a program that carried out `call` and has not succeeded. If it is
-    /// unknown how much the program has done, so are the facts that the effect changes.
-    pub(crate) fn after_failure(
+    /// Returns the facts after `call` has not succeeded. If it is unknown how much of it was done, so
+    /// are the facts that the effect changes.
+    pub fn after_failure(
         &self,
         effect: Option<&Effect>,
         call: &MethodCall,
@@ -92,7 +95,7 @@ impl AgentFacts {
                 let fact = InitElement::Atom(ground(atom, arguments));
                 self.0.remove(&fact.to_string());
             }
-            // The remaining effects are only costs, because `check` refuses all others.
+            // The remaining effects are only costs, because `check_effect` refuses all others.
             Effect::Assign(_) | Effect::Forall(..) | Effect::When(..) => (),
         }
         added
@@ -117,7 +120,7 @@ fn atoms(effect: &Effect) -> Vec<&Atom> {
     match effect {
         Effect::And(effects) => effects.iter().flat_map(atoms).collect(),
         Effect::Add(atom) | Effect::Delete(atom) => vec![atom],
-        // The remaining effects are only costs, because `check` refuses all others.
+        // The remaining effects are only costs, because `check_effect` refuses all others.
         Effect::Assign(_) | Effect::Forall(..) | Effect::When(..) => Vec::new(),
     }
 }
@@ -133,27 +136,26 @@ fn ground(atom: &Atom, arguments: &BTreeMap<String, String>) -> Atom {
     Atom { arguments: atom.arguments.iter().map(bound).collect(), ..atom.clone() }
 }
 
-/// Checks that an effect depends only on the success of the program, and not on the state before
-/// it.
+/// Part of an effect that does not follow from the success of its action alone.
+#[derive(Clone, Debug, PartialEq)]
+pub enum UncertainEffect {
+    /// The effect changes this number.
+    Number(FluentTerm),
+    /// The effect has `forall` or `when`.
+    Conditional,
+}
+
+/// Checks that an effect depends only on the success of its action, and not on the state before it.
 ///
 /// # Errors
 ///
-/// Returns an error for a conditional or quantified effect, and for a changed number. The text
-/// names a correction.
-pub(crate) fn check(effect: &Effect) -> Result<(), String> {
+/// Returns the first conditional or quantified part, or the first number that the effect changes.
+pub fn check_effect(effect: &Effect) -> Result<(), UncertainEffect> {
     match effect {
-        Effect::And(effects) => effects.iter().try_for_each(check),
+        Effect::And(effects) => effects.iter().try_for_each(check_effect),
         Effect::Add(_) | Effect::Delete(_) => Ok(()),
         Effect::Assign(assign) if assign.fluent.function == "total-cost" => Ok(()),
-        Effect::Assign(assign) => Err(format!(
-            "its effect changes {}, which only the program can know: let it print the number, as in \
-             (= {} 21.5)",
-            assign.fluent, assign.fluent
-        )),
-        Effect::Forall(..) | Effect::When(..) => Err(
-            "its effect has `forall` or `when`: say what is true whenever the program ends well, and \
-             let it print the rest"
-                .to_owned(),
-        ),
+        Effect::Assign(assign) => Err(UncertainEffect::Number(assign.fluent.clone())),
+        Effect::Forall(..) | Effect::When(..) => Err(UncertainEffect::Conditional),
     }
 }

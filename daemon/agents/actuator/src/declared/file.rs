@@ -1,5 +1,5 @@
 //! The facts of an agent on disk, so that a restart of the daemon does not make facts false that
-//! the agent's programs have made true.
+//! the agent's actions have made true.
 
 use std::path::PathBuf;
 use std::{fs, io};
@@ -8,12 +8,12 @@ use acl::fnv::Fnv64;
 use agent::{Blueprint, BuildCheck, StateFolder, replace_file};
 use pddl::{ActionModel, InitElement};
 
-use crate::effect::AgentFacts;
+use crate::declared::AgentFacts;
 
 /// File with the facts of one agent. The first line is a comment with the digest of the action
 /// model; each further line is a fact in PDDL.
 #[derive(Clone, Debug)]
-pub(crate) struct FactFile {
+pub struct FactFile {
     /// Path of the file; `None` if nothing outlives the process.
     path: Option<PathBuf>,
     /// The first line of the file.
@@ -21,7 +21,9 @@ pub(crate) struct FactFile {
 }
 
 impl FactFile {
-    pub(crate) fn of(blueprint: &Blueprint, model: &ActionModel) -> FactFile {
+    /// Returns the file of an agent. Nothing is stored if the daemon has no folder for its state, or
+    /// if the agent is only checked.
+    pub fn of(blueprint: &Blueprint, model: &ActionModel) -> FactFile {
         let resources = &blueprint.host.resources;
         let is_check = resources.get::<BuildCheck>().is_some();
         let folder = resources.get::<StateFolder>().filter(|_| !is_check);
@@ -36,7 +38,7 @@ impl FactFile {
     /// # Errors
     ///
     /// Returns an error, as text for a person, if the file exists and cannot be read.
-    pub(crate) fn read(&self) -> Result<Option<Vec<InitElement>>, String> {
+    pub fn read(&self) -> Result<Option<Vec<InitElement>>, String> {
         let Some(path) = &self.path else { return Ok(None) };
         let text = match fs::read_to_string(path) {
             Ok(text) => text,
@@ -56,7 +58,7 @@ impl FactFile {
 
     /// Replaces the stored facts, on a thread that may wait for the disk. A failure is logged: the
     /// agent continues, and a restart finds the facts that were stored before.
-    pub(crate) async fn write(&self, facts: &AgentFacts) {
+    pub async fn write(&self, facts: &AgentFacts) {
         let Some(path) = self.path.clone() else { return };
         let mut text = self.header.clone();
         facts.facts().for_each(|fact| text.push_str(&format!("\n{fact}")));

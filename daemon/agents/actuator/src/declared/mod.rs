@@ -1,0 +1,44 @@
+//! Actuators whose action model stands in the ecosystem file: the model, the facts that its actions
+//! change, and the file in which these outlive the daemon.
+//!
+//! What carries out the actions is the matter of the plugin: a program, an action of ROS 2.
+
+mod facts;
+mod file;
+
+use agent::{Blueprint, BuildError};
+use pddl::ActionModel;
+
+pub use facts::{AgentFacts, UncertainEffect, check_effect};
+pub use file::FactFile;
+
+/// Parses the action model in the `config` of an agent, and checks it against the ontology.
+///
+/// # Errors
+///
+/// Returns an error if the model has a mistake, with its line, or is for another agent or domain.
+pub fn declared_model(blueprint: &Blueprint, text: &str) -> Result<ActionModel, BuildError> {
+    let parsed = pddl::parse_action_model(text);
+    if let Some(first) = parsed.diagnostics.iter().find(|found| found.is_error()) {
+        return Err(blueprint.problem(format!("model:{}", first.located(text))));
+    }
+    let nothing = || blueprint.problem("model: it is empty");
+    let model = parsed.value.ok_or_else(nothing)?;
+    let (id, domain) = (blueprint.id.as_str(), &blueprint.host.ontology.name);
+    if model.agent.as_str() != id {
+        let problem = format!("model: it is for `{}`; write (define (agent {id}) …", model.agent);
+        return Err(blueprint.problem(problem));
+    }
+    if model.domain != *domain {
+        let problem = format!("model: write (:domain {domain}), as the ecosystem has it");
+        return Err(blueprint.problem(problem));
+    }
+    let found = pddl::check_action_model(&blueprint.host.ontology, &model);
+    if let Some(first) = found.iter().find(|found| found.is_error()) {
+        return Err(blueprint.problem(format!("model:{}", first.located(text))));
+    }
+    if !model.durative_actions.is_empty() {
+        return Err(blueprint.problem("model: durative actions are not built yet"));
+    }
+    Ok(model)
+}
