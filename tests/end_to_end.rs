@@ -4,6 +4,7 @@
 //! Targets of their own are `load` and `faults`, which need the machine for themselves, and
 //! `confinement`, where plugins attack their surroundings.
 
+mod arms;
 mod buildings;
 mod commands;
 mod federation;

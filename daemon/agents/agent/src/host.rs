@@ -33,6 +33,11 @@ pub struct Host {
 #[derive(Clone, Debug)]
 pub struct StateFolder(pub PathBuf);
 
+/// Resource of a host: path of the folder with the ecosystem file. Relative paths in the `config` of an
+/// agent begin there; such files are on every machine, as the ecosystem file is.
+#[derive(Clone, Debug)]
+pub struct EcosystemFolder(pub PathBuf);
+
 /// Resource of a host: the names of all agents in the ecosystem file, including those of other
 /// daemons. A discovered agent must not take any of these names.
 #[derive(Clone, Debug, Default)]

@@ -81,7 +81,9 @@ pub use directory::Directory;
 pub use discovery::{DiscoveredAgents, DiscoversAgents};
 pub use exchange::{DeliveryError, ExchangeEvent, ExchangeOpening, ExchangeSummary, Participation};
 pub use failure_counters::FailureCounters;
-pub use host::{BuildCheck, ConfiguredModels, ConfiguredNames, Host, Resources, StateFolder};
+pub use host::{
+    BuildCheck, ConfiguredModels, ConfiguredNames, EcosystemFolder, Host, Resources, StateFolder,
+};
 pub use host_services::{HostServices, MachineSimulation, WorkError};
 pub use knowledge::knowledge;
 pub use launch::{LaunchContext, LaunchError, LaunchableAgent};

@@ -21,6 +21,7 @@ pub(crate) const PLUGINS: &[PluginEntry] = &[
     sensor::PLUGIN,
     sensor::BOARD,
     command::PLUGIN,
+    ros2::PLUGIN,
     switch::PLUGIN,
     mqtt::PLUGIN,
     ir_temperature_sensor::PLUGIN,

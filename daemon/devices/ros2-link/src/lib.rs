@@ -23,7 +23,7 @@ pub use action::{ActionClient, GoalEnd, RosGoal, RosGoalStatus};
 pub use dialect::RosDialect;
 pub use error::{RosError, printable};
 pub use link::{RosAddress, RosLink, TopicReader};
-pub use nav2::{Nav2Names, Nav2Robot, printable};
+pub use nav2::{Nav2Names, Nav2Robot};
 pub use pose::MapPose;
 pub use standstill::VelocityMessage;
 

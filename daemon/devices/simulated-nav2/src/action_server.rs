@@ -25,16 +25,17 @@ const STATUS: &str = "action_msgs/msg/GoalStatusArray";
 const CANCEL: &str = "action_msgs/srv/CancelGoal";
 
 /// Function that publishes feedback of the running goal.
-pub(crate) type Feedback = Arc<dyn Fn(Value) + Send + Sync>;
+pub type Feedback = Arc<dyn Fn(Value) + Send + Sync>;
 type Running = Pin<Box<dyn Future<Output = Result<Value, Value>> + Send>>;
 
 /// Function by which a server carries out a goal. Returns the result, or, as the error, the result
 /// of an aborted goal.
-pub(crate) type RunGoal = Arc<dyn Fn(Value, Feedback) -> Running + Send + Sync>;
+pub type RunGoal = Arc<dyn Fn(Value, Feedback) -> Running + Send + Sync>;
 /// Function that returns whether a server accepts goals at present.
-pub(crate) type AcceptsGoals = Arc<dyn Fn() -> bool + Send + Sync>;
+pub type AcceptsGoals = Arc<dyn Fn() -> bool + Send + Sync>;
 
-pub(crate) struct ActionServer {
+/// A ROS 2 action server.
+pub struct ActionServer {
     node: Arc<RobotNode>,
     name: &'static str,
     type_name: &'static str,
@@ -53,8 +54,13 @@ struct ServedGoal {
 }
 
 impl ActionServer {
-    /// Starts a server, which serves goals until the returned task is dropped.
-    pub(crate) async fn serve(
+    /// Starts a server, which serves goals until the returned task is dropped. Requests for results are answered while
+    /// `answers_results` is true.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if Zenoh does not declare the services of the action.
+    pub async fn serve(
         node: &Arc<RobotNode>,
         name: &'static str,
         type_name: &'static str,

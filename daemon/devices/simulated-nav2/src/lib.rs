@@ -10,6 +10,8 @@
 //!   where it stands moves it within the place; with the brush on, it sweeps the place on the way.
 //! - The battery is that of the building; docking charges it. The display is the screen that is
 //!   mounted on the robot in the building.
+//! - [`RobotNode`] and [`ActionServer`] serve any topic, service and action, for tests of other
+//!   robots.
 
 mod action_server;
 mod wire;
@@ -20,14 +22,13 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use building::BuildingHandle;
+use ros_messages::Interfaces;
 use serde_json::{Value, json};
 use tokio::sync::{mpsc, watch};
 use tokio_util::task::AbortOnDropHandle;
 
-use crate::action_server::{AcceptsGoals, ActionServer, Feedback, RunGoal};
-use crate::wire::RobotNode;
-
-pub use wire::RobotWire;
+pub use action_server::{AcceptsGoals, ActionServer, Feedback, RunGoal};
+pub use wire::{RobotNode, RobotWire, Service};
 
 /// Interval of the localization, the battery and the dock status. Real robots publish the first
 /// after each movement, the others once or more per second.
@@ -116,7 +117,10 @@ impl SimulatedNav2 {
         building: BuildingHandle,
         settings: Nav2Settings,
     ) -> zenoh::Result<SimulatedNav2> {
-        let (node, endpoint) = RobotNode::open(&settings).await?;
+        let Nav2Settings { wire, listen, namespace, .. } = &settings;
+        let interfaces = Interfaces::standard();
+        let (node, endpoint) =
+            RobotNode::open(*wire, listen.as_deref(), namespace, interfaces).await?;
         let node = Arc::new(node);
         let state = Arc::new(DrivingRobot {
             node: Arc::clone(&node),
@@ -144,8 +148,7 @@ impl SimulatedNav2 {
     pub async fn close(self) {
         let node = Arc::clone(&self.state.node);
         drop(self);
-        // An error means that the session is closed already.
-        drop(node.session.close().await);
+        node.close().await;
     }
 
     /// Returns the Zenoh endpoint at which the robot is reached.

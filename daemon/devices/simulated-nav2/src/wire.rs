@@ -1,4 +1,5 @@
-//! Topics and services of a simulated robot, on a Zenoh router of its own.
+//! Topics and services of a simulated robot, on a Zenoh router of its own. They are those of any
+//! robot, so that tests of other devices use them too.
 //!
 //! The keys are made here and not in `ros2-link`: a simulated robot that shared the code of its
 //! client would also share its mistakes.
@@ -11,8 +12,6 @@ use tokio::sync::mpsc;
 use zenoh::Session;
 use zenoh::bytes::ZBytes;
 use zenoh::query::{Query, Queryable};
-
-use crate::Nav2Settings;
 
 /// Number of requests to one service that wait; further ones are not answered.
 const REQUESTS_MAX: usize = 64;
@@ -29,24 +28,34 @@ pub enum RobotWire {
     RmwZenoh(u32),
 }
 
-pub(crate) struct RobotNode {
+/// The router of a simulated robot, with its topics and services.
+pub struct RobotNode {
     pub(crate) session: Session,
     wire: RobotWire,
     namespace: String,
-    pub(crate) interfaces: Interfaces,
+    interfaces: Interfaces,
 }
 
 /// Requests to one service.
-pub(crate) struct Service {
+pub struct Service {
     requests: mpsc::Receiver<Query>,
     _queryable: Queryable<()>,
 }
 
 impl RobotNode {
-    /// Opens a Zenoh router. Returns the node of the robot on it, and its endpoint.
-    pub(crate) async fn open(settings: &Nav2Settings) -> zenoh::Result<(RobotNode, String)> {
-        let Nav2Settings { wire, listen, namespace, .. } = settings.clone();
-        let listen = listen.unwrap_or_else(|| "tcp/127.0.0.1:0".to_owned());
+    /// Opens a Zenoh router at `listen`, by default at a port of loopback that the kernel chooses.
+    /// Returns the node of the robot on it, and its endpoint.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if Zenoh cannot open the router.
+    pub async fn open(
+        wire: RobotWire,
+        listen: Option<&str>,
+        namespace: &str,
+        interfaces: Interfaces,
+    ) -> zenoh::Result<(RobotNode, String)> {
+        let listen = listen.unwrap_or("tcp/127.0.0.1:0");
         let settings = json!({
             "mode": "router",
             "listen": { "endpoints": [listen] },
@@ -55,8 +64,14 @@ impl RobotNode {
         let session = zenoh::open(zenoh::Config::from_json5(&settings.to_string())?).await?;
         let endpoint = session.info().locators().await.into_iter().next();
         let endpoint = endpoint.ok_or("the router of the simulated robot has no address")?;
-        let interfaces = Interfaces::standard();
+        let namespace = namespace.to_owned();
         Ok((RobotNode { session, wire, namespace, interfaces }, endpoint.to_string()))
+    }
+
+    /// Closes the router, and waits until its endpoint is free.
+    pub async fn close(&self) {
+        // An error means that the session is closed already.
+        drop(self.session.close().await);
     }
 
     fn key(&self, name: &str, type_name: &str) -> String {
@@ -67,15 +82,20 @@ impl RobotNode {
         match self.wire {
             RobotWire::Ros2Dds => full_name,
             RobotWire::RmwZenoh(domain) => {
-                let dds = dds_name(type_name).expect("invariant: built-in types have full names");
+                let dds = dds_name(type_name).expect("invariant: names of types are full");
                 let hash = self.interfaces.type_hash(type_name);
-                let hash = hash.expect("invariant: built-in types have hashes");
+                let hash = hash.expect("invariant: the types of a simulated robot are known");
                 format!("{domain}/{full_name}/{dds}/{hash}")
             }
         }
     }
 
-    pub(crate) async fn service(&self, name: &str, type_name: &str) -> zenoh::Result<Service> {
+    /// Serves a service.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if Zenoh does not declare it.
+    pub async fn service(&self, name: &str, type_name: &str) -> zenoh::Result<Service> {
         let (sender, requests) = mpsc::channel(REQUESTS_MAX);
         let queryable = self
             .session
@@ -102,9 +122,19 @@ impl RobotNode {
         subscriber.await
     }
 
-    pub(crate) async fn publish(&self, name: &str, type_name: &str, message: &Value) {
+    /// Publishes a message on a topic.
+    ///
+    /// # Panics
+    ///
+    /// Panics if the message does not have its type.
+    pub async fn publish(&self, name: &str, type_name: &str, message: &Value) {
         let payload = self.interfaces.encode(type_name, message);
         let payload = payload.expect("invariant: the simulated robot fills its messages correctly");
+        self.publish_bytes(name, type_name, payload).await;
+    }
+
+    /// Publishes any bytes on a topic.
+    pub async fn publish_bytes(&self, name: &str, type_name: &str, payload: Vec<u8>) {
         let put = self.session.put(self.key(name, type_name), payload);
         // A closed session has no subscribers, so its error does not matter.
         drop(match self.wire {
@@ -115,7 +145,7 @@ impl RobotNode {
 
     /// Returns the request in a call. Returns `None` if it cannot be read; a real node ignores such
     /// a call.
-    pub(crate) fn request(&self, query: &Query, type_name: &str) -> Option<Value> {
+    pub fn request(&self, query: &Query, type_name: &str) -> Option<Value> {
         let payload = query.payload()?.to_bytes();
         if matches!(self.wire, RobotWire::RmwZenoh(_)) {
             // `rmw_zenoh` drops requests without an attachment of this form.
@@ -125,9 +155,19 @@ impl RobotNode {
         decoded.is_complete().then_some(decoded.value)
     }
 
-    pub(crate) async fn reply(&self, query: &Query, name: &str, type_name: &str, response: &Value) {
+    /// Answers a call.
+    ///
+    /// # Panics
+    ///
+    /// Panics if the response does not have its type.
+    pub async fn reply(&self, query: &Query, name: &str, type_name: &str, response: &Value) {
         let payload = self.interfaces.encode(&format!("{type_name}_Response"), response);
         let payload = payload.expect("invariant: the simulated robot fills its messages correctly");
+        self.reply_bytes(query, name, type_name, payload).await;
+    }
+
+    /// Answers a call with any bytes.
+    pub async fn reply_bytes(&self, query: &Query, name: &str, type_name: &str, payload: Vec<u8>) {
         let reply = query.reply(self.key(name, type_name), payload);
         // The caller may be gone.
         drop(match query.attachment() {
@@ -151,7 +191,7 @@ fn attachment() -> ZBytes {
 
 impl Service {
     /// Waits for the next call of the service, and returns it; `None` if there will be none.
-    pub(crate) async fn next(&mut self) -> Option<Query> {
+    pub async fn next(&mut self) -> Option<Query> {
         self.requests.recv().await
     }
 }

@@ -21,6 +21,8 @@ use super::layer::SourceMap;
 pub(crate) struct Ecosystem {
     /// The name of the ecosystem.
     pub(crate) name: EcosystemId,
+    /// The folder of the ecosystem file.
+    pub(crate) folder: PathBuf,
     /// The shared ontology, as a PDDL domain.
     pub(crate) domain: Arc<Domain>,
     /// The map, as a PDDL problem: the objects and facts that no agent brings.

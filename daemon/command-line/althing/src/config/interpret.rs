@@ -94,6 +94,7 @@ pub(super) fn interpret_values(
     let plugins = meaning.plugins(plugins);
     let building = meaning.building(building, files.as_ref());
 
+    let folder = meaning.file.parent().unwrap_or(Path::new("")).to_owned();
     let mut report = meaning.report;
     report.sort();
     let (Some(name), Some(files), Some(file)) = (name, files, layers.get(1)) else {
@@ -101,6 +102,7 @@ pub(super) fn interpret_values(
     };
     let ecosystem = Ecosystem {
         name,
+        folder,
         domain: Arc::new(files.domain),
         problem: Arc::new(files.problem),
         mode,

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use ::building::{Building, Layout};
 use acl::AgentId;
-use agent::{BuildCheck, Host, LaunchableAgent, Resources};
+use agent::{BuildCheck, EcosystemFolder, Host, LaunchableAgent, Resources};
 use pddl::ActionModel;
 
 use super::{HostError, supervisor};
@@ -26,6 +26,7 @@ impl DryRun {
         let mut resources = Resources::default();
         resources.insert(BuildCheck);
         resources.insert(ecosystem.safeguards.clone());
+        resources.insert(EcosystemFolder(ecosystem.folder.clone()));
         // Drivers need a handle of a building. No agent acts, so the building is empty.
         let building = Building::new(Layout::new(), 1.0);
         building.into_iter().for_each(|building| resources.insert(building.handle()));

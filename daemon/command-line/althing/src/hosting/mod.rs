@@ -34,8 +34,8 @@ use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId};
 use agent::{
-    AdmissionPolicy, Admissions, AgentSettings, ConfiguredModels, ConfiguredNames, Host,
-    HostServices, MessageRouter, Mode, Resources, Rights, Spawner, StateFolder, StopRegistry,
+    AdmissionPolicy, Admissions, AgentSettings, ConfiguredModels, ConfiguredNames, EcosystemFolder,
+    Host, HostServices, MessageRouter, Mode, Resources, Rights, Spawner, StateFolder, StopRegistry,
 };
 use substrate::Substrate;
 use substrate::memory::Network;
@@ -215,6 +215,7 @@ impl DaemonNode {
         if agents.iter().any(uses_models) {
             resources.insert(ConfiguredModels(models(ecosystem).into_values().collect()));
         }
+        resources.insert(EcosystemFolder(ecosystem.folder.clone()));
         let stops = state.as_deref().map(StopRegistry::open).unwrap_or_default();
         resources.insert(stops);
         state.into_iter().for_each(|folder| resources.insert(StateFolder(folder)));
