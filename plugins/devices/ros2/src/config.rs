@@ -18,9 +18,10 @@ use crate::field::{FieldCondition, NamedField};
 use crate::request::RequestChecker;
 use crate::template::ObjectValues;
 
-/// Default and maximum of the time limit of an action. Arms and conveyors take less than a minute;
-/// a longer job is a job for several actions.
+/// Default, minimum and maximum of the time limit of an action. Arms and conveyors take less than a
+/// minute; a longer job is a job for several actions.
 const TIME_OUT: Duration = Duration::from_secs(60);
+const TIME_OUT_MIN: Duration = Duration::from_millis(1);
 const TIME_OUT_MAX: Duration = Duration::from_secs(3_600);
 
 /// Least and greatest time for which the message of a topic counts. The least is that of the agents'
@@ -44,7 +45,7 @@ pub(crate) struct Config {
     model: String,
     /// The action or service for each action of the model, by the action's name.
     #[serde(default)]
-    actions: BTreeMap<String, ActionEntry>,
+    actions: BTreeMap<String, RosActionEntry>,
     /// The topics that tell facts.
     #[serde(default)]
     topics: Vec<TopicEntry>,
@@ -55,7 +56,7 @@ pub(crate) struct Config {
 
 #[derive(Debug, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-struct ActionEntry {
+struct RosActionEntry {
     #[serde(default)]
     ros_action: Option<GoalEntry>,
     #[serde(default)]
@@ -114,6 +115,14 @@ pub(crate) struct Settings {
     pub(crate) topics: Vec<TopicRule>,
 }
 
+/// The goal of an action of ROS, or the request of a service, with placeholders.
+struct NodeRequest {
+    is_action: bool,
+    name: String,
+    type_name: String,
+    request: Value,
+}
+
 /// How ROS is asked to carry out an action.
 #[derive(Clone, Debug)]
 pub(crate) struct ActionCall {
@@ -161,6 +170,33 @@ impl Config {
     }
 }
 
+impl NodeRequest {
+    /// Checks that an entry names either an action of ROS or a service, and the form of its names.
+    fn of(
+        ros_action: Option<GoalEntry>,
+        service: Option<ServiceEntry>,
+    ) -> Result<NodeRequest, String> {
+        let (key, kind, name, type_name, request) = match (ros_action, service) {
+            (Some(GoalEntry { name, r#type, goal }), None) => {
+                ("ros-action", "action", name, r#type, goal)
+            }
+            (None, Some(ServiceEntry { name, r#type, request })) => {
+                ("service", "srv", name, r#type, request)
+            }
+            _ => {
+                return Err(
+                    "ros-action, or else service: write one of them, such as ros-action = { \
+                            name = \"pick\", type = \"arm_msgs/action/Pick\" }"
+                        .to_owned(),
+                );
+            }
+        };
+        check_names(&name, &type_name, kind).map_err(|why| format!("{key}.{why}"))?;
+        let request = request.unwrap_or_else(|| Value::Object(Default::default()));
+        Ok(NodeRequest { is_action: kind == "action", name, type_name, request })
+    }
+}
+
 /// An entry while it is checked.
 struct EntryChecker<'a> {
     blueprint: &'a Blueprint,
@@ -172,7 +208,7 @@ struct EntryChecker<'a> {
 impl EntryChecker<'_> {
     fn calls(
         &self,
-        actions: BTreeMap<String, ActionEntry>,
+        actions: BTreeMap<String, RosActionEntry>,
     ) -> Result<BTreeMap<String, ActionCall>, String> {
         let mut calls = BTreeMap::new();
         for (name, action) in actions {
@@ -195,32 +231,19 @@ impl EntryChecker<'_> {
         }
     }
 
-    fn call(&self, entry: ActionEntry, schema: &ActionSchema) -> Result<ActionCall, String> {
-        let ActionEntry { ros_action, service, success, reason, facts, time_out } = entry;
+    fn call(&self, entry: RosActionEntry, schema: &ActionSchema) -> Result<ActionCall, String> {
+        let RosActionEntry { ros_action, service, success, reason, facts, time_out } = entry;
         check_effect(&schema.effect).map_err(advice)?;
-        let (kind, part, name, type_name, request) = match (ros_action, service) {
-            (Some(GoalEntry { name, r#type, goal }), None) => {
-                ("action", "goal", name, r#type, goal)
-            }
-            (None, Some(ServiceEntry { name, r#type, request })) => {
-                ("srv", "request", name, r#type, request)
-            }
-            _ => {
-                return Err(
-                    "ros-action, or else service: write one of them, such as ros-action = { \
-                            name = \"pick\", type = \"arm_msgs/action/Pick\" }"
-                        .to_owned(),
-                );
+        let NodeRequest { is_action, name, type_name, request } =
+            NodeRequest::of(ros_action, service)?;
+        let kind = if is_action { "ros-action" } else { "service" };
+        self.definitions.check_type(&type_name).map_err(|why| format!("{kind}.type: {why}"))?;
+        let (key, asked, told) = match is_action {
+            true => ("ros-action.goal", format!("{type_name}_Goal"), format!("{type_name}_Result")),
+            false => {
+                ("service.request", format!("{type_name}_Request"), format!("{type_name}_Response"))
             }
         };
-        let is_action = kind == "action";
-        let key = if is_action { "ros-action" } else { "service" };
-        check_names(&name, &type_name, kind).map_err(|why| format!("{key}.{why}"))?;
-        let (asked, told) = match is_action {
-            true => (format!("{type_name}_Goal"), format!("{type_name}_Result")),
-            false => (format!("{type_name}_Request"), format!("{type_name}_Response")),
-        };
-        let request = request.unwrap_or_else(|| Value::Object(Default::default()));
         let checker = RequestChecker {
             blueprint: self.blueprint,
             model: self.model,
@@ -228,7 +251,7 @@ impl EntryChecker<'_> {
             objects: &self.objects,
             schema,
         };
-        checker.check(&asked, &request).map_err(|why| format!("{key}.{part}: {why}"))?;
+        checker.check(&asked, &request).map_err(|why| format!("{key}: {why}"))?;
         let context = self.context(&told, "result", Some(schema));
         let condition = |text: String| context.condition(&text);
         let success = success.map(condition).transpose();
@@ -236,7 +259,7 @@ impl EntryChecker<'_> {
         let field = |text: String| context.field(&text, &Value::from(""));
         let reason = reason.map(field).transpose().map_err(|why| format!("reason: {why}"))?;
         let facts = rules(&context, &facts)?;
-        let time_out = duration(time_out, TIME_OUT, Duration::from_millis(1), TIME_OUT_MAX)
+        let time_out = duration(time_out, TIME_OUT, TIME_OUT_MIN, TIME_OUT_MAX)
             .map_err(|why| format!("time-out: {why}"))?;
         let variables = crate::fact::variables(schema).into_iter().map(str::to_owned).collect();
         Ok(ActionCall {
@@ -261,6 +284,7 @@ impl EntryChecker<'_> {
             let shown = name.clone();
             let parsed = || {
                 check_names(&name, &type_name, "msg")?;
+                self.definitions.check_type(&type_name).map_err(|why| format!("type: {why}"))?;
                 let context = self.context(&type_name, "message", None);
                 let facts = rules(&context, &facts)?;
                 let limits = (VALID_FOR_MIN, VALID_FOR_MAX);

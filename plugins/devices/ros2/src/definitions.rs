@@ -20,7 +20,10 @@ const DEFINITION_BYTES_MAX: u64 = 1 << 20;
 
 /// The key `definitions` of a config.
 #[derive(Debug, Deserialize)]
-#[serde(untagged)]
+#[serde(
+    untagged,
+    expecting = "`definitions` is the path of a file or folder, a list of paths, or a table of texts"
+)]
 pub(crate) enum DefinitionSource {
     /// A file, or a folder with files.
     Path(PathBuf),
@@ -82,6 +85,30 @@ impl Definitions {
             }
         }
         Ok(Definitions { interfaces, is_complete })
+    }
+}
+
+impl Definitions {
+    /// Checks that the definition of a type is known.
+    ///
+    /// # Errors
+    ///
+    /// Returns the types of the same package and kind, as text for a person.
+    pub(crate) fn check_type(&self, type_name: &str) -> Result<(), String> {
+        let names = || self.interfaces.type_names();
+        if !self.is_complete || names().any(|name| name == type_name) {
+            return Ok(());
+        }
+        let folder = type_name.rsplit_once('/').map_or(type_name, |(folder, _)| folder);
+        let plain = |name: &&str| !name.contains('_');
+        let own = names().filter_map(|name| name.strip_prefix(folder)?.strip_prefix('/'));
+        let mut known: Vec<&str> = own.filter(plain).collect();
+        known.sort_unstable();
+        let advice = match known.as_slice() {
+            [] => format!("`definitions` has nothing of `{folder}`"),
+            known => format!("`{folder}` has {}", known.join(", ")),
+        };
+        Err(format!("there is no definition of `{type_name}`: {advice}"))
     }
 }
 

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use actuator::is_possible_value;
 use agent::Blueprint;
-use pddl::{ActionModel, ActionSchema, InitElement, Name, ObjectDeclaration, Typed};
+use pddl::{ActionModel, ActionSchema, Diagnostic, InitElement, Name, ObjectDeclaration, Typed};
 use serde::Deserialize;
 use serde_json::Value;
 
@@ -18,7 +18,11 @@ use crate::template::placeholders;
 
 /// A fact in the config.
 #[derive(Clone, Debug, Deserialize)]
-#[serde(untagged)]
+#[serde(
+    untagged,
+    deny_unknown_fields,
+    expecting = "each of `facts` is a text, or { fact = \"(…)\", when = \"…\" }"
+)]
 pub(crate) enum FactEntry {
     /// A fact that each message tells.
     Always(String),
@@ -147,7 +151,8 @@ impl FactContext<'_> {
         model.objects.extend(parameters.map(object));
         model.init = vec![fact];
         let found = pddl::check_action_model(&self.blueprint.host.ontology, &model);
-        match found.into_iter().find(pddl::Diagnostic::is_error) {
+        match found.into_iter().find(Diagnostic::is_error) {
+            Some(Diagnostic { message, help: Some(help), .. }) => Err(format!("{message}; {help}")),
             Some(mistake) => Err(mistake.message),
             None => Ok(()),
         }

@@ -68,7 +68,11 @@ fn ros_actuator(blueprint: &Blueprint) -> Result<RosActuator, BuildError> {
     let file = FactFile::of(blueprint, &settings.model);
     let stored = file.read().map_err(|problem| blueprint.problem(problem))?;
     let known = AgentFacts::new(stored.unwrap_or_else(|| settings.model.init.clone()));
-    let topics = settings.topics.iter().map(|topic| topic_facts(&topic.facts)).collect();
+    let topics: Vec<_> = settings.topics.iter().map(|topic| topic_facts(&topic.facts)).collect();
+    let mut told = BTreeSet::new();
+    if let Some(again) = topics.iter().flatten().find(|fact| !told.insert(fact.as_str())) {
+        return Err(blueprint.problem(format!("topics: `{again}` is told twice; leave one out")));
+    }
     Ok(RosActuator {
         agent: blueprint.id.to_string(),
         settings: Arc::new(settings),
@@ -115,7 +119,7 @@ struct RosActuator {
 struct Outlook(bool, Vec<Vec<std::mem::Discriminant<FactState>>>);
 
 fn outlook(state: &NodeState, rules: &[TopicRule]) -> Outlook {
-    let topic = |(topic, rule): (&nodes::TopicState, &TopicRule)| {
+    let topic = |(topic, rule): (&nodes::TopicReport, &TopicRule)| {
         let fact = |index| std::mem::discriminant(&topic.fact(index, rule.valid_for));
         (0..rule.facts.len()).map(fact).collect()
     };

@@ -41,7 +41,7 @@ const HELD_FOR: Duration = Duration::from_secs(1);
 /// The link to the nodes, with the tasks that follow it.
 pub(crate) struct RosNodes {
     link: RosLink,
-    /// Clients of the actions, by their names. The first call of an action makes its client.
+    /// Clients of the actions, by their names and types. The first call of an action makes its client.
     clients: Mutex<BTreeMap<String, ActionClient>>,
     pub(crate) state: Arc<watch::Sender<NodeState>>,
     _tasks: Vec<AbortOnDropHandle<()>>,
@@ -53,18 +53,18 @@ pub(crate) struct NodeState {
     /// Whether the nodes are reached.
     pub(crate) is_reached: bool,
     /// The last message of each topic, in the order of the config.
-    pub(crate) topics: Vec<TopicState>,
+    pub(crate) topics: Vec<TopicReport>,
 }
 
 /// What the last message of a topic tells.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct TopicState {
+pub(crate) struct TopicReport {
     /// When the message came; `None` if there was none since the link exists.
     heard_at: Option<Instant>,
     facts: Vec<FactState>,
 }
 
-impl TopicState {
+impl TopicReport {
     /// Returns the state of the fact at `index`, which is unknown if the message is too old.
     pub(crate) fn fact(&self, index: usize, valid_for: Option<Duration>) -> FactState {
         let is_valid = match (self.heard_at, valid_for) {
@@ -90,7 +90,7 @@ impl TopicState {
             std::mem::discriminant(&self.fact(index, valid_for)) == std::mem::discriminant(fact)
         };
         let is_news = !facts.iter().enumerate().all(is_same);
-        *self = TopicState { heard_at: Some(Instant::now()), facts };
+        *self = TopicReport { heard_at: Some(Instant::now()), facts };
         is_news
     }
 
@@ -111,7 +111,7 @@ impl RosNodes {
     pub(crate) fn open(agent: &str, settings: &Settings) -> Result<RosNodes, RosError> {
         let interfaces = Arc::new(settings.interfaces.clone());
         let link = RosLink::open(settings.address.clone(), interfaces)?;
-        let topics = vec![TopicState::default(); settings.topics.len()];
+        let topics = vec![TopicReport::default(); settings.topics.len()];
         let state = Arc::new(watch::Sender::new(NodeState { is_reached: false, topics }));
         let checking = check_link(agent.to_owned(), link.clone(), Arc::clone(&state));
         let mut tasks = vec![AbortOnDropHandle::new(tokio::spawn(checking))];
@@ -180,12 +180,13 @@ impl RosNodes {
 
     async fn client(&self, call: &ActionCall) -> Result<ActionClient, RosError> {
         let mut clients = self.clients.lock().await;
-        if let Some(client) = clients.get(&call.name) {
+        let ActionCall { name, type_name, .. } = call;
+        let key = format!("{name} {type_name}");
+        if let Some(client) = clients.get(&key) {
             return Ok(client.clone());
         }
-        let ActionCall { name, type_name, .. } = call;
         let client = ActionClient::new(&self.link, name, type_name, LINK_WITHIN).await?;
-        clients.insert(name.clone(), client.clone());
+        clients.insert(key, client.clone());
         Ok(client)
     }
 }
@@ -240,7 +241,7 @@ async fn check_link(agent: String, link: RosLink, state: Arc<watch::Sender<NodeS
         let is_news = state.send_if_modified(|state| {
             let is_reached = linked.is_ok() || state.is_reached && !is_lost;
             if !is_reached {
-                state.topics.iter_mut().for_each(|topic| *topic = TopicState::default());
+                state.topics.iter_mut().for_each(|topic| *topic = TopicReport::default());
             }
             std::mem::replace(&mut state.is_reached, is_reached) != is_reached
         });
@@ -288,18 +289,17 @@ impl TopicFollower {
         };
         let mut is_told = false;
         loop {
-            let message = match reader.next().await {
-                Ok(message) => message,
+            let facts = match reader.next().await {
+                Ok(message) => self.rule.facts.iter().map(|fact| fact.state(&message)).collect(),
                 Err(error @ RosError::Zenoh(_)) => return error,
                 // The node tells something else than its type says, so nothing is known.
                 Err(error) => {
                     if !std::mem::replace(&mut is_told, true) {
                         tracing::warn!(agent = self.agent, "failed to {error}");
                     }
-                    Value::Null
+                    vec![FactState::Unknown; self.rule.facts.len()]
                 }
             };
-            let facts = self.rule.facts.iter().map(|fact| fact.state(&message)).collect();
             self.state.send_if_modified(|state| match state.topics.get_mut(self.index) {
                 Some(topic) if state.is_reached => topic.take(facts, self.rule.valid_for),
                 _ => false,

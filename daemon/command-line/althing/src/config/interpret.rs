@@ -94,7 +94,6 @@ pub(super) fn interpret_values(
     let plugins = meaning.plugins(plugins);
     let building = meaning.building(building, files.as_ref());
 
-    let folder = meaning.file.parent().unwrap_or(Path::new("")).to_owned();
     let mut report = meaning.report;
     report.sort();
     let (Some(name), Some(files), Some(file)) = (name, files, layers.get(1)) else {
@@ -102,7 +101,7 @@ pub(super) fn interpret_values(
     };
     let ecosystem = Ecosystem {
         name,
-        folder,
+        folder: meaning.file.parent().unwrap_or(Path::new("")).to_owned(),
         domain: Arc::new(files.domain),
         problem: Arc::new(files.problem),
         mode,

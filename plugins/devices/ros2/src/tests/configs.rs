@@ -28,8 +28,14 @@ fn mistakes_of_an_entry_are_refused_with_what_would_be_right() {
         (
             "/actions/pick/ros-action/type",
             json!("arm_msgs/action/Pik"),
-            "actions.pick.ros-action.goal: there is no definition of the type \
-             `arm_msgs/action/Pik_Goal`: add its definition",
+            "actions.pick.ros-action.type: there is no definition of `arm_msgs/action/Pik`: \
+             `arm_msgs/action` has Pick, Place",
+        ),
+        (
+            "/topics/0/type",
+            json!("hand_msgs/msg/Gripper"),
+            "topics, `gripper`: type: there is no definition of `hand_msgs/msg/Gripper`: \
+             `definitions` has nothing of `hand_msgs/msg`",
         ),
         (
             "/actions/pick/ros-action/type",
@@ -87,8 +93,9 @@ fn mistakes_of_an_entry_are_refused_with_what_would_be_right() {
         ),
         (
             "/actions/pick/facts",
-            json!(["(= (wait {p}) {result.weight})"]),
-            "actions.pick.facts: `(= (wait {p}) {result.weight})`: unknown function `wait`",
+            json!(["(= (weigt {p}) {result.weight})"]),
+            "actions.pick.facts: `(= (weigt {p}) {result.weight})`: unknown function `weigt`; did \
+             you mean `weight`?",
         ),
         (
             "/actions/pick/facts",
@@ -116,6 +123,16 @@ fn mistakes_of_an_entry_are_refused_with_what_would_be_right() {
             "/topics/0/facts",
             json!(["(gripping {a})"]),
             "`{a}` is none of its placeholders: {message.FIELD}",
+        ),
+        (
+            "/topics/0/facts",
+            json!([{ "fact": "(gripping arm-1)", "wen": "message.force >= 2" }]),
+            "each of `facts` is a text, or { fact = \"(…)\", when = \"…\" }",
+        ),
+        (
+            "/topics/0/facts",
+            json!(["(gripping arm-1)", "(gripping arm-1)"]),
+            "topics: `(gripping arm-1)` is told twice",
         ),
         ("/topics/0/valid-for", json!("1ms"), "topics, `gripper`: valid-for: between 1s and 1day"),
         ("/ros2/endpoint", json!("192.168.1.30"), "an endpoint is such as"),
