@@ -476,7 +476,10 @@ impl Actuator {
                 Report { observations: text_of(&observations), ..report }
             }
             Err(failure) => {
-                self.device.on_failure(&call, &failure);
+                // Without the leave of a person the method has not begun.
+                if !matches!(failure, MethodFailure::Forbidden(_) | MethodFailure::Unanswered(_)) {
+                    self.device.on_failure(&call, &failure);
+                }
                 let report = Report::new(Outcome::Failed, format!("failed to {failure}"));
                 let declined = match failure {
                     // The action was stopped at an unknown point.
@@ -589,8 +592,9 @@ impl Actuator {
         else {
             return;
         };
-        self.withdraw_consent(ctx);
-        self.device.on_failure(&call, &MethodFailure::GivenUp);
+        if !self.withdraw_consent(ctx) {
+            self.device.on_failure(&call, &MethodFailure::GivenUp);
+        }
         let mut report = Report::new(Outcome::Cancelled, why);
         report.action = Some(call.action);
         self.conclude(token, askers, report, ctx);

@@ -47,7 +47,7 @@ pub trait Device: Sized + Send + 'static {
     /// Called when a method has succeeded. From then on [`Device::facts`] returns the new facts.
     fn on_success(&mut self, call: &MethodCall, yielded: Self::Yield) -> MethodResult;
 
-    /// Called when a method of the device has failed or was cancelled.
+    /// Called when a method of the device that has begun has failed or was cancelled.
     fn on_failure(&mut self, _call: &MethodCall, _failure: &MethodFailure) {}
 
     /// Returns a future that brings the device to a standstill, and ends when the device itself has

@@ -264,6 +264,14 @@ impl Device for RosActuator {
         self.known = known;
     }
 
+    fn stand_still(&mut self) -> Option<BoxFuture<Result<(), String>>> {
+        let (nodes, settings) = (self.nodes(), Arc::clone(&self.settings));
+        let calls: Vec<ActionCall> = settings.calls.values().cloned().collect();
+        Some(Box::pin(
+            async move { nodes.end_all(&calls).await.map_err(|error| error.to_string()) },
+        ))
+    }
+
     /// Waits until the nodes are reached or out of reach, or a fact that topics tell has changed or
     /// expired.
     fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<RosActuator>>> {

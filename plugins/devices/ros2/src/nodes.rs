@@ -152,6 +152,23 @@ impl RosNodes {
         }
     }
 
+    /// Cancels all goals of these actions, also those of other programs, and waits until their
+    /// servers have none. The time of the wait is not bounded.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if a server does not confirm the cancellation. A server that is not there
+    /// has no goal.
+    pub(crate) async fn end_all(&self, calls: &[ActionCall]) -> Result<(), RosError> {
+        for call in calls.iter().filter(|call| call.is_action) {
+            match self.client(call).await?.end_all().await {
+                Ok(()) | Err(RosError::NoAnswer { .. }) => (),
+                Err(error) => return Err(error),
+            }
+        }
+        Ok(())
+    }
+
     async fn ask(&self, call: &ActionCall, request: &Value) -> Result<Value, MethodFailure> {
         let not_begun = |error: RosError| MethodFailure::Driver(error.to_string());
         self.link.until_linked(LINK_WITHIN).await.map_err(not_begun)?;

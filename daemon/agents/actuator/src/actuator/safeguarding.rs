@@ -88,10 +88,13 @@ impl Actuator {
         true
     }
 
-    /// Withdraws the question whether the action may begin, because the action is given up.
-    pub(super) fn withdraw_consent(&mut self, ctx: &mut Context<Self>) {
-        if self.consent.take().is_some() {
+    /// Withdraws the question whether the action may begin, because the action is given up. Returns
+    /// whether the action waited for consent, and so has not begun.
+    pub(super) fn withdraw_consent(&mut self, ctx: &mut Context<Self>) -> bool {
+        let waited = self.consent.take().is_some();
+        if waited {
             self.withdraw_question(QUESTION, "the action was given up".to_owned(), ctx);
         }
+        waited
     }
 }

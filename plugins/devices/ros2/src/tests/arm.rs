@@ -275,6 +275,21 @@ async fn a_cancelled_action_cancels_its_goal_and_leaves_its_effect_unknown() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn an_arm_is_still_when_its_servers_have_no_goal() {
+    for (wire, dialect) in WIRES {
+        let cell = Cell::start(wire, None).await;
+        let mut device = arm(&cell, dialect).await;
+        cell.conduct(Conduct::Hangs);
+        let running = tokio::spawn(device.perform(&call(PICK_CUP)));
+        cell.until_running(1).await;
+        let still = device.stand_still().expect("it can be asked");
+        assert_eq!(still.await, Ok(()), "{dialect}");
+        cell.until_running(0).await;
+        assert!(running.await.expect("no panic").is_err(), "{dialect}");
+    }
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn a_goal_without_end_is_cancelled_after_its_time_and_other_goals_do_not_end_it() {
     for (wire, dialect) in WIRES {
         let cell = Cell::start(wire, None).await;
