@@ -33,5 +33,5 @@ pub use initiative::{DeviceEvent, Initiative, InitiativeUpdate};
 pub use measured_value::{converted_value, is_possible_value, unit_conversion};
 pub use on_off::{OnOffNames, OnOffPredicates, is_derived};
 pub use pddl_text::{InvalidPlaceName, PlaceName, facts_of, model_of};
-pub use safeguards::{ActionSafeguard, RateLimit, Safeguards};
+pub use safeguards::{ActionSafeguard, BeginLimit, Safeguards};
 pub use substrate::BoxFuture;

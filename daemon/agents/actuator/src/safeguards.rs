@@ -17,12 +17,12 @@ pub struct ActionSafeguard {
     /// How long people may take to allow the action; `None` if nobody is asked.
     pub asks_people: Option<Duration>,
     /// How often the action may begin; `None` without a limit.
-    pub limit: Option<RateLimit>,
+    pub limit: Option<BeginLimit>,
 }
 
 /// Maximum number of times that an action may begin in any span of time.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct RateLimit {
+pub struct BeginLimit {
     /// The maximum number of times.
     pub at_most: u32,
     /// The span of time.
@@ -71,7 +71,7 @@ impl GuardedActions {
 
     /// Returns why the action may not begin at the time `now`; `None` if it may.
     pub(crate) fn objection(&self, action: &str, now: Instant) -> Option<String> {
-        let RateLimit { at_most, per } = self.safeguards.get(action)?.limit?;
+        let BeginLimit { at_most, per } = self.safeguards.get(action)?.limit?;
         let begun = self.begun.get(action)?;
         // The oldest of the last `at_most` beginnings.
         let first = begun.iter().rev().nth(usize::try_from(at_most).ok()?.checked_sub(1)?)?;
@@ -87,7 +87,7 @@ impl GuardedActions {
 
     /// Records that an action begins.
     pub(crate) fn begins(&mut self, action: &str, now: Instant) {
-        let Some(RateLimit { at_most, .. }) = self.safeguards.get(action).and_then(|it| it.limit)
+        let Some(BeginLimit { at_most, .. }) = self.safeguards.get(action).and_then(|it| it.limit)
         else {
             return;
         };
@@ -105,7 +105,7 @@ mod tests {
     const MINUTE: Duration = Duration::from_secs(60);
 
     fn guarded(at_most: u32) -> GuardedActions {
-        let limit = Some(RateLimit { at_most, per: MINUTE });
+        let limit = Some(BeginLimit { at_most, per: MINUTE });
         let safeguard = ActionSafeguard { asks_people: None, limit };
         let own = AgentId::new("heater").expect("a name");
         let of = [("switch-on".to_owned(), safeguard)].into();

@@ -22,15 +22,15 @@ const ANNOUNCED_CHANGE: f64 = 0.1;
 /// Longest time for which a way is avoided: then somebody will have opened the door.
 const BLOCKED_MAX: Duration = Duration::from_secs(600);
 
-/// A way from one place to another, by the names of the places.
-type Way = (String, String);
+/// The two ends of a way, by the names of the places: from the first to the second.
+type PlacePair = (String, String);
 
 /// Ways between places, as one base knows them.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct KnownWays {
     /// Cost of each way, in meters.
-    costs: BTreeMap<Way, WayCost>,
-    blocked: BTreeMap<Way, BlockedWay>,
+    costs: BTreeMap<PlacePair, WayCost>,
+    blocked: BTreeMap<PlacePair, BlockedWay>,
     /// How long a way is avoided after the first failure.
     blocked_for: Duration,
 }
@@ -113,7 +113,7 @@ impl KnownWays {
     }
 }
 
-fn both(from: &str, to: &str) -> [Way; 2] {
+fn both(from: &str, to: &str) -> [PlacePair; 2] {
     [(from.to_owned(), to.to_owned()), (to.to_owned(), from.to_owned())]
 }
 

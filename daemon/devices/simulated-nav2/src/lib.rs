@@ -96,7 +96,7 @@ struct DrivingRobot {
     /// Number of messages that set the velocity to zero.
     zero_velocities: AtomicU64,
     /// Position that the robot tells, with the place to which it belongs.
-    position: Mutex<Option<(String, Position)>>,
+    position: Mutex<Option<(String, MapPosition)>>,
     /// Whether the brush is on, and whether it was on when the robot drove within its place.
     brush: Mutex<Brush>,
 }
@@ -310,20 +310,20 @@ async fn serve_lifecycle(
 
 /// A position on the robot's map, in meters.
 #[derive(Clone, Copy)]
-struct Position {
+struct MapPosition {
     x: f64,
     y: f64,
 }
 
-impl Position {
-    fn distance(self, other: Position) -> f64 {
+impl MapPosition {
+    fn distance(self, other: MapPosition) -> f64 {
         (self.x - other.x).hypot(self.y - other.y)
     }
 
     /// Returns the position at this share of the way to another one.
-    fn towards(self, other: Position, share: f64) -> Position {
+    fn towards(self, other: MapPosition, share: f64) -> MapPosition {
         let between = |from: f64, to: f64| from + (to - from) * share;
-        Position { x: between(self.x, other.x), y: between(self.y, other.y) }
+        MapPosition { x: between(self.x, other.x), y: between(self.y, other.y) }
     }
 }
 
@@ -331,11 +331,11 @@ impl Position {
 /// arrival, the robot is back where it began.
 struct OnTheWay<'a> {
     robot: &'a DrivingRobot,
-    rests_at: Option<(String, Position)>,
+    rests_at: Option<(String, MapPosition)>,
 }
 
 impl OnTheWay<'_> {
-    fn arrive(mut self, place: String, position: Position) {
+    fn arrive(mut self, place: String, position: MapPosition) {
         self.rests_at = Some((place, position));
     }
 }
@@ -356,7 +356,7 @@ impl DrivingRobot {
         let position = &goal["pose"]["pose"]["position"];
         let (x, y) = (position["x"].as_f64(), position["y"].as_f64());
         let (Some(x), Some(y)) = (x, y) else { return Err(aborted("the pose has no position")) };
-        let to = Position { x, y };
+        let to = MapPosition { x, y };
         let Some(place) = self.place_near(to) else {
             return Err(aborted("the pose is outside the map"));
         };
@@ -412,23 +412,23 @@ impl DrivingRobot {
     }
 
     /// Returns the place whose position is near; `None` if there is none.
-    fn place_near(&self, position: Position) -> Option<String> {
+    fn place_near(&self, position: MapPosition) -> Option<String> {
         let distance =
-            |(_, (x, y)): &(&String, &(f64, f64))| position.distance(Position { x: *x, y: *y });
+            |(_, (x, y)): &(&String, &(f64, f64))| position.distance(MapPosition { x: *x, y: *y });
         let places = self.settings.places.iter();
         let nearest = places.min_by(|one, two| distance(one).total_cmp(&distance(two)))?;
         (distance(&nearest) <= NEAR).then(|| nearest.0.clone())
     }
 
     /// Returns the position of the robot on its map; `None` if its place has none.
-    async fn position(&self) -> Option<Position> {
+    async fn position(&self) -> Option<MapPosition> {
         let here = self.place().await?;
         if let Some((place, position)) = &*locked(&self.position)
             && *place == here
         {
             return Some(*position);
         }
-        self.settings.places.get(&here).map(|(x, y)| Position { x: *x, y: *y })
+        self.settings.places.get(&here).map(|(x, y)| MapPosition { x: *x, y: *y })
     }
 
     async fn dock(self: Arc<Self>) -> Result<Value, Value> {
@@ -450,7 +450,7 @@ impl DrivingRobot {
         let mut pace = tokio::time::interval(TELEMETRY_INTERVAL);
         loop {
             pace.tick().await;
-            if let Some(Position { x, y }) = self.position().await {
+            if let Some(MapPosition { x, y }) = self.position().await {
                 let is_localized = self.is_localized.load(Ordering::Relaxed);
                 let mut covariance = [0.0; 36];
                 covariance[0] = if is_localized { 0.05 } else { 25.0 };

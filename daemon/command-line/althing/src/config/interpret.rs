@@ -25,13 +25,13 @@ use std::sync::Arc;
 
 use ::building::Quantity;
 use acl::{DaemonId, EcosystemId, InvalidName};
-use agent::{AdmissionPolicy, AllowedNames};
+use agent::{AdmissionPolicy, AllowedNames, Rights};
 use pddl::{Diagnostic, Span};
 
-use super::KnownPlugin;
 use super::ecosystem::{BuildingSettings, Ecosystem, PluginSettings, SourceTexts};
 use super::layer::{KeyValueSpan, Layer, SourceMap};
 use super::raw::{RawBuilding, RawConfig, RawEcosystem, RawPlugins};
+use super::{InterfaceEntry, KnownPlugin};
 use files::PddlFiles;
 pub(crate) use goals::relocate as moved_goal;
 use rights::limited_actions;
@@ -86,10 +86,7 @@ pub(super) fn interpret_values(
     let settings = meaning.settings(&timing, &limits, &agents);
     let security = meaning.security(security, name.as_ref());
     let mut rights = meaning.rights(&rights, &agents, &limited);
-    // A daemon that runs an interface also brings the agents that the interface borrows.
-    if let AllowedNames::These(newcomers) = &mut rights.newcomers {
-        newcomers.extend(interfaces.iter().filter_map(|interface| interface.daemon.clone()));
-    }
+    admit_borrowed_agents(&mut rights, &interfaces);
     let safeguards = meaning.safeguards(safeguards, &agents);
     let plugins = meaning.plugins(plugins);
     let building = meaning.building(building, files.as_ref());
@@ -121,6 +118,13 @@ pub(super) fn interpret_values(
         are_files_sound: files.are_sound,
     };
     (Some(ecosystem), report)
+}
+
+/// Lets each daemon that runs an interface also bring the agents that the interface borrows.
+fn admit_borrowed_agents(rights: &mut Rights, interfaces: &[InterfaceEntry]) {
+    if let AllowedNames::These(newcomers) = &mut rights.newcomers {
+        newcomers.extend(interfaces.iter().filter_map(|interface| interface.daemon.clone()));
+    }
 }
 
 // === impl Interpreter ===

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use acl::AgentId;
-use actuator::{ActionSafeguard, RateLimit, Safeguards};
+use actuator::{ActionSafeguard, BeginLimit, Safeguards};
 use pddl::Diagnostic;
 
 use super::Interpreter;
@@ -64,7 +64,7 @@ impl Interpreter<'_> {
             self.about_key(path, |span| Diagnostic::error(span, message).with_help(help));
             return None;
         }
-        let limit = at_most.zip(per).map(|(at_most, per)| RateLimit { at_most, per });
+        let limit = at_most.zip(per).map(|(at_most, per)| BeginLimit { at_most, per });
         let asks_people = confirm.then(|| patience.unwrap_or(PATIENCE));
         Some(ActionSafeguard { asks_people, limit })
     }
