@@ -14,7 +14,12 @@ use serde_json::{Value, json};
 use tokio::time::Instant;
 
 use crate::error::RosError;
-use crate::link::{RosLink, TopicReader};
+use crate::link::RosLink;
+use crate::topic::TopicReader;
+
+/// How long an action server is awaited that does not answer. After the start of a bridge or of a
+/// node, it takes a second or two until they know of each other.
+const SERVER_AWAITED: Duration = Duration::from_secs(5);
 
 /// How long an action server may take to accept or reject a goal. Nav2 answers within milliseconds;
 /// a server that is activated just now takes a second or two.
@@ -24,8 +29,9 @@ const ACCEPT_TIMEOUT: Duration = Duration::from_secs(5);
 const CANCEL_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// How long one request for the result waits for its answer. The answer comes when the goal is
-/// over, so this time limit only ends requests that a lost link leaves open.
-const RESULT_TIMEOUT: Duration = Duration::from_secs(60);
+/// over. A bridge goes on to hold the request for a server that is gone, so the end of a server is
+/// noticed only after this time.
+const RESULT_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// How long the result is awaited after the status topic has reported the end of the goal.
 const RESULT_AFTER_END: Duration = Duration::from_secs(2);
@@ -118,7 +124,8 @@ impl ActionClient {
         Ok(ActionClient { link: link.clone(), name, type_name, feedback, status })
     }
 
-    /// Sends a goal, and returns it when the server has accepted it.
+    /// Sends a goal, and returns it when the server has accepted it. A server that is not there yet
+    /// is awaited for some seconds.
     ///
     /// # Errors
     ///
@@ -132,14 +139,15 @@ impl ActionClient {
         // is cancelled unless its rejection is known.
         let heard_at = Mutex::new(Instant::now());
         let mut sent = RosGoal { client: self.clone(), id, is_over: false, heard_at };
-        let response = self.call("send_goal", "SendGoal", &request, ACCEPT_TIMEOUT).await;
+        let (response, is_first) = self.ask_to_accept(&request).await;
         let is_unsent =
             matches!(&response, Err(RosError::NotLinked { .. } | RosError::Encode { .. }));
         sent.is_over = is_unsent;
         if response?["accepted"].as_bool() == Some(true) {
             return Ok(sent);
         }
-        sent.is_over = true;
+        // A server that has a goal rejects it when it comes again.
+        sent.is_over = is_first;
         Err(RosError::Rejected { action: self.link.full_name(&self.name) })
     }
 
@@ -151,6 +159,23 @@ impl ActionClient {
     /// Returns a reader of the states of the server's goals.
     pub(crate) fn statuses(&self) -> TopicReader {
         self.status.clone()
+    }
+
+    /// Asks the server to accept a goal until there is a server that answers, for as long as
+    /// servers are awaited. Returns the answer, and whether it answers the first request.
+    async fn ask_to_accept(&self, request: &Value) -> (Result<Value, RosError>, bool) {
+        let (began, mut is_first) = (Instant::now(), true);
+        loop {
+            let asked_at = Instant::now();
+            let answer = self.call("send_goal", "SendGoal", request, ACCEPT_TIMEOUT).await;
+            let is_nobody_there =
+                matches!(&answer, Err(RosError::NoAnswer { .. })) && asked_at.elapsed() < HELD_FOR;
+            if !is_nobody_there || began.elapsed() >= SERVER_AWAITED {
+                return (answer, is_first);
+            }
+            is_first = false;
+            tokio::time::sleep(ASK_AGAIN).await;
+        }
     }
 
     async fn call(

@@ -2,6 +2,7 @@
 //!
 //! - [`RosLink`] (`link`) is a Zenoh session of its own to one robot. It is a device bus: it shares
 //!   nothing with the sessions that carry the messages of agents.
+//! - [`TopicReader`] (`topic`) has the latest message of a topic.
 //! - Two [`RosDialect`]s are known (`dialect`). In that of `zenoh-bridge-ros2dds`, the keys of
 //!   Zenoh are the names of ROS; in that of `rmw_zenoh`, the keys also have the domain, the type
 //!   and its hash.
@@ -18,14 +19,16 @@ mod link;
 mod nav2;
 mod pose;
 mod standstill;
+mod topic;
 
 pub use action::{ActionClient, GoalEnd, RosGoal, RosGoalStatus};
 pub use dialect::RosDialect;
 pub use error::{RosError, printable};
-pub use link::{RosAddress, RosLink, TopicReader};
+pub use link::{RosAddress, RosLink};
 pub use nav2::{Nav2Names, Nav2Robot};
 pub use pose::MapPose;
 pub use standstill::VelocityMessage;
+pub use topic::TopicReader;
 
 /// Returns the definitions of messages that robots need most, those of ROS 2 Jazzy.
 pub fn standard_interfaces() -> ros_messages::Interfaces {

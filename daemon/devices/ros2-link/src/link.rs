@@ -4,8 +4,6 @@
 //!   router answers. Afterwards Zenoh itself restores a lost connection, and repeats subscriptions.
 //! - The session is a client: it listens nowhere, finds no other sessions, and is linked to the
 //!   configured endpoint only.
-//! - A reader of a topic keeps the latest message, and decodes it only when it is read. So a robot
-//!   that floods a topic causes no work but Zenoh's copies of the messages.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -17,11 +15,11 @@ use tokio::sync::{mpsc, watch};
 use tokio::time::Instant;
 use tokio_util::task::AbortOnDropHandle;
 use zenoh::Session;
-use zenoh::pubsub::Subscriber;
 use zenoh::query::{ConsolidationMode, QueryTarget, ReplyKeyExpr};
 
 use crate::dialect::{RosDialect, RosKeys};
 use crate::error::RosError;
+use crate::topic::{Topic, TopicReader};
 
 /// How long one attempt to open the session may take. A robot in the same network answers within
 /// milliseconds; with a lossy radio link the handshake takes seconds.
@@ -33,10 +31,6 @@ const REOPEN_LONGEST: Duration = Duration::from_secs(4);
 
 /// Pause between two checks whether there is a link. Zenoh reports no event when it is restored.
 const LINK_POLL: Duration = Duration::from_millis(100);
-
-/// How long the last message of a topic from before the subscription is awaited. If no node of the
-/// robot keeps such messages, Zenoh ends the request within the round trip.
-const HISTORY_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Longest message from a robot, in bytes. A map of a floor has a few megabytes.
 const MESSAGE_BYTES_MAX: usize = 16 << 20;
@@ -86,7 +80,7 @@ impl RosAddress {
     }
 }
 
-/// A link to one robot. The session is closed when all clones are dropped.
+/// A link to one robot. The session is closed when all clones and all readers of topics are dropped.
 #[derive(Clone)]
 pub struct RosLink {
     shared: Arc<SharedLink>,
@@ -100,17 +94,6 @@ struct SharedLink {
     /// Reason why the last attempt to open the session failed.
     reason: Arc<Mutex<String>>,
     _opener: AbortOnDropHandle<()>,
-}
-
-/// A subscription to a topic, with the latest message. Clones share the subscription, which ends
-/// when the last of them is dropped.
-#[derive(Clone)]
-pub struct TopicReader {
-    name: String,
-    type_name: String,
-    interfaces: Arc<Interfaces>,
-    latest: watch::Receiver<Option<Vec<u8>>>,
-    _subscriber: Arc<Subscriber<()>>,
 }
 
 // === impl RosLink ===
@@ -196,7 +179,8 @@ impl RosLink {
     }
 
     /// Subscribes to a topic, and requests the last message from before the subscription. Topics
-    /// with the durability “transient local” answer this request.
+    /// with the durability “transient local” answer this request. The link lasts as long as the
+    /// reader.
     ///
     /// # Errors
     ///
@@ -209,42 +193,12 @@ impl RosLink {
     ) -> Result<TopicReader, RosError> {
         let session = self.session(within).await?;
         let key = self.shared.keys.any_hash(name, type_name)?;
-        let (sender, latest) = watch::channel(None);
-        let sender = Arc::new(sender);
-        let received = Arc::clone(&sender);
-        let subscriber = session
-            .declare_subscriber(key.clone())
-            .callback(move |sample| {
-                received.send_replace(Some(sample.payload().to_bytes().into_owned()));
-            })
-            .await
-            .map_err(RosError::zenoh)?;
-        let history = session
-            .get(format!("{key}/@adv/**?_max=1"))
-            .accept_replies(ReplyKeyExpr::Any)
-            .target(QueryTarget::All)
-            .consolidation(ConsolidationMode::None)
-            .timeout(HISTORY_TIMEOUT)
-            .callback(move |reply| {
-                let Ok(sample) = reply.result() else { return };
-                let last = sample.payload().to_bytes().into_owned();
-                // A message that was received meanwhile is newer.
-                sender.send_if_modified(|latest| {
-                    let is_first = latest.is_none();
-                    if is_first {
-                        *latest = Some(last);
-                    }
-                    is_first
-                });
-            });
-        history.await.map_err(RosError::zenoh)?;
-        Ok(TopicReader {
+        let topic = Topic {
             name: self.full_name(name),
             type_name: type_name.to_owned(),
             interfaces: Arc::clone(&self.shared.interfaces),
-            latest,
-            _subscriber: Arc::new(subscriber),
-        })
+        };
+        TopicReader::subscribe(session, key, topic).await
     }
 
     /// Publishes one message on a topic.
@@ -329,19 +283,11 @@ impl RosLink {
     }
 
     fn decode(&self, name: &str, type_name: &str, bytes: &[u8]) -> Result<Value, RosError> {
-        decode(&self.shared.interfaces, &self.full_name(name), type_name, bytes)
+        let decoded = self.shared.interfaces.decode(type_name, bytes);
+        let decoded =
+            decoded.map_err(|source| RosError::Decode { name: self.full_name(name), source })?;
+        Ok(decoded.value)
     }
-}
-
-fn decode(
-    interfaces: &Interfaces,
-    name: &str,
-    type_name: &str,
-    bytes: &[u8],
-) -> Result<Value, RosError> {
-    let decoded = interfaces.decode(type_name, bytes);
-    let decoded = decoded.map_err(|source| RosError::Decode { name: name.to_owned(), source })?;
-    Ok(decoded.value)
 }
 
 /// Opens the session, and keeps it until the receivers are gone.
@@ -387,43 +333,6 @@ async fn try_open(endpoint: &str) -> zenoh::Result<Session> {
         "transport": { "link": { "rx": { "max_message_size": MESSAGE_BYTES_MAX } } },
     });
     zenoh::open(zenoh::Config::from_json5(&settings.to_string())?).await
-}
-
-// === impl TopicReader ===
-
-impl TopicReader {
-    /// Returns the name of the topic.
-    pub fn name(&self) -> &str {
-        &self.name
-    }
-
-    /// Returns the latest message; `None` if none was received yet.
-    ///
-    /// # Errors
-    ///
-    /// Returns an error if the message cannot be read.
-    pub fn latest(&mut self) -> Result<Option<Value>, RosError> {
-        let bytes = self.latest.borrow_and_update().clone();
-        let decoded =
-            bytes.map(|bytes| decode(&self.interfaces, &self.name, &self.type_name, &bytes));
-        decoded.transpose()
-    }
-
-    /// Waits for a message that was not read before, and returns it. If several were received, the
-    /// earlier ones are skipped.
-    ///
-    /// # Errors
-    ///
-    /// Returns an error if the message cannot be read, or if the link is closed.
-    pub async fn next(&mut self) -> Result<Value, RosError> {
-        loop {
-            let changed = self.latest.changed().await;
-            changed.map_err(|_| RosError::Zenoh("the link is closed".to_owned()))?;
-            if let Some(message) = self.latest()? {
-                return Ok(message);
-            }
-        }
-    }
 }
 
 #[cfg(test)]

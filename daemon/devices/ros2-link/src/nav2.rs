@@ -15,8 +15,9 @@ use tokio::time::Instant;
 
 use crate::action::{ActionClient, GoalEnd, RosGoalStatus};
 use crate::error::{RosError, printable};
-use crate::link::{RosLink, TopicReader};
+use crate::link::RosLink;
 use crate::pose::MapPose;
+use crate::topic::TopicReader;
 
 /// How long each operation awaits a link to the robot. A daemon and its robot often start together.
 /// If the robot still boots after this time, the operation fails, and a later plan tries it again.
