@@ -1,5 +1,7 @@
 //! The processes of a robot: its nodes, and the bridge or router that links them with Zenoh.
 
+#![allow(dead_code, reason = "each test uses a part")]
+
 use std::io::{BufRead, BufReader, Write};
 use std::net::SocketAddr;
 use std::process::{Child, ChildStdin, Command, Stdio};
@@ -200,7 +202,7 @@ async fn start_nodes(address: &RosAddress, distribution: &str, pose: Option<&str
                  or name another Python in ROS_PEERS_PYTHON"
             );
             let mut nodes = Command::new(python);
-            nodes.arg(concat!(env!("CARGO_MANIFEST_DIR"), "/dds/robot.py"));
+            nodes.arg("-B").arg(concat!(env!("CARGO_MANIFEST_DIR"), "/dds/robot.py"));
             nodes
         }
         RosDialect::RmwZenoh => {
