@@ -197,7 +197,7 @@ async fn serve_dock<A: ZAction>(
     loop {
         let goal = server.recv_goal().await?.accept().execute();
         tokio::time::sleep(TICK * TICKS_TO_ARRIVE).await;
-        drop(done.send(is_docked));
+        done.send(is_docked).ok();
         goal.succeed(result.clone())?;
     }
 }
