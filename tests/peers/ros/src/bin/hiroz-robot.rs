@@ -202,6 +202,16 @@ async fn serve_dock<A: ZAction>(
     }
 }
 
+/// Serves the dock. Returns whether the robot is docked, after each goal.
+fn serve_docks(node: &ZNode) -> hiroz::Result<mpsc::UnboundedReceiver<bool>> {
+    let (done, docked) = mpsc::unbounded_channel();
+    let dock = node.create_action_server::<Dock>("dock").build()?;
+    let undock = node.create_action_server::<Undock>("undock").build()?;
+    tokio::spawn(serve_dock(dock, DockResult { is_docked: true }, true, done.clone()));
+    tokio::spawn(serve_dock(undock, UndockResult { is_docked: false }, false, done));
+    Ok(docked)
+}
+
 fn read_commands() -> mpsc::UnboundedReceiver<String> {
     let (sender, lines) = mpsc::unbounded_channel();
     std::thread::spawn(move || {
@@ -229,12 +239,7 @@ async fn main() -> hiroz::Result<()> {
         .create_action_server::<NavigateToPose>("navigate_to_pose")
         .with_status_topic_qos(latched.clone())
         .build()?;
-    let (done, mut docked) = mpsc::unbounded_channel();
-    let dock = node.create_action_server::<Dock>("dock").build()?;
-    let undock = node.create_action_server::<Undock>("undock").build()?;
-    let dock = serve_dock(dock, DockResult { is_docked: true }, true, done.clone());
-    tokio::spawn(dock);
-    tokio::spawn(serve_dock(undock, UndockResult { is_docked: false }, false, done));
+    let mut docked = serve_docks(&node)?;
     let initial = node.create_sub::<PoseWithCovarianceStamped>("initialpose").build()?;
     let mut robot = Robot {
         pose: node.create_pub("amcl_pose").with_qos(latched).build()?,
