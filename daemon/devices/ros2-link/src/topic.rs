@@ -45,10 +45,10 @@ pub(crate) struct Topic {
 pub struct TopicReader {
     topic: Topic,
     latest: watch::Receiver<Option<TopicMessage>>,
-    _subscription: Arc<Subscription>,
+    _subscription: Arc<FollowedTopic>,
 }
 
-struct Subscription {
+struct FollowedTopic {
     _messages: Subscriber<()>,
     _publishers: Subscriber<()>,
     _history: AbortOnDropHandle<()>,
@@ -61,7 +61,7 @@ struct TopicMessage {
 }
 
 /// Receives the messages of a topic.
-struct Inbox {
+struct LatestMessage {
     latest: watch::Sender<Option<TopicMessage>>,
     /// Number of messages that were received as they were published.
     received: AtomicU64,
@@ -76,7 +76,7 @@ impl TopicReader {
         topic: Topic,
     ) -> Result<TopicReader, RosError> {
         let (sender, latest) = watch::channel(None);
-        let inbox = Arc::new(Inbox { latest: sender, received: AtomicU64::new(0) });
+        let inbox = Arc::new(LatestMessage { latest: sender, received: AtomicU64::new(0) });
         let receiving = Arc::clone(&inbox);
         let messages = session
             .declare_subscriber(key.clone())
@@ -102,7 +102,7 @@ impl TopicReader {
                 }
             }
         });
-        let subscription = Subscription {
+        let subscription = FollowedTopic {
             _messages: messages,
             _publishers: tokens,
             _history: AbortOnDropHandle::new(history),
@@ -151,9 +151,9 @@ impl Topic {
     }
 }
 
-// === impl Inbox ===
+// === impl LatestMessage ===
 
-impl Inbox {
+impl LatestMessage {
     fn receive(&self, sample: &Sample) {
         self.received.fetch_add(1, Ordering::SeqCst);
         self.latest.send_replace(Some(TopicMessage::of(sample)));
