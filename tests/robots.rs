@@ -154,6 +154,34 @@ fn a_robot_with_nav2_reaches_goals_in_both_dialects() {
 }
 
 #[test]
+fn a_robot_that_nothing_can_stop_is_reported() {
+    let office = Office::new();
+    let watchdog = |robot: &str, daemon: &str| {
+        format!(
+            "[[agent]]\nname = \"watchdog\"\nplugin = \"robot-watchdog\"\ndaemon = \"{daemon}\"\n\
+             [agent.config]\nrobot = \"{robot}\"\non-loss = \"dock\"\n\
+             [agent.config.ros2]\nendpoint = \"tcp/127.0.0.1:7447\"\n"
+        )
+    };
+    let entry = entry("tcp/127.0.0.1:7447", "ros2dds", &PLACES)
+        .replace("plugin = \"turtlebot\"", "plugin = \"turtlebot\"\ndaemon = \"laptop\"");
+    for (watchdog, complaint) in [
+        (String::new(), Some("if the daemon of `turtlebot-1` dies, the robot finishes its goal")),
+        (watchdog(ROBOT, "laptop"), Some("give `watchdog` another daemon than `turtlebot-1` has")),
+        (watchdog("turtlebot-2", "hall"), Some("there is no agent `turtlebot-2`")),
+        (watchdog(ROBOT, "hall"), None),
+    ] {
+        let file = office.write("lab.toml", &(lab("decentralized") + &entry + "\n" + &watchdog));
+        let checked = office.run(&["check", &file.display().to_string()]);
+        let said = stderr(&checked).split_whitespace().collect::<Vec<_>>().join(" ");
+        match complaint {
+            Some(complaint) => assert!(said.contains(complaint), "{complaint}: {said}"),
+            None => assert!(!said.contains("finishes its goal"), "{said}"),
+        }
+    }
+}
+
+#[test]
 fn a_place_without_a_pose_is_refused() {
     let office = Office::new();
     for (entry, complaint) in [
@@ -313,4 +341,44 @@ fn a_video_robot_shows_a_text_on_its_display() {
     robot.await_event(
         |event| matches!(event, BuildingEvent::Shown { text, .. } if text == "the slides"),
     );
+}
+
+/// The daemon of a robot is killed while the robot drives; the watchdog runs on another machine.
+#[test]
+fn a_robot_whose_daemon_dies_is_stopped_by_its_watchdog() {
+    let robot = Robot::start(RobotWire::RmwZenoh(7), "tb1", 1.0);
+    let office = Office::new();
+    let on = |daemon: &str, text: &str| {
+        text.replace("\nplugin = ", &format!("\ndaemon = \"{daemon}\"\nplugin = "))
+    };
+    let watchdog = format!(
+        "[[agent]]\nname = \"watchdog-1\"\nplugin = \"robot-watchdog\"\ndaemon = \"hall\"\n\n\
+         [agent.config]\nrobot = \"{ROBOT}\"\non-loss = \"stop\"\nafter = \"200ms\"\n\n\
+         [agent.config.ros2]\nendpoint = \"{}\"\nnamespace = \"tb1\"\n\
+         dialect = \"rmw-zenoh\"\ndomain-id = 7\n\n",
+        robot.nav2.endpoint()
+    );
+    let entry = entry(robot.nav2.endpoint(), "rmw-zenoh", &PLACES);
+    let file = on("hall", &lab("centralized")) + &on("laptop", &entry) + "\n\n" + &watchdog;
+    let file = office.write("lab.toml", &file);
+    let mut office = office.with_file(file);
+    office.up(&["hall", "laptop"], &[]);
+    office.await_devices(1);
+    office.await_fact(&format!("(at {ROBOT} corridor)"), true);
+    let mut asked = office.command(&["act", &format!("(move {ROBOT} corridor office1)")]);
+    let mut asked = asked.spawn().expect("a command");
+    robot.await_event(|event| matches!(event, BuildingEvent::Departed { .. }));
+
+    office.kill("laptop");
+    robot.await_event(|event| matches!(event, BuildingEvent::Stayed { .. }));
+    assert_eq!(robot.place(), "corridor");
+    let _ = asked.kill();
+    asked.wait().expect("it ends");
+
+    // A daemon that is back drives the robot as before, and the watchdog lets it.
+    office.up(&["laptop"], &[]);
+    office.await_fact(&format!("(at {ROBOT} corridor)"), true);
+    office.await_devices(1);
+    let (code, said) = office.ask(&["act", &format!("(move {ROBOT} corridor office2)")]);
+    assert_eq!((code, robot.place().as_str()), (Some(0), "office2"), "{said}");
 }

@@ -31,6 +31,7 @@ pub(crate) const PLUGINS: &[PluginEntry] = &[
     ptz_camera::FINDER,
     screen::PLUGIN,
     video_robot::PLUGIN,
+    robot_watchdog::PLUGIN,
 ];
 
 /// Returns the built-in plugin named `name`.

@@ -326,6 +326,18 @@ impl Nav2Robot {
         }
     }
 
+    /// Docks the robot, unless it is docked already.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason why the robot did not dock.
+    pub async fn dock(&self) -> Result<(), RosError> {
+        match is_docked(&mut self.topics().await?.dock_status)? {
+            true => Ok(()),
+            false => run(&self.docking().await?).await,
+        }
+    }
+
     /// Docks, and waits until the battery is full.
     ///
     /// # Errors
@@ -333,9 +345,7 @@ impl Nav2Robot {
     /// Returns the reason why the robot did not dock, or an error if it leaves the dock.
     pub async fn recharge(&self) -> Result<(), RosError> {
         let mut topics = self.topics().await?;
-        if !is_docked(&mut topics.dock_status)? {
-            run(&self.docking().await?).await?;
-        }
+        self.dock().await?;
         // The first messages may be older than the end of the docking.
         let mut was_docked = false;
         loop {

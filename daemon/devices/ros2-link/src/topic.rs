@@ -60,8 +60,8 @@ struct TopicMessage {
     published_at: Option<Timestamp>,
 }
 
-/// Receives the messages of a topic.
-struct LatestMessage {
+/// Takes the messages of a topic in, and keeps the latest.
+struct MessageIntake {
     latest: watch::Sender<Option<TopicMessage>>,
     /// Number of messages that were received as they were published.
     received: AtomicU64,
@@ -76,7 +76,7 @@ impl TopicReader {
         topic: Topic,
     ) -> Result<TopicReader, RosError> {
         let (sender, latest) = watch::channel(None);
-        let inbox = Arc::new(LatestMessage { latest: sender, received: AtomicU64::new(0) });
+        let inbox = Arc::new(MessageIntake { latest: sender, received: AtomicU64::new(0) });
         let receiving = Arc::clone(&inbox);
         let messages = session
             .declare_subscriber(key.clone())
@@ -151,9 +151,9 @@ impl Topic {
     }
 }
 
-// === impl LatestMessage ===
+// === impl MessageIntake ===
 
-impl LatestMessage {
+impl MessageIntake {
     fn receive(&self, sample: &Sample) {
         self.received.fetch_add(1, Ordering::SeqCst);
         self.latest.send_replace(Some(TopicMessage::of(sample)));

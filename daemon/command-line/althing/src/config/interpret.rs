@@ -19,6 +19,8 @@ mod safeguards;
 
 mod timing;
 
+mod watchdogs;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
@@ -79,6 +81,7 @@ pub(super) fn interpret_values(
     let mut daemons = meaning.daemons(&daemons);
     let limited = limited_actions(&agent);
     let agents = meaning.agents(agent, files.as_ref());
+    meaning.warn_unwatched_robots(&agents);
     daemons.extend(agents.iter().flat_map(|agent| agent.daemons.clone()));
     let interfaces = meaning.interfaces(interface, &agents, files.as_ref());
     daemons.extend(interfaces.iter().filter_map(|interface| interface.daemon.clone()));

@@ -26,7 +26,7 @@ const PLACES: &[&str] = &[
     "rooms.*",
 ];
 /// Keys in an agent's `config` that hold the name of another agent, for every plugin.
-const CARRIERS: &[&str] = &["mounted-on"];
+const OTHER_AGENTS: &[&str] = &["mounted-on", "robot"];
 
 // === impl Interpreter ===
 
@@ -245,7 +245,7 @@ impl Interpreter<'_> {
                 self.about_value(&path, |span| Diagnostic::error(span, message).with_help(help));
             }
         }
-        for (path, carrier) in CARRIERS.iter().filter_map(text) {
+        for (path, carrier) in OTHER_AGENTS.iter().filter_map(text) {
             let known = || names.iter().flatten().map(String::as_str);
             if known().any(|name| name == carrier) {
                 continue;
