@@ -5,7 +5,7 @@ use crate::source::{Function, functions, production};
 use crate::{none, root};
 
 /// Maximum length of a function in lines, from `fn` to the last brace.
-const LINES_MAX: usize = 70;
+const LINES_MAX: usize = 67;
 
 /// Longer functions, by file and name, with the lines they may have. Never add one.
 const KNOWN: &[(&str, &str, usize)] = &[];
@@ -47,7 +47,7 @@ fn no_function_grows_past_the_limit() {
         files.iter().flat_map(|(file, functions)| too_long(file, functions, KNOWN)).collect();
     let gone = KNOWN.iter().filter(|(file, ..)| !files.iter().any(|(known, _)| known == file));
     complaints.extend(gone.map(|(file, ..)| format!("{file} is gone: drop it from KNOWN")));
-    none(&complaints, "a function past 70 lines is taken apart");
+    none(&complaints, "a function past 67 lines is taken apart");
 }
 
 // === the rule can fail ===

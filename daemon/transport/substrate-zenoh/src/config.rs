@@ -233,19 +233,15 @@ impl Config {
             .map_err(|source| OpenError::Settings { at: culprit(&merged).join("."), source })?;
         let scouts_at =
             scouts(&merged).then(|| merged["scouting"]["multicast"]["address"].to_string());
-        let lease = lease(&merged).unwrap_or(self.lease);
-        let security = self.security.clone();
-        let connect_as_written = merged["connect"]["endpoints"].clone();
-        let mode = self.mode;
         Ok(SessionSettings {
             zenoh,
-            connect_as_written,
+            connect_as_written: merged["connect"]["endpoints"].clone(),
             listen,
             connect,
             scouts_at,
-            lease,
-            security,
-            mode,
+            lease: lease(&merged).unwrap_or(self.lease),
+            security: self.security.clone(),
+            mode: self.mode,
         })
     }
 

@@ -189,6 +189,25 @@ async fn drain(home: DaemonNode, abroad: PeerNodes) -> bool {
     all
 }
 
+/// Watches for what makes a daemon restart itself. The watch of the socket ends with the returned
+/// value.
+fn watch_for_restarts(
+    ecosystem: &Ecosystem,
+    place: &HostedPart,
+    scouts: bool,
+) -> Option<hosting::SocketWatch> {
+    let socket = hosting::runtime_folder(&ecosystem.name)
+        .and_then(|folder| socket_in(&folder, place.daemon.as_str()));
+    let watch = socket.ok().map(hosting::watch_socket);
+    let lease = substrate_zenoh::lease(&ecosystem.zenoh);
+    hosting::watch_suspension(lease.unwrap_or(substrate_zenoh::LEASE));
+    hosting::watch_zenoh_panics();
+    if scouts {
+        hosting::watch_addresses();
+    }
+    watch
+}
+
 async fn up(
     ecosystem: Arc<Ecosystem>,
     place: HostedPart,
@@ -223,18 +242,7 @@ async fn up(
     }
     hosting::watch_files(&node, &ecosystem);
     announce(&ecosystem, &place, &node);
-    let socket = hosting::runtime_folder(&ecosystem.name)
-        .and_then(|folder| socket_in(&folder, place.daemon.as_str()));
-    let mut watch = None;
-    if !manner.has_prompt {
-        watch = socket.ok().map(hosting::watch_socket);
-        let lease = substrate_zenoh::lease(&ecosystem.zenoh);
-        hosting::watch_suspension(lease.unwrap_or(substrate_zenoh::LEASE));
-        hosting::watch_zenoh_panics();
-        if scouts {
-            hosting::watch_addresses();
-        }
-    }
+    let watch = (!manner.has_prompt).then(|| watch_for_restarts(&ecosystem, &place, scouts));
     let mut begins_anew = false;
     if manner.has_prompt {
         match prompt(ecosystem, &node, manner.goals).await {

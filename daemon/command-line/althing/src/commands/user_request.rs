@@ -77,15 +77,11 @@ pub(super) async fn send_and_follow(
             }
             heard = terminal.events.recv() => heard,
             () = ctrl_c.pressed() => {
-                match (&interrupt, &about) {
-                    (InterruptAction::GiveUp, Some(about)) => {
-                        output::print_note("cancelling; Ctrl-C once more leaves without the outcome");
-                        let _ = terminal.requests.send(UserRequest::Cancel(about.clone())).await;
-                        interrupt = InterruptAction::Leave("cancelling it was requested".to_owned());
-                        continue;
-                    }
-                    (left, about) => output::print_note(&left.advice(about.as_ref())),
+                if let (InterruptAction::GiveUp, Some(about)) = (&interrupt, &about) {
+                    interrupt = give_up(&terminal, about).await;
+                    continue;
                 }
+                output::print_note(&interrupt.advice(about.as_ref()));
                 // An interrupted request is not done, except for a goal that holds already.
                 return if holds { exit::with(exit::DONE) } else { exit::by_signal(SIGINT) };
             }
@@ -115,6 +111,14 @@ pub(super) async fn send_and_follow(
             return exit::with(code_of(&heard, is_cancel));
         }
     }
+}
+
+/// Cancels the request `about`. Returns what the next Ctrl-C does.
+async fn give_up(terminal: &Terminal, about: &ConversationId) -> InterruptAction {
+    output::print_note("cancelling; Ctrl-C once more leaves without the outcome");
+    // If the keyboard agent has ended, the next event tells so.
+    let _ = terminal.requests.send(UserRequest::Cancel(about.clone())).await;
+    InterruptAction::Leave("cancelling it was requested".to_owned())
 }
 
 impl InterruptAction {

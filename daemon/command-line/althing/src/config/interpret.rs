@@ -30,7 +30,7 @@ use acl::{DaemonId, EcosystemId, InvalidName};
 use agent::{AdmissionPolicy, AllowedNames, Rights};
 use pddl::{Diagnostic, Span};
 
-use super::ecosystem::{BuildingSettings, Ecosystem, PluginSettings, SourceTexts};
+use super::ecosystem::{AgentEntry, BuildingSettings, Ecosystem, PluginSettings, SourceTexts};
 use super::layer::{KeyValueSpan, Layer, SourceMap};
 use super::raw::{RawBuilding, RawConfig, RawEcosystem, RawPlugins};
 use super::{InterfaceEntry, KnownPlugin};
@@ -52,7 +52,7 @@ struct Interpreter<'l> {
 /// `None` if its name, its domain or its map is missing. The returned report contains all mistakes,
 /// those of the parameter `report` included.
 pub(super) fn interpret_values(
-    file: &Path,
+    path: &Path,
     raw: RawConfig,
     layers: &[Layer],
     known_plugins: &[KnownPlugin],
@@ -74,34 +74,30 @@ pub(super) fn interpret_values(
         building,
     } = raw;
     let RawEcosystem { name, domain, problem, mode, daemons } = ecosystem;
-    let mut meaning = Interpreter { file, layers, known_plugins, report };
-
+    let mut meaning = Interpreter { file: path, layers, known_plugins, report };
     let name = meaning.name(name);
     let files = meaning.files(domain, problem);
     let mut daemons = meaning.daemons(&daemons);
     let limited = limited_actions(&agent);
     let agents = meaning.agents(agent, files.as_ref());
-    meaning.warn_unwatched_robots(&agents);
     daemons.extend(agents.iter().flat_map(|agent| agent.daemons.clone()));
     let interfaces = meaning.interfaces(interface, &agents, files.as_ref());
     daemons.extend(interfaces.iter().filter_map(|interface| interface.daemon.clone()));
     let goals = meaning.goals(goals);
     let settings = meaning.settings(&timing, &limits, &agents);
     let security = meaning.security(security, name.as_ref());
-    let mut rights = meaning.rights(&rights, &agents, &limited);
-    admit_borrowed_agents(&mut rights, &interfaces);
+    let rights = meaning.rights(&rights, &agents, &limited);
+    let rights = with_borrowed_agents(rights, &interfaces);
     let safeguards = meaning.safeguards(safeguards, &agents);
     let plugins = meaning.plugins(plugins);
     let building = meaning.building(building, files.as_ref());
-
-    let mut report = meaning.report;
-    report.sort();
+    let report = meaning.into_report(&agents);
     let (Some(name), Some(files), Some(file)) = (name, files, layers.get(1)) else {
         return (None, report);
     };
     let ecosystem = Ecosystem {
         name,
-        folder: meaning.file.parent().unwrap_or(Path::new("")).to_owned(),
+        folder: path.parent().unwrap_or(Path::new("")).to_owned(),
         domain: Arc::new(files.domain),
         problem: Arc::new(files.problem),
         mode,
@@ -124,15 +120,23 @@ pub(super) fn interpret_values(
 }
 
 /// Lets each daemon that runs an interface also bring the agents that the interface borrows.
-fn admit_borrowed_agents(rights: &mut Rights, interfaces: &[InterfaceEntry]) {
+fn with_borrowed_agents(mut rights: Rights, interfaces: &[InterfaceEntry]) -> Rights {
     if let AllowedNames::These(newcomers) = &mut rights.newcomers {
         newcomers.extend(interfaces.iter().filter_map(|interface| interface.daemon.clone()));
     }
+    rights
 }
 
 // === impl Interpreter ===
 
 impl Interpreter<'_> {
+    /// Returns all mistakes, in the order of the text, after the checks that need all agents.
+    fn into_report(mut self, agents: &[AgentEntry]) -> DiagnosticReport {
+        self.warn_unwatched_robots(agents);
+        self.report.sort();
+        self.report
+    }
+
     /// Returns the settings for plugins. If the folder of packages is relative, it is relative to
     /// the ecosystem file's folder.
     fn plugins(&self, raw: RawPlugins) -> PluginSettings {

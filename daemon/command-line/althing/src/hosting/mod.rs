@@ -62,7 +62,7 @@ pub(crate) use opened_daemon::{OpenedDaemon, daemon_transport, open_daemon};
 pub(crate) use panic_watch::{note_panic, watch_zenoh_panics};
 pub(crate) use plugin_processes::{ITSELF, become_plugin};
 pub(crate) use reexec::restart_process;
-pub(crate) use socket_watch::watch_socket;
+pub(crate) use socket_watch::{SocketWatch, watch_socket};
 use supervisor::SupervisedAgent;
 pub(crate) use suspend_watch::watch_suspension;
 

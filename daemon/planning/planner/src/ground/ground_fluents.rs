@@ -40,6 +40,19 @@ pub(super) enum ExpressionValue {
     Varying(GroundExpression),
 }
 
+// === impl ExpressionValue ===
+
+impl ExpressionValue {
+    /// Returns the value as an expression; `None` if it is undefined.
+    pub(super) fn into_expression(self) -> Option<GroundExpression> {
+        match self {
+            ExpressionValue::Fixed(number) => Some(GroundExpression::Number(number)),
+            ExpressionValue::Varying(expression) => Some(expression),
+            ExpressionValue::Undefined => None,
+        }
+    }
+}
+
 // === impl GroundFluents ===
 
 impl GroundFluents {

@@ -17,7 +17,7 @@ use crate::normalize::lifted::{
     Formula, Lifted, LiftedEffect, LiftedFluent, LiftedNumeric, LiftedSchema, SlotIndex, TypeIndex,
 };
 use crate::outcome::StopReason;
-use crate::task::{FactId, GroundExpression, Literal, NumericChange, ObjectId, OperatorTable};
+use crate::task::{FactId, Literal, NumericChange, ObjectId, OperatorTable};
 
 /// Maximum number of conjunctions that a precondition is expanded into. If there would be more,
 /// disjunctions in the precondition become auxiliary facts.
@@ -338,11 +338,7 @@ impl Instantiation<'_, '_, '_> {
             let is_read = lifted.functions[function].read || !is_counted;
             let may_conflict = change.assignment == Assignment::Assign;
             if is_uncertain || (is_followed && (may_conflict || is_read)) {
-                let value = match value {
-                    ExpressionValue::Fixed(number) => GroundExpression::Number(number),
-                    ExpressionValue::Varying(expression) => expression,
-                    ExpressionValue::Undefined => return Ok(()),
-                };
+                let Some(value) = value.into_expression() else { return Ok(()) };
                 let fluent = this.grounder.values.fluent(&change.fluent, binding);
                 let change = NumericChange { fluent, assignment: change.assignment, value };
                 let whole = this.whole(tree);

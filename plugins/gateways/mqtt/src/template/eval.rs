@@ -255,15 +255,7 @@ impl<'e> Evaluation<'e> {
         match expression {
             Expr::Const(constant) => Ok(constant.value.clone()),
             Expr::Var(variable) => Ok(self.variable(variable.id)),
-            Expr::UnaryOp(operation) => {
-                let value = self.value(&operation.expr)?;
-                match operation.op {
-                    UnaryOpKind::Not => Ok(Value::from(!value.is_true())),
-                    UnaryOpKind::Neg => {
-                        calculated(ArithmeticOperator::Subtract, &Value::from(0), &value)
-                    }
-                }
-            }
+            Expr::UnaryOp(operation) => unary(&operation.op, &self.value(&operation.expr)?),
             Expr::BinOp(operation) => {
                 let one = self.value(&operation.left)?;
                 match operation.op {
@@ -588,6 +580,14 @@ fn is_single(value: &Value) -> bool {
 fn letters(text: &Value) -> impl Iterator<Item = String> {
     let letters: Vec<_> = text.as_str().unwrap_or_default().chars().map(String::from).collect();
     letters.into_iter()
+}
+
+/// Returns the value of a unary operation.
+fn unary(operator: &UnaryOpKind, value: &Value) -> Result<Value, Error> {
+    match operator {
+        UnaryOpKind::Not => Ok(Value::from(!value.is_true())),
+        UnaryOpKind::Neg => calculated(ArithmeticOperator::Subtract, &Value::from(0), value),
+    }
 }
 
 /// Returns the part of `whole` under `key`; the undefined value if there is no such part. Returns
