@@ -26,7 +26,7 @@ use crate::bidding::bid;
 use crate::device::{Description, Device, MethodCall, MethodFailure, MethodResult};
 use crate::erased_device::{ErasedDevice, ErasedYield};
 use crate::ledger::{Ledger, TokenState};
-use crate::safeguards::{GuardedActions, Safeguards};
+use crate::safeguards::{SafeguardedActions, Safeguards};
 
 /// Maximum number of calls for proposals that are answered side by side; further calls are refused.
 /// Each answer uses a thread for some milliseconds.
@@ -57,7 +57,7 @@ pub struct Actuator {
     /// The last action that a stop has ended, with the identifier of the stop.
     ended_by_stop: Option<(String, String)>,
     /// The actions that people have to allow, or that are limited in their rate.
-    guarded: GuardedActions,
+    safeguarded: SafeguardedActions,
     /// Takes the answer of people to whether the running action may begin; `None` if no action waits
     /// for it.
     consent: Option<oneshot::Sender<Result<(), MethodFailure>>>,
@@ -131,10 +131,10 @@ impl Actuator {
         let ledger = Ledger::open(&blueprint.id, folder.as_deref(), host.settings.tokens_max)
             .map_err(|error| blueprint.problem(format!("its tokens cannot be read: {error}")))?;
         let safeguards = host.resources.get::<Safeguards>();
-        let guarded = GuardedActions::of(safeguards.as_deref(), &blueprint.id);
+        let safeguarded = SafeguardedActions::of(safeguards.as_deref(), &blueprint.id);
         let actions = device.describe().model;
         let actions = actions.actions.iter().map(|action| action.name.as_str());
-        guarded.check_names(actions).map_err(|why| blueprint.problem(why))?;
+        safeguarded.check_names(actions).map_err(|why| blueprint.problem(why))?;
         Ok(Actuator {
             stops: host.stops(),
             device,
@@ -147,7 +147,7 @@ impl Actuator {
             running_bids: BTreeMap::new(),
             bid_cache: Arc::default(),
             ended_by_stop: None,
-            guarded,
+            safeguarded,
             consent: None,
             standing_still: None,
             following_stops: None,
@@ -359,7 +359,7 @@ impl Actuator {
         }
         ctx.answer(participation, Performative::Agree, &Agreement { token: token.clone() });
         let record = self.ledger.begin_token(token.clone());
-        let consent = self.begin_guarded(&call, ctx);
+        let consent = self.begin_safeguarded(&call, ctx);
         let performance = self.device.perform(&call);
         let (recording, counters) = (ctx.run_blocking(record), ctx.failure_counters());
         let work = async move {

@@ -31,20 +31,21 @@ pub struct BeginLimit {
 
 /// The safeguards of one agent, and when its limited actions began lately.
 #[derive(Debug, Default)]
-pub(crate) struct GuardedActions {
+pub(crate) struct SafeguardedActions {
     safeguards: BTreeMap<String, ActionSafeguard>,
     begun: BTreeMap<String, VecDeque<Instant>>,
 }
 
-impl GuardedActions {
+impl SafeguardedActions {
     /// Returns the safeguards of the agent `own`; none if the host has none.
-    pub(crate) fn of(safeguards: Option<&Safeguards>, own: &AgentId) -> GuardedActions {
+    pub(crate) fn of(safeguards: Option<&Safeguards>, own: &AgentId) -> SafeguardedActions {
         let safeguards = safeguards.and_then(|all| all.0.get(own)).cloned().unwrap_or_default();
-        GuardedActions { safeguards, begun: BTreeMap::new() }
+        SafeguardedActions { safeguards, begun: BTreeMap::new() }
     }
 
-    /// Checks that the agent, which offers these `actions` at its start, has each guarded action: a
-    /// misspelled name would guard nothing. An agent that offers nothing yet is not checked.
+    /// Checks that the agent, which offers these `actions` at its start, has each of the safeguarded
+    /// actions: a misspelled name would have no effect. An agent that offers nothing yet is not
+    /// checked.
     ///
     /// # Errors
     ///
@@ -104,17 +105,17 @@ mod tests {
 
     const MINUTE: Duration = Duration::from_secs(60);
 
-    fn guarded(at_most: u32) -> GuardedActions {
+    fn safeguarded(at_most: u32) -> SafeguardedActions {
         let limit = Some(BeginLimit { at_most, per: MINUTE });
         let safeguard = ActionSafeguard { asks_people: None, limit };
         let own = AgentId::new("heater").expect("a name");
         let of = [("switch-on".to_owned(), safeguard)].into();
-        GuardedActions::of(Some(&Safeguards([(own.clone(), of)].into())), &own)
+        SafeguardedActions::of(Some(&Safeguards([(own.clone(), of)].into())), &own)
     }
 
     #[test]
     fn an_action_may_begin_as_often_as_its_limit_allows_in_any_span() {
-        let (mut heater, start) = (guarded(2), Instant::now());
+        let (mut heater, start) = (safeguarded(2), Instant::now());
         let at = |seconds| start + Duration::from_secs(seconds);
         for second in [0, 50] {
             assert_eq!(heater.objection("switch-on", at(second)), None);
@@ -134,7 +135,7 @@ mod tests {
 
     #[test]
     fn a_limit_of_once_is_said_so() {
-        let (mut heater, start) = (guarded(1), Instant::now());
+        let (mut heater, start) = (safeguarded(1), Instant::now());
         heater.begins("switch-on", start);
         let why = heater.objection("switch-on", start).expect("too early");
         assert_eq!(why, "`switch-on` may begin at most once in 1m; again in 1m");

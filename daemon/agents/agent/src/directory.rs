@@ -10,8 +10,8 @@ use substrate::{AgentAddress, Presence, Resident};
 /// Directory: the agents that this daemon can reach.
 ///
 /// Several agents of one name may appear at several daemons. The oldest one (the one with the
-/// smallest incarnation) holds the name: messages to the name go to it. The others are kept as
-/// rivals, and the next oldest becomes the holder when the first leaves.
+/// smallest incarnation) holds the name: messages to the name go to it. The others wait, and the next
+/// oldest becomes the holder when the first leaves.
 #[derive(Clone, Debug, Default)]
 pub struct Directory {
     /// Agents of each name, the oldest first, which holds the name. All clones of the directory
@@ -48,12 +48,7 @@ impl Directory {
     /// Returns, for each name, the oldest present agent, which holds the name; in the order of
     /// names.
     pub fn iter(&self) -> impl Iterator<Item = &Resident> {
-        self.residents.values().filter_map(|rivals| rivals.first())
-    }
-
-    /// Returns the present agents with a name that an older agent holds.
-    pub fn rivals(&self) -> impl Iterator<Item = &Resident> {
-        self.residents.values().flat_map(|rivals| rivals.iter().skip(1))
+        self.residents.values().filter_map(|residents| residents.first())
     }
 
     /// Returns the daemons that host at least one agent that holds its name.
@@ -70,18 +65,19 @@ impl Directory {
     pub fn update(&mut self, presence: &Presence) -> Vec<Presence> {
         let agent = &presence.resident().agent;
         let before = self.find(agent).cloned();
-        let rivals = Arc::make_mut(self.residents.entry(agent.clone()).or_default());
+        let residents = Arc::make_mut(self.residents.entry(agent.clone()).or_default());
         match presence {
             Presence::Joined(resident) => {
                 // A daemon has one incarnation of an agent at a time; the newest token is valid.
-                rivals.retain(|rival| rival.daemon != resident.daemon);
-                rivals.push(resident.clone());
-                rivals.sort_by(|a, b| (a.incarnation, &a.daemon).cmp(&(b.incarnation, &b.daemon)));
+                residents.retain(|known| known.daemon != resident.daemon);
+                residents.push(resident.clone());
+                residents
+                    .sort_by(|a, b| (a.incarnation, &a.daemon).cmp(&(b.incarnation, &b.daemon)));
             }
-            Presence::Left(resident) => rivals.retain(|rival| rival != resident),
+            Presence::Left(resident) => residents.retain(|known| known != resident),
         }
-        let after = rivals.first().cloned();
-        if rivals.is_empty() {
+        let after = residents.first().cloned();
+        if residents.is_empty() {
             self.residents.remove(agent);
         }
         match (before, after) {
@@ -121,18 +117,18 @@ mod tests {
     }
 
     #[test]
-    fn the_first_keeps_the_name_and_the_rival_inherits_it() {
+    fn the_first_keeps_the_name_and_the_younger_one_inherits_it() {
         let mut directory = Directory::default();
-        let (first, rival) = (resident("robot", "b", 1), resident("robot", "a", 2));
+        let (first, younger) = (resident("robot", "b", 1), resident("robot", "a", 2));
         let joined = directory.update(&Presence::Joined(first.clone()));
         assert_eq!(joined, [Presence::Joined(first.clone())]);
-        assert_eq!(directory.update(&Presence::Joined(rival.clone())), []);
-        assert_eq!(directory.rivals().collect::<Vec<_>>(), [&rival]);
+        assert_eq!(directory.update(&Presence::Joined(younger.clone())), []);
+        assert_eq!(directory.all(&younger.agent)[1..], *std::slice::from_ref(&younger));
 
         let changes = directory.update(&Presence::Left(first.clone()));
 
-        assert_eq!(changes, [Presence::Left(first), Presence::Joined(rival.clone())]);
-        assert_eq!(directory.find(&rival.agent), Some(&rival));
+        assert_eq!(changes, [Presence::Left(first), Presence::Joined(younger.clone())]);
+        assert_eq!(directory.find(&younger.agent), Some(&younger));
     }
 
     #[test]

@@ -458,10 +458,10 @@ impl MobileBase {
         text
     }
 
-    /// Returns the PDDL of the actions that the base offers at present. `guard` is one more
+    /// Returns the PDDL of the actions that the base offers at present. `condition` is one more
     /// condition in the precondition of `move`, such as `(not (presenting ?b))`; `?b` is the robot.
     /// An empty text adds no condition.
-    pub fn actions(&self, guard: &str) -> String {
+    pub fn actions(&self, condition: &str) -> String {
         let kind = self.kind;
         if self.current_state().place == BasePlace::Unreachable {
             return String::new();
@@ -475,7 +475,7 @@ impl MobileBase {
                 "{rejoin}(:action move
                     :agent ?b - {kind}
                     :parameters (?from ?to - location)
-                    :precondition (and (at ?b ?from) (connected ?from ?to) {passable} {guard})
+                    :precondition (and (at ?b ?from) (connected ?from ?to) {passable} {condition})
                     :effect (and (not (at ?b ?from)) (at ?b ?to)
                         (increase (total-cost) {cost})))"
             );
@@ -496,7 +496,7 @@ impl MobileBase {
                 :agent ?b - {kind}
                 :parameters (?from ?to - location)
                 :precondition (and (at ?b ?from) (connected ?from ?to)
-                    (>= (charge ?b) (distance ?from ?to)) {passable} {guard})
+                    (>= (charge ?b) (distance ?from ?to)) {passable} {condition})
                 :effect (and (not (at ?b ?from)) (at ?b ?to) (not (charged ?b))
                     (decrease (charge ?b) (distance ?from ?to))
                     (increase (total-cost) {cost})))

@@ -397,17 +397,17 @@ fn position(element: &Element) -> Option<Position> {
     }
 }
 
-/// A guard of a movement. It stops the camera when it is dropped, unless it was disarmed.
+/// A movement that is under way. Dropping it stops the camera, unless it was disarmed.
 #[derive(Debug)]
 pub struct StopOnDrop(Option<Arc<OnvifCamera>>);
 
 impl StopOnDrop {
-    /// Returns a guard for a movement of `camera`.
+    /// Returns the movement of `camera`.
     pub fn new(camera: &Arc<OnvifCamera>) -> StopOnDrop {
         StopOnDrop(Some(Arc::clone(camera)))
     }
 
-    /// Ends the guard without a stop, because the camera has arrived or was stopped.
+    /// Ends the movement without a stop, because the camera has arrived or was stopped.
     pub fn disarm(mut self) {
         self.0 = None;
     }

@@ -24,7 +24,7 @@ use tokio_util::task::TaskTracker;
 
 use crate::package::Package;
 use crate::plugin_client::{PluginClient, PluginClientHandle};
-use crate::proxy::{AdmittedAgents, ProxyRunner};
+use crate::proxy::{AcceptedAgents, ProxyRunner};
 
 /// Name of the client agent on the endpoint, which forwards actions to the plugin's agents.
 const HOST: &str = "host";
@@ -67,7 +67,7 @@ pub(crate) struct Endpoint {
     pub(crate) socket: PathBuf,
     pub(crate) host: HostName,
     substrate: Arc<dyn Substrate>,
-    pub(crate) accepted: Arc<AdmittedAgents>,
+    pub(crate) accepted: Arc<AcceptedAgents>,
     pub(crate) meter: Arc<RateLimit>,
     stopping: CancellationToken,
     tasks: TaskTracker,
@@ -115,7 +115,7 @@ impl Endpoint {
         drop(Box::new(attendant).launch(own.launch_context(&host.agent, Vec::new(), &stopping)));
         let observer = Observer::of_all(newcomers);
         drop(Box::new(observer).launch(own.launch_context(&plain(WATCHER), Vec::new(), &stopping)));
-        let accepted = Arc::new(AdmittedAgents::new(BTreeMap::new()));
+        let accepted = Arc::new(AcceptedAgents::new(BTreeMap::new()));
         let reception = AgentReception {
             package: Arc::clone(package),
             agents,
@@ -163,7 +163,7 @@ struct AgentReception {
     agents: BTreeMap<AgentId, Option<Arc<ActionModel>>>,
     client: PluginClientHandle,
     spawner: Spawner,
-    accepted: Arc<AdmittedAgents>,
+    accepted: Arc<AcceptedAgents>,
     stopping: CancellationToken,
     tasks: TaskTracker,
     meter: Arc<RateLimit>,

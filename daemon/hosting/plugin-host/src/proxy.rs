@@ -38,7 +38,7 @@ const UNSAID: Duration = Duration::from_secs(60);
 
 /// Agents that have joined the endpoint of a plugin, by name. The value is `Ok` for an agent that
 /// is accepted as it describes itself, and otherwise the reason why it is not accepted.
-pub(crate) type AdmittedAgents =
+pub(crate) type AcceptedAgents =
     watch::Sender<std::collections::BTreeMap<AgentId, Result<(), String>>>;
 
 /// Task that runs the proxy agent for one agent of a plugin while the plugin brings that agent.
@@ -50,7 +50,7 @@ pub(crate) struct ProxyRunner {
     /// Action model of the agent, as the package contains it; `None` if the package contains none.
     pub(crate) own: Option<Arc<ActionModel>>,
     pub(crate) spawner: Spawner,
-    pub(crate) accepted: Arc<AdmittedAgents>,
+    pub(crate) accepted: Arc<AcceptedAgents>,
     pub(crate) stopping: CancellationToken,
 }
 

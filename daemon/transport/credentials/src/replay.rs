@@ -273,7 +273,7 @@ mod tests {
 
     use super::*;
 
-    /// Whether the guard accepts a broadcast with this number.
+    /// Whether the replay guard accepts a broadcast with this number.
     fn is_heard(
         replays: &mut ReplayGuard,
         signer: &str,

@@ -22,9 +22,9 @@ const CONSENT: [&str; 2] = ["yes", "y"];
 impl Actuator {
     /// Adds the time for asking people to the time limits of the methods that they have to allow. An
     /// action that has begun too often stays offered, so that its refusal tells the reason.
-    pub(super) fn guard_offer(&self, offer: &mut Description) {
+    pub(super) fn add_patience(&self, offer: &mut Description) {
         for (action, method) in &mut offer.methods {
-            let patience = self.guarded.asks_people(action).unwrap_or_default();
+            let patience = self.safeguarded.asks_people(action).unwrap_or_default();
             method.timeout = Millis(method.timeout.0 + patience);
         }
     }
@@ -32,21 +32,21 @@ impl Actuator {
     /// Returns a refusal if an action has begun too often.
     pub(super) fn rate_objection(&self, action: &str) -> Option<Refusal> {
         let step = pddl::parse_step(action).into_result().ok()?;
-        let why = self.guarded.objection(step.action.as_str(), Instant::now())?;
+        let why = self.safeguarded.objection(step.action.as_str(), Instant::now())?;
         Some(Refusal::new(Reason::Incapable, why))
     }
 
     /// Records that an action begins. If people have to allow it, asks them, and returns a future
     /// that ends with their answer.
-    pub(super) fn begin_guarded(
+    pub(super) fn begin_safeguarded(
         &mut self,
         call: &MethodCall,
         ctx: &mut Context<Self>,
     ) -> BoxFuture<Result<(), MethodFailure>> {
         let step = pddl::parse_step(&call.action).into_result().ok();
         let name = step.map(|step| step.action.as_str().to_owned()).unwrap_or_default();
-        self.guarded.begins(&name, Instant::now());
-        let Some(patience) = self.guarded.asks_people(&name) else {
+        self.safeguarded.begins(&name, Instant::now());
+        let Some(patience) = self.safeguarded.asks_people(&name) else {
             return Box::pin(std::future::ready(Ok(())));
         };
         let text = format!("`{}` is about to do {}. May it? yes, no", ctx.id(), call.action);

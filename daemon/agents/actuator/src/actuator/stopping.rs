@@ -45,7 +45,7 @@ impl Actuator {
     /// is stopped.
     pub(super) fn offer(&self) -> Description {
         let mut offer = self.device.describe();
-        self.guard_offer(&mut offer);
+        self.add_patience(&mut offer);
         let agent = AgentId::new(offer.model.agent.as_str());
         if agent.is_ok_and(|agent| self.stop_of_all(&agent).is_some()) {
             offer.model.actions.clear();

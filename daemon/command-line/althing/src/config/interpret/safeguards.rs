@@ -36,12 +36,12 @@ impl Interpreter<'_> {
                     continue;
                 }
             };
-            self.warn_unnamed_guarded(&path, &name, agents);
-            let guarded = actions.into_iter().filter_map(|(action, raw)| {
+            self.warn_of_unnamed(&path, &name, agents);
+            let safeguarded = actions.into_iter().filter_map(|(action, raw)| {
                 let path = format!("{path}.{action}");
                 Some((action.to_lowercase(), self.safeguard(&path, &raw)?))
             });
-            all.insert(agent, guarded.collect());
+            all.insert(agent, safeguarded.collect());
         }
         Safeguards(all)
     }
@@ -71,15 +71,17 @@ impl Interpreter<'_> {
 
     /// Warns of an agent that the file does not name: it may be misspelled, or may be discovered
     /// later.
-    fn warn_unnamed_guarded(&mut self, path: &str, name: &str, agents: &[AgentEntry]) {
+    fn warn_of_unnamed(&mut self, path: &str, name: &str, agents: &[AgentEntry]) {
         if agents.iter().any(|entry| entry.name.as_str() == name) {
             return;
         }
         let message = format!("no agent of this file is called `{name}`");
         let near = pddl::nearest(name, agents.iter().map(|entry| entry.name.as_str()));
         let help = match near {
-            Some(near) => format!("did you mean `{near}`? otherwise it is guarded if it appears"),
-            None => "it is guarded if it appears, such as a device of a gateway".to_owned(),
+            Some(near) => {
+                format!("did you mean `{near}`? otherwise it is safeguarded if it appears")
+            }
+            None => "it is safeguarded if it appears, such as a device of a gateway".to_owned(),
         };
         self.about_key(path, |span| Diagnostic::warning(span, message).with_help(help));
     }
