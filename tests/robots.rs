@@ -160,7 +160,8 @@ fn a_robot_that_nothing_can_stop_is_reported() {
         format!(
             "[[agent]]\nname = \"watchdog\"\nplugin = \"robot-watchdog\"\ndaemon = \"{daemon}\"\n\
              [agent.config]\nrobot = \"{robot}\"\non-loss = \"dock\"\n\
-             [agent.config.ros2]\nendpoint = \"tcp/127.0.0.1:7447\"\n"
+             [agent.config.ros2]\nendpoint = \"tcp/127.0.0.1:7447\"\nnamespace = \"tb1\"\n\
+             dialect = \"ros2dds\"\ndomain-id = 7\n"
         )
     };
     let entry = entry("tcp/127.0.0.1:7447", "ros2dds", &PLACES)
@@ -169,6 +170,11 @@ fn a_robot_that_nothing_can_stop_is_reported() {
         (String::new(), Some("if the daemon of `turtlebot-1` dies, the robot finishes its goal")),
         (watchdog(ROBOT, "laptop"), Some("give `watchdog` another daemon than `turtlebot-1` has")),
         (watchdog("turtlebot-2", "hall"), Some("there is no agent `turtlebot-2`")),
+        (
+            watchdog(ROBOT, "hall").replace("tb1", "tb2"),
+            Some("warning: `namespace` is not that of `turtlebot-1`"),
+        ),
+        (watchdog("plan-executor", "hall"), Some("`plan-executor` is no robot")),
         (watchdog(ROBOT, "hall"), None),
     ] {
         let file = office.write("lab.toml", &(lab("decentralized") + &entry + "\n" + &watchdog));
@@ -176,7 +182,7 @@ fn a_robot_that_nothing_can_stop_is_reported() {
         let said = stderr(&checked).split_whitespace().collect::<Vec<_>>().join(" ");
         match complaint {
             Some(complaint) => assert!(said.contains(complaint), "{complaint}: {said}"),
-            None => assert!(!said.contains("finishes its goal"), "{said}"),
+            None => assert!(!said.contains("robot"), "{said}"),
         }
     }
 }
@@ -341,6 +347,18 @@ fn a_video_robot_shows_a_text_on_its_display() {
     robot.await_event(
         |event| matches!(event, BuildingEvent::Shown { text, .. } if text == "the slides"),
     );
+}
+
+#[test]
+fn a_robot_that_was_never_there_offers_nothing() {
+    let office = Office::new();
+    let file = lab("centralized") + &entry("tcp/127.0.0.1:9", "ros2dds", &PLACES);
+    let file = office.write("lab.toml", &file);
+    let mut office = office.with_file(file);
+    office.up_alone(&[]);
+    office.await_fact(&format!("(lost {ROBOT})"), true);
+    office.await_fact(&format!("(at {ROBOT} corridor)"), false);
+    office.await_devices(0);
 }
 
 /// The daemon of a robot is killed while the robot drives; the watchdog runs on another machine.

@@ -89,6 +89,14 @@ fn a_stopped_place_is_not_entered() {
     assert!(said.contains("althing stop --release"), "{said}");
     let (code, said) = office.ask(&["act", &format!("(move {ROBOT} corridor office2)")]);
     assert_eq!((code, robot.place().as_str()), (Some(0), "office2"), "{said}");
+    // A name that nothing has is not taken for a success.
+    let (code, table) = office.ask(&["stop", "turtlebot1"]);
+    assert_ne!(code, Some(0), "{table}");
+    assert!(table.contains("did you mean `turtlebot-1`?"), "{table}");
+    assert!(table.contains("error: the stop concerns no agent"), "{table}");
+    let (code, said) = office.ask(&["stop", "--release", "12345678"]);
+    assert_ne!(code, Some(0), "{said}");
+    assert!(said.contains("there is no stop `12345678`; in force: "), "{said}");
     // A robot that stands at a stopped place does nothing at all.
     let (_, table) = office.ask(&["stop", "office2"]);
     assert!(table.contains("was already still"), "{table}");

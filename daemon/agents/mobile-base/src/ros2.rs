@@ -311,7 +311,15 @@ impl Ros2Settings {
         robot: Nav2Robot,
         readings: watch::Sender<Result<BaseReading, String>>,
     ) {
-        self.establish_pose(&robot).await;
+        tokio::join!(self.establish_pose(&robot), self.follow_messages(&robot, &readings));
+    }
+
+    /// Reads the robot after each of its messages, and whether there is a link to it. Never ends.
+    async fn follow_messages(
+        &self,
+        robot: &Nav2Robot,
+        readings: &watch::Sender<Result<BaseReading, String>>,
+    ) {
         let step = self.range.unwrap_or_default() * CHARGE_STEP;
         let mut away = Duration::ZERO;
         loop {
@@ -321,7 +329,7 @@ impl Ros2Settings {
                 _ if away >= LINK_LOST_AFTER => {
                     Ok(BaseReading { place: BasePlace::Unreachable, charge: None })
                 }
-                Ok(Ok(())) => self.read(&robot).await,
+                Ok(Ok(())) => self.read(robot).await,
                 Ok(Err(error)) => Err(error),
                 Err(_) => continue,
             };
@@ -330,6 +338,7 @@ impl Ros2Settings {
                 let news = news.map_err(|error| error.to_string());
                 let is_new = is_news(known, &news, step);
                 if is_new {
+                    self.log_reach(&news);
                     *known = news;
                 }
                 is_new
@@ -337,6 +346,17 @@ impl Ros2Settings {
             if is_error {
                 tokio::time::sleep(ASK_AGAIN).await;
             }
+        }
+    }
+
+    fn log_reach(&self, news: &Result<BaseReading, String>) {
+        if matches!(news, Ok(BaseReading { place: BasePlace::Unreachable, .. })) {
+            let (agent, endpoint) = (&self.agent, &self.address.endpoint);
+            tracing::warn!(
+                agent,
+                endpoint,
+                "there is no link to the robot; it offers no actions until there is one"
+            );
         }
     }
 

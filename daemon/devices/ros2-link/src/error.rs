@@ -17,7 +17,7 @@ pub enum RosError {
         reason: String,
     },
     /// The address of the robot is malformed.
-    #[error("use the address of the robot: {0}")]
+    #[error("{0}")]
     Address(String),
     /// No node of the robot answered a call of a service.
     #[error("call `{service}`: no node of the robot answered within {within:?}; is it running?")]

@@ -35,6 +35,9 @@ const LINK_POLL: Duration = Duration::from_millis(100);
 /// Longest message from a robot, in bytes. A map of a floor has a few megabytes.
 const MESSAGE_BYTES_MAX: usize = 16 << 20;
 
+/// Protocols of endpoints to which a session can connect.
+const PROTOCOLS: [&str; 4] = ["tcp", "tls", "quic", "ws"];
+
 /// Maximum number of answers to one call that are kept; the first valid one counts.
 const REPLIES_MAX: usize = 16;
 
@@ -63,9 +66,9 @@ impl RosAddress {
     /// Returns the mistake, and an example.
     pub fn check(&self) -> Result<(), RosError> {
         let RosAddress { endpoint, namespace, .. } = self;
-        if let Err(error) = endpoint.parse::<zenoh::config::EndPoint>() {
+        if let Err(problem) = check_endpoint(endpoint) {
             return Err(RosError::Address(format!(
-                "endpoint = \"{endpoint}\": {error}; an endpoint is such as \
+                "endpoint = \"{endpoint}\": {problem}; an endpoint is such as \
                  `tcp/192.168.1.20:7447`"
             )));
         }
@@ -78,6 +81,27 @@ impl RosAddress {
         }
         Ok(())
     }
+}
+
+/// Checks an endpoint to which a session is to connect: its protocol, and its host and port.
+fn check_endpoint(endpoint: &str) -> Result<(), String> {
+    let (protocol, rest) = endpoint.split_once('/').unwrap_or(("", endpoint));
+    if !PROTOCOLS.contains(&protocol) {
+        return Err(match PROTOCOLS.contains(&protocol.trim_end_matches(':')) {
+            true => "write `/` in place of `://`".to_owned(),
+            false => format!("it begins with a protocol and `/`: {}", PROTOCOLS.join(", ")),
+        });
+    }
+    endpoint.parse::<zenoh::config::EndPoint>().map_err(|_| "it is malformed".to_owned())?;
+    let address = rest.split(['?', '#']).next().unwrap_or(rest);
+    let (host, port) = address.rsplit_once(':').unwrap_or((address, ""));
+    if host.is_empty() || port.parse::<u16>().is_err() {
+        return Err("it ends with the host and the port".to_owned());
+    }
+    if ["0.0.0.0", "[::]"].contains(&host) {
+        return Err("it is where the robot listens; write the robot's own address".to_owned());
+    }
+    Ok(())
 }
 
 /// A link to one robot. The session is closed when all clones and all readers of topics are dropped.
@@ -338,6 +362,25 @@ async fn try_open(endpoint: &str) -> zenoh::Result<Session> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_endpoint_has_a_protocol_a_host_and_a_port() {
+        for (endpoint, complaint) in [
+            ("tcp/192.168.1.20:7447", ""),
+            ("tls/robot-1.lan:7447", ""),
+            ("tcp/[fd00::1]:7447#iface=wlan0", ""),
+            ("192.168.1.20:7447", "begins with a protocol"),
+            ("tpc/192.168.1.20:7447", "begins with a protocol"),
+            ("tcp://192.168.1.20:7447", "in place of `://`"),
+            ("tcp/192.168.1.20", "the host and the port"),
+            ("tcp/192.168.1.20:", "the host and the port"),
+            ("tcp/0.0.0.0:7447", "where the robot listens"),
+        ] {
+            let checked = check_endpoint(endpoint).err().unwrap_or_default();
+            let is_right = checked.is_empty() == complaint.is_empty();
+            assert!(is_right && checked.contains(complaint), "{endpoint}: {checked}");
+        }
+    }
 
     #[test]
     fn reasons_of_zenoh_have_no_places_in_its_source() {

@@ -35,6 +35,10 @@ const UNANSWERED_MAX: usize = 256;
 /// building, and is short enough to be typed.
 const ID_BYTES: usize = 4;
 
+/// End of an actuator's answer that the stop does not concern (`actuator::stopping`).
+const NOT_NAMED: &str = "the stop does not name it";
+const ACTION_NOT_NAMED: &str = "which the stop does not name";
+
 /// Answer of one agent to a stop or a release.
 enum StopAnswer {
     /// The agent has carried out the request; the text says what it did.
@@ -91,10 +95,14 @@ pub(crate) async fn stop(
         Ok(by) => by,
         Err(error) => return super::wrong(&error.to_string(), json),
     };
-    if let Some(unknown) = names.iter().find(|name| !is_known(view, name)) {
+    let unknown = names.iter().find(|name| !is_known(view, name));
+    if let Some(unknown) = unknown {
+        let directory = view.router.directory();
+        let near = pddl::nearest(unknown, directory.iter().map(|known| known.agent.as_str()));
+        let near = near.map(|near| format!(" (did you mean `{near}`?)")).unwrap_or_default();
         output::print_note(&format!(
-            "note: `{unknown}` is no agent that is present, and no place of the map; it is stopped \
-             all the same"
+            "note: `{unknown}` is no agent that is present{near}, and no place of the map; it is \
+             stopped all the same"
         ));
     }
     let id = match new_id() {
@@ -108,7 +116,22 @@ pub(crate) async fn stop(
         Err(problem) => return client::unavailable(problem, json),
     };
     let head = format!("stop {id}: {}", what(&stop));
-    print_table(view, &head, &table, Some(&id), json)
+    let code = print_table(view, &head, &table, Some(&id), json);
+    if unknown.is_some() && !table.values().any(is_concerned) {
+        output::print_note("error: the stop concerns no agent");
+        return exit::with(FAILED);
+    }
+    code
+}
+
+/// Whether the answer is that of an actuator that the stop concerns.
+fn is_concerned(answer: &Option<StopAnswer>) -> bool {
+    match answer {
+        Some(StopAnswer::Done(what)) => {
+            !what.ends_with(NOT_NAMED) && !what.ends_with(ACTION_NOT_NAMED)
+        }
+        Some(StopAnswer::Doubtful(_) | StopAnswer::Declined(_)) | None => true,
+    }
 }
 
 /// Returns a random identifier of a stop.
@@ -121,8 +144,14 @@ fn new_id() -> Result<String, &'static str> {
 
 /// Releases the stops `names`, or all that are in force if there are none, and prints the answers.
 pub(crate) async fn release(view: &EcosystemView, names: &[String], json: bool) -> ExitCode {
+    let in_force = in_force(&states(view).await);
+    if let Some(unknown) = names.iter().find(|name| !in_force.contains_key(*name)) {
+        let known: Vec<&str> = in_force.keys().map(String::as_str).collect();
+        let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
+        return super::wrong(&format!("there is no stop `{unknown}`; in force: {known}"), json);
+    }
     let ids: Vec<String> = match names {
-        [] => in_force(&states(view).await).into_keys().collect(),
+        [] => in_force.into_keys().collect(),
         named => named.to_vec(),
     };
     if ids.is_empty() {
@@ -328,7 +357,7 @@ fn is_known(view: &EcosystemView, name: &str) -> bool {
     let is_place = |map: &std::sync::Arc<pddl::Problem>| {
         map.objects.iter().any(|declared| declared.object.name == *name)
     };
-    is_agent || map.is_none_or(is_place)
+    is_agent || map.is_some_and(is_place)
 }
 
 async fn states(view: &EcosystemView) -> Vec<StopState> {

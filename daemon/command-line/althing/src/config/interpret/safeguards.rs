@@ -48,6 +48,14 @@ impl Interpreter<'_> {
 
     fn safeguard(&mut self, path: &str, raw: &RawSafeguard) -> Option<ActionSafeguard> {
         let RawSafeguard { confirm, patience, at_most, per } = *raw;
+        // A key with a wrong value is reported already, and is missing here.
+        let is_written = |key: &str| self.place(&format!("{path}.{key}")).is_some();
+        if (is_written("confirm") && !confirm && patience.is_some())
+            || (is_written("at-most") && at_most.is_none())
+            || (is_written("per") && per.is_none())
+        {
+            return None;
+        }
         let problem = match (at_most, per) {
             (Some(_), None) => Some(("`at-most` needs `per`", "write per = \"1h\" beside it")),
             (None, Some(_)) => Some(("`per` needs `at-most`", "write at-most = 6 beside it")),

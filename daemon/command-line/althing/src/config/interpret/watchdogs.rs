@@ -1,5 +1,5 @@
-//! Robots with ROS 2 without a watchdog: they go on to their goals when their daemon dies, and the
-//! file says so.
+//! Watchdogs of robots with ROS 2: warns of robots without one, which go on to their goals when their
+//! daemon dies, and of watchdogs that would not reach their robots.
 
 use pddl::Diagnostic;
 
@@ -15,11 +15,12 @@ const WATCHDOG: &str = "robot-watchdog";
 // === impl Interpreter ===
 
 impl Interpreter<'_> {
-    /// Warns of each robot that no watchdog on another machine can stop.
+    /// Warns of each robot that no watchdog on another machine can stop, and of each watchdog that
+    /// watches something else than a robot, or has another address than the robot.
     pub(super) fn warn_unwatched_robots(&mut self, agents: &[AgentEntry]) {
-        let is_robot = |entry: &&AgentEntry| {
-            ROBOTS.contains(&entry.plugin.as_str()) && entry.driver.as_deref() == Some(ROS2)
-        };
+        for watchdog in agents.iter().filter(|entry| entry.plugin == WATCHDOG) {
+            self.check_watchdog(watchdog, agents);
+        }
         for robot in agents.iter().filter(is_robot) {
             let of_it = |entry: &&AgentEntry| {
                 entry.plugin == WATCHDOG && entry.config["robot"] == robot.name.as_str()
@@ -42,4 +43,33 @@ impl Interpreter<'_> {
             self.about_key(&robot.path, |span| Diagnostic::warning(span, message).with_help(help));
         }
     }
+
+    fn check_watchdog(&mut self, watchdog: &AgentEntry, agents: &[AgentEntry]) {
+        // An agent that the file does not name is reported already.
+        let watched = |entry: &&AgentEntry| watchdog.config["robot"] == entry.name.as_str();
+        let Some(robot) = agents.iter().find(watched) else { return };
+        if !is_robot(&robot) {
+            let message = format!("`{}` is no robot with driver = \"{ROS2}\"", robot.name);
+            let help = "a watchdog can stop robots with Nav2 only";
+            let path = format!("{}.config.robot", watchdog.path);
+            return self
+                .about_value(&path, |span| Diagnostic::error(span, message).with_help(help));
+        }
+        for key in ["endpoint", "dialect", "namespace", "domain-id"] {
+            let (own, other) = (&watchdog.config["ros2"][key], &robot.config["ros2"][key]);
+            if own != other {
+                let message = format!("`{key}` is not that of `{}`", robot.name);
+                let help = match other.is_null() {
+                    true => "leave it out, as the robot does".to_owned(),
+                    false => format!("write {key} = {other}"),
+                };
+                let path = format!("{}.config.ros2", watchdog.path);
+                self.about_key(&path, |span| Diagnostic::warning(span, message).with_help(help));
+            }
+        }
+    }
+}
+
+fn is_robot(entry: &&AgentEntry) -> bool {
+    ROBOTS.contains(&entry.plugin.as_str()) && entry.driver.as_deref() == Some(ROS2)
 }
