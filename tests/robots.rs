@@ -198,6 +198,10 @@ fn a_place_without_a_pose_is_refused() {
         (entry("tcp/127.0.0.1:7447", "dds", &PLACES), "there is no dialect `dds`"),
         (entry("192.168.1.20", "ros2dds", &PLACES), "an endpoint is such as"),
         (
+            entry("tcp/127.0.0.1:7447", "ros2dds", &[]).replace("[agent.config.ros2.places]", ""),
+            "`places` is missing in `ros2`",
+        ),
+        (
             entry("tcp/127.0.0.1:7447", "ros2dds", &PLACES).replace("office1 =", "office9 ="),
             "office9",
         ),

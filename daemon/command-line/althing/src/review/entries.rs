@@ -44,8 +44,8 @@ impl Reviewer<'_> {
             let Err(error) = stage.build(&tried) else { return };
             let path = culprit(&tried, stage, &error);
             let value = at(&tried.config, &path);
-            let example = |key: &str| example(key, self.ecosystem);
             let dotted = path.join(".");
+            let example = |key: &str| example(key, &dotted, self.ecosystem);
             let ExplainedMistake { kind, message, help } =
                 worded(&said(&error), &dotted, value, example);
             if let ConfigMistake::MissingKey(missing) = &kind
@@ -187,7 +187,7 @@ fn goes_on(
             taken.extend(path.last().cloned());
         }
         ConfigMistake::MissingKey(key) => {
-            let example = example(key, ecosystem).and_then(|text| parsed(&text));
+            let example = example(key, &path.join("."), ecosystem).and_then(|text| parsed(&text));
             let Some(example) = example else { return false };
             if config.is_null() {
                 config = Value::Object(Map::new());
@@ -246,12 +246,17 @@ fn culprit(entry: &AgentEntry, stage: &DryRun, error: &HostError) -> Vec<String>
         };
         let is_right = |key: &&String| outcome(key).is_ok();
         // Removing a required key yields another error, but does not make that key the cause.
+        // A key that is missing is missing in a table: another value cannot be the cause.
+        let may_lack = |key: &&String| {
+            !told.contains("missing field") || table.get(*key).is_some_and(Value::is_object)
+        };
         let is_other = |key: &&String| {
             outcome(key).is_err_and(|now| {
                 now != told && (is_shape || !now.contains(&format!("missing field `{key}`")))
             })
         };
-        let next = table.keys().find(is_right).or_else(|| table.keys().find(is_other)).cloned();
+        let next = table.keys().find(is_right);
+        let next = next.or_else(|| table.keys().filter(may_lack).find(is_other)).cloned();
         match next {
             Some(key) => path.push(key),
             None => break,
@@ -271,9 +276,9 @@ fn take(value: &mut Value, path: &[String]) -> Option<Value> {
     within.as_object_mut()?.remove(last.as_str())
 }
 
-/// Returns an example of the value of a key in a `config`, as TOML. The example contains names of
+/// Returns an example of the value of a key in the table at `path` of a `config`, as TOML. The example contains names of
 /// this ecosystem where possible.
-fn example(key: &str, ecosystem: &Ecosystem) -> Option<String> {
+fn example(key: &str, path: &str, ecosystem: &Ecosystem) -> Option<String> {
     let quote = |name: &str| format!("\"{name}\"");
     let place = || place(ecosystem, "location").unwrap_or_else(|| "hall".to_owned());
     Some(match key {
@@ -286,6 +291,10 @@ fn example(key: &str, ecosystem: &Ecosystem) -> Option<String> {
         "presets" => format!("{{ door = {{ shows = \"{}\" }} }}", place()),
         "poses" => format!("{{ window = {{ near = \"{}\", meters = 2.0 }} }}", place()),
         "patrol" => format!("{{ places = [\"{}\"], every = \"10m\" }}", place()),
+        "endpoint" => quote("tcp/192.168.1.20:7447"),
+        "places" if path.ends_with("ros2") => {
+            format!("{{ {} = {{ x = 0.0, y = 0.0, yaw = 0.0 }} }}", place())
+        }
         "places" => format!("[\"{}\"]", place()),
         "media" => "{ welcome = \"Welcome\" }".to_owned(),
         "quantity" => quote("co2"),
