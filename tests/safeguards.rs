@@ -74,6 +74,7 @@ fn an_action_that_has_begun_too_often_is_refused_with_the_time_to_wait() {
 fn mistakes_in_safeguards_are_reported() {
     let office = Office::new();
     for (safeguards, complaint) in [
+        ("turtlebot-1.mvoe = { confirm = true }", "| turtlebot-1.mvoe = { confirm = true } | ^"),
         ("turtlebot-1.mvoe = { confirm = true }", "did you mean `move`?"),
         ("turtlebot-1.move = { at-most = 3 }", "`at-most` needs `per`"),
         ("turtlebot-1.move = { per = \"1h\" }", "`per` needs `at-most`"),

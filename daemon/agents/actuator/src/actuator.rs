@@ -132,9 +132,8 @@ impl Actuator {
             .map_err(|error| blueprint.problem(format!("its tokens cannot be read: {error}")))?;
         let safeguards = host.resources.get::<Safeguards>();
         let safeguarded = SafeguardedActions::of(safeguards.as_deref(), &blueprint.id);
-        let actions = device.describe().model;
-        let actions = actions.actions.iter().map(|action| action.name.as_str());
-        safeguarded.check_names(actions).map_err(|why| blueprint.problem(why))?;
+        let actions = device.action_names();
+        safeguarded.check_names(&actions).map_err(|why| blueprint.problem(why))?;
         Ok(Actuator {
             stops: host.stops(),
             device,

@@ -23,6 +23,13 @@ pub trait Device: Sized + Send + 'static {
     /// empty battery offers no `move`.
     fn describe(&self) -> Description;
 
+    /// Returns the names of all actions that the device can ever offer, also of those that it does
+    /// not offer now. By default these are the actions of its present offer.
+    fn action_names(&self) -> Vec<String> {
+        let actions = self.describe().model.actions;
+        actions.iter().map(|action| action.name.as_str().to_owned()).collect()
+    }
+
     /// Returns all facts that the device owns at present. A fact that is missing from the list is
     /// false.
     fn facts(&self) -> Vec<OwnFact>;

@@ -18,6 +18,7 @@ pub(crate) type ErasedEvent = Box<dyn FnOnce(&mut dyn ErasedDevice) -> Vec<Initi
 /// The methods of [`Device`], without its types.
 pub(crate) trait ErasedDevice: Send + 'static {
     fn describe(&self) -> Description;
+    fn action_names(&self) -> Vec<String>;
     fn facts(&self) -> Vec<OwnFact>;
     fn read_state(&self) -> Option<BoxFuture<()>>;
     fn check_call(&mut self, call: &MethodCall) -> Option<Refusal>;
@@ -34,6 +35,10 @@ pub(crate) trait ErasedDevice: Send + 'static {
 impl<D: Device> ErasedDevice for D {
     fn describe(&self) -> Description {
         Device::describe(self)
+    }
+
+    fn action_names(&self) -> Vec<String> {
+        Device::action_names(self)
     }
 
     fn facts(&self) -> Vec<OwnFact> {

@@ -43,24 +43,19 @@ impl SafeguardedActions {
         SafeguardedActions { safeguards, begun: BTreeMap::new() }
     }
 
-    /// Checks that the agent, which offers these `actions` at its start, has each of the safeguarded
-    /// actions: a misspelled name would have no effect. An agent that offers nothing yet is not
-    /// checked.
+    /// Checks that the agent, which has these `actions`, has each of the safeguarded actions: a
+    /// misspelled name would have no effect. An agent whose actions are not known yet is not checked.
     ///
     /// # Errors
     ///
     /// Returns the first name that is not offered, with those that are.
-    pub(crate) fn check_names<'a>(
-        &self,
-        actions: impl Iterator<Item = &'a str>,
-    ) -> Result<(), String> {
-        let offered: Vec<&str> = actions.collect();
-        let unknown = self.safeguards.keys().find(|name| !offered.contains(&name.as_str()));
-        let Some(unknown) = unknown.filter(|_| !offered.is_empty()) else { return Ok(()) };
-        let near = pddl::nearest(unknown, offered.iter().copied());
+    pub(crate) fn check_names(&self, actions: &[String]) -> Result<(), String> {
+        let unknown = self.safeguards.keys().find(|name| !actions.contains(name));
+        let Some(unknown) = unknown.filter(|_| !actions.is_empty()) else { return Ok(()) };
+        let near = pddl::nearest(unknown, actions.iter().map(String::as_str));
         let hint = match near {
             Some(near) => format!("did you mean `{near}`?"),
-            None => format!("it has {}", offered.join(", ")),
+            None => format!("it has {}", actions.join(", ")),
         };
         Err(format!("`safeguards` names `{unknown}`, which is no action of it; {hint}"))
     }

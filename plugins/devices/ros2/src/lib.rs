@@ -202,6 +202,10 @@ impl Device for RosActuator {
         Description { model, methods: self.settings.calls.iter().map(method).collect() }
     }
 
+    fn action_names(&self) -> Vec<String> {
+        self.settings.calls.keys().cloned().collect()
+    }
+
     fn facts(&self) -> Vec<OwnFact> {
         let is_told =
             |fact: &InitElement| self.topics.iter().flatten().any(|own| *own == key_of(fact));

@@ -11,6 +11,9 @@ use super::{ReviewScope, Reviewer};
 use crate::config::{AgentEntry, Ecosystem};
 use crate::hosting::{DryRun, HostError};
 
+/// Beginning of an actuator's complaint about `[safeguards]`, which stand outside its entry.
+const SAFEGUARDS: &str = "`safeguards` names";
+
 /// Maximum number of mistakes that are reported per entry. An entry with more should be written
 /// anew.
 const MISTAKES_MAX: usize = 8;
@@ -42,6 +45,9 @@ impl Reviewer<'_> {
         let mut taken = BTreeSet::new();
         for _ in 0..MISTAKES_MAX {
             let Err(error) = stage.build(&tried) else { return };
+            if said(&error).starts_with(SAFEGUARDS) {
+                return self.say_of_safeguards(entry, &said(&error), severity);
+            }
             let path = culprit(&tried, stage, &error);
             let value = at(&tried.config, &path);
             let dotted = path.join(".");
@@ -130,6 +136,14 @@ impl Reviewer<'_> {
     fn is_beside(&self, entry: &AgentEntry, key: &str) -> bool {
         let path = format!("{}.{key}", entry.path);
         self.ecosystem.places.find(&path).is_some_and(|(_, _, is_it)| is_it)
+    }
+
+    /// Reports that the safeguards of an agent name an action that it does not have.
+    fn say_of_safeguards(&mut self, entry: &AgentEntry, said: &str, severity: Severity) {
+        self.is_complete &= severity != Severity::Error;
+        let mut found = Diagnostic::error(Span::default(), format!("`{}`: {said}", entry.name));
+        found.severity = severity;
+        self.report_key(&format!("safeguards.{}", entry.name), found);
     }
 
     /// Reports a mistake in the `config` of an entry: at the key if the key is unknown or missing,

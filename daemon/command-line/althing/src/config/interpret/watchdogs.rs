@@ -2,6 +2,7 @@
 //! daemon dies, and of watchdogs that would not reach their robots.
 
 use pddl::Diagnostic;
+use serde_json::Value;
 
 use super::Interpreter;
 use crate::config::ecosystem::AgentEntry;
@@ -11,6 +12,10 @@ const ROBOTS: &[&str] = &["cleaning-robot", "turtlebot", "video-robot"];
 const ROS2: &str = "ros2";
 
 const WATCHDOG: &str = "robot-watchdog";
+
+/// Keys of a robot's address, each with the value that it has if it is left out, as JSON.
+const ADDRESS: &[(&str, &str)] =
+    &[("endpoint", "\"\""), ("dialect", "\"ros2dds\""), ("namespace", "\"\""), ("domain-id", "0")];
 
 // === impl Interpreter ===
 
@@ -55,14 +60,15 @@ impl Interpreter<'_> {
             return self
                 .about_value(&path, |span| Diagnostic::error(span, message).with_help(help));
         }
-        for key in ["endpoint", "dialect", "namespace", "domain-id"] {
-            let (own, other) = (&watchdog.config["ros2"][key], &robot.config["ros2"][key]);
+        for (key, default) in ADDRESS {
+            let written = |entry: &AgentEntry| match &entry.config["ros2"][*key] {
+                Value::Null => (*default).to_owned(),
+                value => value.to_string(),
+            };
+            let (own, other) = (written(watchdog), written(robot));
             if own != other {
                 let message = format!("`{key}` is not that of `{}`", robot.name);
-                let help = match other.is_null() {
-                    true => "leave it out, as the robot does".to_owned(),
-                    false => format!("write {key} = {other}"),
-                };
+                let help = format!("write {key} = {other}");
                 let path = format!("{}.config.ros2", watchdog.path);
                 self.about_key(&path, |span| Diagnostic::warning(span, message).with_help(help));
             }
