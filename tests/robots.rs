@@ -196,6 +196,18 @@ fn a_place_without_a_pose_is_refused() {
             "config.ros2.places lacks the pose of",
         ),
         (entry("tcp/127.0.0.1:7447", "dds", &PLACES), "there is no dialect `dds`"),
+        (
+            entry("tcp/127.0.0.1:7447", "ros2dds", &PLACES[..3]),
+            "drive it there, and `althing robot turtlebot-1 conf-room` prints the line to write",
+        ),
+        (
+            entry("tcp/127.0.0.1:7447", "ros2dds", &PLACES).replacen(
+                "y = 0 }",
+                "y = 0, yaw = 90.0 }",
+                1,
+            ),
+            "yaw is in radians",
+        ),
         (entry("192.168.1.20", "ros2dds", &PLACES), "an endpoint is such as"),
         (
             entry("tcp/127.0.0.1:7447", "ros2dds", &[]).replace("[agent.config.ros2.places]", ""),

@@ -38,7 +38,7 @@ use crate::ways::KnownWays;
 
 pub use crate::config::BaseConfig;
 pub use crate::ros_part::RosPart;
-pub use crate::ros2::{PlacePose, recorded_pose};
+pub use crate::ros2::{POSSIBLE_POSE, PlacePose, recorded_pose};
 
 /// Share of the full range at or below which the battery counts as empty. A lower charge damages
 /// the cells, and the next place is too far anyway.

@@ -6,6 +6,7 @@
 //!   its pose some seconds later, the driver sets the pose to that of `start`.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::f64::consts::TAU;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
@@ -79,6 +80,13 @@ pub(crate) struct Ros2Config {
     initial_pose: bool,
 }
 
+/// What a pose must be, as text for a person.
+pub const POSSIBLE_POSE: &str =
+    "x and y are finite, in meters; yaw is in radians, from -6.28 to 6.28 (a full turn)";
+
+/// How far a heading may exceed a full turn, in radians: the error of two written decimals.
+const ROUNDING: f64 = 0.01;
+
 /// Position in meters and heading in radians, in the frame `map`.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -108,9 +116,10 @@ impl From<PlacePose> for MapPose {
 }
 
 impl PlacePose {
-    /// Whether all its numbers are finite.
-    pub fn is_finite(&self) -> bool {
-        [self.x, self.y, self.yaw].iter().all(|number| number.is_finite())
+    /// Whether its numbers are finite, and its heading is one in radians.
+    pub fn is_possible(&self) -> bool {
+        let is_finite = [self.x, self.y, self.yaw].iter().all(|number| number.is_finite());
+        is_finite && self.yaw.abs() <= TAU + ROUNDING
     }
 }
 
@@ -232,8 +241,8 @@ fn check_places(
     own_poses: &[&str],
 ) -> Result<(), String> {
     for (name, pose) in places {
-        if !pose.is_finite() {
-            return Err(format!("config.ros2.places.{name}: x, y and yaw must be finite"));
+        if !pose.is_possible() {
+            return Err(format!("config.ros2.places.{name}: {POSSIBLE_POSE}"));
         }
         if !own_poses.contains(&name.as_str()) {
             let known = blueprint.host.has_place(name);
@@ -249,9 +258,10 @@ fn check_places(
     match missing.as_slice() {
         [] => Ok(()),
         [first, ..] => Err(format!(
-            "config.ros2.places lacks the pose of {}, to which the robot can drive; write {} = {{ \
-             x = 1.5, y = -0.5, yaw = 0.0 }} (meters and radians on the robot's map)",
+            "config.ros2.places lacks the pose of {}, to which the robot can drive; drive it \
+             there, and `althing robot {} {}` prints the line to write",
             missing.join(", "),
+            blueprint.id,
             first.trim_matches('`'),
         )),
     }

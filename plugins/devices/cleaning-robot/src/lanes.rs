@@ -9,7 +9,7 @@ use std::future::ready;
 
 use actuator::BoxFuture;
 use agent::{Blueprint, BuildError};
-use mobile_base::{PlacePose, RosPart};
+use mobile_base::{POSSIBLE_POSE, PlacePose, RosPart};
 
 use crate::Broom;
 
@@ -45,9 +45,11 @@ impl LaneBroom {
         for (place, poses) in &lanes {
             let known = blueprint.host.has_place(place);
             known.map_err(|why| problem(format!("config.lanes: {why}")))?;
-            if poses.is_empty() || !poses.iter().all(PlacePose::is_finite) {
-                let needed = "its poses are a list that is not empty, of finite x, y and yaw";
-                return Err(problem(format!("config.lanes.{place}: {needed}")));
+            if poses.is_empty() {
+                return Err(problem(format!("config.lanes.{place}: it needs a pose or more")));
+            }
+            if !poses.iter().all(PlacePose::is_possible) {
+                return Err(problem(format!("config.lanes.{place}: {POSSIBLE_POSE}")));
             }
         }
         Ok(LaneBroom { robot: robot.clone(), lanes, brush })
