@@ -22,6 +22,7 @@ use planner::{Cancel, Replanner};
 use tokio::sync::oneshot;
 
 use crate::actuator::open_initiatives::OpenInitiatives;
+use crate::actuator::stopping::StandingStill;
 use crate::bidding::bid;
 use crate::device::{Description, Device, MethodCall, MethodFailure, MethodResult};
 use crate::erased_device::{ErasedDevice, ErasedYield};
@@ -61,8 +62,8 @@ pub struct Actuator {
     /// Takes the answer of people to whether the running action may begin; `None` if no action waits
     /// for it.
     consent: Option<oneshot::Sender<Result<(), MethodFailure>>>,
-    /// Work that brings the device to a standstill after the last stop.
-    standing_still: Option<WorkHandle>,
+    /// The standstill to which the last stop has brought the device; `None` if there was none.
+    standing_still: Option<StandingStill>,
     /// Work that waits for the next change of the daemon's stops.
     following_stops: Option<WorkHandle>,
     /// Confirmations of stops and releases that wait until these are on disk.
@@ -133,7 +134,9 @@ impl Actuator {
         let safeguards = host.resources.get::<Safeguards>();
         let safeguarded = SafeguardedActions::of(safeguards.as_deref(), &blueprint.id);
         let actions = device.action_names();
-        safeguarded.check_names(&actions).map_err(|why| blueprint.problem(why))?;
+        let names = safeguarded.check_names(&actions);
+        let agent = blueprint.id.clone();
+        names.map_err(|problem| BuildError::Safeguards { agent, problem })?;
         Ok(Actuator {
             stops: host.stops(),
             device,
@@ -342,7 +345,8 @@ impl Actuator {
         if let Some(stop) = self.stop_against(&action, ctx.id()) {
             return Err(stopping::refusal(&action, &stop));
         }
-        if let Some(refusal) = self.rate_objection(&action) {
+        let objection = self.standstill_objection(&action);
+        if let Some(refusal) = objection.or_else(|| self.rate_objection(&action)) {
             return Err(refusal);
         }
         let timeout = self.admissible(&action, &method, ctx.id())?;

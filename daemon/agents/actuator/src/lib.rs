@@ -27,7 +27,9 @@ mod safeguards;
 
 pub use actuator::Actuator;
 pub use agent::StateFolder;
-pub use declared::{AgentFacts, FactFile, UncertainEffect, check_effect, declared_model};
+pub use declared::{
+    AgentFacts, FactFile, UncertainEffect, check_effect, declared_model, stored_facts,
+};
 pub use device::{Description, Device, MethodCall, MethodFailure, MethodResult, OwnFact};
 pub use initiative::{DeviceEvent, Initiative, InitiativeUpdate};
 pub use measured_value::{converted_value, is_possible_value, unit_conversion};

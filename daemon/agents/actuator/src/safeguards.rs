@@ -57,7 +57,7 @@ impl SafeguardedActions {
             Some(near) => format!("did you mean `{near}`?"),
             None => format!("it has {}", actions.join(", ")),
         };
-        Err(format!("`safeguards` names `{unknown}`, which is no action of it; {hint}"))
+        Err(format!("`{unknown}` is no action of it; {hint}"))
     }
 
     /// Returns how long people may take to allow the action; `None` if nobody is asked.

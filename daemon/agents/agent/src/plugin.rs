@@ -64,6 +64,15 @@ pub enum BuildError {
         /// Names of the drivers that the plugin has.
         known: Vec<String>,
     },
+    /// The safeguards of the agent, which stand outside its entry, name an action that it does not
+    /// have.
+    #[error("safeguard `{agent}`: {problem}")]
+    Safeguards {
+        /// Name of the agent that could not be built.
+        agent: AgentId,
+        /// The name that is no action, and those that are.
+        problem: String,
+    },
     /// The agent's entry has another mistake.
     #[error("build `{agent}`: {problem}")]
     Other {

@@ -13,19 +13,18 @@
 //! and adds those of the robot.
 
 mod config;
+mod description;
 mod ros2;
 mod ros_part;
 mod simulated;
 mod ways;
 
-use std::collections::BTreeMap;
-use std::fmt::{self, Write as _};
+use std::fmt;
 use std::future::pending;
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::Millis;
-use acl::content::{Achieve, Keep, Method, Methods, Reason, Refusal};
+use acl::content::{Achieve, Keep, Reason, Refusal};
 use actuator::{
     BoxFuture, Initiative, MethodCall, MethodFailure, MethodResult, PlaceName, facts_of,
 };
@@ -38,7 +37,8 @@ use crate::ways::KnownWays;
 
 pub use crate::config::BaseConfig;
 pub use crate::ros_part::RosPart;
-pub use crate::ros2::{POSSIBLE_POSE, PlacePose, recorded_pose};
+pub use crate::ros2::recorded_pose;
+pub use ros2_link::MapPose;
 
 /// Share of the full range at or below which the battery counts as empty. A lower charge damages
 /// the cells, and the next place is too far anyway.
@@ -51,24 +51,14 @@ const LOW: f64 = 0.25;
 /// Priority of charging, above people's goals: a robot that is stranded in a doorway is of no use.
 const CHARGING_PRIORITY: i32 = 10;
 
-/// Time that the action of charging may take for docking, in addition to the charging itself.
-const DOCKING: Duration = Duration::from_secs(60);
-
 /// How long the driver may take after a start to report the robot's place. A localization that is
 /// already running answers sooner.
 const LOOKED_WITHIN: Duration = Duration::from_secs(1);
-
-/// Cost of charging in a plan, in meters of driving, so that a plan charges the battery only if it
-/// must.
-const RECHARGE_COST: u32 = 10;
 
 /// Names of the drivers of a base; the first is the default.
 pub const DRIVERS: &[&str] = &["simulated", ROS2];
 
 const ROS2: &str = "ros2";
-
-/// Cost of driving to the place beside which a base stands, in meters of driving.
-const REJOIN_COST: u32 = 2;
 
 /// Interface to the hardware of a mobile base.
 pub trait BaseDriver: Send + Sync + 'static {
@@ -389,159 +379,6 @@ impl PowerSupply {
         }
         Ok(Some(PowerSupply { range, recharge_time: Duration::from_secs_f64(recharge_time), dock }))
     }
-}
-
-// === impl MobileBase: its part of a robot's self-description ===
-
-impl MobileBase {
-    /// Returns the PDDL objects of the base: the robot itself and its poses.
-    pub fn objects(&self) -> String {
-        let mut text = format!("{} - {}", self.id, self.kind);
-        for (pose, ..) in &self.poses {
-            push(&mut text, format_args!(" {pose} - pose"));
-        }
-        text
-    }
-
-    /// Returns the declarations of the predicates of the base that the ontology need not have, as
-    /// PDDL.
-    pub fn predicates(&self) -> &'static str {
-        if self.ways.is_some() {
-            "(stray-near ?b - mobile-base ?l - location) (lost ?b - mobile-base)
-             (blocked ?b - mobile-base ?from ?to - location)"
-        } else {
-            ""
-        }
-    }
-
-    /// Returns the declarations of the functions of the base that the ontology need not have, as
-    /// PDDL.
-    pub fn functions(&self) -> &'static str {
-        if self.ways.is_some() { "(travel ?b - mobile-base ?from ?to - location)" } else { "" }
-    }
-
-    /// Returns the facts of the base that never change, as PDDL.
-    pub fn constant_facts(&self) -> String {
-        let mut text = format!("(= (speed {}) {})", self.id, self.speed);
-        for (pose, near, meters) in &self.poses {
-            for (from, to) in [(pose, near), (near, pose)] {
-                let way =
-                    format_args!(" (connected {from} {to}) (= (distance {from} {to}) {meters})");
-                push(&mut text, way);
-            }
-        }
-        if let Some(PowerSupply { range, dock, .. }) = &self.power {
-            let id = &self.id;
-            push(&mut text, format_args!(" (dock-of {id} {dock}) (= (range {id}) {range})"));
-        }
-        text
-    }
-
-    /// Returns all facts of the base that are known at present, as PDDL.
-    pub fn facts(&self) -> String {
-        let BaseReading { place, charge } = self.current_state();
-        let mut text = match place {
-            BasePlace::At(place) => format!("(at {} {place}) ", self.id),
-            BasePlace::Near(place) => format!("(stray-near {} {place}) ", self.id),
-            BasePlace::Unknown | BasePlace::Unreachable => format!("(lost {}) ", self.id),
-        };
-        text += &self.constant_facts();
-        if let Some(ways) = &self.ways {
-            text += &ways.borrow().facts(&self.id, Instant::now());
-        }
-        if let (Some(PowerSupply { range, .. }), Some(charge)) = (&self.power, charge) {
-            push(&mut text, format_args!(" (= (charge {}) {charge})", self.id));
-            if charge >= *range {
-                push(&mut text, format_args!(" (charged {})", self.id));
-            }
-        }
-        text
-    }
-
-    /// Returns the PDDL of the actions that the base offers at present. `condition` is one more
-    /// condition in the precondition of `move`, such as `(not (presenting ?b))`; `?b` is the robot.
-    /// An empty text adds no condition.
-    pub fn actions(&self, condition: &str) -> String {
-        let kind = self.kind;
-        if self.current_state().place == BasePlace::Unreachable {
-            return String::new();
-        }
-        let (rejoin, passable, cost) = match &self.ways {
-            Some(_) => (rejoin(kind), "(not (blocked ?b ?from ?to))", "(travel ?b ?from ?to)"),
-            None => (String::new(), "", "(distance ?from ?to)"),
-        };
-        if self.power.is_none() {
-            return format!(
-                "{rejoin}(:action move
-                    :agent ?b - {kind}
-                    :parameters (?from ?to - location)
-                    :precondition (and (at ?b ?from) (connected ?from ?to) {passable} {condition})
-                    :effect (and (not (at ?b ?from)) (at ?b ?to)
-                        (increase (total-cost) {cost})))"
-            );
-        }
-        let recharge = format!(
-            "{rejoin}(:action recharge
-                :agent ?b - {kind}
-                :parameters (?l - location)
-                :precondition (and (at ?b ?l) (dock-of ?b ?l))
-                :effect (and (charged ?b) (assign (charge ?b) (range ?b))
-                    (increase (total-cost) {RECHARGE_COST})))"
-        );
-        if self.is_empty() {
-            return recharge;
-        }
-        format!(
-            "(:action move
-                :agent ?b - {kind}
-                :parameters (?from ?to - location)
-                :precondition (and (at ?b ?from) (connected ?from ?to)
-                    (>= (charge ?b) (distance ?from ?to)) {passable} {condition})
-                :effect (and (not (at ?b ?from)) (at ?b ?to) (not (charged ?b))
-                    (decrease (charge ?b) (distance ?from ?to))
-                    (increase (total-cost) {cost})))
-            {recharge}"
-        )
-    }
-
-    /// Returns the methods that carry out the actions of the base.
-    pub fn methods(&self) -> Methods {
-        let navigate = Method {
-            method: "navigate_to".to_owned(),
-            arguments: [("place".to_owned(), "?to".to_owned())].into(),
-            timeout: Millis(self.move_timeout),
-        };
-        let mut methods: Methods = [("move".to_owned(), navigate.clone())].into();
-        if self.ways.is_some() {
-            methods.insert("rejoin".to_owned(), navigate);
-        }
-        if let Some(PowerSupply { recharge_time, .. }) = &self.power {
-            let recharge = Method {
-                method: "recharge".to_owned(),
-                arguments: BTreeMap::new(),
-                timeout: Millis(*recharge_time * 2 + DOCKING),
-            };
-            methods.insert("recharge".to_owned(), recharge);
-        }
-        methods
-    }
-}
-
-/// Returns the action by which a base that stands beside a place drives to the place, as PDDL.
-fn rejoin(kind: &str) -> String {
-    format!(
-        "(:action rejoin
-            :agent ?b - {kind}
-            :parameters (?to - location)
-            :precondition (stray-near ?b ?to)
-            :effect (and (at ?b ?to) (not (stray-near ?b ?to))
-                (increase (total-cost) {REJOIN_COST})))
-        "
-    )
-}
-
-fn push(text: &mut String, piece: std::fmt::Arguments<'_>) {
-    text.write_fmt(piece).expect("invariant: writing to a String cannot fail");
 }
 
 // === impl MobileBase: acting ===

@@ -6,7 +6,6 @@
 //!   its pose some seconds later, the driver sets the pose to that of `start`.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::f64::consts::TAU;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
@@ -68,59 +67,24 @@ pub(crate) struct Ros2Config {
     #[serde(default)]
     domain_id: u32,
     /// Pose of each place on the robot's map, by the name of the place.
-    places: BTreeMap<String, PlacePose>,
+    places: BTreeMap<String, MapPose>,
     /// Distance from the pose of a place, in meters, within which the robot stands at that place.
     #[serde(default = "default_tolerance")]
     tolerance: f64,
     /// Type of the messages that set the robot's velocity: `twist` or `twist-stamped`.
-    #[serde(default = "default_velocity")]
-    velocity: String,
+    #[serde(default)]
+    velocity: VelocityMessage,
     /// Whether the driver sets the robot's pose to that of `start`, if the robot reports none.
     #[serde(default = "default_initial_pose")]
     initial_pose: bool,
-}
-
-/// What a pose must be, as text for a person.
-pub const POSSIBLE_POSE: &str =
-    "x and y are finite, in meters; yaw is in radians, from -6.28 to 6.28 (a full turn)";
-
-/// How far a heading may exceed a full turn, in radians: the error of two written decimals.
-const ROUNDING: f64 = 0.01;
-
-/// Position in meters and heading in radians, in the frame `map`.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PlacePose {
-    x: f64,
-    y: f64,
-    #[serde(default)]
-    yaw: f64,
 }
 
 fn default_tolerance() -> f64 {
     1.0
 }
 
-fn default_velocity() -> String {
-    "twist".to_owned()
-}
-
 fn default_initial_pose() -> bool {
     true
-}
-
-impl From<PlacePose> for MapPose {
-    fn from(PlacePose { x, y, yaw }: PlacePose) -> MapPose {
-        MapPose { x, y, yaw }
-    }
-}
-
-impl PlacePose {
-    /// Whether its numbers are finite, and its heading is one in radians.
-    pub fn is_possible(&self) -> bool {
-        let is_finite = [self.x, self.y, self.yaw].iter().all(|number| number.is_finite());
-        is_finite && self.yaw.abs() <= TAU + ROUNDING
-    }
 }
 
 impl Ros2Config {
@@ -187,14 +151,12 @@ pub(crate) fn base(
 ) -> Result<Ros2Base, String> {
     let address = config.address()?;
     let Ros2Config { places, tolerance, initial_pose, velocity, .. } = config;
-    let velocity =
-        velocity.parse().map_err(|problem| format!("config.ros2.velocity: {problem}"))?;
     if !(tolerance.is_finite() && tolerance > 0.0) {
         return Err(format!("config.ros2.tolerance = {tolerance} must be above zero"));
     }
     check_places(blueprint, &places, start, own_poses)?;
     let places: BTreeMap<String, MapPose> =
-        places.into_iter().map(|(name, at)| (name.to_lowercase(), at.into())).collect();
+        places.into_iter().map(|(name, at)| (name.to_lowercase(), at)).collect();
     let initial_pose = initial_pose.then(|| places.get(start).copied()).flatten();
     let agent = blueprint.id.to_string();
     let settings =
@@ -236,14 +198,12 @@ pub async fn recorded_pose(config: &serde_json::Value) -> Result<String, String>
 /// belongs to a place.
 fn check_places(
     blueprint: &Blueprint,
-    places: &BTreeMap<String, PlacePose>,
+    places: &BTreeMap<String, MapPose>,
     start: &str,
     own_poses: &[&str],
 ) -> Result<(), String> {
     for (name, pose) in places {
-        if !pose.is_possible() {
-            return Err(format!("config.ros2.places.{name}: {POSSIBLE_POSE}"));
-        }
+        pose.check().map_err(|problem| format!("config.ros2.places.{name}: {problem}"))?;
         if !own_poses.contains(&name.as_str()) {
             let known = blueprint.host.has_place(name);
             known.map_err(|problem| format!("config.ros2.places: {problem}"))?;
@@ -438,12 +398,12 @@ impl Ros2Base {
     /// Drives through `poses`, one after the other, and back to `place`.
     pub(crate) async fn drive_through(
         &self,
-        poses: &[PlacePose],
+        poses: &[MapPose],
         place: &str,
     ) -> Result<(), DriveFailure> {
         let _moving = self.begin_moving();
         for pose in poses {
-            let driven = self.drive_to_pose((*pose).into()).await;
+            let driven = self.drive_to_pose(*pose).await;
             driven.map_err(|error| DriveFailure::Other(error.to_string()))?;
         }
         self.drive(place).await

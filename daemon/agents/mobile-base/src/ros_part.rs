@@ -1,8 +1,9 @@
 //! What a robot's plugin does with a robot with ROS 2, besides driving between places.
 
 use actuator::BoxFuture;
+use ros2_link::MapPose;
 
-use crate::ros2::{PlacePose, Ros2Base};
+use crate::ros2::Ros2Base;
 
 const TEXT: &str = "std_msgs/msg/String";
 const SWITCH: &str = "std_srvs/srv/SetBool";
@@ -21,11 +22,7 @@ impl RosPart {
 
     /// Drives through these poses, one after the other, and back to the place at which the robot
     /// stands. Dropping the future stops the robot.
-    pub fn drive_through(
-        &self,
-        poses: Vec<PlacePose>,
-        place: &str,
-    ) -> BoxFuture<Result<(), String>> {
+    pub fn drive_through(&self, poses: Vec<MapPose>, place: &str) -> BoxFuture<Result<(), String>> {
         let (base, place) = (self.base.clone(), place.to_owned());
         Box::pin(async move {
             let driven = base.drive_through(&poses, &place).await;

@@ -1,19 +1,40 @@
 //! Poses on the robot's map.
 
+use std::f64::consts::TAU;
+
+use serde::Deserialize;
 use serde_json::{Value, json};
 
+/// How far a heading may exceed a full turn, in radians: the error of two written decimals.
+const ROUNDING: f64 = 0.01;
+
 /// Position and heading of a robot in the frame `map`.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct MapPose {
     /// Position in meters.
     pub x: f64,
     /// Position in meters.
     pub y: f64,
     /// Heading in radians, counterclockwise from the x axis.
+    #[serde(default)]
     pub yaw: f64,
 }
 
 impl MapPose {
+    /// Checks that the numbers are finite, and that the heading is in radians.
+    ///
+    /// # Errors
+    ///
+    /// Returns what a pose must be, as text for a person.
+    pub fn check(&self) -> Result<(), &'static str> {
+        let is_finite = [self.x, self.y, self.yaw].iter().all(|number| number.is_finite());
+        if is_finite && self.yaw.abs() <= TAU + ROUNDING {
+            return Ok(());
+        }
+        Err("x and y are finite, in meters; yaw is in radians, from -6.28 to 6.28 (a full turn)")
+    }
+
     /// Returns the distance between the positions of two poses, in meters.
     pub fn distance(&self, other: &MapPose) -> f64 {
         (self.x - other.x).hypot(self.y - other.y)

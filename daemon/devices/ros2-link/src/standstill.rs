@@ -1,8 +1,8 @@
 //! A robot at a standstill: no action server has a goal, whoever sent it, and the velocity is zero.
 
-use std::str::FromStr;
 use std::time::Duration;
 
+use serde::Deserialize;
 use serde_json::{Value, json};
 
 use crate::action::ActionClient;
@@ -15,24 +15,14 @@ const VELOCITIES: u32 = 6;
 const VELOCITY_PAUSE: Duration = Duration::from_millis(100);
 
 /// Type of the messages that set the velocity of a robot. Nav2 changed it with ROS 2 Kilted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum VelocityMessage {
     /// `geometry_msgs/msg/Twist`.
+    #[default]
     Twist,
     /// `geometry_msgs/msg/TwistStamped`.
     TwistStamped,
-}
-
-impl FromStr for VelocityMessage {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<VelocityMessage, String> {
-        match text {
-            "twist" => Ok(VelocityMessage::Twist),
-            "twist-stamped" => Ok(VelocityMessage::TwistStamped),
-            _ => Err(format!("there is no message `{text}`: write `twist` or `twist-stamped`")),
-        }
-    }
 }
 
 impl VelocityMessage {

@@ -21,7 +21,9 @@ pub use self::state::{
     Claim, EpochChange, Guard, Heartbeat, ModelAnnouncement, Observation, Requested, RequestedFact,
     RequestedSince, Snapshot,
 };
-pub use self::stop::{ReleaseStops, STOP_ID_BYTES_MAX, STOP_NAMES_MAX, Stop, StopState};
+pub use self::stop::{
+    ReleaseStops, STOP_ID_BYTES_MAX, STOP_NAMES_MAX, Stop, StopEffect, StopState,
+};
 
 /// Content of a `request`: the act that the receiver is to carry out.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
@@ -489,6 +491,9 @@ pub struct Report {
     /// it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub declined: Option<Reason>,
+    /// Effect of the stop that the report confirms; `None` if the report is about something else.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stop_effect: Option<StopEffect>,
     /// Earlier reports about the goal. Only a final report that is repeated to a reconnected
     /// requester has them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
@@ -670,6 +675,7 @@ impl Report {
             cost: None,
             observations: String::new(),
             declined: None,
+            stop_effect: None,
             history: Vec::new(),
         }
     }

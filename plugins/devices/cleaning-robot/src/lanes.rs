@@ -9,14 +9,14 @@ use std::future::ready;
 
 use actuator::BoxFuture;
 use agent::{Blueprint, BuildError};
-use mobile_base::{POSSIBLE_POSE, PlacePose, RosPart};
+use mobile_base::{MapPose, RosPart};
 
 use crate::Broom;
 
 /// A robot that sweeps by driving lanes.
 pub(crate) struct LaneBroom {
     robot: RosPart,
-    lanes: BTreeMap<String, Vec<PlacePose>>,
+    lanes: BTreeMap<String, Vec<MapPose>>,
     brush: Option<String>,
 }
 
@@ -29,7 +29,7 @@ impl LaneBroom {
     pub(crate) fn new(
         blueprint: &Blueprint,
         robot: &RosPart,
-        lanes: BTreeMap<String, Vec<PlacePose>>,
+        lanes: BTreeMap<String, Vec<MapPose>>,
         brush: Option<String>,
     ) -> Result<LaneBroom, BuildError> {
         let problem = |text: String| blueprint.problem(text);
@@ -48,8 +48,8 @@ impl LaneBroom {
             if poses.is_empty() {
                 return Err(problem(format!("config.lanes.{place}: it needs a pose or more")));
             }
-            if !poses.iter().all(PlacePose::is_possible) {
-                return Err(problem(format!("config.lanes.{place}: {POSSIBLE_POSE}")));
+            for pose in poses {
+                pose.check().map_err(|why| problem(format!("config.lanes.{place}: {why}")))?;
             }
         }
         Ok(LaneBroom { robot: robot.clone(), lanes, brush })

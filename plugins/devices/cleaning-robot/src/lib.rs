@@ -19,7 +19,7 @@ use actuator::{
     OwnFact, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
-use mobile_base::{BaseConfig, BaseOutcome, MobileBase, PlacePose};
+use mobile_base::{BaseConfig, BaseOutcome, MapPose, MobileBase};
 use pddl::InitElement;
 use serde::Deserialize;
 
@@ -64,7 +64,7 @@ struct Config {
     bin: u32,
     /// Poses through which a robot with ROS 2 drives to sweep a place, by the name of the place.
     #[serde(default)]
-    lanes: BTreeMap<String, Vec<PlacePose>>,
+    lanes: BTreeMap<String, Vec<MapPose>>,
     /// Name of the service that switches the brush of a robot with ROS 2; `None` if it has none.
     #[serde(default)]
     brush: Option<String>,

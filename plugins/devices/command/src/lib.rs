@@ -20,7 +20,7 @@ use acl::Millis;
 use acl::content::Method;
 use actuator::{
     Actuator, AgentFacts, BoxFuture, Description, Device, DeviceEvent, FactFile, MethodCall,
-    MethodFailure, MethodResult, OwnFact,
+    MethodFailure, MethodResult, OwnFact, stored_facts,
 };
 use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use pddl::{ActionModel, ActionSchema, InitElement};
@@ -55,11 +55,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
 fn commanded(blueprint: &Blueprint) -> Result<CommandActuator, BuildError> {
     let config: Config = blueprint.config_as()?;
     let (model, runs) = config.parse_actions(blueprint)?;
-    let file = FactFile::of(blueprint, &model);
-    let stored = file
-        .read()
-        .map_err(|problem| BuildError::Other { agent: blueprint.id.clone(), problem })?;
-    let known = AgentFacts::new(stored.unwrap_or_else(|| model.init.clone()));
+    let (file, known) = stored_facts(blueprint, &model)?;
     Ok(CommandActuator { model, runs, known, file, paused_until: None })
 }
 

@@ -45,8 +45,8 @@ struct Config {
     /// Address of the robot.
     ros2: RosAddress,
     /// Type of the messages that set the robot's velocity.
-    #[serde(default = "default_velocity")]
-    velocity: String,
+    #[serde(default)]
+    velocity: VelocityMessage,
 }
 
 /// What a watchdog does when the robot's agent is gone.
@@ -63,17 +63,11 @@ fn default_after() -> String {
     "2s".to_owned()
 }
 
-fn default_velocity() -> String {
-    "twist".to_owned()
-}
-
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let Config { robot, on_loss, after, ros2, velocity } = blueprint.config_as()?;
     let problem = |text: String| blueprint.problem(text);
     let after = humantime::parse_duration(&after)
         .map_err(|error| problem(format!("after = \"{after}\": {error}")))?;
-    let velocity: VelocityMessage =
-        velocity.parse().map_err(|error| problem(format!("velocity: {error}")))?;
     ros2.check().map_err(|error| problem(format!("ros2: {error}")))?;
     if robot == blueprint.id {
         return Err(problem("robot: a watchdog watches another agent than itself".to_owned()));

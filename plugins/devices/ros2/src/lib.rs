@@ -26,7 +26,7 @@ use acl::Millis;
 use acl::content::Method;
 use actuator::{
     Actuator, AgentFacts, BoxFuture, Description, Device, DeviceEvent, FactFile, MethodCall,
-    MethodFailure, MethodResult, OwnFact,
+    MethodFailure, MethodResult, OwnFact, stored_facts,
 };
 use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use pddl::{Effect, InitElement};
@@ -65,9 +65,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
 fn ros_actuator(blueprint: &Blueprint) -> Result<RosActuator, BuildError> {
     let config: Config = blueprint.config_as()?;
     let settings = config.parse(blueprint)?;
-    let file = FactFile::of(blueprint, &settings.model);
-    let stored = file.read().map_err(|problem| blueprint.problem(problem))?;
-    let known = AgentFacts::new(stored.unwrap_or_else(|| settings.model.init.clone()));
+    let (file, known) = stored_facts(blueprint, &settings.model)?;
     let topics: Vec<_> = settings.topics.iter().map(|topic| topic_facts(&topic.facts)).collect();
     let mut told = BTreeSet::new();
     if let Some(again) = topics.iter().flatten().find(|fact| !told.insert(fact.as_str())) {

@@ -8,14 +8,16 @@
 //!   those with a fact about themselves and the place, such as `(at robot hall)`.
 //! - A stopped agent offers no actions, so that no plan is made with it. It has the fact `stopped`.
 
+use std::collections::BTreeSet;
 use std::sync::Arc;
 use std::time::Duration;
 
 use acl::AgentId;
-use acl::content::{Outcome, Reason, Refusal, ReleaseStops, Report, Stop, StopState};
-use agent::{Context, Participation, StopChanges};
+use acl::content::{Outcome, Reason, Refusal, ReleaseStops, Report, Stop, StopEffect, StopState};
+use agent::{Context, Participation, StopChanges, WorkHandle};
 use pddl::InitElement;
 use substrate::BoxFuture;
+use tokio::sync::watch;
 
 use crate::actuator::Actuator;
 use crate::device::Description;
@@ -26,6 +28,30 @@ const CONFIRMATIONS_MAX: usize = 64;
 
 /// How long a device may take to confirm its standstill. `althing stop` waits for three seconds.
 const STILL_WITHIN: Duration = Duration::from_secs(2);
+
+/// A standstill to which the device is brought, or was brought by the last stop.
+pub(super) struct StandingStill {
+    /// Identifiers of the stops that were in force when it began.
+    stops: BTreeSet<String>,
+    /// Whether the device has confirmed it; `None` as long as that is not known.
+    outcome: watch::Receiver<Option<Result<(), String>>>,
+    _work: WorkHandle,
+}
+
+/// Waits until it is known whether the device stands still.
+async fn still_of(mut outcome: watch::Receiver<Option<Result<(), String>>>) -> Result<(), String> {
+    // A later stop, which has begun anew, drops the sender.
+    let known = outcome.wait_for(Option::is_some).await.ok().and_then(|known| known.clone());
+    known.unwrap_or_else(|| Err("see it stand still before the next stop".to_owned()))
+}
+
+/// Returns what an agent reports of a stop that does not concern it. `running` is its action.
+fn unconcerned(running: Option<&str>) -> String {
+    match running {
+        Some(action) => format!("goes on with {action}, which the stop does not name"),
+        None => "was still; the stop does not name it".to_owned(),
+    }
+}
 
 /// Returns the refusal of an action that a stop forbids.
 pub(super) fn refusal(action: &str, stop: &Stop) -> Refusal {
@@ -142,6 +168,8 @@ impl Actuator {
         let ends = action.as_ref().and_then(|action| self.stop_against(action, ctx.id()));
         if ends.is_some() || self.stop_of_all(ctx.id()).is_some() {
             self.begin_standing_still(ctx);
+        } else if self.stops.in_force().is_empty() {
+            self.standing_still = None;
         }
         match ends {
             Some(stop) => {
@@ -153,28 +181,35 @@ impl Actuator {
         }
     }
 
-    /// Brings the device to a standstill, beside everything else.
+    /// Brings the device to a standstill, beside everything else, unless that was begun under the same
+    /// stops. The outcome stays known until another stop or the release of all.
     fn begin_standing_still(&mut self, ctx: &mut Context<Self>) {
-        let own = ctx.id().clone();
-        let standing = ctx.run(self.stand_still(), move |actuator: &mut Self, still, _| {
-            actuator.standing_still = None;
-            if let Err(problem) = still {
-                tracing::warn!(agent = %own, problem, "stopped, but its device may go on");
-            }
-        });
-        self.standing_still = Some(standing);
-    }
-
-    /// Returns a future that brings the device to a standstill, and tells within a time limit
-    /// whether the device has confirmed it.
-    fn stand_still(&mut self) -> BoxFuture<Result<(), String>> {
-        let Some(still) = self.device.stand_still() else {
-            return Box::pin(std::future::ready(Ok(())));
-        };
-        Box::pin(async move {
+        let stops: BTreeSet<String> = self.stops.in_force().into_iter().map(|it| it.id).collect();
+        if self.standing_still.as_ref().is_some_and(|standing| stops.is_subset(&standing.stops)) {
+            return;
+        }
+        let Some(still) = self.device.stand_still() else { return };
+        let (sender, outcome) = watch::channel(None);
+        let still = async move {
             let still = tokio::time::timeout(STILL_WITHIN, still).await;
             still.unwrap_or_else(|_| Err(format!("see it stand still within {STILL_WITHIN:?}")))
-        })
+        };
+        let own = ctx.id().clone();
+        let work = ctx.run(still, move |_: &mut Self, still, _| {
+            if let Err(problem) = &still {
+                tracing::warn!(agent = %own, problem, "stopped, but its device may go on");
+            }
+            sender.send_replace(Some(still));
+        });
+        self.standing_still = Some(StandingStill { stops, outcome, _work: work });
+    }
+
+    /// Returns a refusal while the device is brought to a standstill, which would end the action, too.
+    pub(super) fn standstill_objection(&self, action: &str) -> Option<Refusal> {
+        let standing = self.standing_still.as_ref()?;
+        let is_under_way = standing.outcome.borrow().is_none();
+        let detail = || format!("{action}: the device is being brought to a standstill");
+        is_under_way.then(|| Refusal::new(Reason::Busy, detail()))
     }
 
     fn running_action(&self) -> Option<String> {
@@ -196,24 +231,25 @@ impl Actuator {
         // The stop may have come earlier, through another actuator of this daemon.
         let ended = self.ended_by_stop.as_ref().filter(|(_, id)| *id == stop.id);
         let is_stopped = self.stop_of_all(ctx.id()).is_some();
-        let detail = match (ended, self.running_action()) {
-            (Some((action, _)), _) => format!("stopped: {action}"),
-            (None, Some(action)) => format!("goes on with {action}, which the stop does not name"),
-            (None, None) if is_stopped => "was already still".to_owned(),
-            (None, None) => "was still; the stop does not name it".to_owned(),
+        let (effect, detail) = match (ended, self.running_action()) {
+            (Some((action, _)), _) => (StopEffect::Ended, format!("stopped: {action}")),
+            (None, None) if is_stopped => (StopEffect::Still, "was already still".to_owned()),
+            (None, running) => (StopEffect::Unconcerned, unconcerned(running.as_deref())),
         };
-        let still = match is_stopped || ended.is_some() {
-            true => self.stand_still(),
-            false => Box::pin(std::future::ready(Ok(()))),
-        };
+        let still = self.standing_still.as_ref().map(|standing| standing.outcome.clone());
         let report = async move {
-            match still.await {
-                Ok(()) => Report::new(Outcome::Done, detail),
-                Err(problem) => Report::new(
-                    Outcome::Failed,
-                    format!("{detail}; but its device may go on: failed to {problem}"),
-                ),
-            }
+            let still = match (effect, still) {
+                (StopEffect::Unconcerned, _) | (_, None) => Ok(()),
+                (_, Some(still)) => still_of(still).await,
+            };
+            let (outcome, effect, detail) = match still {
+                Ok(()) => (Outcome::Done, effect, detail),
+                Err(problem) => {
+                    let detail = format!("{detail}; but its device may go on: failed to {problem}");
+                    (Outcome::Failed, StopEffect::Doubtful, detail)
+                }
+            };
+            Report { stop_effect: Some(effect), ..Report::new(outcome, detail) }
         };
         self.confirm_when_saved(participation, report, ctx);
     }

@@ -12,6 +12,22 @@ use pddl::ActionModel;
 pub use facts::{AgentFacts, UncertainEffect, check_effect};
 pub use file::FactFile;
 
+/// Returns the file of an agent's facts, and its facts: those that are stored, otherwise those of the
+/// model.
+///
+/// # Errors
+///
+/// Returns an error if the file exists and cannot be read.
+pub fn stored_facts(
+    blueprint: &Blueprint,
+    model: &ActionModel,
+) -> Result<(FactFile, AgentFacts), BuildError> {
+    let file = FactFile::of(blueprint, model);
+    let stored = file.read().map_err(|problem| blueprint.problem(problem))?;
+    let facts = AgentFacts::new(stored.unwrap_or_else(|| model.init.clone()));
+    Ok((file, facts))
+}
+
 /// Parses the action model in the `config` of an agent, and checks it against the ontology.
 ///
 /// # Errors

@@ -10,7 +10,7 @@ use std::pin::pin;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use acl::content::{Outcome, Refusal, ReleaseStops, Report, Request, Stop, StopState, value};
+use acl::content::{Refusal, ReleaseStops, Report, Request, Stop, StopEffect, StopState, value};
 use acl::{AgentId, Message, Performative, Protocol};
 use agent::Resource;
 use keyboard::{Keyboard, MessageDraft, Terminal, UserEvent, UserRequest};
@@ -35,14 +35,12 @@ const UNANSWERED_MAX: usize = 256;
 /// building, and is short enough to be typed.
 const ID_BYTES: usize = 4;
 
-/// End of an actuator's answer that the stop does not concern (`actuator::stopping`).
-const NOT_NAMED: &str = "the stop does not name it";
-const ACTION_NOT_NAMED: &str = "which the stop does not name";
-
 /// Answer of one agent to a stop or a release.
 enum StopAnswer {
     /// The agent has carried out the request; the text says what it did.
     Done(String),
+    /// The stop does not concern the agent; the text says what it does.
+    Unconcerned(String),
     /// The agent has done what it can, but its device may go on; the text says why.
     Doubtful(String),
     /// The agent has not carried out the request, for this reason.
@@ -117,21 +115,13 @@ pub(crate) async fn stop(
     };
     let head = format!("stop {id}: {}", what(&stop));
     let code = print_table(view, &head, &table, Some(&id), json);
+    let is_concerned =
+        |answer: &Option<StopAnswer>| !matches!(answer, Some(StopAnswer::Unconcerned(_)));
     if unknown.is_some() && !table.values().any(is_concerned) {
         output::print_note("error: the stop concerns no agent");
         return exit::with(FAILED);
     }
     code
-}
-
-/// Whether the answer is that of an actuator that the stop concerns.
-fn is_concerned(answer: &Option<StopAnswer>) -> bool {
-    match answer {
-        Some(StopAnswer::Done(what)) => {
-            !what.ends_with(NOT_NAMED) && !what.ends_with(ACTION_NOT_NAMED)
-        }
-        Some(StopAnswer::Doubtful(_) | StopAnswer::Declined(_)) | None => true,
-    }
 }
 
 /// Returns a random identifier of a stop.
@@ -180,7 +170,7 @@ async fn send_to_all(
     let mut table = BTreeMap::new();
     for agent in asked {
         let answer = answers.remove(&agent);
-        let is_done = matches!(answer, Some(StopAnswer::Done(_) | StopAnswer::Doubtful(_)));
+        let is_done = !matches!(answer, Some(StopAnswer::Declined(_)) | None);
         // Only agents with an action model act, and only they are in the table. Other agents
         // decline the request.
         if is_done || has_model(view, &agent).await {
@@ -275,8 +265,9 @@ fn answer_of(message: &Message) -> Option<StopAnswer> {
     match message.performative {
         Performative::Confirm => {
             let report = message.content_as::<Report>().ok()?;
-            Some(match report.outcome {
-                Outcome::Failed => StopAnswer::Doubtful(report.detail),
+            Some(match report.stop_effect {
+                Some(StopEffect::Doubtful) => StopAnswer::Doubtful(report.detail),
+                Some(StopEffect::Unconcerned) => StopAnswer::Unconcerned(report.detail),
                 _ => StopAnswer::Done(report.detail),
             })
         }
@@ -311,12 +302,14 @@ fn print_table(
 ) -> ExitCode {
     let absent = absent(view);
     let said = |answer: &Option<StopAnswer>| match answer {
-        Some(StopAnswer::Done(what)) => what.clone(),
+        Some(StopAnswer::Done(what) | StopAnswer::Unconcerned(what)) => what.clone(),
         Some(StopAnswer::Doubtful(what)) => format!("MAY GO ON: {what}"),
         Some(StopAnswer::Declined(why)) => format!("NOT DONE: {why}"),
         None => "DID NOT ANSWER: it may go on".to_owned(),
     };
-    let is_done = |answer: &&Option<StopAnswer>| matches!(answer, Some(StopAnswer::Done(_)));
+    let is_done = |answer: &&Option<StopAnswer>| {
+        matches!(answer, Some(StopAnswer::Done(_) | StopAnswer::Unconcerned(_)))
+    };
     let is_complete = absent.is_empty() && table.values().filter(is_done).count() == table.len();
     let code = if is_complete { exit::DONE } else { FAILED };
     if json {

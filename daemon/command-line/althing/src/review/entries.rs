@@ -11,9 +11,6 @@ use super::{ReviewScope, Reviewer};
 use crate::config::{AgentEntry, Ecosystem};
 use crate::hosting::{DryRun, HostError};
 
-/// Beginning of an actuator's complaint about `[safeguards]`, which stand outside its entry.
-const SAFEGUARDS: &str = "`safeguards` names";
-
 /// Maximum number of mistakes that are reported per entry. An entry with more should be written
 /// anew.
 const MISTAKES_MAX: usize = 8;
@@ -45,8 +42,8 @@ impl Reviewer<'_> {
         let mut taken = BTreeSet::new();
         for _ in 0..MISTAKES_MAX {
             let Err(error) = stage.build(&tried) else { return };
-            if said(&error).starts_with(SAFEGUARDS) {
-                return self.say_of_safeguards(entry, &said(&error), severity);
+            if let HostError::Build(BuildError::Safeguards { problem, .. }) = &error {
+                return self.say_of_safeguards(entry, problem, severity);
             }
             let path = culprit(&tried, stage, &error);
             let value = at(&tried.config, &path);
@@ -139,9 +136,10 @@ impl Reviewer<'_> {
     }
 
     /// Reports that the safeguards of an agent name an action that it does not have.
-    fn say_of_safeguards(&mut self, entry: &AgentEntry, said: &str, severity: Severity) {
+    fn say_of_safeguards(&mut self, entry: &AgentEntry, problem: &str, severity: Severity) {
         self.is_complete &= severity != Severity::Error;
-        let mut found = Diagnostic::error(Span::default(), format!("`{}`: {said}", entry.name));
+        let message = format!("safeguards of `{}`: {problem}", entry.name);
+        let mut found = Diagnostic::error(Span::default(), message);
         found.severity = severity;
         self.report_key(&format!("safeguards.{}", entry.name), found);
     }

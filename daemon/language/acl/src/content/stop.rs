@@ -42,6 +42,24 @@ pub struct StopState {
     pub stops: Vec<Stop>,
 }
 
+/// Effect of a stop on one actuator.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StopEffect {
+    /// The stop has ended an action, and the device stands still.
+    Ended,
+    /// The device did nothing; it begins nothing until the release.
+    Still,
+    /// The agent has done what it can, and its device has not confirmed that it stands still.
+    Doubtful,
+    /// The stop names neither the agent, nor a place where it is, nor an object of its action.
+    Unconcerned,
+    /// The effect is defined by a newer version only.
+    #[serde(other)]
+    Other,
+}
+
 /// Longest identifier of a stop, in bytes.
 pub const STOP_ID_BYTES_MAX: usize = 64;
 

@@ -90,16 +90,18 @@ fn check(objects: &str, init: &str, expected: Expect) {
     expected.assert_eq(&lines(&explained(&office, GUARDS, &[], goal)));
 }
 
-/// Of three blocked ways, one has to be opened; which one of two ways to an office is opened does
-/// not matter.
-#[test]
-fn facts_that_no_agent_ends_are_named_as_hindrances() {
-    let domain = "(define (domain ways) (:requirements :typing :negative-preconditions)
+/// A robot on ways that are blocked for it, to places that are shut.
+const WAYS: &str = "(define (domain ways) (:requirements :typing :negative-preconditions)
         (:types place robot) (:predicates (at ?r - robot ?p - place) (way ?a ?b - place)
             (blocked ?r - robot ?a ?b - place) (shut ?p - place))
         (:action move :parameters (?r - robot ?a ?b - place)
             :precondition (and (at ?r ?a) (way ?a ?b) (not (blocked ?r ?a ?b)) (not (shut ?b)))
             :effect (and (not (at ?r ?a)) (at ?r ?b))))";
+
+/// Of three blocked ways, one has to be opened; which one of two ways to an office is opened does
+/// not matter.
+#[test]
+fn facts_that_no_agent_ends_are_named_as_hindrances() {
     let problem = |init: &str| {
         format!(
             "(define (problem p) (:domain ways) (:objects hall lab attic store - place r - robot)
@@ -107,7 +109,7 @@ fn facts_that_no_agent_ends_are_named_as_hindrances() {
                 {init}) (:goal (and)))"
         )
     };
-    let both = parse(domain, &problem("(blocked r hall lab) (blocked r attic lab)"));
+    let both = parse(WAYS, &problem("(blocked r hall lab) (blocked r attic lab)"));
     let explanation = explained(&both, &[], &[], "(at r lab)");
     assert_eq!(
         explanation.to_string(),
@@ -115,7 +117,7 @@ fn facts_that_no_agent_ends_are_named_as_hindrances() {
          here ends"
     );
     let all = parse(
-        domain,
+        WAYS,
         &problem("(blocked r hall lab) (blocked r attic lab) (shut store) (shut hall)"),
     );
     let explanation = explained(&all, &[], &[], "(at r store)");
@@ -125,7 +127,7 @@ fn facts_that_no_agent_ends_are_named_as_hindrances() {
          it, which no agent here ends"
     );
     // A fact that does not matter is not named.
-    let far = parse(domain, &problem("(blocked r hall lab)"));
+    let far = parse(WAYS, &problem("(blocked r hall lab)"));
     let explanation = explained(&far, &[], &[], "(way store hall)");
     assert!(explanation.obstacles[0].hindrances.is_empty(), "{explanation}");
 }
@@ -340,6 +342,56 @@ fn one_agent_may_lack_two_capabilities() {
 }
 
 proptest! {
+    /// In any building, the hindrances are a smallest set: without them the goal can be reached, and
+    /// with any one of them it cannot. If there are none, no set of such facts would do.
+    #[test]
+    fn hindrances_suffice_and_none_is_too_many(
+        ways in proptest::collection::vec((0..5_usize, 0..5_usize, any::<bool>()), 3..14),
+        shut in proptest::collection::vec(any::<bool>(), 5),
+    ) {
+        let places = ["a", "b", "c", "d", "e"];
+        let mut facts = vec!["(at r a)".to_owned()];
+        let mut hindering = Vec::new();
+        for (from, to, blocked) in ways {
+            let (from, to) = (places[from], places[to]);
+            facts.push(format!("(way {from} {to})"));
+            hindering.extend(blocked.then(|| format!("(blocked r {from} {to})")));
+        }
+        let shut = places.iter().zip(shut).filter(|(_, shut)| *shut);
+        hindering.extend(shut.map(|(place, _)| format!("(shut {place})")));
+        hindering.sort();
+        hindering.dedup();
+        let building = |left_out: &[String]| {
+            let kept = hindering.iter().filter(|fact| !left_out.contains(fact));
+            let init: Vec<&str> = facts.iter().chain(kept).map(String::as_str).collect();
+            parse(WAYS, &format!(
+                "(define (problem p) (:domain ways) (:objects a b c d e - place r - robot)
+                    (:init {}) (:goal (at r e)))", init.join(" ")))
+        };
+        let is_reachable = |left_out: &[String]| {
+            let (domain, problem) = building(left_out);
+            let outcome = planner::plan(&domain, &problem, &Options::default(), &Cancel::new());
+            outcome.expect("supported").plan.is_some()
+        };
+        let told = explained(&building(&[]), &[], &[], "(at r e)");
+        let found: Vec<String> = { told.obstacles.iter() }
+            .flat_map(|obstacle| &obstacle.hindrances)
+            .map(ToString::to_string)
+            .collect();
+        if is_reachable(&[]) {
+            prop_assert!(told.obstacles.is_empty());
+        } else if found.is_empty() {
+            prop_assert!(!is_reachable(&hindering));
+        } else {
+            prop_assert!(is_reachable(&found), "{found:?}");
+            for one in 0..found.len() {
+                let mut fewer = found.clone();
+                fewer.remove(one);
+                prop_assert!(!is_reachable(&fewer), "{fewer:?} would do");
+            }
+        }
+    }
+
     /// For any set of facts: every alternative names one or two missing capabilities, and the same
     /// query has the same result. A part that is reported unreachable has no plan. Without
     /// obstacles, the goal has a plan.
