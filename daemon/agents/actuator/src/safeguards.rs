@@ -14,7 +14,7 @@ pub struct Safeguards(pub BTreeMap<AgentId, BTreeMap<String, ActionSafeguard>>);
 /// The safeguard of one action.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct ActionSafeguard {
-    /// How long people may take to allow the action; `None` if nobody is asked.
+    /// Time limit for the answer of a person; `None` if the action needs no person's consent.
     pub asks_people: Option<Duration>,
     /// How often the action may begin; `None` without a limit.
     pub limit: Option<BeginLimit>,
@@ -43,8 +43,9 @@ impl SafeguardedActions {
         SafeguardedActions { safeguards, begun: BTreeMap::new() }
     }
 
-    /// Checks that the agent, which has these `actions`, has each of the safeguarded actions: a
-    /// misspelled name would have no effect. An agent whose actions are not known yet is not checked.
+    /// Checks that each safeguarded action is one of `actions`, the actions of the agent. A misspelled
+    /// name would safeguard nothing. The check passes if `actions` is empty, because the actions of
+    /// some agents are not known before they run.
     ///
     /// # Errors
     ///
@@ -60,7 +61,7 @@ impl SafeguardedActions {
         Err(format!("`{unknown}` is no action of it; {hint}"))
     }
 
-    /// Returns how long people may take to allow the action; `None` if nobody is asked.
+    /// Returns the time limit for the answer of a person; `None` if the action needs no consent.
     pub(crate) fn asks_people(&self, action: &str) -> Option<Duration> {
         self.safeguards.get(action)?.asks_people
     }
@@ -72,7 +73,7 @@ impl SafeguardedActions {
         // The oldest of the last `at_most` beginnings.
         let first = begun.iter().rev().nth(usize::try_from(at_most).ok()?.checked_sub(1)?)?;
         let rest = (*first + per).saturating_duration_since(now);
-        // Whole seconds, rounded up, so that nobody is told to wait for nothing.
+        // Whole seconds, rounded up: at the stated time the action may begin.
         let rest = Duration::from_secs(rest.as_secs_f64().ceil() as u64);
         (!rest.is_zero()).then(|| {
             let (per, rest) = (humantime::format_duration(per), humantime::format_duration(rest));

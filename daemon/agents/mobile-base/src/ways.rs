@@ -19,7 +19,7 @@ const LEARNING_RATE: f64 = 0.3;
 /// worth changing, and each is a message to everyone.
 const ANNOUNCED_CHANGE: f64 = 0.1;
 
-/// Longest time for which a way is avoided: then somebody will have opened the door.
+/// Longest time for which a way is avoided: a closed door is probably open again by then.
 const BLOCKED_MAX: Duration = Duration::from_secs(600);
 
 /// The two ends of a way, by the names of the places: from the first to the second.

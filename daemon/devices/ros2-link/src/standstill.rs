@@ -1,4 +1,4 @@
-//! A robot at a standstill: no action server has a goal, whoever sent it, and the velocity is zero.
+//! A robot at a standstill: no action server has a goal of any program, and the velocity is zero.
 
 use std::time::Duration;
 

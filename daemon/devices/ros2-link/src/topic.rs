@@ -23,8 +23,8 @@ use zenoh::time::Timestamp;
 
 use crate::error::RosError;
 
-/// How long the answer with the last message of a topic is awaited. A topic without such messages
-/// is answered by nobody, within the round trip.
+/// How long the answer with the last message of a topic is awaited. If no publisher keeps messages,
+/// Zenoh ends the request within the round trip.
 const HISTORY_TIMEOUT: Duration = Duration::from_secs(2);
 
 /// Number of publishers that appear at once and are asked for their last message. A topic has one

@@ -411,7 +411,7 @@ impl DrivingRobot {
         Ok(())
     }
 
-    /// Returns the place whose position is near; `None` if there is none.
+    /// Returns the place nearest to the position; `None` if all places are too far away.
     fn place_near(&self, position: MapPosition) -> Option<String> {
         let distance =
             |(_, (x, y)): &(&String, &(f64, f64))| position.distance(MapPosition { x: *x, y: *y });

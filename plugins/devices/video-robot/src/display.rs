@@ -1,4 +1,4 @@
-//! The driver of robots with ROS 2, whose display shows the last text of a topic.
+//! The driver of robots with ROS 2: the display shows the last text of a topic.
 
 use actuator::BoxFuture;
 use mobile_base::RosPart;
@@ -15,7 +15,7 @@ pub(crate) struct RosDisplay {
 }
 
 impl RosDisplay {
-    /// Creates the display behind `topic`, whose type is `std_msgs/msg/String`.
+    /// Creates the display that shows the texts of `topic`, which has the type `std_msgs/msg/String`.
     pub(crate) fn new(robot: &RosPart, topic: Option<String>) -> RosDisplay {
         RosDisplay { robot: robot.clone(), topic: topic.unwrap_or_else(|| DISPLAY.to_owned()) }
     }

@@ -1,5 +1,5 @@
-//! Actuators whose action model stands in the ecosystem file: the model, the facts that its actions
-//! change, and the file in which these outlive the daemon.
+//! Support for actuators with an action model in the ecosystem file: parsing the model, tracking the
+//! facts that its actions change, and storing these facts so that they outlive the daemon.
 //!
 //! What carries out the actions is the matter of the plugin: a program, an action of ROS 2.
 
