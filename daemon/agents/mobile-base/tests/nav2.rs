@@ -247,6 +247,59 @@ async fn a_robot_that_was_never_there_is_named_by_its_endpoint() {
     assert!(reason.starts_with(&format!("reach the robot at `{endpoint}`: ")), "{reason}");
 }
 
+/// Number of messages that a faulty node publishes on each topic in a second.
+const GARBAGE_RATE: u32 = 1000;
+
+/// Topics that the client reads, with their types.
+const TOPICS: [(&str, &str); 4] = [
+    ("navigate_to_pose/_action/feedback", "nav2_msgs/action/NavigateToPose_FeedbackMessage"),
+    ("navigate_to_pose/_action/status", "action_msgs/msg/GoalStatusArray"),
+    ("amcl_pose", "geometry_msgs/msg/PoseWithCovarianceStamped"),
+    ("battery_state", "sensor_msgs/msg/BatteryState"),
+];
+
+/// Returns bytes that no ROS node encodes: noise of any length, of which some begins like a message
+/// and announces four billion elements.
+fn garbage(random: &mut fastrand::Rng) -> Vec<u8> {
+    let mut bytes = vec![0; random.usize(0..400)];
+    random.fill(&mut bytes);
+    let beginning = [0, 1, 0, 0, 0xff, 0xff, 0xff, 0xff];
+    if random.bool() && bytes.len() > beginning.len() {
+        bytes[..beginning.len()].copy_from_slice(&beginning);
+    }
+    bytes
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_robot_arrives_although_a_node_floods_its_topics_with_garbage() {
+    for (wire, namespace) in WIRES {
+        let office = office_at(1.0 / 10.0, wire, namespace).await;
+        let mut random = fastrand::Rng::with_seed(28);
+        let flooding = async {
+            let mut ticks = tokio::time::interval(Duration::from_secs(1) / GARBAGE_RATE);
+            loop {
+                ticks.tick().await;
+                for (topic, type_name) in TOPICS {
+                    let bytes = garbage(&mut random);
+                    office.nav2.publish_bytes(topic, type_name, bytes).await;
+                }
+            }
+        };
+        tokio::select! {
+            driven = office.drive(OFFICE1) => driven.expect("it arrives"),
+            () = flooding => (),
+        }
+        assert_eq!(office.place(), "office1", "{wire:?}");
+        // The next message that can be read counts again.
+        let read = async {
+            while office.robot.charge().await.is_err() {
+                drop(office.robot.next_message().await);
+            }
+        };
+        tokio::time::timeout(PATIENCE, read).await.expect("in time");
+    }
+}
+
 /// The trip takes longer than the client tolerates the silence of a server.
 #[tokio::test(flavor = "multi_thread")]
 async fn a_server_that_answers_no_questions_for_results_is_followed_by_its_topics() {

@@ -248,17 +248,22 @@ impl RosGoal {
         let mut status = self.client.status.clone();
         let told_end = async {
             loop {
-                if let Ok(statuses) = status.next().await
-                    && let Some(ended) = self.ended(&statuses)
-                {
-                    return ended;
+                match status.next().await {
+                    Ok(statuses) => {
+                        if let Some(ended) = self.ended(&statuses) {
+                            return Ok(ended);
+                        }
+                    }
+                    Err(error @ RosError::Zenoh(_)) => return Err(error),
+                    // One message that cannot be read says nothing about the goal.
+                    Err(error) => tracing::debug!(%error, "a status is ignored"),
                 }
             }
         };
         let mut told_end = std::pin::pin!(told_end);
         let ended = tokio::select! {
             answer = self.ask_result() => return answer.map(|answer| self.end_of(&answer)),
-            ended = &mut told_end => ended,
+            ended = &mut told_end => ended?,
         };
         // The answer comes at once, unless it was lost with the link.
         let answer = tokio::time::timeout(RESULT_AFTER_END, self.ask_result()).await;

@@ -172,6 +172,11 @@ impl SimulatedNav2 {
         self.state.answers_results.store(answers, Ordering::Relaxed);
     }
 
+    /// Publishes any bytes on a topic of the robot, as a faulty node does.
+    pub async fn publish_bytes(&self, topic: &str, type_name: &str, payload: Vec<u8>) {
+        self.state.node.publish_bytes(topic, type_name, payload).await;
+    }
+
     /// Whether the robot stands in its dock.
     pub fn is_docked(&self) -> bool {
         self.state.is_docked.load(Ordering::Relaxed)
