@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use building::{Building, BuildingEvent, Layout};
+use building::{Building, BuildingEvent, Layout, Truth};
 use simulated_nav2::{Nav2Settings, RobotWire, SimulatedNav2};
 use tokio::runtime::Runtime;
 
@@ -88,7 +88,12 @@ impl Robot {
 
     /// Waits until the building has seen such an event.
     pub(crate) fn await_event(&self, is_it: fn(&BuildingEvent) -> bool) {
-        let seen = self.building.wait_for(|truth| truth.any(is_it));
+        self.await_truth(|truth| truth.any(is_it));
+    }
+
+    /// Waits until the truth of the building is as wanted.
+    pub(crate) fn await_truth(&self, is_so: impl FnMut(&Truth) -> bool) {
+        let seen = self.building.wait_for(is_so);
         let seen = async { tokio::time::timeout(PATIENCE, seen).await };
         self.runtime.block_on(seen).expect("the building has seen it in time");
     }
@@ -227,6 +232,26 @@ fn a_place_without_a_pose_is_refused() {
     }
 }
 
+/// The file gives the watchdog and the robot daemons of their own, and one process hosts both.
+#[test]
+fn a_watchdog_that_a_lone_machine_hosts_beside_its_robot_is_reported() {
+    let office = Office::new();
+    let watchdog = format!(
+        "[[agent]]\nname = \"watchdog\"\nplugin = \"robot-watchdog\"\ndaemon = \"hall\"\n\
+         [agent.config]\nrobot = \"{ROBOT}\"\non-loss = \"stop\"\n\
+         [agent.config.ros2]\nendpoint = \"tcp/127.0.0.1:9\"\nnamespace = \"tb1\"\n\
+         dialect = \"ros2dds\"\ndomain-id = 7\n"
+    );
+    let entry = entry("tcp/127.0.0.1:9", "ros2dds", &PLACES)
+        .replace("plugin = \"turtlebot\"", "plugin = \"turtlebot\"\ndaemon = \"laptop\"");
+    let file = office.write("lab.toml", &(lab("decentralized") + &entry + "\n" + &watchdog));
+    let output = office.run(&["up", &file.display().to_string(), "--until-stdin-ends"]);
+    // The name of this machine is none of the file's, so it hosts all agents.
+    let said = stderr(&output).split_whitespace().collect::<Vec<_>>().join(" ");
+    let expected = format!("hosts both `{ROBOT}` and its watchdog `watchdog`");
+    assert!(said.contains(&expected), "{said}");
+}
+
 /// Returns the file of an office whose map has this ring of ways in both directions, with the
 /// lengths that a robot can be wrong about.
 fn ring(office: &Office, entry: &str) -> PathBuf {
@@ -311,7 +336,14 @@ fn a_robot_prefers_ways_that_have_taken_less_time() {
         let (code, said) = office.ask(&["goal", &format!("(at {ROBOT} {place})")]);
         assert_eq!((code, robot.place().as_str()), (Some(0), place), "{said}");
     }
-    assert!(cost(&office) > 10.0, "{}", cost(&office));
+    let learned = cost(&office);
+    assert!(learned > 10.0, "{learned}");
+
+    // A restart of the daemon does not forget what driving took.
+    office.kill("alone");
+    office.up_alone(&[]);
+    office.await_devices(1);
+    assert_eq!(cost(&office), learned);
 }
 
 #[test]

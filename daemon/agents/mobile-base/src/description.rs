@@ -7,7 +7,6 @@ use std::time::Duration;
 
 use acl::Millis;
 use acl::content::{Method, Methods};
-use tokio::time::Instant;
 
 use crate::{BasePlace, BaseReading, MobileBase, PowerSupply};
 
@@ -48,8 +47,14 @@ impl MobileBase {
         if self.ways.is_some() { "(travel ?b - mobile-base ?from ?to - location)" } else { "" }
     }
 
-    /// Returns the facts of the base that never change, as PDDL.
-    pub fn constant_facts(&self) -> String {
+    /// Returns the facts that the action model of the base states, as PDDL: those that never change,
+    /// and what each way costs a real base.
+    pub fn model_facts(&self) -> String {
+        let costs = self.ways.as_ref().map(|ways| ways.costs(&self.id));
+        self.constant_facts() + &costs.unwrap_or_default()
+    }
+
+    fn constant_facts(&self) -> String {
         let mut text = format!("(= (speed {}) {})", self.id, self.speed);
         for (pose, near, meters) in &self.poses {
             for (from, to) in [(pose, near), (near, pose)] {
@@ -65,7 +70,8 @@ impl MobileBase {
         text
     }
 
-    /// Returns all facts of the base that are known at present, as PDDL.
+    /// Returns the facts of the base that are known at present, as PDDL; without the costs of ways,
+    /// which are in the model alone.
     pub fn facts(&self) -> String {
         let BaseReading { place, charge } = self.current_state();
         let mut text = match place {
@@ -75,7 +81,7 @@ impl MobileBase {
         };
         text += &self.constant_facts();
         if let Some(ways) = &self.ways {
-            text += &ways.borrow().facts(&self.id, Instant::now());
+            text += &ways.facts(&self.id);
         }
         if let (Some(PowerSupply { range, .. }), Some(charge)) = (&self.power, charge) {
             push(&mut text, format_args!(" (= (charge {}) {charge})", self.id));

@@ -14,6 +14,7 @@
 
 mod config;
 mod description;
+mod learned_ways;
 mod ros2;
 mod ros_part;
 mod simulated;
@@ -33,7 +34,7 @@ use tokio::sync::watch;
 use tokio::time::Instant;
 
 use crate::config::{BatteryConfig, positive};
-use crate::ways::KnownWays;
+use crate::learned_ways::LearnedWays;
 
 pub use crate::config::BaseConfig;
 pub use crate::ros_part::RosPart;
@@ -145,7 +146,7 @@ pub struct MobileBase {
     driver: Arc<dyn BaseDriver>,
     /// The ways as a real base knows them; `None` if the base is simulated. A real base can stand
     /// beside a place, and so offers to drive there.
-    ways: Option<Arc<watch::Sender<KnownWays>>>,
+    ways: Option<Arc<LearnedWays>>,
     /// Access to a robot with ROS 2; `None` with another driver.
     ros: Option<RosPart>,
     /// Whether the base has requested a charge.
@@ -218,8 +219,7 @@ impl MobileBase {
         });
         let ways = ros.as_ref().map(|_| {
             let blocked_for = Duration::from_secs_f64(blocked_for);
-            let ways = KnownWays::of(&blueprint.host.map, own_ways, blocked_for);
-            Arc::new(watch::Sender::new(ways))
+            Arc::new(LearnedWays::of(blueprint, own_ways, speed, blocked_for))
         });
         Ok(MobileBase {
             id: blueprint.id.to_string(),
@@ -292,7 +292,6 @@ impl MobileBase {
             driver: Arc::clone(&self.driver),
             state: Arc::clone(&self.state),
             ways: self.ways.clone(),
-            speed: self.speed,
         }
     }
 
@@ -308,8 +307,13 @@ impl MobileBase {
         let (mut changes, wants_charge) = (self.state.subscribe(), self.wants_charge);
         let range = self.power.as_ref().map(|power| power.range);
         let (body, known) = (self.handle(), self.current_state());
-        let ways = self.ways.as_ref().map(|ways| ways.subscribe());
         Box::pin(async move {
+            let unblocked = async {
+                match &body.ways {
+                    Some(ways) => ways.next_unblocked().await,
+                    None => pending().await,
+                }
+            };
             let has_charge_news = async {
                 let is_news = |state: &BaseReading| {
                     range.is_some_and(|range| is_low(state, range) != wants_charge)
@@ -322,7 +326,7 @@ impl MobileBase {
             };
             tokio::select! {
                 () = has_charge_news => (),
-                () = next_unblocked(ways) => (),
+                () = unblocked => (),
                 () = body.driver.until_differs(known) => drop(body.refresh().await),
             }
         })
@@ -340,24 +344,6 @@ impl MobileBase {
         let goal = format!("(charged {})", self.id);
         let goal = Achieve::new(goal, Keep::Achieve, CHARGING_PRIORITY);
         vec![Initiative::RequestGoal { name: "charge".to_owned(), goal, insists: true }]
-    }
-}
-
-/// Waits until a blocked way is no longer blocked.
-async fn next_unblocked(ways: Option<watch::Receiver<KnownWays>>) {
-    let Some(mut ways) = ways else { return pending().await };
-    loop {
-        let expiry = ways.borrow_and_update().next_expiry(Instant::now());
-        let expired = async {
-            match expiry {
-                Some(expiry) => tokio::time::sleep_until(expiry).await,
-                None => pending().await,
-            }
-        };
-        tokio::select! {
-            () = expired => return,
-            changed = ways.changed() => if changed.is_err() { pending().await },
-        }
     }
 }
 
@@ -434,9 +420,7 @@ impl MobileBase {
 struct BaseHandle {
     driver: Arc<dyn BaseDriver>,
     state: Arc<watch::Sender<BaseReading>>,
-    ways: Option<Arc<watch::Sender<KnownWays>>>,
-    /// Speed of the base, in meters per second.
-    speed: f64,
+    ways: Option<Arc<LearnedWays>>,
 }
 
 impl BaseHandle {
@@ -445,7 +429,7 @@ impl BaseHandle {
         let moved = self.driver.navigate_to(&place).await;
         let elapsed = began.elapsed();
         let truth = self.refresh().await?;
-        self.learn((&from, &place), &truth, &moved, elapsed);
+        self.learn((&from, &place), &truth, &moved, elapsed).await;
         moved.map_err(|failure| match failure {
             DriveFailure::NoWay(why) if self.ways.is_some() => MethodFailure::Hindered(why),
             DriveFailure::NoWay(why) | DriveFailure::Other(why) => MethodFailure::Driver(why),
@@ -460,7 +444,7 @@ impl BaseHandle {
 
     /// Remembers how the base fared on the way from one place to another. `truth` is where it stands
     /// now: a base that stands at a third place was not on this way at all.
-    fn learn(
+    async fn learn(
         &self,
         (from, to): (&BasePlace, &str),
         truth: &BasePlace,
@@ -471,13 +455,8 @@ impl BaseHandle {
         let was_elsewhere = matches!(truth, BasePlace::At(at) if at != from && at != to);
         match moved {
             _ if was_elsewhere => (),
-            Ok(()) => {
-                let meters = elapsed.as_secs_f64() * self.speed;
-                ways.send_modify(|ways| ways.passed(from, to, meters));
-            }
-            Err(DriveFailure::NoWay(_)) => {
-                ways.send_modify(|ways| ways.failed(from, to, Instant::now()));
-            }
+            Ok(()) => ways.passed(from, to, elapsed).await,
+            Err(DriveFailure::NoWay(_)) => ways.failed(from, to),
             Err(DriveFailure::Other(_)) => (),
         }
     }

@@ -2,7 +2,9 @@
 //! the base could not pass lately.
 //!
 //! - The cost of a `move` is a value of the base itself, `travel`, in meters at the base's speed.
-//!   It begins with the length on the map, and follows the time that driving took.
+//!   It begins with the length on the map, and follows the time that driving took. The base's action
+//!   model lists the costs, and heartbeats do not: a map has hundreds of ways, and their costs seldom
+//!   change.
 //! - A way on which the base failed is `blocked` for a while, in both directions, so that the next
 //!   plan takes another way. Each further failure doubles the time, and a success ends it.
 
@@ -37,8 +39,20 @@ pub(crate) struct KnownWays {
 
 #[derive(Clone, Debug, PartialEq)]
 struct WayCost {
-    learned: f64,
+    /// What driving took; `None` if the base has not passed the way yet.
+    learned: Option<f64>,
     announced: f64,
+}
+
+impl WayCost {
+    /// Sets what driving took. The announced cost follows if it differs by enough.
+    fn learn(&mut self, meters: f64) {
+        self.learned = Some(meters);
+        if (meters - self.announced).abs() > ANNOUNCED_CHANGE * self.announced {
+            // One decimal is enough, and a cost of zero would make a way free.
+            self.announced = ((meters * 10.0).round() / 10.0).max(0.1);
+        }
+    }
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -68,7 +82,7 @@ impl KnownWays {
         });
         let costs = mapped.chain(beside);
         let costs = costs
-            .map(|(way, meters)| (way, WayCost { learned: meters, announced: meters }))
+            .map(|(way, meters)| (way, WayCost { learned: None, announced: meters }))
             .collect();
         KnownWays { costs, blocked: BTreeMap::new(), blocked_for }
     }
@@ -80,11 +94,22 @@ impl KnownWays {
             self.blocked.remove(&way);
         }
         let Some(cost) = self.costs.get_mut(&(from.to_owned(), to.to_owned())) else { return };
-        cost.learned += LEARNING_RATE * (meters - cost.learned);
-        if (cost.learned - cost.announced).abs() > ANNOUNCED_CHANGE * cost.announced {
-            // One decimal is enough, and a cost of zero would make a way free.
-            cost.announced = ((cost.learned * 10.0).round() / 10.0).max(0.1);
+        let known = cost.learned.unwrap_or(cost.announced);
+        cost.learn(known + LEARNING_RATE * (meters - known));
+    }
+
+    /// Sets what an earlier incarnation of the base has learned of a way. A way that does not exist
+    /// any more is ignored.
+    pub(crate) fn recall(&mut self, from: &str, to: &str, meters: f64) {
+        if let Some(cost) = self.costs.get_mut(&(from.to_owned(), to.to_owned())) {
+            cost.learn(meters);
         }
+    }
+
+    /// Returns the ways that the base has passed, each with its two ends and its cost in meters.
+    pub(crate) fn learned(&self) -> impl Iterator<Item = (&str, &str, f64)> {
+        let costs = self.costs.iter();
+        costs.filter_map(|((from, to), cost)| Some((from.as_str(), to.as_str(), cost.learned?)))
     }
 
     /// Records that the base did not get from one place to another.
@@ -101,15 +126,18 @@ impl KnownWays {
         self.blocked.values().map(|blocked| blocked.until).filter(|until| *until > now).min()
     }
 
-    /// Returns the facts about the ways for the base `id`, as PDDL.
+    /// Returns the costs of all ways for the base `id`, as PDDL facts of its action model.
+    pub(crate) fn costs(&self, id: &str) -> String {
+        let costs = self.costs.iter();
+        costs
+            .map(|((from, to), cost)| format!(" (= (travel {id} {from} {to}) {})", cost.announced))
+            .collect()
+    }
+
+    /// Returns the facts about blocked ways for the base `id`, as PDDL.
     pub(crate) fn facts(&self, id: &str, now: Instant) -> String {
-        let costs = self
-            .costs
-            .iter()
-            .map(|((from, to), cost)| format!(" (= (travel {id} {from} {to}) {})", cost.announced));
         let blocked = self.blocked.iter().filter(|(_, blocked)| blocked.until > now);
-        let blocked = blocked.map(|((from, to), _)| format!(" (blocked {id} {from} {to})"));
-        costs.chain(blocked).collect()
+        blocked.map(|((from, to), _)| format!(" (blocked {id} {from} {to})")).collect()
     }
 }
 
@@ -132,18 +160,33 @@ mod tests {
 
     #[test]
     fn a_way_costs_its_length_until_driving_took_another_time() {
-        let (mut ways, now) = (ways(), Instant::now());
-        let facts = ways.facts("r", now);
-        assert!(facts.contains("(= (travel r hall lab) 10)"), "{facts}");
-        assert!(facts.contains("(= (travel r desk lab) 1)"), "{facts}");
+        let mut ways = ways();
+        let costs = ways.costs("r");
+        assert!(costs.contains("(= (travel r hall lab) 10)"), "{costs}");
+        assert!(costs.contains("(= (travel r desk lab) 1)"), "{costs}");
         ways.passed("hall", "lab", 10.5);
-        assert_eq!(ways.facts("r", now), facts, "a small difference is not announced");
+        assert_eq!(ways.costs("r"), costs, "a small difference is not announced");
         for _ in 0..20 {
             ways.passed("hall", "lab", 30.0);
         }
         let learned = ways.costs[&("hall".to_owned(), "lab".to_owned())].announced;
         assert!((27.0..=30.0).contains(&learned), "{learned}");
-        assert!(ways.facts("r", now).contains("(= (travel r lab hall) 10)"), "the other direction");
+        assert!(ways.costs("r").contains("(= (travel r lab hall) 10)"), "the other direction");
+        assert_eq!(ways.facts("r", Instant::now()), "", "no heartbeat repeats costs");
+    }
+
+    #[test]
+    fn only_passed_ways_are_learned_and_recalled_by_the_next_incarnation() {
+        let (mut before, mut after) = (ways(), ways());
+        before.passed("hall", "lab", 30.0);
+        let learned: Vec<_> = before.learned().collect();
+        assert_eq!(learned, [("hall", "lab", 16.0)]);
+        for (from, to, meters) in learned {
+            after.recall(from, to, meters);
+        }
+        after.recall("hall", "cellar", 5.0);
+        assert_eq!(after.costs("r"), before.costs("r"), "the cellar is no place any more");
+        assert!(after.costs("r").contains("(= (travel r hall lab) 16)"), "{}", after.costs("r"));
     }
 
     #[test]

@@ -142,7 +142,7 @@ impl Device for CleaningRobot {
         let mut methods = base.methods();
         methods.insert("sweep".to_owned(), method(SWEEP, SWEEPING_MAX));
         methods.insert("empty-bin".to_owned(), method(EMPTY_BIN, EMPTYING_MAX));
-        let (objects, lasting, moving) = (base.objects(), base.constant_facts(), base.actions(""));
+        let (objects, lasting, moving) = (base.objects(), base.model_facts(), base.actions(""));
         let (predicates, functions) = (base.predicates(), base.functions());
         // A place without lanes cannot be swept.
         let can_sweep = if self.broom.places().is_some() { "(has-lanes ?b ?l)" } else { "" };

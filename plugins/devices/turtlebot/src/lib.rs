@@ -139,7 +139,7 @@ impl Device for TurtleBot {
             actions += patrol::ACTION;
             methods.insert("patrol".to_owned(), patrol.method());
         }
-        let (objects, lasting) = (base.objects(), base.constant_facts());
+        let (objects, lasting) = (base.objects(), base.model_facts());
         let (predicates, functions) = (base.predicates(), base.functions());
         let text = format!(
             "(define (agent {id}) (:domain {ontology})

@@ -122,7 +122,7 @@ impl Device for VideoRobot {
         let VideoRobot { id, ontology, base, media, .. } = self;
         let media: Vec<_> = media.keys().map(|name| format!("{name} - media")).collect();
         let (objects, media) = (base.objects(), media.join(" "));
-        let (lasting, moving) = (base.constant_facts(), base.actions("(not (presenting ?b))"));
+        let (lasting, moving) = (base.model_facts(), base.actions("(not (presenting ?b))"));
         let (predicates, functions) = (base.predicates(), base.functions());
         let text = format!(
             "(define (agent {id}) (:domain {ontology})
