@@ -71,6 +71,24 @@ fn an_action_that_has_begun_too_often_is_refused_with_the_time_to_wait() {
 }
 
 #[test]
+fn a_restart_of_the_daemon_does_not_allow_an_action_more_often() {
+    let mut office = office("[safeguards.turtlebot-1]\nmove = { at-most = 2, per = \"1h\" }\n");
+    let (code, said) = office.ask(&["act", "(move turtlebot-1 corridor office1)"]);
+    assert_eq!(code, Some(0), "{said}");
+    office.kill("alone");
+    office.up_alone(&[]);
+    office.await_devices(1);
+    // The simulated building began anew with its process.
+    office.await_fact("(at turtlebot-1 corridor)", true);
+    let (code, said) = office.ask(&["act", "(move turtlebot-1 corridor office1)"]);
+    assert_eq!(code, Some(0), "{said}");
+    let (code, said) = office.ask(&["act", "(move turtlebot-1 office1 corridor)"]);
+    assert_ne!(code, Some(0), "{said}");
+    assert!(said.contains("`move` may begin at most 2 times in 1h; again in "), "{said}");
+    office.await_fact("(at turtlebot-1 office1)", true);
+}
+
+#[test]
 fn mistakes_in_safeguards_are_reported() {
     let office = Office::new();
     for (safeguards, complaint) in [
@@ -79,6 +97,7 @@ fn mistakes_in_safeguards_are_reported() {
         ("turtlebot-1.move = { at-most = 3 }", "`at-most` needs `per`"),
         ("turtlebot-1.move = { per = \"1h\" }", "`per` needs `at-most`"),
         ("turtlebot-1.move = { patience = \"1min\" }", "`patience` needs `confirm`"),
+        ("turtlebot-1.move = { at-most = 1001, per = \"1h\" }", "greater than 1000"),
         ("turtlebot-1.move = {}", "this safeguard has no effect"),
         ("turtlebot-1.move = { confirm = \"true\" }", "write confirm = true, without quotes"),
         ("turtelbot-1.move = { confirm = true }", "did you mean `turtlebot-1`?"),

@@ -2,11 +2,11 @@
 //! released. The building of the simulated Nav2 is in the process of the test, and its truth
 //! decides.
 
-use building::BuildingEvent;
+use building::{BuildingEvent, Truth};
 use simulated_nav2::RobotWire;
 
 use crate::robots::{PLACES, ROBOT, Robot, entry};
-use crate::support::{Office, lab, stdout};
+use crate::support::{Office, lab, stderr, stdout};
 
 /// A robot whose trips take twelve seconds, in an office with one daemon.
 fn office() -> (Robot, Office) {
@@ -21,14 +21,22 @@ fn office() -> (Robot, Office) {
     (robot, office)
 }
 
+fn is_departure(event: &BuildingEvent) -> bool {
+    matches!(event, BuildingEvent::Departed { .. })
+}
+
+fn is_stay(event: &BuildingEvent) -> bool {
+    matches!(event, BuildingEvent::Stayed { .. })
+}
+
+fn count(truth: &Truth, is_it: fn(&BuildingEvent) -> bool) -> usize {
+    truth.occurrences().filter(|occurrence| is_it(&occurrence.event)).count()
+}
+
 /// Returns how many trips of the robot began and ended without arrival in the building.
 fn trips(robot: &Robot) -> (usize, usize) {
     let truth = robot.building.truth();
-    let count = |of: fn(&BuildingEvent) -> bool| {
-        truth.occurrences().filter(|occurrence| of(&occurrence.event)).count()
-    };
-    let began = count(|event| matches!(event, BuildingEvent::Departed { .. }));
-    (began, count(|event| matches!(event, BuildingEvent::Stayed { .. })))
+    (count(&truth, is_departure), count(&truth, is_stay))
 }
 
 #[test]
@@ -151,4 +159,117 @@ fn a_stop_tells_that_a_robot_out_of_reach_may_go_on() {
     drop(building);
     let _ = asked.kill();
     asked.wait().expect("it ends");
+}
+
+/// Returns the entry of a button whose contact is what a file says: 1 is closed, 0 is open.
+fn button(file: &std::path::Path) -> String {
+    format!(
+        "[[agent]]\nname = \"button-1\"\nplugin = \"sensor\"\ndriver = \"command\"\n\n\
+         [agent.config]\nquantity = \"contact\"\nlocation = \"office2\"\nevery = \"100ms\"\n\
+         command = [\"cat\", \"{}\"]\n\n",
+        file.display()
+    )
+}
+
+/// Sets the contact of the button; its program never reads half of it.
+fn set_contact(office: &Office, contact: &str) {
+    let beside = office.write("contact.new", contact);
+    std::fs::rename(&beside, beside.with_extension("")).expect("renamed");
+}
+
+/// The button and the robot are on different daemons. The button is pressed, is released, and loses
+/// its daemon.
+#[test]
+fn a_hardware_stop_stops_a_robot_of_another_daemon() {
+    let robot = Robot::start(RobotWire::Ros2Dds, "tb1", 1.0);
+    let office = Office::new();
+    let contact = office.write("contact", "1\n");
+    let on = |daemon: &str, text: &str| {
+        text.replace("\nplugin = ", &format!("\ndaemon = \"{daemon}\"\nplugin = "))
+    };
+    let entry = entry(robot.nav2.endpoint(), "ros2dds", &PLACES);
+    let rule = "[hardware-stops.button-1]\nstops = [\"turtlebot-1\"]\nfail-safe = true\n";
+    let file = on("reasoning", &lab("centralized"))
+        + &on("hall", &button(&contact))
+        + &on("laptop", &entry)
+        + "\n"
+        + rule;
+    let file = office.write("lab.toml", &file);
+    let mut office = office.with_file(file);
+    office.up(&["reasoning", "hall", "laptop"], &[]);
+    office.await_devices(2);
+    office.await_fact(&format!("(at {ROBOT} corridor)"), true);
+    office.await_fact("(shut button-1)", true);
+    // The machines may have started one after the other.
+    office.run(&["stop", "--release"]);
+    let list = |office: &Office| stdout(&office.run(&["stop", "--list"]));
+    assert_eq!(list(&office), "nothing is stopped\nhardware stop button-1: not pressed\n");
+
+    let mut asked = office.command(&["act", &format!("(move {ROBOT} corridor office1)")]);
+    let mut asked = asked.spawn().expect("a command");
+    robot.await_event(|event| matches!(event, BuildingEvent::Departed { .. }));
+    set_contact(&office, "0\n");
+    robot.await_event(|event| matches!(event, BuildingEvent::Stayed { .. }));
+    let said = list(&office);
+    assert!(said.contains("button-1") && said.contains("2 of 2"), "{said}");
+    assert!(said.contains("turtlebot-1 (it is pressed)"), "{said}");
+    assert!(said.contains("hardware stop button-1: PRESSED"), "{said}");
+    let (code, said) = office.ask(&["stop", "--release"]);
+    assert_ne!(code, Some(0), "{said}");
+    assert!(said.contains("`button-1` stops it: it is pressed"), "{said}");
+    let step = format!("(move {ROBOT} corridor office2)");
+    let (code, said) = office.ask(&["act", &step]);
+    assert_ne!(code, Some(0), "{said}");
+
+    set_contact(&office, "1\n");
+    office.await_fact("(shut button-1)", true);
+    let (code, said) = office.ask(&["stop", "--release"]);
+    assert_eq!(code, Some(0), "{said}");
+    let mut driving = office.command(&["act", &step]);
+    let mut driving = driving.spawn().expect("a command");
+    robot.await_truth(|truth| count(truth, is_departure) == 2);
+    office.kill("hall");
+    robot.await_truth(|truth| count(truth, is_stay) == 2);
+    let (_, said) = office.ask(&["agents"]);
+    assert!(said.contains("hardware stop button-1: SILENT for 1 of 1 actuators"), "{said}");
+    for asked in [&mut asked, &mut driving] {
+        let _ = asked.kill();
+        asked.wait().expect("it ends");
+    }
+}
+
+#[test]
+fn mistakes_in_hardware_stops_are_reported() {
+    let office = Office::new();
+    let contact = office.write("contact", "1\n");
+    let entries = button(&contact)
+        + "[[agent]]\nname = \"thermometer-1\"\nplugin = \"temperature-sensor\"\n\
+           config = { location = \"office1\" }\n\n\
+           [[agent]]\nname = \"co2-1\"\nplugin = \"sensor\"\n\
+           config = { location = \"office1\", quantity = \"co2\" }\n\n";
+    for (rule, complaint) in [
+        ("button-1 = {}", "`fail-safe` is missing"),
+        ("button-1 = { fail-safe = \"yes\" }", "true or false"),
+        ("buton-1 = { fail-safe = true }", "did you mean `button-1`?"),
+        ("button-1 = { fail-safe = true, stops = \"lobby7\" }", "no place of the map"),
+        ("button-1 = { fail-safe = true, pressed = \"shut\" }", "none of \"open\", \"closed\""),
+        ("button-1 = { fail-safe = true, pressed = \"(prest button-1)\" }", "`prest`"),
+        ("button-1 = { fail-safe = true, release = \"me\" }", "\"person\" or \"button\""),
+        ("button-1 = { fail-safe = true, stops = \"ofice1\" }", "did you mean `office1`?"),
+        ("thermometer-1 = { fail-safe = true }", "it is a `temperature-sensor`"),
+        ("co2-1 = { fail-safe = true }", "`co2-1` measures co2, and is no contact"),
+    ] {
+        let text = format!("{}{entries}[hardware-stops]\n{rule}\n", lab("centralized"));
+        let file = office.write("lab.toml", &text);
+        let checked = office.run(&["check", &file.display().to_string()]);
+        // The lines are wrapped.
+        let said = stderr(&checked);
+        let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
+        assert!(said.contains(complaint), "{complaint}: {said}");
+    }
+    let right = "button-1 = { fail-safe = false, pressed = \"closed\", stops = \"office1\" }";
+    let text = format!("{}{entries}[hardware-stops]\n{right}\n", lab("centralized"));
+    let file = office.write("lab.toml", &text);
+    let checked = office.run(&["check", &file.display().to_string()]);
+    assert!(checked.status.success(), "{}", stderr(&checked));
 }

@@ -1,5 +1,6 @@
 //! The actuator: the agent that drives a device.
 
+mod hardware_stops;
 mod open_initiatives;
 mod safeguarding;
 mod stopping;
@@ -15,7 +16,7 @@ use acl::content::{
 use acl::{AgentId, Message, Millis, Performative, ReplyToken};
 use agent::{
     Agent, Blueprint, BuildError, Callbacks, Context, Host, LaunchableAgent, Participation,
-    Presence, Resource, StateFolder, StopRegistry, TimerId, WorkHandle,
+    Presence, Resource, StateFolder, StopButtons, StopRegistry, TimerId, WorkHandle,
 };
 use capability::{CompositionCache, DomainSnapshot, model_digest, text_of};
 use planner::{Cancel, Replanner};
@@ -45,6 +46,8 @@ pub struct Actuator {
     host: Arc<Host>,
     /// The stops of this daemon, which its actuators share.
     stops: Arc<StopRegistry>,
+    /// The hardware stops of the ecosystem; `None` if it has none.
+    buttons: Option<Arc<StopButtons>>,
     ledger: Ledger,
     announced: AnnouncedModel,
     running_command: Option<RunningCommand>,
@@ -132,13 +135,15 @@ impl Actuator {
         let ledger = Ledger::open(&blueprint.id, folder.as_deref(), host.settings.tokens_max)
             .map_err(|error| blueprint.problem(format!("its tokens cannot be read: {error}")))?;
         let safeguards = host.resources.get::<Safeguards>();
-        let safeguarded = SafeguardedActions::of(safeguards.as_deref(), &blueprint.id);
+        let safeguarded =
+            SafeguardedActions::of(safeguards.as_deref(), &blueprint.id, folder.as_deref());
         let actions = device.action_names();
         let names = safeguarded.check_names(&actions);
         let agent = blueprint.id.clone();
         names.map_err(|problem| BuildError::Safeguards { agent, problem })?;
         Ok(Actuator {
             stops: host.stops(),
+            buttons: host.resources.get::<StopButtons>(),
             device,
             initiatives: OpenInitiatives::default(),
             host,
@@ -181,6 +186,7 @@ impl Agent for Actuator {
         // Subscribes to the shared domain before the first announcement, so that the announcement
         // is part of it.
         ctx.shared_domain(&self.host);
+        self.safeguarded.resume(ctx.wall_clock(), ctx.now());
         self.follow_stops(ctx);
         match self.device.read_state() {
             Some(looking) => {
@@ -291,6 +297,7 @@ impl Actuator {
     }
 
     fn heartbeat(&mut self, ctx: &Context<Self>) -> Heartbeat {
+        self.apply_buttons(ctx);
         self.announced.sequence += 1;
         let (lasting, passing): (Vec<_>, Vec<_>) =
             self.device.facts().into_iter().partition(|fact| fact.known_for.is_none());
@@ -361,10 +368,12 @@ impl Actuator {
             return Err(refusal);
         }
         ctx.answer(participation, Performative::Agree, &Agreement { token: token.clone() });
-        let record = self.ledger.begin_token(token.clone());
-        let consent = self.begin_safeguarded(&call, ctx);
+        let (count, record) =
+            (self.count_beginning(&call, ctx), self.ledger.begin_token(token.clone()));
+        let consent = self.ask_leave(&call, ctx);
         let performance = self.device.perform(&call);
-        let (recording, counters) = (ctx.run_blocking(record), ctx.failure_counters());
+        let recording = ctx.run_blocking(move || count().and_then(|()| record()));
+        let counters = ctx.failure_counters();
         let work = async move {
             // The token is on disk before the device acts, so that the next incarnation does not
             // act again after a crash.

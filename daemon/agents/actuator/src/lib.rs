@@ -14,6 +14,7 @@
 //! crate does the rest.
 
 mod actuator;
+mod begun_actions;
 mod bidding;
 mod declared;
 mod device;
@@ -35,5 +36,5 @@ pub use initiative::{DeviceEvent, Initiative, InitiativeUpdate};
 pub use measured_value::{converted_value, is_possible_value, unit_conversion};
 pub use on_off::{OnOffNames, OnOffPredicates, is_derived};
 pub use pddl_text::{InvalidPlaceName, PlaceName, facts_of, model_of};
-pub use safeguards::{ActionSafeguard, BeginLimit, Safeguards};
+pub use safeguards::{ActionSafeguard, BEGINNINGS_MAX, BeginLimit, Safeguards};
 pub use substrate::BoxFuture;

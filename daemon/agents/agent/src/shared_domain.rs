@@ -29,6 +29,7 @@ use tokio::time::Instant;
 use crate::broadcast_cache::{HeartbeatContent, HeartbeatPattern, HeartbeatRepetition, inform_of};
 use crate::domain_tracker::{DomainTracker, InformOutcome};
 use crate::host::Host;
+use crate::stop_buttons::StopButtons;
 use crate::stops::StopRegistry;
 
 /// Beginning of a field that only heartbeats with stops have.
@@ -41,6 +42,8 @@ pub struct SharedDomain {
     removal: Duration,
     /// The stops of this daemon, to which those in received heartbeats are added.
     stops: Arc<StopRegistry>,
+    /// The hardware stops of the ecosystem, which follow from received heartbeats.
+    buttons: Option<Arc<StopButtons>>,
     state: Mutex<SharedDomainState>,
 }
 
@@ -65,6 +68,7 @@ impl SharedDomain {
             began: Instant::now(),
             removal: host.settings.removal,
             stops: host.stops(),
+            buttons: host.resources.get::<StopButtons>(),
             state: Mutex::new(state),
         }
     }
@@ -74,12 +78,18 @@ impl SharedDomain {
     pub(crate) fn set_earlier(&self, earlier: BTreeMap<AgentId, Vec<Bytes>>) {
         // A stop must not wait until its sender sends again. Only few broadcasts have one.
         let has_stops =
-            |payload: &&Bytes| payload.windows(STOPS_KEY.len()).any(|window| window == STOPS_KEY);
-        for payload in earlier.values().flatten().filter(has_stops) {
-            if let Ok(message) = acl::decode(payload)
-                && let Some(inform) = inform_of(&message)
-            {
-                self.take_stops(&inform);
+            |payload: &Bytes| payload.windows(STOPS_KEY.len()).any(|window| window == STOPS_KEY);
+        let is_button = |sender: &AgentId| {
+            self.buttons.as_ref().is_some_and(|buttons| buttons.must_read(sender))
+        };
+        for (sender, payloads) in &earlier {
+            let is_button = is_button(sender);
+            for payload in payloads.iter().filter(|payload| is_button || has_stops(payload)) {
+                if let Ok(message) = acl::decode(payload)
+                    && let Some(inform) = inform_of(&message)
+                {
+                    self.take_stops(&message, &inform);
+                }
             }
         }
         self.state().0.unread = earlier;
@@ -117,23 +127,30 @@ impl SharedDomain {
     /// Handles a broadcast `inform`. The outcome states whether the sender's model must be
     /// requested first, and what was not accepted.
     pub(crate) fn receive(&self, message: &Message, inform: &Inform) -> InformOutcome {
-        self.take_stops(inform);
+        self.take_stops(message, inform);
         let (mut state, now) = self.state();
         self.read_of(&mut state, &message.sender, now);
         self.take(&mut state, message, inform, now)
     }
 
     /// Adds the stops that an actuator repeats in its heartbeat. Stops that were released here stay
-    /// released.
-    fn take_stops(&self, inform: &Inform) {
-        let stops = match inform {
-            Inform::Heartbeat(heartbeat) => &heartbeat.stops,
-            Inform::Model(announced) => &announced.heartbeat.stops,
+    /// released. The heartbeat of a hardware stop also tells whether it is pressed.
+    fn take_stops(&self, message: &Message, inform: &Inform) {
+        let heartbeat = match inform {
+            Inform::Heartbeat(heartbeat) => heartbeat,
+            Inform::Model(announced) => &announced.heartbeat,
             Inform::Epoch(_) | Inform::Answer(_) => return,
         };
-        for stop in stops {
+        for stop in &heartbeat.stops {
             if self.stops.add(stop) {
                 tracing::warn!(stop = stop.id, by = %stop.by, "stopped, as another agent reports");
+            }
+        }
+        if let Some(buttons) = &self.buttons {
+            let (sender, now) = (&message.sender, Instant::now());
+            let incarnation = message.incarnation;
+            if buttons.hear_heartbeat(sender, incarnation, heartbeat, now) {
+                buttons.apply(&self.stops, now);
             }
         }
     }
@@ -145,6 +162,9 @@ impl SharedDomain {
         sender: &AgentId,
         repetition: &HeartbeatRepetition,
     ) -> bool {
+        if self.buttons.as_ref().is_some_and(|buttons| buttons.must_read(sender)) {
+            return false;
+        }
         let (mut state, now) = self.state();
         let HeartbeatRepetition { before, now: HeartbeatPattern { said, sequence, .. } } =
             repetition;

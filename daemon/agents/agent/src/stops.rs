@@ -95,6 +95,12 @@ impl StopRegistry {
         self.state.borrow().stops.iter().find(|stop| concerns(stop)).cloned()
     }
 
+    /// Whether a stop with this identifier is in force, or was released.
+    pub(crate) fn remembers(&self, id: &str) -> bool {
+        let state = self.state.borrow();
+        state.stops.iter().any(|stop| stop.id == id) || state.released.iter().any(|it| it == id)
+    }
+
     /// Adds a stop, and returns whether it is new: `false` if it is in force already, was released,
     /// or has no usable identifier. The stop holds at once; [`StopRegistry::save`] latches it.
     pub fn add(&self, stop: &Stop) -> bool {

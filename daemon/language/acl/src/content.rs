@@ -22,7 +22,8 @@ pub use self::state::{
     RequestedSince, Snapshot,
 };
 pub use self::stop::{
-    ReleaseStops, STOP_ID_BYTES_MAX, STOP_NAMES_MAX, Stop, StopEffect, StopState,
+    ButtonPosition, ButtonReport, ReleaseStops, STOP_ID_BYTES_MAX, STOP_NAMES_MAX, Stop,
+    StopEffect, StopState,
 };
 
 /// Content of a `request`: the act that the receiver is to carry out.

@@ -41,7 +41,7 @@ use actuator::{
     Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
     OwnFact, PlaceName, facts_of, model_of,
 };
-use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
+use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry, StopButtons};
 use pddl::Domain;
 use tokio::time::Instant;
 
@@ -162,6 +162,8 @@ struct Sensor {
     id: String,
     ontology: Arc<Domain>,
     location: PlaceName,
+    /// Whether the sensor is a hardware stop, and so no door or window of its room.
+    is_stop_button: bool,
     /// Quantities that the sensor measures. The first one determines the PDDL type of the sensor.
     quantities: Vec<&'static SensorQuantity>,
     valid_for: Option<Duration>,
@@ -194,10 +196,14 @@ impl Sensor {
             _ => simulated::probe(blueprint)?,
         };
         let Config { location, valid_for, .. } = config;
+        let buttons = blueprint.host.resources.get::<StopButtons>();
+        let is_stop_button =
+            buttons.is_some_and(|buttons| buttons.names().any(|name| *name == blueprint.id));
         Ok(Sensor {
             id: blueprint.id.to_string(),
             ontology: Arc::clone(&blueprint.host.ontology),
             location,
+            is_stop_button,
             quantities,
             valid_for: valid_for.as_deref().map(duration).transpose()?,
             probe,
@@ -260,8 +266,8 @@ impl Sensor {
     /// Returns the location of the sensor, as PDDL facts.
     fn place(&self) -> String {
         let (id, room) = (self.id.as_str(), self.location.as_str());
-        let places =
-            self.quantities.iter().map(|quantity| quantity.place(id, room, &self.ontology));
+        let placed = self.quantities.iter().filter(|_| !self.is_stop_button);
+        let places = placed.map(|quantity| quantity.place(id, room, &self.ontology));
         format!("(located {id} {room}) {}", places.collect::<String>())
     }
 
@@ -336,8 +342,10 @@ impl Device for Sensor {
         let noticed = self.quantities.iter().copied().find(|quantity| quantity.is_noticed());
         let Some(quantity) = noticed else { return self.watch_for_news() };
         // A quantity that was never measured is watched as if it were “no”, so that only a “yes” is
-        // reported.
-        let known = self.measured.get(quantity.name).map_or(0.0, |measured| measured.value);
+        // reported. Of a hardware stop, both must be known from the start.
+        let measured = self.measured.get(quantity.name);
+        let is_asked = self.is_stop_button && measured.is_none();
+        let known = measured.map_or(0.0, |measured| measured.value);
         let (probe, rests_until) = (Arc::clone(&self.probe), self.paused_until);
         let news = self.watch_for_news();
         Some(Box::pin(async move {
@@ -345,7 +353,11 @@ impl Device for Sensor {
                 if let Some(until) = rests_until {
                     tokio::time::sleep_until(until).await;
                 }
-                believable(quantity, probe.notice(quantity.name, known).await)
+                let noticed = match is_asked {
+                    true => probe.measure(quantity.name),
+                    false => probe.notice(quantity.name, known),
+                };
+                believable(quantity, noticed.await)
             };
             let news = async {
                 match news {

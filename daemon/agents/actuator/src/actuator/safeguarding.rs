@@ -1,6 +1,8 @@
 //! Safeguards of an actuator: people are asked before an action begins, and an action that has
 //! begun too often is refused for a while.
 
+use std::io;
+
 use acl::Millis;
 use acl::content::{Question, Reason, Refusal};
 use agent::Context;
@@ -19,6 +21,12 @@ const QUESTION: &str = "may begin";
 /// Answers that allow an action, in lower case. Every other answer forbids it.
 const CONSENT: [&str; 2] = ["yes", "y"];
 
+/// Returns the name of the action that a call carries out.
+fn action_name(call: &MethodCall) -> String {
+    let step = pddl::parse_step(&call.action).into_result().ok();
+    step.map(|step| step.action.as_str().to_owned()).unwrap_or_default()
+}
+
 impl Actuator {
     /// Adds the time for asking people to the time limits of the methods that they have to allow. An
     /// action that has begun too often stays offered, so that its refusal tells the reason.
@@ -36,17 +44,24 @@ impl Actuator {
         Some(Refusal::new(Reason::Incapable, why))
     }
 
-    /// Records that an action begins. If people have to allow it, asks them, and returns a future
-    /// that ends with their answer.
-    pub(super) fn begin_safeguarded(
+    /// Counts that an action begins. Returns a function that writes this to disk, before the action
+    /// begins.
+    pub(super) fn count_beginning(
+        &mut self,
+        call: &MethodCall,
+        ctx: &Context<Self>,
+    ) -> impl FnOnce() -> io::Result<()> + Send + use<> {
+        let record = self.safeguarded.begins(&action_name(call), ctx.wall_clock(), ctx.now());
+        move || record.map_or(Ok(()), |record| record())
+    }
+
+    /// If people have to allow an action, asks them, and returns a future that ends with their answer.
+    pub(super) fn ask_leave(
         &mut self,
         call: &MethodCall,
         ctx: &mut Context<Self>,
     ) -> BoxFuture<Result<(), MethodFailure>> {
-        let step = pddl::parse_step(&call.action).into_result().ok();
-        let name = step.map(|step| step.action.as_str().to_owned()).unwrap_or_default();
-        self.safeguarded.begins(&name, Instant::now());
-        let Some(patience) = self.safeguarded.asks_people(&name) else {
+        let Some(patience) = self.safeguarded.asks_people(&action_name(call)) else {
             return Box::pin(std::future::ready(Ok(())));
         };
         let text = format!("`{}` is about to do {}. May it? yes, no", ctx.id(), call.action);

@@ -18,6 +18,7 @@ use agent::{Context, Participation, StopChanges, WorkHandle};
 use pddl::InitElement;
 use substrate::BoxFuture;
 use tokio::sync::watch;
+use tokio::time::Instant;
 
 use crate::actuator::Actuator;
 use crate::device::Description;
@@ -123,9 +124,12 @@ impl Actuator {
         })
     }
 
-    /// Returns the stops that this agent knows, as the answer to a query.
+    /// Returns the stops that this agent knows, and the positions of hardware stops, as the answer to
+    /// a query.
     pub(super) fn stop_state(&self, own: &AgentId) -> StopState {
-        StopState { agent: own.clone(), stops: self.stops.in_force() }
+        let buttons = self.buttons.as_ref();
+        let buttons = buttons.map(|buttons| buttons.reports(Instant::now())).unwrap_or_default();
+        StopState { agent: own.clone(), stops: self.stops.in_force(), buttons }
     }
 
     /// Begins to follow the daemon's stops: the actuator obeys each change, then writes it to disk.
@@ -260,8 +264,12 @@ impl Actuator {
         release: &ReleaseStops,
         ctx: &mut Context<Self>,
     ) {
-        self.stops.release(&release.ids);
+        let (ids, refusal) = self.releasable(&release.ids, ctx);
+        self.stops.release(&ids);
         self.obey(ctx);
+        if let Some(refusal) = refusal {
+            return ctx.answer(participation, acl::Performative::Refuse, &refusal);
+        }
         let detail = match self.stop_of_all(ctx.id()) {
             Some(other) => format!("still stopped: {}", described(&other)),
             None => "may act again".to_owned(),

@@ -12,6 +12,7 @@ use terminal::{exit, output, visible};
 
 use crate::cli::AgentsArgs;
 use crate::commands::client::{self, EcosystemView};
+use crate::commands::stop::{hardware_stops, states};
 
 /// Runs `althing agents`: prints one line per agent.
 pub(super) fn run(args: &AgentsArgs) -> ExitCode {
@@ -64,6 +65,8 @@ pub(crate) async fn print(view: &EcosystemView, json: bool) -> ExitCode {
     let mut conflicts = conflicts(view).await;
     conflicts.extend(unreadable);
     let left_out = |agent: &AgentId| conflicts.get(agent).cloned().unwrap_or_default();
+    let buttons = hardware_stops::positions(&states(view).await);
+    let silent = hardware_stops::warnings(&buttons);
     if json {
         let agents: Vec<_> = residents
             .iter()
@@ -77,7 +80,7 @@ pub(crate) async fn print(view: &EcosystemView, json: bool) -> ExitCode {
                 })
             })
             .collect();
-        let value = json!({ "ecosystem": view.name, "agents": agents });
+        let value = json!({ "ecosystem": view.name, "agents": agents, "problems": silent });
         return output::print_json(&value, exit::DONE);
     }
     let mut text = format!("{:<24} {:<18} OFFERS\n", "AGENT", "DAEMON");
@@ -92,6 +95,9 @@ pub(crate) async fn print(view: &EcosystemView, json: bool) -> ExitCode {
                 output::folded(&format!("    {}", visible::line(&conflict)), 4)
             );
         }
+    }
+    for silent in &silent {
+        let _ = writeln!(text, "{}", output::folded(silent, 4));
     }
     output::print(text, exit::DONE)
 }

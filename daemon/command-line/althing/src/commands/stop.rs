@@ -4,6 +4,8 @@
 //! The request goes to every agent that is present, at once and without a query to another agent: a
 //! stop must work if every reasoning agent is dead. Actuators repeat the stop in their heartbeats.
 
+pub(super) mod hardware_stops;
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
 use std::pin::pin;
@@ -62,23 +64,30 @@ pub(super) fn run(args: &StopArgs) -> ExitCode {
     })
 }
 
-/// Prints the stops in force, and the number of actuators that know each.
+/// Prints the stops in force, each with the number of actuators that know it, and the positions of
+/// hardware stops.
 pub(crate) async fn list(view: &EcosystemView, json: bool) -> ExitCode {
     let states = states(view).await;
-    let stops = in_force(&states);
+    let (stops, buttons) = (in_force(&states), hardware_stops::positions(&states));
     if json {
-        return output::print_json(&json!({ "stops": stops }), exit::DONE);
+        let value = json!({
+            "stops": stops, "actuators": states.len(), "buttons": hardware_stops::value(&buttons),
+        });
+        return output::print_json(&value, exit::DONE);
     }
+    let mut text = String::new();
     if stops.is_empty() {
-        return output::print("nothing is stopped\n", exit::DONE);
+        text += "nothing is stopped\n";
+    } else {
+        let _ = writeln!(text, "{:<20} {:<20} {:>9}  WHAT", "ID", "BY", "KNOW");
     }
-    let mut text = format!("{:<20} {:<20} {:>6}  WHAT\n", "ID", "BY", "KNOW");
     for stop in stops.values() {
         let know = states.iter().filter(|state| state.stops.iter().any(|it| it.id == stop.id));
         let (id, by) = (visible::line(&stop.id), stop.by.as_str());
-        let (know, what) = (know.count(), what(stop));
-        let _ = writeln!(text, "{id:<20} {by:<20} {know:>6}  {what}");
+        let know = format!("{} of {}", know.count(), states.len());
+        let _ = writeln!(text, "{id:<20} {by:<20} {know:>9}  {}", what(stop));
     }
+    text += &hardware_stops::described(&buttons);
     output::print(text, exit::DONE)
 }
 
@@ -353,7 +362,8 @@ fn is_known(view: &EcosystemView, name: &str) -> bool {
     is_agent || map.is_some_and(is_place)
 }
 
-async fn states(view: &EcosystemView) -> Vec<StopState> {
+/// Queries the stops, and the positions of hardware stops, that each actuator knows.
+pub(super) async fn states(view: &EcosystemView) -> Vec<StopState> {
     let answers = view.ask(Resource::Stops, None).await;
     answers.iter().filter_map(|answer| serde_json::from_slice(answer).ok()).collect()
 }

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use acl::{AgentId, DaemonId, EcosystemId};
 use actuator::Safeguards;
-use agent::{AdmissionPolicy, AgentSettings, Mode, Rights};
+use agent::{AdmissionPolicy, AgentSettings, Mode, Rights, StopButton, StopButtons};
 use keyboard::GoalRequest;
 use pddl::{Domain, Problem};
 use serde_json::Value;
@@ -47,6 +47,8 @@ pub(crate) struct Ecosystem {
     pub(crate) rights: Rights,
     /// The actions that a person must allow, or that are limited in their rate.
     pub(crate) safeguards: Safeguards,
+    /// The sensors that stop actuators while they are pressed, by agent.
+    pub(crate) hardware_stops: BTreeMap<AgentId, StopButton>,
     /// The settings for plugins that run as processes.
     pub(crate) plugins: PluginSettings,
     /// The settings of the simulated building.
@@ -169,6 +171,14 @@ impl Ecosystem {
             ),
         };
         Err(format!("there is no goal called `{goal}`; {help}"))
+    }
+
+    /// Returns the hardware stops for one daemon, which knows nothing of them yet; `None` if there are
+    /// none.
+    pub(crate) fn stop_buttons(&self) -> Option<StopButtons> {
+        let silence = self.settings.heartbeat_lease;
+        let rules = self.hardware_stops.clone();
+        (!rules.is_empty()).then(|| StopButtons::new(rules, silence))
     }
 
     /// Returns the agents with the daemon `daemon` in their entries.

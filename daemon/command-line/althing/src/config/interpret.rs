@@ -11,6 +11,8 @@ mod files;
 
 mod goals;
 
+mod hardware_stops;
+
 mod interfaces;
 
 mod rights;
@@ -70,6 +72,7 @@ pub(super) fn interpret_values(
         security,
         rights,
         safeguards,
+        hardware_stops,
         plugins,
         building,
     } = raw;
@@ -77,18 +80,16 @@ pub(super) fn interpret_values(
     let mut meaning = Interpreter { file: path, layers, known_plugins, report };
     let name = meaning.name(name);
     let files = meaning.files(domain, problem);
-    let mut daemons = meaning.daemons(&daemons);
     let limited = limited_actions(&agent);
     let agents = meaning.agents(agent, files.as_ref());
-    daemons.extend(agents.iter().flat_map(|agent| agent.daemons.clone()));
     let interfaces = meaning.interfaces(interface, &agents, files.as_ref());
-    daemons.extend(interfaces.iter().filter_map(|interface| interface.daemon.clone()));
+    let daemons = with_hosts(meaning.daemons(&daemons), &agents, &interfaces);
     let goals = meaning.goals(goals);
     let settings = meaning.settings(&timing, &limits, &agents);
     let security = meaning.security(security, name.as_ref());
-    let rights = meaning.rights(&rights, &agents, &limited);
-    let rights = with_borrowed_agents(rights, &interfaces);
+    let rights = with_borrowed_agents(meaning.rights(&rights, &agents, &limited), &interfaces);
     let safeguards = meaning.safeguards(safeguards, &agents);
+    let hardware_stops = meaning.hardware_stops(hardware_stops, &agents, files.as_ref());
     let plugins = meaning.plugins(plugins);
     let building = meaning.building(building, files.as_ref());
     let report = meaning.into_report(&agents);
@@ -110,6 +111,7 @@ pub(super) fn interpret_values(
         security,
         rights,
         safeguards,
+        hardware_stops,
         plugins,
         building,
         places: SourceMap::of(layers),
@@ -117,6 +119,17 @@ pub(super) fn interpret_values(
         are_files_sound: files.are_sound,
     };
     (Some(ecosystem), report)
+}
+
+/// Adds the daemons that host agents or interfaces to those that the file lists.
+fn with_hosts(
+    mut daemons: BTreeSet<DaemonId>,
+    agents: &[AgentEntry],
+    interfaces: &[InterfaceEntry],
+) -> BTreeSet<DaemonId> {
+    daemons.extend(agents.iter().flat_map(|agent| agent.daemons.clone()));
+    daemons.extend(interfaces.iter().filter_map(|interface| interface.daemon.clone()));
+    daemons
 }
 
 /// Lets each daemon that runs an interface also bring the agents that the interface borrows.

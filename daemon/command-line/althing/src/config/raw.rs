@@ -32,6 +32,8 @@ pub(super) struct RawConfig {
     pub(super) rights: RawRights,
     #[serde(default)]
     pub(super) safeguards: BTreeMap<String, BTreeMap<String, RawSafeguard>>,
+    #[serde(default)]
+    pub(super) hardware_stops: BTreeMap<String, RawHardwareStop>,
     pub(super) plugins: RawPlugins,
     pub(super) building: RawBuilding,
 }
@@ -46,6 +48,17 @@ pub(super) struct RawSafeguard {
     pub(super) at_most: Option<u32>,
     #[serde(deserialize_with = "duration::deserialize_some")]
     pub(super) per: Option<Duration>,
+}
+
+/// The values of one sensor in `[hardware-stops]`.
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "kebab-case", default)]
+pub(super) struct RawHardwareStop {
+    /// Empty if the key is missing.
+    pub(super) stops: Vec<String>,
+    pub(super) pressed: Option<String>,
+    pub(super) release: Option<String>,
+    pub(super) fail_safe: Option<bool>,
 }
 
 /// The values of one goal in `[goals]`.

@@ -65,6 +65,11 @@ pub(super) static FILE: Shape = Shape::Table(&[
         Shape::Each(&Shape::Each(&Shape::Table(SAFEGUARD))),
         "actions that a person must allow, or that are limited, by agent and action",
     ),
+    key(
+        "hardware-stops",
+        Shape::Each(&Shape::Table(HARDWARE_STOP)),
+        "sensors that stop actuators while they are pressed, by the sensor's agent",
+    ),
     key("plugins", Shape::Table(PLUGINS), "plugins that run as processes"),
     key("building", Shape::Table(BUILDING), "the simulated building"),
 ]);
@@ -93,6 +98,13 @@ const SAFEGUARD: &[SchemaKey] = &[
     key("patience", Shape::Duration, "how long people may take to allow it"),
     key("at-most", Shape::Count, "how often it may begin in the time `per`"),
     key("per", Shape::Duration, "the time that `at-most` counts in"),
+];
+
+const HARDWARE_STOP: &[SchemaKey] = &[
+    key("stops", Shape::Texts, "the agents and places that it stops; without it, everything"),
+    key("pressed", Shape::Text, "when it is pressed: \"open\", \"closed\", or a fact"),
+    key("release", Shape::Choice(&["person", "button"]), "whether a person releases the stop"),
+    key("fail-safe", Shape::Flag, "whether a silent one counts as pressed"),
 ];
 
 const AGENT: &[SchemaKey] = &[

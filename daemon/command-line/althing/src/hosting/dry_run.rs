@@ -26,6 +26,7 @@ impl DryRun {
         let mut resources = Resources::default();
         resources.insert(BuildCheck);
         resources.insert(ecosystem.safeguards.clone());
+        ecosystem.stop_buttons().into_iter().for_each(|buttons| resources.insert(buttons));
         resources.insert(EcosystemFolder(ecosystem.folder.clone()));
         // Drivers need a handle of a building. No agent acts, so the building is empty.
         let building = Building::new(Layout::new(), 1.0);

@@ -206,6 +206,7 @@ impl DaemonNode {
         let admit = ecosystem.plugins.admit;
         resources.insert(Admissions::new(admit));
         resources.insert(ecosystem.safeguards.clone());
+        ecosystem.stop_buttons().into_iter().for_each(|buttons| resources.insert(buttons));
         let named = ecosystem.agents.iter().map(|entry| entry.name.to_string());
         resources.insert(ConfiguredNames(named.collect()));
         let uses_models = |entry: &AgentEntry| {

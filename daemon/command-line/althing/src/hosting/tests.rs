@@ -16,6 +16,7 @@ use super::{DaemonNode, MessageTransport, NodeOptions, simulate};
 use crate::config::{Ecosystem, Overrides, Variables};
 use crate::plugins;
 
+mod hardware_stops;
 mod joining;
 mod mistakes;
 mod presenting;

@@ -18,8 +18,7 @@ impl Reviewer<'_> {
             return;
         }
         let models = hosting::models(self.ecosystem);
-        let (domain, problem) =
-            widened(&self.ecosystem.domain, &self.ecosystem.problem, models.values());
+        let (domain, problem) = self.widened(&models);
         let agents = self.agents(&models);
         for (name, wish) in &self.ecosystem.goals {
             // A goal that cannot be parsed is reported already.
@@ -36,6 +35,11 @@ impl Reviewer<'_> {
                 }
             }
         }
+    }
+
+    /// Returns the ontology and the map, extended from the action models.
+    pub(super) fn widened(&self, models: &BTreeMap<AgentId, ActionModel>) -> (Domain, Problem) {
+        widened(&self.ecosystem.domain, &self.ecosystem.problem, models.values())
     }
 
     fn say_of_goal(&mut self, name: &str, goal: &str, found: Diagnostic) {

@@ -17,6 +17,7 @@ mod daemons;
 mod entries;
 
 mod goals;
+mod hardware_stops;
 
 mod map;
 
@@ -79,6 +80,7 @@ fn of_ecosystem(
         desk.map();
         desk.rooms();
         desk.goals();
+        desk.hardware_stops();
     }
     desk.roles();
     desk.daemons();

@@ -40,6 +40,37 @@ pub struct StopState {
     pub agent: AgentId,
     /// Stops that are in force at the actuator's daemon, the oldest first.
     pub stops: Vec<Stop>,
+    /// Positions of the hardware stops of the ecosystem, as the actuator's daemon knows them.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub buttons: Vec<ButtonReport>,
+}
+
+/// Position of one hardware stop, as a daemon knows it.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ButtonReport {
+    /// The agent of the hardware stop.
+    pub button: AgentId,
+    /// Its position.
+    pub position: ButtonPosition,
+}
+
+/// Position of a hardware stop.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ButtonPosition {
+    /// The hardware stop is pressed.
+    Pressed,
+    /// The hardware stop is not pressed.
+    NotPressed,
+    /// The position is not known for a moment, as after a start.
+    Unknown,
+    /// The agent of the hardware stop is absent, or does not know the position, for a while.
+    Silent,
+    /// The position is defined by a newer version only.
+    #[serde(other)]
+    Other,
 }
 
 /// Effect of a stop on one actuator.

@@ -164,7 +164,7 @@ impl PddlFiles {
         names.join(", ")
     }
 
-    fn objects(&self) -> impl Iterator<Item = &str> {
+    pub(super) fn objects(&self) -> impl Iterator<Item = &str> {
         let declared = self.problem.objects.iter().map(|declaration| &declaration.object);
         declared.chain(&self.domain.constants).map(|object| object.name.as_str())
     }

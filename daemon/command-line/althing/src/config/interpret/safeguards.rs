@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use acl::AgentId;
-use actuator::{ActionSafeguard, BeginLimit, Safeguards};
+use actuator::{ActionSafeguard, BEGINNINGS_MAX, BeginLimit, Safeguards};
 use pddl::Diagnostic;
 
 use super::Interpreter;
@@ -36,7 +36,7 @@ impl Interpreter<'_> {
                     continue;
                 }
             };
-            self.warn_of_unnamed(&path, &name, agents);
+            self.warn_of_unnamed(&path, &name, agents, "it is safeguarded if it appears");
             let safeguarded = actions.into_iter().filter_map(|(action, raw)| {
                 let path = format!("{path}.{action}");
                 Some((action.to_lowercase(), self.safeguard(&path, &raw)?))
@@ -57,6 +57,10 @@ impl Interpreter<'_> {
             return None;
         }
         let problem = match (at_most, per) {
+            (Some(at_most), _) if at_most > BEGINNINGS_MAX => Some((
+                "`at-most` is greater than 1000, and that many beginnings are not counted",
+                "leave the limit out, or choose a shorter `per`",
+            )),
             (Some(_), None) => Some(("`at-most` needs `per`", "write per = \"1h\" beside it")),
             (None, Some(_)) => Some(("`per` needs `at-most`", "write at-most = 6 beside it")),
             _ if patience.is_some() && !confirm => {
@@ -78,18 +82,22 @@ impl Interpreter<'_> {
     }
 
     /// Warns of an agent that the file does not name: it may be misspelled, or may be discovered
-    /// later.
-    fn warn_of_unnamed(&mut self, path: &str, name: &str, agents: &[AgentEntry]) {
+    /// later, with this consequence.
+    pub(super) fn warn_of_unnamed(
+        &mut self,
+        path: &str,
+        name: &str,
+        agents: &[AgentEntry],
+        consequence: &str,
+    ) {
         if agents.iter().any(|entry| entry.name.as_str() == name) {
             return;
         }
         let message = format!("no agent of this file is called `{name}`");
         let near = pddl::nearest(name, agents.iter().map(|entry| entry.name.as_str()));
         let help = match near {
-            Some(near) => {
-                format!("did you mean `{near}`? otherwise it is safeguarded if it appears")
-            }
-            None => "it is safeguarded if it appears, such as a device of a gateway".to_owned(),
+            Some(near) => format!("did you mean `{near}`? otherwise {consequence}"),
+            None => format!("{consequence}, such as a device of a gateway"),
         };
         self.about_key(path, |span| Diagnostic::warning(span, message).with_help(help));
     }
