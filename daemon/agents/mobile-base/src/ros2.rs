@@ -13,7 +13,8 @@ use actuator::BoxFuture;
 use agent::Blueprint;
 use pddl::InitElement;
 use ros2_link::{
-    MapPose, Nav2Names, Nav2Robot, RosAddress, RosDialect, RosError, RosLink, VelocityMessage,
+    LinkState, LinkWatch, MapPose, Nav2Names, Nav2Robot, RosAddress, RosDialect, RosError, RosLink,
+    VelocityMessage,
 };
 use serde::Deserialize;
 use tokio::sync::watch;
@@ -39,13 +40,6 @@ const CHARGE_STEP: f64 = 0.01;
 
 /// How long `althing robot` waits for the pose of a robot. AMCL sends the last pose at once.
 const POSE_TOLD_WITHIN: Duration = Duration::from_secs(5);
-
-/// Interval at which the link to the robot is checked while the robot sends nothing.
-const LINK_CHECKED_EVERY: Duration = Duration::from_secs(1);
-
-/// How long the link may be lost before the robot counts as out of reach. A robot that changes its
-/// access point is away for some seconds.
-const LINK_LOST_AFTER: Duration = Duration::from_secs(5);
 
 /// Pause before the robot is asked again after an error.
 const ASK_AGAIN: Duration = Duration::from_secs(1);
@@ -134,6 +128,7 @@ struct AttendedRobot {
     robot: Nav2Robot,
     /// The last reading; an error until there is one.
     readings: watch::Receiver<Result<BaseReading, String>>,
+    _watch: LinkWatch,
     _attending: AbortOnDropHandle<()>,
 }
 
@@ -279,36 +274,41 @@ impl Ros2Settings {
     async fn attend(
         self: Arc<Self>,
         robot: Nav2Robot,
+        link: watch::Receiver<LinkState>,
         readings: watch::Sender<Result<BaseReading, String>>,
     ) {
-        tokio::join!(self.establish_pose(&robot), self.follow_messages(&robot, &readings));
+        tokio::join!(self.establish_pose(&robot), self.follow_messages(&robot, link, &readings));
     }
 
-    /// Reads the robot after each of its messages, and whether there is a link to it. Never ends.
+    /// Reads the robot after each of its messages, and when the state of the link changes. Ends when
+    /// the watch over the link ends.
     async fn follow_messages(
         &self,
         robot: &Nav2Robot,
+        mut link: watch::Receiver<LinkState>,
         readings: &watch::Sender<Result<BaseReading, String>>,
     ) {
         let step = self.range.unwrap_or_default() * CHARGE_STEP;
-        let mut away = Duration::ZERO;
         loop {
-            let news = tokio::time::timeout(LINK_CHECKED_EVERY, robot.next_message()).await;
-            away = if robot.is_linked().await { Duration::ZERO } else { away + LINK_CHECKED_EVERY };
-            let news = match news {
-                _ if away >= LINK_LOST_AFTER => {
-                    Ok(BaseReading { place: BasePlace::Unreachable, charge: None })
-                }
-                Ok(Ok(())) => self.read(robot).await,
-                Ok(Err(error)) => Err(error),
-                Err(_) => continue,
+            let is_lost = *link.borrow_and_update() == LinkState::Lost;
+            let news = match is_lost {
+                true => Ok(BaseReading { place: BasePlace::Unreachable, charge: None }),
+                false => tokio::select! {
+                    message = robot.next_message() => match message {
+                        Ok(()) => self.read(robot).await,
+                        Err(error) => Err(error),
+                    },
+                    changed = link.changed() => match changed {
+                        Ok(()) => continue,
+                        Err(_) => return,
+                    },
+                },
             };
             let is_error = news.is_err();
+            let news = news.map_err(|error| error.to_string());
             readings.send_if_modified(|known| {
-                let news = news.map_err(|error| error.to_string());
                 let is_new = is_news(known, &news, step);
                 if is_new {
-                    self.log_reach(&news);
                     *known = news;
                 }
                 is_new
@@ -316,17 +316,9 @@ impl Ros2Settings {
             if is_error {
                 tokio::time::sleep(ASK_AGAIN).await;
             }
-        }
-    }
-
-    fn log_reach(&self, news: &Result<BaseReading, String>) {
-        if matches!(news, Ok(BaseReading { place: BasePlace::Unreachable, .. })) {
-            let (agent, endpoint) = (&self.agent, &self.address.endpoint);
-            tracing::warn!(
-                agent,
-                endpoint,
-                "there is no link to the robot; it offers no actions until there is one"
-            );
+            if is_lost && link.changed().await.is_err() {
+                return;
+            }
         }
     }
 
@@ -376,13 +368,14 @@ impl Ros2Base {
             let interfaces = Arc::new(ros2_link::standard_interfaces());
             let link = RosLink::open(address, interfaces);
             let link = link.expect("invariant: the address was checked when the base was built");
+            let watch = LinkWatch::start(link.clone(), &self.settings.agent);
             let robot = Nav2Robot::new(link, Nav2Names::default());
             let (sender, readings) = watch::channel(Err(
                 "read where the robot stands: it has not reported it yet".to_owned(),
             ));
-            let attending = Arc::clone(&self.settings).attend(robot.clone(), sender);
+            let attending = Arc::clone(&self.settings).attend(robot.clone(), watch.state(), sender);
             let _attending = AbortOnDropHandle::new(tokio::spawn(attending));
-            AttendedRobot { robot, readings, _attending }
+            AttendedRobot { robot, readings, _watch: watch, _attending }
         })
     }
 

@@ -2,6 +2,7 @@
 //!
 //! - [`RosLink`] (`link`) is a Zenoh session of its own to one robot. It is a device bus: it shares
 //!   nothing with the sessions that carry the messages of agents.
+//! - [`LinkWatch`] (`link_watch`) decides whether the robot is in reach.
 //! - [`TopicReader`] (`topic`) has the latest message of a topic.
 //! - Two [`RosDialect`]s are known (`dialect`). In that of `zenoh-bridge-ros2dds`, the keys of
 //!   Zenoh are the names of ROS; in that of `rmw_zenoh`, the keys also have the domain, the type
@@ -16,6 +17,7 @@ mod action;
 mod dialect;
 mod error;
 mod link;
+mod link_watch;
 mod nav2;
 mod pose;
 mod standstill;
@@ -25,6 +27,7 @@ pub use action::{ActionClient, GoalEnd, RosGoal, RosGoalStatus};
 pub use dialect::RosDialect;
 pub use error::{RosError, printable};
 pub use link::{RosAddress, RosLink};
+pub use link_watch::{LinkState, LinkWatch};
 pub use nav2::{Nav2Names, Nav2Robot};
 pub use pose::MapPose;
 pub use standstill::VelocityMessage;

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use actuator::MethodFailure;
-use ros2_link::{ActionClient, RosError, RosGoalStatus, RosLink, printable};
+use ros2_link::{ActionClient, LinkState, LinkWatch, RosError, RosGoalStatus, RosLink, printable};
 use serde_json::Value;
 use tokio::sync::{Mutex, watch};
 use tokio::time::Instant;
@@ -21,12 +21,6 @@ use crate::fact::FactState;
 /// How long a link is awaited by an action and by the subscription to a topic. A node that changes
 /// its access point is away for some seconds.
 const LINK_WITHIN: Duration = Duration::from_secs(5);
-
-/// Interval at which the link is looked at; Zenoh tells by no event that it is lost.
-const LINK_CHECKED_EVERY: Duration = Duration::from_millis(250);
-
-/// How long the link may be lost before the nodes count as out of reach.
-const LINK_LOST_AFTER: Duration = Duration::from_secs(5);
 
 /// Least time between two messages of a topic that are read. People and plans need no more.
 const READ_APART: Duration = Duration::from_millis(20);
@@ -44,6 +38,7 @@ pub(crate) struct RosNodes {
     /// Clients of the actions, by their names and types. The first call of an action makes its client.
     clients: Mutex<BTreeMap<String, ActionClient>>,
     pub(crate) state: Arc<watch::Sender<NodeState>>,
+    _watch: LinkWatch,
     _tasks: Vec<AbortOnDropHandle<()>>,
 }
 
@@ -113,8 +108,9 @@ impl RosNodes {
         let link = RosLink::open(settings.address.clone(), interfaces)?;
         let topics = vec![TopicReport::default(); settings.topics.len()];
         let state = Arc::new(watch::Sender::new(NodeState { is_reached: false, topics }));
-        let checking = check_link(agent.to_owned(), link.clone(), Arc::clone(&state));
-        let mut tasks = vec![AbortOnDropHandle::new(tokio::spawn(checking))];
+        let watch = LinkWatch::start(link.clone(), agent);
+        let following = follow_link(watch.state(), Arc::clone(&state));
+        let mut tasks = vec![AbortOnDropHandle::new(tokio::spawn(following))];
         for (index, rule) in settings.topics.iter().enumerate() {
             let follower = TopicFollower {
                 agent: agent.to_owned(),
@@ -125,7 +121,7 @@ impl RosNodes {
             };
             tasks.push(AbortOnDropHandle::new(tokio::spawn(follower.follow())));
         }
-        Ok(RosNodes { link, clients: Mutex::default(), state, _tasks: tasks })
+        Ok(RosNodes { link, clients: Mutex::default(), state, _watch: watch, _tasks: tasks })
     }
 
     /// Carries out an action, and returns the result. Dropping the future cancels the goal.
@@ -237,36 +233,20 @@ fn failure_of(error: &RosError, after: Duration) -> MethodFailure {
     if is_not_begun { MethodFailure::Driver(text) } else { MethodFailure::Interrupted(text) }
 }
 
-/// Looks at the link again and again. Nodes without a link for a while are out of reach, and what
-/// they have told counts no longer.
-async fn check_link(agent: String, link: RosLink, state: Arc<watch::Sender<NodeState>>) {
-    let mut lost_at: Option<Instant> = None;
-    let mut is_told = false;
+/// Follows the state of the link until the watch over it ends. Nodes that are out of reach have told
+/// nothing.
+async fn follow_link(mut link: watch::Receiver<LinkState>, state: Arc<watch::Sender<NodeState>>) {
     loop {
-        let linked = link.until_linked(Duration::ZERO).await;
-        let since = *lost_at.get_or_insert_with(Instant::now);
-        if linked.is_ok() {
-            lost_at = None;
-        }
-        let is_lost = linked.is_err() && since.elapsed() >= LINK_LOST_AFTER;
-        if let Err(error) = &linked
-            && is_lost
-            && !std::mem::replace(&mut is_told, true)
-        {
-            tracing::warn!(agent, "it offers no actions until the link is back: failed to {error}");
-        }
-        let is_news = state.send_if_modified(|state| {
-            let is_reached = linked.is_ok() || state.is_reached && !is_lost;
+        let is_reached = *link.borrow_and_update() == LinkState::Reached;
+        state.send_if_modified(|state| {
             if !is_reached {
                 state.topics.iter_mut().for_each(|topic| *topic = TopicReport::default());
             }
             std::mem::replace(&mut state.is_reached, is_reached) != is_reached
         });
-        if is_news && linked.is_ok() {
-            tracing::info!(agent, "the nodes of ROS are reached");
-            is_told = false;
+        if link.changed().await.is_err() {
+            return;
         }
-        tokio::time::sleep(LINK_CHECKED_EVERY).await;
     }
 }
 
