@@ -92,12 +92,29 @@ async fn serve(
     (endpoint, tasks)
 }
 
+/// Returns the example of the document that names this agent.
+fn example(agent: &str) -> &'static str {
+    let name = format!("name = \"{agent}\"\nplugin = \"ros2\"");
+    let mut blocks = DOCUMENT.split("```").skip(1).step_by(2);
+    let block = blocks.find(|block| block.contains(&name)).expect("an example");
+    block.strip_prefix("toml").expect("TOML")
+}
+
 /// Returns the entry of the document, with the arm at `endpoint`.
 fn entry(endpoint: &str) -> String {
-    let mut blocks = DOCUMENT.split("```").skip(1).step_by(2);
-    let block = blocks.find(|block| block.contains("plugin = \"ros2\"")).expect("an example");
-    let block = block.strip_prefix("toml").expect("TOML");
-    block.replace("tcp/192.168.1.30:7447", endpoint)
+    example("arm-1").replace("tcp/192.168.1.30:7447", endpoint)
+}
+
+#[test]
+fn a_topic_can_be_a_hardware_stop() {
+    let office = Office::new();
+    let file = office.write("lab.toml", &(lab("decentralized") + example("e-stop-1")));
+    let checked = office.run(&["check", &file.display().to_string()]);
+    assert!(checked.status.success(), "{}", stderr(&checked));
+    let mistaken = example("e-stop-1").replace("pressed = \"(pressed", "pressed = \"(presed");
+    let file = office.write("lab.toml", &(lab("decentralized") + &mistaken));
+    let said = stderr(&office.run(&["check", &file.display().to_string()]));
+    assert!(said.contains("did you mean `pressed`?"), "{said}");
 }
 
 #[test]
@@ -120,6 +137,13 @@ fn an_arm_reaches_a_goal_by_its_actions_and_its_service() {
     let said = stderr(&checked).split_whitespace().collect::<Vec<_>>().join(" ");
     assert!(said.contains("`succeeded` is no field of"), "{said}");
     assert!(said.contains("its fields are success"), "{said}");
+
+    // A mistake in a topic is shown at its line.
+    let mistaken = entry(&arm.endpoint).replace("valid-for = \"3s\"", "valid-for = \"3 fs\"");
+    let wrong = office.write("wrong.toml", &(lab("decentralized") + &mistaken));
+    let said = stderr(&office.run(&["check", &wrong.display().to_string()]));
+    let shown = said.lines().filter(|line| line.contains(" | "));
+    assert!(shown.into_iter().any(|line| line.contains("valid-for = \"3 fs\"")), "{said}");
 
     let mut office = office.with_file(file);
     office.up_alone(&[]);

@@ -44,7 +44,7 @@ pub const PLUGIN: PluginEntry = PluginEntry {
 struct Config {
     /// Name of the mobile base that carries the sensor.
     mounted_on: AgentId,
-    /// Time for which a measurement counts as known, such as `"10m"`. Without this key, the time is
+    /// Time for which a measurement counts as known, such as `"10min"`. Without this key, the time is
     /// not limited.
     #[serde(default)]
     valid_for: Option<String>,

@@ -39,7 +39,7 @@ pub(crate) struct Config {
     /// Length of a recording, in seconds.
     #[serde(default)]
     record_seconds: Option<f64>,
-    /// Time for which a picture counts as known, such as `"10m"`. Without this key, the time is not
+    /// Time for which a picture counts as known, such as `"10min"`. Without this key, the time is not
     /// limited.
     #[serde(default)]
     valid_for: Option<String>,

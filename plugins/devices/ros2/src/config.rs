@@ -70,7 +70,7 @@ struct RosActionEntry {
     /// Facts that the result tells.
     #[serde(default)]
     facts: Vec<FactEntry>,
-    /// Time limit, such as `"2m"`; default is [`TIME_OUT`].
+    /// Time limit, such as `"2min"`; default is [`TIME_OUT`].
     #[serde(default)]
     time_out: Option<String>,
 }

@@ -60,7 +60,7 @@ struct BoardConfig {
     /// of the device or of its agent.
     #[serde(default)]
     ignore: Vec<String>,
-    /// Time for which a measurement counts as known, such as `"10m"`.
+    /// Time for which a measurement counts as known, such as `"10min"`.
     valid_for: Option<String>,
     /// Folder with the kernel's devices; default is `/sys`.
     sysfs: Option<PathBuf>,

@@ -22,7 +22,7 @@ pub(crate) struct Config {
     pub(crate) quantity: Option<String>,
     /// Whether a `temperature-sensor` also measures the humidity.
     pub(crate) humidity: Option<bool>,
-    /// Time for which a measurement counts as known, such as `"10m"`. Without this key, the time is
+    /// Time for which a measurement counts as known, such as `"10min"`. Without this key, the time is
     /// not limited.
     pub(crate) valid_for: Option<String>,
     /// Driver `linux`: name of the device in the list of `althing sensors`.

@@ -65,7 +65,7 @@ pub(crate) struct LoginConfig {
     /// Number of wrong answers in one login after which the screen is locked.
     #[serde(default = "default_attempts")]
     attempts: u32,
-    /// Time for which a person counts as validated after the login, such as `"10m"`.
+    /// Time for which a person counts as validated after the login, such as `"10min"`.
     #[serde(default = "default_valid_for")]
     valid_for: String,
 }
@@ -79,7 +79,7 @@ fn default_attempts() -> u32 {
 }
 
 fn default_valid_for() -> String {
-    "10m".to_owned()
+    "10min".to_owned()
 }
 
 /// The PIN for comparison with answers. The type has no `Debug`, so that the PIN cannot get into a

@@ -37,7 +37,7 @@ const LOOKING_TIME_MAX: Duration = Duration::from_secs(5);
 pub(crate) struct PatrolConfig {
     /// Places that the robot visits on patrol.
     places: Vec<PlaceName>,
-    /// Time for which a place counts as patrolled after a visit, such as `"10m"`.
+    /// Time for which a place counts as patrolled after a visit, such as `"10min"`.
     every: String,
     /// Priority of the patrol's goal. The default is below 0, the priority of users' goals.
     #[serde(default = "default_priority")]

@@ -99,7 +99,7 @@ struct Config {
     /// Names or identifiers of the devices that are ignored.
     #[serde(default)]
     ignore: Vec<String>,
-    /// Time for which a measurement counts as known, such as `"10m"`. Without this key, the time is
+    /// Time for which a measurement counts as known, such as `"10min"`. Without this key, the time is
     /// not limited.
     valid_for: Option<String>,
     /// Base topics of the descriptions by Zigbee2MQTT, Home Assistant and Tasmota.

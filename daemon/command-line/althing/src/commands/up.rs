@@ -105,6 +105,13 @@ fn read(
         return Err(refused(&report));
     }
     output::show_to_person(&report);
+    for (watchdog, robot) in place.idle_watchdogs(&ecosystem) {
+        output::print_note(&format!(
+            "warning: this machine hosts both `{robot}` and its watchdog `{watchdog}`: if the \
+             machine dies, the robot finishes its goal; start another machine with `althing up \
+             --daemon NAME`, each with a daemon of the file"
+        ));
+    }
     Ok((ecosystem, place))
 }
 

@@ -1,4 +1,6 @@
-//! Durations as users write them: `500ms`, `1.5s`, `2min`, `1h`.
+//! Durations as users write them: `500ms`, `1.5s`, `2min`, `1h`. The grammar is that of the durations
+//! in the `config` of agents, which also knows `2 seconds` and `1h 30min`; the short forms are
+//! documented.
 
 use std::time::Duration;
 
@@ -8,21 +10,16 @@ use serde::{Deserialize, Deserializer};
 /// of a few such durations never overflow.
 const MAX: Duration = Duration::from_secs(24 * 60 * 60);
 
-const UNITS: &[(&str, f64)] = &[("ms", 0.001), ("s", 1.0), ("min", 60.0), ("h", 3_600.0)];
-
 /// Parses a duration greater than zero and not greater than [`MAX`]. The error text describes the
 /// allowed durations.
 pub(super) fn parse(text: &str) -> Result<Duration, String> {
-    let digits = text.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(text.len());
-    let (number, unit) = text.split_at(digits);
-    let seconds_per_unit = UNITS.iter().find(|(name, _)| *name == unit.trim());
-    let (Ok(number), Some((_, seconds))) = (number.parse::<f64>(), seconds_per_unit) else {
-        return Err("write a number and ms, s, min or h, such as \"500ms\" or \"2s\"".to_owned());
-    };
-    match Duration::try_from_secs_f64(number * seconds) {
-        Ok(duration) if !duration.is_zero() && duration <= MAX => Ok(duration),
-        _ => Err("write more than 0 and at most 24h".to_owned()),
+    let duration = humantime::parse_duration(text).map_err(|_| {
+        "write a number and ms, s, min or h, such as \"500ms\" or \"2s\"".to_owned()
+    })?;
+    if duration.is_zero() || duration > MAX {
+        return Err("write more than 0 and at most 24h".to_owned());
     }
+    Ok(duration)
 }
 
 /// Deserialises a duration from its text; a function for `serde`'s attribute `deserialize_with`.
@@ -53,6 +50,9 @@ mod tests {
         check("1 s", Some(1_000));
         check("2min", Some(120_000));
         check("24h", Some(86_400_000));
+        check("2m", Some(120_000));
+        check("2 seconds", Some(2_000));
+        check("1h 30min", Some(5_400_000));
     }
 
     #[test]

@@ -1,8 +1,11 @@
 //! The part of an ecosystem that one process hosts.
 
-use acl::DaemonId;
+use acl::{AgentId, DaemonId};
 
 use crate::config::{AgentEntry, Ecosystem};
+
+/// The plugin of watchdogs.
+const WATCHDOG: &str = "robot-watchdog";
 
 /// The part of the ecosystem that this process hosts: a daemon, and its agents.
 #[derive(Clone)]
@@ -60,6 +63,20 @@ impl HostedPart {
         let unassigned = ecosystem.unassigned_agents().filter(|_| ecosystem.daemons.len() <= 1);
         let agents = own.chain(unassigned).cloned().collect();
         Ok(HostedPart { daemon, agents, is_alone: false })
+    }
+
+    /// Returns the watchdogs that this process hosts beside their robots although the file gives them
+    /// daemons of their own, each with the name of its robot. They cannot help when this machine dies.
+    pub(crate) fn idle_watchdogs(&self, ecosystem: &Ecosystem) -> Vec<(AgentId, String)> {
+        let is_here = |name: &str| self.agents.iter().any(|entry| entry.name.as_str() == name);
+        // `check` reports a watchdog that the file itself puts beside its robot.
+        let is_apart = |entry: &&AgentEntry| self.is_alone && !entry.daemons.is_empty();
+        let watchdogs = ecosystem.agents.iter().filter(|entry| entry.plugin == WATCHDOG);
+        let idle = watchdogs.filter(is_apart).filter_map(|entry| {
+            let robot = entry.config["robot"].as_str().filter(|robot| is_here(robot))?;
+            Some((entry.name.clone(), robot.to_owned()))
+        });
+        idle.collect()
     }
 }
 

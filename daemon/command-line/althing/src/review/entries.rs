@@ -95,7 +95,7 @@ impl Reviewer<'_> {
             rename(&mut tried, path, key, missing);
             let mut both = tried.clone();
             let mut config = Value::clone(&both.config);
-            let table = path.iter().try_fold(&mut config, |table, key| table.get_mut(key));
+            let table = at_mut(&mut config, path);
             let table = table.and_then(Value::as_object_mut);
             table.into_iter().for_each(|table| {
                 table.insert((*key).clone(), Value::Null);
@@ -186,7 +186,7 @@ fn goes_on(
                 return false;
             }
             if let (Some(meant), Some((_, tables))) = (meant, path.split_last()) {
-                let tables = tables.iter().try_fold(&mut config, |table, key| table.get_mut(key));
+                let tables = at_mut(&mut config, tables);
                 if let Some(Value::Object(table)) = tables {
                     table.entry(meant.clone()).or_insert(value);
                 }
@@ -204,7 +204,7 @@ fn goes_on(
             if config.is_null() {
                 config = Value::Object(Map::new());
             }
-            let table = path.iter().try_fold(&mut config, |table, key| table.get_mut(key));
+            let table = at_mut(&mut config, path);
             let Some(Value::Object(table)) = table else { return false };
             taken.insert(key.clone());
             if table.insert(key.clone(), example).is_some() {
@@ -220,7 +220,7 @@ fn goes_on(
 /// Renames a key in the table at `path` in an entry's `config`.
 fn rename(entry: &mut AgentEntry, path: &[String], from: &str, to: &str) {
     let mut config = Value::clone(&entry.config);
-    let table = path.iter().try_fold(&mut config, |table, key| table.get_mut(key));
+    let table = at_mut(&mut config, path);
     if let Some(table) = table.and_then(Value::as_object_mut)
         && let Some(value) = table.remove(from)
     {
@@ -249,7 +249,8 @@ fn culprit(entry: &AgentEntry, stage: &DryRun, error: &HostError) -> Vec<String>
     let (is_shape, told) =
         (matches!(error, HostError::Build(BuildError::Config { .. })), error.to_string());
     let mut path: Vec<String> = Vec::new();
-    while let Some(Value::Object(table)) = at(&entry.config, &path) {
+    while let Some(within) = at(&entry.config, &path) {
+        let keys = parts(within);
         let outcome = |key: &String| {
             let path: Vec<String> = path.iter().chain([key]).cloned().collect();
             let mut config = Value::clone(&entry.config);
@@ -260,15 +261,16 @@ fn culprit(entry: &AgentEntry, stage: &DryRun, error: &HostError) -> Vec<String>
         // Removing a required key yields another error, but does not make that key the cause.
         // A key that is missing is missing in a table: another value cannot be the cause.
         let may_lack = |key: &&String| {
-            !told.contains("missing field") || table.get(*key).is_some_and(Value::is_object)
+            let value = part(within, key.as_str());
+            !told.contains("missing field") || value.is_some_and(|it| !parts(it).is_empty())
         };
         let is_other = |key: &&String| {
             outcome(key).is_err_and(|now| {
                 now != told && (is_shape || !now.contains(&format!("missing field `{key}`")))
             })
         };
-        let next = table.keys().find(is_right);
-        let next = next.or_else(|| table.keys().filter(may_lack).find(is_other)).cloned();
+        let next = keys.iter().find(is_right);
+        let next = next.or_else(|| keys.iter().filter(may_lack).find(is_other)).cloned();
         match next {
             Some(key) => path.push(key),
             None => break,
@@ -277,15 +279,46 @@ fn culprit(entry: &AgentEntry, stage: &DryRun, error: &HostError) -> Vec<String>
     path
 }
 
+/// Returns the keys of a table, or the numbers of the tables in a list; nothing for another value.
+fn parts(value: &Value) -> Vec<String> {
+    match value {
+        Value::Object(table) => table.keys().cloned().collect(),
+        Value::Array(list) if list.iter().all(Value::is_object) => {
+            (0..list.len()).map(|number| number.to_string()).collect()
+        }
+        _ => Vec::new(),
+    }
+}
+
+/// Returns the value at a key of a table, or at a number in a list.
+fn part<'v>(value: &'v Value, key: &str) -> Option<&'v Value> {
+    match value {
+        Value::Array(list) => list.get(key.parse::<usize>().ok()?),
+        other => other.get(key),
+    }
+}
+
 fn at<'v>(value: &'v Value, path: &[String]) -> Option<&'v Value> {
-    path.iter().try_fold(value, |value, key| value.get(key))
+    path.iter().try_fold(value, |value, key| part(value, key))
+}
+
+fn at_mut<'v>(value: &'v mut Value, path: &[String]) -> Option<&'v mut Value> {
+    path.iter().try_fold(value, |value, key| match value {
+        Value::Array(list) => list.get_mut(key.parse::<usize>().ok()?),
+        other => other.get_mut(key.as_str()),
+    })
 }
 
 /// Removes the value at `path` from `value`, and returns it.
 fn take(value: &mut Value, path: &[String]) -> Option<Value> {
     let (last, tables) = path.split_last()?;
-    let within = tables.iter().try_fold(value, |value, key| value.get_mut(key.as_str()))?;
-    within.as_object_mut()?.remove(last.as_str())
+    match at_mut(value, tables)? {
+        Value::Array(list) => {
+            let number = last.parse::<usize>().ok().filter(|number| *number < list.len())?;
+            Some(list.remove(number))
+        }
+        other => other.as_object_mut()?.remove(last.as_str()),
+    }
 }
 
 /// Returns an example of the value of a key in the table at `path` of a `config`, as TOML. The example contains names of
@@ -302,7 +335,7 @@ fn example(key: &str, path: &str, ecosystem: &Ecosystem) -> Option<String> {
         }
         "presets" => format!("{{ door = {{ shows = \"{}\" }} }}", place()),
         "poses" => format!("{{ window = {{ near = \"{}\", meters = 2.0 }} }}", place()),
-        "patrol" => format!("{{ places = [\"{}\"], every = \"10m\" }}", place()),
+        "patrol" => format!("{{ places = [\"{}\"], every = \"10min\" }}", place()),
         "endpoint" => quote("tcp/192.168.1.20:7447"),
         "places" if path.ends_with("ros2") => {
             format!("{{ {} = {{ x = 0.0, y = 0.0, yaw = 0.0 }} }}", place())
@@ -315,7 +348,7 @@ fn example(key: &str, path: &str, ecosystem: &Ecosystem) -> Option<String> {
         "model" => quote("MODEL.pddl"),
         "command" | "run" => "[\"PROGRAM\", \"ARGUMENT\"]".to_owned(),
         "range" => "100.0".to_owned(),
-        "every" => quote("10m"),
+        "every" => quote("10min"),
         "battery" => "{ range = 100.0 }".to_owned(),
         _ => return None,
     })
