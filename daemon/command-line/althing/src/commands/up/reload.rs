@@ -221,6 +221,8 @@ fn fixed(old: &Ecosystem, new: &Ecosystem, asked: &[String]) -> Vec<String> {
         ("`[zenoh]`", old.zenoh != new.zenoh),
         ("`[security]`", debug(&old.security) != debug(&new.security)),
         ("rights", is_secured && old.rights != new.rights),
+        ("`[safeguards]`", debug(&old.safeguards) != debug(&new.safeguards)),
+        ("`[hardware-stops]`", old.hardware_stops != new.hardware_stops),
         ("`[plugins]`", debug(&old.plugins) != debug(&new.plugins)),
         ("agents of packages", packages(old) != packages(new)),
         ("the list of Journals", journals(old) != journals(new)),
