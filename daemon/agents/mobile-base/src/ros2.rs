@@ -13,7 +13,7 @@ use actuator::BoxFuture;
 use agent::Blueprint;
 use pddl::InitElement;
 use ros2_link::{
-    LinkState, LinkWatch, MapPose, Nav2Names, Nav2Robot, RosAddress, RosDialect, RosError, RosLink,
+    LinkReach, LinkWatch, MapPose, Nav2Names, Nav2Robot, RosAddress, RosDialect, RosError, RosLink,
     VelocityMessage,
 };
 use serde::Deserialize;
@@ -274,7 +274,7 @@ impl Ros2Settings {
     async fn attend(
         self: Arc<Self>,
         robot: Nav2Robot,
-        link: watch::Receiver<LinkState>,
+        link: watch::Receiver<LinkReach>,
         readings: watch::Sender<Result<BaseReading, String>>,
     ) {
         tokio::join!(self.establish_pose(&robot), self.follow_messages(&robot, link, &readings));
@@ -285,12 +285,12 @@ impl Ros2Settings {
     async fn follow_messages(
         &self,
         robot: &Nav2Robot,
-        mut link: watch::Receiver<LinkState>,
+        mut link: watch::Receiver<LinkReach>,
         readings: &watch::Sender<Result<BaseReading, String>>,
     ) {
         let step = self.range.unwrap_or_default() * CHARGE_STEP;
         loop {
-            let is_lost = *link.borrow_and_update() == LinkState::Lost;
+            let is_lost = *link.borrow_and_update() == LinkReach::Lost;
             let news = match is_lost {
                 true => Ok(BaseReading { place: BasePlace::Unreachable, charge: None }),
                 false => tokio::select! {

@@ -27,7 +27,7 @@ pub use action::{ActionClient, GoalEnd, RosGoal, RosGoalStatus};
 pub use dialect::RosDialect;
 pub use error::{RosError, printable};
 pub use link::{RosAddress, RosLink};
-pub use link_watch::{LinkState, LinkWatch};
+pub use link_watch::{LinkReach, LinkWatch};
 pub use nav2::{Nav2Names, Nav2Robot};
 pub use pose::MapPose;
 pub use standstill::VelocityMessage;

@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use actuator::MethodFailure;
-use ros2_link::{ActionClient, LinkState, LinkWatch, RosError, RosGoalStatus, RosLink, printable};
+use ros2_link::{ActionClient, LinkReach, LinkWatch, RosError, RosGoalStatus, RosLink, printable};
 use serde_json::Value;
 use tokio::sync::{Mutex, watch};
 use tokio::time::Instant;
@@ -235,9 +235,9 @@ fn failure_of(error: &RosError, after: Duration) -> MethodFailure {
 
 /// Follows the state of the link until the watch over it ends. Nodes that are out of reach have told
 /// nothing.
-async fn follow_link(mut link: watch::Receiver<LinkState>, state: Arc<watch::Sender<NodeState>>) {
+async fn follow_link(mut link: watch::Receiver<LinkReach>, state: Arc<watch::Sender<NodeState>>) {
     loop {
-        let is_reached = *link.borrow_and_update() == LinkState::Reached;
+        let is_reached = *link.borrow_and_update() == LinkReach::Reached;
         state.send_if_modified(|state| {
             if !is_reached {
                 state.topics.iter_mut().for_each(|topic| *topic = TopicReport::default());

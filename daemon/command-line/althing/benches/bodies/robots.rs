@@ -197,7 +197,8 @@ async fn wish(person: &Terminal, goal: &str) -> Outcome<()> {
         priority: 0,
         partition: Partition::Pursue,
     };
-    Ok(person.requests.send(UserRequest::RequestGoal(wish)).await?)
+    person.requests.send(UserRequest::RequestGoal(wish)).await?;
+    Ok(())
 }
 
 /// Waits until the person's goal is reached.
