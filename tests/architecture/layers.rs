@@ -13,6 +13,7 @@ const LAYERS: &[&[&str]] = &[
     &[
         "building",
         "capability",
+        "cast-link",
         "conversation",
         "credentials",
         "goal-lifecycle",
@@ -93,6 +94,7 @@ const EXCEPTIONS: &[Exception] = &[
     exception("ros2", "ros2-link", "it asks the nodes of ROS there"),
     exception("ros2", "simulated-nav2", "its tests serve actions there"),
     exception("screen", "building", "its simulated driver shows there"),
+    exception("screen", "cast-link", "its Chromecast is told there what to show"),
     exception("screen", "programs", "its browser and its mpv run there"),
     exception("screen", "screen-link", "its browser and its mpv are told there what to show"),
     exception("sensor", "building", "its simulated driver measures there"),
