@@ -6,6 +6,8 @@
 
 mod arms;
 mod buildings;
+#[path = "support/cast_device.rs"]
+mod cast_device;
 mod commands;
 mod federation;
 mod gateway;
@@ -24,6 +26,7 @@ mod recording;
 mod robots;
 mod safeguards;
 mod scenario;
+mod screens;
 mod security;
 mod sensors;
 mod service;

@@ -30,6 +30,7 @@ pub(crate) const PLUGINS: &[PluginEntry] = &[
     ptz_camera::PLUGIN,
     ptz_camera::FINDER,
     screen::PLUGIN,
+    screen::FINDER,
     video_robot::PLUGIN,
     robot_watchdog::PLUGIN,
 ];

@@ -58,6 +58,8 @@ pub(crate) struct BrowserPlayer {
 }
 
 impl Player for BrowserPlayer {
+    type Settings = PlayerSettings;
+
     async fn start(settings: &PlayerSettings) -> Result<BrowserPlayer, String> {
         let folder = tempfile::Builder::new().prefix("althing-screen-").tempdir();
         let folder = folder.map_err(|error| format!("make a folder for the browser: {error}"))?;

@@ -7,9 +7,11 @@ use std::path::{Path, PathBuf};
 
 use actuator::PlaceName;
 use agent::{Blueprint, BuildCheck, BuildError};
+use cast_link::CastAddress;
 use serde::Deserialize;
 
-use crate::{BROWSER, MPV};
+use crate::cast::{self, CastSettings};
+use crate::{BROWSER, CAST, MPV};
 
 /// The `config` of a screen's entry in the ecosystem file.
 #[derive(Debug, Deserialize)]
@@ -30,22 +32,43 @@ pub(crate) struct Config {
     /// Driver `browser`: folder of a profile that is kept, for pages at which a person has logged
     /// in. The default is a profile that is removed with the browser.
     profile: Option<PathBuf>,
+    /// Driver `cast`: the address of the Chromecast, such as `"10.0.0.7"`.
+    address: Option<String>,
+    /// Driver `cast`: the volume with which media are presented, from 0 to 1. By default, the
+    /// volume is left as it is.
+    volume: Option<f64>,
+    /// Driver `cast`: whether a medium counts as shown whatever the Chromecast says about the
+    /// television. Some televisions report it wrongly.
+    ignore_cec: Option<bool>,
 }
 
 /// A medium, as the ecosystem file writes it.
 #[derive(Clone, Debug, Deserialize)]
-#[serde(untagged, expecting = "write a text, an address, a path, or { text = \"…\" }")]
+#[serde(
+    untagged,
+    expecting = "write a text, an address, a path, { text = \"…\" }, or { address = \"…\", type = \"…\" }"
+)]
 enum WrittenMedium {
     /// A text, an address or a path; its beginning decides.
     Plain(String),
     /// A text, whatever its beginning.
     Text(PlainText),
+    /// An address with the type of its medium.
+    Typed(TypedAddress),
 }
 
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct PlainText {
     text: String,
+}
+
+#[derive(Clone, Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct TypedAddress {
+    address: String,
+    /// MIME type, such as `video/mp4`.
+    r#type: String,
 }
 
 /// A medium that a screen can show.
@@ -62,21 +85,26 @@ pub enum Content {
         /// Absolute path.
         path: PathBuf,
     },
+    /// A medium that a Chromecast fetches by itself.
+    Fetched {
+        /// Address of the medium.
+        address: String,
+        /// MIME type of the medium.
+        content_type: String,
+    },
 }
 
 /// Settings of a driver that shows media with a program.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct PlayerSettings {
-    /// Name of the screen, for the log.
-    pub(crate) screen: String,
     pub(crate) program: Option<String>,
     pub(crate) arguments: Vec<String>,
     pub(crate) display: Option<String>,
     pub(crate) profile: Option<PathBuf>,
 }
 
-/// Beginnings of an address, for the drivers `browser` and `mpv`.
-const ADDRESSES: &[&str] = &["http://", "https://"];
+/// Beginnings of an address, for the drivers with a program and for `cast`.
+pub(crate) const ADDRESSES: &[&str] = &["http://", "https://"];
 
 /// Further beginnings of an address, for the driver `mpv` only.
 const STREAMS: &[&str] = &["rtsp://", "rtmp://", "udp://", "rtp://", "srt://"];
@@ -92,25 +120,28 @@ impl Content {
     pub fn written(&self) -> &str {
         match self {
             Content::Text(text) => text,
-            Content::Address(address) => address,
+            Content::Address(address) | Content::Fetched { address, .. } => address,
             Content::File { written, .. } => written,
         }
     }
 }
 
 impl Config {
-    /// Removes the keys for drivers with a program from the config, and returns them.
+    /// Checks that no key is for another driver than that of the entry.
     ///
     /// # Errors
     ///
-    /// Returns an error if a key is for another driver than that of the entry.
-    pub(crate) fn player(&mut self, blueprint: &Blueprint) -> Result<PlayerSettings, BuildError> {
+    /// Returns an error that names the first such key, and its drivers.
+    pub(crate) fn check_keys(&self, blueprint: &Blueprint) -> Result<(), BuildError> {
         let both: &[_] = &[BROWSER, MPV];
         let said = [
             ("program", both, self.program.is_some()),
             ("arguments", both, self.arguments.is_some()),
             ("display", both, self.display.is_some()),
             ("profile", &[BROWSER], self.profile.is_some()),
+            ("address", &[CAST], self.address.is_some()),
+            ("volume", &[CAST], self.volume.is_some()),
+            ("ignore-cec", &[CAST], self.ignore_cec.is_some()),
         ];
         let this = blueprint.driver.as_str();
         let of_another = said.iter().find(|(_, drivers, said)| *said && !drivers.contains(&this));
@@ -120,13 +151,38 @@ impl Config {
             let problem = format!("`{key}` is for the driver {drivers}, and this one is `{this}`");
             return Err(blueprint.problem(problem));
         }
-        Ok(PlayerSettings {
-            screen: blueprint.id.to_string(),
+        Ok(())
+    }
+
+    /// Removes the keys of drivers with a program from the config, and returns them.
+    pub(crate) fn player(&mut self) -> PlayerSettings {
+        PlayerSettings {
             program: self.program.take(),
             arguments: self.arguments.take().unwrap_or_default(),
             display: self.display.take(),
             profile: self.profile.take(),
-        })
+        }
+    }
+
+    /// Returns the settings of the driver `cast`.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the address is missing or invalid, or if the volume is no share.
+    pub(crate) fn cast(&self, blueprint: &Blueprint) -> Result<CastSettings, BuildError> {
+        let Some(address) = &self.address else {
+            let problem = "driver `cast` needs the `address` of the Chromecast, such as \
+                \"10.0.0.7\"; `althing agents --discovered` lists the Chromecasts that a \
+                `screen-finder` sees";
+            return Err(blueprint.problem(problem.to_owned()));
+        };
+        let address = CastAddress::parse(address).map_err(|problem| blueprint.problem(problem))?;
+        if self.volume.is_some_and(|volume| !(0.0..=1.0).contains(&volume)) {
+            let problem = "`volume` is a share from 0.0 to 1.0";
+            return Err(blueprint.problem(problem.to_owned()));
+        }
+        let ignores_cec = self.ignore_cec.unwrap_or_default();
+        Ok(CastSettings { address, volume: self.volume, ignores_cec })
     }
 
     /// Returns the media by their names.
@@ -162,6 +218,15 @@ impl Config {
 /// Returns the medium for this driver. The error is the reason why the driver cannot show it.
 fn content_of(written: &WrittenMedium, driver: &str, is_check: bool) -> Result<Content, String> {
     let content = match written {
+        WrittenMedium::Typed(TypedAddress { address, r#type }) if driver == CAST => {
+            return cast::typed_content(address, r#type);
+        }
+        WrittenMedium::Typed(_) => {
+            return Err("`type` is for the driver `cast`; write the address alone".to_owned());
+        }
+        WrittenMedium::Text(PlainText { text }) | WrittenMedium::Plain(text) if driver == CAST => {
+            return cast::plain_content(text);
+        }
         WrittenMedium::Text(PlainText { text }) => Content::Text(text.clone()),
         // A simulated screen shows any text, and has no files.
         WrittenMedium::Plain(text) if driver != BROWSER && driver != MPV => {
@@ -179,7 +244,7 @@ fn content_of(written: &WrittenMedium, driver: &str, is_check: bool) -> Result<C
         Content::File { path, written } if NOT_FOR_MPV.contains(&ending(path).as_str()) => {
             Err(format!("mpv cannot show {written}; `driver = \"browser\"` can"))
         }
-        Content::File { .. } | Content::Address(_) => Ok(content),
+        Content::File { .. } | Content::Address(_) | Content::Fetched { .. } => Ok(content),
     }
 }
 

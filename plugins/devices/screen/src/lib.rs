@@ -2,7 +2,9 @@
 //!
 //! - [`Display`] is the trait of drivers. `simulated` is a screen of the simulated building.
 //!   `browser` is a Chromium that fills the screen of this machine, and `mpv` is the player of that
-//!   name. `supervisor` keeps the program of the last two running.
+//!   name. `cast` is a Chromecast of the network. `supervisor` keeps the program of `browser` and
+//!   `mpv` running, and the connection of `cast`.
+//! - `finder` lists the Chromecasts of the network.
 //! - A screen that is plugged in for the first time has no channel, and requests the goal to get
 //!   one: “complete the setup (resource allocation and integration) automatically”. With a channel,
 //!   media can be presented in the room of the screen.
@@ -10,7 +12,9 @@
 //!   and presents nothing, so that other screens take over.
 
 mod browser;
+mod cast;
 mod config;
+mod finder;
 mod mpv;
 mod pages;
 mod player;
@@ -34,6 +38,7 @@ use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 
 use crate::config::Config;
 pub use crate::config::Content;
+pub use crate::finder::FINDER;
 
 /// Pause between two checks of the screen. The pause is short, so that a meeting can continue at
 /// another screen within a few seconds.
@@ -48,12 +53,13 @@ const SHOWING_TIME_MAX: Duration = Duration::from_secs(30);
 const SIMULATED: &str = "simulated";
 const BROWSER: &str = "browser";
 const MPV: &str = "mpv";
+const CAST: &str = "cast";
 
 /// The entry of the screen in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "screen",
     about: "shows media to the people in its room",
-    drivers: &[SIMULATED, BROWSER, MPV],
+    drivers: &[SIMULATED, BROWSER, MPV, CAST],
     has_replicas: false,
     build,
 };
@@ -86,11 +92,13 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
 
 fn screen(blueprint: &Blueprint) -> Result<Screen, BuildError> {
     let mut config: Config = blueprint.config_as()?;
-    let player = config.player(blueprint)?;
+    config.check_keys(blueprint)?;
     let media = config.contents(blueprint)?;
+    let name = blueprint.id.as_str();
     let display: Arc<dyn Display> = match blueprint.driver.as_str() {
-        BROWSER => supervisor::display::<browser::BrowserPlayer>(player),
-        MPV => supervisor::display::<mpv::MpvPlayer>(player),
+        BROWSER => supervisor::display::<browser::BrowserPlayer>(name, config.player()),
+        MPV => supervisor::display::<mpv::MpvPlayer>(name, config.player()),
+        CAST => supervisor::display::<cast::CastPlayer>(name, config.cast(blueprint)?),
         _ => simulated::display(blueprint)?,
     };
     Ok(Screen {

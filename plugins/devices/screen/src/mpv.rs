@@ -51,6 +51,8 @@ pub(crate) struct MpvPlayer {
 }
 
 impl Player for MpvPlayer {
+    type Settings = PlayerSettings;
+
     async fn start(settings: &PlayerSettings) -> Result<MpvPlayer, String> {
         let mut command = vec![player::find_program(settings, PROGRAMS)?];
         command.extend(ARGUMENTS.iter().map(|&argument| argument.to_owned()));
@@ -71,7 +73,7 @@ impl Player for MpvPlayer {
         let path = match content {
             None => return Ok(self.mpv.stop().await?),
             Some(Content::File { path, .. }) => path.to_string_lossy().into_owned(),
-            Some(Content::Address(address)) => address.clone(),
+            Some(Content::Address(address) | Content::Fetched { address, .. }) => address.clone(),
             Some(Content::Text(_)) => {
                 let why = "show a text with mpv, which shows films and pictures";
                 return Err(PlayerTrouble::Content(why.to_owned()));

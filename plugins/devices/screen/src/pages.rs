@@ -44,7 +44,9 @@ pub(crate) enum PageKind {
 pub(crate) fn page(folder: &Path, content: Option<&Content>) -> io::Result<(String, PageKind)> {
     let (name, body, kind) = match content {
         None => ("dark", String::new(), PageKind::Own),
-        Some(Content::Address(address)) => return Ok((address.clone(), PageKind::Foreign)),
+        Some(Content::Address(address) | Content::Fetched { address, .. }) => {
+            return Ok((address.clone(), PageKind::Foreign));
+        }
         Some(Content::Text(text)) => ("text", text_body(text), PageKind::Own),
         Some(Content::File { path, .. }) => match ending(path).as_str() {
             kind if PICTURES.contains(&kind) => {

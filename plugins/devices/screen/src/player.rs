@@ -1,4 +1,4 @@
-//! The trait of the programs that drive a screen, and how such a program is started.
+//! The trait of the programs and devices that drive a screen, and how such a program is started.
 
 use std::path::Path;
 use std::time::Duration;
@@ -16,10 +16,14 @@ const ENDING: Duration = Duration::from_secs(1);
 /// Environment variables; a program needs one of them to find a screen.
 const DISPLAYS: &[&str] = &["DISPLAY", "WAYLAND_DISPLAY"];
 
-/// A running program that shows media. Error texts complete “failed to …”.
+/// A running program that shows media, or a connection to a device that does. Error texts complete
+/// “failed to …”.
 pub(crate) trait Player: Send + Sized + 'static {
-    /// Starts the program, with a dark screen.
-    fn start(settings: &PlayerSettings) -> impl Future<Output = Result<Self, String>> + Send;
+    /// What the config says about the program or the device.
+    type Settings: Clone + Send + Sync + 'static;
+
+    /// Starts the program, with a dark screen; or connects to the device, and leaves it as it is.
+    fn start(settings: &Self::Settings) -> impl Future<Output = Result<Self, String>> + Send;
 
     /// Shows this medium, and returns when it can be seen; `None` turns the screen dark.
     fn show(

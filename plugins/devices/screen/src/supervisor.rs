@@ -1,4 +1,5 @@
-//! Keeps the program of a screen running, and checks every second what it shows.
+//! Keeps the program of a screen running, and checks every second what it shows. A connection to a
+//! device that shows media is kept in the same way; it is called the program, too.
 //!
 //! - The program is started when the screen is first used, and again when it has ended, with pauses
 //!   that grow.
@@ -6,7 +7,6 @@
 //! - If a medium is no longer shown, the supervisor reports this and darkens the screen; a plan
 //!   decides what is shown next.
 
-use std::marker::PhantomData;
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
@@ -14,7 +14,7 @@ use actuator::BoxFuture;
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 
-use crate::config::{Content, PlayerSettings};
+use crate::config::Content;
 use crate::player::{Player, PlayerTrouble};
 use crate::{Display, DisplayState};
 
@@ -56,14 +56,17 @@ enum Wanted {
 /// The state of the screen, or the reason why it does not work.
 type ScreenReport = Result<DisplayState, String>;
 
-struct Supervised<P> {
-    settings: PlayerSettings,
+struct Supervised<P: Player> {
+    /// Name of the screen, for the log.
+    screen: String,
+    settings: P::Settings,
     task: OnceLock<(mpsc::Sender<ScreenRequest>, watch::Receiver<ScreenReport>)>,
-    player: PhantomData<fn() -> P>,
 }
 
-pub(crate) fn display<P: Player>(settings: PlayerSettings) -> Arc<dyn Display> {
-    Arc::new(Supervised::<P> { settings, task: OnceLock::new(), player: PhantomData })
+/// Returns the driver of the screen named `screen`. Nothing is started before it is used.
+pub(crate) fn display<P: Player>(screen: &str, settings: P::Settings) -> Arc<dyn Display> {
+    let screen = screen.to_owned();
+    Arc::new(Supervised::<P> { screen, settings, task: OnceLock::new() })
 }
 
 impl<P: Player> Supervised<P> {
@@ -72,13 +75,14 @@ impl<P: Player> Supervised<P> {
         self.task.get_or_init(|| {
             let (requests, requested) = mpsc::channel(WAITING_MAX);
             let (state, seen) = watch::channel(Err("wait for the start of its program".to_owned()));
-            let supervision = Supervision {
+            let supervision = Supervision::<P> {
+                screen: self.screen.clone(),
                 settings: self.settings.clone(),
                 requested,
                 state,
                 is_allocated: false,
             };
-            tokio::spawn(supervision.run::<P>());
+            tokio::spawn(supervision.run());
             (requests, seen)
         })
     }
@@ -111,16 +115,17 @@ impl<P: Player> Display for Supervised<P> {
 }
 
 /// The task that owns the program.
-struct Supervision {
-    settings: PlayerSettings,
+struct Supervision<P: Player> {
+    screen: String,
+    settings: P::Settings,
     requested: mpsc::Receiver<ScreenRequest>,
     state: watch::Sender<ScreenReport>,
     is_allocated: bool,
 }
 
-impl Supervision {
+impl<P: Player> Supervision<P> {
     /// Runs the program until the driver is dropped; starts it again each time that it ends.
-    async fn run<P: Player>(mut self) {
+    async fn run(mut self) {
         let mut pause = PAUSE_FIRST;
         loop {
             let began = Instant::now();
@@ -145,8 +150,8 @@ impl Supervision {
             if began.elapsed() >= SOUND_AFTER {
                 pause = PAUSE_FIRST;
             }
-            let screen = self.settings.screen.as_str();
-            tracing::warn!(screen, "failed to {reason}; it is started again in {pause:?}");
+            let screen = self.screen.as_str();
+            tracing::warn!(screen, "failed to {reason}; the next attempt is in {pause:?}");
             if !self.rest(pause, &reason).await {
                 return;
             }
@@ -173,7 +178,7 @@ impl Supervision {
 
     /// Serves requests and watches the program. Returns the reason why the program has to be
     /// started again; `None` if the driver is dropped.
-    async fn serve<P: Player>(&mut self, player: &mut P) -> Option<String> {
+    async fn serve(&mut self, player: &mut P) -> Option<String> {
         let mut shown = None;
         let mut asking = interval(ASKING);
         asking.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -224,11 +229,11 @@ impl Supervision {
 
     /// Darkens the screen if its medium cannot be shown. Returns the reason why the program has to
     /// be started again; `None` if the program works.
-    async fn recover<P: Player>(&self, player: &mut P, trouble: PlayerTrouble) -> Option<String> {
+    async fn recover(&self, player: &mut P, trouble: PlayerTrouble) -> Option<String> {
         let lost = match trouble {
             PlayerTrouble::Program(reason) => reason,
             PlayerTrouble::Content(reason) => {
-                let screen = self.settings.screen.as_str();
+                let screen = self.screen.as_str();
                 tracing::warn!(screen, "the screen is dark: failed to {reason}");
                 player.show(None).await.err()?.into_reason()
             }

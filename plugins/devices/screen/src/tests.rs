@@ -1,5 +1,6 @@
 //! Tests of the screen: its config, and its drivers with real programs, by the pixels of a display.
 
+mod chromecast;
 mod configs;
 mod real_browser;
 mod real_mpv;
@@ -8,6 +9,9 @@ mod stage;
 
 #[path = "../../../../tests/support/left_out.rs"]
 mod left_out;
+
+#[path = "../../../../tests/support/cast_device.rs"]
+mod cast_device;
 
 use actuator::{Device as _, MethodCall};
 use agent::{Host, Resources};

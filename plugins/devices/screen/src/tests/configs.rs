@@ -35,17 +35,35 @@ fn the_beginning_of_a_medium_says_what_it_is() {
 }
 
 #[test]
+fn the_ending_of_an_address_says_what_a_chromecast_shows() {
+    for (medium, expected) in [
+        (json!("http://a/b.MP4?x=1.png#y"), "video/mp4"),
+        (json!("https://a.org/b/c.jpeg"), "image/jpeg"),
+        (json!("https://a.org/live.m3u8"), "application/x-mpegURL"),
+        (json!({ "address": "https://a.org/b.mp4", "type": "audio/mpeg" }), "audio/mpeg"),
+    ] {
+        let config = json!({ "location": "lab", "address": "10.0.0.7", "media": { "m": medium } });
+        let screen = built("cast", config).expect("a screen");
+        let Some(Content::Fetched { content_type, .. }) = screen.media.get("m") else {
+            panic!("{:?}", screen.media)
+        };
+        assert_eq!(content_type, expected);
+    }
+}
+
+#[test]
 fn every_mistake_of_a_config_is_reported() {
     let pdf = tempfile::Builder::new().suffix(".pdf").tempfile().expect("a file");
     let pdf = pdf.path().display().to_string();
     let media = |medium: Value| json!({ "location": "lab", "media": { "slides": medium } });
+    let cast = |medium: Value| json!({ "location": "lab", "media": { "slides": medium }, "address": "10.0.0.7" });
     for (driver, config, expected) in [
         ("browser", media(json!("/no/such.png")), "media.slides: the file /no/such.png cannot be"),
         ("mpv", media(json!("./no/such.mp4")), "media.slides: the file ./no/such.mp4 cannot be"),
         ("browser", media(json!("/")), "media.slides: / is not a file"),
         ("mpv", media(json!("Hello")), "media.slides: mpv shows films and pictures, and no texts"),
         ("mpv", media(json!(pdf)), "`driver = \"browser\"` can"),
-        ("browser", media(json!(1)), "write a text, an address, a path, or { text"),
+        ("browser", media(json!(1)), "write a text, an address, a path, { text"),
         (
             "mpv",
             json!({ "location": "lab", "media": {}, "profile": "/tmp" }),
@@ -62,6 +80,28 @@ fn every_mistake_of_a_config_is_reported() {
             "two `media` with one text cannot be told apart",
         ),
         ("browser", json!({ "location": "lab", "media": { "A b": "x" } }), "`A b` cannot name"),
+        ("cast", media(json!("https://a/b.mp4")), "driver `cast` needs the `address` of the"),
+        ("cast", cast(json!("Hello")), "media.slides: a Chromecast fetches its media by itself"),
+        ("cast", cast(json!({ "text": "Hello" })), "It shows no texts, and no files of this"),
+        ("cast", cast(json!("./a.mp4")), "and no files of this machine"),
+        ("cast", cast(json!("https://a/b.pdf")), "the ending of https://a/b.pdf does not say what"),
+        ("cast", cast(json!({ "address": "https://a/b", "type": "film" })), "the type `film` is"),
+        ("browser", media(json!({ "address": "https://a", "type": "video/mp4" })), "`type` is for"),
+        (
+            "cast",
+            json!({ "location": "lab", "media": {}, "address": "https://10.0.0.7" }),
+            "the address `https://10.0.0.7` is a URL; write HOST or HOST:PORT",
+        ),
+        (
+            "cast",
+            json!({ "location": "lab", "media": {}, "address": "10.0.0.7", "volume": 30 }),
+            "`volume` is a share from 0.0 to 1.0",
+        ),
+        (
+            "mpv",
+            json!({ "location": "lab", "media": {}, "address": "10.0.0.7" }),
+            "`address` is for the driver `cast`, and this one is `mpv`",
+        ),
     ] {
         let problem = built(driver, config).err().expect(expected);
         assert!(problem.contains(expected), "{problem} is not {expected}");

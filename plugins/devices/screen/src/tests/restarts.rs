@@ -7,7 +7,6 @@ use tokio::sync::Notify;
 use tokio::time::Instant;
 
 use super::*;
-use crate::config::PlayerSettings;
 use crate::player::{Player, PlayerTrouble};
 
 static STARTS: Mutex<Vec<Instant>> = Mutex::new(Vec::new());
@@ -20,7 +19,9 @@ struct Made {
 }
 
 impl Player for Made {
-    async fn start(_: &PlayerSettings) -> Result<Made, String> {
+    type Settings = ();
+
+    async fn start(_: &()) -> Result<Made, String> {
         STARTS.lock().expect("unpoisoned").push(Instant::now());
         if *IS_BROKEN.lock().expect("unpoisoned") {
             return Err("find a screen".to_owned());
@@ -70,7 +71,7 @@ async fn state(display: &Arc<dyn Display>, wanted: impl Fn(&Result<DisplayState,
 /// This is one test and not several, because the program uses static variables.
 #[tokio::test(start_paused = true)]
 async fn a_program_is_asked_watched_and_started_again() {
-    let display = supervisor::display::<Made>(PlayerSettings::default());
+    let display = supervisor::display::<Made>("s", ());
     let is_shown = |wanted: Option<&str>| {
         let wanted = wanted.map(str::to_owned);
         move |state: &Result<DisplayState, String>| {
