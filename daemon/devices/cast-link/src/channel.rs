@@ -151,7 +151,7 @@ impl Channel {
         self.send().await?;
         self.received.reserve(READ_BYTES);
         match self.stream.read_buf(&mut self.received).await {
-            Ok(0) => Err(CastError::Closed { address: self.address.to_string() }),
+            Ok(0) => Err(self.closed()),
             Ok(_) => Ok(()),
             Err(error) => Err(self.unreachable(&error)),
         }
@@ -161,7 +161,7 @@ impl Channel {
         while !self.outgoing.is_empty() {
             self.needs_flush = true;
             match self.stream.write(&self.outgoing).await {
-                Ok(0) => return Err(CastError::Closed { address: self.address.to_string() }),
+                Ok(0) => return Err(self.closed()),
                 Ok(count) => drop(self.outgoing.drain(..count)),
                 Err(error) => return Err(self.unreachable(&error)),
             }
@@ -198,6 +198,10 @@ impl Channel {
     }
 
     fn unreachable(&self, error: &std::io::Error) -> CastError {
+        // A device that is unplugged does not say so in the manner of TLS.
+        if error.kind() == std::io::ErrorKind::UnexpectedEof {
+            return self.closed();
+        }
         CastError::Unreachable { address: self.address.to_string(), problem: error.to_string() }
     }
 

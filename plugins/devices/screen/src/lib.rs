@@ -25,7 +25,7 @@ mod supervisor;
 mod tests;
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use acl::Millis;
@@ -108,6 +108,7 @@ fn screen(blueprint: &Blueprint) -> Result<Screen, BuildError> {
         media,
         display,
         state: ScreenStatus::Unknown,
+        known: Arc::default(),
     })
 }
 
@@ -119,12 +120,15 @@ struct Screen {
     media: BTreeMap<String, Content>,
     display: Arc<dyn Display>,
     state: ScreenStatus,
+    /// The same state, for the checks, which go on while methods change it.
+    known: Arc<Mutex<ScreenStatus>>,
 }
 
 /// The last known state of a screen.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 enum ScreenStatus {
     /// The screen was not checked yet.
+    #[default]
     Unknown,
     /// The screen does not work.
     Broken,
@@ -182,10 +186,15 @@ impl Screen {
         }
     }
 
+    fn set_state(&mut self, state: ScreenStatus) {
+        self.known.lock().unwrap_or_else(PoisonError::into_inner).clone_from(&state);
+        self.state = state;
+    }
+
     /// Handles the result of a check. If the screen works but has no channel, returns a request for
     /// the goal to allocate one.
     fn handle_check(&mut self, state: ScreenStatus) -> Vec<Initiative> {
-        self.state = state;
+        self.set_state(state);
         if !matches!(self.state, ScreenStatus::Works(DisplayState { channel: None, .. })) {
             return Vec::new();
         }
@@ -278,7 +287,7 @@ impl Device for Screen {
                 (DisplayState { channel, shown }, detail.to_owned(), String::new())
             }
         };
-        self.state = ScreenStatus::Works(panel);
+        self.set_state(ScreenStatus::Works(panel));
         let observed = match self.shown() {
             Some(medium) => format!("{observed}(presented {medium} {})", self.location),
             None => observed,
@@ -290,12 +299,12 @@ impl Device for Screen {
     fn on_failure(&mut self, _call: &MethodCall, failure: &MethodFailure) {
         if *failure != MethodFailure::GivenUp {
             // The state is `Broken` until the next check finds another state.
-            self.state = ScreenStatus::Broken;
+            self.set_state(ScreenStatus::Broken);
         }
     }
 
     fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<Screen>>> {
-        let (display, known) = (Arc::clone(&self.display), self.state.clone());
+        let (display, known) = (Arc::clone(&self.display), Arc::clone(&self.known));
         Some(Box::pin(async move {
             loop {
                 let panel = tokio::time::timeout(CHECK_TIME_MAX, display.panel()).await;
@@ -303,7 +312,7 @@ impl Device for Screen {
                     Ok(Ok(panel)) => ScreenStatus::Works(panel),
                     Ok(Err(_)) | Err(_) => ScreenStatus::Broken,
                 };
-                if state != known {
+                if state != *known.lock().unwrap_or_else(PoisonError::into_inner) {
                     let stir: DeviceEvent<Screen> = Box::new(|screen| screen.handle_check(state));
                     return stir;
                 }

@@ -48,6 +48,28 @@ async fn a_chromecast_shows_media_and_reports_what_it_cannot_show() {
 }
 
 #[tokio::test]
+async fn a_medium_that_is_lost_as_soon_as_it_was_shown_is_noticed() {
+    let (device, server) = (CastDevice::start().await, media_server().await);
+    let media =
+        json!({ "film": format!("{server}/film.mp4"), "missing": format!("{server}/no.mp4") });
+    let mut screen = screen_with(&device, media);
+    set_up(&mut screen).await;
+    // The checks began before the method, as they do in a daemon.
+    let event = screen.next_event().expect("a screen has events");
+    call(&mut screen, "show", Some("film")).await.expect("shown");
+    device.change_app(None);
+    let event = tokio::time::timeout(Duration::from_secs(20), event).await.expect("it is noticed");
+    event(&mut screen);
+    assert!(!text_of(&screen).contains("presented film"), "{}", text_of(&screen));
+    let event = screen.next_event().expect("a screen has events");
+    call(&mut screen, "show", Some("missing")).await.expect_err("missing");
+    assert!(!text_of(&screen).contains("offers present"), "until the next check");
+    let event = tokio::time::timeout(Duration::from_secs(20), event).await.expect("it works");
+    event(&mut screen);
+    assert!(text_of(&screen).contains("offers present"));
+}
+
+#[tokio::test]
 async fn a_chromecast_that_others_use_and_one_that_is_unplugged_are_noticed() {
     let (device, server) = (CastDevice::start().await, media_server().await);
     let mut screen = screen_with(&device, json!({ "film": format!("{server}/film.mp4") }));
