@@ -11,7 +11,8 @@ use cast_link::CastAddress;
 use serde::Deserialize;
 
 use crate::cast::{self, CastSettings};
-use crate::{BROWSER, CAST, MPV};
+use crate::cec::{CecSettings, THIS_MACHINE};
+use crate::{BROWSER, CAST, CEC, MPV};
 
 /// The `config` of a screen's entry in the ecosystem file.
 #[derive(Debug, Deserialize)]
@@ -21,8 +22,8 @@ pub(crate) struct Config {
     pub(crate) location: PlaceName,
     /// Media that the screen can show, by their names in plans.
     media: BTreeMap<String, WrittenMedium>,
-    /// Drivers `browser` and `mpv`: the program. The default is a program that is found in the
-    /// folders of `PATH`.
+    /// Drivers `browser`, `mpv` and `cec`: the program. The default is a program that is found in
+    /// the folders of `PATH`.
     program: Option<String>,
     /// Drivers `browser` and `mpv`: further arguments of the program.
     arguments: Option<Vec<String>>,
@@ -40,6 +41,9 @@ pub(crate) struct Config {
     /// Driver `cast`: whether a medium counts as shown whatever the Chromecast says about the
     /// television. Some televisions report it wrongly.
     ignore_cec: Option<bool>,
+    /// Drivers `cec`, `browser` and `mpv`: the kernel's device of the HDMI cable. The default of
+    /// `cec` is `/dev/cec0`; without the key, the other two leave the television alone.
+    television: Option<String>,
 }
 
 /// A medium, as the ecosystem file writes it.
@@ -103,6 +107,9 @@ pub(crate) struct PlayerSettings {
     pub(crate) profile: Option<PathBuf>,
 }
 
+/// Default of `television` for the driver `cec`: the first cable that the kernel has found.
+const CEC_DEVICE: &str = "/dev/cec0";
+
 /// Beginnings of an address, for the drivers with a program and for `cast`.
 pub(crate) const ADDRESSES: &[&str] = &["http://", "https://"];
 
@@ -133,15 +140,16 @@ impl Config {
     ///
     /// Returns an error that names the first such key, and its drivers.
     pub(crate) fn check_keys(&self, blueprint: &Blueprint) -> Result<(), BuildError> {
-        let both: &[_] = &[BROWSER, MPV];
+        let (both, of_machine): (&[_], &[_]) = (&[BROWSER, MPV], &[BROWSER, MPV, CEC]);
         let said = [
-            ("program", both, self.program.is_some()),
+            ("program", of_machine, self.program.is_some()),
             ("arguments", both, self.arguments.is_some()),
             ("display", both, self.display.is_some()),
             ("profile", &[BROWSER], self.profile.is_some()),
             ("address", &[CAST], self.address.is_some()),
             ("volume", &[CAST], self.volume.is_some()),
             ("ignore-cec", &[CAST], self.ignore_cec.is_some()),
+            ("television", of_machine, self.television.is_some()),
         ];
         let this = blueprint.driver.as_str();
         let of_another = said.iter().find(|(_, drivers, said)| *said && !drivers.contains(&this));
@@ -185,6 +193,36 @@ impl Config {
         Ok(CastSettings { address, volume: self.volume, ignores_cec })
     }
 
+    /// Returns the settings of the driver `cec`.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the device is no path.
+    pub(crate) fn cec(&mut self, blueprint: &Blueprint) -> Result<CecSettings, BuildError> {
+        let named = self.television(blueprint)?;
+        let device = named.map_or_else(|| CEC_DEVICE.to_owned(), |named| named.device);
+        Ok(CecSettings { device, program: self.program.take() })
+    }
+
+    /// Returns the settings of the television that a program shows its media on; `None` if it is
+    /// left alone.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the device is no path.
+    pub(crate) fn television(
+        &self,
+        blueprint: &Blueprint,
+    ) -> Result<Option<CecSettings>, BuildError> {
+        let Some(device) = self.television.clone() else { return Ok(None) };
+        if !device.starts_with('/') {
+            let problem =
+                format!("the television `{device}` is no path; write one such as /dev/cec0");
+            return Err(blueprint.problem(problem));
+        }
+        Ok(Some(CecSettings { device, program: None }))
+    }
+
     /// Returns the media by their names.
     ///
     /// # Errors
@@ -226,6 +264,15 @@ fn content_of(written: &WrittenMedium, driver: &str, is_check: bool) -> Result<C
         }
         WrittenMedium::Text(PlainText { text }) | WrittenMedium::Plain(text) if driver == CAST => {
             return cast::plain_content(text);
+        }
+        WrittenMedium::Plain(text) if driver == CEC && text == THIS_MACHINE => {
+            return Ok(Content::Text(text.clone()));
+        }
+        WrittenMedium::Plain(_) | WrittenMedium::Text(_) if driver == CEC => {
+            return Err(format!(
+                "a television with the driver `cec` shows the picture of this machine and nothing \
+                 else: write \"{THIS_MACHINE}\""
+            ));
         }
         WrittenMedium::Text(PlainText { text }) => Content::Text(text.clone()),
         // A simulated screen shows any text, and has no files.

@@ -2,8 +2,9 @@
 //!
 //! - [`Display`] is the trait of drivers. `simulated` is a screen of the simulated building.
 //!   `browser` is a Chromium that fills the screen of this machine, and `mpv` is the player of that
-//!   name. `cast` is a Chromecast of the network. `supervisor` keeps the program of `browser` and
-//!   `mpv` running, and the connection of `cast`.
+//!   name. `cast` is a Chromecast of the network, and `cec` a television that is turned on and off.
+//!   `supervisor` keeps the program of `browser` and `mpv` running, and the connections of the
+//!   others.
 //! - `finder` lists the Chromecasts of the network.
 //! - A screen that is plugged in for the first time has no channel, and requests the goal to get
 //!   one: “complete the setup (resource allocation and integration) automatically”. With a channel,
@@ -13,6 +14,8 @@
 
 mod browser;
 mod cast;
+mod cec;
+mod cec_output;
 mod config;
 mod finder;
 mod mpv;
@@ -20,6 +23,7 @@ mod pages;
 mod player;
 mod simulated;
 mod supervisor;
+mod with_television;
 
 #[cfg(test)]
 mod tests;
@@ -39,6 +43,7 @@ use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use crate::config::Config;
 pub use crate::config::Content;
 pub use crate::finder::FINDER;
+use crate::with_television::WithTelevision;
 
 /// Pause between two checks of the screen. The pause is short, so that a meeting can continue at
 /// another screen within a few seconds.
@@ -54,12 +59,13 @@ const SIMULATED: &str = "simulated";
 const BROWSER: &str = "browser";
 const MPV: &str = "mpv";
 const CAST: &str = "cast";
+const CEC: &str = "cec";
 
 /// The entry of the screen in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "screen",
     about: "shows media to the people in its room",
-    drivers: &[SIMULATED, BROWSER, MPV, CAST],
+    drivers: &[SIMULATED, BROWSER, MPV, CAST, CEC],
     has_replicas: false,
     build,
 };
@@ -96,9 +102,16 @@ fn screen(blueprint: &Blueprint) -> Result<Screen, BuildError> {
     let media = config.contents(blueprint)?;
     let name = blueprint.id.as_str();
     let display: Arc<dyn Display> = match blueprint.driver.as_str() {
-        BROWSER => supervisor::display::<browser::BrowserPlayer>(name, config.player()),
-        MPV => supervisor::display::<mpv::MpvPlayer>(name, config.player()),
+        BROWSER => {
+            let settings = (config.player(), config.television(blueprint)?);
+            supervisor::display::<WithTelevision<browser::BrowserPlayer>>(name, settings)
+        }
+        MPV => {
+            let settings = (config.player(), config.television(blueprint)?);
+            supervisor::display::<WithTelevision<mpv::MpvPlayer>>(name, settings)
+        }
         CAST => supervisor::display::<cast::CastPlayer>(name, config.cast(blueprint)?),
+        CEC => supervisor::display::<cec::CecPlayer>(name, config.cec(blueprint)?),
         _ => simulated::display(blueprint)?,
     };
     Ok(Screen {

@@ -6,6 +6,7 @@ mod real_browser;
 mod real_mpv;
 mod restarts;
 mod stage;
+mod television;
 
 #[path = "../../../../tests/support/left_out.rs"]
 mod left_out;

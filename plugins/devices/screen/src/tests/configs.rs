@@ -72,7 +72,7 @@ fn every_mistake_of_a_config_is_reported() {
         (
             "simulated",
             json!({ "location": "lab", "media": {}, "program": "mpv" }),
-            "`program` is for the driver `browser` and `mpv`, and this one is `simulated`",
+            "`program` is for the driver `browser` and `mpv` and `cec`, and this one is `simulated`",
         ),
         (
             "browser",
@@ -96,6 +96,18 @@ fn every_mistake_of_a_config_is_reported() {
             "cast",
             json!({ "location": "lab", "media": {}, "address": "10.0.0.7", "volume": 30 }),
             "`volume` is a share from 0.0 to 1.0",
+        ),
+        ("cec", media(json!("Hello")), "and nothing else: write \"this machine\""),
+        ("cec", media(json!({ "text": "this machine" })), "write \"this machine\""),
+        (
+            "cec",
+            json!({ "location": "lab", "media": {}, "television": "cec0" }),
+            "the television `cec0` is no path; write one such as /dev/cec0",
+        ),
+        (
+            "cast",
+            json!({ "location": "lab", "media": {}, "television": "/dev/cec0" }),
+            "`television` is for the driver `browser` and `mpv` and `cec`, and this one is `cast`",
         ),
         (
             "mpv",
