@@ -19,6 +19,8 @@ pub fn unit_conversion(from: &str, to: &str) -> Option<(f64, f64)> {
         ("ppb", "ppm") => Some((0.001, 0.0)),
         ("cm", "m") => Some((0.01, 0.0)),
         ("mm", "m") => Some((0.001, 0.0)),
+        ("kw", "w") | ("mwh", "kwh") => Some((1_000.0, 0.0)),
+        ("wh", "kwh") => Some((0.001, 0.0)),
         _ => None,
     }
 }
@@ -118,6 +120,10 @@ mod tests {
             ("% RH", "%", 40.0, Some(40.0)),
             ("cm", "m", 26.0, Some(0.26)),
             ("lx", "ppm", 26.0, None),
+            ("kW", "W", 1.5, Some(1500.0)),
+            ("Wh", "kWh", 1500.0, Some(1.5)),
+            ("MWh", "kWh", 1.5, Some(1500.0)),
+            ("W", "kWh", 1.0, None),
         ] {
             let converted = converted_value(value, from, to);
             let is_it = match (converted, expected) {

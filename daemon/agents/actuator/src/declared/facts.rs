@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use pddl::{Atom, Effect, FluentTerm, InitElement, Name, Term};
+use pddl::{Assign, Assignment, Atom, Effect, Expression, FluentTerm, InitElement, Name, Term};
 
 use crate::device::MethodCall;
 
@@ -95,10 +95,38 @@ impl AgentFacts {
                 let fact = InitElement::Atom(ground(atom, arguments));
                 self.0.remove(&fact.to_string());
             }
-            // The remaining effects are only costs, because `check_effect` refuses all others.
+            Effect::Assign(assign) if !is_cost(assign) => {
+                added.extend(self.assign(assign, arguments));
+            }
+            // `check_effect` refuses the remaining effects, except costs.
             Effect::Assign(_) | Effect::Forall(..) | Effect::When(..) => (),
         }
         added
+    }
+
+    /// Gives a function its new value, and returns it as a fact. If the value is that of a function
+    /// without a value, the function has none afterwards.
+    fn assign(
+        &mut self,
+        assign: &Assign,
+        arguments: &BTreeMap<String, String>,
+    ) -> Option<InitElement> {
+        let fluent = ground_fluent(&assign.fluent, arguments);
+        let value = match &assign.value {
+            Expression::Number(number) => Some(number.clone()),
+            Expression::Fluent(other) => {
+                let other = ground_fluent(other, arguments);
+                match self.0.get(&format!("= {other}")) {
+                    Some(InitElement::Assign(_, number)) => Some(number.clone()),
+                    _ => None,
+                }
+            }
+            _ => None,
+        };
+        self.0.remove(&format!("= {fluent}"));
+        let fact = InitElement::Assign(fluent, value?);
+        self.add(fact.clone());
+        Some(fact)
     }
 
     /// Applies an effect that may or may not have happened: each fact that the effect would change
@@ -112,7 +140,24 @@ impl AgentFacts {
                 self.add(InitElement::Unknown(atom));
             }
         }
+        // A number that is unknown has no value.
+        for fluent in assigned(effect) {
+            self.0.remove(&format!("= {}", ground_fluent(fluent, arguments)));
+        }
     }
+}
+
+/// Returns the functions that an effect gives a value, except the cost of a plan.
+fn assigned(effect: &Effect) -> Vec<&FluentTerm> {
+    match effect {
+        Effect::And(effects) => effects.iter().flat_map(assigned).collect(),
+        Effect::Assign(assign) if !is_cost(assign) => vec![&assign.fluent],
+        _ => Vec::new(),
+    }
+}
+
+fn is_cost(assign: &Assign) -> bool {
+    assign.fluent.function == "total-cost"
 }
 
 /// Returns the atoms that an effect adds or deletes.
@@ -120,12 +165,19 @@ fn atoms(effect: &Effect) -> Vec<&Atom> {
     match effect {
         Effect::And(effects) => effects.iter().flat_map(atoms).collect(),
         Effect::Add(atom) | Effect::Delete(atom) => vec![atom],
-        // The remaining effects are only costs, because `check_effect` refuses all others.
         Effect::Assign(_) | Effect::Forall(..) | Effect::When(..) => Vec::new(),
     }
 }
 
 fn ground(atom: &Atom, arguments: &BTreeMap<String, String>) -> Atom {
+    Atom { arguments: bound(&atom.arguments, arguments), ..atom.clone() }
+}
+
+fn ground_fluent(fluent: &FluentTerm, arguments: &BTreeMap<String, String>) -> FluentTerm {
+    FluentTerm { arguments: bound(&fluent.arguments, arguments), ..fluent.clone() }
+}
+
+fn bound(terms: &[Term], arguments: &BTreeMap<String, String>) -> Vec<Term> {
     let bound = |term: &Term| match term {
         Term::Variable(name) => {
             let value = arguments.get(name.as_str()).map(|value| Name::new(value));
@@ -133,13 +185,13 @@ fn ground(atom: &Atom, arguments: &BTreeMap<String, String>) -> Atom {
         }
         Term::Object(_) => term.clone(),
     };
-    Atom { arguments: atom.arguments.iter().map(bound).collect(), ..atom.clone() }
+    terms.iter().map(bound).collect()
 }
 
 /// Part of an effect that does not follow from the success of its action alone.
 #[derive(Clone, Debug, PartialEq)]
 pub enum UncertainEffect {
-    /// The effect changes this number.
+    /// The effect changes this number in a way that depends on its value before.
     Number(FluentTerm),
     /// The effect has `forall` or `when`.
     Conditional,
@@ -154,8 +206,69 @@ pub fn check_effect(effect: &Effect) -> Result<(), UncertainEffect> {
     match effect {
         Effect::And(effects) => effects.iter().try_for_each(check_effect),
         Effect::Add(_) | Effect::Delete(_) => Ok(()),
-        Effect::Assign(assign) if assign.fluent.function == "total-cost" => Ok(()),
+        Effect::Assign(assign) if is_cost(assign) || is_determined(assign) => Ok(()),
         Effect::Assign(assign) => Err(UncertainEffect::Number(assign.fluent.clone())),
         Effect::Forall(..) | Effect::When(..) => Err(UncertainEffect::Conditional),
+    }
+}
+
+/// Whether an effect gives a function a number, or the value of another function, such as the
+/// number of a level.
+fn is_determined(assign: &Assign) -> bool {
+    assign.assignment == Assignment::Assign
+        && match &assign.value {
+            Expression::Number(_) => true,
+            Expression::Fluent(other) => other.function != assign.fluent.function,
+            _ => false,
+        }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns the facts after an action with this effect, which has the arguments `?d` = lamp-1 and
+    /// `?l` = low: after its success, and after an end of which nothing is known.
+    #[track_caller]
+    fn check(facts: &str, effect: &str, [done, uncertain]: [&str; 2]) {
+        let parsed = pddl::parse_init_elements(facts).into_result().expect("facts");
+        let known = AgentFacts::new(parsed);
+        let domain =
+            format!("(define (domain d) (:action a :parameters (?d ?l) :effect {effect}))");
+        let domain = pddl::parse_domain(&domain).value.expect("a domain");
+        let effect = &domain.actions[0].effect;
+        assert_eq!(check_effect(effect), Ok(()));
+        let bound = [("d", "lamp-1"), ("l", "low")];
+        let arguments = bound.map(|(name, value)| (name.to_owned(), value.to_owned())).into();
+        let call = MethodCall { action: String::new(), method: String::new(), arguments };
+        let text = |facts: &AgentFacts| {
+            facts.facts().map(|fact| fact.to_string()).collect::<Vec<_>>().join(" ")
+        };
+        assert_eq!(text(&known.after_success(Some(effect), &call, &[]).0), done);
+        assert_eq!(text(&known.after_failure(Some(effect), &call, true)), uncertain);
+    }
+
+    #[test]
+    fn a_number_becomes_that_of_a_level() {
+        let effect = "(and (assign (brightness ?d) (amount ?l)) (increase (total-cost) 1))";
+        let level = "(= (amount low) 20)";
+        check(
+            &format!("(= (brightness lamp-1) 80) {level}"),
+            effect,
+            ["(= (amount low) 20) (= (brightness lamp-1) 20)", level],
+        );
+        // The level has no number.
+        check("(= (brightness lamp-1) 80)", effect, ["", ""]);
+        check("", "(assign (brightness ?d) 0)", ["(= (brightness lamp-1) 0)", ""]);
+    }
+
+    #[test]
+    fn a_number_that_depends_on_its_value_before_is_refused() {
+        for effect in ["(increase (n) 1)", "(assign (n) (+ (n) 1))", "(assign (n) (n))"] {
+            let domain = format!("(define (domain d) (:action a :effect {effect}))");
+            let domain = pddl::parse_domain(&domain).value.expect("a domain");
+            let refused = check_effect(&domain.actions[0].effect);
+            assert!(matches!(refused, Err(UncertainEffect::Number(_))), "{effect}");
+        }
     }
 }
