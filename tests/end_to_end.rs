@@ -11,6 +11,7 @@ mod cast_device;
 mod commands;
 mod federation;
 mod gateway;
+mod homes;
 mod interfacing;
 #[path = "support/kernel.rs"]
 mod kernel;

@@ -12,7 +12,7 @@ use crate::support::{Office, lab};
 const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Starts a daemon with a gateway to this broker.
-fn office(mode: &str, broker: &Broker, config: &str) -> Office {
+pub(crate) fn office(mode: &str, broker: &Broker, config: &str) -> Office {
     let office = Office::new();
     let gateway = format!(
         "[[agent]]\nname = \"zigbee\"\nplugin = \"mqtt\"\n\n[agent.config]\nbroker = \"{}\"\n{config}\n",
@@ -45,11 +45,15 @@ fn door(name: &str, id: &str) -> Value {
     ] } })
 }
 
-fn tell(broker: &Broker, devices: &[Value]) {
+pub(crate) fn tell(broker: &Broker, devices: &[Value]) {
     broker.retain("zigbee2mqtt/bridge/devices", &json!(devices).to_string());
 }
 
-fn await_discovered(office: &Office, agent: &str, is_so: impl Fn(&Value) -> bool) -> Value {
+pub(crate) fn await_discovered(
+    office: &Office,
+    agent: &str,
+    is_so: impl Fn(&Value) -> bool,
+) -> Value {
     let deadline = Instant::now() + PATIENCE;
     loop {
         let answer = office.ask_json(&["agents", "--discovered"]);
@@ -349,21 +353,34 @@ fn hundreds_of_devices_join_within_seconds_in_a_few_epochs() {
 
 /// Messages published to topics, in order of arrival.
 #[derive(Clone, Default)]
-struct Told(Arc<Mutex<Vec<String>>>);
+pub(crate) struct Told(Arc<Mutex<Vec<String>>>);
 
 impl Told {
-    fn all(&self) -> Vec<String> {
+    pub(crate) fn all(&self) -> Vec<String> {
         self.0.lock().expect("nobody panics").clone()
     }
 
-    fn listens(&self, broker: &Broker, topic: &str) -> crate::support::broker::Subscriber {
+    pub(crate) fn push(&self, text: String) {
+        self.0.lock().expect("nobody panics").push(text);
+    }
+
+    /// Returns what was published so far, and forgets it.
+    pub(crate) fn take(&self) -> Vec<String> {
+        std::mem::take(&mut *self.0.lock().expect("nobody panics"))
+    }
+
+    pub(crate) fn listens(
+        &self,
+        broker: &Broker,
+        topic: &str,
+    ) -> crate::support::broker::Subscriber {
         let (told, to) = (self.clone(), topic.to_owned());
         broker.device(topic, move |text| {
             told.0.lock().expect("nobody panics").push(format!("{to} {text}"));
         })
     }
 
-    fn await_text(&self, text: &str) {
+    pub(crate) fn await_text(&self, text: &str) {
         let deadline = Instant::now() + PATIENCE;
         while !self.all().iter().any(|told| told == text) {
             assert!(Instant::now() < deadline, "{text}: {:?}", self.all());
@@ -373,7 +390,7 @@ impl Told {
 }
 
 /// Returns an entity of Home Assistant's discovery in office1, of a device of this name.
-fn entity(name: &str, more: Value) -> String {
+pub(crate) fn entity(name: &str, more: Value) -> String {
     let device = json!({ "ids": [name], "name": name, "sa": "Office 1" });
     let mut entity = json!({ "uniq_id": name, "dev": device });
     if let (Value::Object(entity), Value::Object(more)) = (&mut entity, more) {

@@ -3,11 +3,12 @@
 
 use serde::Deserialize;
 
-use crate::description::DescribedDevice;
+use crate::description::{DescribedDevice, OutgoingMessage};
 use crate::device_agents::AssignedNames;
 use crate::device_class::DeviceClasses;
 use crate::feature_tracker::{ObservedValue, TextContent};
 use crate::part::{ClassifiedFeature, DividedDevice};
+use crate::setting::Setting;
 use crate::{home_assistant, shelly, tasmota, zigbee2mqtt};
 
 const FILES: &[(&str, &str)] = &[
@@ -15,6 +16,7 @@ const FILES: &[(&str, &str)] = &[
     ("home_assistant", include_str!("../tests/corpus/home_assistant.toml")),
     ("shelly", include_str!("../tests/corpus/shelly.toml")),
     ("tasmota", include_str!("../tests/corpus/tasmota.toml")),
+    ("things", include_str!("../tests/corpus/things.toml")),
     ("zigbee2mqtt", include_str!("../tests/corpus/zigbee2mqtt.toml")),
 ];
 
@@ -47,7 +49,7 @@ fn outcome(said: &[[String; 2]]) -> Vec<String> {
             let agent = format!("{name}{suffix}");
             let area = device.area.as_ref().map(|area| format!(" in {area}")).unwrap_or_default();
             lines.push(format!("{agent}{area}"));
-            for known in features {
+            for known in features.iter().filter(|known| !known.is_observed_only) {
                 lines.extend(of_feature(&agent, known, said));
             }
         }
@@ -103,9 +105,13 @@ fn of_feature(agent: &str, known: &ClassifiedFeature, said: &[[String; 2]]) -> V
         TextContent::Is(ObservedValue::Yes(is_so)) => {
             format!("{agent} {name} {}", if is_so { "yes" } else { "no" })
         }
+        TextContent::Is(ObservedValue::Option(index)) => {
+            format!("{agent} {name} {}", known.options()[index].name)
+        }
         TextContent::NotKnown(_) => format!("{agent} {name} not known"),
     }));
     let feature = &known.feature;
+    lines.extend(of_setting(agent, known));
     if let Some(command) = &feature.command {
         for (what, told) in [("on", &command.on), ("off", &command.off)] {
             let kept = if told.is_retained { " (kept)" } else { "" };
@@ -120,6 +126,34 @@ fn of_feature(agent: &str, known: &ClassifiedFeature, said: &[[String; 2]]) -> V
     }
     if let Some(delay) = feature.off_delay {
         lines.push(format!("{agent} {name} is off after {delay:?}"));
+    }
+    lines
+}
+
+/// Returns the values that a feature can be set to: the lowest, the middle and the highest level,
+/// or all options, with their messages.
+fn of_setting(agent: &str, known: &ClassifiedFeature) -> Vec<String> {
+    let name = &known.name;
+    let line = |value: &str, message: &OutgoingMessage| {
+        let kept = if message.is_retained { " (kept)" } else { "" };
+        format!("{agent} {name} {value}: {} {}{kept}", message.topic, message.text)
+    };
+    let mut lines = Vec::new();
+    if let Some(levels) = known.levels() {
+        let all = &levels.levels;
+        lines.push(format!("{agent} {name} has {} levels", all.len()));
+        let shown = [0, all.len() / 2, all.len() - 1].map(|index| &all[index]);
+        lines.extend(shown.map(|level| line(&level.name, &level.message)));
+        lines.extend(levels.stop.iter().map(|stop| line("stop", stop)));
+    }
+    for option in known.options() {
+        match &option.message {
+            Some(message) => lines.push(line(&option.name, message)),
+            None => lines.push(format!("{agent} {name} {} is pressed", option.name)),
+        }
+    }
+    if let Some(Setting::Trigger(message)) = &known.feature.setting {
+        lines.push(line("triggers", message));
     }
     lines
 }

@@ -2,6 +2,8 @@
 
 use std::time::Duration;
 
+pub(crate) use crate::message::OutgoingMessage;
+use crate::setting::Setting;
 use crate::template::Template;
 
 /// A device, as described by its own messages.
@@ -63,6 +65,12 @@ pub(crate) struct DeviceFeature {
     /// Message that requests the current value; `None` if the device does not support such a
     /// request.
     pub(crate) value_request: Option<OutgoingMessage>,
+    /// Name of the thing that the feature is a property of: one lamp, with its brightness and its
+    /// color. All features of a thing belong to one agent. `None` if the feature is a thing of its
+    /// own.
+    pub(crate) thing: Option<String>,
+    /// The setting of a feature that is set, triggered or pressed; `None` for any other.
+    pub(crate) setting: Option<Setting>,
     /// Rank of the feature among the measured numbers of one class in the device. The feature with
     /// the lowest rank is used.
     pub(crate) rank: u8,
@@ -82,17 +90,10 @@ pub(crate) enum ReadingMethod {
     Whole,
     /// The value is at this path of keys in a JSON object, each key one level further down.
     At(Vec<String>),
+    /// The value is the name of the color at this path of keys in a JSON object.
+    Color(Vec<String>),
     /// The value is the output of a Jinja template, as in Home Assistant.
     Template(Template),
-}
-
-/// An MQTT message to send: a text for a topic.
-#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) struct OutgoingMessage {
-    pub(crate) topic: String,
-    pub(crate) text: String,
-    /// Whether the broker should retain the message.
-    pub(crate) is_retained: bool,
 }
 
 /// The messages that switch a feature on and off.
@@ -145,8 +146,18 @@ impl DeviceFeature {
             expires: None,
             off_delay: None,
             value_request: None,
+            thing: None,
+            setting: None,
             rank: 0,
         }
+    }
+}
+
+impl DeviceFeature {
+    /// Returns a topic that commands for the feature are sent to; `None` if it takes none.
+    pub(crate) fn command_topic(&self) -> Option<&str> {
+        let of_switch = self.command.as_ref().map(|command| command.on.topic.as_str());
+        of_switch.or_else(|| self.setting.as_ref()?.topic())
     }
 }
 
@@ -157,12 +168,6 @@ impl UnusedFeature {
 
     pub(crate) fn as_usual(reason: impl Into<String>) -> UnusedFeature {
         UnusedFeature { reason: reason.into(), is_usual: true }
-    }
-}
-
-impl OutgoingMessage {
-    pub(crate) fn new(topic: impl Into<String>, text: impl Into<String>) -> OutgoingMessage {
-        OutgoingMessage { topic: topic.into(), text: text.into(), is_retained: false }
     }
 }
 

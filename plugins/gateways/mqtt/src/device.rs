@@ -1,10 +1,10 @@
 //! The agent of one part of a device. The agent announces the device's values as facts as soon as
 //! they are received. While a feature is unavailable, the agent does not offer the actions of this
-//! feature. The agent's actions send commands that switch the device.
+//! feature. The agent's actions send commands, and are done when the device reports it.
 //!
-//! `feature_tracker` keeps the last values of each feature.
+//! `feature_tracker` keeps the last values of each feature, `feature_reading` reads and writes
+//! them, `command` carries actions out.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -12,38 +12,28 @@ use acl::Millis;
 use acl::content::Method;
 use actuator::{
     BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult, OwnFact,
-    facts_of, is_possible_value, model_of,
+    facts_of, model_of,
 };
 use mqtt_link::BrokerConnection;
 use pddl::Domain;
 use tokio::time::Instant;
 
-use crate::device_class::ClassKind;
-use crate::feature_tracker::{FeatureStatus, FeatureTracker, ObservedValue, TextContent};
-use crate::part::{ClassifiedFeature, DevicePart, leads};
-use crate::text_reading::ReadOutcome;
+use crate::command::{Command, DoneCommand, stand_still};
+use crate::feature_tracker::{FeatureStatus, FeatureTracker, ObservedValue};
+use crate::part::{DevicePart, leads};
 
-/// Time limit of a method of the agent.
-const METHOD: Duration = Duration::from_secs(5);
-
-/// Time limit for the device's answer to a request or a command.
-const ANSWER_TIME_MAX: Duration = Duration::from_secs(4);
-const _: () = assert!(ANSWER_TIME_MAX.as_millis() < METHOD.as_millis());
+/// Time that a method has in addition to the time for the device's report, so that the reason of a
+/// failure is reported in time.
+const MARGIN: Duration = Duration::from_secs(1);
 
 /// Time limit at the start for receiving the values that the broker has retained.
 const FIRST_VALUES_TIME_MAX: Duration = Duration::from_millis(200);
 
 /// The device of one agent, or the part of a device that the agent represents.
 pub(crate) struct MqttDevice {
-    part: DevicePart,
+    part: Arc<DevicePart>,
     ontology: Arc<Domain>,
     tracker: FeatureTracker,
-}
-
-/// The result of an action: the value of a feature.
-pub(crate) struct FeatureValue {
-    feature: usize,
-    value: ObservedValue,
 }
 
 impl MqttDevice {
@@ -53,7 +43,7 @@ impl MqttDevice {
         connection: &Arc<BrokerConnection>,
     ) -> MqttDevice {
         let hearing = FeatureTracker::of(&part.features, connection);
-        MqttDevice { part, ontology, tracker: hearing }
+        MqttDevice { part: Arc::new(part), ontology, tracker: hearing }
     }
 
     /// Returns the index of the first feature of each class; it represents its class.
@@ -63,153 +53,75 @@ impl MqttDevice {
 
     fn known(&self, feature: usize) -> Vec<OwnFact> {
         let Some(known) = self.part.features.get(feature) else { return Vec::new() };
-        let (agent, room) = (self.part.agent.as_str(), self.part.room.as_str());
-        let term = known.term(agent, room, &self.ontology);
-        let unknown = || facts_of(&known.unknown(&term, room));
-        let (standing, speaker) = self.tracker.status_with_source(feature, Instant::now());
+        let place = (self.part.agent.as_str(), self.part.room.as_str());
+        let term = known.term(place.0, place.1, &self.ontology);
+        let unknown = || facts_of(&known.unknown(&term, place));
+        let (standing, speaker) = self.part.status(&self.tracker, feature, Instant::now());
         let (value, at) = match standing {
             FeatureStatus::Is(value, at) => (value, at),
             FeatureStatus::NotKnown(_) | FeatureStatus::Away(_) => return unknown(),
         };
-        let is_switch = matches!(known.class.kind(), Some(ClassKind::Switch { .. }));
+        let is_set = known.class.kind().is_some_and(|kind| kind.is_set());
         let expires = self.part.features.get(speaker).and_then(|known| known.feature.expires);
-        let validity = [self.part.valid_for.filter(|_| !is_switch), expires];
+        let validity = [self.part.valid_for.filter(|_| !is_set), expires];
         let validity = validity.into_iter().flatten().min();
         let left = validity.map(|valid_for| valid_for.saturating_sub(at.elapsed()));
         if left.is_some_and(|left| left.is_zero()) {
             return unknown();
         }
-        let facts = facts_of(&known.facts(&term, room, value));
+        let facts = facts_of(&known.facts(&term, place, value));
         facts.into_iter().map(|fact| OwnFact { known_for: left, ..fact }).collect()
     }
 
+    /// Returns the levels that things remember while they are off, as PDDL facts. A level that was
+    /// never reported counts as 0, so that no plan relies on it.
+    fn remembered(&self) -> Vec<OwnFact> {
+        let remembered = self.leading().filter_map(|feature| {
+            let known = &self.part.features[feature];
+            self.part.switch_of(feature).filter(|_| known.class.remembers)?;
+            let last = self.tracker.last_number(feature).unwrap_or(0.0);
+            Some(format!("(= {} {last})", known.remembered_term(self.part.agent.as_str())))
+        });
+        remembered.flat_map(|fact| facts_of(&fact)).collect()
+    }
+
     fn called(&self, method: &str) -> Option<usize> {
-        let is_it =
-            |known: &ClassifiedFeature| known.methods().iter().any(|(_, called)| called == method);
-        self.part.features.iter().position(is_it)
-    }
-}
-
-impl ClassifiedFeature {
-    /// Returns the content of `text` according to the feature's source with the number `source`;
-    /// `None` if the text has no value of the feature.
-    pub(crate) fn read(&self, source: usize, text: &str) -> Option<TextContent> {
-        let source = self.feature.states.get(source)?;
-        let is_number = matches!(self.class.kind()?, ClassKind::Number { .. });
-        let said = match source.read(text) {
-            ReadOutcome::Text(said) => said,
-            ReadOutcome::Unknown if self.is_word(text) => text.trim().to_owned(),
-            ReadOutcome::Unknown => {
-                return Some(TextContent::NotKnown(
-                    "it reports that the value is unknown".to_owned(),
-                ));
-            }
-            ReadOutcome::Nothing => return None,
-            // Like Home Assistant, uses the text itself if it is one of the expected texts.
-            ReadOutcome::Unread(_) if !is_number && self.is_word(text) => text.trim().to_owned(),
-            ReadOutcome::Unread(problem) => {
-                tracing::debug!(topic = source.topic, "{problem}");
-                return None;
-            }
+        let is_it = |feature: &usize| {
+            self.part.methods(*feature).iter().any(|action| action.method == method)
         };
-        if is_number { self.number(&said) } else { self.yes_or_no(&said) }
-    }
-
-    /// Whether `text` as a whole is one of the feature's texts for yes and no.
-    fn is_word(&self, text: &str) -> bool {
-        let (text, feature) = (text.trim(), &self.feature);
-        [&feature.yes, &feature.no].into_iter().flatten().any(|word| word == text)
-    }
-
-    fn number(&self, said: &str) -> Option<TextContent> {
-        let told: String = said.chars().take(40).collect();
-        let Ok(number) = said.parse::<f64>() else {
-            return Some(TextContent::NotKnown(format!("it reports `{told}`, which is no number")));
-        };
-        let Some(ClassKind::Number { unit, .. }) = self.class.kind() else { return None };
-        let value = number * self.factor + self.offset;
-        if !is_possible_value(value, unit) {
-            let problem = format!("it reports {told}, which is impossible in {unit}");
-            return Some(TextContent::NotKnown(problem));
-        }
-        // The value is rounded, so that 68 °F are exactly 20 °C.
-        Some(TextContent::Is(ObservedValue::Number((value * 1e6).round() / 1e6)))
-    }
-
-    fn yes_or_no(&self, said: &str) -> Option<TextContent> {
-        let is = |words: &[String]| words.iter().any(|word| word == said);
-        if is(&self.feature.yes) {
-            return Some(TextContent::Is(ObservedValue::Yes(true)));
-        }
-        if is(&self.feature.no) {
-            return Some(TextContent::Is(ObservedValue::Yes(false)));
-        }
-        is(&self.feature.neither).then(|| TextContent::NotKnown(format!("it reports `{said}`")))
-    }
-
-    /// Returns a value as PDDL facts. `term` is the feature's term in PDDL.
-    fn facts(&self, term: &str, room: &str, value: ObservedValue) -> String {
-        match (self.class.kind(), value) {
-            (Some(ClassKind::Number { known, .. }), ObservedValue::Number(number)) => {
-                format!("({known} {room}) (= {term} {number})")
-            }
-            (Some(ClassKind::YesOrNo { known, .. }), ObservedValue::Yes(true)) => {
-                format!("({known} {room}) {term}")
-            }
-            (Some(ClassKind::YesOrNo { known, .. }), _) => format!("({known} {room}) (not {term})"),
-            (Some(ClassKind::Switch { .. }), ObservedValue::Yes(true)) => term.to_owned(),
-            (Some(ClassKind::Switch { .. }), _) => format!("(not {term})"),
-            _ => String::new(),
-        }
-    }
-
-    /// Returns the PDDL facts which state that the value is unknown.
-    fn unknown(&self, term: &str, room: &str) -> String {
-        match self.class.kind() {
-            Some(ClassKind::Number { known, .. }) => format!("(not ({known} {room}))"),
-            Some(ClassKind::YesOrNo { known, .. }) => {
-                format!("(not ({known} {room})) (unknown {term})")
-            }
-            Some(ClassKind::Switch { .. }) => format!("(unknown {term})"),
-            None => String::new(),
-        }
-    }
-
-    fn words(&self, value: ObservedValue) -> String {
-        match (self.class.kind(), value) {
-            (Some(ClassKind::Number { unit, .. }), ObservedValue::Number(number)) => {
-                format!("{number} {unit}")
-            }
-            (Some(ClassKind::YesOrNo { yes, .. }), ObservedValue::Yes(true)) => yes.to_owned(),
-            (Some(ClassKind::YesOrNo { yes, .. }), ObservedValue::Yes(false)) => {
-                format!("not {yes}")
-            }
-            // This is the state of the device, not of the room, because other devices in the room
-            // may be in another state.
-            (Some(ClassKind::Switch { .. }), ObservedValue::Yes(true)) => "on".to_owned(),
-            (Some(ClassKind::Switch { .. }), ObservedValue::Yes(false)) => "off".to_owned(),
-            _ => String::new(),
-        }
+        self.leading().find(is_it)
     }
 }
 
 impl Device for MqttDevice {
-    type Yield = FeatureValue;
+    type Yield = DoneCommand;
 
     fn describe(&self) -> Description {
         let now = Instant::now();
         let offers = |feature: usize| self.tracker.unavailable_reason(feature, now).is_none();
         let model = model_of(&self.part.model(&self.ontology, offers));
-        let methods = self.leading().flat_map(|feature| self.part.features[feature].methods());
-        let methods = methods.map(|(action, method)| {
-            (action, Method { method, arguments: BTreeMap::new(), timeout: Millis(METHOD) })
+        let methods = self.leading().flat_map(|feature| {
+            let within = self.part.features[feature].class.done_within();
+            self.part.methods(feature).into_iter().map(move |action| (action, within))
+        });
+        let methods = methods.map(|(action, within)| {
+            let argument = |(name, value): (&str, &str)| (name.to_owned(), value.to_owned());
+            let arguments = action.arguments.into_iter().map(argument).collect();
+            let timeout = Millis(within + MARGIN);
+            (action.action, Method { method: action.method, arguments, timeout })
         });
         Description { model, methods: methods.collect() }
     }
 
+    fn action_names(&self) -> Vec<String> {
+        let model = model_of(&self.part.model(&self.ontology, |_| true));
+        model.actions.iter().map(|action| action.name.as_str().to_owned()).collect()
+    }
+
     fn facts(&self) -> Vec<OwnFact> {
         let stands = facts_of(&self.part.place(&self.ontology));
-        stands.into_iter().chain(self.leading().flat_map(|feature| self.known(feature))).collect()
+        let known = self.leading().flat_map(|feature| self.known(feature));
+        stands.into_iter().chain(known).chain(self.remembered()).collect()
     }
 
     fn read_state(&self) -> Option<BoxFuture<()>> {
@@ -225,53 +137,49 @@ impl Device for MqttDevice {
         }))
     }
 
-    fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<FeatureValue, MethodFailure>> {
-        let Some(feature) = self.called(&call.method) else {
-            let unknown = MethodFailure::UnknownMethod(call.method.clone());
-            return Box::pin(std::future::ready(Err(unknown)));
+    fn perform(&mut self, call: &MethodCall) -> BoxFuture<Result<DoneCommand, MethodFailure>> {
+        let command = match self.called(&call.method) {
+            Some(feature) => Command::of(&self.part, feature, call),
+            None => Err(MethodFailure::UnknownMethod(call.method.clone())),
         };
-        if let Some(problem) = self.tracker.unavailable_reason(feature, Instant::now()) {
-            return Box::pin(std::future::ready(Err(MethodFailure::Driver(problem))));
-        }
-        let known = self.part.features[feature].clone();
-        let hearing = self.tracker.clone();
-        let wanted = match call.method.as_str() {
-            "on" => Some(true),
-            "off" => Some(false),
-            _ => None,
-        };
-        Box::pin(async move {
-            match (wanted, &known.feature.command) {
-                (Some(is_on), Some(command)) => {
-                    let telegram = if is_on { &command.on } else { &command.off };
-                    hearing.publish(telegram).map_err(MethodFailure::Driver)?;
-                }
-                // Any other method measures; the value is requested only if it is unknown.
-                _ => hearing.ask(feature),
-            }
-            let value = wait_for_value(&known, hearing, feature, wanted)
-                .await
-                .map_err(MethodFailure::Driver)?;
-            Ok(FeatureValue { feature, value })
-        })
+        let command = command.and_then(|command| {
+            let reason = self.tracker.unavailable_reason(command.feature, Instant::now());
+            reason.map_or(Ok(command), |problem| Err(MethodFailure::Driver(problem)))
+        });
+        let (part, hearing) = (Arc::clone(&self.part), self.tracker.clone());
+        Box::pin(
+            async move { command?.carry_out(&part, hearing).await.map_err(MethodFailure::Driver) },
+        )
     }
 
-    fn on_success(&mut self, _call: &MethodCall, measured: FeatureValue) -> MethodResult {
-        let Some(known) = self.part.features.get(measured.feature) else {
+    fn on_success(&mut self, _call: &MethodCall, done: DoneCommand) -> MethodResult {
+        let Some(known) = self.part.features.get(done.feature) else {
             return MethodResult::default();
         };
         // A device that does not report its state is assumed to be in the last commanded state.
-        if known.feature.states.is_empty() {
-            self.tracker.assume_value(measured.feature, measured.value);
+        for (feature, value) in &done.commanded {
+            if self.part.features.get(*feature).is_some_and(|known| known.feature.states.is_empty())
+            {
+                self.tracker.assume_value(*feature, *value);
+            }
         }
-        let room = &self.part.room;
-        let detail = format!("{} at {room}", known.words(measured.value));
-        let term = known.term(self.part.agent.as_str(), room, &self.ontology);
-        let observations = facts_of(&known.facts(&term, room, measured.value));
+        let detail = format!("{} at {}", known.words(done.value), self.part.room);
+        let observations = match known.class.kind() {
+            Some(kind) if kind.is_thing() => self.known(done.feature),
+            _ => {
+                let place = (self.part.agent.as_str(), self.part.room.as_str());
+                let term = known.term(place.0, place.1, &self.ontology);
+                facts_of(&known.facts(&term, place, done.value))
+            }
+        };
         MethodResult {
             detail,
             observations: observations.into_iter().map(|fact| fact.fact).collect(),
         }
+    }
+
+    fn stand_still(&mut self) -> Option<BoxFuture<Result<(), String>>> {
+        stand_still(&self.part, &self.tracker)
     }
 
     fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<MqttDevice>>> {
@@ -289,40 +197,41 @@ impl Device for MqttDevice {
     }
 }
 
-/// Waits for a value of a feature. If `wanted` is not `None`, waits for this value.
-async fn wait_for_value(
-    known: &ClassifiedFeature,
-    mut hearing: FeatureTracker,
-    feature: usize,
-    wanted: Option<bool>,
-) -> Result<ObservedValue, String> {
-    let Some(source) = known.feature.states.first() else {
-        // A device that does not report its state is assumed to be in the last commanded state.
-        let problem = || "learn its state: it reports none".to_owned();
-        return wanted.map(ObservedValue::Yes).ok_or_else(problem);
-    };
-    let topic = &source.topic;
-    let until = Instant::now() + ANSWER_TIME_MAX;
-    loop {
-        let standing = hearing.status(feature, Instant::now());
-        match &standing {
-            FeatureStatus::Is(value, _)
-                if wanted.is_none_or(|is_on| *value == ObservedValue::Yes(is_on)) =>
-            {
-                return Ok(*value);
-            }
-            FeatureStatus::Away(problem) => return Err(problem.clone()),
-            _ => (),
+impl DevicePart {
+    /// Returns the state of a feature, and the index of the feature that determines it. The level
+    /// of a thing that is off is 0. A blind without a state of its own is open unless its position
+    /// is 0.
+    pub(crate) fn status(
+        &self,
+        tracker: &FeatureTracker,
+        feature: usize,
+        now: Instant,
+    ) -> (FeatureStatus, usize) {
+        let own = tracker.status_with_source(feature, now);
+        let Some(known) = self.features.get(feature) else { return own };
+        if let Some(switch) = self.switch_of(feature)
+            && known.class.remembers
+        {
+            return match tracker.status(switch, now) {
+                FeatureStatus::Is(ObservedValue::Yes(false), at) => {
+                    (FeatureStatus::Is(ObservedValue::Number(0.0), at), switch)
+                }
+                FeatureStatus::Is(..) => own,
+                other => (other, switch),
+            };
         }
-        if tokio::time::timeout_at(until, hearing.wait_for_text()).await.is_ok() {
-            continue;
-        }
-        return Err(match (wanted, standing) {
-            (Some(_), _) => format!("receive a report on `{topic}` that it is done"),
-            (None, FeatureStatus::NotKnown(Some(reason))) => {
-                format!("find the {} in the message on `{topic}`: {reason}", known.name)
-            }
-            (None, _) => format!("receive a value on `{topic}`: nothing was received yet"),
+        let level = self.level_of(feature).filter(|level| {
+            let known = &self.features[*level];
+            !known.class.remembers && !known.feature.states.is_empty()
         });
+        match level {
+            Some(level) if known.feature.states.is_empty() => match tracker.status(level, now) {
+                FeatureStatus::Is(ObservedValue::Number(number), at) => {
+                    (FeatureStatus::Is(ObservedValue::Yes(number > 0.0), at), level)
+                }
+                other => (other, level),
+            },
+            _ => own,
+        }
     }
 }

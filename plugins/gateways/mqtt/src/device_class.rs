@@ -2,6 +2,7 @@
 //! PDDL names for each.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::time::Duration;
 
 use actuator::OnOffPredicates;
 use serde::Deserialize;
@@ -12,17 +13,53 @@ const BUILT_IN: &str = include_str!("classes.toml");
 
 /// Keys of a class in the config of a gateway.
 const KEYS: &[&str] = &[
-    "also", "agent", "action", "known", "value", "unit", "yes", "inverted", "state", "own", "at",
-    "all", "on", "off",
+    "also",
+    "agent",
+    "action",
+    "known",
+    "value",
+    "unit",
+    "yes",
+    "inverted",
+    "state",
+    "own",
+    "at",
+    "all",
+    "on",
+    "off",
+    "device",
+    "level",
+    "step",
+    "options",
+    "with",
+    "remembers",
+    "within",
+    "tolerance",
+    "reaches",
+    "up",
+    "down",
+    "choice",
+    "press",
+    "trigger",
 ];
+
+/// How long a command may take until the device reports that it is done, unless the class states
+/// another time. Lamps and relays report within a second.
+const DONE_WITHIN: Duration = Duration::from_secs(4);
+
+/// Maximum of the time that a class may state. Longer work would block the agent for a day.
+const DONE_WITHIN_MAX: Duration = Duration::from_secs(24 * 3_600);
+
+/// Distance between two levels of a class that states none.
+const STEP: f64 = 1.0;
 
 /// All device classes, by the class's own name.
 #[derive(Clone, Debug)]
 pub(crate) struct DeviceClasses(BTreeMap<String, DeviceClass>);
 
-/// The PDDL names of a device class. The kind of a class is a measured number, a yes or no, or a
-/// switch; see [`DeviceClass::kind`].
-#[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
+/// The PDDL names of a device class. The kind of a class is a measured number, a yes or no, a
+/// switch, a level, a choice, a press or a trigger; see [`DeviceClass::kind`].
+#[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct DeviceClass {
     /// Other names of the class that devices use.
@@ -58,18 +95,87 @@ pub(crate) struct DeviceClass {
     /// Names of the actions that switch the device on and off.
     on: Option<String>,
     off: Option<String>,
+    /// Whether the number is about the device itself instead of its room: the power of a plug.
+    #[serde(default)]
+    device: bool,
+    /// Name of the PDDL function with the number to which the device is set.
+    level: Option<String>,
+    /// Distance between two levels, in the class's unit.
+    step: Option<f64>,
+    /// PDDL type of the levels, the options of a choice, or the presses.
+    options: Option<String>,
+    /// Class of the switch of the same thing: the level is 0 if the thing is switched off.
+    with: Option<String>,
+    /// Whether the thing remembers its level while it is switched off, as a lamp does. Otherwise it
+    /// is at its highest level when it is on: an open blind.
+    #[serde(default)]
+    pub(crate) remembers: bool,
+    /// How long a command may take, such as `"2m"`.
+    within: Option<String>,
+    /// Difference between the commanded and the reported number that does not count.
+    tolerance: Option<f64>,
+    /// Class of the measured number of a room that the level brings about: a thermostat reaches a
+    /// temperature.
+    reaches: Option<String>,
+    /// Names of the actions that bring the measured number up and down to a level.
+    up: Option<String>,
+    down: Option<String>,
+    /// Name of the predicate which states that an option is chosen.
+    choice: Option<String>,
+    /// Name of the predicate which states that a person has pressed something a moment ago.
+    press: Option<String>,
+    /// Name of the predicate which states that something was triggered a moment ago.
+    trigger: Option<String>,
+}
+
+/// A level class that brings about a measured number: the class of that number, and the names of
+/// the actions that bring it up and down.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct ReachedNumber<'c> {
+    pub(crate) class: &'c str,
+    pub(crate) up: Option<&'c str>,
+    pub(crate) down: Option<&'c str>,
 }
 
 /// Kind of a device class, with the PDDL names that this kind needs.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum ClassKind<'c> {
     /// The class is a measured number.
-    Number { action: &'c str, known: &'c str, value: &'c str, unit: &'c str },
+    Number { action: &'c str, known: &'c str, value: &'c str, unit: &'c str, of_device: bool },
     /// The class is a yes or no that the device detects. `own` is the pair of the class's
     /// predicates `own` and `at`; `None` unless the class has both.
     YesOrNo { action: &'c str, known: &'c str, yes: &'c str, own: Option<(&'c str, &'c str)> },
     /// The class is a switch, with its predicates and the actions that switch it on and off.
     Switch { words: OnOffPredicates<'c>, on: &'c str, off: &'c str },
+    /// The class is a number that is set to one of several levels; `level` is a function of the
+    /// device, and `options` the type of the levels.
+    Level { level: &'c str, unit: &'c str, options: &'c str },
+    /// The class is a choice of one of several options.
+    Choice { choice: &'c str, options: &'c str },
+    /// The class is something that a person presses.
+    Press { press: &'c str, options: &'c str },
+    /// The class is something that is triggered, and has no state of its own.
+    Trigger { trigger: &'c str, action: &'c str },
+}
+
+impl ClassKind<'_> {
+    /// Whether a command determines the state, so that a person may change it while the broker is
+    /// away.
+    pub(crate) fn is_set(&self) -> bool {
+        match self {
+            ClassKind::Switch { .. } | ClassKind::Level { .. } | ClassKind::Choice { .. } => true,
+            ClassKind::Number { .. }
+            | ClassKind::YesOrNo { .. }
+            | ClassKind::Press { .. }
+            | ClassKind::Trigger { .. } => false,
+        }
+    }
+
+    /// Whether a feature of the class is an agent of its own, or a part of one, beside the agent
+    /// of all that the device measures.
+    pub(crate) fn is_thing(&self) -> bool {
+        !matches!(self, ClassKind::Number { .. } | ClassKind::YesOrNo { .. })
+    }
 }
 
 impl DeviceClasses {
@@ -102,9 +208,12 @@ impl DeviceClasses {
             if class.kind().is_none() {
                 return Err(format!(
                     "classes.{name}: write action, known, value and unit for a number, \
-                     action, known and yes for a yes or no, or state, on and off for a switch"
+                     action, known and yes for a yes or no, state, on and off for a switch, \
+                     level, unit and options for a level, choice and options for a choice, \
+                     press and options for a press, or trigger and action for a trigger"
                 ));
             }
+            class.numbers().map_err(|problem| format!("classes.{name}: {problem}"))?;
         }
         let unsayable =
             classes.iter().find_map(|(name, class)| Some((name, class.invalid_name()?)));
@@ -160,7 +269,10 @@ impl DeviceClass {
     /// names.
     fn invalid_name(&self) -> Option<&str> {
         let DeviceClass { agent, action, known, value, yes, state, own, at, on, off, .. } = self;
+        let DeviceClass { level, options, up, down, choice, press, trigger, .. } = self;
         let words = [action, known, value, yes, state, own, at, on, off].into_iter().flatten();
+        let more = [level, options, up, down, choice, press, trigger].into_iter().flatten();
+        let words = words.chain(more);
         let mut words = std::iter::once(agent).chain(words).map(String::as_str);
         words.find(|word| acl::AgentId::new(word).is_err())
     }
@@ -175,10 +287,16 @@ impl DeviceClass {
                 off,
             });
         }
+        if let Some(options) = self.options.as_deref() {
+            return self.kind_of_options(options);
+        }
+        if let (Some(trigger), Some(action)) = (&self.trigger, &self.action) {
+            return Some(ClassKind::Trigger { trigger, action });
+        }
         let (action, known) = (self.action.as_deref()?, self.known.as_deref()?);
         match (&self.value, &self.unit, &self.yes) {
             (Some(value), Some(unit), None) => {
-                Some(ClassKind::Number { action, known, value, unit })
+                Some(ClassKind::Number { action, known, value, unit, of_device: self.device })
             }
             (None, None, Some(yes)) => {
                 let own = self.own.as_deref().zip(self.at.as_deref());
@@ -186,6 +304,67 @@ impl DeviceClass {
             }
             _ => None,
         }
+    }
+
+    /// Returns the kind of a class with objects of the type `options`; `None` if the class lacks a
+    /// name.
+    fn kind_of_options<'c>(&'c self, options: &'c str) -> Option<ClassKind<'c>> {
+        match (&self.level, &self.choice, &self.press) {
+            (Some(level), None, None) => {
+                Some(ClassKind::Level { level, unit: self.unit.as_deref()?, options })
+            }
+            (None, Some(choice), None) => Some(ClassKind::Choice { choice, options }),
+            (None, None, Some(press)) => Some(ClassKind::Press { press, options }),
+            _ => None,
+        }
+    }
+
+    /// Returns how long a command may take, and the difference between the commanded and the
+    /// reported number that does not count.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error that names the key with an unusable value.
+    fn numbers(&self) -> Result<(Duration, f64), String> {
+        let within = self.within.as_deref().map(humantime::parse_duration).transpose();
+        let within = within.map_err(|error| format!("within: {error}"))?.unwrap_or(DONE_WITHIN);
+        if within.is_zero() || within > DONE_WITHIN_MAX {
+            return Err("within: write a time of at most a day, such as \"2m\"".to_owned());
+        }
+        let tolerance = self.tolerance.unwrap_or(0.0);
+        if !(0.0..1e6).contains(&tolerance) {
+            return Err("tolerance: write a number of 0 or more".to_owned());
+        }
+        if self.step.is_some_and(|step| !(step > 0.0 && step.is_finite())) {
+            return Err("step: write a number greater than 0".to_owned());
+        }
+        Ok((within, tolerance))
+    }
+
+    /// Returns how long a command may take until the device reports that it is done.
+    pub(crate) fn done_within(&self) -> Duration {
+        self.numbers().map_or(DONE_WITHIN, |(within, _)| within)
+    }
+
+    /// Returns the difference between the commanded and the reported number that does not count.
+    pub(crate) fn tolerated(&self) -> f64 {
+        self.numbers().map_or(0.0, |(_, tolerance)| tolerance)
+    }
+
+    /// Returns the distance between two levels of the class.
+    pub(crate) fn level_step(&self) -> f64 {
+        self.step.unwrap_or(STEP)
+    }
+
+    /// Returns the class of the switch that belongs to the same thing; `None` if the class has none.
+    pub(crate) fn switch_class(&self) -> Option<&str> {
+        self.with.as_deref()
+    }
+
+    /// Returns the measured number that the class brings about; `None` if it brings about none.
+    pub(crate) fn reached(&self) -> Option<ReachedNumber<'_>> {
+        let class = self.reaches.as_deref()?;
+        Some(ReachedNumber { class, up: self.up.as_deref(), down: self.down.as_deref() })
     }
 }
 
@@ -250,7 +429,9 @@ mod tests {
             (
                 json!({ "colour": "red" }),
                 "classes.pressure: there is no key `colour`; there are also, agent, action, known, \
-                 value, unit, yes, inverted, state, own, at, all, on, off",
+                 value, unit, yes, inverted, state, own, at, all, on, off, device, level, step, \
+                 options, with, remembers, within, tolerance, reaches, up, down, choice, press, \
+                 trigger",
             ),
             (
                 json!({ "agent": 5 }),

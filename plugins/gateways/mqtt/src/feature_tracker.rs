@@ -20,7 +20,6 @@ use tokio::sync::watch;
 use tokio::time::Instant;
 
 use crate::description::{Availability, AvailabilityMode, OutgoingMessage};
-use crate::device_class::ClassKind;
 use crate::part::{self, ClassifiedFeature};
 
 /// Pause after a connect before the first request for missing values. A random time up to
@@ -42,6 +41,8 @@ const ASK_AGAIN: [Duration; 4] = [
 pub(crate) enum ObservedValue {
     Number(f64),
     Yes(bool),
+    /// The option with this index, or the press.
+    Option(usize),
 }
 
 /// The content of one text about a feature.
@@ -102,6 +103,8 @@ struct ProcessedTexts {
 /// Content of the last text about one feature, and the state of the requests for its value.
 #[derive(Clone)]
 struct FeatureState {
+    /// The number that was commanded last; `None` before the first command.
+    commanded: Option<f64>,
     content: Option<(TextContent, Instant, u64)>,
     /// The last text of each topic of availability: `true` for online; `None` before the first
     /// text.
@@ -119,6 +122,7 @@ impl FeatureState {
         let voices: Vec<_> = at_first.collect();
         let latest = voices.iter().copied().flatten().next();
         FeatureState {
+            commanded: None,
             content: None,
             topics_online: voices,
             latest,
@@ -161,8 +165,8 @@ impl FeatureTracker {
             for (voice, said) in feature.availability.topics.iter().enumerate() {
                 listen(&said.source.topic, TopicRole::Voice(voice));
             }
-            if let (true, Some(command)) = (feature.states.is_empty(), &feature.command) {
-                listen(&command.on.topic, TopicRole::Connection);
+            if let (true, Some(topic)) = (feature.states.is_empty(), feature.command_topic()) {
+                listen(topic, TopicRole::Connection);
             }
             heard.push(FeatureState::of(&feature.availability));
         }
@@ -204,7 +208,7 @@ impl FeatureTracker {
         else {
             return FeatureStatus::NotKnown(None);
         };
-        let is_switch = matches!(known.class.kind(), Some(ClassKind::Switch { .. }));
+        let is_set = known.class.kind().is_some_and(|kind| kind.is_set());
         match &heard.content {
             None => FeatureStatus::NotKnown(None),
             Some((TextContent::NotKnown(reason), ..)) => {
@@ -216,7 +220,7 @@ impl FeatureTracker {
                     let reason = "it has reported nothing for too long".to_owned();
                     return FeatureStatus::NotKnown(Some(reason));
                 }
-                if is_switch && *session != self.session(feature) {
+                if is_set && *session != self.session(feature) {
                     let reason = match known.feature.states.is_empty() {
                         true => "it reports no state, and the broker was away since its command",
                         false => "it has reported nothing since the broker was away",
@@ -231,6 +235,13 @@ impl FeatureTracker {
                 match value {
                     value if is_over && *value == yes => {
                         FeatureStatus::Is(ObservedValue::Yes(known.class.inverted), *at)
+                    }
+                    // A motor that stops at 49 % after a command for 50 % has done it.
+                    ObservedValue::Number(number) => {
+                        let is_it =
+                            |commanded: &f64| (commanded - number).abs() <= known.class.tolerated();
+                        let number = heard.commanded.filter(is_it).unwrap_or(*number);
+                        FeatureStatus::Is(ObservedValue::Number(number), *at)
                     }
                     value => FeatureStatus::Is(*value, *at),
                 }
@@ -293,7 +304,7 @@ impl FeatureTracker {
     pub(crate) fn is_complete(&self) -> bool {
         let taken = self.process_texts();
         taken.features.iter().zip(self.features.iter()).all(|(heard, known)| {
-            (heard.content.is_some() || known.feature.states.is_empty())
+            (heard.content.is_some() || known.feature.states.is_empty() || known.is_press())
                 && heard.topics_online.iter().all(Option::is_some)
         })
     }
@@ -304,6 +315,30 @@ impl FeatureTracker {
         if let Some(heard) = self.process_texts().features.get_mut(feature) {
             heard.content = Some((TextContent::Is(value), Instant::now(), session));
         }
+    }
+
+    /// Records the number that was commanded last.
+    pub(crate) fn set_commanded(&self, feature: usize, number: f64) {
+        if let Some(heard) = self.process_texts().features.get_mut(feature) {
+            heard.commanded = Some(number);
+        }
+    }
+
+    /// Returns the number that was received last, even if it does not count any more; `None`
+    /// before the first one.
+    pub(crate) fn last_number(&self, feature: usize) -> Option<f64> {
+        match self.process_texts().features.get(feature)?.content {
+            Some((TextContent::Is(ObservedValue::Number(number)), ..)) => Some(number),
+            _ => None,
+        }
+    }
+
+    /// Returns how many texts about the values of a feature have been received so far.
+    pub(crate) fn text_count(&self, feature: usize) -> u64 {
+        let of_feature = self.topics.iter().filter(|listened| {
+            listened.feature == feature && matches!(listened.what, TopicRole::State(_))
+        });
+        of_feature.map(|listened| listened.texts.borrow().count).sum()
     }
 
     pub(crate) fn publish(&self, telegram: &OutgoingMessage) -> Result<(), String> {
@@ -345,6 +380,8 @@ impl FeatureTracker {
             let known = &self.features[*feature];
             let heard = &mut taken.features[*feature];
             match what {
+                // A retained press happened at an unknown time.
+                TopicRole::State(_) if word.is_retained && known.is_press() => (),
                 TopicRole::State(source) => {
                     if let Some(said) = known.read(*source, &word.text) {
                         heard.content = Some((said, word.at, word.session));

@@ -3,39 +3,53 @@
 //!
 //! - `zigbee2mqtt`, `home_assistant` (ESPHome and many others), `tasmota` and `shelly` read the
 //!   descriptions of devices; `description` is their common form.
+//! - `setting` describes what can be set, triggered or pressed; `level` and `option` make the objects
+//!   of the planning problem of it.
 //! - `device_class` is the table from device classes to PDDL names (`classes.toml`). `part` divides
-//!   a device into agents and builds their action models.
+//!   a device into agents; `part_model` builds their action models.
 //! - `device_agents` lists the agents of all devices, with their rooms; `agent::discovery` starts
 //!   and stops them.
 //! - `device` is the agent of one part of a device. It announces values as facts, offers actions
-//!   only while the device is online, and switches lamps, relays and locks. A switch counts as
-//!   switched only when the device reports its new state.
+//!   only while the device is online, and carries out commands (`command`). A command is done only
+//!   when the device reports it. `feature_reading` reads values and writes them as facts.
 //! - `feature_tracker` keeps the last values of a device: a feature is known, unknown, or
 //!   unavailable.
 //! - `text_reading` extracts values from JSON and through templates; `template` renders the
 //!   templates of Home Assistant.
+//! - `color` has the colors that goals can name.
 //! - `room_air` decides whether a value is about the air of a room.
 //! - `naming` builds names of agents and compares names of rooms.
 //!
 //! The gateway itself has no facts and offers no actions. When the gateway stops, the agents of its
 //! devices stop as well.
 
+mod color;
+mod command;
 #[cfg(test)]
 mod corpus;
 mod description;
 mod device;
 mod device_agents;
 mod device_class;
+mod feature_reading;
 mod feature_tracker;
 mod home_assistant;
+mod level;
+mod message;
 mod naming;
+mod option;
 mod part;
+mod part_model;
 mod room_air;
+mod setting;
 mod shelly;
+mod shelly_calls;
 mod tasmota;
+mod tasmota_things;
 mod template;
 mod text_reading;
 mod zigbee2mqtt;
+mod zigbee_exposes;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;

@@ -3,6 +3,7 @@
 //! and receive commands as calls under `ID/rpc`.
 //!
 //! Shelly devices send no descriptions; their features follow from the topics of their reports.
+//! `shelly_calls` has the calls of later generations.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,6 +13,8 @@ use crate::description::{
     Availability, AvailabilityMode, AvailabilityTopic, DescribedDevice, DeviceFeature,
     OutgoingMessage, SwitchCommand, UnusedFeature, ValueSource,
 };
+use crate::setting::{LevelSetting, NumberMessage, Setting};
+use crate::shelly_calls::ShellyCalls;
 
 /// Prefix of the factory-set names of devices.
 const BEGINNING: &str = "shelly";
@@ -21,6 +24,9 @@ pub(crate) const EVENTS: &str = "/events/rpc";
 
 /// Maximum number of devices that are kept; further devices are ignored.
 const DEVICES_MAX: usize = 4_096;
+
+/// Suffix of the name of a part that measures its power.
+const METER: &str = " meter";
 
 /// Maximum number of parts of one device that are kept; further parts are ignored.
 const PARTS_MAX: usize = 64;
@@ -62,7 +68,12 @@ impl ShellyDiscovery {
             }
             [name, "online"] if name.starts_with(BEGINNING) => note(&mut self.second, name, None),
             [name, "status", part] if name.starts_with(BEGINNING) => {
-                note(&mut self.second, name, Some(part.to_owned()))
+                let has_meter = serde_json::from_str::<Value>(text)
+                    .is_ok_and(|json| json["apower"].is_number());
+                let is_new = note(&mut self.second, name, Some(part.to_owned()));
+                let meter = has_meter.then(|| format!("{part}{METER}"));
+                let has_new = meter.is_some_and(|part| note(&mut self.second, name, Some(part)));
+                is_new | has_new
             }
             [name, "events", "rpc"] if name.starts_with(BEGINNING) => {
                 let json: Value = serde_json::from_str(text).unwrap_or_default();
@@ -113,7 +124,8 @@ fn described(
     };
     // A device with a battery sleeps, and is offline meanwhile. Therefore only features that are
     // switched have availability.
-    for feature in features.iter_mut().filter(|feature| feature.command.is_some()) {
+    let is_set = |feature: &&mut DeviceFeature| feature.command_topic().is_some();
+    for feature in features.iter_mut().filter(is_set) {
         let voices = vec![voice.clone()];
         feature.availability = Availability { topics: voices, mode: AvailabilityMode::Latest };
     }
@@ -122,7 +134,7 @@ fn described(
 }
 
 fn of_first(name: &str, parts: &BTreeSet<String>) -> DescribedDevice {
-    let (mut features, mut unused) = (Vec::new(), Vec::new());
+    let mut features = Vec::new();
     let base = format!("shellies/{name}");
     for part in parts {
         let (kind, number) = part.split_once('/').unwrap_or((part, ""));
@@ -138,7 +150,11 @@ fn of_first(name: &str, parts: &BTreeSet<String>) -> DescribedDevice {
                 let class = if kind == "relay" { "switch" } else { "light" };
                 let told =
                     |text: &str| OutgoingMessage::new(format!("{base}/{part}/command"), text);
+                if matches!(kind, "light" | "white") {
+                    features.push(first_brightness(&base, part));
+                }
                 features.push(DeviceFeature {
+                    thing: Some(part.clone()),
                     yes: word("on"),
                     no: word("off"),
                     // The relay has switched itself off without reporting the state `off`.
@@ -148,9 +164,8 @@ fn of_first(name: &str, parts: &BTreeSet<String>) -> DescribedDevice {
                     ..numbered(class, "")
                 });
             }
-            ("roller", _) => {
-                let reason = "its roller: there is no class for a blind or a curtain";
-                unused.push(UnusedFeature::because(reason));
+            ("roller", _) if number.parse::<u8>().is_ok() => {
+                features.extend(first_roller(&base, part));
             }
             ("sensor", "temperature") => features.push(numbered("temperature", "°C")),
             ("sensor", "humidity") => features.push(numbered("humidity", "%")),
@@ -170,51 +185,70 @@ fn of_first(name: &str, parts: &BTreeSet<String>) -> DescribedDevice {
             _ => (),
         }
     }
-    described(name, format!("{base}/online"), features, unused)
+    described(name, format!("{base}/online"), features, Vec::new())
+}
+
+/// Returns the brightness of a lamp of the first generation.
+fn first_brightness(base: &str, part: &str) -> DeviceFeature {
+    let body = json!({ "turn": "on", "brightness": null });
+    let message = NumberMessage::json(format!("{base}/{part}/set"), body, "/brightness");
+    let setting = LevelSetting { min: 1.0, switches_on: true, ..LevelSetting::percent(message) };
+    DeviceFeature {
+        states: vec![ValueSource::at(format!("{base}/{part}/status"), &["brightness"])],
+        value_request: Some(OutgoingMessage::new(format!("{base}/command"), "update")),
+        setting: Some(Setting::Level(setting)),
+        thing: Some(part.to_owned()),
+        ..DeviceFeature::named("brightness", part)
+    }
+}
+
+/// Returns a roller of the first generation: a motor that opens and closes, with a position.
+fn first_roller(base: &str, part: &str) -> [DeviceFeature; 2] {
+    let told = |text: &str| OutgoingMessage::new(format!("{base}/{part}/command"), text);
+    let message = NumberMessage::plain(format!("{base}/{part}/command/pos"));
+    let setting = LevelSetting { stop: Some(told("stop")), ..LevelSetting::percent(message) };
+    let feature = |class: &str| DeviceFeature {
+        thing: Some(part.to_owned()),
+        ..DeviceFeature::named(class, part)
+    };
+    let switch = DeviceFeature {
+        command: Some(SwitchCommand { on: told("open"), off: told("close") }),
+        ..feature("cover")
+    };
+    let position = DeviceFeature {
+        states: vec![ValueSource::whole(format!("{base}/{part}/pos"))],
+        value_request: Some(OutgoingMessage::new(format!("{base}/command"), "update")),
+        setting: Some(Setting::Level(setting)),
+        ..feature("cover_position")
+    };
+    [switch, position]
 }
 
 fn of_second(name: &str, parts: &BTreeSet<String>) -> DescribedDevice {
     let (mut features, mut unused) = (Vec::new(), Vec::new());
-    let answers = format!("althing/{name}");
-    let call = |method: &str, params: Value| {
-        let call = json!({ "id": 1, "src": answers, "method": method, "params": params });
-        OutgoingMessage::new(format!("{name}/rpc"), call.to_string())
-    };
+    let calls = ShellyCalls::of(name);
     for part in parts {
+        if let Some(part) = part.strip_suffix(METER) {
+            features.extend(calls.meters(part));
+            continue;
+        }
         let (kind, number) = part.split_once(':').unwrap_or((part, ""));
         let number: Option<u32> = number.parse().ok();
-        let states = |key: &str| {
-            vec![
-                ValueSource::at(format!("{name}/status/{part}"), &[key]),
-                ValueSource::at(format!("{name}/events/rpc"), &["params", part, key]),
-                ValueSource::at(format!("{answers}/rpc"), &["result", part, key]),
-            ]
-        };
-        let measured = |class: &str, key: &str, unit: &str| DeviceFeature {
-            states: states(key),
-            unit: unit.to_owned(),
-            ..DeviceFeature::named(class, part)
-        };
         match (kind, number) {
-            ("switch" | "light", Some(number)) => {
-                let (class, method) = match kind {
-                    "switch" => ("switch", "Switch.Set"),
-                    _ => ("light", "Light.Set"),
-                };
-                let set = |is_on: bool| call(method, json!({ "id": number, "on": is_on }));
-                features.push(DeviceFeature {
-                    states: states("output"),
-                    yes: vec!["true".to_owned()],
-                    no: vec!["false".to_owned()],
-                    command: Some(SwitchCommand { on: set(true), off: set(false) }),
-                    value_request: Some(call("Shelly.GetStatus", json!({}))),
-                    ..DeviceFeature::named(class, part)
-                });
+            ("switch", Some(number)) => features.push(calls.switch(part, kind, number)),
+            ("light", Some(number)) => {
+                features.push(calls.switch(part, kind, number));
+                features.push(calls.brightness(part, number));
             }
-            ("temperature", Some(_)) => features.push(measured("temperature", "tC", "°C")),
-            ("humidity", Some(_)) => features.push(measured("humidity", "rh", "%")),
-            ("illuminance", Some(_)) => features.push(measured("illuminance", "lux", "lx")),
-            ("cover" | "rgb" | "rgbw" | "cct" | "thermostat", Some(_)) => {
+            ("cover", Some(number)) => features.extend(calls.cover(part, number)),
+            ("temperature", Some(_)) => {
+                features.push(calls.measured("temperature", part, "tC", "°C"));
+            }
+            ("humidity", Some(_)) => features.push(calls.measured("humidity", part, "rh", "%")),
+            ("illuminance", Some(_)) => {
+                features.push(calls.measured("illuminance", part, "lux", "lx"));
+            }
+            ("rgb" | "rgbw" | "cct" | "thermostat", Some(_)) => {
                 unused
                     .push(UnusedFeature::because(format!("its {kind}: there is no class for it")));
             }

@@ -1,4 +1,5 @@
 //! The discovery messages of Tasmota devices: `tasmota/discovery/MAC/config` and `…/sensors`.
+//! `tasmota_things` describes what is set or pressed.
 
 use std::collections::BTreeMap;
 
@@ -11,9 +12,9 @@ use crate::description::{
 
 /// Indices of the topic prefixes of a device: for commands, for answers, and for reports that the
 /// device sends by itself.
-const CMND: usize = 0;
-const STAT: usize = 1;
-const TELE: usize = 2;
+pub(crate) const CMND: usize = 0;
+pub(crate) const STAT: usize = 1;
+pub(crate) const TELE: usize = 2;
 
 /// Prefixes of the names of chips that measure the device itself instead of the room.
 const CHIPS: &[&str] = &["ESP32", "ENERGY", "AXP", "MPU", "BL09", "Shelly"];
@@ -112,8 +113,8 @@ fn read(what: &str, text: &str, known: Option<&(Value, Value)>) -> Result<Value,
 }
 
 /// The config message of a device, with the device's topics and texts.
-struct TasmotaConfig<'c> {
-    said: &'c Value,
+pub(crate) struct TasmotaConfig<'c> {
+    pub(crate) said: &'c Value,
     /// Topic of the device itself, which is a part of its full topics.
     own: &'c str,
     /// Address of the device's network card.
@@ -132,7 +133,7 @@ impl<'c> TasmotaConfig<'c> {
 
     /// Returns the full topic of commands (`cmnd`, prefix 0), of answers (`stat`, 1) or of reports
     /// (`tele`, 2).
-    fn topic(&self, prefix: usize, what: &str) -> String {
+    pub(crate) fn topic(&self, prefix: usize, what: &str) -> String {
         let usual = ["cmnd", "stat", "tele"][prefix];
         let prefix = self.said["tp"][prefix].as_str().unwrap_or(usual);
         let full = self.text("ft").unwrap_or("%prefix%/%topic%/");
@@ -149,7 +150,7 @@ impl<'c> TasmotaConfig<'c> {
 
     /// Returns the kind of each relay of the device: 0 none, 1 a relay, 2 a lamp, 3 part of a
     /// shutter.
-    fn relays(&self) -> Vec<u64> {
+    pub(crate) fn relays(&self) -> Vec<u64> {
         let relays = self.said["rl"].as_array().into_iter().flatten();
         relays.map(|relay| relay.as_u64().unwrap_or(0)).collect()
     }
@@ -220,10 +221,20 @@ fn described(address: &str, config: &Value, sensors: &Value) -> Option<Described
     let is_alone = relays.iter().filter(|kind| **kind != 0).count() <= 1;
     let of = |(index, kind): (usize, &u64)| config.relay(index, *kind, is_alone);
     let mut features: Vec<_> = relays.iter().enumerate().filter_map(of).collect();
+    // The levels of a device are those of its only light.
+    if features.iter().filter(|feature| feature.class == "light").count() == 1
+        && let Some(light) = features.iter_mut().find(|feature| feature.class == "light")
+    {
+        let thing = light.label.clone();
+        light.thing = Some(thing.clone());
+        features.extend(config.light_levels(&thing));
+    }
+    features.extend(config.things());
     let sources = [(TELE, "SENSOR"), (STAT, "STATUS10"), (STAT, "STATUS8")];
     let sources = sources.map(|(prefix, what)| config.topic(prefix, what));
     let ask = OutgoingMessage::new(config.topic(CMND, "STATUS"), "10");
     features.extend(measured(&sensors["sn"], &sources, &ask));
+    features.extend(config.meters(&sensors["sn"], &ask));
     for feature in &mut features {
         feature.availability = config.availability();
     }
@@ -234,11 +245,6 @@ fn described(address: &str, config: &Value, sensors: &Value) -> Option<Described
             UnusedFeature::as_usual(format!("its `{chip}` measures the device itself"))
         })
         .collect();
-    if relays.contains(&3) {
-        unused.push(UnusedFeature::because(
-            "its shutter: there is no class for a blind or a curtain",
-        ));
-    }
     if let Some(problem) = mqtt_link::topic_problem(&config.topic(CMND, "STATE")) {
         features.clear();
         unused.push(UnusedFeature::because(problem));

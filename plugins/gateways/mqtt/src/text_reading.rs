@@ -3,6 +3,7 @@
 
 use serde_json::Value;
 
+use crate::color::{OTHER, name_of_color};
 use crate::description::{ReadingMethod, ValueSource};
 
 /// Result of reading the value of a feature in a text that the device sent.
@@ -42,6 +43,7 @@ impl ValueSource {
                 ReadOutcome::Text(word) => Some(word),
                 _ => None,
             },
+            ReadingMethod::Color(keys) => color(text, keys).map(str::to_owned),
             ReadingMethod::Template(template) => template.of_word(text).ok(),
         }
     }
@@ -51,12 +53,24 @@ impl ValueSource {
         match &self.reading {
             ReadingMethod::Whole => ReadOutcome::of(text),
             ReadingMethod::At(keys) => at(text, keys),
+            ReadingMethod::Color(keys) => color(text, keys)
+                .map_or(ReadOutcome::Nothing, |name| ReadOutcome::Text(name.to_owned())),
             ReadingMethod::Template(template) => match template.of_word(text) {
                 Ok(said) => ReadOutcome::of(&said),
                 Err(unrendered) => ReadOutcome::Unread(unrendered.0),
             },
         }
     }
+}
+
+/// Returns the name of the color at a path of keys in JSON; `None` if there is no color.
+fn color(text: &str, keys: &[String]) -> Option<&'static str> {
+    let json = serde_json::from_str::<Value>(text).ok()?;
+    // A lamp that shines white reports the color that is nearest to its white.
+    if matches!(json["color_mode"].as_str(), Some("color_temp" | "white")) {
+        return Some(OTHER);
+    }
+    name_of_color(keys.iter().try_fold(&json, |json, key| json.get(key))?)
 }
 
 fn at(text: &str, keys: &[String]) -> ReadOutcome {

@@ -1,5 +1,5 @@
 //! Reads Zigbee2MQTT's description of its devices (`zigbee2mqtt/bridge/devices`), which contains
-//! the features that each device exposes.
+//! the features that each device exposes. `zigbee_exposes` converts these.
 
 use std::collections::BTreeMap;
 
@@ -8,8 +8,9 @@ use serde_json::Value;
 
 use crate::description::{
     Availability, AvailabilityMode, AvailabilityTopic, DescribedDevice, DeviceFeature,
-    OutgoingMessage, SwitchCommand, UnusedFeature, ValueSource,
+    UnusedFeature, ValueSource,
 };
+use crate::zigbee_exposes::{ExposedFeature, features_of};
 
 #[derive(Deserialize)]
 struct ZigbeeDevice {
@@ -26,35 +27,6 @@ struct ZigbeeDevice {
 struct ZigbeeDefinition {
     exposes: Vec<ExposedFeature>,
 }
-
-#[derive(Deserialize)]
-struct ExposedFeature {
-    #[serde(rename = "type")]
-    kind: String,
-    #[serde(default)]
-    name: String,
-    property: Option<String>,
-    unit: Option<String>,
-    /// Access to the feature, as bits: 1 if the device reports it, 2 if it can be set, 4 if its
-    /// value can be requested.
-    #[serde(default)]
-    access: u8,
-    value_on: Option<Value>,
-    value_off: Option<Value>,
-    #[serde(default)]
-    features: Vec<ExposedFeature>,
-}
-
-const SAYS: u8 = 1;
-const SET: u8 = 2;
-const ASKED: u8 = 4;
-
-/// Kinds of exposed features that have no use here, with the reasons.
-const UNUSED: &[(&str, &str)] = &[
-    ("cover", "there is no class for a blind or a curtain"),
-    ("fan", "there is no class for a fan"),
-    ("climate", "there is no class for a set temperature"),
-];
 
 /// The devices in the descriptions of the bridge, by the address of the device.
 #[derive(Debug, Default)]
@@ -193,129 +165,10 @@ fn described(base: &str, device: ZigbeeDevice) -> Option<DescribedDevice> {
     Some(DescribedDevice { name, id, other_ids: also, area, features, unused })
 }
 
-fn plain(value: &Option<Value>, otherwise: &str) -> String {
-    match value {
-        Some(Value::String(text)) => text.clone(),
-        Some(other) => other.to_string(),
-        None => otherwise.to_owned(),
-    }
-}
-
-/// Returns `feature` with the topic of its reports and the request for its value added.
-fn heard(expose: &ExposedFeature, topic: &str, feature: DeviceFeature) -> DeviceFeature {
-    let Some(property) = expose.property.as_deref() else { return feature };
-    let states = match expose.access & SAYS {
-        0 => Vec::new(),
-        _ => vec![ValueSource::at(topic, &[property])],
-    };
-    let ask = (expose.access & ASKED != 0).then(|| {
-        OutgoingMessage::new(
-            format!("{topic}/get"),
-            serde_json::json!({ property: "" }).to_string(),
-        )
-    });
-    DeviceFeature { states, value_request: ask, ..feature }
-}
-
-fn features_of(
-    expose: &ExposedFeature,
-    topic: &str,
-    features: &mut Vec<DeviceFeature>,
-    unused: &mut Vec<UnusedFeature>,
-) {
-    let label = expose.property.clone().unwrap_or_default();
-    match expose.kind.as_str() {
-        "numeric" | "binary" if expose.access & SAYS != 0 => {
-            let (mut yes, mut no) =
-                (plain(&expose.value_on, "true"), plain(&expose.value_off, "false"));
-            if is_closed(&expose.name, &yes) {
-                std::mem::swap(&mut yes, &mut no);
-            }
-            let feature = DeviceFeature {
-                unit: expose.unit.clone().unwrap_or_default(),
-                yes: vec![yes],
-                no: vec![no],
-                ..DeviceFeature::named(&expose.name, &label)
-            };
-            features.push(heard(expose, topic, feature));
-        }
-        "switch" | "light" | "lock" => {
-            let is_state = |part: &&ExposedFeature| part.name == "state" && part.access & SET != 0;
-            let Some(part) = expose.features.iter().find(is_state) else { return };
-            let property = part.property.as_deref().unwrap_or_default();
-            if property == "state" || property.starts_with("state_") {
-                features.extend(switched(&expose.kind, part, topic));
-            } else {
-                let kind = &expose.kind;
-                unused.push(UnusedFeature::as_usual(format!(
-                    "its {kind} `{property}` is a setting of the device"
-                )));
-            }
-        }
-        "climate" => {
-            let is_room = |part: &&ExposedFeature| part.name == "local_temperature";
-            if let Some(part) = expose.features.iter().find(is_room) {
-                let unit = part.unit.clone().unwrap_or_default();
-                let label = part.property.clone().unwrap_or_default();
-                // A separate thermometer beside the valve is more accurate.
-                let feature =
-                    DeviceFeature { unit, rank: 1, ..DeviceFeature::named("temperature", &label) };
-                features.push(heard(part, topic, feature));
-            } else {
-                unused.push(because("climate"));
-            }
-        }
-        kind if UNUSED.iter().any(|(unused, _)| *unused == kind) => unused.push(because(kind)),
-        _ => (),
-    }
-}
-
-/// Whether a device's text for yes means closed, for a door, a window or a contact. In the built-in
-/// device classes, yes means open for these devices.
-fn is_closed(name: &str, word: &str) -> bool {
-    let word = word.to_ascii_lowercase();
-    match name {
-        "contact" => matches!(word.as_str(), "close" | "closed" | "shut" | "true"),
-        "door" | "garage_door" | "opening" | "window" => {
-            matches!(word.as_str(), "close" | "closed" | "shut")
-        }
-        _ => false,
-    }
-}
-
-fn because(kind: &str) -> UnusedFeature {
-    let reason = UNUSED.iter().find(|(unused, _)| *unused == kind).map_or("", |(_, reason)| reason);
-    UnusedFeature::because(format!("its {kind}: {reason}"))
-}
-
-fn switched(class: &str, part: &ExposedFeature, topic: &str) -> Option<DeviceFeature> {
-    let property = part.property.clone()?;
-    // The commands for a lock differ from the texts of its reports.
-    let (on, off) = match class {
-        "lock" => ("LOCK", "UNLOCK"),
-        _ => ("ON", "OFF"),
-    };
-    let on = part.value_on.clone().unwrap_or_else(|| on.into());
-    let off = part.value_off.clone().unwrap_or_else(|| off.into());
-    let say = |value: &Value| {
-        OutgoingMessage::new(
-            format!("{topic}/set"),
-            serde_json::json!({ &property: value }).to_string(),
-        )
-    };
-    let words = |value: &Value| plain(&Some(value.clone()), "");
-    let (yes, no) = match class {
-        "lock" => (vec![words(&on), "LOCKED".to_owned()], vec![words(&off), "UNLOCKED".to_owned()]),
-        _ => (vec![words(&on)], vec![words(&off)]),
-    };
-    let command = Some(SwitchCommand { on: say(&on), off: say(&off) });
-    let feature = DeviceFeature { yes, no, command, ..DeviceFeature::named(class, &property) };
-    Some(heard(part, topic, feature))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::description::OutgoingMessage;
 
     /// A description by Zigbee2MQTT 1.40 of an Aqara thermometer, an Innr plug and a motion
     /// detector, shortened to the keys that are used.

@@ -1,29 +1,25 @@
-//! Converts each component of Home Assistant's discovery into features that are measured or
-//! switched, or into a reason why it is not used.
+//! Converts each component of Home Assistant's discovery into features, or into a reason why it is
+//! not used. `lighting`, `climate` and `settings` convert those that are set.
 
 use serde_json::json;
 
 use super::config::EntityConfig;
+use super::{climate, lighting, settings};
 use crate::description::{
     DeviceFeature, OutgoingMessage, ReadingMethod, SwitchCommand, UnusedFeature, ValueSource,
 };
 use crate::room_air::rank;
+use crate::setting::Setting;
 use crate::template::Template;
 
 /// Components of Home Assistant that have no use here, with the reasons.
 const UNUSED: &[(&str, &str)] = &[
     ("alarm_control_panel", "arming and disarming an alarm is left to people"),
-    ("button", "a press leaves no state that a goal could ask for"),
     ("camera", "a picture is no fact of a room"),
-    ("device_automation", "a trigger is an event and no state"),
     ("device_tracker", "no fact of a room says where a thing or a person is"),
-    ("event", "an event is no state"),
     ("image", "a picture is no fact of a room"),
     ("lawn_mower", "it works outside of rooms"),
     ("notify", "a notification is for people"),
-    ("number", "there is no class for a number that is set"),
-    ("scene", "a scene has no state that a goal could ask for"),
-    ("select", "there is no class for a choice"),
     ("tag", "a tag that is read is an event and no state"),
     ("text", "there is no class for a text that is set"),
     ("update", "updating its software is left to people"),
@@ -33,7 +29,7 @@ const UNUSED: &[(&str, &str)] = &[
 
 /// Variables that the template of a light may use, and that are undefined in a command that only
 /// switches the light on or off.
-const OF_LIGHTS: &[&str] = &[
+pub(super) const OF_LIGHTS: &[&str] = &[
     "blue",
     "brightness",
     "color_temp",
@@ -49,9 +45,15 @@ const OF_LIGHTS: &[&str] = &[
 /// Components of Home Assistant, each with the key of the topic that its config must have.
 const REQUIRED: &[(&str, &str)] = &[
     ("binary_sensor", "state_topic"),
+    ("button", "command_topic"),
+    ("device_automation", "topic"),
+    ("event", "state_topic"),
     ("fan", "command_topic"),
     ("light", "command_topic"),
     ("lock", "command_topic"),
+    ("number", "command_topic"),
+    ("scene", "command_topic"),
+    ("select", "command_topic"),
     ("sensor", "state_topic"),
     ("siren", "command_topic"),
     ("switch", "command_topic"),
@@ -108,23 +110,47 @@ pub(crate) fn features(
         "sensor" => sensor(config, label).map(|found| vec![found]),
         "binary_sensor" => binary_sensor(config, label).map(|found| vec![found]),
         "switch" => switch(config, label).map(|found| vec![found]),
-        "light" => light(config, label).map(|found| vec![found]),
+        "light" => light(config, label).and_then(|light| lighting::with_levels(light, config)),
         "lock" => lock(config, label).map(|found| vec![found]),
-        "climate" => surroundings(config, label, "there is no class for a set temperature"),
-        "humidifier" => surroundings(config, label, "there is no class for a set humidity"),
-        "fan" | "siren" => on_off(component, config, label).map(|found| vec![found]),
-        "cover" | "valve" => open_close(component, config, label).map(|found| vec![found]),
+        "climate" => climate::climate(config, label),
+        "humidifier" => climate::humidifier(config, label),
+        "fan" => on_off(component, config, label).and_then(|fan| settings::fan(fan, config)),
+        "siren" => on_off(component, config, label).map(|found| vec![found]),
+        "cover" => settings::cover(config, label),
+        "valve" => open_close(component, config, label).map(|found| vec![found]),
+        "number" => settings::number(config, label).map(|found| vec![found]),
+        "select" => settings::select(config, label).map(|found| vec![found]),
+        "button" | "scene" => settings::trigger(component, config, label).map(|found| vec![found]),
+        "event" => settings::event(config, label).map(|found| vec![found]),
+        "device_automation" => settings::automation(config).map(|found| vec![found]),
         _ => Err(format!("Home Assistant's discovery has no component `{component}`")),
     };
     let availability = config.availability().map_err(because)?;
     let mut found = found.map_err(because)?;
+    name_thing(&mut found, component, config, label);
     for feature in &mut found {
         feature.availability = availability.clone();
-        if let (Some(true), Some(command)) = (config.is("retain"), &mut feature.command) {
-            (command.on.is_retained, command.off.is_retained) = (true, true);
+        if config.is("retain") == Some(true) {
+            if let Some(command) = &mut feature.command {
+                (command.on.is_retained, command.off.is_retained) = (true, true);
+            }
+            feature.setting.iter_mut().for_each(Setting::retain);
         }
     }
     Ok(found)
+}
+
+/// Makes the settable features of one entity the properties of one thing, if there are several.
+fn name_thing(features: &mut [DeviceFeature], component: &str, config: &EntityConfig, label: &str) {
+    let is_settable =
+        |feature: &DeviceFeature| feature.command.is_some() || feature.setting.is_some();
+    if features.iter().filter(|feature| is_settable(feature)).count() < 2 {
+        return;
+    }
+    let thing = format!("{component} {}", config.text("unique_id").unwrap_or(label));
+    for feature in features.iter_mut().filter(|feature| is_settable(feature)) {
+        feature.thing = Some(thing.clone());
+    }
 }
 
 fn sensor(config: &EntityConfig, label: &str) -> Result<DeviceFeature, String> {
@@ -171,7 +197,7 @@ fn class_of_unit(unit: &str) -> Option<&'static str> {
 
 /// Returns a feature that two payloads switch. Its state is reported by the same payloads or by two
 /// others.
-fn switched(
+pub(super) fn switched(
     class: &str,
     config: &EntityConfig,
     label: &str,
@@ -314,35 +340,6 @@ fn lock(config: &EntityConfig, label: &str) -> Result<DeviceFeature, String> {
 fn wants(template: &str, variable: &str) -> bool {
     Template::new(template, &["value"]).is_err()
         && Template::new(template, &["value", variable]).is_ok()
-}
-
-/// Returns the features for the room's air, as measured by a heater or a humidifier.
-fn surroundings(
-    config: &EntityConfig,
-    label: &str,
-    otherwise: &str,
-) -> Result<Vec<DeviceFeature>, String> {
-    let degrees = match config.text("temperature_unit") {
-        Some("F") => "°F",
-        _ => "°C",
-    };
-    let mut found = Vec::new();
-    for (class, topic, by, unit) in [
-        ("temperature", "current_temperature_topic", "current_temperature_template", degrees),
-        ("humidity", "current_humidity_topic", "current_humidity_template", "%"),
-    ] {
-        if let Some(source) = config.source(topic, by, ReadingMethod::Whole)? {
-            let (states, unit) = (vec![source], unit.to_owned());
-            // A separate sensor in the same device is more accurate.
-            found.push(DeviceFeature {
-                states,
-                unit,
-                rank: 1,
-                ..DeviceFeature::named(class, label)
-            });
-        }
-    }
-    if found.is_empty() { Err(otherwise.to_owned()) } else { Ok(found) }
 }
 
 fn on_off(component: &str, config: &EntityConfig, label: &str) -> Result<DeviceFeature, String> {

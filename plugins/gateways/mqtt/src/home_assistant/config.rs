@@ -10,6 +10,7 @@ use serde_json::{Map, Value};
 use crate::description::{
     Availability, AvailabilityMode, AvailabilityTopic, OutgoingMessage, ReadingMethod, ValueSource,
 };
+use crate::setting::{NumberMessage, NumberText, TemplateVariable};
 use crate::template::Template;
 
 /// Table of the short forms of keys: first the keys of an entity, then the keys of an entity's
@@ -168,6 +169,25 @@ impl EntityConfig {
         }
     }
 
+    /// Returns the number under a key, which may be written as a text; `None` if there is none.
+    pub(crate) fn number(&self, key: &str) -> Option<f64> {
+        match self.0.get(key)? {
+            Value::Number(number) => number.as_f64(),
+            Value::String(text) => text.trim().parse().ok(),
+            _ => None,
+        }
+    }
+
+    /// Returns the texts in the list under a key; `None` if there is no list.
+    pub(crate) fn list(&self, key: &str) -> Option<Vec<String>> {
+        let plain = |value: &Value| match value {
+            Value::String(text) => Some(text.clone()),
+            Value::Number(number) => Some(number.to_string()),
+            _ => None,
+        };
+        Some(self.0.get(key)?.as_array()?.iter().filter_map(plain).collect())
+    }
+
     pub(crate) fn duration(&self, key: &str) -> Option<Duration> {
         let seconds = match self.0.get(key)? {
             Value::Number(number) => number.as_f64()?,
@@ -280,6 +300,31 @@ impl EntityConfig {
         };
         let text = template.render(given).map_err(|unrendered| unrendered.0)?;
         if text.is_empty() { Err(format!("its `{key}` gives no text")) } else { Ok(text) }
+    }
+
+    /// Returns the message that sets a number: by the template under the key `by`, or else as the
+    /// number alone. The template has the variables `given`, and may use those in `missing`, which
+    /// are undefined.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the topic is missing or invalid, or the template is invalid.
+    pub(crate) fn number_message(
+        &self,
+        topic: &str,
+        by: &str,
+        given: &[(&str, TemplateVariable)],
+        missing: &[&str],
+    ) -> Result<NumberMessage, String> {
+        let to = self.telegram(topic, None, ("", ""))?.topic;
+        let names: Vec<_> =
+            given.iter().map(|(name, _)| *name).chain(missing.iter().copied()).collect();
+        let mut message = NumberMessage::plain(to);
+        if let Some(template) = template(&self.0, by, &names)? {
+            let variables = given.iter().map(|(name, value)| ((*name).to_owned(), value.clone()));
+            message.text = NumberText::Template { template, variables: variables.collect() };
+        }
+        Ok(message)
     }
 
     /// Returns the topics that report whether the entity is online.

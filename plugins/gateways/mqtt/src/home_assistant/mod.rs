@@ -2,15 +2,19 @@
 //! descriptions. The topic is `homeassistant/COMPONENT/[NODE/]OBJECT/config`; one message may also
 //! describe a whole device.
 //!
-//! - `config` reads one message; `component` converts an entity to features.
+//! - `config` reads one message; `component` converts an entity to features, with `lighting`,
+//!   `climate` and `settings` for entities that are set.
 //! - A message usually describes one *entity*. This module groups entities into devices: entities
 //!   that share an identifier or a connection belong to one device. The name and the area of the
 //!   device may be in the description of any of its entities.
 //! - A message that is not valid JSON or not a valid description does not change the entities of
 //!   its topic; the problem is reported.
 
+mod climate;
 mod component;
 mod config;
+mod lighting;
+mod settings;
 
 use std::collections::{BTreeMap, HashMap};
 
