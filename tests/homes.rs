@@ -210,7 +210,7 @@ fn a_lamp_is_dimmed_and_its_warmth_is_set() {
     let broker = Arc::new(broker);
     let told = Told::default();
     let lamp = json!({ "schema": "json", "cmd_t": "lab/lamp/set", "stat_t": "lab/lamp",
-        "sup_clrm": ["color_temp"], "min_mirs": 153, "max_mirs": 500 });
+        "sup_clrm": ["color_temp", "xy"], "min_mirs": 153, "max_mirs": 500 });
     broker.retain("homeassistant/light/lamp/config", &entity("lamp1", lamp));
     for mode in ["decentralized", "centralized"] {
         let _light = light(&broker, &told);
@@ -227,6 +227,8 @@ fn a_lamp_is_dimmed_and_its_warmth_is_set() {
             ),
             ("(<= (color-temperature lamp1) 2500)", &[r#"{"color_temp":400,"state":"ON"}"#]),
             ("(not (lit office1))", &[r#"{"state":"OFF"}"#]),
+            ("(lamp-color lamp1 color-blue)", &[r#"{"color":{"x":0.15,"y":0.06},"state":"ON"}"#]),
+            ("(and (lamp-color lamp1 color-blue) (not (lit office1)))", &[r#"{"state":"OFF"}"#]),
             ("(lit office1)", &[r#"{"state":"ON"}"#]),
             ("(>= (brightness lamp1) 80)", &[r#"{"brightness":204,"state":"ON"}"#]),
             ("(= (brightness lamp1) 0)", &[r#"{"state":"OFF"}"#]),
@@ -286,6 +288,60 @@ fn fans_numbers_choices_and_scenes_are_set() {
         assert_eq!(told.take(), expected, "{goal}: {said}");
     }
     office.await_fact("(selected source1 option-radio)", false);
+}
+
+/// A shutter that moves until it is told to stop.
+#[test]
+fn a_stop_ends_the_movement_of_a_shutter() {
+    let Some(broker) = Broker::start() else { return };
+    let broker = Arc::new(broker);
+    let told = Told::default();
+    let (speaker, heard) = (Arc::clone(&broker), told.clone());
+    let _shutter = broker.device("zigbee2mqtt/office1 blind/set", move |command| {
+        heard.push(command.to_owned());
+        let is_stop = command.contains("STOP");
+        let position = if is_stop { 34 } else { 30 };
+        let report = json!({ "position": position, "state": "OPEN" });
+        speaker.say("zigbee2mqtt/office1 blind", &report.to_string());
+    });
+    tell(&broker, &[shutter("office1 blind", "0x70")]);
+    broker.retain("zigbee2mqtt/office1 blind", r#"{"position":20,"state":"OPEN"}"#);
+    let office = office("decentralized", &broker, "");
+    office.await_devices(1);
+    let step = "(raise-cover-position office1-blind office1 percent-80)";
+    let mut moving = office.command(&["act", step]).spawn().expect("it is built");
+    office.await_fact("(= (cover-position office1-blind) 30)", true);
+    let (code, table) = office.ask(&["stop"]);
+    assert_eq!(code, Some(0), "{table}");
+    assert!(table.contains(&format!("stopped: {step}")), "{table}");
+    assert_eq!(told.take(), [r#"{"position":80}"#, r#"{"state":"STOP"}"#], "{table}");
+    office.await_fact("(= (cover-position office1-blind) 34)", true);
+    moving.wait().expect("our own child");
+    let (code, said) = office.ask(&["act", step]);
+    assert_eq!(code, Some(1), "{said}");
+    assert!(told.take().is_empty(), "{said}");
+}
+
+/// The dimmer of docs/devices.md, driven by a program.
+#[test]
+fn a_program_sets_a_level() {
+    let Some(broker) = Broker::start() else { return };
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("dim");
+    let text =
+        std::fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/../../../docs/devices.md"));
+    let text = text.expect("the document is there");
+    let entry = text.split("```toml\n").find(|block| block.contains("name = \"lamp-2\""));
+    let entry = entry.and_then(|block| block.split("```").next()).expect("its example");
+    let run = format!("[\"/bin/sh\", \"-c\", \"echo $0 > {}\", \"{{l}}\"]", file.display());
+    let entry = entry.replace("[\"/usr/local/bin/dim\", \"{l}\"]", &run);
+    let office = office("decentralized", &broker, &format!("\n{entry}"));
+    office.await_devices(1);
+    let said = reach(&office, "(= (brightness lamp-2) 50)");
+    assert_eq!(std::fs::read_to_string(&file).expect("a file"), "percent-50\n", "{said}");
+    office.await_fact("(= (brightness lamp-2) 50)", true);
+    let said = reach(&office, "(< (brightness lamp-2) 50)");
+    assert_eq!(std::fs::read_to_string(&file).expect("a file"), "percent-0\n", "{said}");
 }
 
 /// A wall button that Zigbee2MQTT describes, and a lamp: a kept goal reacts to the press.

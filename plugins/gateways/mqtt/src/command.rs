@@ -9,7 +9,7 @@ use crate::description::OutgoingMessage;
 use crate::feature_tracker::{FeatureStatus, FeatureTracker, ObservedValue};
 use crate::part::{ClassifiedFeature, DevicePart};
 use crate::part_model::{DOWN, LEVEL, OFF, ON, OPTION, SET, UP};
-use crate::setting::Setting;
+use crate::setting::DeviceSetting;
 
 /// Time limit for the report of a device that was told to stop its movement.
 const STOP_REPORT_TIME_MAX: Duration = Duration::from_secs(4);
@@ -90,14 +90,14 @@ impl Command {
         }
         let within = known.class.done_within();
         let (messages, value) = match &known.feature.setting {
-            Some(Setting::Choice(_)) => {
+            Some(DeviceSetting::Choice(_)) => {
                 let name = call.argument(OPTION)?;
                 let index = known.options().iter().position(|option| option.name == name);
                 let index = index.ok_or_else(|| unknown_value(known, name))?;
                 let message = known.options()[index].message.clone();
                 (message.into_iter().collect(), Some(ObservedValue::Option(index)))
             }
-            Some(Setting::Trigger(message)) => {
+            Some(DeviceSetting::Trigger(message)) => {
                 (vec![message.clone()], Some(ObservedValue::Yes(true)))
             }
             // Any other method measures; the value is requested only if it is unknown.

@@ -8,7 +8,7 @@ use crate::device_agents::AssignedNames;
 use crate::device_class::DeviceClasses;
 use crate::feature_tracker::{ObservedValue, TextContent};
 use crate::part::{ClassifiedFeature, DividedDevice};
-use crate::setting::Setting;
+use crate::setting::DeviceSetting;
 use crate::{home_assistant, shelly, tasmota, zigbee2mqtt};
 
 const FILES: &[(&str, &str)] = &[
@@ -152,7 +152,7 @@ fn of_setting(agent: &str, known: &ClassifiedFeature) -> Vec<String> {
             None => lines.push(format!("{agent} {name} {} is pressed", option.name)),
         }
     }
-    if let Some(Setting::Trigger(message)) = &known.feature.setting {
+    if let Some(DeviceSetting::Trigger(message)) = &known.feature.setting {
         lines.push(line("triggers", message));
     }
     lines

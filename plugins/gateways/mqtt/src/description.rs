@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 pub(crate) use crate::message::OutgoingMessage;
-use crate::setting::Setting;
+use crate::setting::DeviceSetting;
 use crate::template::Template;
 
 /// A device, as described by its own messages.
@@ -70,7 +70,7 @@ pub(crate) struct DeviceFeature {
     /// own.
     pub(crate) thing: Option<String>,
     /// The setting of a feature that is set, triggered or pressed; `None` for any other.
-    pub(crate) setting: Option<Setting>,
+    pub(crate) setting: Option<DeviceSetting>,
     /// Rank of the feature among the measured numbers of one class in the device. The feature with
     /// the lowest rank is used.
     pub(crate) rank: u8,

@@ -15,7 +15,7 @@ use crate::level::SettableLevels;
 use crate::naming::name_of;
 use crate::option::{SettableOption, settable_options};
 use crate::room_air;
-use crate::setting::{PressText, Setting};
+use crate::setting::{DeviceSetting, PressText};
 
 /// Maximum number of reasons that are reported for one device; further reasons are only counted.
 const REASONS_MAX: usize = 6;
@@ -257,7 +257,7 @@ fn assembled(
 fn echoes_commands(feature: &DeviceFeature) -> Option<String> {
     let of_switch = feature.command.iter().flat_map(|command| [&command.on, &command.off]);
     let told = of_switch.map(|message| message.topic.as_str());
-    let of_setting = feature.setting.as_ref().and_then(Setting::topic);
+    let of_setting = feature.setting.as_ref().and_then(DeviceSetting::topic);
     let is_heard = |told: &&str| {
         feature.states.iter().any(|said| mqtt_link::matches_filter(&said.topic, told))
     };
@@ -347,12 +347,12 @@ fn known(
 /// Returns the reason if the feature has no setting of the class's kind, or an unusable one.
 fn settable(feature: &DeviceFeature, class: &DeviceClass) -> Result<Settable, String> {
     match (class.kind(), &feature.setting) {
-        (Some(ClassKind::Level { unit, options, .. }), Some(Setting::Level(level))) => {
+        (Some(ClassKind::Level { unit, options, .. }), Some(DeviceSetting::Level(level))) => {
             let unit = (unit, class.level_step());
             let levels = SettableLevels::of(level, &feature.unit, unit, options)?;
             Ok(Settable::Levels(levels))
         }
-        (Some(ClassKind::Choice { options, .. }), Some(Setting::Choice(said))) => {
+        (Some(ClassKind::Choice { options, .. }), Some(DeviceSetting::Choice(said))) => {
             let option = |(text, message): &(String, OutgoingMessage)| SettableOption {
                 name: text.clone(),
                 text: text.clone(),
@@ -361,7 +361,7 @@ fn settable(feature: &DeviceFeature, class: &DeviceClass) -> Result<Settable, St
             };
             settable_options(options, said.iter().map(option)).map(Settable::Options)
         }
-        (Some(ClassKind::Press { options, .. }), Some(Setting::Press(said))) => {
+        (Some(ClassKind::Press { options, .. }), Some(DeviceSetting::Press(said))) => {
             let option = |PressText { name, text, source }: &PressText| SettableOption {
                 name: name.clone(),
                 text: text.clone(),
@@ -370,7 +370,7 @@ fn settable(feature: &DeviceFeature, class: &DeviceClass) -> Result<Settable, St
             };
             settable_options(options, said.iter().map(option)).map(Settable::Options)
         }
-        (Some(ClassKind::Trigger { .. }), Some(Setting::Trigger(_))) => Ok(Settable::Nothing),
+        (Some(ClassKind::Trigger { .. }), Some(DeviceSetting::Trigger(_))) => Ok(Settable::Nothing),
         (
             Some(
                 ClassKind::Level { .. }

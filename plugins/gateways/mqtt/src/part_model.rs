@@ -80,7 +80,7 @@ impl DevicePart {
     /// Returns the ways in which the setting `number` brings the measured number of the room to a
     /// level. A thermostat without modes heats, unless its set point is for cooling. A thermostat
     /// with two set points cools by the one for cooling.
-    fn ways(&self, number: usize) -> Vec<Way<'_>> {
+    fn ways(&self, number: usize) -> Vec<ReachingAction<'_>> {
         let Some(reached) = self.features[number].class.reached() else { return Vec::new() };
         if self.reached_by(number).is_none() {
             return Vec::new();
@@ -92,9 +92,10 @@ impl DevicePart {
             Some(modes) => fitting_modes(modes, is_up).next().is_some(),
             None => is_up || reached.up.is_none(),
         };
-        let up = reached.up.filter(|_| can(true)).map(|action| Way { action, is_up: true });
+        let up =
+            reached.up.filter(|_| can(true)).map(|action| ReachingAction { action, is_up: true });
         let down = reached.down.filter(|_| can(false) && !(has_other && reached.up.is_some()));
-        let down = down.map(|action| Way { action, is_up: false });
+        let down = down.map(|action| ReachingAction { action, is_up: false });
         up.into_iter().chain(down).collect()
     }
 
@@ -115,7 +116,7 @@ impl DevicePart {
 }
 
 /// An action that brings a measured number of the room up or down to a level.
-struct Way<'p> {
+struct ReachingAction<'p> {
     action: &'p str,
     is_up: bool,
 }
@@ -366,7 +367,7 @@ impl<'p> ModelDraft<'p> {
         let part = self.part;
         let Some(observed) = part.reached_by(number) else { return };
         let measured = part.features[observed].term("?d", "?r", self.ontology);
-        for Way { action, is_up } in part.ways(number) {
+        for ReachingAction { action, is_up } in part.ways(number) {
             let (sign, cost) = if is_up { ("<", HEATING_UP) } else { (">", COOLING_DOWN) };
             let mode = self.mode_for(action, is_up);
             let condition =
@@ -408,17 +409,18 @@ impl<'p> ModelDraft<'p> {
         for option in self.part.features[number].options() {
             let _ = write!(self.init, " (offers-{choice} {} {})", self.part.agent, option.name);
         }
-        // A lamp that gets a color is switched on.
+        // A lamp that gets a color is switched on, too; to switch it on alone changes less.
         let switch = self
             .part
             .switch_of(number)
             .map(|switch| self.part.features[switch].term("?d", "?r", self.ontology));
+        let cost = if switch.is_some() { "2" } else { "1" };
         let effect = format!(
             "(forall (?x - {options}) (not ({choice} ?d ?x))) ({choice} ?d ?o) {}",
             switch.unwrap_or_default()
         );
         let more = (format!("?o - {options}"), format!("(offers-{choice} ?d ?o)"));
-        self.action(&format!("set-{choice}"), (&more.0, &more.1), &effect, "1");
+        self.action(&format!("set-{choice}"), (&more.0, &more.1), &effect, cost);
     }
 }
 
@@ -478,7 +480,7 @@ impl DevicePart {
                 let to = [(LEVEL, "?l")];
                 let verbs = ["raise", "lower", "set"].map(|verb| format!("{verb}-{level}"));
                 let set = |action: String| method(&action, format!("{SET}{name}"), &to);
-                let bring = |way: Way<'_>| {
+                let bring = |way: ReachingAction<'_>| {
                     let verb = if way.is_up { UP } else { DOWN };
                     method(way.action, format!("{verb}{name}"), &to)
                 };

@@ -13,7 +13,7 @@ pub(crate) const OPTIONS_MAX: usize = 64;
 
 /// A property of a device that is set, or that a person presses.
 #[derive(Clone, Debug, PartialEq)]
-pub(crate) enum Setting {
+pub(crate) enum DeviceSetting {
     /// A number within bounds.
     Level(LevelSetting),
     /// One of several options, each with the message that chooses it.
@@ -173,14 +173,16 @@ impl TemplateVariable {
     }
 }
 
-impl Setting {
+impl DeviceSetting {
     /// Returns a topic that the setting's messages are sent to; `None` if none is sent.
     pub(crate) fn topic(&self) -> Option<&str> {
         match self {
-            Setting::Level(level) => Some(&level.message.topic),
-            Setting::Choice(options) => options.first().map(|(_, message)| message.topic.as_str()),
-            Setting::Trigger(message) => Some(&message.topic),
-            Setting::Press(_) => None,
+            DeviceSetting::Level(level) => Some(&level.message.topic),
+            DeviceSetting::Choice(options) => {
+                options.first().map(|(_, message)| message.topic.as_str())
+            }
+            DeviceSetting::Trigger(message) => Some(&message.topic),
+            DeviceSetting::Press(_) => None,
         }
     }
 
@@ -188,11 +190,11 @@ impl Setting {
     /// retained, because a retained one would trigger again after each connect of the device.
     pub(crate) fn retain(&mut self) {
         match self {
-            Setting::Level(level) => level.message.is_retained = true,
-            Setting::Choice(options) => {
+            DeviceSetting::Level(level) => level.message.is_retained = true,
+            DeviceSetting::Choice(options) => {
                 options.iter_mut().for_each(|(_, message)| message.is_retained = true);
             }
-            Setting::Trigger(_) | Setting::Press(_) => (),
+            DeviceSetting::Trigger(_) | DeviceSetting::Press(_) => (),
         }
     }
 }

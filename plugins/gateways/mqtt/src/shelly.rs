@@ -13,7 +13,7 @@ use crate::description::{
     Availability, AvailabilityMode, AvailabilityTopic, DescribedDevice, DeviceFeature,
     OutgoingMessage, SwitchCommand, UnusedFeature, ValueSource,
 };
-use crate::setting::{LevelSetting, NumberMessage, Setting};
+use crate::setting::{DeviceSetting, LevelSetting, NumberMessage};
 use crate::shelly_calls::ShellyCalls;
 
 /// Prefix of the factory-set names of devices.
@@ -196,7 +196,7 @@ fn first_brightness(base: &str, part: &str) -> DeviceFeature {
     DeviceFeature {
         states: vec![ValueSource::at(format!("{base}/{part}/status"), &["brightness"])],
         value_request: Some(OutgoingMessage::new(format!("{base}/command"), "update")),
-        setting: Some(Setting::Level(setting)),
+        setting: Some(DeviceSetting::Level(setting)),
         thing: Some(part.to_owned()),
         ..DeviceFeature::named("brightness", part)
     }
@@ -218,7 +218,7 @@ fn first_roller(base: &str, part: &str) -> [DeviceFeature; 2] {
     let position = DeviceFeature {
         states: vec![ValueSource::whole(format!("{base}/{part}/pos"))],
         value_request: Some(OutgoingMessage::new(format!("{base}/command"), "update")),
-        setting: Some(Setting::Level(setting)),
+        setting: Some(DeviceSetting::Level(setting)),
         ..feature("cover_position")
     };
     [switch, position]

@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use crate::description::{DeviceFeature, OutgoingMessage, SwitchCommand, ValueSource};
-use crate::setting::{LevelSetting, NumberMessage, Setting};
+use crate::setting::{DeviceSetting, LevelSetting, NumberMessage};
 
 /// The topics of one device.
 pub(crate) struct ShellyCalls<'n> {
@@ -74,7 +74,7 @@ impl ShellyCalls<'_> {
         let setting =
             LevelSetting { min: 1.0, switches_on: true, ..LevelSetting::percent(message) };
         DeviceFeature {
-            setting: Some(Setting::Level(setting)),
+            setting: Some(DeviceSetting::Level(setting)),
             thing: Some(part.to_owned()),
             value_request: Some(self.ask()),
             ..self.measured("brightness", part, "brightness", "")
@@ -95,7 +95,7 @@ impl ShellyCalls<'_> {
             ..DeviceFeature::named("cover", part)
         };
         let position = DeviceFeature {
-            setting: Some(Setting::Level(setting)),
+            setting: Some(DeviceSetting::Level(setting)),
             thing: Some(part.to_owned()),
             value_request: Some(self.ask()),
             ..self.measured("cover_position", part, "current_pos", "")

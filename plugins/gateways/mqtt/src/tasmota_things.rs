@@ -7,7 +7,7 @@ use crate::color::{COLORS, NamedColor};
 use crate::description::{
     DeviceFeature, OutgoingMessage, ReadingMethod, SwitchCommand, ValueSource,
 };
-use crate::setting::{LevelSetting, NumberMessage, NumberScale, PressText, Setting};
+use crate::setting::{DeviceSetting, LevelSetting, NumberMessage, NumberScale, PressText};
 use crate::tasmota::{CMND, STAT, TELE, TasmotaConfig};
 
 /// Kind of a relay that is part of a shutter.
@@ -76,7 +76,7 @@ impl TasmotaConfig<'_> {
         let position = DeviceFeature {
             states: self.reported(&[&name, "Position"]),
             value_request: Some(ask),
-            setting: Some(Setting::Level(setting)),
+            setting: Some(DeviceSetting::Level(setting)),
             thing,
             ..DeviceFeature::named("cover_position", &label)
         };
@@ -97,7 +97,7 @@ impl TasmotaConfig<'_> {
         let level = |class: &str, key: &str, setting: LevelSetting| DeviceFeature {
             states: states(key),
             value_request: Some(OutgoingMessage::new(self.topic(CMND, "STATE"), "")),
-            setting: Some(Setting::Level(setting)),
+            setting: Some(DeviceSetting::Level(setting)),
             thing: Some(thing.to_owned()),
             ..DeviceFeature::named(class, &key.to_lowercase())
         };
@@ -116,7 +116,7 @@ impl TasmotaConfig<'_> {
             let topics = [self.topic(STAT, "RESULT"), self.topic(TELE, "STATE")];
             found.push(DeviceFeature {
                 states: topics.map(|topic| ValueSource { topic, reading: reading() }).to_vec(),
-                setting: Some(Setting::Choice(COLORS.map(option).to_vec())),
+                setting: Some(DeviceSetting::Choice(COLORS.map(option).to_vec())),
                 thing: Some(thing.to_owned()),
                 ..DeviceFeature::named("color", "color")
             });
@@ -160,7 +160,10 @@ impl TasmotaConfig<'_> {
             }),
             ..feature("fan")
         };
-        [switch, DeviceFeature { setting: Some(Setting::Level(setting)), ..feature("fan_speed") }]
+        [
+            switch,
+            DeviceFeature { setting: Some(DeviceSetting::Level(setting)), ..feature("fan_speed") },
+        ]
     }
 
     /// Returns the buttons of the device. They report presses only with option 73.
@@ -180,7 +183,7 @@ impl TasmotaConfig<'_> {
             let source = ValueSource::at(self.topic(STAT, "RESULT"), &[&name, "Action"]);
             DeviceFeature {
                 states: vec![source],
-                setting: Some(Setting::Press(PRESSES.map(press).to_vec())),
+                setting: Some(DeviceSetting::Press(PRESSES.map(press).to_vec())),
                 thing: Some("buttons".to_owned()),
                 ..DeviceFeature::named("action", "buttons")
             }

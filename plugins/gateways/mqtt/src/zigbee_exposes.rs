@@ -11,7 +11,7 @@ use crate::color::{COLORS, NamedColor};
 use crate::description::{
     DeviceFeature, OutgoingMessage, ReadingMethod, SwitchCommand, UnusedFeature, ValueSource,
 };
-use crate::setting::{LevelSetting, NumberMessage, NumberScale, PressText, Setting};
+use crate::setting::{DeviceSetting, LevelSetting, NumberMessage, NumberScale, PressText};
 
 /// A feature that a device exposes.
 #[derive(Deserialize)]
@@ -79,7 +79,7 @@ pub(crate) fn features_of(
         }
         "enum" if expose.name == "action" && expose.access & SAYS != 0 => {
             let presses = expose.options().map(PressText::named).collect();
-            let setting = Some(Setting::Press(presses));
+            let setting = Some(DeviceSetting::Press(presses));
             let feature = DeviceFeature { setting, ..DeviceFeature::named("action", "action") };
             // A press is no state, and must not be requested.
             let feature = heard(expose, topic, feature);
@@ -194,7 +194,7 @@ fn settings(expose: &ExposedFeature, topic: &str, features: &mut Vec<DeviceFeatu
                 body[switch] = json!("ON");
             }
             let mut level = level_of(class, part, topic, (body, switch.is_some()));
-            if let Some(Setting::Level(setting)) = &mut level.setting {
+            if let Some(DeviceSetting::Level(setting)) = &mut level.setting {
                 setting.stop = expose.stop(topic).filter(|_| *class == "cover_position");
             }
             features.push(heard(part, topic, level));
@@ -253,7 +253,7 @@ fn level_of(
     };
     DeviceFeature {
         unit: part.unit.clone().unwrap_or_default(),
-        setting: Some(Setting::Level(setting)),
+        setting: Some(DeviceSetting::Level(setting)),
         ..DeviceFeature::named(class, property)
     }
 }
@@ -273,7 +273,7 @@ fn colored(part: &ExposedFeature, topic: &str, switch: Option<String>) -> Device
     let reading = ReadingMethod::Color(vec![property.to_owned()]);
     DeviceFeature {
         states: vec![ValueSource { topic: topic.to_owned(), reading }],
-        setting: Some(Setting::Choice(COLORS.map(option).to_vec())),
+        setting: Some(DeviceSetting::Choice(COLORS.map(option).to_vec())),
         ..DeviceFeature::named("color", property)
     }
 }
@@ -285,7 +285,7 @@ fn choice_of(class: &str, part: &ExposedFeature, topic: &str) -> DeviceFeature {
         (text.to_owned(), OutgoingMessage::new(format!("{topic}/set"), body))
     };
     let options = part.options().map(option).collect();
-    let setting = Some(Setting::Choice(options));
+    let setting = Some(DeviceSetting::Choice(options));
     DeviceFeature { setting, ..DeviceFeature::named(class, property) }
 }
 

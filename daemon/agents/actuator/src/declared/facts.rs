@@ -113,11 +113,11 @@ impl AgentFacts {
     ) -> Option<InitElement> {
         let fluent = ground_fluent(&assign.fluent, arguments);
         let value = match &assign.value {
-            Expression::Number(number) => Some(number.clone()),
+            Expression::Number(number) => Some(*number),
             Expression::Fluent(other) => {
                 let other = ground_fluent(other, arguments);
                 match self.0.get(&format!("= {other}")) {
-                    Some(InitElement::Assign(_, number)) => Some(number.clone()),
+                    Some(InitElement::Assign(_, number)) => Some(*number),
                     _ => None,
                 }
             }

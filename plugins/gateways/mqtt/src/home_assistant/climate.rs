@@ -5,7 +5,7 @@ use super::component::switched;
 use super::config::EntityConfig;
 use super::settings::choice;
 use crate::description::{DeviceFeature, ReadingMethod};
-use crate::setting::{LevelSetting, NumberScale, Setting, TemplateVariable};
+use crate::setting::{DeviceSetting, LevelSetting, NumberScale, TemplateVariable};
 
 /// Modes of a thermostat that lists none.
 const MODES: &[&str] = &["auto", "off", "cool", "heat", "dry", "fan_only"];
@@ -128,7 +128,7 @@ fn set_point(
     };
     Ok(Some(DeviceFeature {
         states: source.into_iter().collect(),
-        setting: Some(Setting::Level(setting)),
+        setting: Some(DeviceSetting::Level(setting)),
         ..DeviceFeature::named(class, label)
     }))
 }

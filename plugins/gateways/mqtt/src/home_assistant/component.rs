@@ -9,7 +9,7 @@ use crate::description::{
     DeviceFeature, OutgoingMessage, ReadingMethod, SwitchCommand, UnusedFeature, ValueSource,
 };
 use crate::room_air::rank;
-use crate::setting::Setting;
+use crate::setting::DeviceSetting;
 use crate::template::Template;
 
 /// Components of Home Assistant that have no use here, with the reasons.
@@ -134,7 +134,7 @@ pub(crate) fn features(
             if let Some(command) = &mut feature.command {
                 (command.on.is_retained, command.off.is_retained) = (true, true);
             }
-            feature.setting.iter_mut().for_each(Setting::retain);
+            feature.setting.iter_mut().for_each(DeviceSetting::retain);
         }
     }
     Ok(found)

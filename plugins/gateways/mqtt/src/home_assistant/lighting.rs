@@ -7,7 +7,7 @@ use super::component::OF_LIGHTS;
 use super::config::EntityConfig;
 use crate::color::{COLORS, NamedColor};
 use crate::description::{DeviceFeature, OutgoingMessage, ReadingMethod, ValueSource};
-use crate::setting::{LevelSetting, NumberMessage, NumberScale, Setting, TemplateVariable};
+use crate::setting::{DeviceSetting, LevelSetting, NumberMessage, NumberScale, TemplateVariable};
 
 /// Usual bounds of color temperatures, in mireds.
 const MIREDS: (f64, f64) = (153.0, 500.0);
@@ -57,7 +57,7 @@ fn level(
     let setting = LevelSetting { min, max, scale, switches_on, ..LevelSetting::percent(message) };
     DeviceFeature {
         states: source.into_iter().collect(),
-        setting: Some(Setting::Level(setting)),
+        setting: Some(DeviceSetting::Level(setting)),
         ..DeviceFeature::named("", "")
     }
 }
@@ -234,7 +234,7 @@ fn basic_color(config: &EntityConfig) -> Result<Option<DeviceFeature>, String> {
 fn colored(options: Vec<(String, OutgoingMessage)>, source: Option<ValueSource>) -> DeviceFeature {
     DeviceFeature {
         states: source.into_iter().collect(),
-        setting: Some(Setting::Choice(options)),
+        setting: Some(DeviceSetting::Choice(options)),
         ..DeviceFeature::named("", "")
     }
 }

@@ -4,7 +4,7 @@
 use super::component::switched;
 use super::config::EntityConfig;
 use crate::description::{DeviceFeature, OutgoingMessage, ReadingMethod};
-use crate::setting::{LevelSetting, NumberScale, PressText, Setting, TemplateVariable};
+use crate::setting::{DeviceSetting, LevelSetting, NumberScale, PressText, TemplateVariable};
 
 /// Device classes of covers that are ways for people, cars or air, and no shades.
 const GATES: &[&str] = &["damper", "door", "garage", "gate", "window"];
@@ -48,7 +48,7 @@ pub(super) fn choice(
     let messages: Result<Vec<_>, String> = messages.collect();
     Ok(Some(DeviceFeature {
         states: source.into_iter().collect(),
-        setting: Some(Setting::Choice(messages?)),
+        setting: Some(DeviceSetting::Choice(messages?)),
         ..DeviceFeature::named(class, label)
     }))
 }
@@ -120,7 +120,7 @@ fn position(
     setting.stop = stop(config)?;
     Ok(Some(DeviceFeature {
         states: source.into_iter().collect(),
-        setting: Some(Setting::Level(setting)),
+        setting: Some(DeviceSetting::Level(setting)),
         ..DeviceFeature::named(class, label)
     }))
 }
@@ -151,7 +151,7 @@ fn tilt(config: &EntityConfig, label: &str) -> Result<Option<DeviceFeature>, Str
     setting.scale = NumberScale::Percent { zero, full };
     Ok(Some(DeviceFeature {
         states: source.into_iter().collect(),
-        setting: Some(Setting::Level(setting)),
+        setting: Some(DeviceSetting::Level(setting)),
         ..DeviceFeature::named("cover_tilt", label)
     }))
 }
@@ -182,7 +182,7 @@ pub(super) fn fan(fan: DeviceFeature, config: &EntityConfig) -> Result<Vec<Devic
         let setting = LevelSetting { min: low, max: high, scale, ..LevelSetting::percent(message) };
         found.push(DeviceFeature {
             states: source.into_iter().collect(),
-            setting: Some(Setting::Level(setting)),
+            setting: Some(DeviceSetting::Level(setting)),
             ..DeviceFeature::named("fan_speed", &label)
         });
     }
@@ -207,7 +207,7 @@ pub(super) fn number(config: &EntityConfig, label: &str) -> Result<DeviceFeature
     };
     Ok(DeviceFeature {
         states: source.into_iter().collect(),
-        setting: Some(Setting::Level(setting)),
+        setting: Some(DeviceSetting::Level(setting)),
         ..DeviceFeature::named("number", label)
     })
 }
@@ -228,7 +228,7 @@ pub(super) fn select(config: &EntityConfig, label: &str) -> Result<DeviceFeature
     let source = config.source("state_topic", "value_template", ReadingMethod::Whole)?;
     Ok(DeviceFeature {
         states: source.into_iter().collect(),
-        setting: Some(Setting::Choice(options?)),
+        setting: Some(DeviceSetting::Choice(options?)),
         ..DeviceFeature::named("select", label)
     })
 }
@@ -242,7 +242,7 @@ pub(super) fn trigger(
     let payload =
         if component == "button" { ("payload_press", "PRESS") } else { ("payload_on", "ON") };
     let message = config.telegram("command_topic", Some("command_template"), payload)?;
-    let setting = Some(Setting::Trigger(message));
+    let setting = Some(DeviceSetting::Trigger(message));
     Ok(DeviceFeature { setting, ..DeviceFeature::named(component, label) })
 }
 
@@ -255,7 +255,7 @@ pub(super) fn event(config: &EntityConfig, label: &str) -> Result<DeviceFeature,
     let presses = kinds.iter().map(|kind| PressText::named(kind)).collect();
     Ok(DeviceFeature {
         states: source.into_iter().collect(),
-        setting: Some(Setting::Press(presses)),
+        setting: Some(DeviceSetting::Press(presses)),
         ..DeviceFeature::named("action", label)
     })
 }
@@ -273,7 +273,7 @@ pub(super) fn automation(config: &EntityConfig) -> Result<DeviceFeature, String>
     let press = PressText { name, text, source: Some(0) };
     Ok(DeviceFeature {
         states: vec![source],
-        setting: Some(Setting::Press(vec![press])),
+        setting: Some(DeviceSetting::Press(vec![press])),
         thing: Some(TRIGGERS.to_owned()),
         ..DeviceFeature::named("action", TRIGGERS)
     })
