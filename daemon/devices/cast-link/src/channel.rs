@@ -117,10 +117,9 @@ impl Channel {
                 }
             }
             let until = self.beat()?;
-            match timeout_at(until, self.transfer()).await {
-                Ok(done) => done?,
-                // It is time for the heartbeat.
-                Err(_) => (),
+            // After this time the heartbeat is due.
+            if let Ok(done) = timeout_at(until, self.transfer()).await {
+                done?;
             }
         }
     }

@@ -13,7 +13,7 @@ use tokio::task::JoinSet;
 use tokio::time::Instant;
 
 use crate::CastAddress;
-use crate::dns::{self, Service};
+use crate::dns::{self, DnsService};
 use crate::error::excerpt;
 
 /// Group and port of multicast DNS.
@@ -144,7 +144,7 @@ async fn ask(
 }
 
 /// Returns the device of an answer from `from`. An answer without an address is about its sender.
-fn read(service: &Service, from: IpAddr) -> FoundCast {
+fn read(service: &DnsService, from: IpAddr) -> FoundCast {
     let property = |key: &str| service.properties.get(key).map(|text| excerpt(text));
     // An address of IPv4 needs no interface, and stands first.
     let address = service.addresses.iter().min_by_key(|ip| (ip.is_ipv6(), **ip));
@@ -164,11 +164,11 @@ mod tests {
     #[test]
     fn a_device_has_a_name_and_an_address_also_where_its_answer_lacks_them() {
         let from = "10.0.0.9".parse().expect("an IP");
-        let bare = Service { name: "Cast-1._x".to_owned(), ..Service::default() };
+        let bare = DnsService { name: "Cast-1._x".to_owned(), ..DnsService::default() };
         let found = read(&bare, from);
         assert_eq!((found.id.as_str(), found.address.as_str()), ("Cast-1._x", "10.0.0.9"));
         let addresses = ["fe80::1", "10.0.0.8"].map(|ip| ip.parse().expect("an IP"));
-        let group = Service { port: Some(32_187), addresses: addresses.to_vec(), ..bare };
+        let group = DnsService { port: Some(32_187), addresses: addresses.to_vec(), ..bare };
         assert_eq!(read(&group, from).address, "10.0.0.8:32187");
     }
 

@@ -26,7 +26,7 @@ const HEADER_BYTES: usize = 12;
 
 /// A service in an answer.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Service {
+pub(crate) struct DnsService {
     /// Full name of the service.
     pub(crate) name: String,
     pub(crate) port: Option<u16>,
@@ -51,41 +51,41 @@ pub(crate) fn question(kind: &str) -> Vec<u8> {
 }
 
 /// Returns the services of this kind in an answer. What cannot be read is left out.
-pub(crate) fn services(answer: &[u8], kind: &str) -> Vec<Service> {
-    let mut found: BTreeMap<String, Service> = BTreeMap::new();
+pub(crate) fn services(answer: &[u8], kind: &str) -> Vec<DnsService> {
+    let mut found: BTreeMap<String, DnsService> = BTreeMap::new();
     let (mut hosts, mut targets) = (BTreeMap::<_, Vec<_>>::new(), Vec::new());
     for record in records(answer).unwrap_or_default() {
-        let Record { name, data } = record;
+        let DnsRecord { name, data } = record;
         match data {
-            Data::Pointer(service) if name.eq_ignore_ascii_case(kind) => {
+            DnsData::Pointer(service) if name.eq_ignore_ascii_case(kind) => {
                 let entry = found.entry(service.clone()).or_default();
                 entry.name = service;
             }
-            Data::Host(address) => hosts.entry(name).or_default().push(address),
+            DnsData::Host(address) => hosts.entry(name).or_default().push(address),
             data => targets.push((name, data)),
         }
     }
     for (name, data) in targets {
         let Some(service) = found.get_mut(&name) else { continue };
         match data {
-            Data::Server(host, port) => {
+            DnsData::Server(host, port) => {
                 service.port = Some(port);
                 service.addresses = hosts.get(&host).cloned().unwrap_or_default();
             }
-            Data::Text(properties) => service.properties = properties,
-            Data::Pointer(_) | Data::Host(_) => (),
+            DnsData::Text(properties) => service.properties = properties,
+            DnsData::Pointer(_) | DnsData::Host(_) => (),
         }
     }
     found.into_values().collect()
 }
 
 /// A record of an answer.
-struct Record {
+struct DnsRecord {
     name: String,
-    data: Data,
+    data: DnsData,
 }
 
-enum Data {
+enum DnsData {
     Pointer(String),
     Server(String, u16),
     Text(BTreeMap<String, String>),
@@ -93,7 +93,7 @@ enum Data {
 }
 
 /// Returns the records of an answer that concern services; `None` if it is none or is cut off.
-fn records(answer: &[u8]) -> Option<Vec<Record>> {
+fn records(answer: &[u8]) -> Option<Vec<DnsRecord>> {
     let count = |at: usize| number(answer, at).map(usize::from);
     // The first bit after the identifier tells an answer from a question.
     if answer.get(2)? & 0x80 == 0 {
@@ -114,22 +114,22 @@ fn records(answer: &[u8]) -> Option<Vec<Record>> {
 }
 
 /// Reads the record at `at`. Returns it, if it concerns services, and the place after it.
-fn record(answer: &[u8], at: usize) -> Option<(Option<Record>, usize)> {
+fn record(answer: &[u8], at: usize) -> Option<(Option<DnsRecord>, usize)> {
     let (owner, at) = name(answer, at)?;
     let (kind, length) = (number(answer, at)?, usize::from(number(answer, at + 8)?));
     let start = at + 10;
     let bytes = answer.get(start..start + length)?;
     let data = match kind {
-        PTR => name(answer, start).map(|(name, _)| Data::Pointer(name)),
+        PTR => name(answer, start).map(|(name, _)| DnsData::Pointer(name)),
         SRV => number(bytes, 4)
             .zip(name(answer, start + 6))
-            .map(|(port, (host, _))| Data::Server(host, port)),
-        TXT => Some(Data::Text(properties(bytes))),
-        A => <[u8; 4]>::try_from(bytes).ok().map(|ip| Data::Host(Ipv4Addr::from(ip).into())),
-        AAAA => <[u8; 16]>::try_from(bytes).ok().map(|ip| Data::Host(Ipv6Addr::from(ip).into())),
+            .map(|(port, (host, _))| DnsData::Server(host, port)),
+        TXT => Some(DnsData::Text(properties(bytes))),
+        A => <[u8; 4]>::try_from(bytes).ok().map(|ip| DnsData::Host(Ipv4Addr::from(ip).into())),
+        AAAA => <[u8; 16]>::try_from(bytes).ok().map(|ip| DnsData::Host(Ipv6Addr::from(ip).into())),
         _ => None,
     };
-    Some((data.map(|data| Record { name: owner, data }), start + length))
+    Some((data.map(|data| DnsRecord { name: owner, data }), start + length))
 }
 
 fn number(bytes: &[u8], at: usize) -> Option<u16> {
@@ -212,7 +212,7 @@ mod tests {
     #[test]
     fn a_service_has_its_port_its_address_and_its_properties() {
         let properties = [("fn", "TV"), ("md", "CC")];
-        let service = Service {
+        let service = DnsService {
             name: format!("Cast-1.{KIND}"),
             port: Some(8009),
             addresses: vec!["10.0.0.7".parse().expect("an IP")],

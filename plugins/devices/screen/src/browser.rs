@@ -10,7 +10,7 @@ use programs::RunningProgram;
 use screen_link::{Browser, PageState};
 use tempfile::TempDir;
 
-use crate::config::{Content, PlayerSettings};
+use crate::content::{Content, PlayerSettings};
 use crate::pages::{self, PageKind};
 use crate::player::{self, Player, PlayerTrouble};
 

@@ -8,7 +8,7 @@ use std::time::Duration;
 use cast_link::{CastAddress, CastError, CastMedium, Chromecast, MediumState, TelevisionState};
 use tokio::time::Instant;
 
-use crate::config::{ADDRESSES, Content};
+use crate::content::{ADDRESSES, Content};
 use crate::player::{Player, PlayerTrouble};
 
 /// Pause between two questions what the device does and shows. In between it says by itself what

@@ -13,7 +13,7 @@ use tokio::task::JoinHandle;
 use tokio::time::{Instant, sleep, sleep_until};
 
 use crate::cec_output::{CecOutput, NO_ADDRESS, Power};
-use crate::config::Content;
+use crate::content::Content;
 use crate::player::{Player, PlayerTrouble};
 
 /// The program, if the config names no other.

@@ -1,5 +1,4 @@
-//! The `config` of a screen's entry: its room, its media, and the keys for the drivers that show
-//! them with a program.
+//! The `config` of a screen's entry: its room, its media, and the keys for the drivers.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
@@ -12,6 +11,7 @@ use serde::Deserialize;
 
 use crate::cast::{self, CastSettings};
 use crate::cec::{CecSettings, THIS_MACHINE};
+use crate::content::{ADDRESSES, Content, PlayerSettings, ending};
 use crate::{BROWSER, CAST, CEC, MPV};
 
 /// The `config` of a screen's entry in the ecosystem file.
@@ -72,46 +72,12 @@ struct PlainText {
 struct TypedAddress {
     address: String,
     /// MIME type, such as `video/mp4`.
-    r#type: String,
-}
-
-/// A medium that a screen can show.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Content {
-    /// A text.
-    Text(String),
-    /// The address of a page, or of a film in a network.
-    Address(String),
-    /// A file of this machine.
-    File {
-        /// Path as the config writes it.
-        written: String,
-        /// Absolute path.
-        path: PathBuf,
-    },
-    /// A medium that a Chromecast fetches by itself.
-    Fetched {
-        /// Address of the medium.
-        address: String,
-        /// MIME type of the medium.
-        content_type: String,
-    },
-}
-
-/// Settings of a driver that shows media with a program.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct PlayerSettings {
-    pub(crate) program: Option<String>,
-    pub(crate) arguments: Vec<String>,
-    pub(crate) display: Option<String>,
-    pub(crate) profile: Option<PathBuf>,
+    #[serde(rename = "type")]
+    content_type: String,
 }
 
 /// Default of `television` for the driver `cec`: the first cable that the kernel has found.
 const CEC_DEVICE: &str = "/dev/cec0";
-
-/// Beginnings of an address, for the drivers with a program and for `cast`.
-pub(crate) const ADDRESSES: &[&str] = &["http://", "https://"];
 
 /// Further beginnings of an address, for the driver `mpv` only.
 const STREAMS: &[&str] = &["rtsp://", "rtmp://", "udp://", "rtp://", "srt://"];
@@ -121,17 +87,6 @@ const PATHS: &[&str] = &["/", "./", "../"];
 
 /// Endings of files that mpv cannot show.
 const NOT_FOR_MPV: &[&str] = &["pdf", "html", "htm", "txt", "svg"];
-
-impl Content {
-    /// Returns the medium as the config writes it, without the key.
-    pub fn written(&self) -> &str {
-        match self {
-            Content::Text(text) => text,
-            Content::Address(address) | Content::Fetched { address, .. } => address,
-            Content::File { written, .. } => written,
-        }
-    }
-}
 
 impl Config {
     /// Checks that no key is for another driver than that of the entry.
@@ -256,8 +211,8 @@ impl Config {
 /// Returns the medium for this driver. The error is the reason why the driver cannot show it.
 fn content_of(written: &WrittenMedium, driver: &str, is_check: bool) -> Result<Content, String> {
     let content = match written {
-        WrittenMedium::Typed(TypedAddress { address, r#type }) if driver == CAST => {
-            return cast::typed_content(address, r#type);
+        WrittenMedium::Typed(TypedAddress { address, content_type }) if driver == CAST => {
+            return cast::typed_content(address, content_type);
         }
         WrittenMedium::Typed(_) => {
             return Err("`type` is for the driver `cast`; write the address alone".to_owned());
@@ -314,9 +269,4 @@ fn plain_content(text: &str, driver: &str, is_check: bool) -> Result<Content, St
         return Err(format!("{text} is not a file"));
     }
     Ok(Content::File { written: text.to_owned(), path })
-}
-
-/// Returns the ending of a file's name, in lower case.
-pub(crate) fn ending(path: &Path) -> String {
-    path.extension().map(|ending| ending.to_string_lossy().to_lowercase()).unwrap_or_default()
 }

@@ -40,7 +40,7 @@ const DEVICES_MAX: usize = 256;
 
 #[derive(Clone, Debug, Default, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-struct FinderConfig {
+struct ScreenFinderConfig {
     /// Device that is asked alone, where the network does not carry the question to all:
     /// `IP` or `IP:PORT`.
     ask: Option<String>,
@@ -50,7 +50,7 @@ struct FinderConfig {
 }
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
-    let config: FinderConfig = blueprint.config_as()?;
+    let config: ScreenFinderConfig = blueprint.config_as()?;
     let to = match &config.ask {
         None => MULTICAST_DNS,
         Some(text) => {
@@ -73,7 +73,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
 
 struct ScreenFinder {
     daemon_note: String,
-    config: FinderConfig,
+    config: ScreenFinderConfig,
     to: SocketAddr,
     discovered: DiscoveredAgents<()>,
     found: Vec<FoundCast>,

@@ -17,6 +17,7 @@ mod cast;
 mod cec;
 mod cec_output;
 mod config;
+mod content;
 mod finder;
 mod mpv;
 mod pages;
@@ -41,7 +42,7 @@ use actuator::{
 use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 
 use crate::config::Config;
-pub use crate::config::Content;
+pub use crate::content::Content;
 pub use crate::finder::FINDER;
 use crate::with_television::WithTelevision;
 

@@ -10,7 +10,7 @@ use programs::RunningProgram;
 use screen_link::{Mpv, ScreenLinkError};
 use tokio::time::Instant;
 
-use crate::config::{Content, PlayerSettings};
+use crate::content::{Content, PlayerSettings};
 use crate::player::{self, Player, PlayerTrouble};
 
 /// Names of the program.

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 
-use crate::config::{Content, ending};
+use crate::content::{Content, ending};
 
 /// Endings of pictures that are shown in a page of their own, as large as the screen.
 const PICTURES: &[&str] =

@@ -7,7 +7,7 @@ use programs::{Program, ProgramStart, RunningProgram};
 use screen_link::ScreenLinkError;
 use tokio::net::UnixStream;
 
-use crate::config::{Content, PlayerSettings};
+use crate::content::{Content, PlayerSettings};
 
 /// Time for a program to end after its connection is lost, so that the program's own reason can be
 /// reported.

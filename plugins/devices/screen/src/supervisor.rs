@@ -14,7 +14,7 @@ use actuator::BoxFuture;
 use tokio::sync::{mpsc, oneshot, watch};
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 
-use crate::config::Content;
+use crate::content::Content;
 use crate::player::{Player, PlayerTrouble};
 use crate::{Display, DisplayState};
 

@@ -1,7 +1,7 @@
 //! A program that shows media on a television which is turned on for them, and off after them.
 
 use crate::cec::{CecPlayer, CecSettings};
-use crate::config::Content;
+use crate::content::Content;
 use crate::player::{Player, PlayerTrouble};
 
 /// A program, and the television of its machine, if the config names one. A medium counts as shown
