@@ -10,9 +10,10 @@
 
 mod running;
 
-pub use running::{ProgramStart, RunningProgram};
+pub use running::{ProgramStart, ProgramWords, RunningProgram};
 
 use std::io;
+use std::path::Path;
 use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 
@@ -86,6 +87,16 @@ impl ProgramError {
             ProgramError::Failed { status, .. } => status.code().is_none(),
         }
     }
+}
+
+/// Whether there is a program of this name: a file of this path if it has a `/`, otherwise a file in
+/// a folder of `PATH`.
+pub fn is_installed(name: &str) -> bool {
+    if name.contains('/') {
+        return Path::new(name).is_file();
+    }
+    let folders = std::env::var_os("PATH").unwrap_or_default();
+    std::env::split_paths(&folders).any(|folder| folder.join(name).is_file())
 }
 
 impl Program {
@@ -196,6 +207,8 @@ mod tests {
     async fn arguments_are_taken_literally() {
         let printed = program(&["printf", "%s|", "$HOME; *", ""]).run(PATIENCE).await;
         assert_eq!(printed.ok().as_deref(), Some("$HOME; *||"));
+        assert!(is_installed("sh") && is_installed("/bin/sh"));
+        assert!(!is_installed("no-such-program") && !is_installed("/bin"));
         assert_eq!(Program::of([]), None);
         assert_eq!(Program::of([String::new(), "x".to_owned()]), None);
     }

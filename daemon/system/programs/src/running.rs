@@ -11,12 +11,12 @@ use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixStream as Blocking;
 use std::path::Path;
 use std::process::Stdio;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use tokio::io::{AsyncRead, AsyncReadExt as _};
 use tokio::net::UnixStream;
-use tokio::process::{Child, ChildStdin, Command};
+use tokio::process::{Child, ChildStdin, ChildStdout, Command};
 
 use crate::{Program, ProgramError, ProgramGroup, START, last_line};
 
@@ -49,6 +49,8 @@ pub struct ProgramStart<'s> {
     pub environment: &'s [(String, String)],
     /// Folder that belongs to this run of the program, and that is removed if this process dies.
     pub scratch: Option<&'s Path>,
+    /// Whether the program's standard output is read, with [`RunningProgram::take_output`].
+    pub has_output: bool,
 }
 
 /// A program that stays. Dropping this value kills the program and its children.
@@ -58,9 +60,32 @@ pub struct RunningProgram {
     child: Child,
     group: Option<ProgramGroup>,
     watch: Option<(Child, ChildStdin)>,
-    /// The last bytes of the program's standard error.
-    complaint: Arc<Mutex<VecDeque<u8>>>,
+    words: ProgramWords,
     reading: tokio::task::JoinHandle<()>,
+}
+
+/// The last bytes that a program has written to its standard error.
+#[derive(Clone, Debug, Default)]
+pub struct ProgramWords(Arc<Mutex<VecDeque<u8>>>);
+
+impl ProgramWords {
+    /// Returns the last line so far that is not empty, shortened if it is long; `None` if there is
+    /// none.
+    pub fn last(&self) -> Option<String> {
+        last_line(self.bytes().make_contiguous())
+    }
+
+    /// Returns the last line so far that contains `part`, shortened if it is long; `None` if there is
+    /// none.
+    pub fn last_with(&self, part: &str) -> Option<String> {
+        let text = String::from_utf8_lossy(self.bytes().make_contiguous()).into_owned();
+        let line = text.lines().rfind(|line| line.contains(part))?;
+        last_line(line.as_bytes())
+    }
+
+    fn bytes(&self) -> MutexGuard<'_, VecDeque<u8>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 impl Program {
@@ -83,15 +108,16 @@ impl Program {
         let mut command = Command::new("sh");
         command.args(["-c", HAND_OVER, "start", &self.program]).args(&self.arguments);
         command.envs(start.environment.iter().map(|(name, value)| (name, value)));
-        command.stdin(OwnedFd::from(theirs)).stdout(Stdio::null()).stderr(Stdio::piped());
+        let output = if start.has_output { Stdio::piped() } else { Stdio::null() };
+        command.stdin(OwnedFd::from(theirs)).stdout(output).stderr(Stdio::piped());
         let mut child = command.kill_on_drop(true).process_group(0).spawn().map_err(failed)?;
         // The command holds the child's end of the socket, which must not stay open here.
         drop(command);
         let group = child.id().map(ProgramGroup);
-        let complaint = Arc::default();
-        let reading = tokio::spawn(keep_last(child.stderr.take(), Arc::clone(&complaint)));
+        let words = ProgramWords::default();
+        let reading = tokio::spawn(keep_last(child.stderr.take(), words.clone()));
         let program = self.program.clone();
-        let mut running = RunningProgram { program, child, group, watch: None, complaint, reading };
+        let mut running = RunningProgram { program, child, group, watch: None, words, reading };
         running.watch = Some(running.watch(start.scratch).map_err(failed)?);
         Ok((running, ours))
     }
@@ -111,6 +137,16 @@ impl RunningProgram {
         Ok((watch, word))
     }
 
+    /// Returns the program's standard output; `None` if it is not read, or was returned before.
+    pub fn take_output(&mut self) -> Option<ChildStdout> {
+        self.child.stdout.take()
+    }
+
+    /// Returns a handle to what the program writes to its standard error.
+    pub fn words(&self) -> ProgramWords {
+        self.words.clone()
+    }
+
     /// Waits until the program has ended by itself, and returns how. Nothing is lost if the future
     /// is dropped.
     pub async fn ended(&mut self) -> ProgramError {
@@ -121,8 +157,7 @@ impl RunningProgram {
                 // The number of the group may be reused once its leader is reaped and no process is
                 // left in it; until then, its children are to be killed.
                 let _ = tokio::time::timeout(LAST_WORDS, &mut self.reading).await;
-                let mut words = self.complaint.lock().unwrap_or_else(PoisonError::into_inner);
-                let complaint = last_line(words.make_contiguous());
+                let complaint = self.words.last();
                 ProgramError::Failed { program, status, complaint }
             }
         }
@@ -142,11 +177,11 @@ impl RunningProgram {
 }
 
 /// Reads a pipe to its end, and keeps the last bytes.
-async fn keep_last(pipe: Option<impl AsyncRead + Unpin>, kept: Arc<Mutex<VecDeque<u8>>>) {
+async fn keep_last(pipe: Option<impl AsyncRead + Unpin>, words: ProgramWords) {
     let Some(mut pipe) = pipe else { return };
     let mut bytes = [0; COMPLAINT_BYTES_MAX];
     while let Ok(count @ 1..) = pipe.read(&mut bytes).await {
-        let mut kept = kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut kept = words.bytes();
         kept.extend(bytes.get(..count).unwrap_or_default());
         let surplus = kept.len().saturating_sub(COMPLAINT_BYTES_MAX);
         kept.drain(..surplus);
@@ -170,7 +205,7 @@ mod tests {
     async fn a_program_is_spoken_to_and_ended_with_its_children() {
         let text = "read -r word <&3; sleep 600 & echo \"$word $NAME $$ $!\" >&4; wait";
         let environment = [("NAME".to_owned(), "lamp".to_owned())];
-        let start = ProgramStart { environment: &environment, scratch: None };
+        let start = ProgramStart { environment: &environment, ..ProgramStart::default() };
         let (running, mut link) = script(text).start(start).expect("started");
         link.write_all(b"hello\n").await.expect("written");
         let said = answer(&mut link).await;
@@ -195,7 +230,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let scratch = folder.path().join("profile");
         std::fs::create_dir(&scratch).expect("a folder");
-        let start = ProgramStart { environment: &[], scratch: Some(&scratch) };
+        let start = ProgramStart { scratch: Some(&scratch), ..ProgramStart::default() };
         let text = "sleep 600 & echo $! >&4; wait";
         let (mut running, mut link) = script(text).start(start).expect("started");
         let pid = answer(&mut link).await;
@@ -218,5 +253,28 @@ mod tests {
             let ended = tokio::time::timeout(PATIENCE, running.ended()).await.expect("in time");
             assert_eq!(ended.to_string(), expected);
         }
+    }
+
+    #[tokio::test]
+    async fn the_output_and_the_last_words_of_a_program_are_read() {
+        let start = ProgramStart { has_output: true, ..ProgramStart::default() };
+        let text = "echo one; echo two >&2; echo done >&4; read -r word <&3";
+        let (mut running, mut link) = script(text).start(start).expect("started");
+        let mut output = running.take_output().expect("its output");
+        assert!(running.take_output().is_none());
+        assert_eq!(answer(&mut link).await, "done\n");
+        let mut bytes = [0; 4];
+        let read = output.read_exact(&mut bytes);
+        tokio::time::timeout(PATIENCE, read).await.expect("in time").expect("read");
+        assert_eq!(&bytes, b"one\n");
+        let heard = async {
+            while running.words().last().as_deref() != Some("two") {
+                tokio::time::sleep(Duration::from_millis(5)).await;
+            }
+        };
+        tokio::time::timeout(PATIENCE, heard).await.expect("the last words");
+        assert_eq!(running.words().last_with("wo").as_deref(), Some("two"));
+        assert_eq!(running.words().last_with("one"), None, "it is on another stream");
+        running.end().await;
     }
 }

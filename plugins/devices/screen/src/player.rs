@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::Duration;
 
-use programs::{Program, ProgramStart, RunningProgram};
+use programs::{Program, ProgramStart, RunningProgram, is_installed};
 use screen_link::ScreenLinkError;
 use tokio::net::UnixStream;
 
@@ -63,18 +63,11 @@ impl From<ScreenLinkError> for PlayerTrouble {
 /// Returns the program of the settings; if they name none, the first of `known` that is in a folder
 /// of `PATH`.
 pub(crate) fn find_program(settings: &PlayerSettings, known: &[&str]) -> Result<String, String> {
-    let folders = std::env::var_os("PATH").unwrap_or_default();
-    let is_there = |name: &str| {
-        if name.contains('/') {
-            return Path::new(name).is_file();
-        }
-        std::env::split_paths(&folders).any(|folder| folder.join(name).is_file())
-    };
     match &settings.program {
-        Some(program) if is_there(program) => Ok(program.clone()),
+        Some(program) if is_installed(program) => Ok(program.clone()),
         Some(program) => Err(format!("find the program `{program}`")),
         None => {
-            let found = known.iter().find(|name| is_there(name));
+            let found = known.iter().find(|name| is_installed(name));
             found.map(|name| (*name).to_owned()).ok_or_else(|| {
                 let known = known.join(", ");
                 format!("find one of the programs {known}: install it, or set `program`")
@@ -100,7 +93,7 @@ pub(crate) fn start_program(
     };
     let program = Program::of(command.into_iter().chain(settings.arguments.iter().cloned()));
     let program = program.ok_or("start a program without a name")?;
-    let start = ProgramStart { environment: &environment, scratch };
+    let start = ProgramStart { environment: &environment, scratch, ..ProgramStart::default() };
     program.start(start).map_err(|error| error.to_string())
 }
 
