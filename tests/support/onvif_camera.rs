@@ -44,6 +44,8 @@ pub(crate) struct Behavior {
     pub(crate) silent: BTreeSet<&'static str>,
     /// Number of bytes of its picture, if it is not the usual one.
     pub(crate) picture_bytes: Option<usize>,
+    /// Address of its video, if it is not one that nobody can reach.
+    pub(crate) stream: Option<String>,
     /// Messages that wait for the next pull.
     messages: VecDeque<String>,
     /// Operations that it was asked for, with the body of each request.
@@ -266,6 +268,10 @@ impl Behavior {
             }
             "GetSnapshotUri" => {
                 format!("<trt:MediaUri><tt:Uri>{}</tt:Uri></trt:MediaUri>", service("picture"))
+            }
+            "GetStreamUri" => {
+                let uri = self.stream.as_deref().unwrap_or("rtsp://192.0.2.1:8554/live");
+                format!("<trt:MediaUri><tt:Uri>{uri}</tt:Uri></trt:MediaUri>")
             }
             "CreatePullPointSubscription" => format!(
                 "<tev:SubscriptionReference><wsa:Address>{}</wsa:Address>\

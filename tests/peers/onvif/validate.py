@@ -32,8 +32,8 @@ BODY = "{http://www.w3.org/2003/05/soap-envelope}Body"
 # Operations that the client knows and the test sends.
 EXPECTED = {
     "GetSystemDateAndTime", "GetServices", "GetCapabilities", "GetDeviceInformation",
-    "GetProfiles", "GetSnapshotUri", "GetNodes", "GetPresets", "GotoPreset", "AbsoluteMove",
-    "ContinuousMove", "Stop", "GetStatus", "CreatePullPointSubscription", "PullMessages",
+    "GetProfiles", "GetSnapshotUri", "GetStreamUri", "GetNodes", "GetPresets", "GotoPreset",
+    "AbsoluteMove", "ContinuousMove", "Stop", "GetStatus", "CreatePullPointSubscription", "PullMessages",
     "SetSynchronizationPoint", "Unsubscribe",
 }
 

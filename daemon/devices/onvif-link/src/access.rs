@@ -104,13 +104,18 @@ impl CameraAccess {
     /// Reads the login; `None` if the config has none. The password is the text of its file,
     /// without the end of the line.
     pub(crate) fn read_login(&self) -> Result<Option<CameraLogin>, LinkError> {
-        let Some((user, file)) = &self.login else { return Ok(None) };
-        let password = file.as_deref().map(read).transpose()?.unwrap_or_default();
-        let password = String::from_utf8(password)
-            .map_err(|_| LinkError::File("log in: its password is no text".to_owned()))?;
-        let password = password.trim_end_matches(['\n', '\r']).to_owned();
-        Ok(Some(CameraLogin { user: user.clone(), password }))
+        let login = self.login.as_ref();
+        login.map(|(user, file)| read_login(user, file.as_deref())).transpose()
     }
+}
+
+/// Reads the password of a user from its file; without a file, it is empty.
+pub(crate) fn read_login(user: &str, file: Option<&Path>) -> Result<CameraLogin, LinkError> {
+    let password = file.map(read).transpose()?.unwrap_or_default();
+    let password = String::from_utf8(password)
+        .map_err(|_| LinkError::File("log in: its password is no text".to_owned()))?;
+    let password = password.trim_end_matches(['\n', '\r']).to_owned();
+    Ok(CameraLogin { user: user.to_owned(), password })
 }
 
 impl Display for CameraAccess {

@@ -102,12 +102,12 @@ pub struct Abilities {
 #[derive(Debug)]
 pub struct OnvifCamera {
     pub(crate) session: CameraSession,
-    media: Address,
-    media_namespace: &'static str,
+    pub(crate) media: Address,
+    pub(crate) media_namespace: &'static str,
     ptz: Option<Address>,
     pub(crate) events: Option<Address>,
     /// Token of the media profile for pictures and movements.
-    profile: String,
+    pub(crate) profile: String,
     /// Tokens of the profile's source of pictures.
     pub(crate) own_sources: BTreeSet<String>,
     /// Tokens of the sources of other profiles: other lenses of the same device.
@@ -287,17 +287,7 @@ impl OnvifCamera {
             call: name.to_owned(),
             problem: format!("`{}` is no address of a picture", excerpt(named)),
         })?;
-        let name = "the request for a picture";
-        let (kind, picture) =
-            self.session.get(&at, name, PICTURE_BYTES_MAX, PICTURE_TIME_MAX).await?;
-        // The type that cameras state is often wrong; the first bytes are not.
-        let known = PICTURE_KINDS.iter().find(|(start, _)| picture.starts_with(start));
-        if let Some((_, extension)) = known {
-            return Ok(CameraPicture { extension, content: picture });
-        }
-        let problem =
-            format!("it is no picture, but {} bytes of `{}`", picture.len(), excerpt(&kind));
-        Err(LinkError::Unreadable { call: name.to_owned(), problem })
+        picture_of(&self.session, &at).await
     }
 
     async fn ptz(&self, name: &str, content: &str) -> Result<Element, LinkError> {
@@ -364,6 +354,22 @@ impl OnvifCamera {
             has_continuous: spaces.child("ContinuousPanTiltVelocitySpace").is_some(),
         })
     }
+}
+
+/// Gets a picture from an address.
+pub(crate) async fn picture_of(
+    session: &CameraSession,
+    at: &Address,
+) -> Result<CameraPicture, LinkError> {
+    let name = "the request for a picture";
+    let (kind, picture) = session.get(at, name, PICTURE_BYTES_MAX, PICTURE_TIME_MAX).await?;
+    // The type that cameras state is often wrong; the first bytes are not.
+    let known = PICTURE_KINDS.iter().find(|(start, _)| picture.starts_with(start));
+    if let Some((_, extension)) = known {
+        return Ok(CameraPicture { extension, content: picture });
+    }
+    let problem = format!("it is no picture, but {} bytes of `{}`", picture.len(), excerpt(&kind));
+    Err(LinkError::Unreadable { call: name.to_owned(), problem })
 }
 
 /// Returns the tokens by which a profile's source of pictures is named in events.

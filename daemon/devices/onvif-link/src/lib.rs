@@ -1,8 +1,10 @@
-//! A client of ONVIF cameras: presets, movement, pictures and motion events. It knows the twenty
-//! operations that these need, and is tolerant of what cameras answer.
+//! A client of ONVIF cameras: presets, movement, pictures, addresses of videos and motion events. It
+//! knows the twenty operations that these need, and is tolerant of what cameras answer.
 //!
 //! - [`CameraAccess`] is the address and the login of a camera, [`OnvifCamera`] a connection to it.
 //! - [`MotionEvents`] tells whether there is motion, and [`discover`] finds cameras in the network.
+//! - [`VideoStream`] is the address of a video with its login; programs record it.
+//! - [`PictureServer`] is a program beside a camera, which is asked over HTTP in the same way.
 //! - Every wait has a deadline, every answer a bound; no answer causes a panic. Passwords are read
 //!   from files, sent as digests or, with HTTP Basic, over TLS only, and never printed.
 //! - The host of a camera is always that of the config. Of an address that the camera names, only
@@ -21,9 +23,11 @@ mod events;
 mod http;
 mod motion;
 mod security;
+mod server;
 mod services;
 mod session;
 mod soap;
+mod stream;
 mod tls;
 mod xml;
 
@@ -35,3 +39,5 @@ pub use camera::{
 pub use discovery::{FoundCamera, WS_DISCOVERY, discover};
 pub use error::LinkError;
 pub use events::MotionEvents;
+pub use server::{PictureServer, new_password};
+pub use stream::{StreamAccess, VideoStream};

@@ -74,28 +74,37 @@ pub(crate) struct Call<'c> {
 impl CameraSession {
     /// Reads the login and the certificates from their files, and the camera's clock.
     pub(crate) async fn open(access: &CameraAccess) -> Result<CameraSession, LinkError> {
+        let session = CameraSession::without_clock(access)?;
+        session.read_clock().await?;
+        Ok(session)
+    }
+
+    /// Reads the login and the certificates from their files. Sends nothing.
+    pub(crate) fn without_clock(access: &CameraAccess) -> Result<CameraSession, LinkError> {
         let login = access.read_login()?;
         let tls = access.trust.as_ref().map(tls::settings).transpose()?;
         let tls = tls.map(|tls| TlsConnectorDebug(TlsConnector::from(Arc::new(tls))));
-        let session = CameraSession {
-            access: access.clone(),
-            login,
-            tls,
-            state: Mutex::new(Default::default()),
-        };
-        session.read_clock().await?;
-        Ok(session)
+        let state = Mutex::new(Default::default());
+        Ok(CameraSession { access: access.clone(), login, tls, state })
     }
 
     pub(crate) fn address(&self) -> &Address {
         &self.access.address
     }
 
+    pub(crate) fn login(&self) -> Option<&CameraLogin> {
+        self.login.as_ref()
+    }
+
+    /// Returns the IP address of the camera; `None` before its first answer.
+    pub(crate) fn peer(&self) -> Option<IpAddr> {
+        self.state().peer
+    }
+
     /// Returns the address of a service from the text `named` of the camera; `None` if the text is
     /// no address.
     pub(crate) fn resolve(&self, named: &str) -> Option<Address> {
-        let peer = self.state().peer;
-        self.access.address.resolve(named, peer)
+        self.access.address.resolve(named, self.peer())
     }
 
     /// Returns how far the camera's clock is ahead of this machine's, in seconds.

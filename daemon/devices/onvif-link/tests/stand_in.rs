@@ -259,6 +259,8 @@ async fn every_request_is_written_for_the_validation_by_the_official_schemas() {
     camera.stop().await.expect("asked");
     camera.status().await.expect("asked");
     camera.snapshot().await.expect("asked");
+    let video = camera.video_stream().await.expect("asked");
+    assert_eq!(video.address(), "rtsp://127.0.0.1:554/live", "at the host that was asked");
     let mut events = MotionEvents::new(&camera);
     events.next().await.expect("asked");
     events.close().await;
