@@ -6,10 +6,14 @@
 
 mod arms;
 mod buildings;
+mod cameras;
 #[path = "support/cast_device.rs"]
 mod cast_device;
 mod commands;
 mod federation;
+#[path = "support/film.rs"]
+#[allow(dead_code, reason = "what tests of the plugin need besides")]
+mod film;
 mod gateway;
 mod homes;
 mod interfacing;

@@ -89,6 +89,7 @@ const EXCEPTIONS: &[Exception] = &[
     exception("ir-temperature-sensor", "building", "its simulated driver measures there"),
     exception("ptz-camera", "building", "its simulated driver looks there"),
     exception("ptz-camera", "onvif-link", "its ONVIF driver turns and looks there"),
+    exception("ptz-camera", "programs", "its Motion and its ffmpeg run there"),
     exception("robot-watchdog", "ros2-link", "it stops the robot there"),
     exception("ros2", "ros-messages", "its entries name the types of ROS"),
     exception("ros2", "ros2-link", "it asks the nodes of ROS there"),

@@ -6,6 +6,9 @@ use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
+/// Extension of a file that is not complete yet.
+const PART: &str = "part";
+
 /// The picture and video files of one camera.
 #[derive(Clone, Debug)]
 pub(crate) struct Album {
@@ -14,6 +17,25 @@ pub(crate) struct Album {
     /// Maximum number of pictures, and likewise of videos. If there are more, the oldest are
     /// deleted.
     keep: usize,
+}
+
+/// A file that is being written. Dropping this value removes the file, unless the album has taken
+/// it.
+#[derive(Debug)]
+pub struct PartFile(PathBuf);
+
+impl PartFile {
+    /// Returns the path of the file, which does not exist until it is written.
+    pub(crate) fn path(&self) -> &Path {
+        &self.0
+    }
+}
+
+impl Drop for PartFile {
+    fn drop(&mut self) {
+        // The file may not exist, or be renamed.
+        let _ = fs::remove_file(&self.0);
+    }
 }
 
 impl Album {
@@ -29,22 +51,41 @@ impl Album {
     /// Returns an error if the folder or the file cannot be written, or an old file cannot be
     /// removed.
     pub(crate) fn store(&self, place: &str, kind: &str, content: &[u8]) -> io::Result<PathBuf> {
+        let part = self.part()?;
+        let mut file = OpenOptions::new().write(true).create_new(true).open(part.path())?;
+        file.write_all(content)?;
+        self.adopt(part, place, kind)
+    }
+
+    /// Returns a new file beside the album's files, for a program that writes a video. Removes the
+    /// parts of videos that earlier runs have left. Blocks the thread.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the folder cannot be written.
+    pub(crate) fn part_of_video(&self) -> io::Result<PartFile> {
         fs::create_dir_all(&self.folder)?;
-        let time = humantime::format_rfc3339_micros(SystemTime::now()).to_string();
-        let time = time.replace(['-', ':'], "");
-        let path = self.folder.join(format!("{}_{time}_{place}.{kind}", self.camera));
-        // The file is written under another name and renamed, so that readers find only complete
-        // files.
-        let beside = path.with_extension("part");
-        let mut file = OpenOptions::new().write(true).create_new(true).open(&beside)?;
-        let written = file.write_all(content).and_then(|()| fs::rename(&beside, &path));
-        if let Err(error) = written {
-            // If the file cannot be removed either, it stays; the first error is returned.
-            let _ = fs::remove_file(&beside);
-            return Err(error);
-        }
+        self.files(PART)?.iter().try_for_each(fs::remove_file)?;
+        self.part()
+    }
+
+    /// Makes a complete part a file of the album, and removes the oldest files of its kind that
+    /// exceed the maximum. Blocks the thread.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the file cannot be renamed, or an old file cannot be removed.
+    pub(crate) fn adopt(&self, part: PartFile, place: &str, kind: &str) -> io::Result<PathBuf> {
+        let path = self.folder.join(format!("{}_{}_{place}.{kind}", self.camera, now()));
+        // Readers find only complete files.
+        fs::rename(part.path(), &path)?;
         self.drop_oldest(kind)?;
         Ok(path)
+    }
+
+    fn part(&self) -> io::Result<PartFile> {
+        fs::create_dir_all(&self.folder)?;
+        Ok(PartFile(self.folder.join(format!("{}_{}.{PART}", self.camera, now()))))
     }
 
     fn drop_oldest(&self, kind: &str) -> io::Result<()> {
@@ -73,6 +114,12 @@ impl Album {
     }
 }
 
+/// Returns the present time for the name of a file.
+fn now() -> String {
+    let time = humantime::format_rfc3339_micros(SystemTime::now()).to_string();
+    time.replace(['-', ':'], "")
+}
+
 #[cfg(test)]
 mod tests {
     use super::Album;
@@ -92,5 +139,22 @@ mod tests {
         );
         assert_eq!(std::fs::read(&kept[3]).expect("there"), [3]);
         assert!(stranger.exists());
+    }
+
+    #[test]
+    fn a_part_is_no_video_until_it_is_taken() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let album = Album::new(folder.path().to_owned(), "camera-1".to_owned(), 2);
+        std::fs::write(folder.path().join("camera-1_20260101_left.part"), "half").expect("written");
+        let count = || std::fs::read_dir(folder.path()).expect("a folder").count();
+        let part = album.part_of_video().expect("a part");
+        assert_eq!(count(), 0, "what an earlier run has left is removed");
+        std::fs::write(part.path(), "a film").expect("written");
+        let path = album.adopt(part, "hall", "mp4").expect("taken");
+        assert_eq!(std::fs::read(&path).expect("there"), b"a film");
+        let part = album.part_of_video().expect("a part");
+        std::fs::write(part.path(), "half a film").expect("written");
+        drop(part);
+        assert_eq!(count(), 1, "a part that is not taken is removed");
     }
 }

@@ -1,4 +1,6 @@
-//! The `config` of a camera's entry, and the resulting settings.
+//! The `config` of a camera's entry, and the resulting settings; `drivers` has those of each driver.
+
+mod drivers;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -9,12 +11,12 @@ use actuator::{PlaceName, StateFolder};
 use agent::{Blueprint, BuildCheck, BuildError};
 use serde::Deserialize;
 
-use onvif_link::{CameraAccess, Position};
-
-use crate::ONVIF;
 use crate::album::Album;
-use crate::onvif::{OnvifSettings, Target};
-use crate::position::{PTZ, PtzPosition};
+use crate::motion::MotionSettings;
+use crate::onvif::OnvifSettings;
+use crate::position::PtzPosition;
+use crate::v4l2::V4l2Settings;
+use crate::{MOTION, ONVIF, V4L2};
 
 /// Maximum length of a recording, in seconds; a config with a greater length is invalid. The file
 /// of a recording of this length has about 10 MB.
@@ -26,7 +28,8 @@ const RECORD_MAX: f64 = 60.0;
 pub(crate) struct Config {
     /// Place where the camera is mounted.
     location: PlaceName,
-    /// Presets of the camera, by name.
+    /// Presets of the camera, by name. A camera that cannot turn needs none.
+    #[serde(default)]
     presets: BTreeMap<String, RawPreset>,
     /// Folder of pictures and videos. Without this key, it is the folder `pictures` in the daemon's
     /// state folder.
@@ -49,14 +52,15 @@ pub(crate) struct Config {
     /// Time for which the fact `motion` stays true after the last motion, such as `"30s"`.
     #[serde(default = "default_motion_for")]
     motion_for: String,
-    /// Share of the picture that must change to count as motion, between 0 and 1; not for the
-    /// driver `onvif`.
+    /// Share of the picture that must change to count as motion, between 0 and 1; for the drivers
+    /// `simulated` and `v4l2`.
     #[serde(default)]
     sensitivity: Option<f64>,
     /// Goal that the camera requests when it detects motion; `None` if it requests none.
     #[serde(default)]
     on_motion: Option<RawMotionGoal>,
-    /// Address of a camera with the driver `onvif`, such as `10.0.0.9` or `https://camera.local`.
+    /// Address of a camera with the driver `onvif`, such as `10.0.0.9` or `https://camera.local`; of
+    /// the port for questions of a Motion that runs by itself.
     #[serde(default)]
     address: Option<String>,
     /// User name of the login at the camera.
@@ -75,6 +79,37 @@ pub(crate) struct Config {
     /// `"4s"`.
     #[serde(default)]
     settle: Option<String>,
+    /// Camera of a Motion that the daemon runs: an address such as `rtsp://10.0.0.9/1`, or a file
+    /// such as `/dev/video0`.
+    #[serde(default)]
+    source: Option<String>,
+    /// Options of a Motion that the daemon runs.
+    #[serde(default)]
+    settings: Option<BTreeMap<String, RawOption>>,
+    /// Address of the port for pictures of a Motion that runs by itself.
+    #[serde(default)]
+    pictures: Option<String>,
+    /// Number of the camera in a Motion that runs by itself.
+    #[serde(default)]
+    camera: Option<u32>,
+    /// Named pipe into which the hooks of a Motion write that runs by itself.
+    #[serde(default)]
+    events: Option<PathBuf>,
+    /// File of a camera with the driver `v4l2`, such as `/dev/video0`.
+    #[serde(default)]
+    device: Option<String>,
+    /// Size of the pictures of a camera with the driver `v4l2`, such as `"1280x720"`.
+    #[serde(default)]
+    size: Option<String>,
+}
+
+/// The value of an option of Motion.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+enum RawOption {
+    Switch(bool),
+    Number(f64),
+    Text(String),
 }
 
 #[derive(Debug, Deserialize)]
@@ -87,8 +122,8 @@ struct RawPreset {
     zoom: Option<f64>,
     /// Name of the preset that is stored in a camera with the driver `onvif`.
     preset: Option<String>,
-    /// Position of a camera with the driver `onvif` that stores no presets: pan, tilt and zoom in
-    /// ONVIF's generic units.
+    /// Position of a camera with the driver `v4l2`, or `onvif` without stored presets: pan, tilt and
+    /// zoom in ONVIF's generic units.
     position: Option<[f64; 3]>,
 }
 
@@ -104,6 +139,9 @@ struct RawMotionGoal {
 fn default_keep() -> usize {
     50
 }
+
+/// Name of the only preset of a camera that cannot turn, if the config has none.
+const AHEAD: &str = "ahead";
 
 /// Default of `record-seconds`.
 const RECORD_SECONDS: f64 = 5.0;
@@ -160,19 +198,37 @@ pub(crate) enum DriverSettings {
     /// and the share of the picture that must change to count as motion; `None` if the camera does
     /// not watch for motion.
     Frames(BTreeMap<String, PtzPosition>, Option<f64>),
+    /// The driver `motion`, for a camera that Motion watches.
+    Motion(MotionSettings),
+    /// The driver `v4l2`, for a USB camera.
+    V4l2(V4l2Settings),
 }
 
 impl Config {
     /// Returns the settings from the config. Returns an error if the config is invalid.
     pub(crate) fn understand(
-        self,
+        mut self,
         blueprint: &Blueprint,
     ) -> Result<(CameraSettings, DriverSettings), BuildError> {
-        let Config { location: _, presets, folder, keep, record_seconds, .. } = &self;
         let problem = |text: String| blueprint.problem(text);
-        if presets.is_empty() {
-            return Err(problem("`presets` needs one direction at least".to_owned()));
+        let driver = blueprint.driver.as_str();
+        if self.presets.is_empty() {
+            if ![MOTION, V4L2].contains(&driver) {
+                return Err(problem("`presets` needs one direction at least".to_owned()));
+            }
+            let shows = self.location.clone();
+            let ahead = RawPreset {
+                shows,
+                pan: None,
+                tilt: None,
+                zoom: None,
+                preset: None,
+                position: None,
+            };
+            self.presets.insert(AHEAD.to_owned(), ahead);
         }
+        drivers::check_keys(&self, driver).map_err(problem)?;
+        let Config { folder, keep, record_seconds, .. } = &self;
         let record_seconds = record_seconds.unwrap_or(RECORD_SECONDS);
         if !(0.2..=RECORD_MAX).contains(&record_seconds) || *keep == 0 {
             let text = format!("record-seconds is 0.2 to {RECORD_MAX}, and keep at least 1");
@@ -184,10 +240,14 @@ impl Config {
         let nowhere = || resources.get::<BuildCheck>().map(|_| PathBuf::new());
         let folder = folder.clone().or_else(beside_state).or_else(nowhere);
         let folder = folder.ok_or_else(|| problem("pictures need a `folder`".to_owned()))?;
-        let driver = match blueprint.driver == ONVIF {
-            true => DriverSettings::Onvif(self.onvif().map_err(problem)?),
-            false => self.frames().map_err(problem)?,
+        let state = resources.get::<StateFolder>().map(|state| state.0.clone());
+        let driver = match driver {
+            ONVIF => self.onvif(),
+            MOTION => self.motion_program(blueprint.id.to_string(), state),
+            V4L2 => self.v4l2(),
+            _ => self.frames(),
         };
+        let driver = driver.map_err(problem)?;
         let settings = CameraSettings {
             album: Album::new(folder, blueprint.id.to_string(), *keep),
             recording: Duration::from_secs_f64(record_seconds),
@@ -220,121 +280,9 @@ impl Config {
         };
         self.presets.iter().map(understand).collect()
     }
-
-    /// Returns the settings of the driver `simulated`.
-    fn frames(&self) -> Result<DriverSettings, String> {
-        let Config { address, user, password_file, ca, fingerprint, settle, .. } = self;
-        let foreign = [
-            ("address", address.is_some()),
-            ("user", user.is_some()),
-            ("password-file", password_file.is_some()),
-            ("ca", ca.is_some()),
-            ("fingerprint", fingerprint.is_some()),
-            ("settle", settle.is_some()),
-        ];
-        if let Some((key, _)) = foreign.iter().find(|(_, is_there)| *is_there) {
-            return Err(format!("`{key}` is for `driver = \"onvif\"`"));
-        }
-        let sensitivity = self.sensitivity.unwrap_or(SENSITIVITY);
-        if !(sensitivity > 0.0 && sensitivity < 1.0) {
-            return Err("sensitivity is a share of the picture, between 0 and 1".to_owned());
-        }
-        let direction = |(name, raw): (&String, &RawPreset)| {
-            if raw.preset.is_some() || raw.position.is_some() {
-                return Err(format!(
-                    "the preset `{name}`: `preset` and `position` are for `driver = \"onvif\"`; \
-                     write `pan`, `tilt` and `zoom`"
-                ));
-            }
-            let aim = PtzPosition {
-                pan: raw.pan.unwrap_or(0.0),
-                tilt: raw.tilt.unwrap_or(0.0),
-                zoom: raw.zoom.unwrap_or(1.0),
-            };
-            if !PTZ.allows(aim) {
-                return Err(format!("the preset `{name}` is out of reach: {PTZ}"));
-            }
-            Ok((name.clone(), aim))
-        };
-        let directions = self.presets.iter().map(direction).collect::<Result<_, String>>()?;
-        Ok(DriverSettings::Frames(directions, self.motion.then_some(sensitivity)))
-    }
-
-    /// Returns the settings of the driver `onvif`.
-    fn onvif(&self) -> Result<OnvifSettings, String> {
-        let Config { address, user, password_file, ca, fingerprint, .. } = self;
-        let Some(address) = address else {
-            return Err("driver `onvif` needs the `address` of the camera, such as \"10.0.0.9\"; \
-                        `althing agents --discovered` lists the cameras that a `camera-finder` sees"
-                .to_owned());
-        };
-        if self.sensitivity.is_some() {
-            return Err(
-                "`sensitivity`: a camera with the driver `onvif` decides by itself what is \
-                        motion; set it in the camera's own settings"
-                    .to_owned(),
-            );
-        }
-        if self.record_seconds.is_some() {
-            return Err(
-                "`record-seconds`: the driver `onvif` takes pictures, and records no videos"
-                    .to_owned(),
-            );
-        }
-        let access = CameraAccess::new(
-            address,
-            user.clone(),
-            password_file.clone(),
-            ca.clone(),
-            fingerprint.as_deref(),
-        )?;
-        let settle = self.settle.as_deref().map(duration).transpose()?.unwrap_or(SETTLE);
-        if settle > SETTLE_MAX {
-            return Err(format!("settle is at most {SETTLE_MAX:?}"));
-        }
-        let targets = self.presets.iter().map(|(name, raw)| Ok((name.clone(), target(name, raw)?)));
-        let targets = targets.collect::<Result<_, String>>()?;
-        Ok(OnvifSettings { access, targets, settle, watches_motion: self.motion })
-    }
 }
 
-/// Returns the preset or the position in the camera for a preset of the config with the driver
-/// `onvif`.
-fn target(name: &str, raw: &RawPreset) -> Result<Target, String> {
-    let RawPreset { shows, pan, tilt, zoom, preset, position } = raw;
-    if pan.or(*tilt).or(*zoom).is_some() {
-        return Err(format!(
-            "the preset `{name}`: `pan`, `tilt` and `zoom` are degrees of a simulated camera; store \
-             the direction in the camera with its own app, and write preset = \"NAME\""
-        ));
-    }
-    match (preset, position) {
-        (Some(_), Some(_)) => {
-            Err(format!("the preset `{name}`: write `preset` or `position`, and not both"))
-        }
-        (Some(preset), None) if preset.trim().is_empty() => {
-            Err(format!("the preset `{name}`: `preset` is empty; write its name in the camera"))
-        }
-        (Some(preset), None) => Ok(Target::Preset(preset.trim().to_owned())),
-        (None, Some([pan, tilt, zoom])) => {
-            let position = Position { pan: *pan, tilt: *tilt, zoom: *zoom };
-            let is_possible = (-1.0..=1.0).contains(pan)
-                && (-1.0..=1.0).contains(tilt)
-                && (0.0..=1.0).contains(zoom);
-            if !is_possible {
-                return Err(format!(
-                    "the preset `{name}`: `position` is pan and tilt from -1 to 1, zoom from 0 to 1"
-                ));
-            }
-            Ok(Target::Position(position))
-        }
-        (None, None) => Err(format!(
-            "the preset `{name}` shows `{shows}`, but names no direction of the camera: store it in \
-             the camera with its own app, and write preset = \"NAME\""
-        )),
-    }
-}
-
+/// Returns the duration that a text of the config means, such as `"30s"`.
 fn duration(text: &str) -> Result<Duration, String> {
     humantime::parse_duration(text).map_err(|error| format!("`{text}`: {error}"))
 }

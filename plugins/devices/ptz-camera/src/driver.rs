@@ -7,6 +7,8 @@ use std::time::Duration;
 use actuator::BoxFuture;
 use tokio::time::Instant;
 
+pub use crate::album::PartFile;
+
 /// The driver of a camera. Error texts complete “failed to …”.
 pub trait Camera: Send + Sync + 'static {
     /// Returns a future that connects to the camera, so that its state is known; `None` if the
@@ -17,6 +19,11 @@ pub trait Camera: Send + Sync + 'static {
 
     /// Returns the time limit for turning, which is also that for taking a picture.
     fn acting_time_max(&self) -> Duration;
+
+    /// Whether the camera can be turned. A camera that cannot looks at its only preset.
+    fn can_turn(&self) -> bool {
+        true
+    }
 
     /// Turns the camera to the preset with this name in the config. Dropping the future stops the
     /// camera.
@@ -32,8 +39,15 @@ pub trait Camera: Send + Sync + 'static {
     /// Whether the camera can record videos.
     fn can_record(&self) -> bool;
 
-    /// Records a video of a length. Returns an error if the camera does not look at the preset.
-    fn record(&self, preset: &str, lasts: Duration) -> BoxFuture<Result<RecordedFile, String>>;
+    /// Records a video of a length. Returns an error if the camera does not look at the preset, or
+    /// the video is not complete. A driver that does not make the video in memory writes it into
+    /// `part`. Dropping the future ends the recording.
+    fn record(
+        &self,
+        preset: &str,
+        lasts: Duration,
+        part: PartFile,
+    ) -> BoxFuture<Result<RecordedFile, String>>;
 
     /// Waits until the state of the camera differs from `known`, or there is motion.
     fn notice(&self, known: SharedKnown) -> BoxFuture<News>;
@@ -63,10 +77,18 @@ pub struct Step {
 pub struct RecordedFile {
     /// Extension of the file.
     pub extension: &'static str,
-    /// Function that returns the content of the file. Called on a thread for blocking work.
-    pub content: Box<dyn FnOnce() -> Vec<u8> + Send>,
+    /// Content of the file.
+    pub content: FileContent,
     /// Description of the content for a person, in one line.
     pub caption: String,
+}
+
+/// The content of a picture or a video.
+pub enum FileContent {
+    /// Function that returns the content. Called on a thread for blocking work.
+    Made(Box<dyn FnOnce() -> Vec<u8> + Send>),
+    /// A file that is complete.
+    Written(PartFile),
 }
 
 /// The known state of a camera.

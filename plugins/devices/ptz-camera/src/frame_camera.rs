@@ -12,7 +12,7 @@ use actuator::BoxFuture;
 use tokio::time::Instant;
 
 use crate::PTZ;
-use crate::driver::{Camera, News, RecordedFile, SharedKnown, Step, View};
+use crate::driver::{Camera, FileContent, News, PartFile, RecordedFile, SharedKnown, Step, View};
 use crate::frame::{Frame, y4m};
 use crate::position::PtzPosition;
 
@@ -119,7 +119,7 @@ impl FrameCamera {
             frames.push(self.frame_of(&preset).await?);
         }
         let caption = format!("{} frames", frames.len());
-        let content = Box::new(move || y4m(&frames, PER_SECOND));
+        let content = FileContent::Made(Box::new(move || y4m(&frames, PER_SECOND)));
         Ok(RecordedFile { extension: "y4m", content, caption })
     }
 }
@@ -152,7 +152,7 @@ impl Camera for FrameCamera {
         Box::pin(async move {
             let frame = camera.frame_of(&preset).await?;
             let caption = frame.caption.clone();
-            let content = Box::new(move || frame.ppm());
+            let content = FileContent::Made(Box::new(move || frame.ppm()));
             Ok(RecordedFile { extension: "ppm", content, caption })
         })
     }
@@ -161,7 +161,12 @@ impl Camera for FrameCamera {
         true
     }
 
-    fn record(&self, preset: &str, lasts: Duration) -> BoxFuture<Result<RecordedFile, String>> {
+    fn record(
+        &self,
+        preset: &str,
+        lasts: Duration,
+        _part: PartFile,
+    ) -> BoxFuture<Result<RecordedFile, String>> {
         Box::pin(self.clone().film(preset.to_owned(), lasts))
     }
 

@@ -1,9 +1,9 @@
 //! The PTZ camera (the paper, “PTZ Camera”): “can move (PTZ), record video, snap pictures, and
 //! detect motion”.
 //!
-//! - [`Camera`] is the trait of drivers. `onvif` drives cameras of the network. `simulated` gives
-//!   the single frames of a camera in the simulated building, from which `frame_camera` makes a
-//!   camera.
+//! - [`Camera`] is the trait of drivers. `onvif` drives cameras of the network, `motion` has the
+//!   program Motion watch a camera, `v4l2` drives USB cameras. `simulated` gives the single frames of
+//!   a camera in the simulated building, from which `frame_camera` makes a camera.
 //! - `finder` lists the cameras of the network.
 //! - The camera turns to presets, and by small steps in any direction. Each picture or video is a
 //!   file in the camera's `album`. That there is a picture or a video of a place is a fact.
@@ -17,13 +17,36 @@ mod driver;
 mod finder;
 mod frame;
 mod frame_camera;
+mod lines;
+mod motion;
 mod onvif;
 mod position;
+mod recording;
+mod seen;
 mod simulated;
 mod tasks;
+mod v4l2;
 
 #[cfg(test)]
+#[path = "../../../../tests/support/film.rs"]
+mod film;
+#[cfg(test)]
+#[path = "../../../../tests/support/left_out.rs"]
+mod left_out;
+#[cfg(test)]
+mod motion_tests;
+#[cfg(test)]
+#[path = "../../../../tests/support/onvif_camera.rs"]
+#[allow(dead_code, reason = "what other tests need of a camera besides")]
+mod onvif_camera;
+#[cfg(test)]
 mod onvif_tests;
+#[cfg(test)]
+mod recording_tests;
+#[cfg(test)]
+mod test_support;
+#[cfg(test)]
+mod v4l2_tests;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write as _;
@@ -40,7 +63,9 @@ use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use tokio::time::Instant;
 
 use config::{CameraSettings, Config, DriverSettings};
-pub use driver::{Camera, Known, News, RecordedFile, SharedKnown, Step, View};
+pub use driver::{
+    Camera, FileContent, Known, News, PartFile, RecordedFile, SharedKnown, Step, View,
+};
 pub use finder::FINDER;
 pub use frame::Frame;
 use frame_camera::FrameCamera;
@@ -54,12 +79,14 @@ const REST_AFTER_FAILURE: Duration = Duration::from_secs(30);
 
 const SIMULATED: &str = "simulated";
 const ONVIF: &str = "onvif";
+const MOTION: &str = "motion";
+const V4L2: &str = "v4l2";
 
 /// The entry of the PTZ camera in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "ptz-camera",
     about: "turns, zooms, takes pictures, records, and says when something moves",
-    drivers: &[SIMULATED, ONVIF],
+    drivers: &[SIMULATED, ONVIF, MOTION, V4L2],
     has_replicas: false,
     build,
 };
@@ -83,6 +110,8 @@ fn camera(blueprint: &Blueprint) -> Result<PtzCamera, BuildError> {
     let (settings, driver) = blueprint.config_as::<Config>()?.understand(blueprint)?;
     let camera: Arc<dyn Camera> = match driver {
         DriverSettings::Onvif(settings) => onvif::camera(settings),
+        DriverSettings::Motion(settings) => motion::camera(settings),
+        DriverSettings::V4l2(settings) => v4l2::camera(settings),
         DriverSettings::Frames(presets, sensitivity) => {
             Arc::new(FrameCamera::new(simulated::source(blueprint)?, presets, sensitivity))
         }
@@ -200,18 +229,20 @@ impl PtzCamera {
     }
 
     fn actions(&self) -> String {
-        let mut text = "(:action look-at
+        let (mut text, can_turn) = (String::new(), self.camera.can_turn());
+        if can_turn {
+            text += "(:action look-at
                 :agent ?c - ptz-camera
                 :parameters (?p - preset ?l - location)
                 :precondition (shows ?c ?p ?l)
                 :effect (and (forall (?q - preset) (not (looks-at ?c ?q))) (looks-at ?c ?p)
-                    (increase (total-cost) 1)))
-            (:action take-snapshot
+                    (increase (total-cost) 1)))";
+        }
+        text += "(:action take-snapshot
                 :agent ?c - ptz-camera
                 :parameters (?p - preset ?l - location)
                 :precondition (and (looks-at ?c ?p) (shows ?c ?p ?l))
-                :effect (and (known-picture ?l) (increase (total-cost) 1)))"
-            .to_owned();
+                :effect (and (known-picture ?l) (increase (total-cost) 1)))";
         if self.camera.can_record() {
             text += "(:action record
                 :agent ?c - ptz-camera
@@ -219,7 +250,7 @@ impl PtzCamera {
                 :precondition (and (looks-at ?c ?p) (shows ?c ?p ?l))
                 :effect (and (recorded ?l) (increase (total-cost) 2)))";
         }
-        for (name, ..) in STEPS {
+        for (name, ..) in STEPS.iter().filter(|_| can_turn) {
             let _ = write!(
                 text,
                 "(:action {name}
@@ -253,6 +284,10 @@ impl PtzCamera {
         .into();
         if !self.camera.can_record() {
             methods.remove("record");
+        }
+        if !self.camera.can_turn() {
+            methods.remove("look-at");
+            return methods;
         }
         for (name, pan, tilt, zoom) in STEPS {
             let by = [("pan", pan), ("tilt", tilt), ("zoom", zoom)];

@@ -11,7 +11,7 @@
 mod follower;
 mod turning;
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -21,18 +21,13 @@ use tokio::sync::watch;
 use tokio::task::JoinHandle;
 use tokio::time::Instant;
 
-use crate::driver::{Camera, News, RecordedFile, SharedKnown, Step, View};
+use crate::driver::{Camera, FileContent, News, PartFile, RecordedFile, SharedKnown, Step, View};
+use crate::recording;
+use crate::seen::{Seen, first_connection, next_news};
 
 /// Time limit for turning, which is also that for taking a picture: that of a whole turn of a slow
 /// camera, and the requests for it.
 const ACTING_TIME_MAX: Duration = Duration::from_secs(40);
-
-/// Time limit for the first connection, after which the agent is announced without it.
-const FIRST_CONNECTION_TIME_MAX: Duration = Duration::from_secs(5);
-
-/// Interval at which the state of the camera is compared again with the state that the agent knows,
-/// which a failure may have changed.
-const COMPARE_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Settings of the driver.
 #[derive(Clone, Debug, PartialEq)]
@@ -87,17 +82,6 @@ struct Shared {
     link: tokio::sync::Mutex<Option<Arc<OnvifCamera>>>,
     seen: watch::Sender<Seen>,
     pose: Mutex<Pose>,
-}
-
-/// State of the camera, as the follower and the methods see it.
-#[derive(Clone, Debug, Default, PartialEq)]
-struct Seen {
-    /// Whether a connection was tried.
-    is_tried: bool,
-    problem: Option<String>,
-    preset: Option<String>,
-    missing: BTreeSet<String>,
-    has_motion: bool,
 }
 
 /// Knowledge about the direction of the camera.
@@ -176,10 +160,7 @@ impl Camera for OnvifDriver {
         let driver = self.clone();
         Some(Box::pin(async move {
             driver.follow();
-            let mut seen = driver.shared.seen.subscribe();
-            let tried = seen.wait_for(|seen| seen.is_tried);
-            // After this time, the camera is announced with an unknown state.
-            let _ = tokio::time::timeout(FIRST_CONNECTION_TIME_MAX, tried).await;
+            first_connection(driver.shared.seen.subscribe()).await;
         }))
     }
 
@@ -204,44 +185,39 @@ impl Camera for OnvifDriver {
             let camera = shared.camera().await.map_err(text)?;
             let picture = camera.snapshot().await.map_err(text)?;
             let caption = format!("{} kB", picture.content.len().div_ceil(1_000));
-            let content = Box::new(move || picture.content.to_vec());
+            let content = FileContent::Made(Box::new(move || picture.content.to_vec()));
             Ok(RecordedFile { extension: picture.extension, content, caption })
         })
     }
 
     fn can_record(&self) -> bool {
-        false
+        recording::is_possible()
     }
 
-    fn record(&self, _preset: &str, _lasts: Duration) -> BoxFuture<Result<RecordedFile, String>> {
-        let problem = "record a video: the driver `onvif` takes pictures only";
-        Box::pin(std::future::ready(Err(problem.to_owned())))
+    fn record(
+        &self,
+        preset: &str,
+        lasts: Duration,
+        part: PartFile,
+    ) -> BoxFuture<Result<RecordedFile, String>> {
+        let (shared, preset) = (Arc::clone(&self.shared), preset.to_owned());
+        Box::pin(async move {
+            turning::check_view(&shared, &preset).await?;
+            let camera = shared.camera().await.map_err(text)?;
+            let stream = camera.video_stream().await.map_err(text)?;
+            let recorded = recording::record(&stream, lasts, part).await?;
+            // Somebody may have turned the camera meanwhile.
+            turning::check_view(&shared, &preset).await?;
+            Ok(recorded)
+        })
     }
 
     fn notice(&self, known: SharedKnown) -> BoxFuture<News> {
         let driver = self.clone();
         Box::pin(async move {
             driver.follow();
-            let mut changes = driver.shared.seen.subscribe();
-            loop {
-                let seen = changes.borrow_and_update().clone();
-                let known = known.get();
-                let Seen { problem, preset, missing, has_motion, .. } = seen;
-                let has_motion = has_motion
-                    && preset.is_some()
-                    && preset == known.preset
-                    && Instant::now() >= known.quiet_until;
-                let is_turning = driver.shared.pose().is_turning;
-                let is_news = problem != known.problem
-                    || missing != known.missing
-                    || (preset != known.preset && !is_turning)
-                    || has_motion;
-                if is_news {
-                    return News { preset, has_motion, problem, missing };
-                }
-                // The sender lives as long as the driver.
-                let _ = tokio::time::timeout(COMPARE_INTERVAL, changes.changed()).await;
-            }
+            let shared = &driver.shared;
+            next_news(shared.seen.subscribe(), known, || shared.pose().is_turning).await
         })
     }
 }

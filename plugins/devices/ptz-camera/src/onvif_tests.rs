@@ -1,30 +1,14 @@
-//! Tests of the ONVIF driver with a stand-in for a camera, and of configs that are refused.
-
-#[path = "../../../../tests/support/onvif_camera.rs"]
-#[allow(dead_code, reason = "what other tests need of a camera besides")]
-mod onvif_camera;
+//! Tests of the ONVIF driver with a stand-in for a camera, and of its configs that are refused.
 
 use std::time::Duration;
 
-use agent::{BuildCheck, Host, Resources};
-use onvif_camera::StandIn;
 use serde_json::{Value, json};
 
 use super::*;
-
-const ONTOLOGY: &str = include_str!("../../../../domains/smart-office/domain.pddl");
-const PATIENCE: Duration = Duration::from_secs(60);
-
-fn blueprint(driver: &str, config: Value) -> Blueprint {
-    let map = "(define (problem map) (:domain smart-office) (:init) (:goal (and)))";
-    let ontology = pddl::parse_domain(ONTOLOGY).value.expect("a domain");
-    let host = Host::new(ontology, pddl::parse_problem(map).value.expect("a map"));
-    let mut resources = Resources::default();
-    resources.insert(BuildCheck);
-    let host = Host { resources, ..host };
-    let id = acl::AgentId::new("camera-1").expect("a name");
-    Blueprint { id, driver: driver.to_owned(), config: config.into(), host: Arc::new(host) }
-}
+use crate::onvif_camera::StandIn;
+use crate::test_support::{
+    self as support, PATIENCE, facts, files, perform, refusal, requested, until,
+};
 
 fn config(address: &str) -> Value {
     let presets = json!({
@@ -35,46 +19,7 @@ fn config(address: &str) -> Value {
 }
 
 fn camera_with(config: Value) -> (PtzCamera, tempfile::TempDir) {
-    let folder = tempfile::tempdir().expect("a folder");
-    let mut config = config;
-    config["folder"] = json!(folder.path());
-    (camera(&blueprint(ONVIF, config)).expect("a camera"), folder)
-}
-
-async fn perform(
-    camera: &mut PtzCamera,
-    method: &str,
-    arguments: &[(&str, &str)],
-) -> Result<MethodResult, MethodFailure> {
-    let arguments = arguments.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned()));
-    let call = MethodCall {
-        action: String::new(),
-        method: method.to_owned(),
-        arguments: arguments.collect(),
-    };
-    match camera.perform(&call).await {
-        Ok(done) => Ok(camera.on_success(&call, done)),
-        Err(failure) => {
-            camera.on_failure(&call, &failure);
-            Err(failure)
-        }
-    }
-}
-
-/// Takes over what the camera reports, until `is_so`.
-async fn until(camera: &mut PtzCamera, is_so: impl Fn(&PtzCamera) -> bool) {
-    let wait = async {
-        while !is_so(camera) {
-            let event = camera.next_event().expect("a camera has events").await;
-            event(camera);
-        }
-    };
-    let waited = tokio::time::timeout(PATIENCE, wait).await;
-    assert!(waited.is_ok(), "{:?} {:?} {:?}", camera.problem, camera.in_view, camera.missing);
-}
-
-fn facts(camera: &PtzCamera) -> String {
-    camera.facts().iter().map(|fact| format!("{} ", fact.fact)).collect()
+    support::camera_with(ONVIF, config)
 }
 
 #[tokio::test]
@@ -88,11 +33,10 @@ async fn a_camera_turns_to_a_place_and_takes_its_picture() {
     assert!(facts(&camera).contains("(looks-at camera-1 door)"), "{}", facts(&camera));
     let at = [("preset", "door"), ("place", "entry")];
     perform(&mut camera, "take_picture", &at).await.expect("a picture");
-    let files: Vec<_> = std::fs::read_dir(folder.path()).expect("a folder").flatten().collect();
+    let files = files(&folder, "jpg");
     assert_eq!(files.len(), 1);
-    let picture = std::fs::read(files[0].path()).expect("a file");
+    let picture = std::fs::read(&files[0]).expect("a file");
     assert!(picture.starts_with(b"\xff\xd8"));
-    assert!(files[0].path().extension().is_some_and(|extension| extension == "jpg"));
     // Somebody turns the camera with its app: no picture of the wrong place is taken.
     stand_in.behavior().position = (0.9, 0.9);
     let failure = perform(&mut camera, "take_picture", &at).await.expect_err("elsewhere");
@@ -154,17 +98,7 @@ async fn motion_where_the_camera_looks_becomes_a_fact_and_a_goal() {
     stand_in.behavior().position = (0.5, 0.1);
     until(&mut camera, |camera| camera.in_view.as_deref() == Some("hall")).await;
     stand_in.report_motion(true);
-    let noticed = async {
-        loop {
-            let event = camera.next_event().expect("a camera has events").await;
-            let initiatives = event(&mut camera);
-            if !initiatives.is_empty() {
-                return initiatives;
-            }
-        }
-    };
-    let initiatives = tokio::time::timeout(PATIENCE, noticed).await.expect("motion is noticed");
-    let goal = format!("{initiatives:?}");
+    let goal = requested(&mut camera).await;
     assert!(goal.contains("(known-picture hall)"), "{goal}");
     assert!(facts(&camera).contains("(motion hall)"), "{}", facts(&camera));
 }
@@ -209,18 +143,16 @@ fn a_config_that_cannot_work_is_refused_with_its_correction() {
         (ONVIF, with("address", json!("https://cam")), "name the certificate to trust"),
         (ONVIF, with("password-file", json!("/x")), "needs its `user`"),
         (ONVIF, with("sensitivity", json!(0.1)), "decides by itself what is motion"),
-        (ONVIF, with("record-seconds", json!(5.0)), "records no videos"),
+        (ONVIF, with("record-seconds", json!(90.0)), "record-seconds is 0.2 to 60"),
+        (ONVIF, with("source", json!("/dev/video0")), "`source` is for `driver = \"motion\"`"),
         (ONVIF, with("settle", json!("1h")), "settle is at most"),
         (ONVIF, preset(json!({ "shows": "hall" })), "names no direction of the camera"),
         (ONVIF, preset(json!({ "shows": "hall", "preset": " " })), "`preset` is empty"),
         (ONVIF, preset(json!({ "shows": "hall", "pan": 3.0 })), "degrees of a simulated camera"),
         (ONVIF, preset(json!({ "shows": "hall", "position": [2.0, 0.0, 0.0] })), "from -1 to 1"),
-        (SIMULATED, config("10.0.0.9"), "`address` is for `driver = \"onvif\"`"),
+        (SIMULATED, config("10.0.0.9"), "`address` is for the drivers `onvif`, `motion`"),
     ] {
-        let problem = match camera(&blueprint(driver, config.clone())) {
-            Ok(_) => panic!("{config} is accepted"),
-            Err(error) => error.to_string(),
-        };
+        let problem = refusal(driver, config);
         assert!(problem.contains(expected), "{problem}");
     }
 }

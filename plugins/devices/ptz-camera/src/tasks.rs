@@ -7,7 +7,7 @@ use actuator::{BoxFuture, MethodCall, MethodFailure};
 
 use crate::PtzCamera;
 use crate::album::Album;
-use crate::driver::{RecordedFile, Step, View};
+use crate::driver::{FileContent, RecordedFile, Step, View};
 
 /// The result of a method of the camera.
 #[derive(Clone, Debug, PartialEq)]
@@ -52,10 +52,13 @@ pub(crate) fn task(
         }
         "record_video" => {
             let (preset, place) = (call.argument("preset")?, call.argument("place")?.to_owned());
-            let recording = camera.record(preset, of.settings.recording);
+            let (preset, lasts) = (preset.to_owned(), of.settings.recording);
             let album = of.settings.album.clone();
             Ok(Box::pin(async move {
-                let (file, caption) = store(album, &place, recording.await).await?;
+                let begun = album.clone();
+                let part = blocking(move || begun.part_of_video()).await?;
+                let recorded = camera.record(&preset, lasts, part).await;
+                let (file, caption) = store(album, &place, recorded).await?;
                 Ok(CameraResult::Video { place, file, caption })
             }))
         }
@@ -80,9 +83,19 @@ async fn store(
 ) -> Result<(PathBuf, String), MethodFailure> {
     let RecordedFile { extension, content, caption } = recorded.map_err(MethodFailure::Driver)?;
     let place = place.to_owned();
-    let keep = move || album.store(&place, extension, &content());
+    let keep = move || match content {
+        FileContent::Made(content) => album.store(&place, extension, &content()),
+        FileContent::Written(part) => album.adopt(part, &place, extension),
+    };
+    Ok((blocking(keep).await?, caption))
+}
+
+/// Runs a function that uses the album on a thread for blocking work.
+async fn blocking<T: Send + 'static>(
+    keep: impl FnOnce() -> std::io::Result<T> + Send + 'static,
+) -> Result<T, MethodFailure> {
     match tokio::task::spawn_blocking(keep).await {
-        Ok(Ok(file)) => Ok((file, caption)),
+        Ok(Ok(kept)) => Ok(kept),
         Ok(Err(error)) => Err(MethodFailure::Driver(format!("keep the file: {error}"))),
         Err(error) => Err(MethodFailure::Driver(error.to_string())),
     }
