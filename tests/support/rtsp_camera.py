@@ -3,7 +3,7 @@
     /usr/bin/python3 tests/support/rtsp_camera.py [USER PASSWORD]
 
 It prints its port, and runs until its input ends. With a user, it accepts a login by digest only.
-Debian's packages are named in docs/testing.md.
+CONTRIBUTING.md names Debian's packages.
 """
 
 import sys

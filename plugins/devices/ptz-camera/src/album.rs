@@ -100,7 +100,9 @@ impl Album {
         let prefix = format!("{}_", self.camera);
         let is_ours = |path: &Path| {
             let name = path.file_name().and_then(|name| name.to_str());
-            name.is_some_and(|name| name.starts_with(&prefix))
+            // The time follows; a camera of a longer name has other files.
+            let time = name.and_then(|name| name.strip_prefix(&prefix));
+            time.is_some_and(|time| time.starts_with(|symbol: char| symbol.is_ascii_digit()))
                 && path.extension().is_some_and(|extension| extension == kind)
         };
         let mut files = Vec::new();
@@ -145,10 +147,14 @@ mod tests {
     fn a_part_is_no_video_until_it_is_taken() {
         let folder = tempfile::tempdir().expect("a folder");
         let album = Album::new(folder.path().to_owned(), "camera-1".to_owned(), 2);
-        std::fs::write(folder.path().join("camera-1_20260101_left.part"), "half").expect("written");
-        let count = || std::fs::read_dir(folder.path()).expect("a folder").count();
+        let [left, other] = ["camera-1_20260101T0.part", "camera-1_b_20260101T0.part"]
+            .map(|name| folder.path().join(name));
+        std::fs::write(&left, "half").expect("written");
+        std::fs::write(&other, "half").expect("written");
+        let count = || std::fs::read_dir(folder.path()).expect("a folder").count() - 1;
         let part = album.part_of_video().expect("a part");
-        assert_eq!(count(), 0, "what an earlier run has left is removed");
+        assert!(!left.exists(), "what an earlier run has left is removed");
+        assert!(other.exists(), "it is of another camera");
         std::fs::write(part.path(), "a film").expect("written");
         let path = album.adopt(part, "hall", "mp4").expect("taken");
         assert_eq!(std::fs::read(&path).expect("there"), b"a film");

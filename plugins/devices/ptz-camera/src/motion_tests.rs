@@ -234,6 +234,39 @@ async fn a_motion_that_runs_by_itself_is_attached_to() {
     until(&mut camera, |camera| camera.problem.is_none()).await;
 }
 
+/// Measures the time from the word of a hook to the goal that is asked for.
+#[tokio::test(flavor = "multi_thread")]
+#[ignore = "a measurement, which takes a minute"]
+async fn motion_becomes_a_goal_within_milliseconds() {
+    let motion = ForeignMotion::start();
+    let pipes = tempfile::tempdir().expect("a folder");
+    let events = pipes.path().join("events");
+    let mut wanted = motion.config(&events);
+    wanted["motion-for"] = json!("200ms");
+    let (mut camera, _folder) = camera_with(MOTION, wanted);
+    until(&mut camera, |camera| camera.in_view.is_some()).await;
+    let mut times = Vec::new();
+    for _ in 0..50 {
+        let began = std::time::Instant::now();
+        // The shell of a hook is a part of the time.
+        let line = "echo start 1<>\"$0\"";
+        let mut shell = std::process::Command::new("sh");
+        let mut shell = shell.args(["-c", line]).arg(&events).spawn().expect("a shell");
+        requested(&mut camera).await;
+        times.push(began.elapsed());
+        assert!(shell.wait().expect("it ends").success());
+        hook(&events, "end");
+        let mut seen = camera.next_event();
+        let over = Duration::from_millis(1_500);
+        while let Ok(event) = tokio::time::timeout(over, seen.take().expect("events")).await {
+            event(&mut camera);
+            seen = camera.next_event();
+        }
+    }
+    times.sort();
+    println!("p50 {:?}, greatest of {} {:?}", times[25], times.len(), times[49]);
+}
+
 #[tokio::test]
 async fn a_motion_that_is_not_there_has_a_reason() {
     let pipes = tempfile::tempdir().expect("a folder");

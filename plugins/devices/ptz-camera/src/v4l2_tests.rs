@@ -76,6 +76,24 @@ async fn a_device_that_is_not_there_has_a_reason() {
     assert!(camera.describe().model.actions.is_empty());
 }
 
+/// Wave at the camera.
+#[tokio::test]
+#[ignore = "for a machine with a camera; ALTHING_CAMERA names its device"]
+async fn a_real_device_gives_a_picture_and_sees_what_moves() {
+    let device = std::env::var("ALTHING_CAMERA").expect("ALTHING_CAMERA=/dev/video0");
+    let mut wanted = config();
+    wanted["device"] = json!(device);
+    let (mut camera, folder) = camera_with(V4L2, wanted);
+    until(&mut camera, |camera| camera.in_view.is_some()).await;
+    let at = [("preset", "ahead"), ("place", "hall")];
+    let done = perform(&mut camera, "take_picture", &at).await.expect("a picture");
+    let picture = std::fs::read(&files(&folder, "jpg")[0]).expect("a file");
+    assert!(picture.starts_with(b"\xff\xd8") && picture.ends_with(b"\xff\xd9"));
+    let goal = requested(&mut camera).await;
+    assert!(goal.contains("(known-picture hall)"), "{goal}");
+    println!("{}, and motion", done.detail);
+}
+
 #[tokio::test]
 async fn a_camera_that_ends_leaves_and_comes_back() {
     if !has_ffmpeg() {

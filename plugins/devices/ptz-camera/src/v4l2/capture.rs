@@ -32,8 +32,8 @@ const QUALITY: &str = "3";
 const PAUSE_MIN: Duration = Duration::from_secs(1);
 const PAUSE_MAX: Duration = Duration::from_secs(15);
 
-/// Time limit for the first picture: the camera and its exposure have to start.
-const START_TIME_MAX: Duration = Duration::from_secs(15);
+/// Time limit for the first picture: `ffmpeg` is loaded from a slow disk, and the camera starts.
+const START_TIME_MAX: Duration = Duration::from_secs(30);
 
 /// Time without a picture after which the camera counts as lost.
 const SILENCE_MAX: Duration = Duration::from_secs(5);
