@@ -181,13 +181,11 @@ impl StopButtons {
             let state = states.entry(button.clone()).or_default();
             state.note_silence(now);
             match self.why_stopped(rule, state, now) {
-                Some(why) => {
-                    if stops.find(|stop| stop.by == *button).is_none() {
-                        let id = free_id(button, state.incarnation, stops);
-                        let (scope, by) = (rule.scope.clone(), button.clone());
-                        tracing::warn!(stop = id, %button, why, "stopped by a hardware stop");
-                        stops.add(&Stop { id, scope, by, why: why.to_owned() });
-                    }
+                Some(why) if stops.find(|stop| stop.by == *button).is_none() => {
+                    let id = free_id(button, state.incarnation, stops);
+                    let (scope, by) = (rule.scope.clone(), button.clone());
+                    tracing::warn!(stop = id, %button, why, "stopped by a hardware stop");
+                    stops.add(&Stop { id, scope, by, why: why.to_owned() });
                 }
                 None if rule.is_self_releasing && state.is_pressed == Some(false) => {
                     let own = stops.in_force().into_iter().filter(|stop| stop.by == *button);
@@ -196,7 +194,7 @@ impl StopButtons {
                         tracing::warn!(stop = id, %button, "released: it is not pressed any more");
                     }
                 }
-                None => (),
+                Some(_) | None => (),
             }
         }
     }

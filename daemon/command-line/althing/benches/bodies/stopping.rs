@@ -39,7 +39,7 @@ pub(crate) async fn stops() -> Outcome<()> {
         let first = heard.iter().find(|(_, message)| is_stop(message));
         let (first, _) = first.ok_or("no request was overheard")?;
         let confirmed = heard.iter().filter(|(_, message)| is_confirmation(message));
-        let (last, _) = confirmed.clone().last().ok_or("no confirmation was overheard")?;
+        let (last, _) = confirmed.clone().next_back().ok_or("no confirmation was overheard")?;
         on_wire.push(*last - *first);
         devices = confirmed.count();
         run(&machine, &["stop", "--release"]).await?;
