@@ -2,7 +2,7 @@
 //! HDMI cable (Consumer Electronics Control).
 //!
 //! The driver runs `cec-ctl`, of Debian's `v4l-utils`, which speaks to the kernel. One task asks the
-//! television again and again whether it is on, and listens in between to what it shows.
+//! television again and again whether it is on, and listens meanwhile to what it shows.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -25,8 +25,8 @@ const NAME: &str = "Althing";
 /// The only medium of a television: the picture of this machine.
 pub(crate) const THIS_MACHINE: &str = "this machine";
 
-/// Time for which one run of the program listens, in seconds. Between two runs nothing is heard for
-/// a moment, and asking takes a tenth of a second on the slow bus.
+/// Time for which one run of the program listens, in seconds. What is heard is known after the run;
+/// between two runs nothing is heard for a moment.
 const LISTENING_SECONDS: u64 = 4;
 
 /// Shortest time from the start of a run to that of the next, in case that the program ends at once.
@@ -80,7 +80,8 @@ struct TelevisionReport {
     problem: Option<String>,
     /// Number of questions in a row without an answer.
     unanswered: u32,
-    /// Number of commands so far. What was heard before a command does not count after it.
+    /// Number of commands so far. After each, listening begins anew, because what was heard before
+    /// a command does not count after it.
     commands: u32,
 }
 
@@ -207,25 +208,44 @@ impl CecPlayer {
 
 /// Watches a television until it cannot be used any more.
 async fn watch_television(settings: CecSettings, report: Arc<watch::Sender<TelevisionReport>>) {
-    let listen = format!("--monitor-time={LISTENING_SECONDS}");
-    let mut runs = 0_u32;
+    let time = format!("--monitor-time={LISTENING_SECONDS}");
+    let listen = ["-s", "--wait-for-msgs", &time];
+    let (mut changes, mut runs) = (report.subscribe(), 0_u32);
     while report.borrow().problem.is_none() {
         let (began, commands) = (Instant::now(), report.borrow().commands);
-        let mut arguments = vec!["-s", "-t0", "--give-device-power-status"];
+        let mut ask = vec!["-s", "-t0", "--give-device-power-status"];
         if runs.is_multiple_of(ASKING_RUNS) {
-            arguments.push("--request-active-source");
+            ask.push("--request-active-source");
         }
-        arguments.extend(["--wait-for-msgs", &listen]);
         runs = runs.wrapping_add(1);
-        let heard = settings.run(&arguments).await;
-        report.send_modify(|report| report.take(heard, commands, &settings.device));
+        let both = async { tokio::join!(settings.run(&ask), settings.run(&listen)) };
+        let (asked, heard) = tokio::select! {
+            both = both => both,
+            // The sender lives as long as this task.
+            _ = changes.wait_for(|report| report.commands != commands) => continue,
+        };
+        report.send_modify(|report| {
+            report.take_answer(asked, &settings.device);
+            // What was heard is as late as the answer, or later.
+            report.take(heard, &settings.device);
+        });
         sleep_until(began + RUN_MIN).await;
     }
 }
 
 impl TelevisionReport {
-    /// Takes note of what a run has heard that began after `commands` commands.
-    fn take(&mut self, heard: Result<CecOutput, String>, commands: u32, device: &str) {
+    /// Takes note of the answer to the question whether the television is on.
+    fn take_answer(&mut self, asked: Result<CecOutput, String>, device: &str) {
+        let is_unanswered = asked.as_ref().is_ok_and(|asked| asked.is_unanswered);
+        self.unanswered = if is_unanswered { self.unanswered + 1 } else { 0 };
+        if self.unanswered >= UNANSWERED_MAX {
+            self.problem = Some(no_answer(device));
+        }
+        self.take(asked, device);
+    }
+
+    /// Takes note of what a run of the program has said.
+    fn take(&mut self, heard: Result<CecOutput, String>, device: &str) {
         let heard = match heard {
             Ok(heard) => heard,
             Err(problem) => {
@@ -238,14 +258,8 @@ impl TelevisionReport {
         } else if heard.is_unconfigured {
             self.problem = Some(format!("use {device}: it was set up anew"));
         }
-        self.unanswered = if heard.is_unanswered { self.unanswered + 1 } else { 0 };
-        if self.unanswered >= UNANSWERED_MAX {
-            self.problem = Some(no_answer(device));
-        }
-        if commands == self.commands {
-            self.power = heard.power.or(self.power);
-            self.shown = heard.shown.or(self.shown.take());
-        }
+        self.power = heard.power.or(self.power);
+        self.shown = heard.shown.or(self.shown.take());
     }
 }
 
@@ -269,12 +283,10 @@ mod tests {
     }
 
     #[test]
-    fn what_was_heard_before_a_command_does_not_count_after_it() {
-        let mut report = TelevisionReport { commands: 1, ..TelevisionReport::default() };
-        report.take(Ok(output(Some("0.0.0.0"))), 0, "/dev/cec0");
-        assert_eq!((report.power, report.shown.as_deref()), (None, None));
-        report.take(Ok(output(Some("2.0.0.0"))), 1, "/dev/cec0");
-        report.take(Ok(output(None)), 1, "/dev/cec0");
+    fn what_is_not_said_again_stays_known() {
+        let mut report = TelevisionReport::default();
+        report.take(Ok(output(Some("2.0.0.0"))), "/dev/cec0");
+        report.take(Ok(CecOutput::default()), "/dev/cec0");
         assert_eq!((report.power, report.shown.as_deref()), (Some(Power::On), Some("2.0.0.0")));
     }
 
@@ -283,17 +295,18 @@ mod tests {
         let silent = || Ok(CecOutput { is_unanswered: true, ..CecOutput::default() });
         let mut report = TelevisionReport::default();
         for heard in [silent(), silent(), Ok(output(None)), silent(), silent()] {
-            report.take(heard, 0, "/dev/cec0");
+            report.take_answer(heard, "/dev/cec0");
+            report.take(Ok(CecOutput::default()), "/dev/cec0");
             assert_eq!(report.problem, None);
         }
-        report.take(silent(), 0, "/dev/cec0");
+        report.take_answer(silent(), "/dev/cec0");
         assert!(report.problem.expect("it is gone").contains("whether CEC is on"));
         for (heard, expected) in [
             (CecOutput { own_address: Some(NO_ADDRESS.to_owned()), ..output(None) }, "unplugged"),
             (CecOutput { is_unconfigured: true, ..output(None) }, "set up anew"),
         ] {
             let mut report = TelevisionReport::default();
-            report.take(Ok(heard), 0, "/dev/cec0");
+            report.take(Ok(heard), "/dev/cec0");
             assert!(report.problem.expect("it is gone").contains(expected));
         }
     }

@@ -1,6 +1,6 @@
 //! The driver `cec` with a made-up `cec-ctl`, which prints what the real one prints (see
 //! `cec_output.rs`) about a television that is a folder: files say whether it is on, what it shows,
-//! and whether it answers. The last test is for a real kernel and needs one: docs/testing.md.
+//! and whether it answers. The last test is for a real kernel: `.ci/television` runs it.
 
 use std::fs;
 use std::os::unix::fs::PermissionsExt as _;
@@ -27,6 +27,7 @@ while [ $# -gt 0 ]; do
             if [ -e deaf ]; then printf '\tTx, Not Acknowledged (4), Max Retries\n'
             else printf '\tpwr-state: %s (0x00)\n' "$(cat power)"; fi ;;
         --wait-for-msgs)
+            sleep 0.3
             printf 'Initial Event: State Change: PA: %s, LA mask: 0x0010\n' "$(cat place)"
             [ -e other ] && printf 'Received from TV to all (0 to 15): ACTIVE_SOURCE (0x82):\n'
             [ -e other ] && printf '\tphys-addr: %s\n' "$(cat other)" ;;
@@ -194,11 +195,12 @@ async fn a_program_on_a_television_is_shown_only_if_both_show_it() {
     assert_eq!(television.get("power"), "standby", "nothing is shown on it");
 }
 
-/// Part of a test by hand inside a virtual machine with the kernel's driver `vivid`, whose television
-/// is Debian's `cec-follower`. `ALTHING_CEC_DEVICE` is the device of the output, and
-/// `ALTHING_CEC_TELEVISION` that of the television, which is told what a remote control would do.
+/// Part of `.ci/television` that runs inside a virtual machine, whose kernel has the driver `vivid`,
+/// and whose television is Debian's `cec-follower`. `ALTHING_CEC_DEVICE` is the device of the
+/// output, and `ALTHING_CEC_TELEVISION` that of the television, which is told what a person does
+/// with a remote control.
 #[tokio::test]
-#[ignore = "needs a kernel with `vivid`"]
+#[ignore = "for the kernel that `.ci/television` starts"]
 async fn a_real_kernel_carries_the_messages_to_a_television() {
     let [device, television] = ["ALTHING_CEC_DEVICE", "ALTHING_CEC_TELEVISION"]
         .map(|name| std::env::var(name).expect("it is set"));
