@@ -28,7 +28,7 @@ const USER: &str = "althing";
 
 /// Part of the lines in which Motion says why it has no picture. Further lines say that it tries
 /// again.
-const REASON: &str = "Unable to open";
+const REASON: &str = "Unable to open ";
 
 /// Pauses before the next start or attempt: the first, and the longest.
 const PAUSE_MIN: Duration = Duration::from_secs(2);
@@ -195,7 +195,10 @@ impl Sight {
     /// Returns the reason why the camera cannot be used while Motion has no picture of it.
     fn lost(&self) -> String {
         let said = self.words.as_ref().and_then(|words| words.last_with(REASON));
-        let said = said.map(|said| format!("; Motion says: {}", self.plain(&said)));
+        // The time and the names of functions before the reason are left out.
+        let reason = said.as_deref().and_then(|said| said.split_once(REASON));
+        let said =
+            reason.map(|(_, reason)| format!("; Motion says: {REASON}{}", self.plain(reason)));
         format!("get a picture of {} through Motion{}", self.source, said.unwrap_or_default())
     }
 
