@@ -25,6 +25,7 @@ mod measured_value;
 mod on_off;
 mod pddl_text;
 mod safeguards;
+mod unchangeable;
 
 pub use actuator::Actuator;
 pub use agent::StateFolder;
