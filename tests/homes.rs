@@ -285,7 +285,10 @@ fn fans_numbers_choices_and_scenes_are_set() {
         ("(not (ventilated office1))", &["lab/fan/set OFF"]),
     ] {
         let said = reach(&office, goal);
-        assert_eq!(told.take(), expected, "{goal}: {said}");
+        // The order of messages on several topics is not known here.
+        let (mut told, mut expected) = (told.take(), expected.to_vec());
+        (told.sort(), expected.sort_unstable());
+        assert_eq!(told, expected, "{goal}: {said}");
     }
     office.await_fact("(selected source1 option-radio)", false);
 }
@@ -437,4 +440,46 @@ fn hostile_descriptions_and_values_disturb_nothing() {
     await_discovered(&office, "million", |one| one["joined"] == true);
     await_discovered(&office, "endless", |one| one["joined"] == true);
     reach(&office, "(= (cover-position office1-blind) 75)");
+}
+
+/// A goal about all shutters of a building: each gets a position of its own.
+#[test]
+fn a_goal_about_forty_shutters_moves_each_once() {
+    const SHUTTERS: usize = 40;
+    let Some(broker) = Broker::start() else { return };
+    let broker = Arc::new(broker);
+    let names: Vec<_> = (0..SHUTTERS).map(|number| format!("office1 blind {number}")).collect();
+    let devices: Vec<_> = (names.iter().enumerate())
+        .map(|(number, name)| shutter(name, &format!("0x{number:04}")))
+        .collect();
+    for mode in ["decentralized", "centralized"] {
+        let told = Told::default();
+        let (speaker, heard) = (Arc::clone(&broker), told.clone());
+        // One process stands for all motors: each command is reported as it was given.
+        let _motors = broker.devices("zigbee2mqtt/+/set", move |topic, command| {
+            heard.push(command.to_owned());
+            speaker.say(topic.trim_end_matches("/set"), command);
+        });
+        tell(&broker, &devices);
+        for name in &names {
+            broker.retain(&format!("zigbee2mqtt/{name}"), r#"{"position":80,"state":"OPEN"}"#);
+        }
+        let office = office(mode, &broker, "");
+        office.await_devices(SHUTTERS);
+        office.await_fact("(= (cover-position office1-blind-39) 80)", true);
+        let goal = "(forall (?c - cover) (<= (cover-position ?c) 50))";
+        let said = reach(&office, goal);
+        let told = told.take();
+        assert_eq!(told.len(), SHUTTERS, "{mode}: {said}");
+        // Each actuator proves that its own plan changes least. One plan for all may change more.
+        let is_right = |told: &String| {
+            let position = serde_json::from_str::<Value>(told).expect("JSON")["position"].as_f64();
+            match mode {
+                "decentralized" => position == Some(50.0),
+                _ => position.is_some_and(|position| position <= 50.0),
+            }
+        };
+        assert!(told.iter().all(is_right), "{mode}: {told:?}");
+        tell(&broker, &[]);
+    }
 }

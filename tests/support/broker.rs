@@ -155,10 +155,20 @@ impl Broker {
         topic: &str,
         mut does: impl FnMut(&str) + Send + 'static,
     ) -> Subscriber {
+        self.devices(topic, move |_, text| does(text))
+    }
+
+    /// Starts devices that call `does` with the topic and the text of each message that matches a
+    /// filter, on one thread.
+    pub(crate) fn devices(
+        &self,
+        filter: &str,
+        mut does: impl FnMut(&str, &str) + Send + 'static,
+    ) -> Subscriber {
         let mut child = self
             .command("mosquitto_sub")
             // Each message is printed as a line, also an empty one.
-            .args(["-t", topic, "-t", "$SYS/broker/uptime", "-F", "%p"])
+            .args(["-t", filter, "-t", "$SYS/broker/uptime", "-F", "%t\t%p"])
             .stdout(Stdio::piped())
             .spawn()
             .expect("it is installed");
@@ -167,7 +177,8 @@ impl Broker {
         lines.next().expect("it is told").expect("a text");
         std::thread::spawn(move || {
             for line in lines.map_while(Result::ok).filter(|line| !line.ends_with(" seconds")) {
-                does(&line);
+                let (topic, text) = line.split_once('\t').unwrap_or((&line, ""));
+                does(topic, text);
             }
         });
         Subscriber(child)
