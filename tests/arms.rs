@@ -115,6 +115,13 @@ fn a_topic_can_be_a_hardware_stop() {
     let file = office.write("lab.toml", &(lab("decentralized") + &mistaken));
     let said = stderr(&office.run(&["check", &file.display().to_string()]));
     assert!(said.contains("did you mean `pressed`?"), "{said}");
+    // The stop waits for a fact that no topic tells.
+    let other = example("e-stop-1").replace("fact = \"(pressed", "fact = \"(not-pressed");
+    let other =
+        other.replace("(pressed ?b - button)", "(pressed ?b - button) (not-pressed ?b - button)");
+    let file = office.write("lab.toml", &(lab("decentralized") + &other));
+    let said = stderr(&office.run(&["check", &file.display().to_string()]));
+    assert!(said.contains("its topics tell `(not-pressed e-stop-1)`"), "{said}");
 }
 
 #[test]

@@ -256,7 +256,9 @@ fn mistakes_in_hardware_stops_are_reported() {
         ("button-1 = { fail-safe = true, pressed = \"(prest button-1)\" }", "`prest`"),
         ("button-1 = { fail-safe = true, release = \"me\" }", "\"person\" or \"button\""),
         ("button-1 = { fail-safe = true, stops = \"ofice1\" }", "did you mean `office1`?"),
-        ("thermometer-1 = { fail-safe = true }", "it is a `temperature-sensor`"),
+        ("thermometer-1 = { fail-safe = true }", "its plugin is `temperature-sensor`"),
+        ("office1 = { fail-safe = true }", "`office1` is an object of the map, and no agent"),
+        ("button-1 = { fail-safe = true, stops = [] }", "`stops` is empty"),
         ("co2-1 = { fail-safe = true }", "`co2-1` measures co2, and is no contact"),
     ] {
         let text = format!("{}{entries}[hardware-stops]\n{rule}\n", lab("centralized"));

@@ -126,7 +126,8 @@ fn json_finding(finding: &SourcedDiagnostic) -> Value {
         .iter()
         .map(|note| {
             let at = place(note.span);
-            json!({ "line": at.map(|at| at.0), "column": at.map(|at| at.1), "message": note.message })
+            let message = without_passwords(&note.message);
+            json!({ "line": at.map(|at| at.0), "column": at.map(|at| at.1), "message": message })
         })
         .collect();
     json!({
@@ -134,9 +135,9 @@ fn json_finding(finding: &SourcedDiagnostic) -> Value {
         "file": source.as_ref().map(|source| source.name.as_str()),
         "line": at.map(|at| at.0),
         "column": at.map(|at| at.1),
-        "message": diagnostic.message,
-        "label": diagnostic.label,
-        "help": diagnostic.help,
+        "message": without_passwords(&diagnostic.message),
+        "label": diagnostic.label.as_deref().map(without_passwords),
+        "help": diagnostic.help.as_deref().map(without_passwords),
         "rule": diagnostic.rule,
         "notes": notes,
     })
@@ -176,9 +177,9 @@ fn draw(finding: &SourcedDiagnostic, renderer: &Renderer, width: usize) -> Strin
 }
 
 /// Returns a diagnostic with the control characters in its texts made visible, so that a terminal
-/// does not execute them.
+/// does not execute them, and with the passwords in them masked.
 fn safe(diagnostic: &Diagnostic) -> Diagnostic {
-    let text = |text: &String| visible::text(text).into_owned();
+    let text = |text: &String| without_passwords(&visible::text(text)).into_owned();
     let mut safe = diagnostic.clone();
     safe.message = text(&diagnostic.message);
     safe.label = diagnostic.label.as_ref().map(text);
@@ -372,6 +373,16 @@ mod tests {
             ("mqtt://me@host", "mqtt://me@host"),
         ] {
             assert_eq!(without_passwords(text), expected);
+        }
+        let help = "write command = [\"curl\", \"http://me:hunter2@host/now\"]";
+        let mut report = DiagnosticReport::default();
+        let text = "command = \"curl http://me:hunter2@host/now\"";
+        report.add(&SourceText::new("file", text), [error(10, 12).with_help(help)]);
+        for shown in
+            [human(&report, RenderStyle { width: 200, ..PLAIN }), json(&report).to_string()]
+        {
+            assert!(shown.contains("http://me:*******@host/now"), "{shown}");
+            assert!(!shown.contains("hunter2"), "{shown}");
         }
     }
 

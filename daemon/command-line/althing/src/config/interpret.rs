@@ -88,7 +88,7 @@ pub(super) fn interpret_values(
     let settings = meaning.settings(&timing, &limits, &agents);
     let security = meaning.security(security, name.as_ref());
     let rights = with_borrowed_agents(meaning.rights(&rights, &agents, &limited), &interfaces);
-    let safeguards = meaning.safeguards(safeguards, &agents);
+    let safeguards = meaning.safeguards(safeguards, &agents, files.as_ref());
     let hardware_stops = meaning.hardware_stops(hardware_stops, &agents, files.as_ref());
     let plugins = meaning.plugins(plugins);
     let building = meaning.building(building, files.as_ref());

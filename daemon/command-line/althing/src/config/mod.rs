@@ -25,6 +25,8 @@ mod layer;
 
 mod duration;
 
+pub(crate) mod number_text;
+
 mod mistake_location;
 
 mod search_paths;

@@ -15,6 +15,7 @@ use toml::de::{DeArray, DeTable, DeValue};
 
 use super::duration;
 use super::layer::{KeyValueSpan, Layer};
+use super::number_text;
 use super::schema::{self, SchemaKey, Shape};
 use super::syntax::{self, TomlError};
 
@@ -233,14 +234,7 @@ fn type_correction(path: &str, shape: &Shape, value: &DeValue<'_>) -> Option<Str
             Some(format!("write {key} = {text}, without quotes"))
         }
         (Shape::Number { .. } | Shape::Count, DeValue::String(text)) => {
-            let plain = text.trim().replace(',', ".");
-            let end = plain.find(|c: char| !c.is_ascii_digit() && !".-+".contains(c));
-            let (number, unit) = plain.split_at(end.unwrap_or(plain.len()));
-            let number: f64 = number.parse().ok()?;
-            Some(match unit.trim() {
-                "" => format!("write {key} = {number}, without quotes"),
-                unit => format!("write {key} = {number}, the number alone, without `{unit}`"),
-            })
+            number_text::correction(key, text, false)
         }
         _ => None,
     }

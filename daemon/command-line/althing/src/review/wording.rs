@@ -278,8 +278,8 @@ fn is_of(got: &str, value: &Value) -> bool {
 fn cure(key: &str, wanted: &str, value: &Value) -> Option<String> {
     let is_whole = wanted.len() <= 5 && wanted.starts_with(['u', 'i']);
     match (wanted, value) {
-        ("f32" | "f64", Value::String(text)) => numeric(key, text, false),
-        (_, Value::String(text)) if is_whole => numeric(key, text, true),
+        ("f32" | "f64", Value::String(text)) => number_text::correction(key, text, false),
+        (_, Value::String(text)) if is_whole => number_text::correction(key, text, true),
         ("a boolean", Value::String(text)) => {
             let truth = match text.to_lowercase().as_str() {
                 "yes" | "on" | "true" | "ja" | "1" => true,
@@ -316,19 +316,6 @@ fn cure(key: &str, wanted: &str, value: &Value) -> Option<String> {
     }
 }
 
-/// Returns a help text for a number that was written as a text, with or without a unit.
-fn numeric(key: &str, text: &str, whole: bool) -> Option<String> {
-    let plain = text.trim().replace(',', ".");
-    let end = plain.find(|c: char| !c.is_ascii_digit() && !".-+".contains(c));
-    let (number, unit) = plain.split_at(end.unwrap_or(plain.len()));
-    let parsed: f64 = number.parse().ok()?;
-    let number = if whole { format!("{}", parsed.trunc()) } else { format!("{parsed}") };
-    Some(match unit.trim() {
-        "" => format!("write {key} = {number}, without quotes"),
-        unit => format!("write {key} = {number}, the number alone, without `{unit}`"),
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use serde_json::json;
@@ -361,14 +348,14 @@ mod tests {
             "limit",
             json!("21 C"),
             "`limit` must be a number, and is the text \"21 C\"",
-            "write limit = 21, the number alone, without `C`",
+            "write limit as a number alone, without `C`, in the unit of the key",
         );
         check(
             &text("1,5m"),
             "speed",
             json!("1,5m"),
             "`speed` must be a number, and is the text \"1,5m\"",
-            "write speed = 1.5, the number alone, without `m`",
+            "write the number of meters: speed = 1.5",
         );
         check(
             "invalid type: string \"yes\", expected a boolean",

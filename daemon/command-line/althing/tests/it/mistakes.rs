@@ -278,7 +278,7 @@ fn keys_and_values_of_entries() {
     let speed = |speed: &str| format!("config = {{ start = \"passage\", speed = {speed} }}");
     let words = ["`speed` must be a number", "write speed = 0.3, without quotes"];
     file(rover, &speed("\"0.3\""), ERROR, 55, &words);
-    let words = ["write speed = 0.3, the number alone, without `m/s`"];
+    let words = ["write the number of meters per second: speed = 0.3"];
     file(rover, &speed("\"0.3 m/s\""), ERROR, 55, &words);
     file(rover, &speed("-1"), ERROR, 55, &["`rover`", "above zero"]);
     file(rover, "config = { speed = 0.3 }", ERROR, 55, &["`start` is missing", "write start = \""]);

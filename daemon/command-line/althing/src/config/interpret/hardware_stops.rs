@@ -38,7 +38,9 @@ impl Interpreter<'_> {
                     continue;
                 }
             };
-            self.warn_of_unnamed(&path, &name, agents, "it stops others if it appears");
+            if !self.may_be_agent(&path, &name, agents, files, "it stops others if it appears") {
+                continue;
+            }
             self.warn_of_unstoppable(&path, &raw.stops, agents, files);
             let entry = agents.iter().find(|entry| entry.name == agent);
             if let Some(stop) = self.hardware_stop(&path, raw, entry) {
@@ -58,6 +60,13 @@ impl Interpreter<'_> {
         if stops.len() > STOP_NAMES_MAX {
             let message = format!("`stops` has more than {STOP_NAMES_MAX} names");
             let help = "name places, or leave it out: then everything is stopped";
+            let path = format!("{path}.stops");
+            self.about_key(&path, |span| Diagnostic::error(span, message).with_help(help));
+            return None;
+        }
+        if stops.is_empty() && self.place(&format!("{path}.stops")).is_some() {
+            let message = "`stops` is empty".to_owned();
+            let help = "name agents or places, or leave it out: then everything is stopped";
             let path = format!("{path}.stops");
             self.about_key(&path, |span| Diagnostic::error(span, message).with_help(help));
             return None;
@@ -95,8 +104,14 @@ impl Interpreter<'_> {
             (text, None) if is_fact => pressed_by_fact(text),
             (text, None) => Err(format!("`{text}` is none of \"open\", \"closed\" and a fact")),
         };
-        let help = "write pressed = \"open\" or \"closed\" for a contact, or a fact of the agent, \
-            such as pressed = \"(pressed button-1)\"";
+        let is_contact = problem.is_none();
+        let help = if is_contact {
+            "write pressed = \"open\" or \"closed\" for a contact, or a fact of the agent, such as \
+             pressed = \"(pressed button-1)\""
+        } else {
+            "name a sensor with quantity = \"contact\" in place of this agent, or write a fact that \
+             this agent reports, such as pressed = \"(pressed button-1)\""
+        };
         let key = format!("{path}.pressed");
         match rule {
             Ok(rule) => Some(rule),
@@ -150,7 +165,7 @@ fn no_contact(entry: &AgentEntry) -> Option<String> {
             .then(|| format!("`{name}` measures {quantity}, and is no contact"));
     }
     // Only the machine with a package knows what its agents report.
-    package.is_none().then(|| format!("`{name}` is no contact: it is a `{plugin}`"))
+    package.is_none().then(|| format!("`{name}` is no contact: its plugin is `{plugin}`"))
 }
 
 /// Parses the fact that tells that a button is pressed.

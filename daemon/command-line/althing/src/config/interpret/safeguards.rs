@@ -8,6 +8,7 @@ use actuator::{ActionSafeguard, BEGINNINGS_MAX, BeginLimit, Safeguards};
 use pddl::Diagnostic;
 
 use super::Interpreter;
+use super::files::PddlFiles;
 use crate::config::ecosystem::AgentEntry;
 use crate::config::raw::RawSafeguard;
 
@@ -23,6 +24,7 @@ impl Interpreter<'_> {
         &mut self,
         raw: BTreeMap<String, BTreeMap<String, RawSafeguard>>,
         agents: &[AgentEntry],
+        files: Option<&PddlFiles>,
     ) -> Safeguards {
         let mut all = BTreeMap::new();
         for (name, actions) in raw {
@@ -36,7 +38,9 @@ impl Interpreter<'_> {
                     continue;
                 }
             };
-            self.warn_of_unnamed(&path, &name, agents, "it is safeguarded if it appears");
+            if !self.may_be_agent(&path, &name, agents, files, "it is safeguarded if it appears") {
+                continue;
+            }
             let safeguarded = actions.into_iter().filter_map(|(action, raw)| {
                 let path = format!("{path}.{action}");
                 Some((action.to_lowercase(), self.safeguard(&path, &raw)?))
@@ -81,17 +85,25 @@ impl Interpreter<'_> {
         Some(ActionSafeguard { asks_people, limit })
     }
 
-    /// Warns of an agent that the file does not name: it may be misspelled, or may be discovered
-    /// later, with this consequence.
-    pub(super) fn warn_of_unnamed(
+    /// Whether an agent may have this name. Reports an object of the map, which is no agent. Warns of
+    /// an agent that the file does not name: it may be misspelled, or may be discovered later, with
+    /// this consequence.
+    pub(super) fn may_be_agent(
         &mut self,
         path: &str,
         name: &str,
         agents: &[AgentEntry],
+        files: Option<&PddlFiles>,
         consequence: &str,
-    ) {
+    ) -> bool {
         if agents.iter().any(|entry| entry.name.as_str() == name) {
-            return;
+            return true;
+        }
+        if files.is_some_and(|files| files.has_object(name)) {
+            let message = format!("`{name}` is an object of the map, and no agent");
+            let help = "name the agent that the table is about";
+            self.about_key(path, |span| Diagnostic::error(span, message).with_help(help));
+            return false;
         }
         let message = format!("no agent of this file is called `{name}`");
         let near = pddl::nearest(name, agents.iter().map(|entry| entry.name.as_str()));
@@ -100,5 +112,6 @@ impl Interpreter<'_> {
             None => format!("{consequence}, such as a device of a gateway"),
         };
         self.about_key(path, |span| Diagnostic::warning(span, message).with_help(help));
+        true
     }
 }
