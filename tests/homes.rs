@@ -287,7 +287,8 @@ fn fans_numbers_choices_and_scenes_are_set() {
         let said = reach(&office, goal);
         // The order of messages on several topics is not known here.
         let (mut told, mut expected) = (told.take(), expected.to_vec());
-        (told.sort(), expected.sort_unstable());
+        told.sort();
+        expected.sort_unstable();
         assert_eq!(told, expected, "{goal}: {said}");
     }
     office.await_fact("(selected source1 option-radio)", false);
