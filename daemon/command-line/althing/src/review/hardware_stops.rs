@@ -37,7 +37,7 @@ impl Reviewer<'_> {
             }
             let entry = ecosystem.agents.iter().find(|entry| entry.name == *agent);
             let told = entry.filter(|entry| entry.plugin == ROS).map(|entry| &entry.config);
-            let Some(told) = told.and_then(told_by_topics) else { continue };
+            let Some(told) = told.and_then(|config| told_by_topics(config)) else { continue };
             if !told.contains(&fact) {
                 let message = format!("no topic of `{agent}` tells `{fact}`");
                 let help = match told.as_slice() {

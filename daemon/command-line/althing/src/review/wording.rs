@@ -8,6 +8,8 @@ use pddl::nearest;
 use serde_json::Value;
 use terminal::form_error;
 
+use crate::config::number_text;
+
 /// Maximum number of keys that a help text lists; the others are only counted.
 const LISTED_MAX: usize = 6;
 

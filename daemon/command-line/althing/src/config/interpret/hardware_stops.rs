@@ -97,6 +97,7 @@ impl Interpreter<'_> {
             Some(entry) if !is_fact => no_contact(entry),
             _ => None,
         };
+        let is_contact = problem.is_none();
         let rule = match (pressed.unwrap_or("open"), problem) {
             (_, Some(problem)) => Err(problem),
             ("open", None) => Ok(PressedWhen::ContactOpen),
@@ -104,7 +105,6 @@ impl Interpreter<'_> {
             (text, None) if is_fact => pressed_by_fact(text),
             (text, None) => Err(format!("`{text}` is none of \"open\", \"closed\" and a fact")),
         };
-        let is_contact = problem.is_none();
         let help = if is_contact {
             "write pressed = \"open\" or \"closed\" for a contact, or a fact of the agent, such as \
              pressed = \"(pressed button-1)\""
