@@ -270,8 +270,10 @@ async fn serve_actions(
 ) -> zenoh::Result<Vec<AbortOnDropHandle<()>>> {
     let robot = Arc::clone(state);
     let accepts: AcceptsGoals = Arc::new(move || {
+        // Decided before a test that awaits the goal may make Nav2 active.
+        let is_accepted = robot.is_active.load(Ordering::Relaxed);
         robot.goals.send_modify(|goals| *goals += 1);
-        robot.is_active.load(Ordering::Relaxed)
+        is_accepted
     });
     let robot = Arc::clone(state);
     let navigate: RunGoal =
