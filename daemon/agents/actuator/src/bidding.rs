@@ -10,7 +10,7 @@ use capability::{DomainSnapshot, problem_digest};
 use pddl::{Atom, Condition, InitElement, Plan, Problem};
 use planner::{Budget, Cancel, Options, Replanner};
 
-use crate::unchangeable::Changes;
+use crate::unchangeable::ChangeableSymbols;
 
 const NOTHING: &str = "it reaches no part of the goal";
 
@@ -30,7 +30,7 @@ pub(crate) fn bid(
     // A single conjunct is planned for without a reachability proof, which would only repeat work
     // of the planner.
     if conjuncts.len() > 1 {
-        let changes = Changes::of(&snapshot.domain, &snapshot.problem);
+        let changes = ChangeableSymbols::of(&snapshot.domain, &snapshot.problem);
         conjuncts.retain(|(_, condition)| changes.can_change(&snapshot.known_to_hold(condition)));
         conjuncts = drop_unreachable(&snapshot, conjuncts, replanner, cancel);
     }

@@ -11,8 +11,8 @@ use pddl::{ActionSchema, Condition, Domain, Effect, InitElement, Name, Problem, 
 /// A predicate or function, applied to terms.
 type Applied<'c> = (&'c Name, &'c [Term]);
 
-/// The actions of a domain, prepared for [`Changes::can_change`].
-pub(crate) struct Changes<'d> {
+/// The actions of a domain, prepared for [`ChangeableSymbols::can_change`].
+pub(crate) struct ChangeableSymbols<'d> {
     domain: &'d Domain,
     /// Predicates that an action changes or an axiom derives.
     changed: BTreeSet<&'d Name>,
@@ -20,8 +20,8 @@ pub(crate) struct Changes<'d> {
     unary: BTreeSet<(&'d Name, &'d Name)>,
 }
 
-impl<'d> Changes<'d> {
-    pub(crate) fn of(domain: &'d Domain, problem: &'d Problem) -> Changes<'d> {
+impl<'d> ChangeableSymbols<'d> {
+    pub(crate) fn of(domain: &'d Domain, problem: &'d Problem) -> ChangeableSymbols<'d> {
         let effects = domain.actions.iter().flat_map(|action| action.effect.parts());
         let changed = effects.filter_map(|effect| match effect {
             Effect::Add(atom) | Effect::Delete(atom) => Some(&atom.predicate),
@@ -35,7 +35,11 @@ impl<'d> Changes<'d> {
             },
             _ => None,
         });
-        Changes { domain, changed: changed.chain(derived).collect(), unary: unary.collect() }
+        ChangeableSymbols {
+            domain,
+            changed: changed.chain(derived).collect(),
+            unary: unary.collect(),
+        }
     }
 
     /// Whether an action may change a ground condition. Returns `true` if this is not certain: for
@@ -127,7 +131,11 @@ mod tests {
             (:init (offers-move a) (offers-all a)) (:goal (and)))";
         let problem = pddl::parse_problem(problem).into_result().expect("a problem");
         let condition = pddl::parse_condition(condition).into_result().expect("a condition");
-        assert_eq!(Changes::of(&domain, &problem).can_change(&condition), expected, "{condition}");
+        assert_eq!(
+            ChangeableSymbols::of(&domain, &problem).can_change(&condition),
+            expected,
+            "{condition}"
+        );
     }
 
     #[test]
