@@ -1,4 +1,4 @@
-//! The buildings of `ecosystems/` other than the office: each starts from its files alone and
+//! The buildings of `ecosystems/` other than the office: each starts from its file alone and
 //! reaches its goals.
 
 use std::path::{Path, PathBuf};
@@ -11,13 +11,9 @@ fn root() -> PathBuf {
 
 /// Returns an office for a building, after checking that its files have no mistake.
 fn building(name: &str) -> Office {
-    let path = |path: String| root().join(path);
-    let file = path(format!("ecosystems/{name}.toml"));
+    let file = root().join(format!("ecosystems/{name}.toml"));
     let building = Office::of(file.clone());
-    let domain = path(format!("domains/{name}/domain.pddl"));
-    let map = path(format!("domains/{name}/map.pddl"));
-    let files = [&file, &domain, &map].map(|file| file.display().to_string());
-    let checked = building.run(&["check", &files[0], &files[1], &files[2]]);
+    let checked = building.run(&["check", &file.display().to_string()]);
     assert!(checked.status.success(), "{}{}", stdout(&checked), stderr(&checked));
     building
 }
@@ -73,6 +69,24 @@ fn robots_of_the_ward_use_the_lift() {
             assert!(known.contains(&format!("known-temperature {room}")), "{mode}: {known}");
         }
     }
+}
+
+/// The smallest file: three rooms, two sensors, one robot, and one goal that is kept.
+#[test]
+fn the_smallest_file_reaches_its_kept_goal() {
+    let file = std::fs::read_to_string(root().join("ecosystems/small-home.toml")).expect("shipped");
+    assert!(file.lines().count() <= 25, "{} lines", file.lines().count());
+    let mut home = building("small-home");
+    home.up_alone(&[]);
+    home.await_devices(3);
+    for room in ["kitchen", "bedroom", "living-room"] {
+        home.await_fact(&format!("(known-temperature {room})"), true);
+    }
+    let (code, goals) = home.ask(&["goals"]);
+    assert_eq!(code, Some(0), "{goals}");
+    assert!(goals.contains("to be kept"), "{goals}");
+    let (code, said) = home.ask(&["goal", "(at robot kitchen)"]);
+    assert_eq!(code, Some(0), "the robot goes through doors: {said}");
 }
 
 /// One house of the campus and the reasoning machine: the other houses are not started yet.

@@ -182,7 +182,9 @@ fn await_line(lines: &std::sync::mpsc::Receiver<String>, text: &str) -> String {
 fn a_goal_is_listed_and_its_conversation_watched() {
     let office = office();
     let (_, own) = ask(&office, &["goals"]);
-    assert!(own.starts_with("(patrolled corridor)\n"), "what the robot wants by itself: {own}");
+    assert!(own.starts_with("1 goal of `smart-office` at "), "{own}");
+    assert!(own.contains("`plan-requester` leads at reasoning"), "{own}");
+    assert!(own.contains("(patrolled corridor)\n"), "what the robot wants by itself: {own}");
     assert_eq!(own.matches("to be kept").count(), 1, "{own}");
     let goal = ["goal", "(known-temperature office2)", "--maintain", "--priority", "3"];
     let (mut keeping, said) = begin(&office, &goal);
@@ -192,16 +194,27 @@ fn a_goal_is_listed_and_its_conversation_watched() {
 
     let (code, goals) = ask(&office, &["goals"]);
     assert_eq!(code, Some(0), "{goals}");
-    for part in ["(known-temperature office2)", "holds; to be kept, priority 3, 1 plan", &id] {
+    for part in ["(known-temperature office2)", " holds ", "to be kept, priority 3; asked for by"] {
         assert!(goals.contains(part), "{part}: {goals}");
     }
-    let goals = office.ask_json(&["goals"]);
-    let goals = goals["goals"].as_array().expect("a list");
-    assert!(goals.iter().any(|goal| goal["conversation"] == id.as_str()), "{goals:?}");
+    let listed = office.ask_json(&["goals"]);
+    let listed = listed["goals"].as_array().expect("a list");
+    let goal =
+        listed.iter().find(|goal| goal["conversation"] == id.as_str()).expect("it is listed");
+    let number = goal["number"].to_string();
+    assert!(goals.lines().any(|line| line.trim_start().starts_with(&format!("{number}  holds"))));
+    let (code, whole) = ask(&office, &["goals", &number]);
+    assert_eq!(code, Some(0), "{whole}");
+    for part in [&format!("goal {number}  (known-temperature office2)"), &id, "asked for"] {
+        assert!(whole.contains(part), "{part}: {whole}");
+    }
 
-    let (mut watching, diagram) = begin(&office, &["watch", "--conversation", &id]);
-    await_line(&diagram, "listening");
-    let (code, given_up) = ask(&office, &["goal", "--cancel", &id]);
+    let (mut watching, diagram) = begin(&office, &["watch", "--conversation", &number]);
+    await_line(&diagram, &format!("listening to {id}"));
+    let (code, unknown) = ask(&office, &["goal", "--cancel", "999"]);
+    assert_eq!(code, Some(33), "{unknown}");
+    assert!(unknown.contains("there is no goal 999 now; there are 1 and 2"), "{unknown}");
+    let (code, given_up) = ask(&office, &["goal", "--cancel", &number]);
     assert_eq!(code, Some(0), "{given_up}");
     assert!(keeping.wait().is_ok());
     let cancel = await_line(&diagram, "─ cancel ─");

@@ -5,16 +5,24 @@
 //! `confinement`, where plugins attack their surroundings.
 
 mod arms;
+mod backups;
 mod buildings;
 mod cameras;
 #[path = "support/cast_device.rs"]
 mod cast_device;
+#[path = "../daemon/views/web-page/tests/browser/chromium.rs"]
+mod chromium;
 mod commands;
+mod doctor;
+mod documented_commands;
+mod due;
 mod federation;
 #[path = "support/film.rs"]
 #[allow(dead_code, reason = "what tests of the plugin need besides")]
 mod film;
+mod first_steps;
 mod gateway;
+mod history;
 mod homes;
 mod interfacing;
 #[path = "support/kernel.rs"]
@@ -22,7 +30,10 @@ mod kernel;
 mod keyboard;
 mod knowing;
 mod languages;
+mod metrics;
 mod neighbors;
+mod notifications;
+mod pages;
 mod people;
 mod plugins;
 mod programs;
@@ -38,3 +49,10 @@ mod service;
 mod stops;
 mod stranger;
 mod support;
+mod traces;
+mod views;
+mod web;
+mod words;
+
+// The browser's file, which tests of several crates share, finds it here.
+use support::left_out;

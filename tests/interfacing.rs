@@ -71,8 +71,8 @@ async fn tap(office: &Office, name: &str, of: &str) -> (Tap, mpsc::UnboundedRece
     config.mode = SessionMode::Client;
     let socket = office.runtime_folder().join("house/caretaker.sock");
     config.connect = vec![format!("unixsock-stream/{}", socket.display())];
-    let tap = substrate_zenoh::tap(config, move |key, payload| {
-        let _ = tell.send(format!("{key} {}", String::from_utf8_lossy(&payload)));
+    let tap = substrate_zenoh::tap(config, move |key, message| {
+        let _ = tell.send(format!("{key} {}", String::from_utf8_lossy(&message.payload)));
     });
     (tap.await.expect("the house runs"), heard)
 }

@@ -121,15 +121,18 @@ fn leaving_a_goal_prints_how_to_follow_and_cancel_it() {
     let code = Ends(child).within(PATIENCE);
     assert!(code == Some(130) || code == Some(0), "0 only where it holds: {code:?}");
     let reach = format!("--ecosystem {}", file());
+    let cancel = told.split_once("althing goal --cancel ").expect("how to cancel it").1;
+    let name = cancel.split_whitespace().next().expect("the name of the goal").to_owned();
+    assert!(name == id || name.parse::<u32>().is_ok(), "its number, or its conversation: {told}");
     for command in [
         format!("althing goals {reach}"),
-        format!("althing watch --conversation {id} {reach}"),
-        format!("althing goal --cancel {id} {reach}"),
+        format!("althing watch --conversation {name} {reach}"),
+        format!("althing goal --cancel {name} {reach}"),
     ] {
         assert!(told.contains(&command), "{command}: {told}");
     }
     // Cancels by the command that was printed.
-    let (code, cancelled) = ask(&office, &["goal", "--cancel", &id]);
+    let (code, cancelled) = ask(&office, &["goal", "--cancel", &name]);
     assert_eq!(code, Some(0), "{cancelled}");
 }
 

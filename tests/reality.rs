@@ -233,11 +233,11 @@ fn inside(office: &Office, file: &Path) -> String {
     let (folder, plugins) = (office.folder().display(), office.plugins_folder());
     format!(
         r#"export PATH={path}:$PATH
-export ALTHING_RUNTIME_DIR=/run/althing ALTHING_STATE_DIR=/run/state ALTHING_PLUGINS_DIR=/run/plugins
+export ALTHING_PDDL=1 ALTHING_RUNTIME_DIR=/run/althing ALTHING_STATE_DIR=/run/state ALTHING_PLUGINS_DIR=/run/plugins
 said() {{ echo "{SAID}$*"; }}
 ask() {{ {althing} "$@" --ecosystem {file}; }}
 # What a room is known by.
-of() {{ ask state | sed -n "s/^(= (temperature $1) \([0-9.]*\)).*/\1/p"; }}
+of() {{ ask state | sed -n "s/^ *(= (temperature $1) \([0-9.]*\)).*/\1/p"; }}
 until_of() {{ until [ "$(of $1)" = "$2" ]; do sleep 0.1; done; }}
 tell() {{ mosquitto_pub -h 127.0.0.1 -r -t "zigbee2mqtt/$1" -m "$2"; }}
 

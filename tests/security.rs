@@ -11,6 +11,7 @@ use std::time::Instant;
 use serde_json::Value;
 
 use crate::support::network::example;
+use crate::support::terminal::{Terminal, has_tmux};
 use crate::support::{Office, PATIENCE, lines, stderr, stdout};
 
 const BOARDS: [&str; 2] = ["turtlebot-laptop", "office2-pi"];
@@ -85,6 +86,39 @@ fn a_goal_is_reached_in_a_secured_office() {
     // guests the path of the keys.
     let named = secured.office.run(&["state", "--ecosystem", "smart-office"]);
     assert!(named.status.success(), "{}", stderr(&named));
+}
+
+#[test]
+fn a_goal_of_a_secured_office_is_watched_and_another_one_asked_for_in_a_terminal() {
+    if !has_tmux() {
+        return;
+    }
+    let mut secured = Secured::new("");
+    secured.office.up(&["reasoning"], &[]);
+    secured.office.up(&BOARDS, &[]);
+    secured.office.await_devices(3);
+    let file = secured.file.display().to_string();
+    let view = Terminal::open(&secured.office, &format!("view agents --ecosystem '{file}'"));
+    view.await_text("thermometer-office2");
+    view.press("7");
+    let (code, said) = secured.office.ask(&["goal", "(known-temperature office2)"]);
+    assert_eq!(code, Some(0), "{said}");
+    // Only verified messages are shown; these are of two daemons and of a command.
+    let is_told = |screen: &str| screen.contains("(known-temperature office2)");
+    view.await_screen("the goal in a sentence", is_told);
+    view.press("2");
+    let is_done =
+        |line: &str| line.contains("(known-temperature office2)") && line.contains("done");
+    view.await_screen("the goal, done", |screen| screen.lines().any(is_done));
+    view.press("g");
+    view.await_text("What is wanted?");
+    view.type_text("(at turtlebot-1 corridor)");
+    view.press("Enter");
+    // Its plan is shown first, or that it holds already.
+    view.await_text("a dry run: nothing is asked for");
+    view.press("Enter");
+    let is_done = |line: &str| line.contains("(at turtlebot-1") && line.contains("done");
+    view.await_screen("the other goal, done", |screen| screen.lines().any(is_done));
 }
 
 #[test]

@@ -8,7 +8,6 @@ use std::time::Duration;
 
 use acl::content::{Bid, Snapshot};
 use acl::{AgentId, DaemonId, EcosystemId, Message, Performative, ReplyToken};
-use bytes::Bytes;
 use conversation::Exchange;
 use substrate::{
     Delivery, Inbound, Presence, ReceivedQuery, Resource, ResourceQuery, Substrate as _,
@@ -38,8 +37,8 @@ fn stranger(office: &Office, name: &str) -> Config {
 /// goal's final report.
 async fn listen(office: &Office) -> Vec<Message> {
     let (tell, mut heard) = mpsc::unbounded_channel();
-    let _tap = substrate_zenoh::tap(stranger(office, "stranger"), move |_, payload: Bytes| {
-        let _ = tell.send(payload);
+    let _tap = substrate_zenoh::tap(stranger(office, "stranger"), move |_, message| {
+        let _ = tell.send(message.payload);
     })
     .await
     .expect("the ecosystem runs");

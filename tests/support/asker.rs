@@ -151,6 +151,12 @@ impl Asker {
         Asker { id, ears, substrate, requester, _token }
     }
 
+    /// Announces another agent of this requester's daemon, until the token is dropped.
+    pub(crate) fn announce(&self, name: &str) -> PresenceToken {
+        let id = AgentId::new(name).expect("a name");
+        self.substrate.announce(&id, Incarnation(1)).expect("it is open")
+    }
+
     /// Requests these goals at once, and waits until all are over or `patience` has passed.
     pub(crate) async fn ask(
         &self,

@@ -28,7 +28,7 @@ use crate::trial_error::TrialError;
 const TIME_SCALE: f64 = 1.0;
 
 /// Names of the two people.
-const PEOPLE: [&str; 2] = ["ann", "bob"];
+pub(crate) const PEOPLE: [&str; 2] = ["ann", "bob"];
 
 /// Daemons at which the two people have their terminals. The first daemon never dies.
 const SEATS: [usize; 2] = [0, 1];

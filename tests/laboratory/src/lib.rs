@@ -15,12 +15,14 @@
 //!   receive.
 //! - [`checks`]: the promises that must hold afterwards; [`commands`]: that each command is
 //!   executed once and in order; [`open_exchanges`]: that exchanges end.
+//! - [`chains`]: the history of a trial, and whether its chains of causes are complete.
 //! - [`stops`]: a stop in the midst of the faults.
 //! - [`fault_effects`]: counters of the faults that took effect.
 //! - [`trial`]: plays a seed; [`trial_context`]: the state that all machines of a trial share;
 //!   [`trial_error`]: the reason why a trial cannot be played.
 
 pub mod annex_nodes;
+pub mod chains;
 pub mod checks;
 pub mod cluster;
 pub mod commands;
@@ -36,5 +38,5 @@ pub mod trial_context;
 pub mod trial_error;
 
 pub use script::Safeguard;
-pub use trial::{TrialResult, play, play_with_stop};
+pub use trial::{TrialResult, play, play_with_history, play_with_stop};
 pub use trial_error::TrialError;

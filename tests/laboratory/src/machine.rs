@@ -27,12 +27,13 @@ use crate::script::{AgentPlacement, Safeguard};
 use crate::trial_context::TrialContext;
 
 /// The plugins that run on simulated machines.
-const PLUGINS: [&PluginEntry; 9] = [
+const PLUGINS: [&PluginEntry; 10] = [
     &domain_maintainer::PLUGIN,
     &plan_requester::PLUGIN,
     &planning_agent::PLUGIN,
     &plan_executor::PLUGIN,
     &journal::PLUGIN,
+    &history::PLUGIN,
     &turtlebot::PLUGIN,
     &ir_temperature_sensor::PLUGIN,
     &sensor::TEMPERATURE_SENSOR,

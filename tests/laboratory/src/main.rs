@@ -6,7 +6,7 @@ use std::sync::{OnceLock, mpsc};
 use std::time::Instant;
 
 use clap::Parser;
-use laboratory::{Safeguard, TrialError, TrialResult, play, play_with_stop};
+use laboratory::{Safeguard, TrialError, TrialResult, play, play_with_history, play_with_stop};
 use tracing_subscriber::fmt::format::Writer;
 use tracing_subscriber::fmt::time::FormatTime;
 
@@ -29,6 +29,9 @@ struct Arguments {
     /// A person stops everything in the midst of the faults: no device may begin anything then.
     #[arg(long)]
     stop: bool,
+    /// An agent keeps the history: each chain of causes must be complete.
+    #[arg(long, conflicts_with_all = ["stop", "without"])]
+    history: bool,
     /// Go on after the first seed that fails.
     #[arg(long)]
     all: bool,
@@ -39,6 +42,9 @@ struct Arguments {
 
 impl Arguments {
     fn play(&self, seed: u64) -> Result<TrialResult, TrialError> {
+        if self.history {
+            return play_with_history(seed);
+        }
         let play = if self.stop { play_with_stop } else { play };
         play(seed, self.without)
     }

@@ -7,6 +7,7 @@ use std::time::Duration;
 use acl::content::Outcome;
 use tokio::time::{Instant, sleep_until};
 
+use crate::chains::{self, ChainCounts};
 use crate::checks;
 use crate::cluster::Cluster;
 use crate::fault_effects::FaultEffects;
@@ -42,6 +43,8 @@ pub struct TrialResult {
     pub lasted: Duration,
     /// All reports that people received, for diagnosis.
     pub transcript: Vec<String>,
+    /// Counts of the chains of causes; `None` if the trial has no history agent.
+    pub chains: Option<ChainCounts>,
 }
 
 /// Counts of the goals with a terminal that ran to the end.
@@ -62,7 +65,7 @@ pub struct GoalCounts {
 /// Returns an error if the trial cannot be set up: its files cannot be created, or the drawn plan
 /// is no valid building.
 pub fn play(seed: u64, without: Option<Safeguard>) -> Result<TrialResult, TrialError> {
-    play_trial(seed, without, false)
+    play_trial(seed, without, Extra::None)
 }
 
 /// Plays a seed in which a person stops everything in the midst of the faults.
@@ -71,20 +74,40 @@ pub fn play(seed: u64, without: Option<Safeguard>) -> Result<TrialResult, TrialE
 ///
 /// Returns an error as [`play`] does.
 pub fn play_with_stop(seed: u64, without: Option<Safeguard>) -> Result<TrialResult, TrialError> {
-    play_trial(seed, without, true)
+    play_trial(seed, without, Extra::Stop)
+}
+
+/// Plays a seed in which an agent keeps the history, and checks the history at the end.
+///
+/// # Errors
+///
+/// Returns an error as [`play`] does.
+pub fn play_with_history(seed: u64) -> Result<TrialResult, TrialError> {
+    play_trial(seed, None, Extra::History)
+}
+
+/// What a trial has besides the choices of its seed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Extra {
+    None,
+    Stop,
+    History,
 }
 
 fn play_trial(
     seed: u64,
     without: Option<Safeguard>,
-    has_stop: bool,
+    extra: Extra,
 ) -> Result<TrialResult, TrialError> {
     let (runtime, folder) = (runtime()?, folder()?);
     runtime.block_on(async {
-        let script = TrialScript::draw(seed)?;
-        let stop = has_stop.then(|| StopTrial::draw(&script));
+        let mut script = TrialScript::draw(seed)?;
+        if extra == Extra::History {
+            script.agents.push(chains::placement());
+        }
+        let stop = (extra == Extra::Stop).then(|| StopTrial::draw(&script));
         let city = Cluster::new(script, without, folder.path())?;
-        Ok(Trial::new(city, stop).play().await)
+        Ok(Trial::new(city, stop, extra == Extra::History).play().await)
     })
 }
 
@@ -105,11 +128,13 @@ struct Trial {
     broken: Vec<String>,
     /// A stop of everything; `None` if the trial has none.
     stop: Option<StopTrial>,
+    has_history: bool,
+    chains: Option<ChainCounts>,
     since: Instant,
 }
 
 impl Trial {
-    fn new(city: Cluster, stop: Option<StopTrial>) -> Trial {
+    fn new(city: Cluster, stop: Option<StopTrial>, has_history: bool) -> Trial {
         let digest = Arc::new(Mutex::new(DefaultHasher::new()));
         let (heard, since) = (Arc::clone(&digest), Instant::now());
         if let Some(annex) = &city.world.annex {
@@ -134,7 +159,7 @@ impl Trial {
                 String::from_utf8_lossy(payload)
             );
         });
-        Trial { city, digest, broken: Vec::new(), stop, since }
+        Trial { city, digest, broken: Vec::new(), stop, has_history, chains: None, since }
     }
 
     async fn play(mut self) -> TrialResult {
@@ -151,7 +176,22 @@ impl Trial {
         let stopped = self.stop.iter().flat_map(StopTrial::violations);
         self.broken.extend(stopped.cloned());
         self.broken.extend(checks::all_violations(&self.city, &goals, &mailboxes, settled));
+        if self.has_history {
+            self.walk_chains().await;
+        }
         self.into_trial_result()
+    }
+
+    /// Reads the whole history, and checks all its chains of causes.
+    async fn walk_chains(&mut self) {
+        let Some(terminal) = self.city.machines[0].start_keyboard(chains::READER) else { return };
+        match chains::read(terminal).await {
+            Ok(history) => {
+                self.broken.extend(chains::violations(&history));
+                self.chains = Some(chains::counts(&history, &self.city.begun));
+            }
+            Err(why) => self.broken.push(format!("the history cannot be read: {why}")),
+        }
     }
 
     /// Requests goals and injects faults until the phase of faults is over.
@@ -250,7 +290,7 @@ impl Trial {
     }
 
     fn into_trial_result(self) -> TrialResult {
-        let Trial { city, digest, broken, .. } = self;
+        let Trial { city, digest, broken, chains, .. } = self;
         let mut story = Vec::new();
         for person in &city.people {
             for known in person.traces.values() {
@@ -280,6 +320,7 @@ impl Trial {
             ],
             lasted: city.now(),
             transcript: story,
+            chains,
         }
     }
 }

@@ -1,5 +1,6 @@
 //! The actuator: the agent that drives a device.
 
+mod event_pacing;
 mod hardware_stops;
 mod open_initiatives;
 mod safeguarding;
@@ -69,6 +70,8 @@ pub struct Actuator {
     standing_still: Option<StandingStill>,
     /// Work that waits for the next change of the daemon's stops.
     following_stops: Option<WorkHandle>,
+    /// Timer of the announcement of what the agent offers under its stops.
+    announcement: Option<TimerId>,
     /// Confirmations of stops and releases that wait until these are on disk.
     confirming_stops: VecDeque<WorkHandle>,
     /// Timer that drops the composite domain and the ground task that are kept for the next bid.
@@ -158,6 +161,7 @@ impl Actuator {
             consent: None,
             standing_still: None,
             following_stops: None,
+            announcement: None,
             confirming_stops: VecDeque::new(),
             cache_expiry: None,
         })

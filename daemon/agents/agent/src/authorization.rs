@@ -63,6 +63,12 @@ impl Authorizer {
         let _ = self.rights.set(Arc::new(rights));
     }
 
+    /// Whether an agent may read what happened to facts that their agents declare private. Without
+    /// rights no agent may, because the senders of messages are not verified then.
+    pub(crate) fn may_read_private(&self, agent: &AgentId) -> bool {
+        self.rights.get().is_some_and(|rights| rights.may_read_private(agent))
+    }
+
     /// Returns the rights, and the origin that must be checked against them. Returns `None` if
     /// there is nothing to check: the origin is this daemon, or messages are not signed, or no
     /// rights are set.
@@ -101,6 +107,18 @@ impl Authorizer {
     ) -> bool {
         let Some(limits) = self.limits(origin) else { return true };
         self.check_message(limits, message, inform, &directory()).is_ok()
+    }
+
+    /// Whether `origin` may send in the name of the sender of an overheard message. The
+    /// receivers of the message count and log a rejection; the listener does not.
+    pub(crate) fn is_from_sender(
+        &self,
+        origin: Option<&Origin>,
+        message: &Message,
+        directory: &Directory,
+    ) -> bool {
+        let Some((rights, origin)) = self.limits(origin) else { return true };
+        check_sender(rights, origin, &message.sender, message.incarnation, directory).is_ok()
     }
 
     /// Whether `origin` may repeat a heartbeat of this incarnation of `sender`. If not, counts and
@@ -348,6 +366,8 @@ mod tests {
             newcomers: AllowedNames::These([daemon("gate"), daemon("stall")].into()),
             goals: AllowedRequesters::These { agents: [].into(), guests: true },
             changes: AllowedRequesters::default(),
+            history: AllowedRequesters::All,
+            private: AllowedRequesters::default(),
         }
     }
 
@@ -568,5 +588,17 @@ mod tests {
         house.hub.presence(Presence::Left(lamp("gate", 5)));
         assert_eq!(house.hears("stall", None, says(shine()))["forged"], 3, "now it is the leader");
         drop(house.network);
+    }
+
+    #[test]
+    fn an_overheard_message_must_come_from_a_daemon_that_may_host_its_sender() {
+        let house = House::new();
+        let message = model("robot", "move");
+        let is_heard = |from: &str| house.hub.is_from_sender(Some(&origin(from)), &message);
+        assert!(is_heard("robot-pi"));
+        assert!(!is_heard("hall-pi"), "the file gives the robot to another daemon");
+        assert!(!is_heard("desk--cli-7"), "a guest is no robot");
+        // The receivers of the message count the rejection; a listener does not.
+        assert_eq!(house.hub.rejections().counts(), none());
     }
 }

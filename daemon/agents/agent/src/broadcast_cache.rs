@@ -14,6 +14,7 @@ use std::time::Duration;
 use acl::content::{Heartbeat, Inform};
 use acl::{AgentId, Incarnation, Message, Performative};
 use bytes::Bytes;
+use tokio::time::Instant;
 
 /// Maximum length of an announcement of a model, in bytes, including the heartbeat in it; a longer
 /// one is not read. The largest model that `capability::limits` allows, with a hundred actions and
@@ -59,6 +60,8 @@ pub(crate) struct BroadcastCache {
     model: Option<Bytes>,
     heartbeat: Option<CachedHeartbeat>,
     epoch: Option<Bytes>,
+    /// Time at which the last heartbeat, or the last model, arrived.
+    heard: Option<Instant>,
 }
 
 /// The last heartbeat of one agent.
@@ -112,9 +115,15 @@ impl BroadcastCaches {
         self.0.iter().map(copy).collect()
     }
 
-    /// Stores a broadcast in place of the sender's last broadcast of the same kind.
-    pub(crate) fn keep(&mut self, text: Bytes, message: &Message, inform: &Inform) {
-        self.0.entry(message.sender.clone()).or_default().keep(text, message, inform);
+    /// Stores a broadcast in place of the sender's last broadcast of the same kind. Returns the time
+    /// since the sender's last heartbeat, as [`BroadcastCache::keep`] does.
+    pub(crate) fn keep(
+        &mut self,
+        text: Bytes,
+        message: &Message,
+        inform: &Inform,
+    ) -> Option<Duration> {
+        self.0.entry(message.sender.clone()).or_default().keep(text, message, inform)
     }
 
     /// Compares a text with the last heartbeat of `sender`. Returns `None` if the text does not
@@ -124,16 +133,15 @@ impl BroadcastCaches {
     }
 
     /// Stores a repeated heartbeat in place of the last heartbeat of `sender`. Does nothing if no
-    /// broadcast of `sender` is stored.
+    /// broadcast of `sender` is stored. Returns the time since the sender's last heartbeat, as
+    /// [`BroadcastCache::keep`] does.
     pub(crate) fn keep_repetition(
         &mut self,
         sender: &AgentId,
         text: Bytes,
         repetition: HeartbeatRepetition,
-    ) {
-        if let Some(cache) = self.0.get_mut(sender) {
-            cache.keep_again(text, repetition);
-        }
+    ) -> Option<Duration> {
+        self.0.get_mut(sender)?.keep_again(text, repetition)
     }
 
     /// Removes the broadcasts of an agent that has left.
@@ -145,17 +153,34 @@ impl BroadcastCaches {
 // === impl BroadcastCache ===
 
 impl BroadcastCache {
-    /// Stores a broadcast in place of the sender's last broadcast of the same kind.
-    pub(crate) fn keep(&mut self, text: Bytes, message: &Message, inform: &Inform) {
+    /// Stores a broadcast in place of the sender's last broadcast of the same kind. Returns the time
+    /// since the sender's last heartbeat; a model contains one. `None` if the broadcast is no
+    /// heartbeat, or the first one.
+    pub(crate) fn keep(
+        &mut self,
+        text: Bytes,
+        message: &Message,
+        inform: &Inform,
+    ) -> Option<Duration> {
         match inform {
             Inform::Model(_) => self.model = Some(text),
             Inform::Heartbeat(heartbeat) => {
                 let repeatable = HeartbeatPattern::of(&text, message, heartbeat);
                 self.heartbeat = Some(CachedHeartbeat { text, repeatable });
             }
-            Inform::Epoch(_) => self.epoch = Some(text),
-            Inform::Answer(_) => (),
+            Inform::Epoch(_) => {
+                self.epoch = Some(text);
+                return None;
+            }
+            Inform::Answer(_) => return None,
         }
+        self.heard_again()
+    }
+
+    /// Records that a heartbeat arrives now. Returns the time since the one before it.
+    fn heard_again(&mut self) -> Option<Duration> {
+        let now = Instant::now();
+        self.heard.replace(now).map(|before| now - before)
     }
 
     /// Returns all stored broadcasts in the order in which a receiver must handle them.
@@ -171,9 +196,15 @@ impl BroadcastCache {
         repeatable.as_ref()?.is_again(before, text)
     }
 
-    /// Stores a repeated heartbeat in place of the last heartbeat.
-    pub(crate) fn keep_again(&mut self, text: Bytes, again: HeartbeatRepetition) {
+    /// Stores a repeated heartbeat in place of the last heartbeat. Returns the time since the last
+    /// one.
+    pub(crate) fn keep_again(
+        &mut self,
+        text: Bytes,
+        again: HeartbeatRepetition,
+    ) -> Option<Duration> {
         self.heartbeat = Some(CachedHeartbeat { text, repeatable: Some(again.now) });
+        self.heard_again()
     }
 }
 

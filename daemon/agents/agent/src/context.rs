@@ -12,14 +12,17 @@ use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use acl::content::{Discovered, Heartbeat, Inform, Reason, Refusal, value};
-use acl::{AgentId, ConversationId, DaemonId, Incarnation, Message, Performative, ReplyToken};
+use acl::{
+    AgentId, ConversationId, DaemonId, EcosystemId, Incarnation, Message, Performative, ReplyToken,
+};
 use bytes::Bytes;
-use substrate::{BoxFuture, Resident, Resource, ResourceQuery};
+use substrate::{BoxFuture, Resident, Resource, ResourceQuery, SendError};
 use tokio::task::{AbortHandle, JoinSet};
 use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use tracing::Instrument;
 
+use crate::activity_counters::ActivityCounters;
 use crate::communication_agent::CommunicationAgent;
 use crate::context::exchanges::OpenExchange;
 use crate::directory::Directory;
@@ -28,6 +31,7 @@ use crate::failure_counters::FailureCounters;
 use crate::host::Host;
 use crate::host_services::WorkError;
 use crate::launch::{LaunchContext, LaunchError, LaunchableAgent};
+use crate::overheard::{OverheardBatch, OverheardQueue};
 use crate::router::MessageRouter;
 use crate::settings::AgentSettings;
 use crate::shared_domain::SharedDomain;
@@ -109,6 +113,11 @@ impl<A: 'static> Context<A> {
         self.router().daemon()
     }
 
+    /// Returns the name of the ecosystem.
+    pub fn ecosystem(&self) -> &EcosystemId {
+        self.router().ecosystem()
+    }
+
     /// Returns the router of the daemon. Plugins use its parts through methods of this type only.
     pub(crate) fn router(&self) -> &Arc<MessageRouter> {
         self.communication.router()
@@ -136,6 +145,19 @@ impl<A: 'static> Context<A> {
     /// could not store.
     pub fn failure_counters(&self) -> Arc<FailureCounters> {
         Arc::clone(self.router().counters())
+    }
+
+    /// Whether the sender of a message that this agent has received may read what happened to facts
+    /// that their agents declare `:private`. No agent may unless the ecosystem is secured,
+    /// because the senders of messages are not verified otherwise.
+    pub fn may_read_private(&self, sender: &AgentId) -> bool {
+        self.router().may_read_private(sender)
+    }
+
+    /// Returns the counters of what the daemon's agents do, in which this agent counts what it has
+    /// done.
+    pub fn activity(&self) -> Arc<ActivityCounters> {
+        Arc::clone(self.router().activity())
     }
 
     /// Replaces the list of agents that this agent has discovered; the daemon reports the list to
@@ -293,17 +315,59 @@ impl<A: 'static> Context<A> {
     ) -> WorkHandle {
         let awaited = Arc::new(());
         let is_awaited = Arc::downgrade(&awaited);
+        let task = self.run_unattended(work, move |agent, outcome, ctx| {
+            if is_awaited.strong_count() > 0 {
+                then(agent, outcome, ctx);
+            }
+        });
+        WorkHandle { task, _awaited: awaited }
+    }
+
+    /// Runs `work` in the background until it or the agent ends, and calls `then` with its result.
+    fn run_unattended<T: Send + 'static>(
+        &mut self,
+        work: impl Future<Output = T> + Send + 'static,
+        then: impl FnOnce(&mut A, T, &mut Context<A>) + Send + 'static,
+    ) -> AbortHandle {
         let deferred = async move {
             let outcome = work.await;
-            let deferred: DeferredCallback<A> = Box::new(move |agent, ctx| {
-                if is_awaited.strong_count() > 0 {
-                    then(agent, outcome, ctx);
-                }
-            });
+            let deferred: DeferredCallback<A> =
+                Box::new(move |agent, ctx| then(agent, outcome, ctx));
             deferred
         };
-        let task = self.work.spawn(deferred.instrument(tracing::Span::current()));
-        WorkHandle { task, _awaited: awaited }
+        self.work.spawn(deferred.instrument(tracing::Span::current()))
+    }
+
+    /// Overhears every message that agents send in the ecosystem, from now on, until the agent
+    /// ends: messages to one agent, broadcasts, models and heartbeats. Calls `heard` with each
+    /// batch. At most `waiting_max` messages wait for that; more are lost, and counted in the next
+    /// batch. An agent must not act on what it overhears: the message is for others.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason if the substrate is closed.
+    pub fn overhear(
+        &mut self,
+        waiting_max: usize,
+        heard: fn(&mut A, OverheardBatch, &mut Context<A>),
+    ) -> Result<(), SendError> {
+        let queue = OverheardQueue::listen(self.router(), waiting_max)?;
+        self.take_batches(queue, heard);
+        Ok(())
+    }
+
+    fn take_batches(
+        &mut self,
+        queue: OverheardQueue,
+        heard: fn(&mut A, OverheardBatch, &mut Context<A>),
+    ) {
+        let next = queue.next();
+        self.run_unattended(next, move |agent, batch, ctx| {
+            if let Some(batch) = batch {
+                ctx.take_batches(queue, heard);
+                heard(agent, batch, ctx);
+            }
+        });
     }
 
     /// Returns a future that runs `work` on a thread that may block, for example to access a disk.

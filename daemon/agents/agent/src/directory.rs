@@ -51,6 +51,11 @@ impl Directory {
         self.residents.values().filter_map(|residents| residents.first())
     }
 
+    /// Returns the number of names that present agents hold.
+    pub fn count(&self) -> usize {
+        self.residents.len()
+    }
+
     /// Returns the daemons that host at least one agent that holds its name.
     pub fn daemons(&self) -> impl Iterator<Item = &DaemonId> {
         let mut daemons: Vec<_> = self.iter().map(|resident| &resident.daemon).collect();

@@ -83,6 +83,9 @@ async fn run_agent<A: Agent>(agent: Box<A>, context: LaunchContext) -> Result<()
     }
     let callbacks = agent.callbacks();
     let mailbox = router.register(&id, incarnation, callbacks.interests());
+    if has_replicas {
+        router.record_replicas(&id);
+    }
     let (told, presence) = router.presence_changes();
     let announced = router.announce(&id, incarnation);
     let _token = announced.map_err(|source| LaunchError::Announce { agent: id.clone(), source })?;

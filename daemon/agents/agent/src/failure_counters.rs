@@ -2,9 +2,13 @@
 
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Mutex, PoisonError};
 
 use acl::DaemonId;
 use acl::content::{MailboxStatus, Mailboxes};
+use tokio::time::Instant;
+
+use crate::daemon_figures::FailureCounts;
 
 /// Counters of failures since the daemon started.
 #[derive(Debug, Default)]
@@ -13,6 +17,8 @@ pub struct FailureCounters {
     unreadable: AtomicU64,
     not_sent: AtomicU64,
     not_persisted: AtomicU64,
+    /// Time of the last record that could not be written.
+    last_not_persisted: Mutex<Option<Instant>>,
 }
 
 impl FailureCounters {
@@ -20,6 +26,8 @@ impl FailureCounters {
     /// record and the reason.
     pub fn count_not_persisted(&self) {
         self.not_persisted.fetch_add(1, Ordering::Relaxed);
+        let last = self.last_not_persisted.lock();
+        *last.unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
     }
 
     /// Counts a message to an agent that this daemon does not host.
@@ -38,6 +46,19 @@ impl FailureCounters {
         self.not_sent.fetch_add(1, Ordering::Relaxed);
     }
 
+    /// Returns the present counts.
+    pub(crate) fn counts(&self) -> FailureCounts {
+        let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        let last = *self.last_not_persisted.lock().unwrap_or_else(PoisonError::into_inner);
+        FailureCounts {
+            unknown_receiver: count(&self.unknown_receiver),
+            unreadable: count(&self.unreadable),
+            not_sent: count(&self.not_sent),
+            not_persisted: count(&self.not_persisted),
+            not_persisted_ago: last.map(|last| last.elapsed()),
+        }
+    }
+
     /// Returns the report of a daemon about its mailboxes, with these counters.
     pub(crate) fn report(
         &self,
@@ -45,14 +66,15 @@ impl FailureCounters {
         mailboxes: Vec<MailboxStatus>,
         rejected: BTreeMap<String, u64>,
     ) -> Mailboxes {
-        let count = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        let FailureCounts { unknown_receiver, unreadable, not_sent, not_persisted, .. } =
+            self.counts();
         Mailboxes {
             daemon,
             mailboxes,
-            unknown_receiver: count(&self.unknown_receiver),
-            unreadable: count(&self.unreadable),
-            not_sent: count(&self.not_sent),
-            not_persisted: count(&self.not_persisted),
+            unknown_receiver,
+            unreadable,
+            not_sent,
+            not_persisted,
             rejected,
         }
     }
@@ -77,7 +99,9 @@ mod tests {
         assert_eq!(report(), [1, 1, 0, 0]);
         counters.count_not_sent();
         assert_eq!(report(), [1, 1, 1, 0]);
+        assert_eq!(counters.counts().not_persisted_ago, None);
         counters.count_not_persisted();
         assert_eq!(report(), [1, 1, 1, 1]);
+        assert!(counters.counts().not_persisted_ago.is_some());
     }
 }

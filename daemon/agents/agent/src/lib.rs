@@ -26,6 +26,7 @@
 //!
 //! An agent has no access to the substrate or to the code of another agent.
 
+mod activity_counters;
 mod admission;
 mod authorization;
 mod base_agent;
@@ -34,12 +35,14 @@ mod callbacks;
 mod communication_agent;
 mod compute_pool;
 mod context;
+mod daemon_figures;
 mod daemon_reports;
 mod directory;
 pub mod discovery;
 mod domain_feed;
 pub mod domain_sync;
 mod domain_tracker;
+mod duration_histogram;
 mod event_loop;
 mod exchange;
 mod failure_counters;
@@ -56,6 +59,7 @@ mod membership;
 mod model_fetcher;
 mod observer;
 mod outbox;
+mod overheard;
 mod plugin;
 mod receipts;
 mod refusal;
@@ -73,13 +77,18 @@ mod stored_file;
 mod substrate_link;
 
 pub use acl::content::Mode;
+pub use activity_counters::{
+    ActivityCounters, ActivityCounts, PlanningResult, StepOutcome, TrackedGoal,
+};
 pub use admission::{AdmissionPolicy, AdmissionStatus, Admissions, Applicant};
 pub use base_agent::Agent;
 pub use callbacks::Callbacks;
 pub use compute_pool::computation_bytes_max;
 pub use context::{ChildHandle, Context, TimerId, WorkHandle};
+pub use daemon_figures::{DaemonFigures, FailureCounts, MailboxTotals};
 pub use directory::Directory;
 pub use discovery::{DiscoveredAgents, DiscoversAgents};
+pub use duration_histogram::DurationCounts;
 pub use exchange::{DeliveryError, ExchangeEvent, ExchangeOpening, ExchangeSummary, Participation};
 pub use failure_counters::FailureCounters;
 pub use host::{
@@ -89,6 +98,7 @@ pub use host_services::{HostServices, MachineSimulation, WorkError};
 pub use knowledge::knowledge;
 pub use launch::{LaunchContext, LaunchError, LaunchableAgent};
 pub use observer::{AgentSnapshot, AgentWatch, Observer};
+pub use overheard::{Overheard, OverheardBatch};
 pub use plugin::{Blueprint, BuildError, PluginEntry};
 pub use rights::{AgentRights, AllowedNames, AllowedRequesters, Rights};
 pub use role_names::RoleNames;

@@ -8,6 +8,7 @@ use acl::content::MailboxStatus;
 use acl::{AgentId, Incarnation, Message, Performative};
 use bytes::Bytes;
 
+use crate::daemon_figures::MailboxTotals;
 use crate::latest_announcement::LatestAnnouncement;
 use crate::mailbox::{MailboxItem, MailboxSender};
 
@@ -17,11 +18,15 @@ pub(crate) struct LocalAgents {
     agents: BTreeMap<AgentId, LocalAgent>,
     /// Number of agents that listen to `inform` broadcasts.
     listeners: usize,
+    /// Number of messages that have found the mailbox of an agent full that is not here any more.
+    overflowed: u64,
 }
 
 struct LocalAgent {
     mailbox: MailboxSender,
     incarnation: Incarnation,
+    /// Whether other daemons may host replicas of the agent.
+    has_replicas: bool,
     interests: BTreeSet<Performative>,
     /// Latest announcement of the agent, with which the daemon answers queries for the agent's
     /// model.
@@ -39,9 +44,28 @@ impl LocalAgents {
         mailbox: MailboxSender,
     ) {
         let announcement = LatestAnnouncement::default();
-        let hosted = LocalAgent { mailbox, incarnation, interests, announcement };
-        self.agents.insert(agent.clone(), hosted);
+        let has_replicas = false;
+        let hosted = LocalAgent { mailbox, incarnation, has_replicas, interests, announcement };
+        let former = self.agents.insert(agent.clone(), hosted);
+        self.keep_overflow(former.as_ref());
         self.count_listeners();
+    }
+
+    /// Records that other daemons may host replicas of an agent.
+    pub(crate) fn record_replicas(&mut self, agent: &AgentId) {
+        if let Some(hosted) = self.agents.get_mut(agent) {
+            hosted.has_replicas = true;
+        }
+    }
+
+    /// Returns the number of agents.
+    pub(crate) fn count(&self) -> usize {
+        self.agents.len()
+    }
+
+    /// Returns the agents of which other daemons may host replicas, in the order of names.
+    pub(crate) fn replicated(&self) -> impl Iterator<Item = &AgentId> {
+        self.agents.iter().filter(|(_, hosted)| hosted.has_replicas).map(|(agent, _)| agent)
     }
 
     /// Removes this incarnation of an agent. Returns `false` if the daemon hosts another
@@ -49,10 +73,29 @@ impl LocalAgents {
     pub(crate) fn remove(&mut self, agent: &AgentId, incarnation: Incarnation) -> bool {
         let is_it = self.incarnation(agent) == Some(incarnation);
         if is_it {
-            self.agents.remove(agent);
+            let former = self.agents.remove(agent);
+            self.keep_overflow(former.as_ref());
             self.count_listeners();
         }
         is_it
+    }
+
+    /// Keeps what the mailbox of an agent that leaves has counted, so that the total never falls.
+    fn keep_overflow(&mut self, former: Option<&LocalAgent>) {
+        self.overflowed += former.map_or(0, |former| former.mailbox.load().2);
+    }
+
+    /// Returns the state of all mailboxes together.
+    pub(crate) fn mailbox_totals(&self) -> MailboxTotals {
+        let empty = MailboxTotals { overflowed: self.overflowed, ..MailboxTotals::default() };
+        self.agents.values().fold(empty, |totals, hosted| {
+            let (waiting, most, overflowed) = hosted.mailbox.load();
+            MailboxTotals {
+                waiting: totals.waiting + waiting as u64,
+                fullest: totals.fullest.max(waiting as f64 / most.max(1) as f64),
+                overflowed: totals.overflowed + overflowed,
+            }
+        })
     }
 
     fn count_listeners(&mut self) {
@@ -167,6 +210,21 @@ mod tests {
         assert!(hosted.remove(&name("robot"), Incarnation(2)));
         assert!(hosted.mailbox(&name("robot")).is_none());
         assert!(!hosted.has_listeners());
+    }
+
+    #[test]
+    fn the_total_of_overflows_never_falls() {
+        let mut hosted = LocalAgents::default();
+        let _mailbox = add(&mut hosted, "robot", 1, &[]);
+        let door = hosted.mailbox(&name("robot")).cloned().expect("it is hosted");
+        (0..7).for_each(|_| drop(door.put(MailboxItem::NameConflict)));
+        let totals = MailboxTotals { waiting: 4, fullest: 1.0, overflowed: 3 };
+        assert_eq!(hosted.mailbox_totals(), totals);
+        let _later = add(&mut hosted, "robot", 2, &[]);
+        assert_eq!(hosted.mailbox_totals().overflowed, 3, "another incarnation has come");
+        assert!(hosted.remove(&name("robot"), Incarnation(2)));
+        let totals = MailboxTotals { overflowed: 3, ..MailboxTotals::default() };
+        assert_eq!(hosted.mailbox_totals(), totals);
     }
 
     #[test]

@@ -146,6 +146,12 @@ impl MailboxSender {
         }
     }
 
+    /// Returns how many items wait, how many fit, and how many have found the mailbox full.
+    pub(crate) fn load(&self) -> (usize, usize, u64) {
+        let (room, most) = (self.letters.capacity(), self.letters.max_capacity());
+        (most - room, most, self.counts.overflowed.load(Ordering::Relaxed))
+    }
+
     /// Whether the agent has ended, so that no item is taken out of the mailbox any more.
     pub(crate) fn is_closed(&self) -> bool {
         self.letters.is_closed()

@@ -74,6 +74,14 @@ impl Rejections {
         counts.iter().map(|(violation, count)| (violation.as_str().to_owned(), *count)).collect()
     }
 
+    /// Returns the number of rejected messages for every kind of violation, also those that have not
+    /// occurred.
+    pub(crate) fn all_counts(&self) -> Vec<(ViolationKind, u64)> {
+        let counts = lock(&self.counts);
+        let count = |kind| (kind, counts.get(&kind).copied().unwrap_or_default());
+        ViolationKind::ALL.into_iter().map(count).collect()
+    }
+
     /// Returns `None` if this rejection is not to be logged now. Otherwise returns the number of
     /// earlier rejections that were not logged, for the log line.
     pub(crate) fn is_to_say(&self, kind: &'static str, from: &str, now: Instant) -> Option<u64> {
@@ -142,5 +150,8 @@ mod tests {
             Rejected { violation: ViolationKind::Forged, detail: "x", claimed: None, key: "k" };
         (0..3).for_each(|_| rejections.note(&rejected));
         assert_eq!(rejections.counts(), [("forged".to_owned(), 3)].into());
+        let all = rejections.all_counts();
+        assert_eq!(all.len(), ViolationKind::ALL.len());
+        assert_eq!(all.iter().filter(|(_, count)| *count > 0).count(), 1);
     }
 }

@@ -22,6 +22,10 @@ pub struct Rights {
     pub goals: AllowedRequesters,
     /// Agents that may change facts, and may change how plans are made.
     pub changes: AllowedRequesters,
+    /// Agents that may read what happened.
+    pub history: AllowedRequesters,
+    /// Agents that may read what happened to facts that their agents declare private.
+    pub private: AllowedRequesters,
 }
 
 /// Rights of one agent: where it may run, and which actions it may advertise.
@@ -145,6 +149,7 @@ impl Rights {
     pub fn may_ask(&self, agent: &AgentId, request: &Request) -> Result<(), String> {
         match request {
             Request::Achieve(_)
+            | Request::Schedule(_)
             | Request::Plan(_)
             | Request::Execute(_)
             | Request::CancelPlan(_)
@@ -178,7 +183,16 @@ impl Rights {
             Request::AnswerQuestion(_) => {
                 self.may(&self.goals, agent, "answer for people", "goals")
             }
+            // The history withholds what is private by itself: see `may_read_private`.
+            Request::ReadHistory(_) => {
+                self.may(&self.history, agent, "read what happened", "history")
+            }
         }
+    }
+
+    /// Whether an agent may read what happened to facts that their agents declare private.
+    pub fn may_read_private(&self, agent: &AgentId) -> bool {
+        self.may(&self.private, agent, "read what is private", "private").is_ok()
     }
 
     /// Checks whether an agent may ask for goals, plans and actions.
@@ -254,7 +268,8 @@ impl Default for AllowedRequesters {
 #[cfg(test)]
 mod tests {
     use acl::content::{
-        Achieve, AnswerQuestion, Keep, Observation, PersonsAnswer, ReleaseStops, Stop,
+        Achieve, AnswerQuestion, HistoryQuery, Keep, Observation, PersonsAnswer, ReadHistory,
+        ReleaseStops, Stop,
     };
 
     use super::*;
@@ -287,6 +302,8 @@ mod tests {
             newcomers: AllowedNames::These([daemon("gate")].into()),
             goals: AllowedRequesters::These { agents: [agent("camera")].into(), guests: true },
             changes: AllowedRequesters::These { agents: BTreeSet::new(), guests: false },
+            history: AllowedRequesters::These { agents: [agent("robot")].into(), guests: true },
+            private: AllowedRequesters::These { agents: [agent("camera")].into(), guests: false },
         }
     }
 
@@ -375,6 +392,22 @@ mod tests {
             [("robot", true), ("requester", true), ("camera", false), ("person", false)]
         {
             assert_eq!(open.may_ask(&agent(who), &of_robot).is_ok(), may, "{who}");
+        }
+    }
+
+    #[test]
+    fn what_happened_is_read_by_some_and_what_is_private_by_fewer() {
+        let subject = "(lit hall)".to_owned();
+        let read = Request::ReadHistory(ReadHistory::new(HistoryQuery::Why { subject }));
+        for (who, may_read, may_read_private) in [
+            ("requester", true, true),
+            ("robot", true, false),
+            ("camera", false, true),
+            ("person", true, false),
+        ] {
+            let may = rights().may_ask(&agent(who), &read);
+            assert_eq!(may.is_ok(), may_read, "{who}: {may:?}");
+            assert_eq!(rights().may_read_private(&agent(who)), may_read_private, "{who}");
         }
     }
 

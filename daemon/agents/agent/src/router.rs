@@ -19,19 +19,21 @@ use std::collections::BTreeSet;
 use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard, RwLockWriteGuard};
 use std::time::Duration;
 
-use acl::content::Discovered;
+use acl::content::{AbsentAgent, Discovered};
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Message, Performative};
 use bytes::Bytes;
 use capability::Announcement;
 use substrate::memory::{ANSWERS_MAX, collect_answers};
 use substrate::{
-    AgentAddress, BoxFuture, Inbound, Presence, PresenceToken, ReceivedQuery, Resident,
-    ResourceQuery, SendError, Subject, Substrate,
+    AgentAddress, BoxFuture, Inbound, Origin, OverhearCallback, OverhearToken, Presence,
+    PresenceToken, ReceivedQuery, Resident, ResourceQuery, SendError, Subject, Substrate,
 };
 use tokio::sync::{broadcast, mpsc};
 
+use crate::activity_counters::ActivityCounters;
 use crate::authorization::Authorizer;
 use crate::broadcast_cache::BroadcastCaches;
+use crate::daemon_figures::DaemonFigures;
 use crate::daemon_reports::DaemonReports;
 use crate::directory::Directory;
 use crate::domain_feed::DomainFeed;
@@ -59,6 +61,7 @@ pub struct MessageRouter {
     domain_feed: DomainFeed,
     reports: DaemonReports,
     counters: Arc<FailureCounters>,
+    activity: Arc<ActivityCounters>,
     /// Counters and log of the messages that this daemon has rejected.
     rejections: Arc<Rejections>,
 }
@@ -102,6 +105,7 @@ impl MessageRouter {
             domain_feed: DomainFeed::new(Arc::clone(&rejections)),
             reports: DaemonReports::default(),
             counters,
+            activity: Arc::default(),
             rejections,
             daemon,
         })
@@ -118,6 +122,11 @@ impl MessageRouter {
         self.authorizer.set_rights(rights);
     }
 
+    /// Whether an agent may read what happened to facts that their agents declare private.
+    pub(crate) fn may_read_private(&self, agent: &AgentId) -> bool {
+        self.authorizer.may_read_private(agent)
+    }
+
     /// Sets the function that answers queries for [`Resource::Plugins`](substrate::Resource). The
     /// function returns the state of the plugins that run as processes. Only the first call has an
     /// effect.
@@ -125,10 +134,23 @@ impl MessageRouter {
         self.reports.set_plugins(Box::new(tell));
     }
 
-    /// Sets the answer to queries for [`Resource::Files`](substrate::Resource): digests of the
-    /// ecosystem's domain and map as this daemon has read them. Only the first call has an effect.
-    pub fn tell_files(&self, files: String) {
-        self.reports.set_files(files);
+    /// Sets the function that answers queries for [`Resource::Files`](substrate::Resource): digests
+    /// of the ecosystem's domain and map as this daemon has read them. Only the first call has an
+    /// effect.
+    pub fn tell_files(&self, tell: impl Fn() -> String + Send + Sync + 'static) {
+        self.reports.set_files(Box::new(tell));
+    }
+
+    /// Sets the function that returns for how long the daemon's certificate is still valid. Only the
+    /// first call has an effect; a daemon without a certificate has no such function.
+    pub fn tell_certificate(&self, left: impl Fn() -> Duration + Send + Sync + 'static) {
+        self.reports.set_certificate(Box::new(left));
+    }
+
+    /// Replaces the list of agents that the ecosystem file names: the daemon reports those that are
+    /// absent.
+    pub fn expect_agents(&self, agents: Vec<AbsentAgent>) {
+        self.reports.set_expected(agents);
     }
 
     /// Replaces the list of agents that `by` has discovered: the name of a gateway, the name of an
@@ -160,6 +182,31 @@ impl MessageRouter {
     /// Returns the counters of failures.
     pub(crate) fn counters(&self) -> &Arc<FailureCounters> {
         &self.counters
+    }
+
+    /// Returns the counters of what the daemon's agents do.
+    pub fn activity(&self) -> &Arc<ActivityCounters> {
+        &self.activity
+    }
+
+    /// Returns the figures of this daemon at this moment.
+    pub fn figures(&self) -> DaemonFigures {
+        let (directory, agents_hosted, mailboxes) = {
+            let state = self.read();
+            let directory = Arc::clone(state.membership.directory());
+            (directory, state.hosted.count(), state.hosted.mailbox_totals())
+        };
+        DaemonFigures {
+            uptime: self.reports.uptime(),
+            certificate_left: self.reports.certificate_left(),
+            agents_hosted,
+            agents_present: directory.count(),
+            daemons_present: directory.daemons().count(),
+            mailboxes,
+            failures: self.counters.counts(),
+            rejected: self.rejections.all_counts(),
+            activity: self.activity.counts(),
+        }
     }
 
     /// Returns the counters and the log of rejected messages.
@@ -223,6 +270,11 @@ impl MessageRouter {
         }
         state.hosted.add(agent, incarnation, interests, sender);
         mailbox
+    }
+
+    /// Records that other daemons may host replicas of an agent of this daemon.
+    pub(crate) fn record_replicas(&self, agent: &AgentId) {
+        self.write().hosted.record_replicas(agent);
     }
 
     /// Removes the mailbox of an agent, if the mailbox still belongs to this incarnation of the
@@ -315,6 +367,17 @@ impl MessageRouter {
         self.link.fetch_model(agent, daemon, self.settings.answer_deadline)
     }
 
+    /// Passes every message of the ecosystem to `listener`; see
+    /// [`Substrate::overhear`](substrate::Substrate::overhear).
+    pub(crate) fn overhear(&self, listener: OverhearCallback) -> Result<OverhearToken, SendError> {
+        self.link.overhear(listener)
+    }
+
+    /// Whether the origin of an overheard message may send in the name of the message's sender.
+    pub(crate) fn is_from_sender(&self, origin: Option<&Origin>, message: &Message) -> bool {
+        self.authorizer.is_from_sender(origin, message, &self.directory())
+    }
+
     // === sending ===
 
     /// Completes when every daemon that is present now receives this daemon's broadcasts; see
@@ -342,17 +405,21 @@ impl MessageRouter {
     /// Sends a payload to the oldest present agent of the name `to`, if there is one.
     pub(crate) fn send(&self, to: &AgentId, subject: Subject, payload: Bytes) {
         let Some(address) = self.read().membership.directory().address(to) else { return };
-        self.link.send(&address, subject, payload);
+        self.send_to(&address, subject, payload);
     }
 
     /// Sends a payload to the agent and daemon in the address `to`, also if an older agent of the
     /// name is on another daemon.
     pub(crate) fn send_to(&self, to: &AgentAddress, subject: Subject, payload: Bytes) {
+        if let Subject::Message(performative) = subject {
+            self.activity.count_sent(performative);
+        }
         self.link.send(to, subject, payload);
     }
 
     /// Sends a payload to all agents.
     pub(crate) fn broadcast(&self, sender: &AgentId, performative: Performative, payload: Bytes) {
+        self.activity.count_sent(performative);
         self.link.broadcast(sender, performative, payload);
     }
 
@@ -360,6 +427,7 @@ impl MessageRouter {
     /// [`Resource::Model`](substrate::Resource). If a heartbeat of the same sender waits for a
     /// batch, that heartbeat is withdrawn.
     pub(crate) fn broadcast_state(&self, sender: &AgentId, payload: Bytes, is_model: bool) {
+        self.activity.count_sent(Performative::Inform);
         self.write().hosted.record_announcement(sender, &payload, is_model);
         self.link.broadcast_state(sender, payload);
     }
@@ -367,6 +435,7 @@ impl MessageRouter {
     /// Broadcasts a heartbeat in one batch with those that other agents of this daemon send at
     /// about the same moment.
     pub(crate) fn batch_heartbeat(&self, sender: &AgentId, payload: Bytes) {
+        self.activity.count_sent(Performative::Inform);
         self.write().hosted.record_announcement(sender, &payload, false);
         self.link.batch_heartbeat(sender, payload);
     }

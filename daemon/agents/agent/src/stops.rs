@@ -147,6 +147,13 @@ impl StopRegistry {
         StopChanges(self.state.subscribe())
     }
 
+    /// Whether the stops are on disk as they are now, or are not to be kept. Does not wait for a
+    /// write that is under way.
+    pub fn is_saved(&self) -> bool {
+        self.file.is_none()
+            || self.written.try_lock().is_ok_and(|written| *written == *self.state.borrow())
+    }
+
     /// Writes the stops to disk, if they have changed since they were last written. Waits for the
     /// disk.
     ///
@@ -214,7 +221,9 @@ mod tests {
         let registry = StopRegistry::open(folder.path());
         assert!(registry.add(&stop("one", &[])));
         assert!(registry.add(&stop("two", &["hall"])));
+        assert!(!registry.is_saved());
         registry.save().expect("saved");
+        assert!(registry.is_saved());
         let registry = StopRegistry::open(folder.path());
         assert_eq!(ids(&registry), ["one", "two"]);
         assert_eq!(registry.release(&["one".to_owned(), "none".to_owned()]), ["one"]);

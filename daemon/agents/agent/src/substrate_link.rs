@@ -10,8 +10,8 @@ use std::time::Duration;
 use acl::{AgentId, DaemonId, Incarnation, Performative};
 use bytes::Bytes;
 use substrate::{
-    AgentAddress, BoxFuture, PresenceToken, Rejected, ResourceQuery, SendError, Subject, Substrate,
-    ViolationKind,
+    AgentAddress, BoxFuture, OverhearCallback, OverhearToken, PresenceToken, Rejected,
+    ResourceQuery, SendError, Subject, Substrate, ViolationKind,
 };
 
 use crate::failure_counters::FailureCounters;
@@ -91,6 +91,11 @@ impl SubstrateLink {
             Some(substrate) => self.0.fetcher.model_of(agent, daemon, substrate, timeout),
             None => Box::pin(std::future::ready(Vec::new())),
         }
+    }
+
+    /// Passes every message of the ecosystem to `listener`; see [`Substrate::overhear`].
+    pub(crate) fn overhear(&self, listener: OverhearCallback) -> Result<OverhearToken, SendError> {
+        self.0.substrate.get().ok_or(SendError::Closed)?.overhear(listener)
     }
 
     /// Sends a payload to one agent.

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use acl::content::{Outcome, Reason, Refusal, Report, Request, value};
+use acl::content::{DaemonReport, Outcome, Reason, Refusal, Report, Request, value};
 use acl::{
     AgentId, ConversationId, DaemonId, EcosystemId, Incarnation, Message, Performative, Protocol,
     ReplyToken,
@@ -63,6 +63,14 @@ impl Daemon {
         let ask = ResourceQuery { daemon, resource: Resource::Mailbox, agent: None };
         let answers = self.router.ask(ask, SECOND).await;
         serde_json::from_slice(&answers[0]).expect("JSON")
+    }
+
+    /// Returns the report of this daemon about itself.
+    async fn report(&self) -> DaemonReport {
+        let daemon = Some(self.router.daemon().clone());
+        let ask = ResourceQuery { daemon, resource: Resource::Daemon, agent: None };
+        let answers = self.router.ask(ask, SECOND).await;
+        serde_json::from_slice(&answers[0]).expect("a report")
     }
 
     /// Returns a context for launching an agent that may have replicas.
@@ -559,7 +567,15 @@ async fn the_oldest_replica_leads_and_the_next_takes_over() {
     assert!(ask("first", 10).await.contains("confirm"));
     assert!(deeds[1].try_recv().is_ok(), "the oldest acts");
     assert!(deeds[0].try_recv().is_err(), "the other stands by");
+    let replicas = async |daemon: &Daemon| {
+        let DaemonReport { leads, stands_by, agents, .. } = daemon.report().await;
+        assert_eq!(agents, 1);
+        [leads, stands_by].map(|names| names.iter().map(AgentId::to_string).collect::<String>())
+    };
+    assert_eq!(replicas(&b).await, ["worker", ""]);
+    assert_eq!(replicas(&c).await, ["", "worker"]);
     network.kill(&DaemonId::new("b").expect("a name"));
+    assert_eq!(replicas(&c).await, ["worker", ""]);
     assert!(ask("second", 11).await.contains("confirm"));
     assert!(deeds[0].try_recv().is_ok(), "it takes over");
 }

@@ -11,8 +11,8 @@
 //! - The process of a robot gets a SIGKILL on the way: the time until the first action of the next
 //!   plan, without the grace.
 //! - A stand-in for an ONVIF camera reports motion: the time until the camera's agent requests a goal.
-//! - `althing stop` with a hundred devices: the whole command, and the time from its first request to
-//!   the last confirmation.
+//! - `althing stop` with a hundred devices: the time from the start of the command to the last
+//!   confirmation, that from its first request, and the whole command.
 //!
 //! Robots and cameras are reached over loopback, in both dialects of ROS 2. If an aim is missed, the
 //! exit code shows that.
@@ -130,9 +130,9 @@ impl Listener {
         daemon: &str,
     ) -> Outcome<Listener> {
         let (tell, heard) = mpsc::channel(HEARD_MAX);
-        let hear = move |_: &str, payload: bytes::Bytes| {
+        let hear = move |_: &str, message: substrate::OverheardMessage| {
             let at = Instant::now();
-            if let Ok(message) = acl::decode(&payload) {
+            if let Ok(message) = acl::decode(&message.payload) {
                 // A message that does not fit is lost; the wait for it then ends with an error.
                 let _ = tell.try_send((at, message));
             }

@@ -58,7 +58,7 @@ const PLAN_AIM_MS: f64 = 50.0;
 const REPLAN_AIM_MS: f64 = 5.0;
 const DEVICE_AIM_KIB: f64 = 64.0;
 
-const ONTOLOGY: &str = include_str!("../../../../domains/campus/domain.pddl");
+const ONTOLOGY: &str = ontology::STANDARD_DOMAIN;
 
 type Outcome<T> = Result<T, Box<dyn Error>>;
 
@@ -111,7 +111,9 @@ fn median(mut values: Vec<f64>) -> f64 {
 
 fn change_and_replan(campus: &Campus) -> Outcome<()> {
     let ontology = pddl::parse_domain(ONTOLOGY).into_result().map_err(|_| "the domain")?;
-    let map = pddl::parse_problem(&campus.map()).into_result().map_err(|_| "the map")?;
+    let map = pddl::parse_problem(&campus.map(ontology::STANDARD_NAME))
+        .into_result()
+        .map_err(|_| "the map")?;
     let mut maintainer = Maintainer::new(ontology, map, MaintainerScope::Everything);
     let layout = campus.layout();
     for device in layout.devices() {
@@ -264,7 +266,7 @@ fn announcement(device: &BuildingDevice) -> Outcome<Announcement> {
         ),
         _ => return Err("a device that the campus does not have".into()),
     };
-    let text = format!("(define (agent {name}) (:domain campus) {said})");
+    let text = format!("(define (agent {name}) (:domain smart-office) {said})");
     let model = pddl::parse_action_model(&text).into_result().map_err(|_| "a model")?;
     let (agent, methods) = (AgentId::new(name)?, Methods::new());
     let digest = model_digest(&text, &methods);
@@ -345,10 +347,8 @@ struct Daemon {
 impl Daemon {
     fn start(campus: &Campus, mode: &str) -> Outcome<Daemon> {
         let folder = tempfile::tempdir()?;
-        fs::write(folder.path().join("domain.pddl"), ONTOLOGY)?;
-        fs::write(folder.path().join("map.pddl"), campus.map())?;
         let file = folder.path().join("campus.toml");
-        fs::write(&file, campus.ecosystem("domain.pddl", "map.pddl"))?;
+        fs::write(&file, campus.ecosystem())?;
         let begun = Instant::now();
         let process = command(&folder).arg("up").arg(&file).args(["--mode", mode]).spawn()?;
         // Owned from here on, so that the process ends also if its output is wrong.

@@ -26,7 +26,7 @@ use std::time::{Duration, Instant};
 use acl::content::{EpochChange, Inform};
 use acl::{AgentId, DaemonId, EcosystemId, Message, Performative};
 use agent::{Agent, Callbacks, Context, Host, MessageRouter};
-use building::BuildingHandle;
+use building::{BuildingHandle, Layout};
 use support::{Entry, Figures, Machine, Outcome, PATIENCE, Process};
 use tokio::sync::mpsc;
 
@@ -46,8 +46,7 @@ const REST: Duration = Duration::from_millis(300);
 
 const ECOSYSTEM: &str = "smart-office";
 const OFFICE: &str = include_str!("../../../../ecosystems/smart-office.toml");
-const DOMAIN: &str = include_str!("../../../../domains/smart-office/domain.pddl");
-const MAP: &str = include_str!("../../../../domains/smart-office/map.pddl");
+const DOMAIN: &str = ontology::STANDARD_DOMAIN;
 
 /// The office's plugins of actuators: each of their agents has a domain of its own.
 const DEVICES: [&str; 5] =
@@ -92,13 +91,13 @@ impl Bench {
         let machine = Machine::new()?;
         let text = ecosystem(counts);
         std::fs::write(&machine.file, &text)?;
-        std::fs::write(machine.path().join("domain.pddl"), DOMAIN)?;
-        std::fs::write(machine.path().join("map.pddl"), MAP)?;
         let mut office = machine.start(HOUSE, "decentralized")?;
         office.ready().await?;
 
+        // The map of the office's file is that of the building of seed 0.
+        let map = Layout::seeded(0).layout.map_pddl(ontology::STANDARD_NAME);
         let (ecosystem, here) = (EcosystemId::new(ECOSYSTEM)?, DaemonId::new(HERE)?);
-        let mut host = support::host(DOMAIN, MAP, agent::Mode::Decentralized)?;
+        let mut host = support::host(DOMAIN, &map, agent::Mode::Decentralized)?;
         host.resources.insert(BuildingHandle::connect(machine.building()).await?);
         let settings = host.settings.clone();
         let router = MessageRouter::new(ecosystem.clone(), here.clone(), settings);
@@ -107,7 +106,7 @@ impl Bench {
         router.connect(config.open(Arc::<MessageRouter>::clone(&router)).await?);
         let (tell, changes) = mpsc::channel(HEARD_MAX);
         let ear = Box::new(Ear { tell });
-        support::launch(&AgentId::new("ear")?, ear, &router, ECOSYSTEM);
+        support::launch(&AgentId::new("ear")?, ear, &router, ontology::STANDARD_NAME);
 
         let is_device = |entry: &Entry| DEVICES.contains(&&*entry.plugin) && entry.daemon == HOUSE;
         let devices: BTreeSet<_> = support::entries(&text)?
@@ -127,7 +126,7 @@ impl Bench {
             let entry = newcomer("newcomer", number)?;
             let begun = Instant::now();
             let agent = support::build(&sensor::TEMPERATURE_SENSOR, &entry, &self.host)?;
-            let task = support::launch(&entry.name, agent, &self.router, ECOSYSTEM);
+            let task = support::launch(&entry.name, agent, &self.router, ontology::STANDARD_NAME);
             announced.push(self.joined(&entry.name).await? - begun);
             known.push(self.known_to_all(&entry.name).await? - begun);
             task.abort();
@@ -268,8 +267,7 @@ impl Ear {
 fn ecosystem(counts: &[(&str, usize)]) -> String {
     let lines = OFFICE.lines().map(|line| match line.split_once(" = ") {
         Some(("daemon", _)) => format!("daemon = \"{HOUSE}\"\n"),
-        Some(("domain", _)) => "domain = \"domain.pddl\"\n".to_owned(),
-        Some(("problem", _)) => "problem = \"map.pddl\"\n".to_owned(),
+        Some(("reasoning", _)) => format!("reasoning = \"{HOUSE}\"\n"),
         _ => format!("{line}\n"),
     });
     let mut text: String = lines.collect();

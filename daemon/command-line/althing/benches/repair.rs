@@ -187,7 +187,8 @@ impl Stage {
         };
         let (tell, acts) = mpsc::channel(ACTS_MAX);
         let listener = running.client("listener")?;
-        let tap = substrate_zenoh::tap(listener, move |_, payload| hear(&payload, &tell)).await?;
+        let tap =
+            substrate_zenoh::tap(listener, move |_, message| hear(&message.payload, &tell)).await?;
         let terminal = enter(running.client("person")?, scenario).await?;
         let dying = dying(scenario)?;
         let (round, _tap, _server) = (0, tap, server);

@@ -107,9 +107,10 @@ async fn play(who: &[&str], mode: Mode) -> Outcome<Duration> {
             let _ = tell.try_send(asked);
         }
     };
-    let _tap: Tap =
-        substrate_zenoh::tap(client(&machine, "listener")?, move |_, payload| hear(&payload))
-            .await?;
+    let _tap: Tap = substrate_zenoh::tap(client(&machine, "listener")?, move |_, message| {
+        hear(&message.payload)
+    })
+    .await?;
     let mut person = enter(&machine).await?;
     let mut dying = processes.remove("alpha").ok_or("it runs")?;
     let plans = who == [PLANNER];

@@ -50,7 +50,7 @@ const ENDING: Duration = Duration::from_secs(1);
 /// because all agents run in this process, which is slow; the network is not.
 const PROPOSALS_DEADLINE: Duration = Duration::from_secs(20);
 
-const DOMAIN: &str = include_str!("../../../../domains/campus/domain.pddl");
+const DOMAIN: &str = ontology::STANDARD_DOMAIN;
 
 const PLUGINS: &[PluginEntry] = &[
     domain_maintainer::PLUGIN,
@@ -135,7 +135,7 @@ impl Aim {
 async fn cost(count: usize, mode: Mode, aim: Aim) -> Outcome<Arc<Counts>> {
     let campus = Campus::seeded(SEED, count.div_ceil(DEVICES_PER_HOUSE));
     let devices = first_of(&campus, count);
-    let mut host = support::host(DOMAIN, &campus.map(), mode)?;
+    let mut host = support::host(DOMAIN, &campus.map(ontology::STANDARD_NAME), mode)?;
     host.settings = AgentSettings { proposals_deadline: PROPOSALS_DEADLINE, ..host.settings };
     let building = Building::new(campus.layout().clone(), 1.0)?;
     host.resources.insert(building.handle());
@@ -148,8 +148,8 @@ async fn cost(count: usize, mode: Mode, aim: Aim) -> Outcome<Arc<Counts>> {
             || devices.iter().any(|device| device.name() == entry.name.as_str())
     };
     let mut daemons: BTreeMap<String, Arc<MessageRouter>> = BTreeMap::new();
-    for entry in support::entries(&campus.ecosystem("", ""))?.iter().filter(|entry| is_here(entry))
-    {
+    let file = campus.ecosystem() + &reasoning_entries();
+    for entry in support::entries(&file)?.iter().filter(|entry| is_here(entry)) {
         let Some(plugin) = PLUGINS.iter().find(|plugin| plugin.name == entry.plugin) else {
             continue;
         };
@@ -157,12 +157,17 @@ async fn cost(count: usize, mode: Mode, aim: Aim) -> Outcome<Arc<Counts>> {
             Some(daemon) => Arc::clone(daemon),
             None => open(&network, &entry.daemon, &host.settings, &counts)?,
         };
-        support::launch(&entry.name, support::build(plugin, entry, &host)?, &daemon, "campus");
+        support::launch(
+            &entry.name,
+            support::build(plugin, entry, &host)?,
+            &daemon,
+            ontology::STANDARD_NAME,
+        );
         daemons.insert(entry.daemon.clone(), daemon);
     }
     let (keyboard, mut terminal) = Keyboard::with_terminal();
     let reasoning = daemons.get("reasoning").ok_or("no process hosts the reasoning agents")?;
-    support::launch(&AgentId::new("user")?, Box::new(keyboard), reasoning, "campus");
+    support::launch(&AgentId::new("user")?, Box::new(keyboard), reasoning, ontology::STANDARD_NAME);
     let names = devices.iter().map(|device| device.name().to_owned()).collect();
     support::await_offers(reasoning, &names).await?;
     tokio::time::sleep(SETTLING).await;
@@ -171,6 +176,15 @@ async fn cost(count: usize, mode: Mode, aim: Aim) -> Outcome<Arc<Counts>> {
     reach(&mut terminal, aim.goal(&devices)).await?;
     tokio::time::sleep(ENDING).await;
     Ok(counts)
+}
+
+/// Returns the entries of the agents that a daemon adds to a file without them.
+fn reasoning_entries() -> String {
+    let plugins = ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor"];
+    let entry = |plugin: &str| {
+        format!("\n[[agent]]\nname = \"{plugin}\"\nplugin = \"{plugin}\"\ndaemon = \"reasoning\"\n")
+    };
+    plugins.map(entry).concat()
 }
 
 /// Returns the devices of the smallest buildings, half a house at a time: eight thermometers, and a

@@ -1,50 +1,32 @@
 //! The command line: the commands and their arguments. What each command does is in
 //! [`crate::commands`].
 //!
-//! The first screen ([`FIRST_SCREEN`]) is written by hand, for new users with a terminal of 80 ×
-//! 24; a test checks that it lists the commands below.
+//! The help of all commands is in [`help`]. Without arguments, `althing` prints the first screen
+//! instead, which [`crate::commands`] makes.
 
+pub(crate) mod backup;
 pub(crate) mod cert;
+pub(crate) mod doctor;
+pub(crate) mod edit;
+mod help;
+pub(crate) mod history;
+#[cfg(test)]
+mod manual;
+pub(crate) mod people;
 pub(crate) mod plugin;
 pub(crate) mod robot;
 pub(crate) mod stop;
+pub(crate) mod times;
+pub(crate) mod view;
 
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Duration;
 
 use althing_plan::arguments::PlanArgs;
-use clap::{ArgAction, ArgGroup, Args, Parser, Subcommand, ValueEnum};
+use clap::{ArgAction, ArgGroup, Args, CommandFactory as _, Parser, Subcommand, ValueEnum};
 use terminal::arguments::{PrintArgs, seconds};
 use terminal::exit;
-
-/// The text that `althing` prints when it is called without arguments.
-const FIRST_SCREEN: &str = "\
-Althing: the sensors, robots, screens and people of a building plan together.
-Usage: althing COMMAND [OPTIONS]            althing help COMMAND tells more
-
-Stop  althing stop                          everything, or a room, or a robot
-Try it
-  althing scenario 1                        a robot stands in for a dead sensor
-  althing up ecosystems/smart-office.toml   run this machine's part of an office
-  althing goal temperatures                 ask the office for an outcome
-Run   up        run the daemon: this machine's agents join the ecosystem
-      keyboard  open a prompt to a running ecosystem, in any terminal
-      scenario  play a scenario of the paper in a simulated building
-Ask   goal      for an outcome: follow it, keep it, cancel it
-      act       for one action         set      change the known facts
-      mode      set the planning mode  answer   an agent's question to a person
-Look  agents    that are present       domain   all agents' actions, as PDDL
-      state     the known facts        goals    and the state of each
-      watch     the messages           mailbox  how full agents' mailboxes are
-Plan  plan      without an ecosystem   validate a plan, to the step that fails
-      check     find mistakes in ecosystem files, PDDL, action models
-      replay    a recording            send     one message as it is written
-More  plugin    programs with agents     robot    the pose of a place
-      cert      keys, certificates sensors  plugged in   completions of shells
-
-Options: -v, -vv (log more), --json (output for programs), -h, -V
-";
 
 /// The whole command line.
 #[derive(Debug, Parser)]
@@ -52,7 +34,6 @@ Options: -v, -vv (log more), --json (output for programs), -h, -V
     name = "althing",
     version,
     about = "The assembly of all things",
-    override_help = FIRST_SCREEN,
     max_term_width = 80,
     disable_help_flag = true,
     disable_version_flag = true,
@@ -62,6 +43,14 @@ pub(crate) struct Cli {
     /// Log events to stderr, with -vv in detail (the variable ALTHING_LOG filters them)
     #[arg(short, long, action = ArgAction::Count, global = true, display_order = 900)]
     pub(crate) verbose: u8,
+
+    /// Show goals and facts as PDDL, not in words (as the variable ALTHING_PDDL=1 does)
+    #[arg(long, global = true, display_order = 898)]
+    pub(crate) pddl: bool,
+
+    /// The language of goals and facts: en or de [default: that of LC_ALL, LC_MESSAGES or LANG]
+    #[arg(long, value_name = "LANG", value_parser = language, global = true, display_order = 899)]
+    pub(crate) language: Option<phrases::Language>,
 
     /// Print help
     #[arg(short, long, action = ArgAction::HelpShort, global = true, display_order = 901)]
@@ -79,6 +68,12 @@ pub(crate) struct Cli {
 /// One variant per command; [`crate::commands::run`] has one line per variant.
 #[derive(Debug, Subcommand)]
 pub(crate) enum CliCommand {
+    /// Write an ecosystem file for your own building: rooms, doors, devices and a goal
+    #[command(after_help = edit::INIT_HELP)]
+    Init(edit::InitArgs),
+    /// Add a room, a door, an agent or a goal to an ecosystem file, and to the daemons that run it
+    #[command(after_help = edit::ADD_HELP)]
+    Add(edit::AddArgs),
     /// Run the daemon: open the substrate, host this machine's agents, join the ecosystem
     Up(UpArgs),
     /// Play a scenario of the paper against the simulated building, and check the outcome
@@ -87,6 +82,7 @@ pub(crate) enum CliCommand {
     #[command(after_help = KEYBOARD_HELP)]
     Keyboard(KeyboardArgs),
     /// Ask a running ecosystem for a goal, and follow it to its end
+    #[command(after_help = GOAL_HELP)]
     Goal(GoalArgs),
     /// Ask for one action, and follow it to its end
     #[command(after_help = ACT_HELP)]
@@ -108,8 +104,18 @@ pub(crate) enum CliCommand {
     Domain(AskArgs),
     /// Show the known facts, the agent that states each, and until when it is believed
     State(AskArgs),
-    /// Show the goals, the state of each, and its history
-    Goals(AskArgs),
+    /// Show the goals and the state of each; or one goal, with its history
+    #[command(after_help = GOALS_HELP)]
+    Goals(GoalsArgs),
+    /// Look at a running ecosystem, or at a recording, in a screen of pages
+    #[command(after_help = view::HELP)]
+    View(view::ViewArgs),
+    /// Show what happened, when something last worked, and values over time
+    #[command(after_help = history::HISTORY_HELP)]
+    History(history::HistoryArgs),
+    /// Show why something is so or was done: from the thing up to a person, a sensor or a death
+    #[command(after_help = history::WHY_HELP)]
+    Why(history::WhyArgs),
     /// Show the messages of a running ecosystem as they are sent
     #[command(after_help = WATCH_HELP)]
     Watch(WatchArgs),
@@ -118,9 +124,15 @@ pub(crate) enum CliCommand {
     Replay(ReplayArgs),
     /// Show how full agents' mailboxes are, and what has overflowed
     Mailbox(MailboxArgs),
+    /// Find what is wrong with this machine or ecosystem, and the command that mends it
+    #[command(after_help = doctor::HELP)]
+    Doctor(doctor::DoctorArgs),
     /// Make, show and revoke keys and certificates of daemons
     #[command(after_help = cert::HELP)]
     Cert(cert::CertArgs),
+    /// Add, change and remove people, their passwords, rights and tokens; show what they asked for
+    #[command(after_help = people::HELP)]
+    People(people::PeopleArgs),
     /// Show the sensors that this machine's kernel knows, and how to add them to an ecosystem
     #[command(after_help = SENSORS_HELP)]
     Sensors(SensorsArgs),
@@ -145,6 +157,12 @@ pub(crate) enum CliCommand {
     /// Print a script that makes a shell complete `althing` commands
     #[command(after_help = COMPLETIONS_HELP)]
     Completions(CompletionsArgs),
+    /// Write all that must outlive this machine to one file
+    #[command(after_help = backup::BACKUP_HELP)]
+    Backup(backup::BackupArgs),
+    /// Put in place what `althing backup` has written, on this machine or another
+    #[command(after_help = backup::RESTORE_HELP)]
+    Restore(backup::RestoreArgs),
 }
 
 const SENSORS_HELP: &str = "\
@@ -168,6 +186,7 @@ is built as `up` builds it, and not started.
 Exit codes: 0 no mistakes, 33 mistakes were found
 
 Examples: althing check althing.toml
+          althing check --print ontology althing.toml > domain.pddl
           althing check domains/*/*.pddl --json";
 
 const KEYBOARD_HELP: &str = "\
@@ -177,6 +196,16 @@ executed one after the other, and the exit code is 1 if one of them failed.
 
 Examples: althing keyboard
           echo \"act (move turtlebot-1 corridor office1)\" | althing keyboard";
+
+const GOAL_HELP: &str = "\
+A goal by the clock is kept by the Journals, and asked for once by the leader
+then. A machine that was away asks up to 15 minutes late. `althing goals` shows
+what is due, --cancel with its id ends it.
+
+Examples: althing goal temperatures
+          althing goal temperatures --every \"day 08:00\" --on workdays --by 08:30
+          althing goal temperatures --maintain --between 08:00-18:00
+          althing goal \"(known-temperature office1)\" --at 2026-12-01T08:00";
 
 const ACT_HELP: &str = "\
 The first argument of an action is the agent that acts. Ctrl-C cancels it.
@@ -199,7 +228,7 @@ Examples: althing answer               lists the open questions
 
 const WATCH_HELP: &str = "\
 Examples: althing watch
-          althing watch --conversation ID     one goal, as a sequence diagram
+          althing watch --conversation 3      goal 3, as a sequence diagram
           althing watch --record day.jsonl    for `althing replay`";
 
 const REPLAY_HELP: &str = "\
@@ -227,7 +256,16 @@ chosen. Sender, ids and version are the keyboard's.
 Example: {\"receiver\": \"keyboard\", \"performative\": \"query-ref\",
           \"content\": {\"text\": \"May I enter?\"}, \"reply_within\": 30000}";
 
+const GOALS_HELP: &str = "\
+Each goal has a number, the same on every machine. Commands take it: `althing
+goal --cancel 3`, `althing why 3`, `althing watch --conversation 3`.
+
+Examples: althing goals                all goals, one line or two for each
+          althing goals 3              goal 3, and what has happened to it";
+
 const COMPLETIONS_HELP: &str = "\
+The words of goals are completed, too, within quotes.
+
 Examples: source <(althing completions bash)          in ~/.bashrc
           source <(althing completions zsh)           in ~/.zshrc
           althing completions fish | source           in config.fish";
@@ -241,7 +279,7 @@ pub(crate) struct UpArgs {
     /// The daemon of the file that this machine runs [default: the host name]
     #[arg(long, value_name = "NAME")]
     pub(crate) daemon: Option<String>,
-    /// A goal to pursue from the start: PDDL, or a name from the file; may be repeated
+    /// A goal to pursue from the start: in words, in PDDL, or a name from the file; may be repeated
     #[arg(long = "goal", value_name = "GOAL")]
     pub(crate) goals: Vec<String>,
     /// The planning mode, in place of the one in the file
@@ -288,6 +326,9 @@ pub(crate) struct ScenarioArgs {
     /// Generate another building: rooms, doors, distances, the sensor that dies
     #[arg(long, value_name = "N")]
     pub(crate) seed: Option<u64>,
+    /// Write the messages of the scenario to this file, for `althing view --recording`
+    #[arg(long, value_name = "FILE")]
+    pub(crate) record: Option<PathBuf>,
     #[command(flatten)]
     pub(crate) print: PrintArgs,
 }
@@ -307,7 +348,8 @@ pub(crate) struct GoalArgs {
 #[derive(Debug, Args)]
 #[command(group = ArgGroup::new("what").required(true).args(["goal", "cancel"]))]
 pub(crate) struct WishArgs {
-    /// PDDL, such as "(known-temperature office1)", or a name from the ecosystem file
+    /// The goal in words, such as "temperature of office1 known", or in PDDL, or a name from the
+    /// ecosystem file
     pub(crate) goal: Option<String>,
     /// Keep the goal: plan again whenever it no longer holds
     #[arg(long, conflicts_with = "cancel")]
@@ -319,9 +361,15 @@ pub(crate) struct WishArgs {
     /// or pursue]
     #[arg(long, value_enum, conflicts_with = "cancel")]
     pub(crate) partition: Option<PartitionArg>,
-    /// Cancel the goal of this conversation
-    #[arg(long, value_name = "ID")]
+    /// Plan only, and ask for nothing: print the plan, its cost and what it undoes, or why there is
+    /// no plan
+    #[arg(long, conflicts_with = "cancel")]
+    pub(crate) dry_run: bool,
+    /// Cancel the goal with this number in `althing goals`, or of this conversation
+    #[arg(long, value_name = "N|ID")]
     pub(crate) cancel: Option<String>,
+    #[command(flatten)]
+    pub(crate) times: times::TimeArgs,
 }
 
 /// Arguments of `althing act`.
@@ -356,7 +404,7 @@ pub(crate) struct SetArgs {
 /// Arguments that give facts, on the command line and at the prompt.
 #[derive(Debug, Args)]
 pub(crate) struct FactArgs {
-    /// Facts, such as "(door-open d1)" or "(= (distance corridor office1) 9)"
+    /// Facts, such as "(door-open d1)" or "distance from corridor to office1 is 9 m"
     #[arg(required = true, value_name = "FACT")]
     pub(crate) facts: Vec<String>,
     /// The facts are no longer true
@@ -430,7 +478,11 @@ pub(crate) struct SendArgs {
 #[derive(Debug, Args)]
 pub(crate) struct CompletionsArgs {
     /// The shell
-    pub(crate) shell: ShellArg,
+    #[arg(required_unless_present = "words")]
+    pub(crate) shell: Option<ShellArg>,
+    /// Print the goals in words that this text can become by one more word; scripts call this
+    #[arg(long, value_name = "TEXT", conflicts_with = "shell", hide = true)]
+    pub(crate) words: Option<String>,
 }
 
 /// Arguments of `althing sensors`.
@@ -446,13 +498,23 @@ pub(crate) struct SensorsArgs {
     pub(crate) print: PrintArgs,
 }
 
-/// Arguments of the commands that only show something: `althing domain`, `state` and `goals`.
+/// Arguments of the commands that only show something, such as `althing domain`.
 #[derive(Debug, Args)]
 pub(crate) struct AskArgs {
     #[command(flatten)]
     pub(crate) reach: ReachArgs,
     #[command(flatten)]
     pub(crate) print: PrintArgs,
+}
+
+/// Arguments of `althing goals`.
+#[derive(Debug, Args)]
+pub(crate) struct GoalsArgs {
+    /// Show this goal alone, with its history: its number, or its conversation
+    #[arg(value_name = "N")]
+    pub(crate) goal: Option<String>,
+    #[command(flatten)]
+    pub(crate) ask: AskArgs,
 }
 
 /// Arguments of `althing agents`.
@@ -468,8 +530,9 @@ pub(crate) struct AgentsArgs {
 /// Arguments of `althing watch`.
 #[derive(Debug, Args)]
 pub(crate) struct WatchArgs {
-    /// Only the messages of this conversation, as a sequence diagram
-    #[arg(long, value_name = "ID")]
+    /// Only the messages of the goal with this number in `althing goals`, or of this conversation,
+    /// as a sequence diagram
+    #[arg(long, value_name = "N|ID")]
     pub(crate) conversation: Option<String>,
     /// Write the messages to this file instead, for `althing replay`
     #[arg(long, value_name = "FILE", conflicts_with = "json")]
@@ -524,7 +587,8 @@ fn speed(text: &str) -> Result<f64, String> {
 /// Arguments of `watch` at the prompt.
 #[derive(Debug, Args)]
 pub(crate) struct WatchWords {
-    /// Only the messages of one goal: its number, or its conversation
+    /// Only the messages of one goal: its number here, # and its number in `goals`, or its
+    /// conversation
     #[arg(conflicts_with = "conversation")]
     pub(crate) id: Option<String>,
     /// The same, as on the command line
@@ -564,6 +628,10 @@ pub(crate) struct CheckArgs {
     /// the reasons
     #[arg(long, value_name = "FOLDER", conflicts_with = "files")]
     pub(crate) tree: Option<PathBuf>,
+    /// Print the ontology or the map of an ecosystem file as PDDL, also if it has tables in their
+    /// place; mistakes go to standard error
+    #[arg(long = "print", value_name = "PART", conflicts_with_all = ["tree", "json"])]
+    pub(crate) printed: Option<PddlPart>,
     /// With --tree, list the warnings for the files that are read, too
     #[arg(long, requires = "tree")]
     pub(crate) warnings: bool,
@@ -574,8 +642,17 @@ pub(crate) struct CheckArgs {
     pub(crate) print: PrintArgs,
 }
 
+/// Part of an ecosystem file that `althing check --print` prints.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum PddlPart {
+    /// The places, and the ways between them
+    Map,
+    /// The types, predicates and functions that all agents share
+    Ontology,
+}
+
 /// Arguments by which a command finds a running ecosystem.
-#[derive(Clone, Debug, Args)]
+#[derive(Clone, Debug, Default, Args)]
 pub(crate) struct ReachArgs {
     /// The ecosystem: its file, or its name in the configuration folders
     #[arg(long, value_name = "FILE|NAME")]
@@ -646,36 +723,40 @@ impl From<ModeArg> for agent::Mode {
     }
 }
 
+/// Whether a command of this name exists.
+pub(crate) fn has_command(name: &str) -> bool {
+    Cli::command().find_subcommand(name).is_some()
+}
+
+/// Parses the tag of a language.
+fn language(tag: &str) -> Result<phrases::Language, String> {
+    phrases::Language::from_tag(tag).ok_or_else(|| {
+        let known: Vec<_> = phrases::Language::ALL.iter().map(|known| known.tag()).collect();
+        format!("there are words in {}", known.join(" and "))
+    })
+}
+
 /// Parses the command line. After printing help, the version or a mistake in the arguments, returns
 /// the exit code as the error.
 pub(crate) fn parse() -> Result<Cli, ExitCode> {
-    if std::env::args_os().len() == 1 {
-        return Err(terminal::output::print(FIRST_SCREEN, exit::DONE));
+    let words: Vec<_> = std::env::args_os().collect();
+    let asks_for_help =
+        |word: &std::ffi::OsString| ["-h", "--help", "help"].iter().any(|help| word == help);
+    if let [_, only] = words.as_slice()
+        && asks_for_help(only)
+    {
+        return Err(terminal::output::print(help::text(), exit::DONE));
     }
-    terminal::arguments::parse(std::env::args_os())
+    terminal::arguments::parse(words)
 }
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
-
     use super::*;
 
     #[test]
     fn the_command_line_is_consistent() {
         Cli::command().debug_assert();
-    }
-
-    #[test]
-    fn the_first_screen_names_every_command_and_fits_a_terminal() {
-        for command in Cli::command().get_subcommands() {
-            let name = format!(" {} ", command.get_name());
-            assert!(FIRST_SCREEN.contains(&name), "{name} is missing");
-        }
-        assert!(FIRST_SCREEN.lines().count() <= 24);
-        for line in FIRST_SCREEN.lines() {
-            assert!(line.chars().count() <= 80, "{line}");
-        }
     }
 
     /// Checks that the texts below the options in the help fit into 80 columns. The lines of these

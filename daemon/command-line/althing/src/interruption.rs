@@ -31,6 +31,24 @@ pub(crate) fn interrupted() -> impl Future<Output = i32> {
     }
 }
 
+/// Waits for SIGINT, SIGTERM or SIGHUP as [`interrupted`] does, and returns the number of the
+/// signal. SIGHUP means that the terminal has gone away.
+///
+/// # Panics
+///
+/// Panics if it is called outside of a Tokio runtime.
+pub(crate) fn interrupted_or_hung_up() -> impl Future<Output = i32> {
+    let hangup = SignalKind::hangup();
+    let (hung_up, interrupted) = (signal(hangup), interrupted());
+    async move {
+        let Ok(mut hung_up) = hung_up else { return interrupted.await };
+        tokio::select! {
+            signal = interrupted => signal,
+            _ = hung_up.recv() => hangup.as_raw_value(),
+        }
+    }
+}
+
 /// Presses of Ctrl-C (SIGINT). The signal handler is installed when the value is made, so that a
 /// Ctrl-C right after the first line of output does not end the process without a word.
 pub(crate) struct CtrlC(Option<Signal>);

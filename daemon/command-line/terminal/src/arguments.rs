@@ -4,8 +4,8 @@ use std::ffi::OsString;
 use std::process::ExitCode;
 use std::time::Duration;
 
-use clap::error::ErrorKind;
-use clap::{Args, Parser};
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+use clap::{Args, CommandFactory, Parser};
 
 use crate::{exit, visible};
 
@@ -30,10 +30,38 @@ pub fn parse<P: Parser>(words: impl IntoIterator<Item = OsString>) -> Result<P, 
         // The error message repeats the words, so control characters in them are made visible.
         let shown = words.iter().map(|word| visible::line(&word.to_string_lossy()).into_owned());
         let err = P::try_parse_from(shown).err().unwrap_or(err);
-        // A failure is ignored, because it could not be reported.
-        let _ = err.print();
+        match unknown_command::<P>(&err, &words) {
+            Some(problem) => crate::output::print_note(&problem),
+            // A failure is ignored, because it could not be reported.
+            None => drop(err.print()),
+        }
         exit::with(if asked_for { exit::DONE } else { exit::USAGE })
     })
+}
+
+/// Returns the message for a command that does not exist; `None` for any other error.
+fn unknown_command<P: CommandFactory>(err: &clap::Error, words: &[OsString]) -> Option<String> {
+    if err.kind() != ErrorKind::InvalidSubcommand {
+        return None;
+    }
+    let Some(ContextValue::String(said)) = err.get(ContextKind::InvalidSubcommand) else {
+        return None;
+    };
+    // The commands of a command, such as those of `althing cert`, are explained by clap.
+    let is_option = |word: &str| word.starts_with('-');
+    let first =
+        words.iter().skip(1).map(|word| visible::line(&word.to_string_lossy()).into_owned());
+    if first.into_iter().find(|word| !is_option(word)).as_ref() != Some(said) {
+        return None;
+    }
+    let command = P::command();
+    let names: Vec<&str> = command.get_subcommands().map(clap::Command::get_name).collect();
+    let program = command.get_name();
+    let help = match pddl::nearest(said, names.iter().copied()) {
+        Some(near) => format!("did you mean `{program} {near}`?"),
+        None => format!("`{program} help` lists the commands"),
+    };
+    Some(format!("error: there is no command `{program} {said}`; {help}"))
 }
 
 /// Parses a positive number of seconds, which may have a fraction.

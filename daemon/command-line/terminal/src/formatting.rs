@@ -59,9 +59,14 @@ pub fn stderr_is_colored() -> bool {
     is_stderr_terminal() && are_colors_allowed()
 }
 
+/// Whether stdout is a terminal.
+pub fn stdout_is_terminal() -> bool {
+    io::stdout().is_terminal()
+}
+
 /// Whether stdout may have colors.
 pub fn stdout_is_colored() -> bool {
-    io::stdout().is_terminal() && are_colors_allowed()
+    stdout_is_terminal() && are_colors_allowed()
 }
 
 fn are_colors_allowed() -> bool {

@@ -16,6 +16,7 @@ pub mod form_error;
 mod formatting;
 pub mod limits;
 pub mod output;
+mod pddl_cures;
 pub mod pddl_files;
 pub mod pddl_tree;
 pub mod render;

@@ -23,6 +23,7 @@ use crate::{exit, visible};
 
 pub use crate::formatting::{
     Color, folded, is_stderr_terminal, paint, stderr_is_colored, stdout_is_colored,
+    stdout_is_terminal,
 };
 
 /// Whether a write to stdout has failed because no process reads stdout any more.

@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 use pddl::{ActionModel, Diagnostic, Domain, Parsed, Problem, Span};
 
+use crate::pddl_cures;
 use crate::report::{DiagnosticReport, SourceText};
 
 /// A domain and a problem without errors, and their texts.
@@ -102,6 +103,21 @@ pub fn domain_of(source: Arc<SourceText>, report: &mut DiagnosticReport) -> Doma
     DomainText { source, domain, damaged }
 }
 
+/// Parses a domain that extends another one, and adds the diagnostics about it to the report.
+/// `extend` returns the extended domain and the mistakes in the extension. Returns `None` if nothing
+/// of the extension can be parsed.
+pub fn vocabulary_of(
+    source: &Arc<SourceText>,
+    extend: impl FnOnce(&Domain) -> (Domain, Vec<Diagnostic>),
+    report: &mut DiagnosticReport,
+) -> Option<Domain> {
+    let Parsed { value, diagnostics } = pddl::parse_domain(&source.text);
+    let damaged = damaged_lines(&source.text, &diagnostics);
+    let (domain, checked) = value.as_ref().map(extend).unzip();
+    report.add(source, merged(&source.text, &damaged, diagnostics, checked.unwrap_or_default()));
+    domain
+}
+
 /// Parses a problem, and checks it against its domain if the domain is known. Reports an error if
 /// the problem has no goal. Returns `None` if the problem cannot be parsed.
 pub fn problem_of(
@@ -143,7 +159,8 @@ fn problem_by(
     let Parsed { value, diagnostics } = pddl::parse_problem(&source.text);
     let checked =
         |domain: &Domain| value.as_ref().map(|problem| check(domain, problem)).unwrap_or_default();
-    report.add(source, checked_against(source, domain, diagnostics, checked));
+    let found = checked_against(source, domain, diagnostics, checked);
+    report.add(source, pddl_cures::improved(&source.text, found));
     value
 }
 

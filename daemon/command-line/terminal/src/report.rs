@@ -6,7 +6,7 @@
 use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::Read;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use pddl::{Diagnostic, Severity, Span};
@@ -93,11 +93,35 @@ impl SourceText {
     }
 }
 
-/// Returns a file in the same folder as `path` that has a similar name.
+/// Returns a file in the same folder as `path` that has a similar name, or a file of the same name in
+/// a folder beside or above it.
 fn nearby(path: &Path) -> Option<String> {
     let wanted = path.file_name()?.to_string_lossy().into_owned();
     let folder = path.parent().unwrap_or(Path::new(""));
-    Some(folder.join(similar_name(folder, &wanted)?).display().to_string())
+    let similar = similar_name(folder, &wanted).map(|name| folder.join(name));
+    Some(similar.or_else(|| same_name(folder, &wanted))?.display().to_string())
+}
+
+/// Maximum number of folders in which a file of the same name is looked for.
+const FOLDERS_MAX: usize = 64;
+
+/// Returns the file called `wanted` in a folder directly below `folder`, or in the folder above it:
+/// users are often one folder off.
+fn same_name(folder: &Path, wanted: &str) -> Option<PathBuf> {
+    let here = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let mut below: Vec<PathBuf> = std::fs::read_dir(here)
+        .ok()
+        .into_iter()
+        .flatten()
+        .flatten()
+        .take(FOLDERS_MAX)
+        .map(|entry| folder.join(entry.file_name()))
+        .filter(|path| path.is_dir())
+        .collect();
+    // The system lists a folder in any order.
+    below.sort();
+    below.push(folder.join(".."));
+    below.into_iter().map(|folder| folder.join(wanted)).find(|path| path.is_file())
 }
 
 /// Returns the file name in a folder that the user probably meant with `wanted`: a similar name
@@ -256,6 +280,11 @@ impl DiagnosticReport {
             });
         }
         self
+    }
+
+    /// Removes the diagnostics for which `keep` returns `false`.
+    pub fn retain(&mut self, keep: impl FnMut(&SourcedDiagnostic) -> bool) {
+        self.findings.retain(keep);
     }
 
     /// Returns the number of diagnostics of one severity in the report.

@@ -1,8 +1,8 @@
-//! A campus: up to 26 houses with twenty simulated devices each, and the files of its ecosystem.
+//! A campus: up to 26 houses with twenty simulated devices each, and the file of its ecosystem.
 //!
-//! A campus is for tests of sizes that are too large to write by hand. `examples/campus` writes the
-//! files in `domains/campus` and `ecosystems/campus.toml`; benchmarks use larger and smaller
-//! campuses. The same seed gives the same campus on every machine.
+//! A campus is for tests of sizes that are too large to write by hand. `examples/campus` writes
+//! `ecosystems/campus.toml`; benchmarks use larger and smaller campuses. The same seed gives the
+//! same campus on every machine.
 
 use std::fmt::Write as _;
 
@@ -25,11 +25,6 @@ const _: () = assert!(EQUIPPED < ROOMS && DEVICES_PER_HOUSE == 20);
 /// The location that all houses are connected to.
 const QUAD: &str = "quad";
 
-/// Names of the agents that plan and keep the domain, and of the agent of the user. Each agent has
-/// the same name as its plugin.
-const REASONING: [&str; 5] =
-    ["domain-maintainer", "plan-requester", "planning-agent", "plan-executor", "keyboard"];
-
 /// The `[timing]` section of the ecosystem file. The deadline is long, because a robot can measure
 /// in every room of the campus, and therefore plans a way to each room for each call for proposals.
 const TIMING: &str = "\
@@ -39,7 +34,7 @@ proposals-deadline = \"20s\"
 
 ";
 
-/// A campus: its building, and the files of its ecosystem.
+/// A campus: its building, and the file of its ecosystem.
 #[derive(Clone, Debug)]
 pub struct Campus {
     seed: u64,
@@ -62,28 +57,25 @@ impl Campus {
         &self.layout
     }
 
-    /// Returns the map as PDDL, for the domain `campus`.
-    pub fn map(&self) -> String {
-        self.layout.map_pddl("campus")
+    /// Returns the map as PDDL, for the ontology named `ontology`.
+    pub fn map(&self, ontology: &str) -> String {
+        self.layout.map_pddl(ontology)
     }
 
-    /// Returns the ecosystem file. `domain` and `map` are the paths of the domain file and the map
-    /// file, relative to the folder of the ecosystem file.
+    /// Returns the ecosystem file, for the standard ontology.
     ///
     /// Each house has a daemon for the devices of the house. One more daemon hosts the agents that
     /// plan.
-    pub fn ecosystem(&self, domain: &str, map: &str) -> String {
+    pub fn ecosystem(&self) -> String {
         let Campus { seed, houses, layout } = self;
         let devices = layout.devices().len();
         let mut text = format!(
             "# A campus of {houses} houses with {devices} devices, generated from the seed {seed}:\n\
              # see domains/campus/README.md.\n\n\
-             [ecosystem]\nname = \"campus\"\ndomain = \"{domain}\"\nproblem = \"{map}\"\n\
-             mode = \"decentralized\"\n\n"
+             [ecosystem]\nname = \"campus\"\nmode = \"decentralized\"\n\
+             reasoning = \"reasoning\"\n\n{}\n",
+            layout.map_tables()
         );
-        for plugin in REASONING {
-            text.push_str(&entry(plugin, plugin, "reasoning", ""));
-        }
         for device in layout.devices() {
             text.push_str(&self.device_entry(device));
         }
@@ -151,10 +143,9 @@ fn house_of(place: &str) -> &str {
 }
 
 fn entry(name: &str, plugin: &str, daemon: &str, config: &str) -> String {
-    let config =
-        if config.is_empty() { String::new() } else { format!("config = {{ {config} }}\n") };
     format!(
-        "[[agent]]\nname = \"{name}\"\nplugin = \"{plugin}\"\ndaemon = \"{daemon}\"\n{config}\n"
+        "[[agent]]\nname = \"{name}\"\nplugin = \"{plugin}\"\ndaemon = \"{daemon}\"\n\
+         config = {{ {config} }}\n\n"
     )
 }
 
@@ -240,13 +231,11 @@ mod tests {
         }
     }
 
-    /// Checks the files in the repository against the seed in the README of the campus.
+    /// Checks the file in the repository against the seed in the README of the campus.
     #[test]
-    fn the_campus_files_in_the_repository_match_their_seed() {
+    fn the_campus_file_in_the_repository_matches_its_seed() {
         let campus = Campus::seeded(1, 5);
-        let domain = "../domains/campus/domain.pddl";
-        let ecosystem = campus.ecosystem(domain, "../domains/campus/map.pddl");
-        assert!(include_str!("../../../../domains/campus/map.pddl") == campus.map(), "map.pddl");
-        assert!(include_str!("../../../../ecosystems/campus.toml") == ecosystem, "campus.toml");
+        let file = include_str!("../../../../ecosystems/campus.toml");
+        assert!(file == campus.ecosystem(), "campus.toml");
     }
 }

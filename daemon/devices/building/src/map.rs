@@ -1,12 +1,12 @@
-//! Prints a layout as the map of an ecosystem: the part of the PDDL problem that agents do not
-//! announce.
+//! Prints a layout as the map of an ecosystem, in both forms in which an ecosystem has one: a PDDL
+//! problem, and the tables `[rooms]` and `[doors]` of its file.
 //!
 //! The map has rooms, corridors, doors and distances. It has no devices, because their agents
-//! announce them. The `pddl` crate reads the map.
+//! announce them.
 
 use std::fmt::Write as _;
 
-use crate::layout::{Layout, LocationKind};
+use crate::layout::{Layout, LocationConnection, LocationKind};
 
 impl Layout {
     /// Returns the map as the text of a PDDL problem for the domain `domain_name`.
@@ -20,6 +20,28 @@ impl Layout {
             self.objects_pddl(),
             self.ways_pddl(),
         )
+    }
+
+    /// Returns the map as the tables `[rooms]` and `[doors]` of an ecosystem file.
+    pub fn map_tables(&self) -> String {
+        let mut text = "[rooms]\n".to_owned();
+        for location in self.locations() {
+            let said = match location.kind {
+                LocationKind::Room => "{}",
+                LocationKind::Corridor => "{ kind = \"corridor\" }",
+            };
+            push(&mut text, format_args!("{} = {said}\n", location.name));
+        }
+        text.push_str("\n[doors]\n");
+        for location in self.locations() {
+            let from_here = |way: &&LocationConnection| way.from == location.name;
+            let doors: Vec<String> =
+                self.connections().iter().filter(from_here).map(door).collect();
+            if !doors.is_empty() {
+                push(&mut text, format_args!("{} = {{ {} }}\n", location.name, doors.join(", ")));
+            }
+        }
+        text
     }
 
     fn objects_pddl(&self) -> String {
@@ -45,6 +67,15 @@ impl Layout {
             }
         }
         text
+    }
+}
+
+/// Returns a door as a key of the table of the place that it leads from.
+fn door(way: &LocationConnection) -> String {
+    let LocationConnection { from: _, to, meters, one_way } = way;
+    match one_way {
+        true => format!("{to} = {{ length = {meters}, one-way = true }}"),
+        false => format!("{to} = {meters}"),
     }
 }
 
@@ -84,6 +115,28 @@ mod tests {
               (:metric minimize (total-cost)))
         "#]]
         .assert_eq(&layout.map_pddl("smart-office"));
+        expect![[r#"
+            [rooms]
+            lab = {}
+            hall = { kind = "corridor" }
+            vault = {}
+
+            [doors]
+            hall = { lab = 2.5, vault = { length = 10, one-way = true } }
+        "#]]
+        .assert_eq(&layout.map_tables());
+    }
+
+    /// Compares the tables in the repository with those of the building of seed 0.
+    #[test]
+    fn the_tables_of_seed_0_are_those_of_the_smart_office() {
+        let file = include_str!("../../../../ecosystems/smart-office.toml");
+        let file: toml::Table = toml::from_str(file).expect("a table");
+        let seeded = Layout::seeded(0).layout.map_tables();
+        let seeded: toml::Table = toml::from_str(&seeded).expect("a table");
+        let meters = |doors: &toml::Value| doors.to_string().replace(".0", "");
+        assert_eq!(file["rooms"], seeded["rooms"]);
+        assert_eq!(meters(&file["doors"]), meters(&seeded["doors"]));
     }
 
     /// Compares the map in the repository with the map of the building of seed 0.

@@ -26,9 +26,12 @@ const SUBSCRIPTION_TEXT: &str = "PT10M";
 /// Age at which a subscription is replaced by a new one. Many cameras fail to renew a subscription.
 const SUBSCRIPTION_AGE_MAX: Duration = Duration::from_secs(480);
 
-/// Pause after an answer that came at once: some cameras do not wait for messages, or have always
-/// one. The pause is shorter than a person notices.
-const PULL_PAUSE: Duration = Duration::from_millis(100);
+/// Interval between two requests for messages if the camera answers at once: some cameras do not wait
+/// for messages, or have always one. The interval is shorter than a person notices.
+const PULL_INTERVAL: Duration = Duration::from_millis(100);
+
+/// Number of answers that may come at once before [`PULL_INTERVAL`] applies: motion begins and ends.
+const QUICK_ANSWERS: u32 = 4;
 
 /// Maximum number of messages in one answer.
 const MESSAGES_MAX: &str = "32";
@@ -39,6 +42,10 @@ pub struct MotionEvents {
     camera: Arc<OnvifCamera>,
     subscription: Option<Subscription>,
     tracker: MotionTracker,
+    /// Time of the last request for messages.
+    pulled_at: Option<Instant>,
+    /// Number of answers in a row that came at once.
+    quick_answers: u32,
 }
 
 #[derive(Clone, Debug)]
@@ -55,7 +62,8 @@ impl MotionEvents {
     /// [`MotionEvents::next`].
     pub fn new(camera: &Arc<OnvifCamera>) -> MotionEvents {
         let camera = Arc::clone(camera);
-        MotionEvents { camera, subscription: None, tracker: MotionTracker::default() }
+        let (subscription, tracker) = (None, MotionTracker::default());
+        MotionEvents { camera, subscription, tracker, pulled_at: None, quick_answers: 0 }
     }
 
     /// Waits for messages of the camera, at most for the time of one pull. Returns whether there is
@@ -94,7 +102,7 @@ impl MotionEvents {
             "<o:Timeout>{PULL_TIME_TEXT}</o:Timeout><o:MessageLimit>{MESSAGES_MAX}\
              </o:MessageLimit>"
         );
-        let began = Instant::now();
+        let began = self.next_pull().await;
         let action = format!("{PORT_TYPE}/PullMessagesRequest");
         let operation = Operation { namespace: EVENTS, name: "PullMessages", action: &action };
         let answer = self
@@ -105,10 +113,21 @@ impl MotionEvents {
         for notification in answer.all("NotificationMessage") {
             self.note(notification);
         }
-        if began.elapsed() < PULL_PAUSE {
-            tokio::time::sleep(PULL_PAUSE).await;
-        }
+        // The pause comes before the next request: what the camera has said is known at once.
+        self.quick_answers =
+            if began.elapsed() < PULL_INTERVAL { self.quick_answers.saturating_add(1) } else { 0 };
+        self.pulled_at = Some(began);
         Ok(())
+    }
+
+    /// Waits until the next request for messages may be sent. Returns its time.
+    async fn next_pull(&self) -> Instant {
+        if let Some(pulled_at) = self.pulled_at
+            && self.quick_answers >= QUICK_ANSWERS
+        {
+            tokio::time::sleep_until((pulled_at + PULL_INTERVAL).into()).await;
+        }
+        Instant::now()
     }
 
     fn note(&mut self, notification: &Element) {

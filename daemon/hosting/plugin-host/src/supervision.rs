@@ -193,6 +193,7 @@ impl PluginSupervisor {
                 self.wait_until_unwanted().await;
                 return;
             };
+            self.context.spawner.router.activity().count_plugin_restart();
             let stopping = self.context.spawner.stopping.clone();
             tokio::select! {
                 biased;

@@ -3,7 +3,10 @@
 //! Facts, goals, models and plans are sent as PDDL text in fields of these types. All types ignore
 //! unknown fields. The envelope does not interpret contents.
 
+mod daemon;
 mod goal;
+mod history;
+mod schedule;
 mod state;
 mod stop;
 
@@ -15,7 +18,13 @@ use serde_json::Value;
 
 use crate::{AgentId, ConversationId, DaemonId, Millis};
 
+pub use self::daemon::{ABSENT_MAX, AbsentAgent, DaemonReport};
 pub use self::goal::{GoalPhase, GoalStatus, HISTORY_ENTRIES_MAX, HistoryEntry};
+pub use self::history::{
+    HISTORY_EVENTS_MAX, HISTORY_PAGE_BYTES_MAX, HISTORY_TEXT_BYTES_MAX, HistoryEvent, HistoryKind,
+    HistoryPage, HistoryQuery, HistoryRoot, ReadHistory, UnknownHistoryKind,
+};
+pub use self::schedule::{DueStatus, GoalTimes, ScheduleGoal};
 pub use self::state::{
     ActionOf, Auxiliary, BelievedFact, BelievedState, ChangeActions, ChangeMetric, ChangeState,
     Claim, EpochChange, Guard, Heartbeat, ModelAnnouncement, Observation, Requested, RequestedFact,
@@ -33,6 +42,8 @@ pub use self::stop::{
 pub enum Request {
     /// To the Plan Requester: reach this goal once, or keep it.
     Achieve(Achieve),
+    /// To the Plan Requester: pursue a goal at these times.
+    Schedule(Box<ScheduleGoal>),
     /// To the Planning Agent: compute a plan for this domain and problem.
     Plan(PlanRequest),
     /// To the Plan Executor: execute this plan.
@@ -59,6 +70,8 @@ pub enum Request {
     ReleaseStops(ReleaseStops),
     /// To a Journal: store records. The Journal confirms the request when the records are on disk.
     StoreRecords(StoreRecords),
+    /// To a history agent: a page of what happened.
+    ReadHistory(ReadHistory),
 }
 
 /// Request to change the planning mode, centralised or decentralised.
@@ -285,7 +298,8 @@ pub struct StoreRecords {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Record {
-    /// Key of the record: `goal/CONVERSATION`, `plan/CONVERSATION` or `state/requested`.
+    /// Key of the record: `goal/CONVERSATION`, `plan/CONVERSATION`, `due/CONVERSATION` or
+    /// `state/requested`.
     pub key: String,
     /// Version of the record; a greater version replaces a smaller one.
     pub version: Version,
@@ -499,6 +513,9 @@ pub struct Report {
     /// requester has them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub history: Vec<HistoryEntry>,
+    /// The events that were asked for; `None` in a report of anything else.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub history_page: Option<Box<HistoryPage>>,
 }
 
 /// State of an action, a plan or a goal: under way, or how it ended.
@@ -650,6 +667,18 @@ pub fn value(content: &impl Serialize) -> Value {
     serde_json::to_value(content).unwrap_or(Value::Null)
 }
 
+impl Request {
+    /// Returns the goal that is to be pursued from now on; `None` if the request is of another kind,
+    /// or asks for a goal at times of its own.
+    pub fn goal(&self) -> Option<&Achieve> {
+        match self {
+            Request::Achieve(goal) => Some(goal),
+            Request::Schedule(scheduled) if scheduled.times.is_at_once() => Some(&scheduled.goal),
+            _ => None,
+        }
+    }
+}
+
 impl Achieve {
     /// Creates a request for a goal that every part of a partitioned ecosystem pursues.
     pub fn new(goal: impl Into<String>, keep: Keep, priority: i32) -> Achieve {
@@ -658,6 +687,9 @@ impl Achieve {
 }
 
 impl Outcome {
+    /// The final outcomes.
+    pub const FINAL: [Outcome; 3] = [Outcome::Done, Outcome::Failed, Outcome::Cancelled];
+
     /// Whether this outcome is final, so that no further report follows.
     pub fn is_final(self) -> bool {
         matches!(self, Outcome::Done | Outcome::Failed | Outcome::Cancelled)
@@ -678,6 +710,7 @@ impl Report {
             declined: None,
             stop_effect: None,
             history: Vec::new(),
+            history_page: None,
         }
     }
 }
@@ -696,12 +729,22 @@ impl fmt::Display for ActionToken {
     }
 }
 
-impl fmt::Display for Mode {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.pad(match self {
+impl Mode {
+    /// Both modes.
+    pub const ALL: [Mode; 2] = [Mode::Centralized, Mode::Decentralized];
+
+    /// Returns the name of the mode, as in messages.
+    pub const fn as_str(self) -> &'static str {
+        match self {
             Mode::Centralized => "centralized",
             Mode::Decentralized => "decentralized",
-        })
+        }
+    }
+}
+
+impl fmt::Display for Mode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.as_str())
     }
 }
 

@@ -83,8 +83,9 @@ pub enum Protocol {
     Execution,
     /// The Plan Executor requests an action from an actuator.
     Action,
-    /// Three kinds of requests: a change of the state from the Domain Maintainer, a change of the
-    /// planning mode from the Plan Requester, or a person's answer to a Keyboard Agent.
+    /// Requests that get one answer: a change of the state from the Domain Maintainer, a change of
+    /// the planning mode from the Plan Requester, a person's answer to a Keyboard Agent, or a page
+    /// of the history from a history agent.
     StateChange,
     /// An agent asks a person a question.
     Query,

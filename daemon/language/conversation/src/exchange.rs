@@ -61,13 +61,13 @@ impl Exchange {
     /// Whether a message that the protocol does not allow now may be allowed later, because an
     /// earlier message of either agent may arrive after it.
     pub fn may_follow_later(&self, message: &Message) -> bool {
-        let role = self.role(message);
+        let roles = self.roles(message);
         let mut reached = vec![self.phase];
         let mut index = 0;
         while let Some(phase) = reached.get(index).copied() {
             index += 1;
             for turn in PROTOCOLS.iter().filter(|turn| turn.applies_to(self.protocol, phase)) {
-                if turn.role == role && turn.performative == message.performative {
+                if roles.contains(&turn.role) && turn.performative == message.performative {
                     return true;
                 }
                 if !reached.contains(&turn.next) {
@@ -85,32 +85,38 @@ impl Exchange {
     /// Returns an error if the protocol does not allow the message now. The phase is then
     /// unchanged.
     pub fn advance(&mut self, message: &Message) -> Result<ExchangePhase, ProtocolViolation> {
-        let role = self.role(message);
-        let performative = message.performative;
-        let next = PROTOCOLS
-            .iter()
-            .find(|turn| {
+        let (roles, performative) = (self.roles(message), message.performative);
+        let next_of = |role: &ExchangeRole| {
+            let turn = PROTOCOLS.iter().find(|turn| {
                 turn.applies_to(self.protocol, self.phase)
-                    && turn.role == role
+                    && turn.role == *role
                     && turn.performative == performative
-            })
-            .map(|turn| turn.next)
-            .ok_or(ProtocolViolation {
-                protocol: self.protocol,
-                phase: self.phase,
-                role,
-                performative,
-            })?;
+            });
+            turn.map(|turn| turn.next)
+        };
+        let next = roles.iter().find_map(next_of).ok_or(ProtocolViolation {
+            protocol: self.protocol,
+            phase: self.phase,
+            role: roles[0],
+            performative,
+        })?;
         if !is_progress(message) {
             self.phase = next;
         }
         Ok(self.phase)
     }
 
-    fn role(&self, message: &Message) -> ExchangeRole {
+    /// Returns the roles in which the sender of a message may have sent it: both, if an agent that
+    /// has opened an exchange with itself sends to itself.
+    fn roles(&self, message: &Message) -> &'static [ExchangeRole] {
         let is_initiator =
             message.sender == self.initiator && message.incarnation == self.incarnation;
-        if is_initiator { ExchangeRole::Initiator } else { ExchangeRole::Participant }
+        let is_to_itself = message.receiver.contains(&self.initiator);
+        match (is_initiator, is_to_itself) {
+            (true, true) => &[ExchangeRole::Initiator, ExchangeRole::Participant],
+            (true, false) => &[ExchangeRole::Initiator],
+            (false, _) => &[ExchangeRole::Participant],
+        }
     }
 }
 

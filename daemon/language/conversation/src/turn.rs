@@ -123,7 +123,8 @@ pub const PROTOCOLS: &[ProtocolTurn] = &[
     turn(Action, Cancelling, Participant, Confirm, Closed),
     turn(Action, Cancelling, Participant, Refuse, Closed),
     // Any agent requests a change of the state from the Domain Maintainer or a change of the
-    // planning mode from the Plan Requester, or gives a Keyboard Agent a person's answer.
+    // planning mode from the Plan Requester, gives a Keyboard Agent a person's answer, or requests
+    // a page of the history from a history agent.
     turn(StateChange, Opening, Initiator, Request, Open),
     turn(StateChange, Open, Participant, Confirm, Closed),
     turn(StateChange, Open, Participant, Refuse, Closed),

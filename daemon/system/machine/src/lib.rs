@@ -1,12 +1,16 @@
-//! Memory of the machine, as far as this process may use it.
+//! Memory of the machine, as far as this process may use it, and figures of this process.
 //!
 //! - The figures come from `/proc` and `/sys/fs/cgroup` of Linux. A function returns `None` if
 //!   Linux does not report the figure.
 //! - A process may be allowed less memory than the machine has: its control group, the groups above
 //!   it and its address space can have limits. The smallest limit counts.
 
+mod process;
+
 use std::fs;
 use std::path::{Path, PathBuf};
+
+pub use process::{ProcessFigures, process_figures};
 
 /// Folders in which the kernel describes the machine and its processes.
 #[derive(Clone, Debug)]

@@ -8,7 +8,7 @@ use acl::{DaemonId, EcosystemId};
 use rcgen::{
     BasicConstraints, CertificateParams, CertificateRevocationListParams, DistinguishedName,
     DnType, ExtendedKeyUsagePurpose, IsCa, Issuer, KeyIdMethod, KeyPair, KeyUsagePurpose,
-    PKCS_ED25519, RevocationReason, RevokedCertParams, SanType, SerialNumber,
+    PKCS_ED25519, RevocationReason, RevokedCertParams, SanType, SerialNumber, SignatureAlgorithm,
 };
 use time::OffsetDateTime;
 
@@ -34,10 +34,13 @@ const BACKDATED: Duration = Duration::from_secs(24 * 3_600);
 /// The unit of the validity of certificates.
 const DAY: Duration = Duration::from_secs(24 * 3_600);
 
+/// Kind of the keys of an authority, for a person.
+const KEY_KIND: &str = "a key that `althing cert` has made (Ed25519)";
+
 /// Mode of a key file: only its owner may read and write it.
-const KEY_MODE: u32 = 0o600;
+pub(crate) const KEY_MODE: u32 = 0o600;
 /// Mode of a file that every user may read.
-const PUBLIC_MODE: u32 = 0o644;
+pub(crate) const PUBLIC_MODE: u32 = 0o644;
 
 /// The authority of an ecosystem, with its key.
 pub struct Authority {
@@ -72,13 +75,8 @@ impl Authority {
         }
         let mut params = CertificateParams::default();
         params.distinguished_name = name(&format!("authority of {ecosystem}"), ecosystem.as_str());
-        params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
-        params.key_usages = vec![KeyUsagePurpose::KeyCertSign, KeyUsagePurpose::CrlSign];
         set_validity(&mut params, days);
-        let key = KeyPair::generate_for(&PKCS_ED25519)?;
-        let certificate = params.self_signed(&key)?;
-        files::write_new(&folder.authority_key(), &key.serialize_pem(), KEY_MODE)?;
-        files::write_new(&folder.authority(), &certificate.pem(), PUBLIC_MODE)?;
+        write_issuer(folder, params, &PKCS_ED25519)?;
         Authority::open(folder)
     }
 
@@ -96,11 +94,7 @@ impl Authority {
                 .to_owned();
             return Err(CredentialError::Missing { what: "the authority's key", path, remedy });
         }
-        let key = files::read_key(&path)?;
-        let certificate = Certificate::read(&folder.authority())?;
-        let key = KeyPair::from_pkcs8_der_and_sign_algo(&key, &PKCS_ED25519)
-            .map_err(|_| foreign_key(path))?;
-        let issuer = Issuer::from_ca_cert_der(&certificate.der, key)?;
+        let (certificate, issuer) = read_issuer(folder, &PKCS_ED25519, KEY_KIND)?;
         Ok(Authority { folder: folder.clone(), certificate, issuer })
     }
 
@@ -201,12 +195,40 @@ impl Authority {
     }
 }
 
-fn foreign_key(path: PathBuf) -> CredentialError {
-    let problem = "it is not a key that `althing cert` has made (Ed25519)".to_owned();
-    CredentialError::Malformed { path, problem }
+/// Makes a key, and certifies it by itself as that of an issuer of certificates: writes both files.
+/// `params` has the name, the validity, and what the issuer may vouch for.
+pub(crate) fn write_issuer(
+    folder: &CredentialFolder,
+    mut params: CertificateParams,
+    algorithm: &'static SignatureAlgorithm,
+) -> Result<(), CredentialError> {
+    params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
+    params.key_usages = vec![KeyUsagePurpose::KeyCertSign, KeyUsagePurpose::CrlSign];
+    let key = KeyPair::generate_for(algorithm)?;
+    let certificate = params.self_signed(&key)?;
+    files::write_new(&folder.authority_key(), &key.serialize_pem(), KEY_MODE)?;
+    files::write_new(&folder.authority(), &certificate.pem(), PUBLIC_MODE)
 }
 
-fn name(common: &str, organization: &str) -> DistinguishedName {
+/// Reads the key and the certificate of an issuer. `kind` names the keys that `althing cert` makes
+/// for it, for a person.
+pub(crate) fn read_issuer(
+    folder: &CredentialFolder,
+    algorithm: &'static SignatureAlgorithm,
+    kind: &str,
+) -> Result<(Certificate, Issuer<'static, KeyPair>), CredentialError> {
+    let path = folder.authority_key();
+    let key = files::read_key(&path)?;
+    let certificate = Certificate::read(&folder.authority())?;
+    let key = KeyPair::from_pkcs8_der_and_sign_algo(&key, algorithm).map_err(|_| {
+        let problem = format!("it is not {kind}");
+        CredentialError::Malformed { path, problem }
+    })?;
+    let issuer = Issuer::from_ca_cert_der(&certificate.der, key)?;
+    Ok((certificate, issuer))
+}
+
+pub(crate) fn name(common: &str, organization: &str) -> DistinguishedName {
     let mut name = DistinguishedName::new();
     name.push(DnType::OrganizationName, organization);
     name.push(DnType::CommonName, common);
@@ -214,7 +236,7 @@ fn name(common: &str, organization: &str) -> DistinguishedName {
 }
 
 /// Sets the validity of a certificate: from a day before now until `days` days after now.
-fn set_validity(params: &mut CertificateParams, days: u32) {
+pub(crate) fn set_validity(params: &mut CertificateParams, days: u32) {
     let now = SystemTime::now();
     params.not_before = OffsetDateTime::from(now.checked_sub(BACKDATED).unwrap_or(UNIX_EPOCH));
     params.not_after = OffsetDateTime::from(now) + DAY * days;
@@ -222,7 +244,10 @@ fn set_validity(params: &mut CertificateParams, days: u32) {
 
 /// Returns the names for which a certificate is valid: the daemon's name, its mDNS name, and the
 /// given hosts.
-fn alternative_names(daemon: &DaemonId, hosts: &[String]) -> Result<Vec<SanType>, CredentialError> {
+pub(crate) fn alternative_names(
+    daemon: &DaemonId,
+    hosts: &[String],
+) -> Result<Vec<SanType>, CredentialError> {
     // A host name has no underscore, so a daemon's name with an underscore is left out.
     let own = [daemon.to_string(), format!("{daemon}.local")];
     let own = own.into_iter().filter(|name| !name.contains('_'));
@@ -240,7 +265,8 @@ fn alternative_names(daemon: &DaemonId, hosts: &[String]) -> Result<Vec<SanType>
     Ok(names)
 }
 
-fn is_host(text: &str) -> bool {
+/// Whether a text is a host name.
+pub(crate) fn is_host(text: &str) -> bool {
     let is_label = |label: &str| {
         let plain = label.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'-');
         plain && !label.is_empty() && !label.starts_with('-') && !label.ends_with('-')

@@ -1,5 +1,6 @@
 //! Certificates, with their parsed content.
 
+use std::net::IpAddr;
 use std::path::Path;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -80,6 +81,22 @@ impl Certificate {
         DaemonId::new(&self.subject).ok().filter(crate::is_certifiable)
     }
 
+    /// Whether the name constraints of this authority's certificate permit a host name or an
+    /// address. Without name constraints, all are permitted.
+    pub(crate) fn permits(&self, host: &str) -> bool {
+        let Ok((_, read)) = X509Certificate::from_der(&self.der) else { return false };
+        let Ok(Some(constraints)) = read.name_constraints() else { return true };
+        let permitted = constraints.value.permitted_subtrees.iter().flatten();
+        let address = host.parse::<IpAddr>().ok();
+        permitted.into_iter().any(|subtree| match (&subtree.base, address) {
+            (GeneralName::DNSName(domain), None) => {
+                host == *domain || host.strip_suffix(domain).is_some_and(|rest| rest.ends_with('.'))
+            }
+            (GeneralName::IPAddress(network), Some(address)) => is_in_network(address, network),
+            _ => false,
+        })
+    }
+
     /// Returns how long the certificate is still valid at the time `now`; zero if it has expired.
     pub fn remaining(&self, now: SystemTime) -> Duration {
         self.not_after.duration_since(now).unwrap_or_default()
@@ -105,8 +122,21 @@ fn hosts(read: &X509Certificate<'_>) -> Vec<String> {
     names.value.general_names.iter().filter_map(host).collect()
 }
 
+/// Whether an address is in a network, given as its address followed by its mask.
+fn is_in_network(address: IpAddr, network: &[u8]) -> bool {
+    let octets = match address {
+        IpAddr::V4(address) => address.octets().to_vec(),
+        IpAddr::V6(address) => address.octets().to_vec(),
+    };
+    if network.len() != octets.len() * 2 {
+        return false;
+    }
+    let (base, mask) = network.split_at(octets.len());
+    octets.iter().zip(base).zip(mask).all(|((own, base), mask)| own & mask == base & mask)
+}
+
 fn address(bytes: &[u8]) -> Option<String> {
-    let v4 = <[u8; 4]>::try_from(bytes).ok().map(std::net::IpAddr::from);
-    let v6 = || <[u8; 16]>::try_from(bytes).ok().map(std::net::IpAddr::from);
+    let v4 = <[u8; 4]>::try_from(bytes).ok().map(IpAddr::from);
+    let v6 = || <[u8; 16]>::try_from(bytes).ok().map(IpAddr::from);
     v4.or_else(v6).map(|address| address.to_string())
 }

@@ -70,6 +70,18 @@ pub enum CredentialError {
     /// This host name cannot be put into a certificate.
     #[error("put `{0}` into a certificate: write a host name or an IP address")]
     Host(String),
+    /// The page authority may not vouch for a host.
+    #[error(
+        "put `{host}` into a certificate of a page: browsers believe {0} only for the hosts that \
+         were named when it was made; to make another one, move its folder away first, and let the \
+         phones trust the new one", authority.display()
+    )]
+    NotVouched {
+        /// The host.
+        host: String,
+        /// Path of the certificate of the page authority.
+        authority: PathBuf,
+    },
     /// The authority has issued no certificate for the name that was asked for.
     #[error("revoke `{name}`: this authority has given it no certificate{}", others(known))]
     Unknown {

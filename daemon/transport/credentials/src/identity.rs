@@ -14,7 +14,7 @@ use crate::seal::{Nonce, Seal, SealChannel, SignedFields};
 use crate::trust::Trust;
 
 /// Number of seal channels, the kinds of sealed messages.
-const CHANNELS: usize = 3;
+const CHANNELS: usize = 4;
 
 /// The seal channels in which messages have sequence numbers.
 const NUMBERED: [usize; NUMBERED_CHANNELS] =

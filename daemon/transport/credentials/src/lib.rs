@@ -2,12 +2,13 @@
 //!
 //! - [`Authority`] issues certificates and revokes them; the key of the authority stays where it
 //!   was made.
+//! - [`PageAuthority`] issues the certificates by which browsers know the pages of daemons.
 //! - [`CredentialFolder`] gives the paths of the files in a folder of credentials. A key that other
 //!   users can read is refused.
 //! - [`AnswerKey`] opens the answers of people; [`seal_answer`] seals them.
 //! - [`DaemonIdentity`] seals outgoing messages; [`Verifier`] verifies the seals of incoming ones.
 //!
-//! Each daemon has one Ed25519 key, which serves both TLS and seals. The signed bytes begin with a
+//! Each daemon has one Ed25519 key, which serves both TLS and seals; a page for browsers has another. The signed bytes begin with a
 //! different text for each use, so that a signature for one use is never valid for the other. This
 //! crate does not depend on Zenoh and does not handle rights: which daemon may send which message
 //! is decided in higher layers.
@@ -20,6 +21,7 @@ mod certificate;
 mod error;
 mod files;
 mod identity;
+mod page_authority;
 mod replay;
 mod revocations;
 mod seal;
@@ -33,6 +35,7 @@ pub use certificate::Certificate;
 pub use error::{CredentialError, DistrustReason};
 pub use files::CredentialFolder;
 pub use identity::{DaemonIdentity, SequenceState};
+pub use page_authority::{PAGE_DAYS, PageAuthority};
 pub use revocations::Revocations;
 pub use seal::{NONCE_BYTES, Nonce, SealChannel, nonce};
 pub use trust::Trust;

@@ -34,6 +34,9 @@ pub enum SealChannel {
     /// Answers to questions. A nonce binds an answer to its question, so answers have no sequence
     /// numbers.
     Answer = 2,
+    /// Messages of a daemon to its own agents. The daemon itself does not verify them; others may
+    /// overhear them, and never act on them, so they have no sequence numbers that count.
+    Internal = 3,
 }
 
 const VERSION: u8 = 3;

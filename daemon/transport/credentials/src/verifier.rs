@@ -113,42 +113,42 @@ impl Verifier {
         let certificate = self.certificate(seal.certificate)?;
         let name = certificate.subject.clone();
         let signer = if seal.sender.is_empty() { name.as_str() } else { seal.sender };
-        let verified = self.verify(&sealed, &seal, &certificate, signer);
+        let verified =
+            verify_signature(&sealed, &seal, &certificate, signer).and_then(|verified| {
+                if sealed.channel != SealChannel::Answer {
+                    self.record(&certificate, &seal, &sealed, signer)?;
+                }
+                Ok(verified)
+            });
         verified.map_err(|why| {
             let claimed = if why == DistrustReason::Impostor { signer } else { &name };
             (why, Some(claimed.to_owned()))
         })
     }
 
-    fn verify(
+    /// Verifies the signature of a message that was overheard, and returns its origin. The message
+    /// is not recorded: it may be for another incarnation or have come before, and it does not
+    /// count against the rate limit of its sender. `recipient` is the daemon that the message is
+    /// for; `None` if it is for all daemons.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason why the signature is not valid.
+    pub fn attest(
         &self,
-        sealed: &SealedMessage<'_>,
-        seal: &Seal<'_>,
-        certificate: &Certificate,
-        signer: &str,
+        sealed: SealedMessage<'_>,
+        recipient: Option<&str>,
     ) -> Result<VerifiedOrigin, DistrustReason> {
-        let statement = SignedFields {
-            channel: sealed.channel,
-            incarnation: seal.incarnation,
-            number: seal.number,
-            at: seal.at,
-            to: seal.to,
-            sender: seal.sender,
-            key_expr: sealed.key_expr,
-            nonce: sealed.nonce.map_or(&[], Nonce::as_slice),
+        let seal = sealed.seal.ok_or(DistrustReason::Unsigned)?;
+        let seal = Seal::read(seal).ok_or(DistrustReason::Malformed)?;
+        let certificate = self.certificate(seal.certificate).map_err(|(why, _)| why)?;
+        let name = certificate.subject.as_str();
+        let signer = if seal.sender.is_empty() { name } else { seal.sender };
+        let channel = match recipient == Some(signer) {
+            true => SealChannel::Internal,
+            false => sealed.channel,
         };
-        let key = certificate.public_key.ok_or(DistrustReason::Stranger)?;
-        let key = UnparsedPublicKey::new(&ED25519, key);
-        let signed = statement.bytes(sealed.payload);
-        key.verify(&signed, seal.signature).map_err(|_| DistrustReason::Forged)?;
-        let verified = speaking(signer, certificate).ok_or(DistrustReason::Impostor)?;
-        if sealed.only_sender.is_some_and(|only| only != signer) {
-            return Err(DistrustReason::Impostor);
-        }
-        if sealed.channel != SealChannel::Answer {
-            self.record(certificate, seal, sealed, signer)?;
-        }
-        Ok(verified)
+        verify_signature(&SealedMessage { channel, ..sealed }, &seal, &certificate, signer)
     }
 
     /// Returns the certificate in `der`; an error if it is not valid now. A certificate is fully
@@ -327,6 +327,34 @@ impl Verifier {
             self.revisions.fetch_add(1, Ordering::AcqRel);
         }
         is_newer
+    }
+}
+
+/// Verifies the signature of a message, and that its key may sign for `signer`.
+fn verify_signature(
+    sealed: &SealedMessage<'_>,
+    seal: &Seal<'_>,
+    certificate: &Certificate,
+    signer: &str,
+) -> Result<VerifiedOrigin, DistrustReason> {
+    let statement = SignedFields {
+        channel: sealed.channel,
+        incarnation: seal.incarnation,
+        number: seal.number,
+        at: seal.at,
+        to: seal.to,
+        sender: seal.sender,
+        key_expr: sealed.key_expr,
+        nonce: sealed.nonce.map_or(&[], Nonce::as_slice),
+    };
+    let key = certificate.public_key.ok_or(DistrustReason::Stranger)?;
+    let key = UnparsedPublicKey::new(&ED25519, key);
+    let signed = statement.bytes(sealed.payload);
+    key.verify(&signed, seal.signature).map_err(|_| DistrustReason::Forged)?;
+    let verified = speaking(signer, certificate).ok_or(DistrustReason::Impostor)?;
+    match sealed.only_sender.is_some_and(|only| only != signer) {
+        true => Err(DistrustReason::Impostor),
+        false => Ok(verified),
     }
 }
 

@@ -242,6 +242,23 @@ impl KeySpace {
         }
     }
 
+    /// Returns how the message with this key was addressed, whichever daemon it is for, and that
+    /// daemon, `None` if it is for all; `None` for the key of a receipt or of anything else.
+    pub(crate) fn overheard<'key>(
+        &self,
+        key: &'key str,
+    ) -> Option<(Destination, Option<&'key str>)> {
+        match self.chunks(key)?.as_slice() {
+            ["in", daemon, agent, what] => {
+                DaemonId::new(daemon).ok()?;
+                let Subject::Message(performative) = subject(what)? else { return None };
+                let agent = AgentId::new(agent).ok()?;
+                Some((Destination::To(agent, Subject::Message(performative)), Some(daemon)))
+            }
+            _ => self.addressed(key).map(|destination| (destination, None)),
+        }
+    }
+
     /// Whether the message with this key is a batch of heartbeats.
     pub(crate) fn is_together(&self, key: &str) -> bool {
         matches!(self.chunks(key).as_deref(), Some(["model", daemon]) if DaemonId::new(daemon).is_ok())

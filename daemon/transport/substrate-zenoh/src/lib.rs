@@ -31,6 +31,7 @@ mod known_sessions;
 mod listen_problem;
 mod membership;
 mod open_error;
+mod overhear;
 mod oversize;
 mod own_address;
 mod presence;

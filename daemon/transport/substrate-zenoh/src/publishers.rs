@@ -18,7 +18,11 @@ pub(crate) const PUBLISHERS_MAX: usize = 1024;
 ///
 /// The effect is nearly that of dropping the least recently used value, without a list that must be
 /// updated on every message.
-pub(crate) struct GenerationCache<K, V>(Mutex<Generations<K, V>>);
+pub(crate) struct GenerationCache<K, V> {
+    generations: Mutex<Generations<K, V>>,
+    /// Held while a value is made.
+    making: Mutex<()>,
+}
 
 struct Generations<K, V> {
     young: Generation<K, V>,
@@ -33,18 +37,21 @@ type Generation<K, V> = HashMap<K, Arc<V>>;
 impl<K: Clone + Eq + Hash, V> GenerationCache<K, V> {
     pub(crate) fn new(values_max: usize) -> GenerationCache<K, V> {
         let young_max = (values_max / 2).max(1);
-        GenerationCache(Mutex::new(Generations {
-            young: Generation::new(),
-            old: Generation::new(),
-            young_max,
-        }))
+        let (young, old) = (Generation::new(), Generation::new());
+        GenerationCache {
+            generations: Mutex::new(Generations { young, old, young_max }),
+            making: Mutex::new(()),
+        }
     }
 
     /// Returns the value of `key`. If there is none, it is made by `make`.
     ///
-    /// `make` runs outside the lock, and old values are dropped outside it, because both call into
-    /// Zenoh, which may call this crate again. Two concurrent callers may therefore both make a
-    /// value; the value of the last one is kept.
+    /// One value is made at a time. If two threads declare a publisher of one key at the same time,
+    /// Zenoh 1.10 drops what is sent through one of them (“Route data with unknown scope”), until
+    /// the sender repeats it a tenth of a second later. `make` must not call this cache.
+    ///
+    /// `make` runs outside the lock of the values, and old values are dropped outside both locks,
+    /// because both call into Zenoh, and other threads send meanwhile.
     pub(crate) fn get_or_make<E>(
         &self,
         key: &K,
@@ -54,8 +61,18 @@ impl<K: Clone + Eq + Hash, V> GenerationCache<K, V> {
             drop(let_go);
             return Ok(value);
         }
-        let value = Arc::new(make()?);
-        let let_go = self.with(|generations| generations.insert(key.clone(), Arc::clone(&value)));
+        let (value, let_go) = {
+            let _making = self.making.lock().unwrap_or_else(PoisonError::into_inner);
+            let made = self.with(|generations| generations.get(key));
+            match made {
+                Some(made_meanwhile) => made_meanwhile,
+                None => {
+                    let value = Arc::new(make()?);
+                    let of_cache = Arc::clone(&value);
+                    (value, self.with(|generations| generations.insert(key.clone(), of_cache)))
+                }
+            }
+        };
         drop(let_go);
         Ok(value)
     }
@@ -69,7 +86,7 @@ impl<K: Clone + Eq + Hash, V> GenerationCache<K, V> {
     }
 
     fn with<T>(&self, act: impl FnOnce(&mut Generations<K, V>) -> T) -> T {
-        act(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner))
+        act(&mut self.generations.lock().unwrap_or_else(PoisonError::into_inner))
     }
 }
 
@@ -100,6 +117,9 @@ impl<K: Clone + Eq + Hash, V> Generations<K, V> {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::mpsc::channel;
+    use std::time::Duration;
+
     use super::*;
 
     /// Uses these keys in their order; returns the keys for which a value was made.
@@ -121,6 +141,28 @@ mod tests {
         assert_eq!(made(4, &[1, 1, 2, 1, 2]), [1, 2]);
         assert_eq!(made(4, &[1, 2, 3, 1, 4, 1, 5, 1]), [1, 2, 3, 4, 5], "1 is used and stays");
         assert_eq!(made(4, &[1, 2, 3, 4, 5, 1]), [1, 2, 3, 4, 5, 1], "1 was let go");
+    }
+
+    #[test]
+    fn threads_that_need_one_value_at_the_same_time_make_it_once() {
+        /// Long enough for the other thread to make a second value, which it must not.
+        const SECOND_AWAITED: Duration = Duration::from_millis(200);
+        let cache = GenerationCache::<u8, u8>::new(4);
+        let (makes, second) = channel();
+        std::thread::scope(|scope| {
+            let value = cache.get_or_make::<()>(&1, || {
+                scope.spawn(|| {
+                    let value = cache.get_or_make::<()>(&1, || {
+                        makes.send(()).expect("awaited");
+                        Ok(8)
+                    });
+                    assert_eq!(value.as_deref(), Ok(&7));
+                });
+                assert!(second.recv_timeout(SECOND_AWAITED).is_err(), "a second one is made");
+                Ok(7)
+            });
+            assert_eq!(value.as_deref(), Ok(&7));
+        });
     }
 
     #[test]

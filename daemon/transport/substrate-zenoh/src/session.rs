@@ -7,7 +7,8 @@ use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Performative};
 use bytes::Bytes;
 use credentials::SealChannel;
 use substrate::{
-    AgentAddress, BoxFuture, Inbound, PresenceToken, ResourceQuery, SendError, Subject, Substrate,
+    AgentAddress, BoxFuture, Inbound, OverhearCallback, OverhearToken, PresenceToken,
+    ResourceQuery, SendError, Subject, Substrate,
 };
 use tracing::Instrument as _;
 use zenoh::pubsub::Publisher;
@@ -21,6 +22,7 @@ use crate::declarations::Declarations;
 use crate::key_expr::KeySpace;
 use crate::known_sessions::KnownSessions;
 use crate::open_error::{OpenError, not_opened};
+use crate::overhear::{Eavesdropper, OverhearListeners, OverheardInbound};
 use crate::oversize::{self, OversizeListener};
 use crate::presence::{self, LivelinessSubscriber};
 use crate::publishers::{GenerationCache, PUBLISHERS_MAX};
@@ -40,6 +42,8 @@ const SEAL_BYTES_MAX: usize = 16 << 10;
 pub struct ZenohSubstrate {
     keys: KeySpace,
     declarations: Arc<Declarations>,
+    /// Listeners to the messages of others.
+    listeners: OverhearListeners,
     queries: QuerySender,
     known_sessions: KnownSessions,
     liveliness: Arc<LivelinessSubscriber>,
@@ -89,6 +93,8 @@ impl ZenohSubstrate {
     ) -> Result<Arc<ZenohSubstrate>, OpenError> {
         let SessionSettings { zenoh, listen, connect, scouts_at, lease, security, mode, .. } =
             settings;
+        let listeners = OverhearListeners::default();
+        let inbound: Arc<dyn Inbound> = Arc::new(OverheardInbound::new(inbound, listeners.clone()));
         let too_long = oversize::listen(security.as_ref(), &inbound);
         let admission = security.as_ref().map(|each| revocations::admission(each, &inbound));
         let opened = match scouts_at {
@@ -120,6 +126,7 @@ impl ZenohSubstrate {
         let substrate = ZenohSubstrate {
             keys,
             declarations,
+            listeners,
             queries: asking,
             known_sessions,
             liveliness: watch,
@@ -147,10 +154,13 @@ impl ZenohSubstrate {
         check_length(&payload)?;
         let publisher = self.publishers.get_or_make(&route, || self.declare_publisher(&route));
         let publisher = publisher.map_err(declined)?;
-        let stays = matches!(&route, Route::To(to, _) if to.daemon == *self.keys.daemon());
-        let seal = self.security.as_ref().filter(|_| !stays).map(|security| {
+        let seal = self.security.as_ref().map(|security| {
             let key_expr = publisher.key_expr().as_str();
             match &route {
+                // For those who overhear it; this daemon does not verify its own messages.
+                Route::To(to, _) if to.daemon == *self.keys.daemon() => {
+                    security.seal(SealChannel::Internal, key_expr, &payload)
+                }
                 Route::To(to, _) => security.seal_to(&to.daemon, key_expr, &payload),
                 Route::All(..) => security.seal(SealChannel::Message, key_expr, &payload),
                 Route::HeartbeatBatch => security.seal(SealChannel::AgentState, key_expr, &payload),
@@ -246,6 +256,20 @@ impl Substrate for ZenohSubstrate {
         }
         let (known_sessions, others) = (self.known_sessions.clone(), self.liveliness.others());
         Box::pin(async move { known_sessions.called_by(&others).await })
+    }
+
+    fn overhear(&self, listener: OverhearCallback) -> Result<OverhearToken, SendError> {
+        self.check_open()?;
+        let (keys, security) = (self.keys.clone(), self.security.clone());
+        let eavesdropper = Eavesdropper { keys, leaves_out_own: true, security };
+        let number = self.listeners.add(Arc::clone(&listener));
+        let listeners = self.listeners.clone();
+        let token = OverhearToken::new(move || listeners.remove(number));
+        let hear = move |_: &str, message| listener(message);
+        let subscribers = eavesdropper
+            .declare(&self.session, hear)
+            .map_err(|error| SendError::Declined(error.to_string()))?;
+        Ok(OverhearToken::new(move || drop((subscribers, token))))
     }
 
     fn close(&self) -> BoxFuture<()> {

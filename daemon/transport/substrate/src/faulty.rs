@@ -24,8 +24,8 @@ use tokio::time::Instant;
 use self::network_state::{ConnectedDaemon, ConnectionId, InFlight, IsolatedDaemons, NetworkState};
 use crate::memory::{ANSWERS_MAX, collect_answers};
 use crate::{
-    AgentAddress, BoxFuture, Delivery, Destination, Inbound, PresenceToken, ReceivedQuery,
-    ResourceQuery, SendError, Subject, Substrate,
+    AgentAddress, BoxFuture, Delivery, Destination, Inbound, OverhearCallback, OverhearToken,
+    OverheardMessage, PresenceToken, ReceivedQuery, ResourceQuery, SendError, Subject, Substrate,
 };
 
 /// Maximum number of messages under way to one daemon. Further messages are lost, as on a network
@@ -230,7 +230,7 @@ impl SharedNetwork {
     }
 
     fn deliver_next(self: &Arc<Self>) {
-        let (inbound, coming) = {
+        let (inbound, coming, listener) = {
             let mut wire = self.wire.lock().unwrap_or_else(PoisonError::into_inner);
             let Some((_, (target, coming))) = wire.due.pop_first() else { return };
             let Some(connected) = wire.daemons.get_mut(&target.daemon) else { return };
@@ -241,11 +241,22 @@ impl SharedNetwork {
             if let InFlight::RefreshPresence = coming {
                 return wire.refresh_presence(&target.daemon);
             }
-            (Arc::clone(&connected.inbound), coming)
+            let inbound = Arc::clone(&connected.inbound);
+            let listener = match &coming {
+                InFlight::Overheard(number, _) => wire.listeners.get(number),
+                _ => None,
+            };
+            let listener = listener.map(|(_, listener)| Arc::clone(listener));
+            (inbound, coming, listener)
         };
         // The lock is not held here, because a receiver may answer at once.
         match coming {
             InFlight::Message(delivery) => inbound.deliver(delivery),
+            InFlight::Overheard(_, message) => {
+                if let Some(listener) = listener {
+                    listener(message);
+                }
+            }
             InFlight::Presence(presence) => inbound.presence(presence),
             InFlight::Question(question) => inbound.receive_query(question),
             InFlight::Answer(answers, payload) => drop(answers.try_send(payload)),
@@ -286,6 +297,15 @@ impl Port {
                 let (addressed, payload) = (addressed.clone(), payload.clone());
                 let delivery = Delivery { destination: addressed, payload, origin: None };
                 let _ = wire.send(from, &to, InFlight::Message(delivery));
+            }
+            if !matches!(addressed, Destination::To(_, Subject::Receipt)) {
+                let listeners: Vec<_> =
+                    wire.listeners.iter().map(|(n, (at, _))| (*n, at.clone())).collect();
+                for (number, at) in listeners {
+                    let (destination, payload) = (addressed.clone(), payload.clone());
+                    let message = OverheardMessage { destination, payload, origin: None };
+                    let _ = wire.send(from, &at, InFlight::Overheard(number, message));
+                }
             }
             wire.tap.clone()
         })?;
@@ -364,6 +384,21 @@ impl Substrate for Port {
         });
         drop(answers);
         Box::pin(collect_answers(heard, timeout))
+    }
+
+    fn overhear(&self, listener: OverhearCallback) -> Result<OverhearToken, SendError> {
+        let daemon = self.target.daemon.clone();
+        let number = self.with(|wire| {
+            wire.listeners_count += 1;
+            wire.listeners.insert(wire.listeners_count, (daemon, listener));
+            wire.listeners_count
+        })?;
+        let shared = Weak::clone(&self.shared);
+        Ok(OverhearToken::new(move || {
+            if let Some(shared) = shared.upgrade() {
+                shared.with(|wire| wire.listeners.remove(&number));
+            }
+        }))
     }
 
     fn close(&self) -> BoxFuture<()> {

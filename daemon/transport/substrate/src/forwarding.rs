@@ -6,7 +6,10 @@ use std::time::Duration;
 use acl::{AgentId, Incarnation, Performative};
 use bytes::Bytes;
 
-use crate::{AgentAddress, BoxFuture, PresenceToken, ResourceQuery, SendError, Subject, Substrate};
+use crate::{
+    AgentAddress, BoxFuture, OverhearCallback, OverhearToken, PresenceToken, ResourceQuery,
+    SendError, Subject, Substrate,
+};
 
 /// A [`Substrate`] in front of another one. An implementation overrides the operations that it
 /// changes.
@@ -70,6 +73,10 @@ impl<T: ForwardingSubstrate> Substrate for T {
 
     fn broadcast_ready(&self) -> BoxFuture<()> {
         self.inner().broadcast_ready()
+    }
+
+    fn overhear(&self, listener: OverhearCallback) -> Result<OverhearToken, SendError> {
+        self.inner().overhear(listener)
     }
 
     fn close(&self) -> BoxFuture<()> {

@@ -96,8 +96,35 @@ pub trait Substrate: Send + Sync + 'static {
         Box::pin(std::future::ready(()))
     }
 
+    /// Passes every message that any agent of the ecosystem sends to `listener`, from now on until
+    /// the returned token is dropped: messages to one agent, messages to all agents, models and
+    /// heartbeats, but no receipts. Messages may be lost, late or doubled, as those to an agent.
+    ///
+    /// In a secured ecosystem, only messages whose signature is valid are passed on; the caller
+    /// drops those that come twice.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the substrate is closed.
+    fn overhear(&self, listener: OverhearCallback) -> Result<OverhearToken, SendError>;
+
     /// Closes the substrate. Queued messages may still be sent; no message is received any more.
     fn close(&self) -> BoxFuture<()>;
+}
+
+/// Function that receives overheard messages. It runs on threads of the substrate, so it must not
+/// block.
+pub type OverhearCallback = Arc<dyn Fn(OverheardMessage) + Send + Sync>;
+
+/// A message between other agents that a listener has received as well.
+#[derive(Clone, Debug)]
+pub struct OverheardMessage {
+    /// Destination that the message was sent to.
+    pub destination: Destination,
+    /// Payload of the message, as it was sent.
+    pub payload: Bytes,
+    /// Origin of the message, as its signature proves; `None` if messages are not signed.
+    pub origin: Option<Origin>,
 }
 
 /// The receiving side of a daemon. The substrate calls these methods on its own threads, so no
@@ -276,6 +303,8 @@ pub enum Resource {
     Discovered,
     /// Digests of the domain and the map that a daemon has read.
     Files,
+    /// A daemon's report about itself: its version, its replicas, its process.
+    Daemon,
 }
 
 /// A query to one daemon or to all daemons, about their agents or themselves.
@@ -300,7 +329,13 @@ pub struct ReceivedQuery {
 }
 
 /// Token that keeps an agent present until the token is dropped.
-pub struct PresenceToken(Option<Box<dyn FnOnce() + Send + Sync>>);
+pub struct PresenceToken(#[expect(dead_code, reason = "its drop withdraws the presence")] OnDrop);
+
+/// Token that keeps a listener of overheard messages until the token is dropped.
+pub struct OverhearToken(#[expect(dead_code, reason = "its drop removes the listener")] OnDrop);
+
+/// Function that is called once, when the value is dropped.
+struct OnDrop(Option<Box<dyn FnOnce() + Send + Sync>>);
 
 /// Reason why the substrate did not take a message.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -325,15 +360,28 @@ pub enum SendError {
 impl PresenceToken {
     /// Creates a token that calls `withdraw` when it is dropped, to end the presence of an agent.
     pub fn new(withdraw: impl FnOnce() + Send + Sync + 'static) -> PresenceToken {
-        PresenceToken(Some(Box::new(withdraw)))
+        PresenceToken(OnDrop(Some(Box::new(withdraw))))
     }
 }
 
-impl Drop for PresenceToken {
+impl OverhearToken {
+    /// Creates a token that calls `remove` when it is dropped, to remove a listener.
+    pub fn new(remove: impl FnOnce() + Send + Sync + 'static) -> OverhearToken {
+        OverhearToken(OnDrop(Some(Box::new(remove))))
+    }
+}
+
+impl Drop for OnDrop {
     fn drop(&mut self) {
-        if let Some(withdraw) = self.0.take() {
-            withdraw();
+        if let Some(act) = self.0.take() {
+            act();
         }
+    }
+}
+
+impl fmt::Debug for OverhearToken {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("OverhearToken")
     }
 }
 
@@ -353,6 +401,21 @@ impl Presence {
 }
 
 impl ViolationKind {
+    /// All kinds.
+    pub const ALL: [ViolationKind; 11] = [
+        ViolationKind::Unsigned,
+        ViolationKind::Unknown,
+        ViolationKind::Forged,
+        ViolationKind::Replayed,
+        ViolationKind::Revoked,
+        ViolationKind::Flooded,
+        ViolationKind::Unauthorized,
+        ViolationKind::Oversized,
+        ViolationKind::NotUnderstood,
+        ViolationKind::OtherVersion,
+        ViolationKind::RefusedLink,
+    ];
+
     /// Returns the name of the kind, for people and for programs that count violations.
     pub fn as_str(self) -> &'static str {
         match self {
@@ -373,7 +436,7 @@ impl ViolationKind {
 
 impl Resource {
     /// All resources.
-    pub const ALL: [Resource; 12] = [
+    pub const ALL: [Resource; 13] = [
         Resource::Directory,
         Resource::Domain,
         Resource::State,
@@ -386,6 +449,7 @@ impl Resource {
         Resource::Plugins,
         Resource::Discovered,
         Resource::Files,
+        Resource::Daemon,
     ];
 
     /// Whether only the leader answers queries for this resource, if an agent has several replicas.
@@ -408,6 +472,7 @@ impl Resource {
             Resource::Plugins => "plugins",
             Resource::Discovered => "discovered",
             Resource::Files => "files",
+            Resource::Daemon => "daemon",
         }
     }
 }

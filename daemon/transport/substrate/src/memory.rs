@@ -12,8 +12,9 @@ use bytes::Bytes;
 use tokio::sync::mpsc;
 
 use crate::{
-    AgentAddress, BoxFuture, Delivery, Destination, Inbound, Presence, PresenceToken,
-    ReceivedQuery, Resident, ResourceQuery, SendError, Subject, Substrate,
+    AgentAddress, BoxFuture, Delivery, Destination, Inbound, OverhearCallback, OverhearToken,
+    OverheardMessage, Presence, PresenceToken, ReceivedQuery, Resident, ResourceQuery, SendError,
+    Subject, Substrate,
 };
 
 /// Maximum number of answers to one query that wait to be read; further answers are lost. A large
@@ -30,6 +31,9 @@ struct MemoryNetwork {
     residents: BTreeMap<(AgentId, DaemonId), Incarnation>,
     /// Observers that are called with every message.
     taps: Vec<MessageObserver>,
+    /// Listeners of agents, by a running number.
+    listeners: BTreeMap<u64, OverhearCallback>,
+    listeners_count: u64,
 }
 
 type MessageObserver = Arc<dyn Fn(&Destination, &Bytes) + Send + Sync>;
@@ -117,16 +121,23 @@ impl Port {
         payload: Bytes,
         to: Option<&DaemonId>,
     ) -> Result<(), SendError> {
-        let (receivers, taps) = self.with(|wire| {
+        let (receivers, taps, listeners) = self.with(|wire| {
             let receivers = match to {
                 Some(daemon) => wire.daemons.get(daemon).cloned().into_iter().collect(),
                 None => wire.everyone(),
             };
-            (receivers, wire.taps.clone())
+            let listeners: Vec<_> = wire.listeners.values().cloned().collect();
+            (receivers, wire.taps.clone(), listeners)
         })?;
         // The lock is not held here, because a receiver may answer at once.
         for tap in taps {
             tap(&addressed, &payload);
+        }
+        if !matches!(addressed, Destination::To(_, Subject::Receipt)) {
+            for listener in listeners {
+                let (destination, payload) = (addressed.clone(), payload.clone());
+                listener(OverheardMessage { destination, payload, origin: None });
+            }
         }
         for receiver in receivers {
             let (addressed, payload) = (addressed.clone(), payload.clone());
@@ -191,6 +202,20 @@ impl Substrate for Port {
             inbound.receive_query(ReceivedQuery { resource, agent: agent.clone(), answer });
         }
         Box::pin(collect_answers(heard, timeout))
+    }
+
+    fn overhear(&self, listener: OverhearCallback) -> Result<OverhearToken, SendError> {
+        let number = self.with(|wire| {
+            wire.listeners_count += 1;
+            wire.listeners.insert(wire.listeners_count, listener);
+            wire.listeners_count
+        })?;
+        let wire = Weak::clone(&self.wire);
+        Ok(OverhearToken::new(move || {
+            if let Some(wire) = wire.upgrade() {
+                Network(wire).with(|wire| wire.listeners.remove(&number));
+            }
+        }))
     }
 
     fn close(&self) -> BoxFuture<()> {
@@ -281,5 +306,29 @@ mod tests {
         let ask = ResourceQuery { daemon: None, resource: Resource::Domain, agent: None };
         let answers = port.ask(ask, Duration::from_secs(1)).await;
         assert_eq!(answers, [&b"domain"[..], b"domain"]);
+    }
+
+    #[test]
+    fn a_listener_hears_the_messages_of_all_until_its_token_is_dropped() {
+        let network = Network::new();
+        let port_a = network.open(daemon("a"), RecordingInbound::new());
+        let port_b = network.open(daemon("b"), RecordingInbound::new());
+        let overheard = Arc::<Mutex<Vec<String>>>::default();
+        let notes = Arc::clone(&overheard);
+        let hear = move |message: OverheardMessage| {
+            let text = String::from_utf8_lossy(&message.payload).into_owned();
+            notes.lock().expect("no panic").push(text);
+        };
+        let token = port_b.overhear(Arc::new(hear)).expect("open");
+        let to = AgentAddress { daemon: daemon("a"), agent: agent("robot") };
+        let send = |subject, text: &str| {
+            port_a.send(&to, subject, Bytes::from(text.to_owned())).expect("open");
+        };
+        send(Subject::Message(Performative::Request), "go");
+        send(Subject::Receipt, "m1");
+        port_b.broadcast_state(&agent("x"), Bytes::from_static(b"beat")).expect("open");
+        drop(token);
+        send(Subject::Message(Performative::Request), "later");
+        assert_eq!(*overheard.lock().expect("no panic"), ["go", "beat"]);
     }
 }

@@ -29,7 +29,8 @@ pub(crate) fn question_text(about: &[(Applicant, String)], mistake: Option<&str>
     }
 }
 
-/// Parses an answer. Returns for each agent whether it may take part.
+/// Parses an answer. Returns for each agent that the answer decides about whether it may take part.
+/// `yes` or `no` before names decides about these agents alone; the others are asked about again.
 ///
 /// # Errors
 ///
@@ -44,11 +45,19 @@ pub(crate) fn parse_answer(
         "no" | "n" | "none" => return all(false),
         _ => (),
     }
-    let names: Vec<_> = answer
+    let mut names: Vec<_> = answer
         .split(|symbol: char| symbol == ',' || symbol.is_whitespace())
         .map(|name| name.trim_matches('`'))
         .filter(|name| !name.is_empty())
         .collect();
+    let only = match names.first().map(|first| first.to_lowercase()).as_deref() {
+        Some("yes") => Some(true),
+        Some("no") => Some(false),
+        _ => None,
+    };
+    if only.is_some() {
+        names.remove(0);
+    }
     let known = || about.iter().map(|(applicant, _)| applicant.name.as_str());
     if names.is_empty() {
         return Err("An answer is missing".to_owned());
@@ -57,7 +66,13 @@ pub(crate) fn parse_answer(
         return Err(format!("`{unknown}` is none of them"));
     }
     let is_named = |applicant: &Applicant| names.contains(&applicant.name.as_str());
-    Ok(about.iter().map(|(one, _)| (one.clone(), is_named(one))).collect())
+    let applicants = about.iter().map(|(applicant, _)| applicant);
+    Ok(match only {
+        Some(is_in) => {
+            applicants.filter(|one| is_named(one)).map(|one| (one.clone(), is_in)).collect()
+        }
+        None => applicants.map(|one| (one.clone(), is_named(one))).collect(),
+    })
 }
 
 #[cfg(test)]
@@ -94,6 +109,9 @@ mod tests {
         assert_eq!(said("none"), Ok(vec![false, false, false]));
         assert_eq!(said("t-3, t-1"), Ok(vec![true, false, true]));
         assert_eq!(said("`t-2`"), Ok(vec![false, true, false]));
+        assert_eq!(said("yes t-2"), Ok(vec![true]), "the others are asked about again");
+        assert_eq!(said("No t-1, t-3"), Ok(vec![false, false]));
+        assert_eq!(said("yes t-4"), Err("`t-4` is none of them".to_owned()));
         assert_eq!(said("t-4"), Err("`t-4` is none of them".to_owned()));
         assert_eq!(said("  "), Err("An answer is missing".to_owned()));
     }

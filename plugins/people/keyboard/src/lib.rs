@@ -17,8 +17,8 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use acl::content::{
-    Achieve, AnswerQuestion, ChangeState, Inform, Mode, Outcome, PersonsAnswer, Question, Reason,
-    Refusal, Report, Request, SetMode, Withdrawal, value,
+    Achieve, AnswerQuestion, ChangeState, GoalTimes, Inform, Mode, Outcome, PersonsAnswer,
+    Question, Reason, Refusal, Report, Request, ScheduleGoal, SetMode, Withdrawal, value,
 };
 use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
 use agent::{
@@ -93,6 +93,8 @@ struct RequestedGoal {
 /// The Keyboard Agent: a person's interface to the ecosystem.
 pub struct Keyboard {
     startup_goals: Vec<GoalRequest>,
+    /// Whether agents may put questions to a person at this keyboard.
+    takes_questions: bool,
     questions: Questions,
     /// Requested actions that are in preparation: the domain is being fetched for each of them.
     actions_in_preparation: BTreeMap<ConversationId, (RequestId, WorkHandle)>,
@@ -111,6 +113,19 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
 }
 
 impl Keyboard {
+    /// Creates a keyboard that takes no questions, and the terminal that is connected to it. Its
+    /// owner sees the questions of other keyboards, and answers them by [`UserRequest::Answer`].
+    pub fn for_requests() -> (Keyboard, Terminal) {
+        let (keyboard, terminal) = Keyboard::with_terminal();
+        (Keyboard { takes_questions: false, ..keyboard }, terminal)
+    }
+
+    /// Creates a keyboard without a terminal. It keeps questions until a person at another keyboard
+    /// answers them.
+    pub fn for_questions() -> Keyboard {
+        Keyboard::without_terminal()
+    }
+
     /// Creates a keyboard and the terminal that is connected to it.
     pub fn with_terminal() -> (Keyboard, Terminal) {
         let (terminal, TerminalPeer { requests, events }) = Terminal::open();
@@ -125,6 +140,7 @@ impl Keyboard {
     fn without_terminal() -> Keyboard {
         Keyboard {
             startup_goals: Vec::new(),
+            takes_questions: true,
             questions: Questions::default(),
             actions_in_preparation: BTreeMap::new(),
             goals: BTreeMap::new(),
@@ -138,6 +154,9 @@ impl Keyboard {
 
 impl Agent for Keyboard {
     fn callbacks(&self) -> Callbacks<Self> {
+        if !self.takes_questions {
+            return Callbacks::new();
+        }
         Callbacks::new()
             .on(Performative::QueryRef, Self::question_asked)
             .on(Performative::Request, Self::requested)
@@ -148,7 +167,7 @@ impl Agent for Keyboard {
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
         for wish in std::mem::take(&mut self.startup_goals) {
-            self.request_goal(wish, None, ctx);
+            self.request_goal(wish, None, None, ctx);
         }
         self.listen(ctx);
     }
@@ -202,7 +221,10 @@ impl Keyboard {
 
     fn handle_user_request(&mut self, id: RequestId, said: UserRequest, ctx: &mut Context<Self>) {
         match said {
-            UserRequest::RequestGoal(wish) => self.request_goal(wish, Some(id), ctx),
+            UserRequest::RequestGoal(wish) => self.request_goal(wish, None, Some(id), ctx),
+            UserRequest::ScheduleGoal(wish, times) => {
+                self.request_goal(wish, Some(*times), Some(id), ctx);
+            }
             UserRequest::Cancel(conversation) => self.cancel(conversation, id, ctx),
             UserRequest::Act(action) => self.prepare_action(action, id, ctx),
             UserRequest::Set(change) => self.change_state(change, id, ctx),
@@ -235,11 +257,24 @@ impl Keyboard {
         about
     }
 
-    fn request_goal(&mut self, wish: GoalRequest, id: Option<RequestId>, ctx: &mut Context<Self>) {
+    /// Requests a goal: at once, or at its times.
+    fn request_goal(
+        &mut self,
+        wish: GoalRequest,
+        times: Option<GoalTimes>,
+        id: Option<RequestId>,
+        ctx: &mut Context<Self>,
+    ) {
         let GoalRequest { goal, keep, priority, partition } = wish;
-        let request = Request::Achieve(Achieve { goal, keep, priority, partition });
+        let goal = Achieve { goal, keep, priority, partition };
+        let is_at_once = times.as_ref().is_none_or(GoalTimes::is_at_once);
+        let protocol = if is_at_once { Protocol::Goal } else { Protocol::StateChange };
+        let request = match times {
+            Some(times) => Request::Schedule(Box::new(ScheduleGoal { goal, times })),
+            None => Request::Achieve(goal),
+        };
         let to = ctx.settings().roles.plan_requester.clone();
-        let (about, exchange) = self.request(to, Protocol::Goal, &request, GOAL_TIMEOUT, id, ctx);
+        let (about, exchange) = self.request(to, protocol, &request, GOAL_TIMEOUT, id, ctx);
         let last_report_at = ctx.now();
         let goal = RequestedGoal { id, exchange, last_report_at, request, departures: 0 };
         self.goals.insert(about.conversation, goal);
@@ -270,10 +305,11 @@ impl Keyboard {
             }
             return;
         }
+        let is_goal = asked.request.goal().is_some();
         let opening = ExchangeOpening {
             to: Some(to),
             performative: Performative::Request,
-            protocol: Protocol::Goal,
+            protocol: if is_goal { Protocol::Goal } else { Protocol::StateChange },
             conversation: about.clone(),
             content: value(&asked.request),
         };

@@ -5,7 +5,9 @@
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use acl::content::{ChangeState, Keep, Mode, OpenQuestion, Outcome, Partition, Refusal, Report};
+use acl::content::{
+    ChangeState, GoalTimes, Keep, Mode, OpenQuestion, Outcome, Partition, Refusal, Report,
+};
 use acl::{AgentId, ConversationId, Message, Performative, Protocol};
 use serde::Deserialize;
 use serde_json::Value;
@@ -40,6 +42,8 @@ pub struct GoalRequest {
 pub enum UserRequest {
     /// Requests a goal.
     RequestGoal(GoalRequest),
+    /// Requests a goal at these times.
+    ScheduleGoal(GoalRequest, Box<GoalTimes>),
     /// Cancels a goal or an action.
     Cancel(ConversationId),
     /// Requests one ground action, written in PDDL.

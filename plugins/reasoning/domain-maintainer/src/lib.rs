@@ -184,7 +184,8 @@ impl Agent for DomainMaintainer {
             | Resource::Journal
             | Resource::Plugins
             | Resource::Discovered
-            | Resource::Files => return None,
+            | Resource::Files
+            | Resource::Daemon => return None,
         };
         answer.ok()
     }

@@ -25,7 +25,8 @@ use acl::content::{Act, ActionToken, Execute, Outcome, Reason, Refusal, Report, 
 use acl::{AgentId, Incarnation, Message, Performative, Protocol, ReplyToken};
 use agent::{
     Agent, Blueprint, BuildError, Callbacks, Context, ExchangeEvent, ExchangeOpening,
-    LaunchableAgent, Participation, PluginEntry, Presence, Resident, TimerId, WorkHandle,
+    LaunchableAgent, Participation, PluginEntry, Presence, Resident, StepOutcome, TimerId,
+    WorkHandle,
 };
 use plan_execution::{ActionRequest, ExecutionCommand, ExecutionEvent, LastHeartbeats, PlanState};
 use serde::Deserialize;
@@ -336,6 +337,9 @@ impl PlanExecutor {
                 }
             },
         };
+        if let Some(outcome) = outcome_of(&event) {
+            ctx.activity().count_step(outcome);
+        }
         self.handle(token, event, ctx);
     }
 
@@ -404,5 +408,15 @@ impl PlanExecutor {
         if let Some(running) = self.running_plans.get(token) {
             running.subscribers.send_to_all(report, ctx);
         }
+    }
+}
+
+/// Returns the outcome of a step that this event ends; `None` if the step goes on.
+fn outcome_of(event: &ExecutionEvent) -> Option<StepOutcome> {
+    match event {
+        ExecutionEvent::StepReported(_, report) => StepOutcome::of(report.outcome),
+        ExecutionEvent::StepRefused(..) => Some(StepOutcome::Refused),
+        ExecutionEvent::StepLost(..) => Some(StepOutcome::Lost),
+        _ => None,
     }
 }

@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use acl::AgentId;
 use acl::content::{Offer, Proposal};
 use goal_lifecycle::AvoidedActions;
-use pddl::{ActionSchema, Condition, Effect, InitElement, Name};
+use pddl::{ActionSchema, Atom, Condition, Effect, InitElement, Name};
 use planner::explain::Explanation;
 
 use crate::planning_snapshot::PlanningSnapshot;
@@ -154,18 +154,12 @@ impl GoalContext {
             let concerns = |(_, offer): &(&String, &Offer)| relevant.has_action(&offer.schema);
             actions.iter().filter(concerns).map(named).collect::<Vec<_>>()
         };
-        let facts = known.problem.init.iter().filter_map(|element| match element {
-            InitElement::Atom(atom)
-                if !guards.contains(&atom.predicate) && relevant.has(&atom.predicate) =>
-            {
-                Some(atom.to_string())
-            }
-            _ => None,
-        });
+        let is_fact =
+            |atom: &&Atom| !guards.contains(&atom.predicate) && relevant.has(&atom.predicate);
         GoalContext {
             agents: known.all_offers.keys().cloned().collect(),
             offers: known.all_offers.iter().flat_map(of_agent).collect(),
-            facts: facts.collect(),
+            facts: atoms(known).filter(is_fact).map(ToString::to_string).collect(),
         }
     }
 
@@ -196,7 +190,10 @@ impl GoalContext {
         let changing = changing(known);
         let lasts =
             |fact: &&String| open.contains(*fact) || !changing.iter().any(|name| is_of(fact, name));
-        let retracted = self.facts.difference(&now.facts).filter(lasts);
+        // Whether a fact still holds does not depend on the actions that are offered now, as whether
+        // it is relevant does.
+        let holding: BTreeSet<String> = atoms(known).map(ToString::to_string).collect();
+        let retracted = self.facts.difference(&holding).filter(lasts);
         let parts = [
             ("offers nothing now", left),
             ("offers something now", joined),
@@ -211,6 +208,14 @@ impl GoalContext {
             .collect();
         (!told.is_empty()).then(|| format!("since the last plan, {}", told.join("; ")))
     }
+}
+
+/// Returns the facts of the present state that are true.
+fn atoms(known: &PlanningSnapshot) -> impl Iterator<Item = &Atom> {
+    known.problem.init.iter().filter_map(|element| match element {
+        InitElement::Atom(atom) => Some(atom),
+        _ => None,
+    })
 }
 
 /// Symbols and actions that may matter to a goal: the symbols of the goal, every action that
@@ -502,5 +507,18 @@ mod tests {
             Some("since the last plan, does not hold any more: `(open hall)`")
         );
         assert_eq!(news(&before, &after, &goal("(in a hall)")[0], &[]), None);
+    }
+
+    #[test]
+    fn a_fact_that_no_offered_action_uses_any_more_still_holds() {
+        let none = AvoidedActions::new();
+        let before = known(&["a"], "(open hall)", &none);
+        // No agent offers an action: the composite domain has none.
+        let actions = DOMAIN.find("(:action").expect("the domain has an action");
+        let after = known_in(&format!("{})", &DOMAIN[..actions]), &[], "(open hall)", &none);
+        assert_eq!(
+            news(&before, &after, &goal("(known hall)")[0], &[]).as_deref(),
+            Some("since the last plan, offers nothing now: `a`")
+        );
     }
 }

@@ -25,6 +25,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::PlanRequester;
+use crate::due_goal::{DUE, GoalLimits};
 use crate::goal::Goal;
 
 const GOAL: &str = "goal/";
@@ -39,11 +40,17 @@ struct GoalRecord {
     #[serde(alias = "life")]
     incarnation: Incarnation,
     asked: Achieve,
+    /// Number of the goal, by which people name it; 0 in records of older versions of Althing.
+    #[serde(default)]
+    number: u32,
     rounds: u32,
     failures: u32,
     /// Identifier of the running plan of the goal; `None` if no plan runs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     running: Option<RunningPlanId>,
+    /// Times at which the goal is late or given up.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    limits: Option<GoalLimits>,
     /// History of the goal, oldest entry first. Empty in records of older versions of Althing.
     #[serde(default)]
     happened: Vec<HistoryEntry>,
@@ -70,12 +77,20 @@ impl ReplicatesRecords for PlanRequester {
     }
 
     fn records_restored(&mut self, records: Vec<Record>, ctx: &mut Context<Self>) {
+        let (due, records): (Vec<_>, Vec<_>) =
+            records.into_iter().partition(|record| record.key.starts_with(DUE));
         let (goals, others): (Vec<_>, Vec<_>) =
             records.into_iter().partition(|record| record.key.starts_with(GOAL));
         let mut plans: BTreeMap<String, Execute> = BTreeMap::new();
         for Record { key, body, .. } in others {
             let conversation = key.strip_prefix(PLAN).map(ToOwned::to_owned);
             plans.extend(conversation.and_then(|id| Some((id, Execute::deserialize(body).ok()?))));
+        }
+        // Ended goals keep their numbers too, so that no number names two goals.
+        let numbered = goals.iter().chain(&due);
+        let numbers = numbered.filter_map(|record| record.body.get("number")?.as_u64());
+        for number in numbers.filter_map(|number| u32::try_from(number).ok()) {
+            self.numbers.note(number);
         }
         for Record { key, version, body } in goals {
             if body.is_null() {
@@ -95,6 +110,10 @@ impl ReplicatesRecords for PlanRequester {
             self.cancel_orphan(&id, &plan, 0, ctx);
             self.forget_plan(&id, ctx);
         }
+        due.into_iter().for_each(|record| self.restore_due(record, ctx));
+        self.read_file_goals(ctx);
+        self.resume_occurrences(ctx);
+        self.look_at_clock(ctx);
         self.schedule_next(ctx);
     }
 }
@@ -117,7 +136,8 @@ impl PlanRequester {
         let accepted = id.clone();
         replication::replicate(self, &[record], ctx, move |requester: &mut Self, kept, ctx| {
             let listed = requester.journal_client.journals().len();
-            let detail = acceptance(&kept, listed);
+            let number = requester.goals.get(&accepted).map_or(0, |goal| goal.number);
+            let detail = acceptance(number, &kept, listed);
             if kept.stored_by.is_empty() {
                 tracing::warn!(conversation = %accepted, refusals = ?kept.failed_by, detail, "goal");
             }
@@ -167,6 +187,7 @@ impl PlanRequester {
         if !ended.is_empty() {
             self.send(&ended, ctx);
         }
+        self.replicate_all_due(ctx);
     }
 
     /// Sends what the initiator `asker` may have missed before it joined: the outcomes of its ended
@@ -313,7 +334,8 @@ impl PlanRequester {
             self.ended.add_outcome(id, version, report);
             return;
         }
-        if self.is_asked_anew(&record) {
+        let is_own = record.participation.initiator == *ctx.id();
+        if !is_own && self.is_asked_anew(&record) {
             let report = Report::new(Outcome::Cancelled, "its asker has asked for it again");
             return self.replicate_finished(&id, report, record, ctx);
         }
@@ -405,9 +427,11 @@ impl PlanRequester {
             participation,
             incarnation,
             asked,
+            number,
             rounds,
             failures,
             running,
+            limits,
             happened,
             ..
         } = record;
@@ -429,6 +453,8 @@ impl PlanRequester {
         );
         let mut goal = Goal::new(participation, incarnation, asked, condition);
         (goal.state, goal.version) = (state, version);
+        goal.number = self.number_for(number);
+        goal.limits = limits;
         goal.recall_history(happened);
         if let (Some(running), Some(plan)) = (running, plan) {
             goal.adopt_plan(plan, running.done);
@@ -454,6 +480,7 @@ impl PlanRequester {
     /// Stands down as leader: hands all goals over to the new leader.
     pub(crate) fn resign(&mut self, ctx: &mut Context<Self>) {
         let mut records = self.ended.records();
+        records.extend(self.resign_clock(ctx));
         let goals: Vec<_> = self.goals.keys().cloned().collect();
         for id in goals {
             records.extend(self.records_of(&id));
@@ -545,9 +572,11 @@ fn record_of(goal: &Goal) -> GoalRecord {
         participation: goal.participation.clone(),
         incarnation: goal.initiator_incarnation,
         asked,
+        number: goal.number,
         rounds: goal.state.rounds(),
         failures: goal.state.failures(),
         running,
+        limits: goal.limits.clone().filter(|limits| !limits.is_empty()),
         happened: goal.history().to_vec(),
         cancelled: goal.state.phase() == GoalPhase::Cancelling,
         ended: None,
@@ -555,13 +584,16 @@ fn record_of(goal: &Goal) -> GoalRecord {
 }
 
 /// Returns the report, as text for a person, about the Journals that have a new goal.
-fn acceptance(kept: &ReplicationOutcome, listed: usize) -> String {
+pub(crate) fn acceptance(number: u32, kept: &ReplicationOutcome, listed: usize) -> String {
     let mut names: Vec<_> = kept.stored_by.iter().map(|journal| format!("`{journal}`")).collect();
     names.sort();
     match names.as_slice() {
-        [] => format!("accepted, but kept nowhere: none of {listed} Journals has it"),
-        [one] => format!("accepted; kept by {one}, 1 of {listed}"),
-        some => format!("accepted; kept by {}, {} of {listed}", some.join(" and "), some.len()),
+        [] => format!("goal {number} accepted, but kept nowhere: none of {listed} Journals has it"),
+        [one] => format!("goal {number} accepted; kept by {one}, 1 of {listed}"),
+        some => {
+            let names = some.join(" and ");
+            format!("goal {number} accepted; kept by {names}, {} of {listed}", some.len())
+        }
     }
 }
 

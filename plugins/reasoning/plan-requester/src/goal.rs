@@ -9,11 +9,12 @@ use acl::content::{
     Version,
 };
 use acl::{AgentId, ConversationId, Incarnation, ReplyToken};
-use agent::{Participation, TimerId, WorkHandle};
+use agent::{Participation, TimerId, TrackedGoal, WorkHandle};
 use goal_lifecycle::{Attempt, GoalState};
 use pddl::{Condition, Plan, PlanStep};
 use planner::Cancel;
 
+use crate::due_goal::GoalLimits;
 use crate::explanations::GoalContext;
 use crate::planning_snapshot::{PlanningSnapshot, outside};
 use crate::proposals::ContractNetState;
@@ -21,6 +22,8 @@ use crate::proposals::ContractNetState;
 /// A goal that the Plan Requester pursues.
 pub(crate) struct Goal {
     pub(crate) participation: Participation,
+    /// Number of the goal, by which people name it.
+    pub(crate) number: u32,
     /// Incarnation of the initiator that asked for this goal.
     pub(crate) initiator_incarnation: Incarnation,
     pub(crate) text: String,
@@ -28,6 +31,8 @@ pub(crate) struct Goal {
     pub(crate) keep: Keep,
     pub(crate) priority: i32,
     pub(crate) partition: Partition,
+    /// Times at which the goal is late or given up; `None` if there are none.
+    pub(crate) limits: Option<GoalLimits>,
     pub(crate) state: GoalState,
     pub(crate) work: Work,
     /// Data of the present round of planning; `None` if no plan is being made for the goal.
@@ -49,6 +54,8 @@ pub(crate) struct Goal {
     /// Facts and offered actions that concerned the goal in the last round of planning; `None`
     /// before the first round.
     pub(crate) last_context: Option<GoalContext>,
+    /// Counts the goal in its phase; `None` until its state machine gets the first event.
+    pub(crate) tracked: Option<TrackedGoal>,
     history: Vec<HistoryEntry>,
 }
 
@@ -107,12 +114,14 @@ impl Goal {
         let Achieve { goal, keep, priority, partition } = asked;
         Goal {
             participation,
+            number: 0,
             initiator_incarnation: incarnation,
             text: goal,
             condition,
             keep,
             priority,
             partition,
+            limits: None,
             state: GoalState::new(keep),
             work: Work::Nothing,
             round: None,
@@ -123,6 +132,7 @@ impl Goal {
             version: Version::default(),
             timer: None,
             last_context: None,
+            tracked: None,
             history: Vec::new(),
         }
     }
@@ -226,6 +236,7 @@ impl Goal {
     pub(crate) fn status(&self) -> GoalStatus {
         GoalStatus {
             conversation: self.conversation().clone(),
+            number: self.number,
             goal: self.text.clone(),
             keep: self.keep,
             priority: self.priority,
@@ -233,6 +244,7 @@ impl Goal {
             waits_because: self.state.waits_because().to_owned(),
             rounds: self.state.rounds(),
             history: self.history.clone(),
+            due: self.limits.as_ref().and_then(GoalLimits::status),
         }
     }
 }

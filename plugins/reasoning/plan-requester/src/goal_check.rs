@@ -19,12 +19,22 @@ pub(crate) fn lost_to(goal: &Goal, known: &PlanningSnapshot) -> Option<String> {
 /// Returns, as text for a person, the errors of checking a goal against the composite domain, or a
 /// contradiction within the goal. Returns `None` if there is neither.
 pub(crate) fn wrong_in(goal: &Goal, known: &PlanningSnapshot) -> Option<String> {
-    let errors = errors_in(&known.domain, &known.problem, &goal.condition);
+    mistakes(&goal.condition, &goal.text, known)
+}
+
+/// Returns, as text for a person, the errors of checking the condition that `text` contains, or a
+/// contradiction within it. Returns `None` if there is neither.
+pub(crate) fn mistakes(
+    condition: &Condition,
+    text: &str,
+    known: &PlanningSnapshot,
+) -> Option<String> {
+    let errors = errors_in(&known.domain, &known.problem, condition);
     if errors.is_empty() {
-        let both = known.contradiction(&goal.condition)?;
+        let both = known.contradiction(condition)?;
         return Some(format!("it can never hold: it requires `{both}` and `(not {both})`"));
     }
-    let lines: Vec<_> = errors.iter().map(|error| error.located(&goal.text)).collect();
+    let lines: Vec<_> = errors.iter().map(|error| error.located(text)).collect();
     Some(lines.join("\n"))
 }
 

@@ -81,6 +81,7 @@ impl PlanRequester {
             .filter_map(|record| Some((conversation_of(&record.key)?, record.version)))
             .collect();
         self.records_restored(records, ctx);
+        self.replicate_all_due(ctx);
         for (id, version) in handed {
             // The goal continues here, and it is unknown whether any Journal has this record.
             if self.goals.get(&id).is_some_and(|goal| goal.version == version) {

@@ -8,22 +8,32 @@
 //!   Plan Executor to execute the chosen plan.
 //! - Replans at once when a plan fails, and reports the reason. Plans for a kept goal again
 //!   whenever the goal no longer holds.
+//! - Asks itself for goals when their times have come, and tells of those that are late
+//!   (`goal_clock`).
 //! - Pursues several goals in parallel; no plan breaks the causal links of another plan
 //!   (`scheduling`).
+//!
+//! [`dry_run()`] plans for a goal without requesting it, with the same checks.
 //!
 //! The lifecycle of each goal is the state machine of the crate `goal-lifecycle`; the module
 //! `lifecycle` calls it. Start reading there.
 
 mod contract_net;
+mod dry_run;
+mod due_goal;
+mod due_records;
 mod execution;
 mod explanations;
 mod failover;
+mod file_goals;
 mod finished;
 mod goal;
 mod goal_check;
+mod goal_clock;
 mod handover;
 mod joint_plans;
 mod lifecycle;
+mod numbering;
 mod orphan_plans;
 mod planning;
 mod planning_snapshot;
@@ -50,9 +60,14 @@ use pddl::{ActionModel, Condition};
 use serde::Deserialize;
 use tokio::time::Instant;
 
+pub use crate::dry_run::{DryRunRequest, DryRunResult, DryRunStep, ThreatenedGoal, dry_run};
+use crate::due_goal::{GoalLimits, timestamp};
+pub use crate::file_goals::{FileGoal, FileGoals};
 use crate::finished::FinishedGoals;
 use crate::goal::{Goal, PlanningRound, Work};
 use crate::goal_check::{absent_declarers, lost_to, wrong_in};
+use crate::goal_clock::GoalClock;
+use crate::numbering::GoalNumbers;
 use crate::planning_snapshot::{PlanningSnapshot, first};
 
 /// Maximum number of goals pursued at a time. A building has tens of goals. Further goals are
@@ -67,6 +82,10 @@ const TELL_AGAIN: Duration = Duration::from_millis(200);
 
 /// Delay before the next attempt of a plan that was refused because an actuator is busy.
 const BUSY: Duration = Duration::from_millis(200);
+
+/// How long a new leader waits for a Journal before it asks for the goals of the file: a Journal that
+/// has just started opens its file within it, unless the file must be repaired.
+const JOURNALS_AWAITED: Duration = Duration::from_secs(10);
 
 /// The entry of the Plan Requester in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
@@ -121,6 +140,8 @@ impl Config {
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let config = Config::of(&blueprint)?;
     let mode = blueprint.host.mode;
+    let file_goals = blueprint.host.resources.get::<FileGoals>();
+    let file_goals = file_goals.map(|goals| (*goals).clone()).unwrap_or_default();
     let (journal_client, goals, ended) =
         (JournalClient::new(&blueprint.host), BTreeMap::new(), FinishedGoals::default());
     Ok(Box::new(PlanRequester {
@@ -128,6 +149,8 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
         mode,
         goals,
         ended,
+        numbers: GoalNumbers::default(),
+        clock: GoalClock::new(file_goals),
         journal_client,
         cheaper_plan_check: None,
         resend_timer: None,
@@ -140,6 +163,9 @@ struct PlanRequester {
     mode: Mode,
     goals: BTreeMap<ConversationId, Goal>,
     ended: FinishedGoals,
+    numbers: GoalNumbers,
+    /// Goals that are asked for by the clock.
+    clock: GoalClock,
     journal_client: JournalClient<PlanRequester>,
     /// Background work that checks whether running plans could be replaced by much cheaper ones.
     cheaper_plan_check: Option<WorkHandle>,
@@ -163,6 +189,14 @@ impl Agent for PlanRequester {
         replication::handle_leadership(self, is_leading, ctx);
         if !is_leading {
             self.resign(ctx);
+        } else if self.journal_client.journals().is_empty() {
+            self.read_file_goals(ctx);
+        } else {
+            ctx.after(JOURNALS_AWAITED, |requester: &mut Self, ctx| {
+                if requester.journal_client.is_leading() {
+                    requester.read_file_goals(ctx);
+                }
+            });
         }
     }
 
@@ -189,11 +223,13 @@ impl Agent for PlanRequester {
         self.journal_client.has_delivered()
     }
 
-    fn answer_query(&mut self, resource: Resource, _ctx: &mut Context<Self>) -> Option<String> {
+    fn answer_query(&mut self, resource: Resource, ctx: &mut Context<Self>) -> Option<String> {
         if resource != Resource::Goals {
             return None;
         }
-        let goals: Vec<_> = self.goals.values().map(Goal::status).collect();
+        let now = timestamp(ctx.wall_clock());
+        let due = self.clock.goals.iter().map(|(id, due)| due.status(id, now));
+        let goals: Vec<_> = self.goals.values().map(Goal::status).chain(due).collect();
         serde_json::to_string(&goals).ok()
     }
 }
@@ -203,8 +239,15 @@ impl PlanRequester {
 
     fn requested(&mut self, message: Message, ctx: &mut Context<Self>) {
         let participation = Participation::of(&message);
-        let asked = match message.content_as::<Request>() {
-            Ok(Request::Achieve(asked)) => asked,
+        let (asked, limits) = match message.content_as::<Request>() {
+            Ok(Request::Achieve(asked)) => {
+                let is_own = message.sender == *ctx.id();
+                let limits = is_own.then(|| self.limits_of(&message.conversation_id)).flatten();
+                (asked, limits)
+            }
+            Ok(Request::Schedule(scheduled)) => {
+                return self.schedule_requested(message, *scheduled, ctx);
+            }
             Ok(Request::SetMode(SetMode { mode })) => {
                 self.mode = mode;
                 let report = Report::new(Outcome::Done, format!("plans are {mode} from now on"));
@@ -219,6 +262,18 @@ impl PlanRequester {
             }
             Err(error) => return ctx.not_understood(&message, error.to_string()),
         };
+        self.take_goal(&message, asked, limits, ctx);
+    }
+
+    /// Takes a goal, unless it was requested before.
+    fn take_goal(
+        &mut self,
+        message: &Message,
+        asked: Achieve,
+        limits: Option<GoalLimits>,
+        ctx: &mut Context<Self>,
+    ) {
+        let participation = Participation::of(message);
         if let Some(goal) = self.goals.get_mut(&participation.conversation)
             && goal.is_asked_again(&participation, &asked)
         {
@@ -232,16 +287,27 @@ impl PlanRequester {
         if let Some(report) = self.ended.of(&participation) {
             return ctx.answer(&participation, Performative::Confirm, report);
         }
+        let is_own = message.sender == *ctx.id();
+        if let Some(report) = self.ended.outcome_of(&participation.conversation).filter(|_| is_own)
+        {
+            return ctx.answer(&participation, Performative::Confirm, report);
+        }
         match self.admissible(&asked, &participation) {
             Ok(condition) => {
-                self.take_place(&message, &asked, ctx);
+                // Its own occurrences have conversations that say whether they are the same.
+                if !is_own {
+                    self.take_place(message, &asked, ctx);
+                }
                 let mut goal = Goal::new(participation, message.incarnation, asked, condition);
+                goal.number = self.numbers.next();
                 goal.add_history(ctx.wall_clock(), None, "asked for");
+                goal.limits = limits;
                 let id = goal.conversation().clone();
                 tracing::info!(conversation = %id, goal = goal.text, "a goal");
                 self.goals.insert(id.clone(), goal);
                 self.replicate_new_goal(&id, ctx);
                 self.consider(&id, ctx);
+                self.look_at_clock(ctx);
             }
             Err((reason, detail)) => ctx.refuse(&participation, reason, detail),
         }
@@ -292,6 +358,9 @@ impl PlanRequester {
 
     fn cancelled(&mut self, message: Message, ctx: &mut Context<Self>) {
         let id = &message.conversation_id;
+        if self.is_due_goal(id) {
+            return self.due_cancelled(&message, ctx);
+        }
         let is_here = self.goals.contains_key(id);
         self.cancel(id, ctx);
         // A `cancel` within the goal's own exchange is answered by the goal's final report. Only a

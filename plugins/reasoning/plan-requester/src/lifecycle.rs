@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use acl::content::{Outcome, Report};
 use acl::{ConversationId, Performative};
-use agent::Context;
+use agent::{Context, PlanningResult};
 use goal_lifecycle::{GoalCommand, GoalEvent, Policy, Turn};
 
 use crate::PlanRequester;
@@ -22,7 +22,15 @@ impl PlanRequester {
     ) {
         let (now, policy) = (self.elapsed(ctx), self.policy(ctx));
         let Some(goal) = self.goals.get_mut(id) else { return };
+        let result = match event {
+            GoalEvent::PlanFound(..) => PlanningResult::Found,
+            GoalEvent::PlanMissing(..) => PlanningResult::Missing,
+            _ => PlanningResult::Abandoned,
+        };
+        let before = goal.state.phase();
         let commands = goal.state.handle(event, now, policy);
+        let track = || ctx.activity().track_goal(before);
+        goal.tracked.get_or_insert_with(track).move_to(goal.state.phase(), result);
         self.carry_out(id, commands, ctx);
     }
 
@@ -137,6 +145,7 @@ impl PlanRequester {
         self.reject_proposals(id, "the goal has ended", ctx);
         self.stop_timer(id, ctx);
         let Some(goal) = self.goals.remove(id) else { return };
+        ctx.activity().count_goal(outcome);
         let history = goal.history().to_vec();
         self.ended.store_sent(goal.participation.clone(), Report { history, ..report.clone() });
         self.replicate_outcome(&goal, report, ctx);

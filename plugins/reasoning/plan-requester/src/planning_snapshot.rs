@@ -10,11 +10,12 @@ use acl::content::{self, Offers, Proposal, Snapshot};
 use goal_lifecycle::AvoidedActions;
 use pddl::knowledge::Knowledge;
 use pddl::{
-    ActionModel, Condition, Domain, Effect, FluentTerm, InitElement, Name, Plan, PlanStep, Problem,
+    ActionModel, Atom, Condition, Domain, Effect, FluentTerm, InitElement, Name, Plan, PlanStep,
+    Privacy, Problem,
 };
 use planner::explain::{self, ActionGuard, Explanation};
 use planner::goal::{GoalTooLarge, conjuncts_but};
-use planner::order::interference;
+use planner::order::{PartialOrder, deorder, interference};
 use planner::validate::{Fault, World, cost_from};
 use planner::{Budget, Cancel, Options, StopReason};
 
@@ -184,7 +185,7 @@ impl PlanningSnapshot {
     fn conjuncts(&self, world: &World, goal: &Condition) -> Result<Vec<Condition>, GoalTooLarge> {
         // A fact about a room may come from a device that has left, although no present device
         // derives it.
-        let is_unknown = |atom: &pddl::Atom| {
+        let is_unknown = |atom: &Atom| {
             let unknown = self.knowledge.unknown(atom);
             unknown.is_some_and(|unknown| world.holds(&Condition::Atom(unknown)))
         };
@@ -300,6 +301,55 @@ impl PlanningSnapshot {
         let mut reached = goals.into_iter().flat_map(|goal| self.parts(goal));
         reached.all(|conjunct| !self.holds_in(now, &conjunct) || self.holds_in(&end, &conjunct))
             && now.work_limit_reached().is_none()
+    }
+
+    /// Returns the public facts that hold now and do not hold after a plan, without the predicates
+    /// that stand for unknown facts or for the actions of agents.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error, as text for a person, if the state cannot be made, or if a step cannot be
+    /// applied.
+    pub(crate) fn undone_facts(&self, plan: &Plan) -> Result<Vec<Atom>, String> {
+        let now = self.world()?;
+        now.renew_work();
+        let mut end = now.clone();
+        plan.steps
+            .iter()
+            .try_for_each(|step| end.apply(step))
+            .map_err(|fault| fault.to_string())?;
+        let declared = self.domain.predicates.iter();
+        let public: BTreeSet<&Name> = declared
+            .filter(|predicate| predicate.privacy == Privacy::Public)
+            .map(|predicate| &predicate.name)
+            .collect();
+        let guards: BTreeSet<&Name> = self.guards.values().map(|guard| &guard.predicate).collect();
+        let mut undone = now.facts_missing_in(&end);
+        undone.retain(|fact| {
+            let predicate = &fact.predicate;
+            let is_auxiliary = self.knowledge.is_auxiliary(predicate);
+            public.contains(predicate) && !guards.contains(predicate) && !is_auxiliary
+        });
+        Ok(undone)
+    }
+
+    /// Returns the conjuncts of `goal` that hold now and do not hold after a plan. Returns no
+    /// conjunct if the state cannot be made or a step cannot be applied.
+    pub(crate) fn undone_conjuncts(&self, plan: &Plan, goal: &Condition) -> Vec<Condition> {
+        let Ok(now) = self.world() else { return Vec::new() };
+        now.renew_work();
+        let mut end = now.clone();
+        if plan.steps.iter().try_for_each(|step| end.apply(step)).is_err() {
+            return Vec::new();
+        }
+        let mut parts = self.parts(goal);
+        parts.retain(|part| self.holds_in(now, part) && !self.holds_in(&end, part));
+        parts
+    }
+
+    /// Returns which steps of a plan must wait for which others.
+    pub(crate) fn order_of(&self, plan: &Plan) -> PartialOrder {
+        self.world().map(|world| deorder(world, &plan.steps)).unwrap_or_default()
     }
 
     /// Returns the cost of the remaining steps of a plan from the present state; `None` if these

@@ -23,11 +23,8 @@ use credentials::AnswerKey;
 use serde_json::Value;
 
 use super::Actuator;
+use super::event_pacing::EventPacing;
 use crate::initiative::{Initiative, InitiativeUpdate};
-
-/// Minimum time between two events of a device, so that a loose contact does not flood the
-/// ecosystem. The first event is announced at once.
-const EVENT_INTERVAL_MIN: Duration = Duration::from_millis(100);
 
 /// How long a requested goal may go without any report: a year, because a kept goal may hold for so
 /// long.
@@ -51,6 +48,7 @@ const OPEN_MAX: usize = 32;
 #[derive(Default)]
 pub(crate) struct OpenInitiatives {
     event_watch: Option<WorkHandle>,
+    event_pacing: EventPacing,
     goals: BTreeMap<String, WantedGoal>,
     questions: BTreeMap<String, ReplyToken>,
     /// Number of requests so far. The number identifies each request, so that answers to an earlier
@@ -95,7 +93,12 @@ impl Actuator {
             // once.
             actuator.send_heartbeat(ctx);
             actuator.carry_out(initiatives, ctx);
-            ctx.after(EVENT_INTERVAL_MIN, |actuator: &mut Self, ctx| actuator.watch_events(ctx));
+            match actuator.initiatives.event_pacing.pause_after_event(ctx.now()) {
+                Duration::ZERO => actuator.watch_events(ctx),
+                pause => {
+                    ctx.after(pause, |actuator: &mut Self, ctx| actuator.watch_events(ctx));
+                }
+            }
         });
         self.initiatives.event_watch = Some(work);
     }

@@ -30,6 +30,10 @@ const CONFIRMATIONS_MAX: usize = 64;
 /// How long a device may take to confirm its standstill. `althing stop` waits for three seconds.
 const STILL_WITHIN: Duration = Duration::from_secs(2);
 
+/// Time from a stop to the announcement of what the agent no longer offers. The confirmations of all
+/// actuators of a building go first; a planner that still counts on this one is refused.
+const ANNOUNCED_AFTER: Duration = Duration::from_millis(150);
+
 /// A standstill to which the device is brought, or was brought by the last stop.
 pub(super) struct StandingStill {
     /// Identifiers of the stops that were in force when it began.
@@ -149,13 +153,10 @@ impl Actuator {
     fn wait_for_stops(&mut self, next: BoxFuture<StopChanges>, ctx: &mut Context<Self>) {
         let following = ctx.run(next, |actuator: &mut Self, mut changes, ctx| {
             actuator.obey(ctx);
-            let stops = Arc::clone(&actuator.stops);
-            let saved = ctx.run_blocking(move || stops.save());
+            let saved = actuator.save_stops(ctx);
             let next = async move {
-                match saved.await {
-                    Ok(Ok(())) => (),
-                    Ok(Err(error)) => tracing::error!(%error, "a stop is not written to disk"),
-                    Err(error) => tracing::error!(%error, "a stop is not written to disk"),
+                if let Err(error) = saved.await {
+                    tracing::error!(error, "a stop is not written to disk");
                 }
                 changes.next().await;
                 changes
@@ -163,6 +164,20 @@ impl Actuator {
             actuator.wait_for_stops(Box::pin(next), ctx);
         });
         self.following_stops = Some(following);
+    }
+
+    /// Returns a future that writes the stops to disk, unless another actuator of this daemon has
+    /// written them. Its error says why they are not on disk.
+    fn save_stops(&self, ctx: &Context<Self>) -> BoxFuture<Result<(), String>> {
+        if self.stops.is_saved() {
+            return Box::pin(std::future::ready(Ok(())));
+        }
+        let stops = Arc::clone(&self.stops);
+        let saved = ctx.run_blocking(move || stops.save());
+        Box::pin(async move {
+            let saved = saved.await.map_err(|error| error.to_string())?;
+            saved.map_err(|error| error.to_string())
+        })
     }
 
     /// Ends the running action if a stop forbids it, and announces what the agent still offers.
@@ -181,8 +196,21 @@ impl Actuator {
                 self.cancel_command(&described(&stop), ctx);
                 self.ended_by_stop = action.map(|action| (action, stop.id));
             }
-            None => self.send_heartbeat(ctx),
+            None if self.stops.in_force().is_empty() => self.send_heartbeat(ctx),
+            None => self.announce_soon(ctx),
         }
+    }
+
+    /// Announces what the agent offers under its stops, once for all that come meanwhile.
+    fn announce_soon(&mut self, ctx: &mut Context<Self>) {
+        if self.announcement.is_some() {
+            return;
+        }
+        let announce = |actuator: &mut Self, ctx: &mut Context<Self>| {
+            actuator.announcement = None;
+            actuator.send_heartbeat(ctx);
+        };
+        self.announcement = Some(ctx.after(ANNOUNCED_AFTER, announce));
     }
 
     /// Brings the device to a standstill, beside everything else, unless that was begun under the same
@@ -285,12 +313,11 @@ impl Actuator {
         report: impl Future<Output = Report> + Send + 'static,
         ctx: &mut Context<Self>,
     ) {
-        let stops = Arc::clone(&self.stops);
-        let saved = ctx.run_blocking(move || stops.save());
+        let saved = self.save_stops(ctx);
         let participation = participation.clone();
         let both = async move { (saved.await, report.await) };
         let confirming = ctx.run(both, move |_: &mut Self, (saved, mut report), ctx| {
-            if !matches!(saved, Ok(Ok(()))) {
+            if saved.is_err() {
                 ctx.failure_counters().count_not_persisted();
                 report.detail += " (not written to disk: a restart forgets it)";
             }

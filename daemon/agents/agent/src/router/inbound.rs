@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use acl::content::Reason;
+use acl::content::{DaemonReport, Reason};
 use acl::{AgentId, Message, Performative};
 use bytes::Bytes;
 use substrate::{
@@ -22,6 +22,9 @@ impl Inbound for MessageRouter {
     fn deliver(&self, delivery: Delivery) {
         let Delivery { destination, payload, origin } = delivery;
         let origin = origin.as_ref();
+        if let Some(performative) = performative_of(&destination) {
+            self.activity.count_received(performative);
+        }
         match destination {
             Destination::To(agent, Subject::Message(_)) => {
                 self.receive_direct(&agent, payload, origin);
@@ -79,11 +82,23 @@ impl Inbound for MessageRouter {
             | Resource::Mailbox
             | Resource::Discovered
             | Resource::Plugins
-            | Resource::Files => {
+            | Resource::Files
+            | Resource::Daemon => {
                 let answers = self.answers(query.resource, query.agent.as_ref());
                 answers.into_iter().for_each(|answer| (query.answer)(answer));
             }
         }
+    }
+}
+
+/// Returns the performative of a message with this destination; `None` for receipts.
+fn performative_of(destination: &Destination) -> Option<Performative> {
+    match destination {
+        Destination::To(_, Subject::Message(performative)) | Destination::All(_, performative) => {
+            Some(*performative)
+        }
+        Destination::AgentState(_) => Some(Performative::Inform),
+        Destination::To(_, Subject::Receipt) => None,
     }
 }
 
@@ -198,12 +213,14 @@ impl MessageRouter {
         }
         if let Some(inform) = &inform {
             let mut state = self.write();
+            let mut gap = None;
             // Only broadcasts of present agents are cached, so that other senders cannot fill the
             // cache.
             if state.membership.directory().find(sender).is_some() {
-                state.cache.keep(payload, &message, inform);
+                gap = state.cache.keep(payload, &message, inform);
             }
             drop(state);
+            gap.into_iter().for_each(|gap| self.activity.count_heartbeat_gap(gap));
             if self.domain_feed.receive(&message, inform) {
                 self.request_model(sender, Duration::ZERO);
             }
@@ -258,7 +275,8 @@ impl MessageRouter {
         if !self.domain_feed.receive_repetition(sender, &repetition) {
             return false;
         }
-        self.write().cache.keep_repetition(sender, payload.clone(), repetition);
+        let gap = self.write().cache.keep_repetition(sender, payload.clone(), repetition);
+        gap.into_iter().for_each(|gap| self.activity.count_heartbeat_gap(gap));
         true
     }
 
@@ -288,6 +306,10 @@ impl MessageRouter {
             Resource::Discovered => self.reports.discovered(&self.daemon),
             Resource::Plugins => self.reports.plugins(),
             Resource::Files => self.reports.files(),
+            Resource::Daemon => {
+                let report = self.daemon_report();
+                report.and_then(|report| encode(serde_json::to_vec(&report)))
+            }
             Resource::Domain
             | Resource::State
             | Resource::Goals
@@ -296,6 +318,24 @@ impl MessageRouter {
             | Resource::Journal => None,
         };
         answer.into_iter().collect()
+    }
+
+    /// Returns the report of this daemon about itself; `None` for a guest, which is no daemon.
+    fn daemon_report(&self) -> Option<DaemonReport> {
+        if self.daemon.is_guest() {
+            return None;
+        }
+        let (agents, (leads, stands_by), absent) = {
+            let state = self.read();
+            let directory = state.membership.directory();
+            let leads = |agent: &AgentId| {
+                directory.find(agent).is_some_and(|holder| holder.daemon == self.daemon)
+            };
+            let replicated = state.hosted.replicated().cloned();
+            let absent = self.reports.absent(|agent| directory.find(agent).is_some());
+            (state.hosted.count(), replicated.partition(leads), absent)
+        };
+        Some(self.reports.daemon(self.daemon.clone(), agents, leads, stands_by, absent))
     }
 
     /// Passes a query to each agent of this daemon, or only to the agent that is asked. Agents that

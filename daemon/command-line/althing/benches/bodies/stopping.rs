@@ -17,24 +17,22 @@ const STOPS: usize = 100;
 const STOP_MS: f64 = 100.0;
 
 const CAMPUS: &str = include_str!("../../../../../ecosystems/campus.toml");
-const ONTOLOGY: &str = include_str!("../../../../../domains/campus/domain.pddl");
-const MAP: &str = include_str!("../../../../../domains/campus/map.pddl");
 
 const DAEMON: &str = "all";
 
 /// Measures stops of a campus, each followed by its release.
 pub(crate) async fn stops() -> Outcome<()> {
     let machine = Machine::new()?;
-    std::fs::write(machine.path().join("domain.pddl"), ONTOLOGY)?;
-    std::fs::write(machine.path().join("map.pddl"), MAP)?;
     std::fs::write(&machine.file, file())?;
     let mut process = machine.start(DAEMON, "decentralized")?;
     process.ready().await?;
     let mut listener = Listener::open(&machine, "campus", DAEMON).await?;
-    let (mut whole, mut on_wire, stops) = (Figures::default(), Figures::default(), times(STOPS));
+    let (mut whole, mut still) = (Figures::default(), Figures::default());
+    let (mut on_wire, stops) = (Figures::default(), times(STOPS));
     let mut devices = 0;
     for _ in 0..stops {
         listener.rest();
+        let began = Instant::now();
         whole.push(run(&machine, &["stop"]).await?);
         let heard = listener.rest();
         let first = heard.iter().find(|(_, message)| is_stop(message));
@@ -45,13 +43,17 @@ pub(crate) async fn stops() -> Outcome<()> {
             confirmed.entry(message.sender.clone()).or_insert(*at);
         }
         let last = confirmed.values().max().ok_or("no confirmation was overheard")?;
+        still.push(*last - began);
         on_wire.push(*last - *first);
         devices = confirmed.len();
         run(&machine, &["stop", "--release"]).await?;
     }
-    whole.tell(&format!("{devices} devices, {stops} times: the whole command `althing stop`"));
-    support::judge("p99", whole.within(0.99), STOP_MS);
+    still.tell(&format!(
+        "{devices} devices, {stops} times: the start of `althing stop` to the last confirmation"
+    ));
+    support::judge("p99", still.within(0.99), STOP_MS);
     on_wire.tell("its first request to the last confirmation");
+    whole.tell("the whole command, with the end of its connection");
     Ok(())
 }
 
@@ -59,8 +61,7 @@ pub(crate) async fn stops() -> Outcome<()> {
 fn file() -> String {
     let line = |line: &str| match line {
         daemon if daemon.starts_with("daemon = ") => format!("daemon = \"{DAEMON}\"\n"),
-        path if path.starts_with("domain = ") => "domain = \"domain.pddl\"\n".to_owned(),
-        path if path.starts_with("problem = ") => "problem = \"map.pddl\"\n".to_owned(),
+        reasoning if reasoning.starts_with("reasoning = ") => format!("reasoning = \"{DAEMON}\"\n"),
         other => format!("{other}\n"),
     };
     CAMPUS.lines().map(line).collect()

@@ -323,6 +323,11 @@ impl Process {
         Err("the daemon ended before it was ready".into())
     }
 
+    /// Returns the processor time that the process has used so far, in seconds.
+    pub(crate) fn processor_time(&self) -> Outcome<f64> {
+        processor_time(std::slice::from_ref(&self.0))
+    }
+
     /// Sends SIGKILL.
     pub(crate) fn kill(&mut self) -> Outcome<()> {
         Ok(self.0.start_kill()?)

@@ -16,6 +16,7 @@ another file.
 
 Examples: althing cert authority althing.toml
           althing cert daemon office-pi --host 192.168.1.7
+          althing cert page office-pi --host 192.168.1.7
           althing cert show
           althing cert revoke office-pi";
 
@@ -34,6 +35,8 @@ pub(crate) enum CertCommand {
     Authority(CertAuthorityArgs),
     /// Make keys and certificates for daemons, and for people's machines without one
     Daemon(CertDaemonArgs),
+    /// Make certificates for pages that browsers open, and the authority that phones trust for them
+    Page(CertPageArgs),
     /// Show the certificates, and how long each is valid
     Show(CertShowArgs),
     /// Revoke all certificates of a daemon; running daemons learn of it within seconds
@@ -69,6 +72,25 @@ pub(crate) struct CertDaemonArgs {
     pub(crate) hosts: Vec<String>,
     /// How long the certificates are valid
     #[arg(long, value_name = "DAYS", default_value_t = credentials::DAEMON_DAYS, value_parser = days())]
+    pub(crate) days: u32,
+    #[command(flatten)]
+    pub(crate) place: CertPlaceArgs,
+    #[command(flatten)]
+    pub(crate) print: PrintArgs,
+}
+
+/// Arguments of `althing cert page`.
+#[derive(Debug, Args)]
+pub(crate) struct CertPageArgs {
+    /// Daemons that serve a page, by their names in the ecosystem's file
+    #[arg(required = true, value_name = "NAME")]
+    pub(crate) names: Vec<String>,
+    /// An address at which browsers reach the page besides NAME and NAME.local: a host name or an IP
+    /// address; repeatable
+    #[arg(long = "host", value_name = "HOST")]
+    pub(crate) hosts: Vec<String>,
+    /// How long the certificates are valid
+    #[arg(long, value_name = "DAYS", default_value_t = credentials::PAGE_DAYS, value_parser = days())]
     pub(crate) days: u32,
     #[command(flatten)]
     pub(crate) place: CertPlaceArgs,

@@ -4,6 +4,7 @@ use std::process::ExitCode;
 
 use keyboard::UserRequest;
 
+use crate::asking::wishes;
 use crate::cli::{ActArgs, ActionArgs};
 use crate::commands::user_request::{self, ExchangeOptions, InterruptAction};
 use crate::commands::{client, wrong};
@@ -25,7 +26,5 @@ pub(super) fn run(args: &ActArgs) -> ExitCode {
 
 /// Returns the user's request for an action, after checking that the action can be parsed.
 pub(crate) fn said(args: &ActionArgs) -> Result<UserRequest, String> {
-    let action = &args.action;
-    pddl::parse_step(action).into_result().map_err(|found| super::located(&found, action))?;
-    Ok(UserRequest::Act(action.clone()))
+    wishes::action(&args.action)
 }

@@ -6,17 +6,19 @@ use std::process::ExitCode;
 use std::time::SystemTime;
 
 use acl::{DaemonId, EcosystemId};
-use credentials::{Authority, Certificate, CredentialError, CredentialFolder, Trust};
+use credentials::{
+    Authority, Certificate, CredentialError, CredentialFolder, PageAuthority, Trust,
+};
 use serde_json::json;
 use terminal::output::Color;
 use terminal::styled::Styled;
 use terminal::{exit, output};
 
 use crate::cli::cert::{
-    CertArgs, CertAuthorityArgs, CertCommand, CertDaemonArgs, CertPlaceArgs, CertRevokeArgs,
-    CertShowArgs,
+    CertArgs, CertAuthorityArgs, CertCommand, CertDaemonArgs, CertPageArgs, CertPlaceArgs,
+    CertRevokeArgs, CertShowArgs,
 };
-use crate::config::{self, Ecosystem, Overrides, credentials_folder};
+use crate::config::{self, Ecosystem, Overrides, SecuritySettings, credentials_folder};
 use crate::plugins;
 
 const DAY_SECONDS: u64 = 24 * 3_600;
@@ -38,6 +40,7 @@ pub(super) fn run(args: &CertArgs) -> ExitCode {
     match &args.command {
         CertCommand::Authority(args) => authority(args),
         CertCommand::Daemon(args) => daemon(args),
+        CertCommand::Page(args) => page(args),
         CertCommand::Show(args) => show(args),
         CertCommand::Revoke(args) => revoke(args),
     }
@@ -68,16 +71,21 @@ fn authority(args: &CertAuthorityArgs) -> ExitCode {
     output::print(text, exit::DONE)
 }
 
+/// Returns the folder of the certificates, and the daemons of these names.
+fn place_and_names(
+    place: &CertPlaceArgs,
+    names: &[String],
+) -> Result<(CertificateFolder, Vec<DaemonId>), String> {
+    let place = CertificateFolder::of(place).map_err(|problem| format!("failed to {problem}"))?;
+    let names: Result<Vec<_>, _> = names.iter().map(|name| DaemonId::new(name)).collect();
+    Ok((place, names.map_err(|error| error.to_string())?))
+}
+
 fn daemon(args: &CertDaemonArgs) -> ExitCode {
     let json = args.print.json;
-    let place = match CertificateFolder::of(&args.place) {
-        Ok(place) => place,
-        Err(problem) => return super::wrong(&format!("failed to {problem}"), json),
-    };
-    let names: Result<Vec<_>, _> = args.names.iter().map(|name| DaemonId::new(name)).collect();
-    let names = match names {
-        Ok(names) => names,
-        Err(error) => return super::wrong(&error.to_string(), json),
+    let (place, names) = match place_and_names(&args.place, &args.names) {
+        Ok(found) => found,
+        Err(problem) => return super::wrong(&problem, json),
     };
     let made: Result<Vec<_>, _> = Authority::open(&place.folder).and_then(|authority| {
         names.iter().map(|name| authority.issue(name, &args.hosts, args.days)).collect()
@@ -102,6 +110,48 @@ fn daemon(args: &CertDaemonArgs) -> ExitCode {
         text,
         "Copy to each machine over an encrypted channel: authority.pem, NAME.pem, NAME.key"
     );
+    output::print(text, exit::DONE)
+}
+
+/// Makes the certificates of pages, and at first the page authority.
+fn page(args: &CertPageArgs) -> ExitCode {
+    let json = args.print.json;
+    let (place, names) = match place_and_names(&args.place, &args.names) {
+        Ok(found) => found,
+        Err(problem) => return super::wrong(&problem, json),
+    };
+    let folder = PageAuthority::folder(&place.folder);
+    let known = place.ecosystem.iter().flat_map(|ecosystem| &ecosystem.daemons);
+    let daemons: Vec<_> = names.iter().chain(known).cloned().collect();
+    let opened = PageAuthority::open_or_create(&folder, &place.name, &daemons, &args.hosts);
+    let made = opened.and_then(|(authority, is_new)| {
+        let issue = |name| authority.issue(name, &args.hosts, args.days);
+        Ok((names.iter().map(issue).collect::<Result<Vec<_>, _>>()?, is_new))
+    });
+    let (made, is_new) = match made {
+        Ok(made) => made,
+        Err(error) => return failed(&error, json),
+    };
+    names.iter().for_each(|name| place.warn_of_stranger(name));
+    if json {
+        let made: Vec<_> = made.iter().map(|each| object(each, "good")).collect();
+        let value = json!({
+            "certificates": made, "folder": folder.path(), "authority": folder.authority(),
+            "authority_is_new": is_new,
+        });
+        return output::print_json(&value, exit::DONE);
+    }
+    let mut text = String::new();
+    for (name, each) in names.iter().zip(&made) {
+        let (path, hosts) = (folder.path().display(), each.hosts.join(", "));
+        let _ = writeln!(text, "made {path}/{name}.pem and {name}.key, for {} days", args.days);
+        let _ = writeln!(text, "  browsers may open it as {hosts}");
+    }
+    let authority = folder.authority();
+    if is_new {
+        let _ = writeln!(text, "Phones have to trust {} once: docs/web.md", authority.display());
+        text += "Keep authority.key beside it secret, and a copy in a safe place.\n";
+    }
     output::print(text, exit::DONE)
 }
 
@@ -267,6 +317,33 @@ fn certificates(folder: &CredentialFolder, trust: &Trust) -> Vec<Certificate> {
     found.sort_by(|a, b| (&a.subject, a.not_after).cmp(&(&b.subject, b.not_after)));
     found.insert(0, trust.authority().clone());
     found
+}
+
+/// A certificate on this machine, and its state, for `althing doctor`.
+pub(super) struct SurveyedCertificate {
+    /// The name of the daemon, or that of the authority.
+    pub(super) subject: String,
+    /// Whether the certificate is a daemon's, and not the authority's.
+    pub(super) is_daemon: bool,
+    pub(super) days_left: usize,
+    /// `good`, `ends`, `ended` or `revoked`.
+    pub(super) state: &'static str,
+}
+
+/// Returns the certificates of a secured ecosystem on this machine, that of the authority first.
+pub(super) fn survey(
+    security: &SecuritySettings,
+) -> Result<Vec<SurveyedCertificate>, CredentialError> {
+    let folder = CredentialFolder::new(&security.folder);
+    let trust = Trust::read(&folder)?;
+    let warn_days = security.warn_before.as_secs() / DAY_SECONDS;
+    let surveyed = |each: Certificate| SurveyedCertificate {
+        is_daemon: each != *trust.authority(),
+        days_left: usize::try_from(days(&each)).unwrap_or(usize::MAX),
+        state: state(&each, &trust, warn_days),
+        subject: each.subject,
+    };
+    Ok(certificates(&folder, &trust).into_iter().map(surveyed).collect())
 }
 
 fn state(certificate: &Certificate, trust: &Trust, warn_days: u64) -> &'static str {

@@ -1,7 +1,7 @@
 //! `althing check`: reports the mistakes in files, each with its line.
 //!
 //! - The kind of a file is recognised by its extension (`.toml` is an ecosystem file) and its
-//!   contents.
+//!   contents (`[people.NAME]` is a table of a file of people).
 //! - The agents of an ecosystem are built as `althing up` would build them, but not launched.
 //! - A problem or an action model is checked against the domain that it names: one of the files on
 //!   the command line or, if none of them is that domain, a file found beside it.
@@ -13,6 +13,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Instant;
 
+use accounts::PeopleFile;
 use agent::Mode;
 use pddl::{Diagnostic, Document, Domain, Name};
 use planner::Cancel;
@@ -24,7 +25,7 @@ use terminal::render::plural;
 use terminal::report::{DiagnosticReport, SourceText};
 use terminal::{exit, output, visible};
 
-use crate::cli::CheckArgs;
+use crate::cli::{CheckArgs, PddlPart};
 use crate::config::{Ecosystem, KnownPlugin, Overrides};
 use crate::interfacing;
 use crate::review::{self, ReviewScope};
@@ -43,6 +44,9 @@ struct FileCheck {
     domains: Vec<DomainText>,
     report: DiagnosticReport,
     checked: Vec<CheckedFile>,
+    /// The part of ecosystem files that is printed, if one is asked for, and its text so far.
+    wanted: Option<PddlPart>,
+    printed: String,
 }
 
 /// Runs `althing check`: checks every file, and prints the mistakes.
@@ -53,16 +57,34 @@ pub(crate) fn run(args: &CheckArgs, known_plugins: &[KnownPlugin]) -> ExitCode {
     if let Some(folder) = &args.tree {
         return tree::run(args, folder, &deadline);
     }
-    let mut desk =
-        FileCheck { domains: Vec::new(), report: DiagnosticReport::default(), checked: Vec::new() };
+    let mut desk = FileCheck {
+        domains: Vec::new(),
+        report: DiagnosticReport::default(),
+        checked: Vec::new(),
+        wanted: args.printed,
+        printed: String::new(),
+    };
+    let (people, others): (Vec<&PathBuf>, Vec<&PathBuf>) =
+        args.files.iter().partition(|path| is_people(path));
     let (ecosystems, texts): (Vec<&PathBuf>, Vec<&PathBuf>) =
-        args.files.iter().partition(|path| is_ecosystem(path));
+        others.into_iter().partition(|path| is_ecosystem(path));
     desk.check_texts(&texts);
+    for path in people {
+        desk.check_people(path);
+    }
     for path in ecosystems {
         desk.check_ecosystem(path, known_plugins);
     }
     desk.report.dedup();
     deadline.answer(|| desk.show(args.print.json))
+}
+
+/// Whether a file is a file of people: it has a table of a person, and no table of an ecosystem.
+fn is_people(path: &Path) -> bool {
+    let Ok(source) = SourceText::read(path) else { return false };
+    let mut lines = source.text.lines().map(str::trim);
+    let has_ecosystem = lines.clone().any(|line| line.starts_with("[ecosystem]"));
+    !has_ecosystem && lines.any(|line| line.starts_with("[people."))
 }
 
 /// Whether a file is an ecosystem file: it has the extension `.toml`, or contains the table
@@ -109,8 +131,18 @@ impl FileCheck {
 
     fn check_domain(&mut self, path: &Path, source: Arc<SourceText>) {
         let mut report = DiagnosticReport::default();
-        let text = pddl_files::domain_of(source, &mut report);
+        let text = pddl_files::domain_of(Arc::clone(&source), &mut report);
         let about = text.domain.as_ref().map(about_domain).unwrap_or_default();
+        // A domain that fits better together with the standard ontology is a vocabulary.
+        if !report.is_empty() {
+            let mut as_vocabulary = DiagnosticReport::default();
+            let extend = |more: &Domain| ontology::extended(ontology::standard_domain(), more);
+            pddl_files::vocabulary_of(&source, extend, &mut as_vocabulary);
+            if as_vocabulary.is_empty() {
+                self.note(path, "vocabulary", about, false);
+                return self.report.extend(as_vocabulary);
+            }
+        }
         self.note(path, "domain", about, report.has_errors());
         self.report.extend(report);
         self.domains.push(text);
@@ -152,13 +184,38 @@ impl FileCheck {
 
     fn check_ecosystem(&mut self, path: &Path, known_plugins: &[KnownPlugin]) {
         let reading = Ecosystem::read(path, &Overrides::default(), known_plugins);
-        let mut report = review::review(&reading, ReviewScope::Everything);
+        let mut report = review::review(&reading, ReviewScope::Building);
         let ecosystem = reading.ecosystem.as_ref();
         if let Some(ecosystem) = ecosystem.filter(|_| !reading.report.has_errors()) {
             report.extend(interfacing::check(ecosystem, known_plugins));
         }
         let about = ecosystem.map(about_ecosystem).unwrap_or_default();
+        if let (Some(ecosystem), Some(part)) = (ecosystem, self.wanted) {
+            self.printed += &match part {
+                PddlPart::Map => ecosystem.problem.to_string(),
+                PddlPart::Ontology => ecosystem.domain.to_string(),
+            };
+        }
         self.note(path, "ecosystem", about, report.has_errors());
+        self.report.extend(report);
+    }
+
+    fn check_people(&mut self, path: &Path) {
+        let mut report = DiagnosticReport::default();
+        let mut about = String::new();
+        match PeopleFile::new(path).text() {
+            Ok(text) => {
+                let text = text.unwrap_or_default();
+                let read = accounts::read_people(&text);
+                about = format!("({})", people_count(read.records.len()));
+                // An excerpt of the text must not show hashes.
+                let shown = accounts::without_secrets(&text);
+                let name = visible::line(&path.display().to_string()).into_owned();
+                report.add(&SourceText::new(name, shown), read.mistakes);
+            }
+            Err(error) => report.add_failure(error),
+        }
+        self.note(path, "people", about, report.has_errors());
         self.report.extend(report);
     }
 
@@ -183,6 +240,9 @@ impl FileCheck {
             return output::print_json(&value, code);
         }
         output::show_to_person(&self.report);
+        if self.wanted.is_some() {
+            return output::print(&self.printed, code);
+        }
         let lines: String = self.checked.iter().map(CheckedFile::line).collect();
         output::print(lines, code)
     }
@@ -209,6 +269,14 @@ impl CheckedFile {
 fn unknown_domain(name: &Name) -> Diagnostic {
     Diagnostic::error(name.span(), format!("domain `{name}` is neither given nor beside this file"))
         .with_help("name the file of the domain on the command line too")
+}
+
+/// Returns a number of people in words.
+fn people_count(count: usize) -> String {
+    match count {
+        1 => "1 person".to_owned(),
+        count => format!("{count} people"),
+    }
 }
 
 fn about_domain(domain: &Domain) -> String {

@@ -5,29 +5,19 @@ use std::future::Future;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
-use std::time::Duration;
 
-use acl::{AgentId, DaemonId, EcosystemId};
-use agent::{Directory, HostServices, MessageRouter, Resident, Resource, ResourceQuery, RoleNames};
-use bytes::Bytes;
+use acl::{DaemonId, EcosystemId};
+use agent::HostServices;
 use terminal::{exit, output};
 
 use crate::cli::{AskArgs, ReachArgs};
 use crate::commands::daemon_sockets;
 use crate::commands::join_slots::{self, JoinSlot};
 use crate::config::{self, Ecosystem, Overrides};
+use crate::ecosystem_view::short_host_name;
+pub(crate) use crate::ecosystem_view::{EcosystemView, guest_name};
 use crate::hosting::{self, DaemonNode, GuestKeys, MessageTransport};
-use crate::plugins;
-
-/// How long a command waits for the answers of daemons to a query.
-const ANSWERED_WITHIN: Duration = Duration::from_secs(5);
-
-/// How long a command waits until it sees agents of the ecosystem, once the link is up.
-const SEEN_WITHIN: Duration = Duration::from_secs(5);
-
-/// Maximum number of characters of the host name in a guest's name; the rest is cut off, because
-/// lists of agents are 80 columns wide.
-const HOST_CHARS_MAX: usize = 12;
+use crate::{plugins, speech};
 
 /// A command's link to a running ecosystem.
 pub(crate) struct ClientLink {
@@ -35,21 +25,9 @@ pub(crate) struct ClientLink {
     pub(crate) view: EcosystemView,
 }
 
-/// Access to a running ecosystem, through a command's link or inside one of its daemons.
-#[derive(Clone)]
-pub(crate) struct EcosystemView {
-    pub(crate) router: Arc<MessageRouter>,
-    pub(crate) name: EcosystemId,
-    /// The ecosystem as its file defines it; `None` if this process has not read the file.
-    pub(crate) ecosystem: Option<Arc<Ecosystem>>,
-    /// The endpoints of the ecosystem's daemons.
-    pub(crate) endpoints: Vec<String>,
-    /// The key that guests use if the ecosystem is secured; `None` if it is not secured.
-    pub(crate) keys: Option<GuestKeys>,
-}
-
 /// The ecosystem that a command addresses: its name, its definition, the endpoints of its daemons,
 /// and the key to use.
+#[derive(Clone)]
 pub(crate) struct ClientTarget {
     pub(super) name: EcosystemId,
     pub(super) ecosystem: Option<Ecosystem>,
@@ -62,12 +40,19 @@ impl ClientTarget {
     /// file in the current folder, or the only one that runs on this machine. The error text
     /// completes the sentence “failed to …”.
     pub(super) fn find(reach: &ReachArgs) -> Result<ClientTarget, String> {
+        let (name, ecosystem) = ClientTarget::choose(reach)?;
+        ClientTarget::named(name, ecosystem, reach)
+    }
+
+    /// Chooses the ecosystem as [`ClientTarget::find`] does, and returns its name and definition,
+    /// whether or not a daemon of it runs here.
+    pub(super) fn choose(reach: &ReachArgs) -> Result<(EcosystemId, Option<Ecosystem>), String> {
         let file = match &reach.ecosystem {
             Some(asked) => match config::resolve_ecosystem(asked) {
                 Ok(file) => Some(file),
                 // A name without a file is enough, because the ecosystem's daemons may run here.
                 Err(problem) => match EcosystemId::new(asked) {
-                    Ok(name) => return ClientTarget::named(name, None, reach),
+                    Ok(name) => return Ok((name, None)),
                     Err(_) => return Err(problem),
                 },
             },
@@ -80,13 +65,16 @@ impl ClientTarget {
                         output::show_to_person(&error.into_report());
                         format!("read {}", file.display())
                     })?;
-                ClientTarget::named(ecosystem.name.clone(), Some(ecosystem), reach)
+                speech::learn(&ecosystem.words);
+                Ok((ecosystem.name.clone(), Some(ecosystem)))
             }
-            None => ClientTarget::named(only_running()?, None, reach),
+            None => Ok((only_running()?, None)),
         }
     }
 
-    fn named(
+    /// Finds the daemons of the ecosystem `name`: those that the user names, or those that run on
+    /// this machine. The error text completes the sentence “failed to …”.
+    pub(super) fn named(
         name: EcosystemId,
         ecosystem: Option<Ecosystem>,
         reach: &ReachArgs,
@@ -127,7 +115,7 @@ impl ClientTarget {
 
     /// Waits until the command may join, because only a few commands may join at once. Returns
     /// `None` without waiting if no daemon is on this machine.
-    fn turn(&self) -> Result<Option<JoinSlot>, String> {
+    pub(super) fn turn(&self) -> Result<Option<JoinSlot>, String> {
         let is_here = |endpoint: &String| endpoint.starts_with("unixsock-stream/");
         if !self.endpoints.iter().any(is_here) {
             return Ok(None);
@@ -175,7 +163,7 @@ pub(crate) fn guest_config(
     role: &str,
 ) -> Result<substrate_zenoh::Config, String> {
     let (daemon, security) = match keys {
-        None => (DaemonId::new(&guest_name(role)).map_err(|error| error.to_string())?, None),
+        None => (unsecured_guest(role)?, None),
         Some(keys) => {
             let (daemon, security) = keys.security(role)?;
             (daemon, Some(security))
@@ -196,83 +184,40 @@ pub(crate) fn reach_words(reach: &ReachArgs) -> String {
     let connect = connect.iter().map(|each| ("--connect", each));
     let key = key.iter().map(|each| ("--as", each));
     let words = ecosystem.chain(connect).chain(key);
+    words.map(|(option, value)| format!(" {option} {}", shell_word(value))).collect()
+}
+
+/// Returns a text as one word of a shell's command line.
+pub(super) fn shell_word(text: &str) -> String {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "/._-:[]".contains(c);
-    words
-        .map(|(option, value)| match value.chars().all(is_plain) {
-            true => format!(" {option} {value}"),
-            false => format!(" {option} '{}'", value.replace('\'', "'\\''")),
-        })
-        .collect()
+    match !text.is_empty() && text.chars().all(is_plain) {
+        true => text.to_owned(),
+        false => format!("'{}'", text.replace('\'', "'\\''")),
+    }
 }
 
-/// Returns a unique name for a guest, from its role, the host name and the process id.
-pub(crate) fn guest_name(role: &str) -> String {
-    let host = hosting::host_name();
-    let host = host.as_ref().map_or("here", DaemonId::as_str);
-    // The host name is cut. Processes on hosts with equal first letters rarely have equal ids.
-    let host: String = host.chars().take(HOST_CHARS_MAX).collect();
-    format!("{role}-{host}-{}", std::process::id())
+/// Returns the name of a guest's session with an ecosystem that is not secured. It has the form of
+/// a guest's name in a secured one, so that nobody takes a command for a daemon.
+fn unsecured_guest(role: &str) -> Result<DaemonId, String> {
+    let host = DaemonId::new(&short_host_name()).map_err(|error| error.to_string())?;
+    let role = format!("{role}-{}", std::process::id());
+    host.guest(&role).map_err(|error| error.to_string())
 }
 
-impl EcosystemView {
-    /// Returns the names of the reasoning agents: those of the ecosystem file, or the default names
-    /// if this process has not read the file.
-    pub(crate) fn roles(&self) -> &RoleNames {
-        &self.router.settings().roles
-    }
-
-    /// Returns the name of the shared ontology, or `unknown` if this process has not read the
-    /// ecosystem file.
-    pub(crate) fn ontology(&self) -> &str {
-        self.ecosystem.as_ref().map_or("unknown", |ecosystem| ecosystem.domain.name.as_str())
-    }
-
-    /// Queries a resource from all daemons, and returns their answers.
-    pub(crate) async fn ask(&self, resource: Resource, agent: Option<AgentId>) -> Vec<Bytes> {
-        let ask = ResourceQuery { daemon: None, resource, agent };
-        self.router.ask(ask, ANSWERED_WITHIN).await
-    }
-
-    /// Returns the daemon that hosts an agent. Returns `None` if no daemon that answers hosts it.
-    pub(crate) async fn holder(&self, agent: &AgentId) -> Option<DaemonId> {
-        self.directory(None).await;
-        let answers = self.ask(Resource::Directory, None).await;
-        let read = |answer: &Bytes| serde_json::from_slice::<Vec<Resident>>(answer).ok();
-        let mut residents = answers.iter().filter_map(read).flatten();
-        let found = residents.find(|resident| resident.agent == *agent);
-        found.map(|resident| resident.daemon)
-    }
-
-    /// Waits up to [`SEEN_WITHIN`] until the agent `wanted` is seen or, if `wanted` is `None`,
-    /// until any agent is seen. Returns the agents that are seen at the end of the wait.
-    pub(crate) async fn directory(&self, wanted: Option<&AgentId>) -> Arc<Directory> {
-        let (mut directory, mut changes) = self.router.presence_changes();
-        let deadline = tokio::time::Instant::now() + SEEN_WITHIN;
-        let is_seen = |directory: &Directory| match wanted {
-            Some(agent) => directory.find(agent).is_some(),
-            None => directory.iter().next().is_some(),
-        };
-        while !is_seen(&directory) {
-            if tokio::time::timeout_at(deadline, changes.recv()).await.is_err() {
-                break;
-            }
-            directory = self.router.directory();
-        }
-        directory
-    }
+/// Returns the ecosystems of which a daemon runs on this machine.
+pub(super) fn running_here() -> Vec<EcosystemId> {
+    let is_running = |name: &EcosystemId| {
+        let folder = hosting::runtime_folder(name);
+        let sockets = folder.map(|folder| hosting::daemon_sockets(&folder)).unwrap_or_default();
+        sockets.iter().any(|path| daemon_sockets::is_listening(path))
+    };
+    hosting::running_ecosystems().into_iter().filter(is_running).collect()
 }
 
 /// Returns the only ecosystem that runs on this machine. Returns an error if there is none, or if
 /// there are several.
 fn only_running() -> Result<EcosystemId, String> {
-    let mut running: Vec<_> = hosting::running_ecosystems()
-        .into_iter()
-        .filter(|name| {
-            let folder = hosting::runtime_folder(name);
-            let sockets = folder.map(|folder| hosting::daemon_sockets(&folder)).unwrap_or_default();
-            sockets.iter().any(|path| daemon_sockets::is_listening(path))
-        })
-        .collect();
+    let mut running = running_here();
     match (running.pop(), running.is_empty()) {
         (Some(only), true) => Ok(only),
         (None, _) => Err("find a running ecosystem on this machine; start one with `althing up`, \
@@ -314,6 +259,29 @@ pub(super) fn with_link<F: Future<Output = (ClientLink, ExitCode)>>(
             Err(problem) => unavailable(&problem, json),
         }
     })
+}
+
+/// Opens a link for one question, and closes it again. The error text is for a person.
+pub(super) fn ask_once<T>(
+    target: ClientTarget,
+    ask: impl AsyncFnOnce(&EcosystemView) -> Result<T, String>,
+) -> Result<T, String> {
+    let turn = target.turn()?;
+    let mut answer = Err("the program could not start its threads".to_owned());
+    super::in_runtime(async {
+        answer = match target.link().await {
+            Ok(link) => {
+                link.view.directory(None).await;
+                drop(turn);
+                let answer = ask(&link.view).await;
+                link.node.drain().await;
+                answer
+            }
+            Err(problem) => Err(format!("failed to {problem}")),
+        };
+        exit::with(exit::DONE)
+    });
+    answer
 }
 
 /// Opens a link, prints a view of the ecosystem as JSON or for people, and closes the link.

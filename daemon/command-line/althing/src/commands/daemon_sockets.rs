@@ -58,7 +58,7 @@ pub(super) fn running(endpoints: &[String]) -> Vec<String> {
 
 /// Returns the reason why the daemon at an endpoint cannot answer, as text for a person. Returns
 /// `None` if there is no such reason.
-fn why_mute(endpoint: &str) -> Option<String> {
+pub(super) fn why_mute(endpoint: &str) -> Option<String> {
     match listener(endpoint)? {
         SocketPeer::Full => Some("it accepts no connection".to_owned()),
         SocketPeer::Process(Some(process)) if is_frozen(process) => {

@@ -11,6 +11,8 @@ use terminal::output::Color;
 use terminal::styled::Styled;
 use terminal::{exit, output};
 
+use crate::speech;
+
 /// Prints an output of a Keyboard Agent, and returns the exit code of printing.
 pub(crate) fn print(heard: &UserEvent, json: bool) -> ExitCode {
     if json {
@@ -25,8 +27,10 @@ pub(crate) fn lines(heard: &UserEvent) -> Vec<Styled> {
     match heard {
         UserEvent::Sent(about) => vec![line(Color::Dim, "asked", about.conversation.as_str())],
         UserEvent::Report(_, report) => of_report(report),
-        UserEvent::Refused(_, refusal) => block(Color::Red, "refused", &refusal.detail),
-        UserEvent::Unanswered(_, why) => block(Color::Red, "no reply", why),
+        UserEvent::Refused(_, refusal) => {
+            block(Color::Red, "refused", &speech::sentence(&refusal.detail))
+        }
+        UserEvent::Unanswered(_, why) => block(Color::Red, "no reply", &speech::sentence(why)),
         UserEvent::Answered(_, message) => vec![of_message(message)],
         UserEvent::Question(open) => {
             let OpenQuestion { question, from, text, remaining: left, .. } = open;
@@ -62,7 +66,8 @@ fn of_report(report: &Report) -> Vec<Styled> {
         Outcome::Holds | Outcome::Done => Color::Green,
         Outcome::Failed | Outcome::Cancelled => Color::Red,
     };
-    let mut lines = block(color, &report.outcome.to_string(), &report.detail);
+    let detail = speech::sentence(&report.detail);
+    let mut lines = block(color, &report.outcome.to_string(), &detail);
     let steps = report.plan.iter().flat_map(|plan| plan.lines());
     lines.extend(
         steps

@@ -1,8 +1,11 @@
 //! `althing scenario`: plays a scenario of the paper, and reports whether the true state of the
 //! simulated building meets the requirements of the scenario.
 
+mod recorder_task;
+
 use std::process::ExitCode;
 
+use acl::EcosystemId;
 use agent::Mode;
 use serde_json::json;
 use terminal::{exit, output};
@@ -10,8 +13,10 @@ use terminal::{exit, output};
 use crate::cli::{ScenarioArgs, SubstrateArg};
 use crate::interruption;
 use crate::scenario::{
-    Scenario, ScenarioEvent, ScenarioOptions, ScenarioResult, ScenarioSubstrate, play,
+    Scenario, ScenarioEvent, ScenarioOptions, ScenarioResult, ScenarioSubstrate, ScenarioTap, play,
 };
+
+use recorder_task::RecorderTask;
 
 /// Exit code if the true state of the building does not meet the requirements of the scenario.
 const DOES_NOT_HOLD: u8 = 1;
@@ -31,16 +36,36 @@ pub(super) fn run(args: &ScenarioArgs) -> ExitCode {
         3 => Scenario::Access,
         _ => Scenario::Meeting,
     };
-    let script = ScenarioOptions::new(scenario, args.seed.unwrap_or(0), mode, stage);
+    let mut script = ScenarioOptions::new(scenario, args.seed.unwrap_or(0), mode, stage);
     let json = args.print.json;
     super::in_runtime(async move {
-        tokio::select! {
+        let recorder = match &args.record {
+            Some(file) => match RecorderTask::start(file, &ecosystem(number)) {
+                Ok((recorder, queue)) => {
+                    let listen = move |key: &str, payload| queue.push(key, payload);
+                    script.listener = Some(ScenarioTap::new(listen));
+                    Some(recorder)
+                }
+                Err(code) => return code,
+            },
+            None => None,
+        };
+        let code = tokio::select! {
             code = perform(number, script, json) => code,
             // Dropping the scenario ends all processes that it has started.
             signal = interruption::interrupted() => exit::by_signal(signal),
             () = interruption::reader_gone() => exit::with(exit::DONE),
+        };
+        match recorder {
+            Some(recorder) => recorder.finish(code).await,
+            None => code,
         }
     })
+}
+
+/// Returns the name of the ecosystem of a scenario.
+fn ecosystem(number: u8) -> EcosystemId {
+    EcosystemId::new(&format!("scenario-{number}")).expect("invariant: a word is a name")
 }
 
 async fn perform(number: u8, script: ScenarioOptions, json: bool) -> ExitCode {

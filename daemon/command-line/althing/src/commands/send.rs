@@ -220,6 +220,7 @@ fn shape(performative: Performative, content: &Value) -> Result<Protocol, String
     match performative {
         Performative::Request => Ok(match Request::deserialize(content).map_err(wrong)? {
             Request::Achieve(_) => Protocol::Goal,
+            Request::Schedule(scheduled) if scheduled.times.is_at_once() => Protocol::Goal,
             Request::Plan(_) => Protocol::Planning,
             Request::Execute(_) | Request::CancelPlan(_) => Protocol::Execution,
             Request::Act(_) => Protocol::Action,
@@ -227,10 +228,12 @@ fn shape(performative: Performative, content: &Value) -> Result<Protocol, String
             | Request::ChangeMetric(_)
             | Request::ChangeActions(_)
             | Request::Observe(_)
+            | Request::Schedule(_)
             | Request::StoreRecords(_)
             | Request::Stop(_)
             | Request::ReleaseStops(_)
             | Request::SetMode(_)
+            | Request::ReadHistory(_)
             | Request::AnswerQuestion(_) => Protocol::StateChange,
         }),
         Performative::QueryRef => {

@@ -85,7 +85,8 @@ fn lines(channels: &[SensorChannel]) -> String {
     text
 }
 
-fn entry(bundle: &SensorBundle, number: u32) -> String {
+/// Returns the entry of the agent of one sensor, without its room.
+pub(super) fn entry(bundle: &SensorBundle, number: u32) -> String {
     let SensorBundle { device, quantity, channel, has_humidity } = bundle;
     let is_thermometer = *quantity == SysfsQuantity::Temperature;
     let plugin = if is_thermometer { "temperature-sensor" } else { "sensor" };

@@ -2,9 +2,9 @@
 
 use std::process::ExitCode;
 
-use acl::content::ChangeState;
 use keyboard::UserRequest;
 
+use crate::asking::wishes;
 use crate::cli::{FactArgs, SetArgs};
 use crate::commands::user_request::{self, ExchangeOptions, InterruptAction};
 use crate::commands::{client, wrong};
@@ -28,13 +28,5 @@ pub(super) fn run(args: &SetArgs) -> ExitCode {
 
 /// Returns the user's request to change facts, after checking that the facts can be parsed.
 pub(crate) fn said(args: &FactArgs) -> Result<UserRequest, String> {
-    let facts = args.facts.join("\n");
-    let read = pddl::parse_init_elements(&facts).into_result();
-    read.map_err(|found| super::located(&found, &facts))?;
-    let change = if args.retract {
-        ChangeState { retract: facts, ..ChangeState::default() }
-    } else {
-        ChangeState { believe: facts, ..ChangeState::default() }
-    };
-    Ok(UserRequest::Set(change))
+    wishes::change(&args.facts.join("\n"), args.retract).map(UserRequest::Set)
 }

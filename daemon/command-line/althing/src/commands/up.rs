@@ -14,13 +14,14 @@ use terminal::report::DiagnosticReport;
 use terminal::{exit, output};
 use tokio::sync::oneshot;
 
+use crate::asking::wishes;
 use crate::cli::UpArgs;
 use crate::commands::client::{self, EcosystemView};
-use crate::commands::{event_output, goal};
+use crate::commands::event_output;
 use crate::config::{self, Ecosystem, InterfaceEntry, Overrides, ParsedEcosystem};
 use crate::hosting::{
     self, DaemonNode, GuestKeys, HostedPart, NodeOptions, OpenedDaemon, PresenceGuard, READY,
-    socket_in,
+    ReadText, socket_in,
 };
 use crate::interfacing::{self, PeerEcosystem};
 use crate::interruption;
@@ -28,6 +29,7 @@ use crate::plugins;
 use crate::prompt::{self, PromptSession};
 use crate::review::{self, ReviewScope};
 use crate::service_manager::{self, Watchdog};
+use crate::speech;
 use reload::{Reload, ReloadOutcome};
 
 /// Runs `althing up`: reads the ecosystem, hosts the agents of this machine, and shuts the daemon
@@ -47,7 +49,8 @@ pub(super) fn run(args: &UpArgs) -> ExitCode {
         Ok(read) => read,
         Err(exit) => return exit,
     };
-    let wished = |goal: &String| ecosystem.find_goal(goal).and_then(goal::readable);
+    speech::learn(&ecosystem.words);
+    let wished = |goal: &String| wishes::goal(Some(&ecosystem), goal);
     let goals: Result<Vec<_>, _> = args.goals.iter().map(wished).collect();
     let goals = match goals {
         Ok(goals) => goals,
@@ -62,6 +65,14 @@ pub(super) fn run(args: &UpArgs) -> ExitCode {
         Ok(others) => others,
         Err(report) => return output::show(&report, false, "bad-input", exit::CONFIG),
     };
+    if let Some(problem) = page_problem(&ecosystem, &place) {
+        output::print_note(&format!("error: {problem}"));
+        return exit::with(exit::CONFIG);
+    }
+    if let Err(problem) = hosting::claim_state(&ecosystem.name, &place.daemon) {
+        output::print_note(&format!("error: failed to {problem}"));
+        return exit::with(exit::CONFIG);
+    }
     let ecosystem = Arc::new(ecosystem);
     let reload = Reload {
         file,
@@ -73,6 +84,7 @@ pub(super) fn run(args: &UpArgs) -> ExitCode {
         building: None,
         hangups: None,
         had_terminal: false,
+        read_text: ReadText::default(),
     };
     super::in_runtime(up(ecosystem, place, others, manner, reload))
 }
@@ -113,6 +125,19 @@ fn read(
         ));
     }
     Ok((ecosystem, place))
+}
+
+/// Returns the reason why this program cannot serve the page that the file asks this daemon for;
+/// `None` if it can, or need not.
+fn page_problem(ecosystem: &Ecosystem, place: &HostedPart) -> Option<String> {
+    let is_asked = ecosystem.web.as_ref().is_some_and(|web| web.is_served_by(&place.daemon));
+    (is_asked && !cfg!(feature = "web")).then(|| {
+        format!(
+            "[web] asks `{}` for a page, and this program was built without pages (feature `web`): \
+             name other daemons in `daemons` of [web], or use a program with the feature",
+            place.daemon
+        )
+    })
 }
 
 /// The tasks that the command line gives to the daemon, besides hosting agents.
@@ -244,11 +269,13 @@ async fn up(
     tokio::pin!(interrupted);
     reload.building = building.own.clone();
     if !manner.has_prompt {
-        reload.hangups = reload::listen();
-        reload.had_terminal = std::io::stdin().is_terminal();
+        reload.begin();
     }
-    hosting::watch_files(&node, &ecosystem);
+    hosting::watch_files(&node, &ecosystem, reload.read_text.clone());
+    ecosystem.metrics.into_iter().for_each(|address| node.serve_metrics(address));
     announce(&ecosystem, &place, &node);
+    #[cfg(feature = "web")]
+    let page = crate::web::serve(&node, &ecosystem);
     let watch = (!manner.has_prompt).then(|| watch_for_restarts(&ecosystem, &place, scouts));
     let mut begins_anew = false;
     if manner.has_prompt {
@@ -265,6 +292,9 @@ async fn up(
         service_manager::stopping();
     }
     drop(watch);
+    // People see the end of the page, and not that of each agent.
+    #[cfg(feature = "web")]
+    drop(page);
     if !drain(node, abroad).await {
         output::print_note("warning: some agents did not finish in time; they were ended");
     }

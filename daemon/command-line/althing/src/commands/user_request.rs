@@ -5,6 +5,7 @@
 use std::mem;
 use std::pin::pin;
 use std::process::ExitCode;
+use std::time::Duration;
 
 use acl::content::{GoalStatus, HistoryEntry, Outcome, Report};
 use acl::{AgentId, ConversationId};
@@ -20,6 +21,9 @@ use crate::interruption;
 
 /// The number of the signal that Ctrl-C sends.
 const SIGINT: i32 = 2;
+
+/// How long the number of a goal is awaited after Ctrl-C, because the user wants the command to end.
+const NUMBER_WITHIN: Duration = Duration::from_secs(1);
 
 /// Exit code if the request failed or was refused.
 pub(super) const FAILED: u8 = 1;
@@ -81,12 +85,12 @@ pub(super) async fn send_and_follow(
                     interrupt = give_up(&terminal, about).await;
                     continue;
                 }
-                output::print_note(&interrupt.advice(about.as_ref()));
+                advise(link, about.as_ref(), &interrupt).await;
                 // An interrupted request is not done, except for a goal that holds already.
                 return if holds { exit::with(exit::DONE) } else { exit::by_signal(SIGINT) };
             }
             () = &mut reader_gone => {
-                output::print_note(&interrupt.advice(about.as_ref()));
+                output::print_note(&interrupt.advice(about.as_ref().map(ConversationId::as_str)));
                 return exit::with(exit::DONE);
             }
         };
@@ -113,6 +117,30 @@ pub(super) async fn send_and_follow(
     }
 }
 
+/// Tells the user what becomes of the request after Ctrl-C.
+async fn advise(link: &ClientLink, about: Option<&ConversationId>, interrupt: &InterruptAction) {
+    let name = goal_name(link, about, interrupt).await;
+    output::print_note(&interrupt.advice(name.as_deref()));
+}
+
+/// Returns the name by which the user refers to the goal `about`: its number, or its conversation if
+/// the number is not known in time.
+async fn goal_name(
+    link: &ClientLink,
+    about: Option<&ConversationId>,
+    interrupt: &InterruptAction,
+) -> Option<String> {
+    let about = about?;
+    let is_goal = matches!(interrupt, InterruptAction::LeaveGoal(_));
+    let goals = match is_goal {
+        true => tokio::time::timeout(NUMBER_WITHIN, goals::ask(&link.view)).await.ok().flatten(),
+        false => None,
+    };
+    let goal = goals.into_iter().flatten().find(|goal| goal.conversation == *about);
+    let number = goal.map(|goal| goal.number).filter(|number| *number > 0);
+    Some(number.map_or_else(|| about.as_str().to_owned(), |number| number.to_string()))
+}
+
 /// Cancels the request `about`. Returns what the next Ctrl-C does.
 async fn give_up(terminal: &Terminal, about: &ConversationId) -> InterruptAction {
     output::print_note("cancelling; Ctrl-C once more leaves without the outcome");
@@ -123,7 +151,7 @@ async fn give_up(terminal: &Terminal, about: &ConversationId) -> InterruptAction
 
 impl InterruptAction {
     /// Returns the text that is shown if the user presses Ctrl-C before the request has ended.
-    fn advice(&self, about: Option<&ConversationId>) -> String {
+    fn advice(&self, about: Option<&str>) -> String {
         match (self, about) {
             (InterruptAction::Leave(advice), _) => advice.clone(),
             (InterruptAction::LeaveGoal(reach), Some(id)) => format!(

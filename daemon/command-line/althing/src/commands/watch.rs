@@ -7,15 +7,16 @@ mod watched_messages;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use acl::content::{Inform, Refusal, Report, Request};
-use acl::{EcosystemId, Message, Performative, Protocol};
+use acl::{EcosystemId, Message};
 use conversation::Transcript;
-use serde_json::{Value, json};
+use live_view::redact;
+use serde_json::json;
 use terminal::output::Color;
 use terminal::render::plural;
 use terminal::styled::Styled;
 use terminal::{exit, output, visible};
 
+use crate::asking::goal_numbers;
 use crate::cli::WatchArgs;
 use crate::commands::client::{self, ClientTarget};
 use crate::hosting::GuestKeys;
@@ -25,10 +26,6 @@ use watched_messages::WatchEvent;
 
 /// Maximum number of messages that wait to be printed or recorded; more are dropped and counted.
 const WAITING_MAX: usize = 10_000;
-
-/// The text that is shown instead of a person's answer; it has the same length whatever the answer
-/// is.
-const REDACTED: &str = "•••";
 
 /// Width of the output in columns.
 const COLUMNS: usize = 80;
@@ -45,7 +42,10 @@ pub(super) fn run(args: &WatchArgs) -> ExitCode {
         Ok(target) => target,
         Err(problem) => return client::unavailable(&problem, json),
     };
-    let conversation = args.conversation.clone();
+    let conversation = match conversation(&target, args.conversation.as_deref()) {
+        Ok(conversation) => conversation,
+        Err(problem) => return super::wrong(&problem, json),
+    };
     if let Some(file) = &args.record {
         return record::run(&target, conversation, file, args.record_max);
     }
@@ -62,6 +62,20 @@ pub(super) fn run(args: &WatchArgs) -> ExitCode {
             () = interruption::reader_gone() => exit::with(exit::DONE),
         }
     })
+}
+
+/// Returns the conversation of the goal that `said` names by its number or by its conversation. Only
+/// a number needs the ecosystem.
+fn conversation(target: &ClientTarget, said: Option<&str>) -> Result<Option<String>, String> {
+    let Some(said) = said else { return Ok(None) };
+    if goal_numbers::number(said).is_none() {
+        return Ok(Some(said.to_owned()));
+    }
+    let asked = said.to_owned();
+    let found = client::ask_once(target.clone(), async move |view| {
+        goal_numbers::conversation(view, &asked).await
+    });
+    found.map(|conversation| Some(conversation.as_str().to_owned()))
 }
 
 /// The ecosystem to watch, and the identity with which this process joins it.
@@ -88,7 +102,7 @@ pub(crate) async fn listen(
     let config = client::guest_config(ecosystem, endpoints, keys.as_ref(), role)?;
     let is_diagram = conversation.is_some();
     let (hear, mut messages) = watched_messages::queue(WAITING_MAX, conversation.clone());
-    let tap = substrate_zenoh::tap(config, move |_, payload| hear.push(payload));
+    let tap = substrate_zenoh::tap(config, move |_, message| hear.push(message.payload));
     let _tap = tap.await.map_err(|error| error.to_string())?;
     announce(ecosystem, conversation.as_deref(), json);
     let (began, transcript) = (Instant::now(), Transcript::new());
@@ -159,23 +173,6 @@ impl MessagePrinter {
     }
 }
 
-/// Returns a copy of a message in which a person's answer is replaced, because the answer may be a
-/// secret.
-fn redact(message: &Message) -> Message {
-    let says = |key: &str, word: &str| message.content.get(key).is_some_and(|said| said == word);
-    let answers =
-        message.performative == Performative::Inform && message.protocol == Some(Protocol::Query);
-    let mut shown = message.clone();
-    if answers || says("of", "answer") || says("act", "answer-question") {
-        match ["text", "sealed"].iter().find(|key| shown.content.get(**key).is_some()) {
-            Some(key) => shown.content[*key] = Value::from(REDACTED),
-            // An answer in an unknown form.
-            None => shown.content = Value::from(REDACTED),
-        }
-    }
-    shown
-}
-
 fn receiver(message: &Message) -> String {
     match message.receiver.as_slice() {
         [] => "all".to_owned(),
@@ -219,63 +216,11 @@ fn cut(text: &str, columns: usize) -> String {
     cut
 }
 
-/// Summarises the content of a message in a few words on one line.
+/// Summarizes the content of a message in a few words on one line.
 fn summarize(message: &Message) -> String {
-    let said = match message.performative {
-        Performative::Confirm => message
-            .content_as::<Report>()
-            .map(|report| format!("{}: {}", report.outcome, report.detail))
-            .unwrap_or_default(),
-        Performative::Refuse | Performative::NotUnderstood => {
-            message.content_as::<Refusal>().map(|refusal| refusal.detail).unwrap_or_default()
-        }
-        Performative::Inform => match message.content_as::<Inform>() {
-            Ok(Inform::Model(_)) => "its action model".to_owned(),
-            Ok(Inform::Heartbeat(beat)) => format!("heartbeat {}", beat.sequence),
-            Ok(Inform::Epoch(change)) => {
-                format!("epoch {}, revision {}", change.epoch, change.revision)
-            }
-            // The answer may be a secret.
-            Ok(Inform::Answer(_)) => "an answer".to_owned(),
-            Err(_) => String::new(),
-        },
-        _ => match message.content_as::<Request>() {
-            // A person's answer as well, sent to the keyboard that holds the question.
-            Ok(Request::AnswerQuestion(answer)) => {
-                format!("an answer to question {}", answer.question)
-            }
-            _ => of_content(message),
-        },
-    };
-    let line = said.split_whitespace().collect::<Vec<_>>().join(" ");
     // Escaped before it is cut to the width of a terminal, because escapes are longer than the
     // characters that they replace.
-    visible::line(&line).into_owned()
-}
-
-/// Returns the value of the most informative field of a message's content; empty if it has none.
-fn of_content(message: &Message) -> String {
-    const TELLING: [&str; 13] = [
-        "goal",
-        "action",
-        "plan",
-        "believe",
-        "retract",
-        "mode",
-        "text",
-        "conjuncts",
-        "proposals",
-        "detail",
-        "token",
-        "status",
-        "act",
-    ];
-    let found = TELLING.iter().find_map(|key| message.content.get(*key));
-    match found {
-        Some(serde_json::Value::String(text)) => text.clone(),
-        Some(other) => other.to_string(),
-        None => String::new(),
-    }
+    visible::line(&live_view::summarize(message)).into_owned()
 }
 
 #[cfg(test)]
@@ -283,7 +228,7 @@ mod tests {
     use acl::Message;
     use serde_json::{Value, json};
 
-    use super::{redact, summarize};
+    use super::summarize;
 
     fn message(performative: &str, content: &Value) -> Message {
         let message = json!({
@@ -297,10 +242,6 @@ mod tests {
         summarize(&message(performative, &content))
     }
 
-    fn shown(performative: &str, content: Value) -> Value {
-        redact(&message(performative, &content)).content
-    }
-
     /// Checks that a person's answer is not shown: it may be a secret, even if another keyboard
     /// passes it on.
     #[test]
@@ -311,19 +252,5 @@ mod tests {
         assert_eq!(said("request", request), "an answer to question 3");
         let question = json!({ "text": "Who is at corridor?" });
         assert_eq!(said("query-ref", question), "Who is at corridor?");
-    }
-
-    #[test]
-    fn the_answer_of_a_person_is_not_printed_as_json() {
-        let answer = json!({ "of": "answer", "text": "2718" });
-        assert_eq!(shown("inform", answer), json!({ "of": "answer", "text": "•••" }));
-        assert_eq!(shown("inform", json!({ "pin": 2718 })), json!("•••"));
-        let sealed = json!({ "of": "answer", "sealed": "00ff" });
-        assert_eq!(shown("inform", sealed), json!({ "of": "answer", "sealed": "•••" }));
-        let request = json!({ "act": "answer-question", "question": 3, "text": "2718" });
-        let veiled = json!({ "act": "answer-question", "question": 3, "text": "•••" });
-        assert_eq!(shown("request", request), veiled);
-        let question = json!({ "text": "Who is at corridor?" });
-        assert_eq!(shown("query-ref", question.clone()), question);
     }
 }

@@ -1,6 +1,8 @@
 //! The definition of an ecosystem, as its file gives it: complete and consistent.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::net::SocketAddr;
+use std::ops::Deref;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -8,8 +10,11 @@ use std::time::Duration;
 use acl::{AgentId, DaemonId, EcosystemId};
 use actuator::Safeguards;
 use agent::{AdmissionPolicy, AgentSettings, Mode, Rights, StopButton, StopButtons};
+use jiff::tz::TimeZone;
 use keyboard::GoalRequest;
 use pddl::{Domain, Problem};
+use phrases::{Language, OwnWords};
+use plan_requester::FileGoals;
 use serde_json::Value;
 use terminal::report::SourceText;
 
@@ -36,7 +41,7 @@ pub(crate) struct Ecosystem {
     /// The interfaces to other ecosystems.
     pub(crate) interfaces: Vec<InterfaceEntry>,
     /// The goals that the file names; each has been parsed and checked.
-    pub(crate) goals: BTreeMap<String, GoalRequest>,
+    pub(crate) goals: NamedGoals,
     /// The configuration for Zenoh, as the file writes it; null if there is none.
     pub(crate) zenoh: Value,
     /// Times and bounds that all agents use.
@@ -45,14 +50,23 @@ pub(crate) struct Ecosystem {
     pub(crate) security: Option<SecuritySettings>,
     /// The rights of agents and daemons. Rights are enforced only if the ecosystem is secured.
     pub(crate) rights: Rights,
+    /// The path of the file of people; the file need not exist.
+    pub(crate) people: PathBuf,
     /// The actions that a person must allow, or that are limited in their rate.
     pub(crate) safeguards: Safeguards,
     /// The sensors that stop actuators while they are pressed, by agent.
     pub(crate) hardware_stops: BTreeMap<AgentId, StopButton>,
     /// The settings for plugins that run as processes.
     pub(crate) plugins: PluginSettings,
+    /// The address at which each daemon serves metrics; `None` if it serves none. Other machines
+    /// reach it only if the ecosystem is secured.
+    pub(crate) metrics: Option<SocketAddr>,
+    /// The settings of the page for browsers; `None` if the file does not ask for one.
+    pub(crate) web: Option<WebSettings>,
     /// The settings of the simulated building.
     pub(crate) building: BuildingSettings,
+    /// The words that the file adds to those of goals and facts, by language.
+    pub(crate) words: BTreeMap<Language, OwnWords>,
     /// The place of each key in the texts: keys have paths such as `agent.0.config`.
     pub(crate) places: SourceMap,
     /// The texts from which the ecosystem was read.
@@ -62,12 +76,29 @@ pub(crate) struct Ecosystem {
     pub(crate) are_files_sound: bool,
 }
 
+/// The goals that an ecosystem file names.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct NamedGoals {
+    /// The goals by name.
+    pub(crate) named: BTreeMap<String, GoalRequest>,
+    /// The goals among them that are asked for by themselves, and the time zone of their times.
+    pub(crate) by_themselves: FileGoals,
+}
+
+impl Deref for NamedGoals {
+    type Target = BTreeMap<String, GoalRequest>;
+
+    fn deref(&self) -> &BTreeMap<String, GoalRequest> {
+        &self.named
+    }
+}
+
 /// The texts from which an ecosystem was read.
 #[derive(Clone, Debug)]
 pub(crate) struct SourceTexts {
     /// The text of the ecosystem file.
     pub(crate) file: Arc<SourceText>,
-    /// The text of the map.
+    /// The text in which the map is written: a PDDL file, or the ecosystem file itself.
     pub(crate) map: Arc<SourceText>,
 }
 
@@ -75,7 +106,7 @@ pub(crate) struct SourceTexts {
 #[derive(Clone, Debug)]
 pub(crate) struct AgentEntry {
     /// The path of the entry in the ecosystem file, such as `agent.3`; empty for an agent that no
-    /// file names.
+    /// file names, and [`DEFAULT_AGENTS`] for one that is there by itself.
     pub(crate) path: String,
     /// The name of the agent, unique in the ecosystem.
     pub(crate) name: AgentId,
@@ -92,7 +123,15 @@ pub(crate) struct AgentEntry {
     pub(crate) config: Arc<Value>,
 }
 
+/// The path of the agents that a file gets because it names none that reasons.
+pub(crate) const DEFAULT_AGENTS: &str = "ecosystem.reasoning";
+
 impl AgentEntry {
+    /// Whether the agent is there because the file names no agent that reasons.
+    pub(crate) fn is_default(&self) -> bool {
+        self.path == DEFAULT_AGENTS
+    }
+
     /// Whether the agent's plugin is built into the daemon.
     pub(crate) fn is_built_in(&self) -> bool {
         self.package.is_none()
@@ -120,6 +159,36 @@ pub(crate) struct PluginSettings {
     pub(crate) admit: AdmissionPolicy,
     /// Whether plugins run only on a machine that supports all parts of their confinement.
     pub(crate) requires_confinement: bool,
+}
+
+/// The settings of the page for browsers.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct WebSettings {
+    /// The address at which each of the daemons serves the page. Other machines reach it only if the
+    /// ecosystem is secured.
+    pub(crate) listen: SocketAddr,
+    /// The daemons that serve the page; if the list is empty, all do.
+    pub(crate) daemons: BTreeSet<DaemonId>,
+    /// The host names by which browsers reach the page, besides the address and `localhost`.
+    pub(crate) names: Vec<String>,
+    /// The files of the certificate; `None` for those of `althing cert page`.
+    pub(crate) files: Option<PageFiles>,
+}
+
+/// The files of a page's certificate and key.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct PageFiles {
+    /// The certificate.
+    pub(crate) certificate: PathBuf,
+    /// The key.
+    pub(crate) key: PathBuf,
+}
+
+impl WebSettings {
+    /// Whether a daemon serves the page.
+    pub(crate) fn is_served_by(&self, daemon: &DaemonId) -> bool {
+        self.daemons.is_empty() || self.daemons.contains(daemon)
+    }
 }
 
 /// The initial state of the simulated building, apart from what the map states.
@@ -151,6 +220,12 @@ pub(crate) fn is_pddl(goal: &str) -> bool {
 // === impl Ecosystem ===
 
 impl Ecosystem {
+    /// Whether the map is made from `[rooms]` and `[doors]`. The spans in the map are then places in
+    /// the ecosystem file.
+    pub(crate) fn is_map_of_tables(&self) -> bool {
+        Arc::ptr_eq(&self.sources.file, &self.sources.map)
+    }
+
     /// Returns the goal of the file that is named `goal`, or `goal` itself if it is PDDL.
     ///
     /// The error lists the names of the goals in the file.
@@ -171,6 +246,12 @@ impl Ecosystem {
             ),
         };
         Err(format!("there is no goal called `{goal}`; {help}"))
+    }
+
+    /// Returns the time zone of the ecosystem: that of the file, or that of this machine.
+    pub(crate) fn time_zone(&self) -> TimeZone {
+        let named = self.goals.by_themselves.time_zone.as_deref();
+        named.and_then(|name| TimeZone::get(name).ok()).unwrap_or_else(TimeZone::system)
     }
 
     /// Returns the hardware stops for one daemon, which knows nothing of them yet; `None` if there are

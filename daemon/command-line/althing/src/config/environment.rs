@@ -88,8 +88,8 @@ fn variable(
     reader.base = start + name.len() + 1;
     let tree = tree(shape, value);
     let value = match shape {
-        // A table of the shape `Free` is passed on with any contents.
-        Shape::Free => Some(to_config_value(tree.get_ref())),
+        // A value of these shapes is passed on with any contents.
+        Shape::Free | Shape::Any => Some(to_config_value(tree.get_ref())),
         _ => reader.value(&dotted, shape, about, &tree),
     };
     Some((path, value?))
@@ -130,6 +130,7 @@ fn resolve(parts: &[&str]) -> Result<(Vec<String>, &'static Shape, &'static str)
             }
             // Keys of Zenoh contain `_`.
             Shape::Free => path.push(lower),
+            Shape::Any => path.push(kebab),
             Shape::List(_) => return Err("agents are set in the ecosystem file only".to_owned()),
             _ => return Err(format!("`{}` has no keys below it", path.join("."))),
         }

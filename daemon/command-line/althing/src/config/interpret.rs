@@ -7,6 +7,8 @@
 
 mod agents;
 
+mod doors;
+
 mod files;
 
 mod goals;
@@ -15,7 +17,13 @@ mod hardware_stops;
 
 mod interfaces;
 
+mod metrics;
+
+mod reasoning;
+
 mod rights;
+
+mod rooms;
 
 mod safeguards;
 
@@ -23,8 +31,12 @@ mod timing;
 
 mod watchdogs;
 
+mod web;
+
+mod words;
+
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use ::building::Quantity;
@@ -36,66 +48,73 @@ use super::ecosystem::{AgentEntry, BuildingSettings, Ecosystem, PluginSettings, 
 use super::layer::{KeyValueSpan, Layer, SourceMap};
 use super::raw::{RawBuilding, RawConfig, RawEcosystem, RawPlugins};
 use super::{InterfaceEntry, KnownPlugin};
-use files::PddlFiles;
+use files::{DescribedBuilding, PddlFiles};
 pub(crate) use goals::relocate as moved_goal;
-use rights::limited_actions;
+use reasoning::FileHosts;
 use terminal::report::{DiagnosticReport, SourceText};
+
+/// The file of people if the ecosystem file names none.
+const PEOPLE_FILE: &str = "people.toml";
 
 /// The data that all checks of the configuration share: the places of values, and the mistakes
 /// found so far.
-struct Interpreter<'l> {
-    file: &'l Path,
-    layers: &'l [Layer],
-    known_plugins: &'l [KnownPlugin],
-    report: DiagnosticReport,
+pub(super) struct Interpreter<'l> {
+    pub(super) file: &'l Path,
+    pub(super) layers: &'l [Layer],
+    pub(super) known_plugins: &'l [KnownPlugin],
+    /// Name of the time zone of the ecosystem; `None` if the file names none.
+    pub(super) time_zone: Option<String>,
+    pub(super) report: DiagnosticReport,
 }
+
+/// The ecosystem, as far as it can be understood, and all mistakes.
+type InterpretedEcosystem = (Option<Ecosystem>, DiagnosticReport);
 
 /// Turns the merged values into an ecosystem, leaving out what has mistakes. The ecosystem is
 /// `None` if its name, its domain or its map is missing. The returned report contains all mistakes,
-/// those of the parameter `report` included.
-pub(super) fn interpret_values(
-    path: &Path,
-    raw: RawConfig,
-    layers: &[Layer],
-    known_plugins: &[KnownPlugin],
-    report: DiagnosticReport,
-) -> (Option<Ecosystem>, DiagnosticReport) {
-    // No `..`, so that a new table cannot be overlooked here.
+/// those that `meaning` has already included.
+///
+/// The pattern for `raw` has no `..`, so that a new table cannot be overlooked here. The time zone is
+/// in `meaning`.
+pub(super) fn interpret(mut meaning: Interpreter<'_>, raw: RawConfig) -> InterpretedEcosystem {
     let RawConfig {
-        ecosystem,
+        ecosystem: RawEcosystem { name, domain, problem, vocabulary, reasoning, mode, daemons, .. },
+        rooms,
+        doors,
         zenoh,
         agent,
         interface,
-        goals,
+        mut goals,
         timing,
         limits,
         security,
         rights,
+        people,
         safeguards,
         hardware_stops,
         plugins,
+        metrics,
+        web,
         building,
+        words,
     } = raw;
-    let RawEcosystem { name, domain, problem, mode, daemons } = ecosystem;
-    let mut meaning = Interpreter { file: path, layers, known_plugins, report };
-    let name = meaning.name(name);
-    let files = meaning.files(domain, problem);
-    let limited = limited_actions(&agent);
-    let agents = meaning.agents(agent, files.as_ref());
+    let (path, layers, name) = (meaning.file, meaning.layers, meaning.name(name));
+    let described = DescribedBuilding { domain, problem, vocabulary, rooms, doors };
+    let files = meaning.files(name.as_ref(), described);
+    let hosts = FileHosts { reasoning, interface: &interface, daemons: &daemons, web: &web };
+    let (agents, limited) = meaning.all_agents(agent, &hosts, files.as_ref());
     let interfaces = meaning.interfaces(interface, &agents, files.as_ref());
     let daemons = with_hosts(meaning.daemons(&daemons), &agents, &interfaces);
-    let goals = meaning.goals(goals);
-    let settings = meaning.settings(&timing, &limits, &agents);
+    let words = meaning.words(words, &mut goals);
+    let (goals, settings) = (meaning.goals(goals), meaning.settings(&timing, &limits, &agents));
     let security = meaning.security(security, name.as_ref());
     let rights = with_borrowed_agents(meaning.rights(&rights, &agents, &limited), &interfaces);
     let safeguards = meaning.safeguards(safeguards, &agents, files.as_ref());
     let hardware_stops = meaning.hardware_stops(hardware_stops, &agents, files.as_ref());
-    let plugins = meaning.plugins(plugins);
-    let building = meaning.building(building, files.as_ref());
-    let report = meaning.into_report(&agents);
-    let (Some(name), Some(files), Some(file)) = (name, files, layers.get(1)) else {
-        return (None, report);
-    };
+    let (plugins, metrics) = (meaning.plugins(plugins), meaning.metrics(metrics));
+    let (web, building) = (meaning.web(web, &daemons), meaning.building(building, files.as_ref()));
+    let (report, whole) = (meaning.into_report(&agents), (name, files, layers.get(1)));
+    let (Some(name), Some(files), Some(file)) = whole else { return (None, report) };
     let ecosystem = Ecosystem {
         name,
         folder: path.parent().unwrap_or(Path::new("")).to_owned(),
@@ -110,15 +129,24 @@ pub(super) fn interpret_values(
         settings,
         security,
         rights,
+        people: beside(path, people.file.as_deref().unwrap_or(PEOPLE_FILE)),
         safeguards,
         hardware_stops,
         plugins,
+        metrics,
+        web,
         building,
+        words,
         places: SourceMap::of(layers),
         sources: SourceTexts { file: Arc::clone(&file.source), map: files.map_source },
         are_files_sound: files.are_sound,
     };
     (Some(ecosystem), report)
+}
+
+/// Returns the path of a file that an ecosystem file names, relative to its own folder.
+fn beside(file: &Path, named: &str) -> PathBuf {
+    file.parent().unwrap_or(Path::new("")).join(named)
 }
 
 /// Adds the daemons that host agents or interfaces to those that the file lists.
@@ -226,7 +254,11 @@ impl Interpreter<'_> {
     /// Reports that the value at `path` is not a valid name.
     fn invalid_name(&mut self, path: &str, err: &InvalidName) {
         let message = format!("`{}` cannot be the name of {}", err.name, err.what);
-        self.about_value(path, |span| Diagnostic::error(span, message).with_help(err.rule));
+        let help = match crate::config::name_text::suggestion(&err.name) {
+            Some(meant) => format!("{}, such as `{meant}`", err.rule),
+            None => err.rule.to_owned(),
+        };
+        self.about_value(path, |span| Diagnostic::error(span, message).with_help(help));
     }
 
     fn name(&mut self, name: Option<String>) -> Option<EcosystemId> {

@@ -10,6 +10,7 @@
 //! All mistakes are found in one pass; each is reported at its place in the text that contains it.
 
 mod ecosystem;
+mod goal_cures;
 mod interpret;
 mod raw;
 
@@ -25,6 +26,7 @@ mod layer;
 
 mod duration;
 
+mod name_text;
 pub(crate) mod number_text;
 
 mod mistake_location;
@@ -41,6 +43,8 @@ use ::config::{Config, ConfigError, Value};
 use agent::Mode;
 
 pub(crate) use ::interfacing::{InterfaceEntry, RuleEntry};
+#[cfg(feature = "web")]
+pub(crate) use ecosystem::WebSettings;
 pub(crate) use ecosystem::{AgentEntry, Ecosystem, SecuritySettings, is_pddl, plain_goal};
 pub(crate) use environment::{Variables, variables};
 pub(crate) use interpret::moved_goal;
@@ -167,21 +171,46 @@ impl Ecosystem {
         Ecosystem::read_with(file, &variables(), overrides, known_plugins)
     }
 
+    /// Reads a text as [`Ecosystem::read`] reads the file `file`, which may have another text, or
+    /// not exist.
+    pub(crate) fn read_text(
+        file: &Path,
+        text: &str,
+        overrides: &Overrides,
+        known_plugins: &[KnownPlugin],
+    ) -> ParsedEcosystem {
+        let name = terminal::visible::line(&file.display().to_string()).into_owned();
+        let source = SourceText::new(name, text);
+        Ecosystem::read_source(file, &source, &variables(), overrides, known_plugins)
+    }
+
     fn read_with(
         file: &Path,
         variables: &Variables,
         overrides: &Overrides,
         known_plugins: &[KnownPlugin],
     ) -> ParsedEcosystem {
-        let mut report = DiagnosticReport::default();
-        let source = match SourceText::read(file) {
-            Ok(source) => source,
-            Err(failure) => {
-                report.add_failure(failure);
-                return ParsedEcosystem { ecosystem: None, report, is_whole: false };
+        match SourceText::read(file) {
+            Ok(source) => {
+                Ecosystem::read_source(file, &source, variables, overrides, known_plugins)
             }
-        };
-        let layers = read_layers(&source, variables, &mut report);
+            Err(failure) => {
+                let mut report = DiagnosticReport::default();
+                report.add_failure(failure);
+                ParsedEcosystem { ecosystem: None, report, is_whole: false }
+            }
+        }
+    }
+
+    fn read_source(
+        file: &Path,
+        source: &Arc<SourceText>,
+        variables: &Variables,
+        overrides: &Overrides,
+        known_plugins: &[KnownPlugin],
+    ) -> ParsedEcosystem {
+        let mut report = DiagnosticReport::default();
+        let layers = read_layers(source, variables, &mut report);
         let [_, Layer { is_whole, places, .. }, _] = &layers;
         let is_whole = *is_whole;
         if !is_whole && !places.contains_key("ecosystem") {
@@ -189,8 +218,11 @@ impl Ecosystem {
         }
         match merge(&layers, overrides) {
             Ok(raw) => {
-                let (ecosystem, report) =
-                    interpret::interpret_values(file, raw, &layers, known_plugins, report);
+                let layers = &layers;
+                let time_zone = raw.ecosystem.time_zone.clone();
+                let meaning =
+                    interpret::Interpreter { file, layers, known_plugins, time_zone, report };
+                let (ecosystem, report) = interpret::interpret(meaning, raw);
                 ParsedEcosystem { ecosystem, report, is_whole }
             }
             Err(err) => {

@@ -19,6 +19,10 @@ pub(super) struct RawConfig {
     #[serde(default)]
     pub(super) ecosystem: RawEcosystem,
     #[serde(default)]
+    pub(super) rooms: BTreeMap<String, Value>,
+    #[serde(default)]
+    pub(super) doors: BTreeMap<String, Value>,
+    #[serde(default)]
     pub(super) zenoh: Value,
     #[serde(default)]
     pub(super) agent: Vec<RawAgentEntry>,
@@ -31,11 +35,19 @@ pub(super) struct RawConfig {
     pub(super) security: RawSecurity,
     pub(super) rights: RawRights,
     #[serde(default)]
+    pub(super) people: RawPeople,
+    #[serde(default)]
     pub(super) safeguards: BTreeMap<String, BTreeMap<String, RawSafeguard>>,
     #[serde(default)]
     pub(super) hardware_stops: BTreeMap<String, RawHardwareStop>,
     pub(super) plugins: RawPlugins,
+    #[serde(default)]
+    pub(super) metrics: RawMetrics,
+    #[serde(default)]
+    pub(super) web: RawWeb,
     pub(super) building: RawBuilding,
+    #[serde(default)]
+    pub(super) words: Value,
 }
 
 /// The values of one action in `[safeguards]`.
@@ -72,6 +84,24 @@ pub(super) struct RawNamedGoal {
     pub(super) priority: i32,
     #[serde(default)]
     pub(super) partition: Partition,
+    #[serde(default)]
+    pub(super) ask: Option<String>,
+    #[serde(flatten)]
+    pub(super) times: RawGoalTimes,
+}
+
+/// The values of one goal in `[goals]` that say when it is asked for.
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct RawGoalTimes {
+    pub(super) at: Option<String>,
+    pub(super) by: Option<String>,
+    pub(super) every: Option<String>,
+    pub(super) on: Option<String>,
+    pub(super) between: Option<String>,
+    pub(super) until: Option<String>,
+    #[serde(rename = "for")]
+    pub(super) lasts: Option<String>,
 }
 
 /// The values of `[ecosystem]`.
@@ -81,8 +111,12 @@ pub(super) struct RawEcosystem {
     pub(super) name: Option<String>,
     pub(super) domain: Option<String>,
     pub(super) problem: Option<String>,
+    pub(super) vocabulary: Option<String>,
+    /// Empty if the key is missing.
+    pub(super) reasoning: Vec<String>,
     pub(super) mode: agent::Mode,
     pub(super) daemons: Vec<String>,
+    pub(super) time_zone: Option<String>,
 }
 
 /// The values of one `[[agent]]`.
@@ -179,6 +213,15 @@ pub(super) struct RawRights {
     pub(super) newcomers: Vec<String>,
     pub(super) goals: Vec<String>,
     pub(super) changes: Vec<String>,
+    pub(super) history: Vec<String>,
+    pub(super) private: Vec<String>,
+}
+
+/// The values of `[people]`.
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "kebab-case", default)]
+pub(super) struct RawPeople {
+    pub(super) file: Option<String>,
 }
 
 /// The values of `[plugins]`.
@@ -189,6 +232,25 @@ pub(super) struct RawPlugins {
     pub(super) folder: Option<String>,
     pub(super) admit: String,
     pub(super) confinement: String,
+}
+
+/// The values of `[metrics]`.
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "kebab-case", default)]
+pub(super) struct RawMetrics {
+    pub(super) listen: Option<String>,
+}
+
+/// The values of `[web]`.
+#[derive(Debug, Default, Deserialize)]
+#[serde(rename_all = "kebab-case", default)]
+pub(super) struct RawWeb {
+    pub(super) listen: Option<String>,
+    /// Empty if the key is missing.
+    pub(super) daemons: Vec<String>,
+    pub(super) names: Vec<String>,
+    pub(super) certificate: Option<String>,
+    pub(super) key: Option<String>,
 }
 
 /// The values of `[building]`.

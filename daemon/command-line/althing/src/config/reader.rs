@@ -86,6 +86,10 @@ impl TomlReader {
                 self.record_places(path, table);
                 return Some(to_config_value(value.get_ref()));
             }
+            (Shape::Any, given) => {
+                self.remember_within(path, value);
+                return Some(to_config_value(given));
+            }
             (Shape::Table(keys), DeValue::Table(table)) => {
                 return Some(table_value(self.table(path, keys, table)));
             }
@@ -233,6 +237,10 @@ fn type_correction(path: &str, shape: &Shape, value: &DeValue<'_>) -> Option<Str
         (Shape::Flag, DeValue::String(text)) if ["true", "false"].contains(&text.as_ref()) => {
             Some(format!("write {key} = {text}, without quotes"))
         }
+        // `keep = true` means that a goal is to be kept.
+        (Shape::Choice(words), DeValue::Boolean(true)) if words.contains(&"maintain") => {
+            Some(format!("write {key} = \"maintain\""))
+        }
         (Shape::Number { .. } | Shape::Count, DeValue::String(text)) => {
             number_text::correction(key, text, false)
         }
@@ -306,7 +314,7 @@ fn unknown_key(
         (_, "") => format!("[{}]", key.name),
         _ => key.name.to_owned(),
     };
-    let near = nearest(name, keys.iter().map(|key| key.name));
+    let near = nearest(name, keys.iter().map(|key| key.name)).or_else(|| synonym(name, keys));
     let near = near.and_then(|near| keys.iter().find(|key| key.name == near));
     let elsewhere = || {
         let tables = match &schema::FILE {
@@ -322,6 +330,12 @@ fn unknown_key(
     let help = match near {
         Some(near) => format!("did you mean `{}`?", written(near)),
         None => elsewhere().unwrap_or_else(|| match table.as_str() {
+            "agent" if matches!(value, DeValue::Table(_)) => format!(
+                "an agent is an entry of its own: write [[agent]], and below it name = \"{name}\""
+            ),
+            "" if name == "config" => {
+                "write [agent.config], below the [[agent]] that it is for".to_owned()
+            }
             "agent" => {
                 let value = toml_text(value);
                 format!("if its plugin is to read it, write config = {{ {name} = {value} }}")
@@ -333,6 +347,22 @@ fn unknown_key(
         }),
     };
     Diagnostic::error(span, format!("unknown key `{name}`{within}")).with_help(help)
+}
+
+/// Other words that users write for a key.
+const SYNONYMS: &[(&str, &[&str])] = &[
+    ("goal", &["condition", "pddl", "formula", "text", "what", "want"]),
+    ("plugin", &["type", "kind", "class", "module"]),
+    ("name", &["id", "called", "title"]),
+    ("daemon", &["host", "machine", "node", "computer"]),
+    ("config", &["settings", "options", "parameters"]),
+    ("priority", &["importance", "weight", "prio"]),
+];
+
+/// Returns the key of a table for which `name` is another word.
+fn synonym(name: &str, keys: &[SchemaKey]) -> Option<&'static str> {
+    let (meant, _) = SYNONYMS.iter().find(|(_, words)| words.contains(&name))?;
+    keys.iter().any(|key| key.name == *meant).then_some(*meant)
 }
 
 /// Returns a short value as TOML text, as the user may have written it; `…` for any longer value.

@@ -39,6 +39,8 @@ pub(super) enum Shape {
     Brief(&'static str, &'static [SchemaKey]),
     /// A table with arbitrary contents, which is passed on as it is.
     Free,
+    /// Any value, which is passed on as it is and checked by `interpret`.
+    Any,
 }
 
 const fn key(name: &'static str, shape: Shape, about: &'static str) -> SchemaKey {
@@ -48,6 +50,8 @@ const fn key(name: &'static str, shape: Shape, about: &'static str) -> SchemaKey
 /// The shape of a whole ecosystem file.
 pub(super) static FILE: Shape = Shape::Table(&[
     key("ecosystem", Shape::Table(ECOSYSTEM), "its name, files and daemons"),
+    key("rooms", Shape::Each(&Shape::Any), "the places of the building, by name"),
+    key("doors", Shape::Each(&Shape::Any), "the ways between places, by the place they lead from"),
     key("zenoh", Shape::Free, "handed to Zenoh as it is"),
     key("agent", Shape::List(&Shape::Table(AGENT)), "the agents, one [[agent]] each"),
     key(
@@ -55,11 +59,16 @@ pub(super) static FILE: Shape = Shape::Table(&[
         Shape::List(&Shape::Table(INTERFACE)),
         "other ecosystems, one [[interface]] each",
     ),
-    key("goals", Shape::Each(&Shape::Brief("goal", GOAL)), "goals with a name, in PDDL"),
+    key(
+        "goals",
+        Shape::Each(&Shape::Brief("goal", GOAL)),
+        "goals with a name, in words or in PDDL",
+    ),
     key("timing", Shape::Table(TIMING), "periods and deadlines"),
     key("limits", Shape::Table(LIMITS), "lengths of queues"),
     key("security", Shape::Table(SECURITY), "links by TLS, and signed messages"),
     key("rights", Shape::Table(RIGHTS), "rights, in a secured ecosystem"),
+    key("people", Shape::Table(PEOPLE), "people that may sign in at a page"),
     key(
         "safeguards",
         Shape::Each(&Shape::Each(&Shape::Table(SAFEGUARD))),
@@ -71,22 +80,36 @@ pub(super) static FILE: Shape = Shape::Table(&[
         "sensors that stop actuators while they are pressed, by the sensor's agent",
     ),
     key("plugins", Shape::Table(PLUGINS), "plugins that run as processes"),
+    key("metrics", Shape::Table(METRICS), "figures for operators, by HTTP"),
+    key("web", Shape::Table(WEB), "a page for browsers"),
     key("building", Shape::Table(BUILDING), "the simulated building"),
+    key("words", Shape::Each(&Shape::Free), "phrases of its own, by language: [words.en]"),
 ]);
 
 const ECOSYSTEM: &[SchemaKey] = &[
     key("name", Shape::Text, "its name, such as \"smart-office\""),
     key("domain", Shape::Text, "the file of the shared ontology, such as \"domain.pddl\""),
     key("problem", Shape::Text, "the file of the map, such as \"map.pddl\""),
+    key("vocabulary", Shape::Text, "the file with words that the standard ontology lacks"),
+    key("reasoning", Shape::Texts, "the daemons that plan, if no agent of the file does"),
     key("mode", Shape::Choice(&["centralized", "decentralized"]), "the planning mode"),
     key("daemons", Shape::List(&Shape::Text), "daemons that host no agent yet"),
+    key("time-zone", Shape::Text, "the time zone of its goals, such as \"Europe/Berlin\""),
 ];
 
 const GOAL: &[SchemaKey] = &[
-    key("goal", Shape::Text, "the goal, in PDDL"),
+    key("goal", Shape::Text, "the goal, in words or in PDDL"),
     key("keep", Shape::Choice(&["achieve", "maintain"]), "whether it is reached once, or kept"),
     key("priority", PRIORITY, "greater goes first"),
     key("partition", Shape::Choice(&["pursue", "wait"]), "what happens to it during a partition"),
+    key("ask", Shape::Choice(&["always"]), "whether it is asked for by itself, and kept"),
+    key("at", Shape::Text, "when it is asked for once, such as \"2026-12-01T08:00\""),
+    key("every", Shape::Text, "when it is asked for again and again, such as \"day 08:00\""),
+    key("on", Shape::Text, "the days of the week, such as \"workdays\""),
+    key("between", Shape::Text, "the hours of the day, such as \"08:00-18:00\""),
+    key("by", Shape::Text, "when it should be reached, such as \"09:00\" or \"30min\""),
+    key("for", Shape::Text, "how long it is pursued each time, such as \"2h\""),
+    key("until", Shape::Text, "when all of this ends, such as \"2026-12-24\""),
 ];
 
 /// The shape of a goal's priority: a number that fits into an `i32` and that people can still
@@ -182,7 +205,12 @@ const RIGHTS: &[SchemaKey] = &[
     key("newcomers", Shape::Texts, "daemons that may bring agents which the file does not name"),
     key("goals", Shape::Texts, "agents that may ask for goals; \"guests\", \"*\""),
     key("changes", Shape::Texts, "agents that may change the known facts; \"guests\", \"*\""),
+    key("history", Shape::Texts, "agents that may read what happened; \"guests\", \"*\""),
+    key("private", Shape::Texts, "agents that may read what happened to private facts; \"guests\""),
 ];
+
+const PEOPLE: &[SchemaKey] =
+    &[key("file", Shape::Text, "where people are, such as \"people.toml\"")];
 
 const PLUGINS: &[SchemaKey] = &[
     key("folder", Shape::Text, "where packages are, such as \"plugins\""),
@@ -196,6 +224,17 @@ const PLUGINS: &[SchemaKey] = &[
         Shape::Choice(&["available", "require"]),
         "whether plugins run where the kernel cannot confine them fully",
     ),
+];
+
+const METRICS: &[SchemaKey] =
+    &[key("listen", Shape::Text, "address and port, such as \"127.0.0.1:9464\"")];
+
+const WEB: &[SchemaKey] = &[
+    key("listen", Shape::Text, "the address, such as \"127.0.0.1:8650\""),
+    key("daemons", Shape::Texts, "the daemons that serve it; without it, all"),
+    key("names", Shape::Texts, "host names by which browsers reach it, such as \"office.lan\""),
+    key("certificate", Shape::Text, "the file of its certificate, instead of `althing cert page`"),
+    key("key", Shape::Text, "the file of the certificate's key"),
 ];
 
 const BUILDING: &[SchemaKey] = &[
@@ -232,6 +271,7 @@ impl Shape {
             Shape::Number { min, max } => format!("a number from {min} to {max}"),
             Shape::List(element) => format!("a list in [ ], each {}", element.expected()),
             Shape::Table(_) | Shape::Each(_) | Shape::Free => "a table".to_owned(),
+            Shape::Any => "a value".to_owned(),
         }
     }
 
@@ -252,6 +292,7 @@ impl Shape {
             Shape::Number { .. } => "NUMBER".to_owned(),
             Shape::List(element) => format!("[{}, …]", element.notation()),
             Shape::Table(_) | Shape::Each(_) | Shape::Free => "{ KEY = VALUE, … }".to_owned(),
+            Shape::Any => "VALUE".to_owned(),
         }
     }
 }

@@ -2,6 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
+use rustix::process::geteuid;
+
+/// Folder of the state of the packaged daemon.
+const PACKAGED_STATE: &str = "/var/lib/althing";
+
 /// File name of an ecosystem file that is used if the user names no file.
 const FILE: &str = "althing.toml";
 
@@ -40,14 +45,21 @@ pub(crate) fn resolve_ecosystem(file_or_name: &str) -> Result<PathBuf, String> {
 
 /// Returns the folder of an ecosystem's keys and certificates if the ecosystem file names none.
 /// This is `keys/NAME` in the first configuration folder that contains it. If none contains it yet,
-/// it is `keys/NAME` in the user's configuration folder.
+/// it is `keys/NAME` in the user's configuration folder; for root on a machine with the packaged
+/// daemon, in the system's.
 pub(crate) fn credentials_folder(ecosystem: &acl::EcosystemId) -> PathBuf {
     let folders = configuration_folders();
     let folders: Vec<_> =
         folders.iter().map(|folder| folder.join("keys").join(ecosystem.as_str())).collect();
     let found = folders.iter().find(|folder| folder.join("authority.pem").is_file());
-    let or_first = found.or(folders.first()).cloned();
-    or_first.unwrap_or_else(|| PathBuf::from("keys"))
+    let first = if is_packaged() { folders.last() } else { folders.first() };
+    found.or(first).cloned().unwrap_or_else(|| PathBuf::from("keys"))
+}
+
+/// Whether root runs this process on a machine with the packaged daemon, whose configuration is the
+/// system's.
+fn is_packaged() -> bool {
+    geteuid().is_root() && Path::new(PACKAGED_STATE).is_dir()
 }
 
 /// Returns the configuration folders: the user's first, then the system's.

@@ -26,6 +26,9 @@ pub(crate) fn is_syntax_error(found: &Diagnostic) -> bool {
 
 /// Returns the syntax errors of a text, with one diagnostic per mistake.
 pub(super) fn mistakes(text: &str, failures: &[TomlError]) -> Vec<Diagnostic> {
+    if let Some(found) = other_format(text).filter(|_| !failures.is_empty()) {
+        return vec![found];
+    }
     let mut told: Vec<Diagnostic> = Vec::new();
     let mut lines = Vec::new();
     // Errors before this offset are not reported: they are inside something that is not closed.
@@ -56,6 +59,29 @@ pub(super) fn mistakes(text: &str, failures: &[TomlError]) -> Vec<Diagnostic> {
         told.push(of_line(text, failure, &line));
     }
     told
+}
+
+/// Returns an error if the whole text is of another format, according to its first line: JSON or
+/// YAML.
+fn other_format(text: &str) -> Option<Diagnostic> {
+    let is_content = |line: &str| !line.trim().is_empty() && !line.trim().starts_with('#');
+    let mut at = 0;
+    let lines = text.split_inclusive('\n').map(|line| {
+        at += line.len();
+        (at - line.len(), line)
+    });
+    let (at, first) = lines.into_iter().find(|(_, line)| is_content(line))?;
+    let begin = at + first.len() - first.trim_start().len();
+    let range = begin..at + first.trim_end().len();
+    if first.trim_start().starts_with('{') {
+        let help = "an ecosystem file is TOML: [ecosystem] in a line, and below it name = \"…\"";
+        return Some(error(range, "this is JSON", help.to_owned()));
+    }
+    let key = first.trim_end().strip_suffix(':').filter(|key| is_key(key));
+    let has_assignment = text.lines().any(|line| without_comment(line).contains('='));
+    let key = key.filter(|_| !has_assignment)?;
+    let help = format!("an ecosystem file is TOML: write [{key}] in a line, and below it name = …");
+    Some(error(range, "this is YAML", help))
 }
 
 fn error(range: Range<usize>, message: &str, help: String) -> Diagnostic {
@@ -240,6 +266,11 @@ fn of_line(text: &str, failure: &TomlError, line: &Range<usize>) -> Diagnostic {
         let help = "write a straight one: \"".to_owned();
         return error(at..at + width, "this is not the quote that texts stand in", help);
     }
+    if let Some(space) = written.find('\u{a0}') {
+        let at = line.start + space;
+        let help = "write a normal space; some editors and web pages put another one".to_owned();
+        return error(at..at + '\u{a0}'.len_utf8(), "a no-break space is no space here", help);
+    }
     if code.starts_with('[') && !code.contains('=') {
         return header(begins, code);
     }
@@ -270,6 +301,16 @@ fn header(begins: usize, code: &str) -> Diagnostic {
 /// quote, or a number with a comma or a unit.
 fn of_value(text: &str, failure: &TomlError) -> Option<Diagnostic> {
     let TomlError { message, range } = failure;
+    if let Some(path) = message.contains("escaped").then(|| text_around(text, range)).flatten() {
+        let help = format!("write `/` in paths: {}", path.replace('\\', "/"));
+        return Some(error(range.clone(), "`\\` has a meaning of its own in a text", help));
+    }
+    if text.get(range.clone()).is_some_and(|found| found.is_empty() || found.starts_with(';'))
+        && text.get(range.start..).is_some_and(|rest| rest.starts_with(';'))
+    {
+        let help = "take it out; entries of a table are separated by commas".to_owned();
+        return Some(error(range.start..range.start + 1, "`;` ends nothing in TOML", help));
+    }
     if message.starts_with("invalid basic string") || message.starts_with("invalid multi-line") {
         let help =
             "write `\"` at its end; within it, `\\` is `\\\\`, and `\"` is `\\\"`".to_owned();
@@ -299,9 +340,18 @@ fn of_value(text: &str, failure: &TomlError) -> Option<Diagnostic> {
     };
     let help = match truth {
         Some(truth) => format!("write {truth}, or \"{word}\" if it is a text"),
-        None => format!("write \"{}\"", word.replace('"', "")),
+        None => format!("write \"{}\"", word.replace(['"', '`'], "")),
     };
     Some(error(range.clone(), "a text stands in quotes", help))
+}
+
+/// Returns the text in quotes, with its quotes, in which a range lies; `None` if there is none.
+fn text_around<'t>(text: &'t str, range: &Range<usize>) -> Option<&'t str> {
+    let line = line_of(text, range.start.min(text.len()));
+    let before = text.get(line.start..range.start)?;
+    let open = line.start + before.find('"')?;
+    let close = range.start + text.get(range.start..line.end)?.find('"')?;
+    text.get(open..=close)
 }
 
 /// Explains a decimal comma, as in `speed = 0,3`: to TOML, the number ends at the comma, and
@@ -396,6 +446,18 @@ mod tests {
             &[(1, "this is not the quote that texts stand in", "write a straight one: \"")],
         );
         assert!(told("name = \"office\nother = 1\n")[0].1.starts_with("a text is not closed"));
+        check("name = `office`\n", &[(1, quotes, "write \"office\"")]);
+    }
+
+    #[test]
+    fn signs_that_do_not_belong_there() {
+        let space = "write a normal space; some editors and web pages put another one";
+        check("name\u{a0}= \"office\"\n", &[(1, "a no-break space is no space here", space)]);
+        let slashes = "write `/` in paths: \"../words/domain.pddl\"";
+        let path = "domain = \"..\\words\\domain.pddl\"\n";
+        check(path, &[(1, "`\\` has a meaning of its own in a text", slashes)]);
+        let comma = "take it out; entries of a table are separated by commas";
+        check("t = { a = \"b\"; }\n", &[(1, "`;` ends nothing in TOML", comma)]);
     }
 
     #[test]
@@ -403,9 +465,13 @@ mod tests {
         let joined = "a key and its value are joined by `=`";
         check("mode: \"central\"\n", &[(1, joined, "write mode = \"central\"")]);
         check(
-            "config:\n  location: hall\n",
-            &[(1, joined, "write config = …"), (2, joined, "write location = hall")],
+            "a = 1\nconfig:\n  location: hall\n",
+            &[(2, joined, "write config = …"), (3, joined, "write location = hall")],
         );
+        let help = "an ecosystem file is TOML: write [ecosystem] in a line, and below it name = …";
+        check("# school\necosystem:\n  name: school\n", &[(2, "this is YAML", help)]);
+        let json = told("{\"ecosystem\": {\"name\": \"school\"}}");
+        assert_eq!((json.len(), json[0].1.as_str()), (1, "this is JSON"));
         check("// goals\na = 1\n", &[(1, "this line is no comment", "a comment begins with `#`")]);
     }
 

@@ -81,6 +81,13 @@ impl House {
     }
 }
 
+/// Returns all that is said about a file with mistakes.
+#[track_caller]
+fn mistakes_of(house: &House) -> String {
+    let loaded = Ecosystem::load_with(&house.file(), &house.variables, &house.overrides, PLUGINS);
+    format!("{:#?}", loaded.expect_err("a mistake").into_report().findings())
+}
+
 #[test]
 fn a_file_defines_the_ecosystem() {
     let house = House::new(FILE);
@@ -206,4 +213,43 @@ fn invalid_toml_yields_only_syntax_errors() {
     let report = loaded.expect_err("it is none").into_report();
     let findings = format!("{:?}", report.findings());
     assert!(findings.contains("not TOML") && !findings.contains("is missing"), "{findings}");
+}
+
+#[test]
+fn goals_of_the_file_have_times() {
+    let times = |goals: &str| {
+        let text = FILE.replace("[goals]", &format!("[goals]\n{goals}\n"));
+        House::new(&text).load().goals.by_themselves.clone()
+    };
+    assert_eq!(times("").goals, []);
+    let found = times(
+        "day = { goal = \"(known hall)\", every = \"day 08:00\", on = \"workdays\", for = \"2h\" }\n\
+         warm = { goal = \"(known hall)\", keep = \"maintain\", ask = \"always\" }\n\
+         plain = \"(known hall)\"",
+    );
+    let names: Vec<_> = found.goals.iter().map(|goal| (&*goal.name, goal.is_always)).collect();
+    assert_eq!(names, [("day", false), ("warm", true)]);
+    assert_eq!(found.goals[0].times.lasts.as_deref(), Some("2h"));
+}
+
+#[test]
+fn times_of_goals_are_checked_at_their_places() {
+    let mistakes = |goal: &str| {
+        let text = FILE
+            .replace("[goals]", &format!("[goals]\nx = {{ goal = \"(known hall)\", {goal} }}\n"));
+        mistakes_of(&House::new(&text))
+    };
+    for (goal, part) in [
+        ("every = \"fortnight\"", "is no recurrence"),
+        ("at = \"08:00\"", "a single time needs its date"),
+        ("by = \"08:00\"", "nothing says when the goal is asked for"),
+        ("ask = \"always\"", "only a kept goal is asked for always"),
+        ("between = \"08:00-18:00\"", "keep it"),
+        ("every = \"year 02-30 08:00\"", "never comes"),
+    ] {
+        let found = mistakes(goal);
+        assert!(found.contains(part), "{goal}: {found}");
+    }
+    let zone = FILE.replace("[ecosystem]", "[ecosystem]\ntime-zone = \"Middle/Earth\"");
+    assert!(mistakes_of(&House::new(&zone)).contains("Middle/Earth"));
 }

@@ -190,6 +190,20 @@ fn presence_files(folder: &Path) -> Result<Vec<PresenceFile>, RegisterError> {
     Ok(tickets)
 }
 
+/// Returns the names of the daemons that are present in a folder of sockets, which need not exist.
+///
+/// # Errors
+///
+/// Returns an error if the folder cannot be used.
+pub(crate) async fn present_daemons(folder: &Path) -> Result<Vec<String>, RegisterError> {
+    if !folder.is_dir() {
+        return Ok(Vec::new());
+    }
+    let _door = acquire_lock(folder).await?;
+    let here = presence_files(folder)?.into_iter().filter(|ticket| ticket.is_here);
+    Ok(here.map(|ticket| ticket.daemon).collect())
+}
+
 /// Reads the ticket file at `path`; returns `None` if its file name is not a daemon's name.
 fn read(path: &Path) -> io::Result<Option<PresenceFile>> {
     let stem = path.file_stem().and_then(|stem| stem.to_str());

@@ -7,8 +7,8 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Display;
-use std::sync::Arc;
-use std::time::Duration;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, UNIX_EPOCH};
 
 use acl::DaemonId;
 use agent::{MessageRouter, Resource, ResourceQuery};
@@ -36,25 +36,73 @@ const DIGEST_CHARS: usize = 12;
 
 /// The digests of the files that a daemon has read.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
-struct FileDigests {
-    daemon: DaemonId,
+pub(crate) struct FileDigests {
+    pub(crate) daemon: DaemonId,
     /// Digest of the parsed domain: comments and line breaks do not change it. The field `map` is
     /// the digest of the parsed map.
-    domain: String,
-    map: String,
+    pub(crate) domain: String,
+    pub(crate) map: String,
+}
+
+/// What a daemon answers to a query for its files: the digests, and its clock, which `althing doctor`
+/// compares. Daemons of earlier versions answer with the digests alone.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(crate) struct DaemonSelfReport {
+    #[serde(flatten)]
+    pub(crate) digests: FileDigests,
+    /// The daemon's clock when it answered, in milliseconds since 1970.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) clock_ms: Option<u64>,
+    /// Digest of the text of the ecosystem file that the daemon has read last, comments included.
+    /// `None` if the daemon does not read the file again at SIGHUP, or is of an earlier version.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) file_text: Option<String>,
+}
+
+/// The digest of the text of the ecosystem file that this daemon has read last; `None` inside if the
+/// daemon does not read the file again while it runs.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct ReadText(Arc<Mutex<Option<String>>>);
+
+impl ReadText {
+    /// Sets the text to that of `ecosystem`.
+    pub(crate) fn set(&self, ecosystem: &Ecosystem) {
+        let digest = text_digest(&ecosystem.sources.file.text);
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = Some(digest);
+    }
+
+    fn digest(&self) -> Option<String> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}
+
+/// Returns the digest of the text of an ecosystem file, as daemons report it.
+pub(crate) fn text_digest(text: &str) -> String {
+    short_digest(&text)
 }
 
 /// Publishes the digests of this daemon, and logs each other daemon that has read other files.
 /// Returns at once; a task watches for daemons that join later.
-pub(crate) fn watch_files(node: &DaemonNode, ecosystem: &Ecosystem) {
+pub(crate) fn watch_files(node: &DaemonNode, ecosystem: &Ecosystem, read_text: ReadText) {
     let router = Arc::clone(node.router());
-    let own = FileDigests {
-        daemon: router.daemon().clone(),
-        domain: short_digest(&ecosystem.domain),
-        map: short_digest(&ecosystem.problem),
-    };
-    router.tell_files(serde_json::json!(own).to_string());
+    let own = FileDigests::of(router.daemon().clone(), ecosystem);
+    let (digests, services) = (own.clone(), router.host_services());
+    router.tell_files(move || {
+        let since_1970 = services.wall_clock().duration_since(UNIX_EPOCH).ok();
+        let clock_ms = since_1970.and_then(|clock| u64::try_from(clock.as_millis()).ok());
+        let file_text = read_text.digest();
+        let report = DaemonSelfReport { digests: digests.clone(), clock_ms, file_text };
+        serde_json::json!(report).to_string()
+    });
     tokio::spawn(watch(router, own));
+}
+
+impl FileDigests {
+    /// Returns the digests of the files of `ecosystem`, as those of `daemon`.
+    pub(crate) fn of(daemon: DaemonId, ecosystem: &Ecosystem) -> FileDigests {
+        let (domain, map) = (short_digest(&ecosystem.domain), short_digest(&ecosystem.problem));
+        FileDigests { daemon, domain, map }
+    }
 }
 
 async fn watch(router: Arc<MessageRouter>, own: FileDigests) {

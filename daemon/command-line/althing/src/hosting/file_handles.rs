@@ -2,40 +2,46 @@
 //! Connections count as files, and a daemon that has reached the limit can accept no connection and
 //! write no file.
 
-use nix::sys::resource::{Resource, getrlimit, rlim_t};
+use rustix::process::{Resource, getrlimit};
 
 /// Number of open files that the daemon of a building needs: about forty for itself, two for each
 /// connection with another daemon or a command, and several for each plugin that runs as a process.
-const NEEDED: rlim_t = 512;
+pub(crate) const OPEN_FILES_NEEDED: u64 = 512;
 
 /// Logs a warning if the limit on open files is too low for a daemon.
 pub(crate) fn warn_of_few_file_handles() {
-    if let Ok((limit, most)) = getrlimit(Resource::RLIMIT_NOFILE)
-        && let Some(warning) = warning(limit, most)
-    {
+    let (limit, most) = open_files_limit();
+    if let Some(warning) = warning(limit, most) {
         tracing::warn!("{warning}");
     }
 }
 
+/// Returns how many files this process may have open, and up to how many this user may raise that
+/// limit; [`u64::MAX`] where there is none.
+pub(crate) fn open_files_limit() -> (u64, u64) {
+    let limits = getrlimit(Resource::Nofile);
+    (limits.current.unwrap_or(u64::MAX), limits.maximum.unwrap_or(u64::MAX))
+}
+
 /// Returns the warning about the limit `limit`, which this user may raise up to `most`. Returns
 /// `None` if the limit is high enough.
-fn warning(limit: rlim_t, most: rlim_t) -> Option<String> {
-    if limit >= NEEDED {
+fn warning(limit: u64, most: u64) -> Option<String> {
+    if limit >= OPEN_FILES_NEEDED {
         return None;
     }
-    let cure = if most >= NEEDED {
+    let cure = if most >= OPEN_FILES_NEEDED {
         format!(
-            "raise it with `ulimit -n {NEEDED}`, or `LimitNOFILE={NEEDED}` in the service's unit"
+            "raise it with `ulimit -n {OPEN_FILES_NEEDED}`, or `LimitNOFILE={OPEN_FILES_NEEDED}` in the service's unit"
         )
     } else {
         format!(
-            "only the administrator can raise it beyond {most}: `LimitNOFILE={NEEDED}` in the \
+            "only the administrator can raise it beyond {most}: `LimitNOFILE={OPEN_FILES_NEEDED}` in the \
              service's unit, or `nofile` in /etc/security/limits.conf"
         )
     };
     Some(format!(
         "this process may have only {limit} files open at a time, connections among them, and a \
-         daemon needs up to {NEEDED}: beyond the limit it can accept no command and no other daemon; \
+         daemon needs up to {OPEN_FILES_NEEDED}: beyond the limit it can accept no command and no other daemon; \
          {cure}"
     ))
 }

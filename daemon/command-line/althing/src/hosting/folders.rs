@@ -1,18 +1,23 @@
 //! The folders of the sockets, the state and the packages of daemons.
 
 use std::fs::Permissions;
-use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, PermissionsExt as _};
+use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _, PermissionsExt as _, chown};
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 
 use acl::{DaemonId, EcosystemId};
 use rustix::fs::Mode;
-use rustix::process::umask;
+use rustix::process::{geteuid, umask};
 
 /// Maximum length of the path of a Unix socket, in bytes; a longer path is an error. `sockaddr_un`
 /// holds 108 bytes with the final zero, and Zenoh creates a lock file with a longer name beside the
 /// socket.
 const SOCKET_PATH_BYTES_MAX: usize = 100;
+
+/// The folders of the sockets and of the state of a packaged daemon, which runs as a user of its own.
+/// Only root can make them.
+const SERVICE_RUNTIME: &str = "/run/althing";
+const SERVICE_STATE: &str = "/var/lib/althing";
 
 /// The permission bits of a file that give access to users other than the owner.
 const OTHERS: u32 = 0o077;
@@ -49,9 +54,9 @@ pub(crate) enum FolderError {
 }
 
 /// Returns the folder with the sockets of an ecosystem's daemons on this machine, and creates the
-/// folder if it is missing. The folder is in `$ALTHING_RUNTIME_DIR`; if that is not set, in
-/// `althing` in `$XDG_RUNTIME_DIR`; if neither is set, in a folder of this user in the temporary
-/// folder.
+/// folder if it is missing. The folder is in `$ALTHING_RUNTIME_DIR`; if that is not set, in that of
+/// the packaged daemon, if this user runs it or is root; otherwise in `althing` in
+/// `$XDG_RUNTIME_DIR`; if that is not set either, in a folder of this user in the temporary folder.
 ///
 /// # Errors
 ///
@@ -84,8 +89,11 @@ pub(crate) fn daemon_sockets(folder: &Path) -> Vec<PathBuf> {
     sockets
 }
 
-fn runtime_base() -> PathBuf {
-    match (variable("ALTHING_RUNTIME_DIR"), variable("XDG_RUNTIME_DIR")) {
+/// Returns the folder that contains the runtime folders of all ecosystems, see [`runtime_folder`].
+/// Creates nothing.
+pub(crate) fn runtime_base() -> PathBuf {
+    let named = variable("ALTHING_RUNTIME_DIR").or_else(|| service_folder(SERVICE_RUNTIME));
+    match (named, variable("XDG_RUNTIME_DIR")) {
         (Some(folder), _) => folder,
         (None, Some(folder)) => folder.join("althing"),
         (None, None) => {
@@ -97,8 +105,9 @@ fn runtime_base() -> PathBuf {
 
 /// Returns the folder in which a daemon's agents store what must survive a restart, and creates the
 /// folder if it is missing. The folder is in the first of these that is set: `$ALTHING_STATE_DIR`,
-/// systemd's `$STATE_DIRECTORY`, `althing` in `$XDG_STATE_HOME`, `.local/state/althing` in `$HOME`;
-/// otherwise in `/var/lib/althing`.
+/// systemd's `$STATE_DIRECTORY`, that of the packaged daemon, if this user runs it or is root,
+/// `althing` in `$XDG_STATE_HOME`, `.local/state/althing` in `$HOME`; otherwise in
+/// `/var/lib/althing`.
 ///
 /// # Errors
 ///
@@ -107,16 +116,25 @@ pub(crate) fn state_folder(
     ecosystem: &EcosystemId,
     daemon: &DaemonId,
 ) -> Result<PathBuf, FolderError> {
-    let home = || variable("HOME").map(|home| home.join(".local/state"));
-    let base = variable("ALTHING_STATE_DIR")
-        .or_else(|| variable("STATE_DIRECTORY"))
-        .or_else(|| Some(variable("XDG_STATE_HOME").or_else(home)?.join("althing")))
-        .unwrap_or_else(|| PathBuf::from("/var/lib/althing"));
-    let folder = base.join(ecosystem.as_str()).join(daemon.as_str());
+    let folder = state_base().join(ecosystem.as_str()).join(daemon.as_str());
     let made = fs::DirBuilder::new().recursive(true).mode(0o700).create(&folder);
-    made.and_then(|()| remove_access(&folder))
+    let base = folder.parent().unwrap_or(&folder);
+    made.and_then(|()| give_to_service(base))
+        .and_then(|()| give_to_service(&folder))
+        .and_then(|()| remove_access(&folder))
         .map_err(|source| FolderError::Io { path: folder.clone(), source })?;
     Ok(folder)
+}
+
+/// Returns the folder that contains the state folders of all ecosystems, see [`state_folder`].
+/// Creates nothing.
+pub(crate) fn state_base() -> PathBuf {
+    let home = || variable("HOME").map(|home| home.join(".local/state"));
+    variable("ALTHING_STATE_DIR")
+        .or_else(|| variable("STATE_DIRECTORY"))
+        .or_else(|| service_folder(SERVICE_STATE))
+        .or_else(|| Some(variable("XDG_STATE_HOME").or_else(home)?.join("althing")))
+        .unwrap_or_else(|| PathBuf::from(SERVICE_STATE))
 }
 
 /// Sets the umask so that no other user has access to files that this process creates from now on.
@@ -158,15 +176,48 @@ pub(crate) fn socket_in(folder: &Path, daemon: &str) -> Result<PathBuf, FolderEr
 
 /// Returns the folder of this machine's packages. This is the first of these that is set:
 /// `$ALTHING_PLUGINS_DIR`, the folder `said` from the ecosystem file, `plugins` in systemd's
-/// `$STATE_DIRECTORY`, `althing/plugins` in `$XDG_DATA_HOME`, `.local/share/althing/plugins` in
-/// `$HOME`; otherwise `/var/lib/althing/plugins`.
+/// `$STATE_DIRECTORY`, `plugins` in the state folder of the packaged daemon, if this user runs it or
+/// is root, `althing/plugins` in `$XDG_DATA_HOME`, `.local/share/althing/plugins` in `$HOME`;
+/// otherwise `/var/lib/althing/plugins`.
 pub(crate) fn plugins_folder(said: Option<&Path>) -> PathBuf {
     let home = || variable("HOME").map(|home| home.join(".local/share"));
     variable("ALTHING_PLUGINS_DIR")
         .or_else(|| said.map(Path::to_owned))
         .or_else(|| Some(variable("STATE_DIRECTORY")?.join("plugins")))
+        .or_else(|| Some(service_folder(SERVICE_STATE)?.join("plugins")))
         .or_else(|| Some(variable("XDG_DATA_HOME").or_else(home)?.join("althing/plugins")))
         .unwrap_or_else(|| PathBuf::from("/var/lib/althing/plugins"))
+}
+
+/// Returns the folder of the packaged daemon, if it exists and belongs to this user. For root it may
+/// belong to any user: only root can make a folder there.
+fn service_folder(path: &str) -> Option<PathBuf> {
+    let about = fs::metadata(path).ok().filter(fs::Metadata::is_dir)?;
+    (geteuid().is_root() || about.uid() == geteuid().as_raw()).then(|| PathBuf::from(path))
+}
+
+/// Whether this process runs as root, and a folder is that of the packaged daemon or below it: it
+/// belongs to another user, and root may use it.
+pub(crate) fn is_for_root(folder: &Path) -> bool {
+    let is_below = |service: &&str| folder.starts_with(service);
+    geteuid().is_root() && [SERVICE_RUNTIME, SERVICE_STATE].iter().any(is_below)
+}
+
+/// Gives a folder below that of the packaged daemon to the daemon's user. Otherwise the daemon could
+/// not use what a command of root has made there before it.
+fn give_to_service(folder: &Path) -> io::Result<()> {
+    let services = [SERVICE_RUNTIME, SERVICE_STATE].map(Path::new);
+    let Some(service) = services.into_iter().find(|service| folder.starts_with(service)) else {
+        return Ok(());
+    };
+    if !geteuid().is_root() || folder == service {
+        return Ok(());
+    }
+    let (owner, about) = (fs::metadata(service)?, fs::metadata(folder)?);
+    match about.uid() == owner.uid() {
+        true => Ok(()),
+        false => chown(folder, Some(owner.uid()), Some(owner.gid())),
+    }
 }
 
 fn variable(name: &str) -> Option<PathBuf> {
@@ -181,8 +232,10 @@ fn private(folder: &Path) -> Result<(), FolderError> {
         Ok(()) => (),
         Err(error) => return Err(failed(error)),
     }
+    give_to_service(folder).map_err(failed)?;
     let metadata = fs::symlink_metadata(folder).map_err(failed)?;
     let user = fs::metadata("/proc/self").map_err(failed)?.uid();
-    let is_own = metadata.is_dir() && metadata.uid() == user && metadata.mode() & 0o022 == 0;
+    let is_ours = metadata.uid() == user || is_for_root(folder);
+    let is_own = metadata.is_dir() && is_ours && metadata.mode() & 0o022 == 0;
     if is_own { Ok(()) } else { Err(FolderError::Shared { path: folder.to_owned() }) }
 }

@@ -19,26 +19,29 @@ mod file_digests;
 mod file_handles;
 mod folders;
 mod hosted_part;
+mod metrics;
 mod opened_daemon;
 mod panic_watch;
 mod plugin_processes;
 mod reexec;
 mod shared_building;
 mod socket_watch;
+mod state_format;
 mod supervisor;
 mod suspend_watch;
 
 use std::collections::BTreeSet;
-use std::sync::Arc;
-use std::time::Duration;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, SystemTime};
 
+use acl::content::AbsentAgent;
 use acl::{AgentId, DaemonId, EcosystemId};
 use agent::{
     AdmissionPolicy, Admissions, AgentSettings, ConfiguredModels, ConfiguredNames, EcosystemFolder,
     Host, HostServices, MessageRouter, Mode, Resources, Rights, Spawner, StateFolder, StopRegistry,
 };
-use substrate::Substrate;
 use substrate::memory::Network;
+use substrate::{OverhearToken, OverheardMessage, SendError, Substrate};
 use tokio_util::sync::{CancellationToken, DropGuard};
 use tokio_util::task::TaskTracker;
 
@@ -48,14 +51,14 @@ use crate::plugins;
 pub(crate) use address_watch::watch_addresses;
 pub(crate) use building::{simulate, update_devices};
 pub(crate) use credentials::GuestKeys;
-pub(crate) use daemon_registry::PresenceGuard;
+pub(crate) use daemon_registry::{PresenceGuard, present_daemons};
 pub(crate) use dry_run::{DryRun, models};
 pub(crate) use fault_injection::FaultInjector;
-pub(crate) use file_digests::watch_files;
-pub(crate) use file_handles::warn_of_few_file_handles;
+pub(crate) use file_digests::{DaemonSelfReport, FileDigests, ReadText, text_digest, watch_files};
+pub(crate) use file_handles::{OPEN_FILES_NEEDED, open_files_limit, warn_of_few_file_handles};
 pub(crate) use folders::{
-    daemon_sockets, plugins_folder, restrict_umask, running_ecosystems, runtime_folder, socket_in,
-    state_folder,
+    daemon_sockets, is_for_root, plugins_folder, restrict_umask, running_ecosystems, runtime_base,
+    runtime_folder, socket_in, state_base, state_folder,
 };
 pub(crate) use hosted_part::{HostedPart, host_name};
 pub(crate) use opened_daemon::{OpenedDaemon, daemon_transport, open_daemon};
@@ -63,6 +66,7 @@ pub(crate) use panic_watch::{note_panic, watch_zenoh_panics};
 pub(crate) use plugin_processes::{ITSELF, become_plugin};
 pub(crate) use reexec::restart_process;
 pub(crate) use socket_watch::{SocketWatch, watch_socket};
+pub(crate) use state_format::{STATE_FORMAT, check_state, claim_state};
 use supervisor::SupervisedAgent;
 pub(crate) use suspend_watch::watch_suspension;
 
@@ -102,6 +106,8 @@ pub(crate) struct DaemonNode {
     router: Arc<MessageRouter>,
     substrate: Arc<dyn Substrate>,
     agents: Vec<SupervisedAgent>,
+    /// The names of these agents, for the report of the daemon's health.
+    names: SharedNames,
     /// The context that all agents of the ecosystem file share when they are built; `None` for a
     /// guest, which hosts no agents of the file.
     host: Option<Arc<Host>>,
@@ -114,6 +120,16 @@ pub(crate) struct DaemonNode {
     pub(crate) locators: Vec<String>,
 }
 
+/// The names of the agents that a daemon hosts. Clones share the names.
+#[derive(Clone, Debug, Default)]
+struct SharedNames(Arc<Mutex<BTreeSet<AgentId>>>);
+
+impl SharedNames {
+    fn lock(&self) -> MutexGuard<'_, BTreeSet<AgentId>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
 /// The reason why a node could not be opened or an agent not be built. The message completes the
 /// sentence “failed to …”.
 #[derive(Debug, thiserror::Error)]
@@ -122,6 +138,9 @@ pub(crate) enum HostError {
     /// The substrate could not be opened.
     #[error("{0}")]
     Substrate(#[from] substrate_zenoh::OpenError),
+    /// The substrate was closed.
+    #[error("{0}")]
+    Closed(#[from] SendError),
     /// An agent could not be built.
     #[error("{0}")]
     Build(#[from] agent::BuildError),
@@ -196,16 +215,33 @@ impl DaemonNode {
         part: NodeOptions<'_>,
         transport: MessageTransport,
     ) -> Result<DaemonNode, HostError> {
+        DaemonNode::open_heard(part, transport, |_| Ok(())).await
+    }
+
+    /// Opens the substrate and launches the agents as [`DaemonNode::open`] does, and calls `heard`
+    /// in between: a listener that is connected there receives also the first messages of the
+    /// agents.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if [`DaemonNode::open`] would, or if `heard` does.
+    pub(crate) async fn open_heard(
+        part: NodeOptions<'_>,
+        transport: MessageTransport,
+        heard: impl FnOnce(&DaemonNode) -> Result<(), SendError>,
+    ) -> Result<DaemonNode, HostError> {
         let NodeOptions { ecosystem, daemon, agents, mode, building, state } = part;
         let (name, settings) = (ecosystem.name.clone(), ecosystem.settings.clone());
         let rights = ecosystem.security.as_ref().map(|_| ecosystem.rights.clone());
         let machine = HostServices::new(state.clone());
         let mut node = DaemonNode::join(machine, name, daemon, settings, rights, transport).await?;
+        node.tell_certificate();
         let mut resources = Resources::default();
         building.into_iter().for_each(|building| resources.insert(building));
         let admit = ecosystem.plugins.admit;
         resources.insert(Admissions::new(admit));
         resources.insert(ecosystem.safeguards.clone());
+        resources.insert(ecosystem.goals.by_themselves.clone());
         ecosystem.stop_buttons().into_iter().for_each(|buttons| resources.insert(buttons));
         let named = ecosystem.agents.iter().map(|entry| entry.name.to_string());
         resources.insert(ConfiguredNames(named.collect()));
@@ -229,6 +265,8 @@ impl DaemonNode {
             resources,
         });
         node.host = Some(host);
+        node.expect_agents(ecosystem);
+        heard(&node)?;
         // Agents of packages are launched when their package is ready, so a plugin that fails
         // delays no other agent.
         for entry in agents.into_iter().filter(AgentEntry::is_built_in) {
@@ -263,6 +301,7 @@ impl DaemonNode {
             router,
             substrate,
             agents: Vec::new(),
+            names: SharedNames::default(),
             host: None,
             tasks: TaskTracker::new(),
             stopping: CancellationToken::new(),
@@ -271,9 +310,39 @@ impl DaemonNode {
         })
     }
 
+    /// Lets the daemon report for how long its certificate is valid, if it has one.
+    fn tell_certificate(&self) {
+        if let Some(security) = self.security() {
+            let certificate = security.identity.certificate().clone();
+            self.router.tell_certificate(move || certificate.remaining(SystemTime::now()));
+        }
+    }
+
+    /// Lets the daemon report which agents of the ecosystem file are absent.
+    pub(crate) fn expect_agents(&self, ecosystem: &Ecosystem) {
+        let expected = ecosystem
+            .agents
+            .iter()
+            .map(|entry| AbsentAgent { agent: entry.name.clone(), daemons: entry.daemons.clone() });
+        self.router.expect_agents(expected.collect());
+    }
+
     /// Returns the message router of this daemon.
     pub(crate) fn router(&self) -> &Arc<MessageRouter> {
         &self.router
+    }
+
+    /// Passes every message of the ecosystem to `listener`; see
+    /// [`Substrate::overhear`].
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the substrate is closed.
+    pub(crate) fn overhear(
+        &self,
+        listener: impl Fn(OverheardMessage) + Send + Sync + 'static,
+    ) -> Result<OverhearToken, SendError> {
+        self.substrate.overhear(Arc::new(listener))
     }
 
     /// Returns the context for launching agents that no ecosystem file names; `None` for a guest.
@@ -304,6 +373,7 @@ impl DaemonNode {
         };
         let supervised =
             supervisor::supervise(entry, host, &self.router, &self.stopping, &self.tasks)?;
+        self.names.lock().insert(supervised.id.clone());
         self.agents.push(supervised);
         Ok(())
     }
@@ -335,6 +405,7 @@ impl DaemonNode {
         let (left, presence): (Vec<_>, _) =
             std::mem::take(&mut self.agents).into_iter().partition(is_leaving);
         self.agents = presence;
+        self.names.lock().retain(|name| !leaving.contains(name));
         left.iter().for_each(|agent| agent.stopping.cancel());
         let deadline = tokio::time::Instant::now() + DRAIN_GRACE;
         for SupervisedAgent { id, aborted: unplugged, mut supervision, .. } in left {

@@ -120,6 +120,7 @@ impl AgentSupervisor {
             }
             wait = (wait * 2).min(RESTART_LAST);
             tracing::warn!(%id, "is restarted after a failure");
+            self.router.activity().count_agent_restart();
             next = (self.plugin.build)(self.blueprint.clone());
         }
     }

@@ -107,14 +107,13 @@ impl Files {
     fn new(change: impl Fn(&str, String) -> String) -> Files {
         let folder = tempfile::tempdir().expect("a folder");
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../..");
+        std::fs::create_dir_all(folder.path().join("domains/firm")).expect("made");
+        for file in ["domain.pddl", "map.pddl"] {
+            let path = format!("domains/firm/{file}");
+            let text = std::fs::read_to_string(root.join(&path)).expect("shipped");
+            std::fs::write(folder.path().join(&path), text).expect("written");
+        }
         for name in ["house", "firm"] {
-            for file in ["domain.pddl", "map.pddl"] {
-                let path = format!("domains/{name}/{file}");
-                let text = std::fs::read_to_string(root.join(&path)).expect("shipped");
-                let to = folder.path().join(&path);
-                std::fs::create_dir_all(to.parent().expect("a folder")).expect("made");
-                std::fs::write(to, text).expect("written");
-            }
             let path = format!("ecosystems/{name}.toml");
             let text = std::fs::read_to_string(root.join(&path)).expect("shipped");
             std::fs::create_dir_all(folder.path().join("ecosystems")).expect("made");

@@ -4,8 +4,11 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use acl::content::Snapshot;
+use phrases::KnownNames;
 
 use super::verbs;
+use crate::asking::known_names;
+use crate::speech;
 
 /// The words other than predicates with which a condition can begin.
 const CONNECTIVES: [&str; 6] = ["and", "exists", "forall", "imply", "not", "or"];
@@ -22,6 +25,8 @@ pub(super) struct CompletionWords {
     actions: BTreeMap<String, BTreeSet<String>>,
     objects: Vec<String>,
     agents: Vec<String>,
+    /// The names that goals in words may contain.
+    names: KnownNames,
     /// The numbers of the requests that have not ended.
     pub(super) requests: Vec<String>,
     /// The numbers of the open questions.
@@ -39,6 +44,7 @@ impl CompletionWords {
     ) {
         (self.goals, self.agents) = (goals, agents);
         let Some(snapshot) = snapshot else { return };
+        self.names = known_names::of_snapshot(snapshot);
         if let Some(domain) = pddl::parse_domain(&snapshot.domain).value {
             let named = domain.predicates.iter().map(|predicate| predicate.name.to_string());
             // Names with two hyphens are not words for users: the Domain Maintainer generates them
@@ -64,6 +70,10 @@ impl CompletionWords {
     /// Returns the possible completions of the word before the cursor, and the offset at which that
     /// word begins. `before` is the text before the cursor.
     pub(super) fn complete(&self, before: &str) -> (usize, Vec<String>) {
+        if let Some((start, mut fitting)) = self.complete_phrase(before) {
+            fitting.retain(|known| terminal::visible::is_plain(known));
+            return (start, fitting);
+        }
         let is_border = |character: char| character.is_whitespace() || character == '(';
         let start = before.rfind(is_border).map_or(0, |border| border + 1);
         let (context, word) = before.split_at(start);
@@ -75,6 +85,32 @@ impl CompletionWords {
         fitting.sort();
         fitting.dedup();
         (start, fitting)
+    }
+
+    /// Completes a goal in words; `None` if the line is something else.
+    fn complete_phrase(&self, before: &str) -> Option<(usize, Vec<String>)> {
+        let line = before.trim_start();
+        let first = line.split_whitespace().next().unwrap_or_default();
+        let is_verb_whole = line.len() > first.len();
+        let verbs = verbs::names();
+        let (said, others): (&str, Vec<String>) = match line.strip_prefix("goal ") {
+            Some(rest) => {
+                let rest = rest.trim_start();
+                let is_first = !rest.contains(char::is_whitespace);
+                (rest, if is_first { self.goals.clone() } else { Vec::new() })
+            }
+            None if is_verb_whole && verbs.iter().any(|verb| verb == first) => return None,
+            None if is_verb_whole => (line, Vec::new()),
+            None => (line, verbs),
+        };
+        if said.starts_with(['(', '-']) || line.is_empty() || said.contains(" --") {
+            return None;
+        }
+        let (start, mut fitting) = speech::complete(said, &self.names);
+        fitting.extend(others.into_iter().filter(|other| other.starts_with(&said[start..])));
+        fitting.sort();
+        fitting.dedup();
+        Some((before.len() - said.len() + start, fitting))
     }
 
     /// Returns all words that may follow the text `context`.
@@ -169,6 +205,7 @@ mod tests {
             actions: [("move".to_owned(), ["turtlebot-1".to_owned()].into())].into(),
             objects: own(&["office1", "office2", "turtlebot-1"]),
             agents: own(&["plan-requester", "turtlebot-1"]),
+            names: KnownNames::default(),
             requests: own(&["2"]),
             questions: own(&["7"]),
         }
@@ -184,17 +221,26 @@ mod tests {
     #[test]
     fn verbs_come_first() {
         check("ag", &["agents"]);
-        check("mo", &["mode"]);
+        check("mod", &["mode"]);
     }
 
     #[test]
     fn each_verb_has_words_of_its_own() {
-        check("goal t", &["temperatures"]);
+        check("goal temperatur", &["temperature", "temperatures"]);
         check("mode c", &["centralized"]);
         check("answer ", &["7"]);
         check("cancel ", &["2"]);
         check("mailbox p", &["plan-requester"]);
         check("set --", &["--retract"]);
+    }
+
+    #[test]
+    fn a_goal_in_words_is_completed() {
+        check("goal temperature of x kn", &["known"]);
+        check("temperature of x kn", &["known"]);
+        check("temperature of every room kn", &["known"]);
+        check("tempera", &["temperature"]);
+        check("goal temperature of x known --main", &["--maintain"]);
     }
 
     #[test]

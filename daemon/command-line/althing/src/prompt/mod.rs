@@ -17,14 +17,15 @@ use std::future::Future;
 use std::sync::{Arc, PoisonError, RwLock};
 use std::time::Duration;
 
+use acl::AgentId;
 use acl::content::Snapshot;
-use acl::{AgentId, ConversationId};
 use agent::Resource;
 use keyboard::{RequestSender, Terminal, UserEvent, UserRequest};
 use tokio::sync::{mpsc, watch as watch_channel};
 use tokio::task::JoinHandle;
 
-use crate::cli::{ReplyArgs, WatchWords};
+use crate::asking::{goal_numbers, questions};
+use crate::cli::{ReplyArgs, WatchWords, WishArgs};
 use crate::commands::client::EcosystemView;
 use crate::commands::{
     act, agents, answer, domain, event_output, goal, goals, mailbox, set, state, stop, watch,
@@ -200,16 +201,25 @@ impl Prompt {
     async fn execute_verb(&mut self, verb: Verb) -> PromptStep {
         let (view, json) = (self.view.clone(), self.json);
         let shown = match verb {
+            Verb::Goal(wish) if wish.dry_run => goal::print_dry_run(&view, &wish, json).await,
             Verb::Goal(wish) => {
-                let said = goal::said(view.ecosystem.as_deref(), &wish);
-                return self.say(said.map(|said| self.meant(said))).await;
+                let wish = match wish.cancel.as_deref().map(|id| self.meant(id)) {
+                    Some(Ok(meant)) => WishArgs { cancel: Some(meant), ..wish },
+                    Some(Err(problem)) => return self.decline(&format!("error: {problem}")),
+                    None => wish,
+                };
+                let said = goal::said(&view, &wish).await;
+                return self.say(said).await;
             }
             Verb::Act(action) => return self.say(act::said(&action)).await,
             Verb::Set(facts) => return self.say(set::said(&facts)).await,
             Verb::Mode { mode } => return self.say(Ok(UserRequest::Mode(mode.into()))).await,
             Verb::Cancel { id } => {
-                let said = self.meant(UserRequest::Cancel(ConversationId::new(&id)));
-                return self.say(Ok(said)).await;
+                let said = match self.meant(&id) {
+                    Ok(meant) => goal_numbers::conversation(&view, &meant).await,
+                    Err(problem) => Err(problem),
+                };
+                return self.say(said.map(UserRequest::Cancel)).await;
             }
             Verb::Answer(ReplyArgs { id: None, .. }) => answer::list(&view, json).await,
             Verb::Answer(ReplyArgs { id: Some(id), text }) if text.is_empty() => {
@@ -221,12 +231,12 @@ impl Prompt {
             }
             Verb::Stop { names } => stop::stop(&view, &names, None, json).await,
             Verb::Release { ids } => stop::release(&view, &ids, json).await,
-            Verb::Goals => goals::print(&view, json).await,
+            Verb::Goals => goals::print_with(&view, json, &|goal| self.requests.label(goal)).await,
             Verb::Agents => agents::print(&view, json).await,
             Verb::Domain => domain::print(&view, json).await,
             Verb::State => state::print(&view, json).await,
             Verb::Mailbox(whose) => mailbox::print(&view, &whose, json).await,
-            Verb::Watch(words) => return self.watch(words),
+            Verb::Watch(words) => return self.watch(words).await,
             Verb::Help { verb } => output::print(verbs::help(verb.as_deref()), exit::DONE),
             Verb::Quit => return PromptStep::End,
         };
@@ -236,14 +246,18 @@ impl Prompt {
         PromptStep::Proceed
     }
 
-    /// Returns the request that the user meant. In a cancellation, replaces the number of a request
-    /// by its conversation.
-    fn meant(&self, said: UserRequest) -> UserRequest {
-        match said {
-            UserRequest::Cancel(id) => {
-                UserRequest::Cancel(self.requests.find(id.as_str()).unwrap_or(id))
-            }
-            said => said,
+    /// Returns the name of the goal or action that the user meant: for a number of this prompt, the
+    /// conversation; any other name as it is. A number after `#` is that of a goal of the ecosystem.
+    fn meant(&self, id: &str) -> Result<String, String> {
+        if let Some(conversation) = self.requests.find(id) {
+            return Ok(conversation.as_str().to_owned());
+        }
+        match goal_numbers::number(id) {
+            Some(number) if !id.starts_with('#') => Err(format!(
+                "nothing was asked for as [{number}] at this prompt; goal {number} of `goals` is \
+                 written #{number}"
+            )),
+            _ => Ok(id.to_owned()),
         }
     }
 
@@ -257,7 +271,7 @@ impl Prompt {
                 let (keyboard, seal_to) = (self.id.clone(), None);
                 Ok(UserRequest::Answer { keyboard, question, text, seal_to })
             }
-            _ => answer::said(&self.view, id, text).await,
+            _ => questions::said(&self.view, id, text).await,
         }
     }
 
@@ -276,19 +290,25 @@ impl Prompt {
         PromptStep::Proceed
     }
 
-    fn watch(&mut self, words: WatchWords) -> PromptStep {
+    async fn watch(&mut self, words: WatchWords) -> PromptStep {
         if let Some(watching) = self.watching.take() {
             watching.abort();
         }
         if words.off {
             return PromptStep::Proceed;
         }
-        let asked = words.id.or(words.conversation);
-        let meant = |id: String| match self.requests.find(&id) {
-            Some(conversation) => conversation.as_str().to_owned(),
-            None => id,
-        };
-        let (conversation, view, json) = (asked.map(meant), self.view.clone(), self.json);
+        let (view, json) = (self.view.clone(), self.json);
+        let mut conversation = None;
+        if let Some(asked) = words.id.or(words.conversation) {
+            let found = match self.meant(&asked) {
+                Ok(meant) => goal_numbers::conversation(&view, &meant).await,
+                Err(problem) => Err(problem),
+            };
+            match found {
+                Ok(found) => conversation = Some(found.as_str().to_owned()),
+                Err(problem) => return self.decline(&format!("error: {problem}")),
+            }
+        }
         self.watching = Some(tokio::spawn(async move {
             let EcosystemView { name: ecosystem, endpoints, keys, .. } = view;
             let listening = watch::WatchOptions { ecosystem, endpoints, keys, role: "watch" };

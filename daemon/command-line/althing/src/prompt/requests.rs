@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use acl::ConversationId;
-use acl::content::{Outcome, Report};
+use acl::content::{GoalStatus, Outcome, Report};
 use keyboard::{RequestId, UserEvent, UserRequest};
 
 /// The kind of a request. Goals end in another way than the other requests.
@@ -41,7 +41,7 @@ impl PromptRequests {
     pub(super) fn say(&mut self, id: RequestId, said: &UserRequest) {
         let kind = match said {
             UserRequest::Cancel(conversation) => return self.give_up(conversation),
-            UserRequest::RequestGoal(_) => RequestKind::Goal,
+            UserRequest::RequestGoal(_) | UserRequest::ScheduleGoal(..) => RequestKind::Goal,
             UserRequest::Act(_)
             | UserRequest::Set(_)
             | UserRequest::Mode(_)
@@ -104,6 +104,15 @@ impl PromptRequests {
         let number: usize = number.parse().ok()?;
         let found = self.known.iter().find(|(_, request)| request.number == number);
         found.map(|(conversation, _)| conversation.clone())
+    }
+
+    /// Returns the name by which the user of this prompt refers to a goal: `[2]` for a goal that was
+    /// requested here, `#5` for another one.
+    pub(super) fn label(&self, goal: &GoalStatus) -> String {
+        match self.known.get(&goal.conversation) {
+            Some(request) => format!("[{}]", request.number),
+            None => format!("#{}", goal.number),
+        }
     }
 
     /// Returns the numbers of the requests that have not ended.

@@ -1,5 +1,5 @@
 //! Parses a line of the prompt: a verb of the command line, with the same arguments. A line that
-//! begins with `(` is a goal.
+//! begins with `(` is a goal, and so is a line of several words that begins with no verb.
 
 use clap::error::ErrorKind;
 use clap::{CommandFactory, Parser, Subcommand};
@@ -12,12 +12,12 @@ Ask    (GOAL)  goal GOAL|NAME [--maintain] [--priority N]
        act (ACTION)            one action: (move turtlebot-1 corridor office1)
        set [--retract] (FACT)  change the known facts
        mode MODE               centralized or decentralized
-       cancel N                cancel the goal or action [N]
+       cancel N                the goal or action [N]; #N: goal N of `goals`
        answer N TEXT           answer question N; `answer` alone: all open ones
 Stop   stop [NAME ...]         everything, or agents and places
        release [ID ...]        end all stops, or these
 Look   agents  domain  state  goals  mailbox [AGENT]
-       watch [N|ID]            the messages, or those of one goal; watch --off
+       watch [N|#N]            the messages, or those of one goal; watch --off
 Else   help VERB  quit         Tab completes, Ctrl-D ends
 ";
 
@@ -44,7 +44,7 @@ pub(super) enum Verb {
     },
     /// Cancel a goal or an action
     Cancel {
-        /// Its number, or its conversation
+        /// Its number here, # and its number in `goals`, or its conversation
         id: String,
     },
     /// Answer an agent's question, or list the open ones
@@ -108,12 +108,31 @@ pub(super) fn read(line: &str) -> Result<Option<Verb>, String> {
     if words.first().is_none_or(|first| first.starts_with('#')) {
         return Ok(None);
     }
-    if words.first().is_some_and(|first| first.starts_with('(')) {
+    if words.first().is_some_and(|first| first.starts_with('(')) || is_phrase(&words) {
         words.insert(0, "goal".to_owned());
+    }
+    if words.first().is_some_and(|first| first == "goal") {
+        join_goal(&mut words);
     }
     let verb = words.first().cloned().unwrap_or_default();
     let read = PromptLine::try_parse_from(words);
     read.map(|line| Some(line.verb)).map_err(|error| problem(&error, &verb))
+}
+
+/// Whether a line is a goal in words: several words, the first of which is no verb and resembles none.
+fn is_phrase(words: &[String]) -> bool {
+    let [first, _, ..] = words else { return false };
+    let names = names();
+    pddl::nearest(first, names.iter().map(String::as_str)).is_none() && first != "exit"
+}
+
+/// Joins the words of a goal behind `goal`, up to the first option, to one argument.
+fn join_goal(words: &mut Vec<String>) {
+    let end = words.iter().position(|word| word.starts_with("--")).unwrap_or(words.len());
+    if end > 2 {
+        let goal = words.drain(1..end).collect::<Vec<_>>().join(" ");
+        words.insert(1, goal);
+    }
 }
 
 /// Explains a mistake in a line of the prompt, without clap's remarks, which are about whole
@@ -201,6 +220,15 @@ mod tests {
         assert!(is_goal("(known-temperature office1)"));
         assert!(is_goal("goal temperatures --maintain"));
         assert!(matches!(read("mode centralized"), Ok(Some(Verb::Mode { .. }))));
+        let goal_of = |line: &str| match read(line) {
+            Ok(Some(Verb::Goal(wish))) => wish.goal,
+            _ => None,
+        };
+        let said = "temperature of office1 known";
+        assert_eq!(goal_of(said).as_deref(), Some(said));
+        assert_eq!(goal_of("goal temperature of office1 known --maintain").as_deref(), Some(said));
+        assert_eq!(goal_of("goal (a) and (b)").as_deref(), Some("(a) and (b)"));
+        assert_eq!(goal_of("(a) and (b) --maintain").as_deref(), Some("(a) and (b)"));
         assert!(matches!(read(" "), Ok(None)));
         assert!(matches!(read("# a remark"), Ok(None)));
     }
@@ -212,8 +240,8 @@ mod tests {
         assert_eq!(problem("foo"), "error: there is no verb `foo`; `help` lists what there is");
         let expected = expect_test::expect![[r#"
             error: unexpected argument 'office1' found
-            `help goal` says how it is written"#]];
-        expected.assert_eq(&problem("goal known-temperature office1"));
+            `help act` says how it is written"#]];
+        expected.assert_eq(&problem("act move office1"));
         let expected = expect_test::expect![[r#"
             error: invalid value 'centralised' for '<MODE>'
               [possible values: centralized, decentralized]

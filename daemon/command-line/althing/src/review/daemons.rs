@@ -7,6 +7,7 @@ use acl::DaemonId;
 use pddl::{Diagnostic, Span};
 
 use super::Reviewer;
+use crate::config::AgentEntry;
 
 /// Length of the shortest name that is checked. Shorter names of different daemons often differ by
 /// one letter, as `a` and `b`, or `pi1` and `pi2`.
@@ -66,9 +67,15 @@ impl Reviewer<'_> {
     /// named.
     fn named_daemons(&self) -> BTreeMap<String, Vec<String>> {
         let mut named: BTreeMap<String, Vec<String>> = BTreeMap::new();
-        for entry in &self.ecosystem.agents {
+        // All agents that are there by themselves have their daemons from one key.
+        let is_repeated =
+            |entry: &&AgentEntry| entry.is_default() && entry.plugin != plan_requester::PLUGIN.name;
+        for entry in self.ecosystem.agents.iter().filter(|entry| !is_repeated(entry)) {
             for (index, daemon) in entry.daemons.iter().enumerate() {
-                let path = format!("{}.daemon.{index}", entry.path);
+                let path = match entry.is_default() {
+                    true => format!("{}.{index}", entry.path),
+                    false => format!("{}.daemon.{index}", entry.path),
+                };
                 named.entry(daemon.to_string()).or_default().push(path);
             }
         }

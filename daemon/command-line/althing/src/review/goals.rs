@@ -20,9 +20,10 @@ impl Reviewer<'_> {
         let models = hosting::models(self.ecosystem);
         let (domain, problem) = self.widened(&models);
         let agents = self.agents(&models);
-        for (name, wish) in &self.ecosystem.goals {
+        for (name, wish) in self.ecosystem.goals.iter() {
             // A goal that cannot be parsed is reported already.
-            let Some(condition) = pddl::parse_condition(&wish.goal).value else { continue };
+            let read = pddl::parse_condition(&wish.goal).into_result();
+            let Ok(condition) = read else { continue };
             let is_agent = |found: &Diagnostic| {
                 let word = wish.goal.get(found.span.range()).unwrap_or("");
                 agents.contains(&word.to_lowercase())
@@ -30,6 +31,7 @@ impl Reviewer<'_> {
             let mut found = pddl::check_condition(&domain, &problem, &condition);
             found.retain(|found| !is_agent(found));
             for found in found {
+                let found = with_example(found, &problem);
                 if let Some(found) = self.softened(found) {
                     self.say_of_goal(name, &wish.goal, found);
                 }
@@ -66,6 +68,13 @@ impl Reviewer<'_> {
     /// because an agent that joins later may declare it. Returns `None` if some entries of the file
     /// could not be understood, because one of these may declare the word.
     fn softened(&self, mut found: Diagnostic) -> Option<Diagnostic> {
+        if let Some(variable) = found.message.strip_prefix("unknown variable `") {
+            let variable = variable.trim_end_matches('`');
+            found.help = Some(format!(
+                "name an object, or write (forall ({variable} - room) …) around it for all rooms"
+            ));
+            return Some(found);
+        }
         if found.message.starts_with("unknown ") && found.help.is_none() {
             found.severity = Severity::Warning;
             let help = "neither the map nor an agent of this file brings it; the goal waits for an \
@@ -75,6 +84,41 @@ impl Reviewer<'_> {
         }
         Some(found)
     }
+}
+
+/// Adds an example with objects of the map to an error about the number of arguments.
+fn with_example(mut found: Diagnostic, map: &Problem) -> Diagnostic {
+    let is_count = found.message.contains(" takes ") && found.message.contains("argument");
+    let (None, Some(rule), true) = (&found.help, found.rule.as_deref(), is_count) else {
+        return found;
+    };
+    let Ok(declared) = pddl::parse_condition(&plain_rule(rule, map)).into_result() else {
+        return found;
+    };
+    found.help = Some(format!("write for example {declared}"));
+    found
+}
+
+/// Returns the declaration `(NAME ?x - TYPE …)` with an object of the map in the place of each
+/// parameter; a parameter for which the map has none stays.
+fn plain_rule(rule: &str, map: &Problem) -> String {
+    let inner = rule.trim_matches(['(', ')']);
+    let mut parts = inner.split_whitespace();
+    let name = parts.next().unwrap_or_default();
+    let words: Vec<&str> = parts.collect();
+    let mut arguments = Vec::new();
+    for (at, word) in words.iter().enumerate().filter(|(_, word)| word.starts_with('?')) {
+        let rest = &words[at..];
+        let ty = rest.iter().position(|word| *word == "-").and_then(|dash| rest.get(dash + 1));
+        let objects = map.objects.iter().map(|declaration| &declaration.object);
+        let is_one = |object: &&pddl::Typed| {
+            let ty = ty.copied().unwrap_or("object");
+            ty == "object" || object.ty.alternatives.iter().any(|own| own.as_str() == ty)
+        };
+        let example = objects.into_iter().find(is_one);
+        arguments.push(example.map_or(*word, |object| object.name.as_str()).to_owned());
+    }
+    format!("({name} {})", arguments.join(" "))
 }
 
 /// Returns the ontology and the map, each extended from the action models: the ontology by types,

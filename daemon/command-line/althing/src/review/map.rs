@@ -5,6 +5,10 @@
 //! the function `distance`: robots move by these two. If an author intends a one-way connection, or
 //! a place without connections, a comment in the line (`; one way` or `; no way`) prevents the
 //! warning.
+//!
+//! In a map that is made from `[rooms]` and `[doors]`, each door has a length, and its author says
+//! whether it leads one way. Such a map may only have places that cannot be reached; the comment is
+//! `# no way` in the line of the place.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -33,6 +37,12 @@ impl Reviewer<'_> {
     /// Warns about probable mistakes in the map.
     pub(super) fn map(&mut self) {
         let ways = MapConnections::of(&self.ecosystem.problem.init);
+        if self.ecosystem.is_map_of_tables() {
+            if !ways.ways.is_empty() || !self.starts().is_empty() {
+                self.unreachable(&ways);
+            }
+            return;
+        }
         self.impossible_lengths(&ways);
         if self.knows_predicate() && !ways.ways.is_empty() {
             self.one_way(&ways);
@@ -152,7 +162,7 @@ impl Reviewer<'_> {
             lead(from.as_str(), to.as_str());
             // A missing way back is reported already, so here the connection counts in both
             // directions.
-            if !self.is_commented(*span, ONE_WAY) {
+            if !self.ecosystem.is_map_of_tables() && !self.is_commented(*span, ONE_WAY) {
                 lead(to.as_str(), from.as_str());
             }
         }
@@ -172,14 +182,10 @@ impl Reviewer<'_> {
             if self.is_commented(*span, NO_WAY) || name.as_str() == hub {
                 continue;
             }
-            let message = match has_robots {
-                true => format!("no robot can reach `{name}`: no way leads there from its start"),
-                false => format!("no way leads to `{name}`"),
+            let (message, help) = match self.ecosystem.is_map_of_tables() {
+                true => unreachable_by_door(name, hub, has_robots),
+                false => unreachable_by_way(name, hub, has_robots),
             };
-            let help = format!(
-                "write, under (:init, ({WAY} {hub} {name}) (= ({LENGTH} {hub} {name}) 5), and the \
-                 same back; if that is intended, write `; no way` in the line of its name"
-            );
             self.report_map(Diagnostic::warning(*span, message).with_help(help));
         }
     }
@@ -228,7 +234,8 @@ impl Reviewer<'_> {
         let text = &self.ecosystem.sources.map.text;
         let rest = text.get(span.start as usize..).unwrap_or_default();
         let line = rest.lines().next().unwrap_or_default();
-        let comment = line.split_once(';').map(|(_, comment)| comment.to_lowercase());
+        let mark = if self.ecosystem.is_map_of_tables() { '#' } else { ';' };
+        let comment = line.split_once(mark).map(|(_, comment)| comment.to_lowercase());
         comment.is_some_and(|comment| words.iter().any(|word| comment.contains(word)))
     }
 }
@@ -261,6 +268,33 @@ impl<'m> MapConnections<'m> {
     fn pairs(&self) -> impl Iterator<Item = (&'m str, &'m str)> {
         self.ways.iter().map(|(from, to, _)| (from.as_str(), to.as_str()))
     }
+}
+
+/// Returns the warning about a place that cannot be reached, and its help, in the words of a map in
+/// PDDL. `hub` is a place that can be reached.
+fn unreachable_by_way(name: &Name, hub: &str, has_robots: bool) -> (String, String) {
+    let message = match has_robots {
+        true => format!("no robot can reach `{name}`: no way leads there from its start"),
+        false => format!("no way leads to `{name}`"),
+    };
+    let help = format!(
+        "write, under (:init, ({WAY} {hub} {name}) (= ({LENGTH} {hub} {name}) 5), and the \
+         same back; if that is intended, write `; no way` in the line of its name"
+    );
+    (message, help)
+}
+
+/// Returns the same as [`unreachable_by_way`], in the words of `[rooms]` and `[doors]`.
+fn unreachable_by_door(name: &Name, hub: &str, has_robots: bool) -> (String, String) {
+    let message = match has_robots {
+        true => format!("no robot can reach `{name}`: no door leads there from its start"),
+        false => format!("no door leads to `{name}`"),
+    };
+    let help = format!(
+        "write its door under [doors], such as {hub} = {{ {name} = 4.0 }}; if that is intended, \
+         write `# no way` in the line of `{name}` under [rooms]"
+    );
+    (message, help)
 }
 
 /// Returns, for each place, the places to which a connection leads from it.

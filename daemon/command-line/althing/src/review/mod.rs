@@ -2,12 +2,16 @@
 //! them before it starts.
 //!
 //! - [`entries`]: the entries of agents, checked by the agents' plugins.
-//! - [`map`]: the connections of the map, their lengths, and places that no robot can reach.
+//! - [`map`]: the connections of the map, their lengths, and places that no robot can reach. Of a
+//!   building in `[rooms]` and `[doors]`, only the last is left to check.
 //! - [`goals`]: the words of goals, checked against the ontology, the map and the agents' action
 //!   models.
+//! - [`sensors`]: sensors that no goal of the file asks for.
+//! - [`rivals`]: two agents that use one thing, such as a line of a board or a topic.
 //! - [`roles`]: whether there are agents that take goals, that plan, and that carry out plans.
 //! - [`rooms`]: agents in a place where they can do nothing.
 //! - [`network`]: the table `[zenoh]`.
+//! - [`people`]: the file of people.
 //! - [`daemons`]: names of daemons that are probably misspelled.
 //!
 //! Each check reports a mistake at its place in the text, with a correction.
@@ -23,9 +27,15 @@ mod map;
 
 mod network;
 
+mod people;
+
+mod rivals;
+
 mod roles;
 
 mod rooms;
+
+mod sensors;
 
 mod wording;
 
@@ -42,7 +52,9 @@ use crate::hosting;
 /// The part of an ecosystem that is reviewed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum ReviewScope<'s> {
-    /// The whole ecosystem, for `althing check`.
+    /// The whole ecosystem and beyond its files, for `althing check`: sensors that no goal asks for.
+    Building,
+    /// The whole ecosystem.
     Everything,
     /// The part that this daemon needs to start, for `althing up`. A mistake in the entry of
     /// another daemon's agent is only a warning, because one machine must not stop the others.
@@ -63,7 +75,35 @@ pub(crate) fn review(reading: &ParsedEcosystem, scope: ReviewScope<'_>) -> Diagn
     }
     report.dedup();
     report.sort();
+    without_misspelt(&mut report);
     report
+}
+
+/// Removes the reports that a key is missing if the same entry has that key, misspelt.
+fn without_misspelt(report: &mut DiagnosticReport) {
+    let misspelt: Vec<(String, u32, String)> = report
+        .findings()
+        .iter()
+        .filter(|found| found.diagnostic.message.starts_with("unknown key `"))
+        .filter_map(|SourcedDiagnostic { source, diagnostic }| {
+            let meant = diagnostic.help.as_deref()?.strip_prefix("did you mean `")?;
+            let meant = meant.strip_suffix("`?")?.to_owned();
+            Some((source.as_ref()?.name.clone(), diagnostic.span.start, meant))
+        })
+        .collect();
+    report.retain(|SourcedDiagnostic { source, diagnostic }| {
+        let (Some(source), Some(missing)) = (source, missing_key(diagnostic)) else { return true };
+        let (from, text) = (diagnostic.span.start, &source.text);
+        !misspelt.iter().any(|(file, at, meant)| {
+            *file == source.name && meant == missing && *at > from && in_one_entry(text, from, *at)
+        })
+    });
+}
+
+/// Returns the key that is missing according to a diagnostic; `None` if it is about something else.
+fn missing_key(found: &Diagnostic) -> Option<&str> {
+    let (key, rest) = found.message.strip_prefix('`')?.split_once('`')?;
+    rest.starts_with(" is missing in ").then_some(key)
 }
 
 /// Checks an ecosystem. If `is_complete` is false, some entries could not be understood, and may
@@ -76,6 +116,10 @@ fn of_ecosystem(
 ) -> DiagnosticReport {
     let mut desk = Reviewer { ecosystem, is_complete, said, report: DiagnosticReport::default() };
     desk.entries(scope);
+    if !matches!(scope, ReviewScope::Daemon(_)) {
+        // A daemon runs without people, too: a mistake in their file does not keep it from starting.
+        desk.people();
+    }
     if ecosystem.are_files_sound {
         desk.map();
         desk.rooms();
@@ -85,6 +129,10 @@ fn of_ecosystem(
     desk.roles();
     desk.daemons();
     desk.network();
+    desk.rivals();
+    if matches!(scope, ReviewScope::Building) && !desk.report.has_errors() {
+        desk.sensors();
+    }
     if desk.is_complete
         && !desk.report.has_errors()
         && let Err(error) = hosting::simulate(ecosystem)
@@ -116,7 +164,7 @@ fn only_certain(report: &DiagnosticReport, ecosystem: &Ecosystem) -> DiagnosticR
         let is_elsewhere = source.as_ref().is_none_or(|source| source.name != file.name);
         let is_before = diagnostic.span.start < broken
             && !in_one_entry(&file.text, diagnostic.span.start, broken);
-        let misses = ["is missing", "there is no agent"];
+        let misses = ["is missing", "there is no agent", "under [rooms]"];
         let misses_something = misses.iter().any(|words| diagnostic.message.contains(words));
         let is_consequence = !is_before || !diagnostic.is_error() || misses_something;
         is_elsewhere || config::is_syntax_error(diagnostic) || !is_consequence

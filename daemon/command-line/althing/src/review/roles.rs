@@ -29,6 +29,12 @@ impl Reviewer<'_> {
             return;
         }
         let central = (self.ecosystem.mode == Mode::Centralized).then_some(&CENTRAL);
+        let roles = || ROLES.iter().chain([&CENTRAL]).map(|(plugin, ..)| *plugin);
+        let reasons =
+            |entry: &AgentEntry| entry.is_built_in() && roles().any(|it| it == entry.plugin);
+        if !self.ecosystem.agents.iter().any(reasons) {
+            return self.no_reasoning();
+        }
         for (plugin, lack, is_by_name) in ROLES.iter().chain(central) {
             let entries = &self.ecosystem.agents;
             let has_role = |entry: &&AgentEntry| entry.is_built_in() && entry.plugin == *plugin;
@@ -51,6 +57,18 @@ impl Reviewer<'_> {
                 );
             }
         }
+    }
+
+    /// Warns that no agent of the file reasons. The help suggests a daemon of the file.
+    fn no_reasoning(&mut self) {
+        let message = "no agent of the file plans, so it takes no goals";
+        let daemon = self.ecosystem.daemons.first().map_or("NAME", |daemon| daemon.as_str());
+        let help = format!(
+            "write reasoning = \"{daemon}\" under [ecosystem], with the daemon that is to host the \
+             agents that plan"
+        );
+        let found = Diagnostic::warning(Span::default(), message).with_help(help);
+        self.report_key("ecosystem", found);
     }
 
     fn missing_role(&mut self, plugin: &str, lack: &str) {

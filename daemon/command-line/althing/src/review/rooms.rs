@@ -1,9 +1,19 @@
 //! Checks the locations of agents: for example, a sensor for rooms cannot work in a corridor.
 
+use std::collections::{BTreeMap, BTreeSet};
+
 use pddl::{Diagnostic, Name, Span, TypeExpr, Types};
 
 use super::Reviewer;
 use crate::hosting;
+
+/// Number of places with agents of a wrong kind up to which the agents count as wrong. If there are
+/// more, the map is wrong.
+const AGENTS_WRONG_MAX: usize = 2;
+
+/// An agent at a place of the wrong type: the path of its entry, the place, the type of the place,
+/// and the type that the agent needs.
+type WrongPlace = (String, String, String, String);
 
 impl Reviewer<'_> {
     /// Warns about an agent's location if no predicate can state that the agent is there.
@@ -40,7 +50,8 @@ impl Reviewer<'_> {
             };
             let places = ontology.predicates.iter().filter_map(|each| match &each.parameters[..] {
                 // The second parameter must be a place, not for example a carrier.
-                [who, place_of] if !who.ty.alternatives.is_empty() => {
+                // A word that is for everything, such as `installed`, tells nothing of the agent.
+                [who, place_of] if !who.ty.is_object() => {
                     let is_place = place_of.ty.alternatives.iter().any(|ty| is_a(&place.ty, ty))
                         || admits(&place.ty, &place_of.ty);
                     (is_place && admits(&who.ty, &agent.ty)).then_some(place_of)
@@ -52,16 +63,54 @@ impl Reviewer<'_> {
                 let wanted = places.iter().flat_map(|each| &each.ty.alternatives).next();
                 let wanted = wanted.map_or("room", Name::as_str).to_owned();
                 let is = place_type.ty.alternatives.first().map_or("object", Name::as_str);
-                wrong.push((entry.path.clone(), location.to_owned(), is.to_owned(), wanted));
+                let (path, location) = (entry.path.clone(), location.to_owned());
+                wrong.push((path, location, is.to_owned(), wanted));
             }
         }
+        let wrong = self.wrong_in_map(wrong);
         for (path, location, is, wanted) in wrong {
             let message = format!("`{location}` is a {is}, and this agent works in a {wanted}");
-            let help = format!(
-                "name a {wanted}, or declare `{location}` as one on the map: {location} - {wanted}"
-            );
+            let declaration = match self.ecosystem.is_map_of_tables() {
+                true => format!("under [rooms]: {location} = {{ kind = \"{wanted}\" }}"),
+                false => format!("on the map: {location} - {wanted}"),
+            };
+            let help = format!("name a {wanted}, or declare `{location}` as one {declaration}");
             let found = Diagnostic::warning(Span::default(), message).with_help(help);
             self.report_value(&format!("{path}.config.location"), found);
         }
+    }
+
+    /// Reports the type of places in the map if agents in many places want another one: then the
+    /// map is wrong, and not the agents. Returns the agents that are not explained by that.
+    fn wrong_in_map(&mut self, wrong: Vec<WrongPlace>) -> Vec<WrongPlace> {
+        let mut places: BTreeMap<(String, String), BTreeSet<String>> = BTreeMap::new();
+        for (_, location, is, wanted) in &wrong {
+            places.entry((is.clone(), wanted.clone())).or_default().insert(location.clone());
+        }
+        places.retain(|_, locations| locations.len() > AGENTS_WRONG_MAX);
+        for ((is, wanted), locations) in &places {
+            let objects = self.ecosystem.problem.objects.iter().map(|it| &it.object);
+            let declared = objects.filter(|object| locations.contains(object.name.as_str()));
+            let Some(span) = declared.map(|object| object.name.span()).next() else { continue };
+            let message = format!(
+                "{} places are declared as `{is}`, and the agents there work in a {wanted}",
+                locations.len()
+            );
+            let help = format!("write `- {wanted}` after these places: {}", joined(locations));
+            self.report_map(Diagnostic::warning(span, message).with_help(help));
+        }
+        let is_explained =
+            |(_, _, is, wanted): &WrongPlace| places.contains_key(&(is.clone(), wanted.clone()));
+        wrong.into_iter().filter(|place| !is_explained(place)).collect()
+    }
+}
+
+/// Returns the first names of a set, as text.
+fn joined(names: &BTreeSet<String>) -> String {
+    const SHOWN_MAX: usize = 4;
+    let shown: Vec<_> = names.iter().take(SHOWN_MAX).map(String::as_str).collect();
+    match names.len().saturating_sub(SHOWN_MAX) {
+        0 => shown.join(", "),
+        more => format!("{} and {more} more", shown.join(", ")),
     }
 }

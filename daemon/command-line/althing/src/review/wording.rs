@@ -95,7 +95,15 @@ pub(super) fn worded(
             help: Some(beside(key).unwrap_or_else(|| format!("take `{key}` out"))),
         };
     }
-    ExplainedMistake { kind: ConfigMistake::Other, message: said.to_owned(), help: None }
+    let help = positive(said, path, value);
+    ExplainedMistake { kind: ConfigMistake::Other, message: said.to_owned(), help }
+}
+
+/// Returns how to write a number that must be above zero and is negative.
+fn positive(said: &str, path: &str, value: Option<&Value>) -> Option<String> {
+    let number = value?.as_f64().filter(|number| *number < 0.0)?;
+    let key = path.rsplit('.').next()?;
+    said.contains("above zero").then(|| format!("write {key} = {}", -number))
 }
 
 fn owned(words: &[&str]) -> Vec<String> {
@@ -439,6 +447,6 @@ mod tests {
             "write a number and ms, s, min or h in quotes, such as \"30s\" or \"10min\"",
         );
         let own = "speed = -0.3 must be above zero";
-        check(own, "speed", json!(-0.3), own, "");
+        check(own, "speed", json!(-0.3), own, "write speed = 0.3");
     }
 }

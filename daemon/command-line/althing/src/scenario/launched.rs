@@ -11,11 +11,13 @@ use agent::Mode;
 use bytes::Bytes;
 use substrate::BoxFuture;
 use substrate::memory::Network;
+use substrate_zenoh::OpenError;
 use tempfile::TempDir;
 use tokio::io::{AsyncBufReadExt as _, BufReader};
 use tokio::process::{Child, Command};
 use tokio::sync::mpsc;
 
+use super::recorded::{ScenarioTap, TapLink};
 use super::setting::{REASONING, Setting};
 use crate::config::{self, AgentEntry, Ecosystem, Overrides, Variables};
 use crate::hosting::{self, DaemonNode, MessageTransport, NodeOptions, READY};
@@ -52,6 +54,8 @@ pub(crate) struct LaunchedScenario {
     /// Starts the processes of the scenario's daemons.
     program: DaemonLauncher,
     transport: MessageTransport,
+    /// The connection of the listener that records the messages, if there is one.
+    recording: Option<TapLink>,
     _server: Option<Server>,
     _devices: Option<Box<dyn Any + Send>>,
     _folder: TempDir,
@@ -73,6 +77,7 @@ pub(crate) async fn launch_scenario(
     stage: ScenarioSubstrate,
     mode: Mode,
     replacement: Option<DeviceReplacement>,
+    listener: Option<&ScenarioTap>,
 ) -> Result<LaunchedScenario, String> {
     let folder = tempfile::Builder::new()
         .prefix("althing-")
@@ -102,14 +107,20 @@ pub(crate) async fn launch_scenario(
         .cloned()
         .collect();
     let mut server = None;
-    let mut processes = Vec::new();
+    let (mut processes, mut recording) = (Vec::new(), None);
+    let transport = transport(&ecosystem, stage, folder.path())?;
     if let Some(socket) = &socket {
         let served = ::building::serve(building.handle(), socket).await;
         server = Some(served.map_err(|error| format!("failed to {error}"))?);
-        processes = program.spawn_all(&daemons(&ecosystem, &at_first)).await?;
+        let listening =
+            listener.map(|listener| listener.listen_at(&ecosystem.name, endpoint(&transport)));
+        let daemons = daemons(&ecosystem, &at_first);
+        (processes, recording) = program.spawn_heard(daemons, listening).await?;
     }
-    let transport = transport(&ecosystem, stage, folder.path())?;
-    let node = open_node(&ecosystem, &building, stage, mode, (at_first, transport.clone())).await?;
+    let part = (at_first, transport.clone());
+    let early = listener.filter(|_| stage != ScenarioSubstrate::Processes);
+    let (node, tapped) = open_node(&ecosystem, &building, stage, mode, part, early).await?;
+    recording = recording.or(tapped);
     Ok(LaunchedScenario {
         building,
         ecosystem,
@@ -117,6 +128,7 @@ pub(crate) async fn launch_scenario(
         processes,
         program,
         transport,
+        recording,
         _server: server,
         _devices: devices,
         _folder: folder,
@@ -165,11 +177,28 @@ async fn open_node(
     stage: ScenarioSubstrate,
     mode: Mode,
     (agents, transport): (Vec<AgentEntry>, MessageTransport),
-) -> Result<DaemonNode, String> {
+    listener: Option<&ScenarioTap>,
+) -> Result<(DaemonNode, Option<TapLink>), String> {
     let agents = if stage == ScenarioSubstrate::Processes { Vec::new() } else { agents };
     let (daemon, building) = (node_name(stage)?, Some(building.handle()));
     let part = NodeOptions { ecosystem, daemon, agents, mode, building, state: None };
-    DaemonNode::open(part, transport).await.map_err(|error| format!("failed to {error}"))
+    let mut tapped = None;
+    let node = DaemonNode::open_heard(part, transport, |node| {
+        tapped = listener.map(|listener| listener.listen_here(node)).transpose()?;
+        Ok(())
+    });
+    let node = node.await.map_err(|error| format!("failed to {error}"))?;
+    Ok((node, tapped))
+}
+
+/// Returns the endpoint of a daemon of the scenario; `None` for a network in memory.
+fn endpoint(transport: &MessageTransport) -> Option<String> {
+    match transport {
+        MessageTransport::Memory(_) | MessageTransport::Unreliable(..) => None,
+        MessageTransport::Zenoh(config) => {
+            config.listen.first().or(config.connect.first()).cloned()
+        }
+    }
 }
 
 /// Returns the Zenoh endpoint that is the socket of a daemon.
@@ -207,6 +236,23 @@ impl DaemonLauncher {
                 .map_err(|problem| format!("daemon `{daemon}` {problem}"))?;
         }
         Ok(processes)
+    }
+
+    /// Starts daemons as [`DaemonLauncher::spawn_all`] does. If `listening` is given, the daemon of
+    /// the reasoning agents starts first, and `listening` connects a listener through it before the
+    /// others start.
+    async fn spawn_heard(
+        &self,
+        daemons: Vec<DaemonId>,
+        listening: Option<impl Future<Output = Result<TapLink, OpenError>>>,
+    ) -> Result<(Vec<(String, Child)>, Option<TapLink>), String> {
+        let Some(listening) = listening else { return Ok((self.spawn_all(&daemons).await?, None)) };
+        let is_first = |daemon: &DaemonId| daemon.as_str() == REASONING;
+        let (first, others): (Vec<_>, Vec<_>) = daemons.into_iter().partition(is_first);
+        let mut processes = self.spawn_all(&first).await?;
+        let tapped = listening.await.map_err(|error| format!("failed to {error}"))?;
+        processes.extend(self.spawn_all(&others).await?);
+        Ok((processes, Some(tapped)))
     }
 
     fn spawn(&self, daemon: &DaemonId) -> Result<Child, String> {
@@ -293,20 +339,17 @@ impl LaunchedScenario {
                 let _ = tell.try_send(message);
             }
         };
-        let endpoint = match &self.transport {
-            MessageTransport::Memory(network) | MessageTransport::Unreliable(network, _) => {
-                network.tap(move |_, payload| hear(payload));
-                return Ok(MessageListener { heard, _tap: None });
-            }
-            MessageTransport::Zenoh(config) => {
-                config.listen.first().or(config.connect.first()).cloned()
-            }
-        };
+        if let MessageTransport::Memory(network) | MessageTransport::Unreliable(network, _) =
+            &self.transport
+        {
+            network.tap(move |_, payload| hear(payload));
+            return Ok(MessageListener { heard, _tap: None });
+        }
         let name = DaemonId::new("stranger").map_err(|error| error.to_string())?;
         let mut config = substrate_zenoh::Config::new(self.ecosystem.name.clone(), name);
         config.mode = substrate_zenoh::SessionMode::Client;
-        config.connect.extend(endpoint);
-        let tap = substrate_zenoh::tap(config, move |_, payload| hear(&payload)).await;
+        config.connect.extend(endpoint(&self.transport));
+        let tap = substrate_zenoh::tap(config, move |_, message| hear(&message.payload)).await;
         let tap = tap.map_err(|error| format!("failed to {error}"))?;
         Ok(MessageListener { heard, _tap: Some(tap) })
     }
@@ -318,6 +361,9 @@ impl LaunchedScenario {
             // These are child processes, ended by their handles; some may have been killed before.
             let _ = child.start_kill();
             let _ = child.wait().await;
+        }
+        if let Some(recording) = self.recording.take() {
+            recording.close().await;
         }
     }
 }

@@ -3,6 +3,7 @@
 //!
 //! - `setting` writes the ecosystem that follows from a seed, as the files that a user would write.
 //! - `launched` launches the agents of that ecosystem: in this process, or in several.
+//! - `recorded` passes all its messages to a listener.
 //! - `scenario_run` has the steps that all scenarios share: requesting goals, receiving reports,
 //!   and waiting for a true state of the building.
 //! - One file for each scenario plays it: `temperatures` (scenario 1), `maintenance` (2), `access`
@@ -13,6 +14,7 @@ mod launched;
 mod maintenance;
 mod meeting;
 mod readiness;
+mod recorded;
 mod scenario_run;
 mod setting;
 mod temperatures;
@@ -27,6 +29,7 @@ use crate::hosting::DaemonNode;
 
 use launched::DeviceReplacement;
 pub(crate) use launched::ScenarioSubstrate;
+pub(crate) use recorded::ScenarioTap;
 
 /// A scenario of the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,6 +64,8 @@ pub(crate) struct ScenarioOptions {
     /// A function that puts other devices in the place of simulated ones; not with agents in several
     /// processes.
     pub(crate) replacement: Option<DeviceReplacement>,
+    /// A listener that receives all messages of the scenario; `None` if they are not recorded.
+    pub(crate) listener: Option<ScenarioTap>,
 }
 
 /// A line of output about an event in a scenario.
@@ -102,6 +107,7 @@ impl ScenarioOptions {
             kills: true,
             guests: None,
             replacement: None,
+            listener: None,
         }
     }
 }

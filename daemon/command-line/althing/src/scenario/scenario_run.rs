@@ -52,8 +52,9 @@ impl<'t> ScenarioRun<'t> {
         script: &ScenarioOptions,
         tell: &'t mut dyn FnMut(ScenarioEvent),
     ) -> Result<ScenarioRun<'t>, String> {
-        let set = launched::launch_scenario(setting, script.stage, script.mode, script.replacement);
-        let set = set.await?;
+        let ScenarioOptions { stage, mode, replacement, ref listener, .. } = *script;
+        let set =
+            launched::launch_scenario(setting, stage, mode, replacement, listener.as_ref()).await?;
         let user = seat(&set, "user")?;
         let (building, began) = (set.building.clone(), Instant::now());
         Ok(ScenarioRun { set, building, user, told: BTreeMap::new(), began, tell })

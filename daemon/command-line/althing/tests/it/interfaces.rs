@@ -16,8 +16,6 @@ fn firm(from: &str, to: &str) -> Sandbox {
     let (path, text) = shipped!("ecosystems/firm.toml");
     assert!(text.contains(from), "{from}");
     Sandbox::new(&[
-        shipped!("domains/house/domain.pddl"),
-        shipped!("domains/house/map.pddl"),
         shipped!("domains/firm/domain.pddl"),
         shipped!("domains/firm/map.pddl"),
         shipped!("ecosystems/house.toml"),
@@ -30,8 +28,8 @@ fn the_firm_as_shipped_is_right() {
     firm("", "")
         .check("check ecosystems/firm.toml ecosystems/house.toml", 0)
         .shows(expect![[r#"
-            ecosystems/firm.toml: ecosystem firm (4 agents, 1 daemon, 1 interface, decentralized): ok
-            ecosystems/house.toml: ecosystem house (5 agents, 2 daemons, decentralized): ok
+            ecosystems/firm.toml: ecosystem firm (6 agents, 1 daemon, 1 interface, decentralized): ok
+            ecosystems/house.toml: ecosystem house (7 agents, 2 daemons, decentralized): ok
         "#]], expect![""]);
 }
 
@@ -40,12 +38,12 @@ fn a_private_symbol_is_refused_at_its_place() {
     firm("clean = \"swept\" }", "clean = \"swept\", has-room = \"bin-free\" }")
         .check("check ecosystems/firm.toml", 33)
         .shows(expect![[r#"
-            ecosystems/firm.toml: ecosystem firm (4 agents, 1 daemon, 1 interface, decentralized): has errors
+            ecosystems/firm.toml: ecosystem firm (6 agents, 1 daemon, 1 interface, decentralized): has errors
         "#]], expect![[r#"
             error: `bin-free` is private to `sweeper-1`
-              --> ecosystems/firm.toml:48:85
+              --> ecosystems/firm.toml:29:85
                |
-            48 | ... clean = "swept", has-room = "bin-free" }
+            29 | ... clean = "swept", has-room = "bin-free" }
                |                                 ^^^^^^^^^^
                |
                = help: nothing private ever passes: take it out
@@ -57,11 +55,22 @@ fn a_private_symbol_is_refused_at_its_place() {
 #[test]
 fn a_private_object_of_the_map_is_refused_at_its_place() {
     let firm = firm("", "");
-    let map = include_str!("../../../../../domains/house/map.pddl");
-    let with_secret =
-        map.replacen("lift lobby - corridor)", "lift - corridor (:private lobby - corridor))", 1);
-    assert_ne!(map, with_secret);
-    firm.write("domains/house/map.pddl", with_secret.as_bytes());
+    // Only a map in PDDL has private objects.
+    let (_, house) = shipped!("ecosystems/house.toml");
+    let tables =
+        house.find("[rooms]").expect("it has rooms")..house.find("[[agent]]").expect("agents");
+    let house = house.replacen(&house[tables], "", 1).replacen(
+        "mode = ",
+        "domain = \"words.pddl\"\nproblem = \"map.pddl\"\nmode = ",
+        1,
+    );
+    firm.write("ecosystems/house.toml", house.as_bytes());
+    firm.write("ecosystems/words.pddl", ontology::STANDARD_DOMAIN.as_bytes());
+    let map = "(define (problem second-floor) (:domain smart-office)
+      (:objects room-217 room-218 room-219 - room corridor-2 lift - corridor
+        (:private lobby - corridor))
+      (:init (= (total-cost) 0)) (:goal (and)) (:metric minimize (total-cost)))";
+    firm.write("ecosystems/map.pddl", map.as_bytes());
     let run = firm.check("check ecosystems/firm.toml", 33);
     for said in ["`lobby` is private in the map of `house`", "entrance = \"lobby\"", "1 error"] {
         assert!(run.stderr.contains(said), "{said}: {}", run.stderr);
@@ -73,13 +82,13 @@ fn an_action_that_would_lose_a_precondition_is_refused() {
     firm("next-to = \"connected\", ", "")
         .check("check ecosystems/firm.toml", 33)
         .shows(expect![[r#"
-            ecosystems/firm.toml: ecosystem firm (4 agents, 1 daemon, 1 interface, decentralized): has errors
+            ecosystems/firm.toml: ecosystem firm (6 agents, 1 daemon, 1 interface, decentralized): has errors
         "#]], expect![[r#"
             error: `move` is not exported: it needs the predicate `connected`, which is
                    not exported
-              --> ecosystems/firm.toml:64:20
+              --> ecosystems/firm.toml:45:20
                |
-            64 | actions = { walk = "move", tidy = "sweep" }
+            45 | actions = { walk = "move", tidy = "sweep" }
                |                    ^^^^^^
                |
                = help: a plan there could have steps that cannot be carried out; export
@@ -95,13 +104,13 @@ fn a_cost_that_would_be_lost_is_set_by_the_rule() {
     firm(without, "")
         .check("check ecosystems/firm.toml", 33)
         .shows(expect![[r#"
-            ecosystems/firm.toml: ecosystem firm (4 agents, 1 daemon, 1 interface, decentralized): has errors
+            ecosystems/firm.toml: ecosystem firm (6 agents, 1 daemon, 1 interface, decentralized): has errors
         "#]], expect![[r#"
             error: `move` is not exported: its cost depends on the function `distance`,
                    which is not exported
-              --> ecosystems/firm.toml:64:20
+              --> ecosystems/firm.toml:45:20
                |
-            64 | actions = { walk = "move", tidy = "sweep" }
+            45 | actions = { walk = "move", tidy = "sweep" }
                |                    ^^^^^^
                |
                = help: say what it is to cost here: costs = { walk = 5 }
@@ -123,13 +132,13 @@ fn colliding_and_ambiguous_names_are_refused() {
         .check("check ecosystems/firm.toml", 33)
         .shows(
             expect![[r#"
-                ecosystems/firm.toml: ecosystem firm (4 agents, 1 daemon, 1 interface, decentralized): has errors
+                ecosystems/firm.toml: ecosystem firm (6 agents, 1 daemon, 1 interface, decentralized): has errors
             "#]],
             expect![[r#"
             error: `plan-requester` is an agent of this ecosystem already
-              --> ecosystems/firm.toml:63:6
+              --> ecosystems/firm.toml:44:6
                |
-            63 | as = "plan-requester"                        # its name here
+            44 | as = "plan-requester"                        # its name here
                |      ^^^^^^^^^^^^^^^^
                |
                = help: give it another name here: as = "…"
@@ -141,13 +150,13 @@ fn colliding_and_ambiguous_names_are_refused() {
         .check("check ecosystems/firm.toml", 33)
         .shows(
             expect![[r#"
-                ecosystems/firm.toml: ecosystem firm (4 agents, 1 daemon, 1 interface, decentralized): has errors
+                ecosystems/firm.toml: ecosystem firm (6 agents, 1 daemon, 1 interface, decentralized): has errors
             "#]],
             expect![[r#"
             error: `blue-room` stands for `room-217` already
-              --> ecosystems/firm.toml:52:12
+              --> ecosystems/firm.toml:33:12
                |
-            52 | red-room = "room-217"
+            33 | red-room = "room-217"
                |            ^^^^^^^^^^
                |
                = help: it could not be translated back: give each a name of its own
@@ -162,12 +171,12 @@ fn mistakes_in_a_rule_point_at_it() {
     firm("agent = \"sweeper-1\"", "agent = \"sweper-1\"")
         .check("check ecosystems/firm.toml", 0)
         .shows(expect![[r#"
-            ecosystems/firm.toml: ecosystem firm (4 agents, 1 daemon, 1 interface, decentralized): ok
+            ecosystems/firm.toml: ecosystem firm (6 agents, 1 daemon, 1 interface, decentralized): ok
         "#]], expect![[r#"
             warning: the other ecosystem's file has no actuator `sweper-1`
-              --> ecosystems/firm.toml:62:9
+              --> ecosystems/firm.toml:43:9
                |
-            62 | agent = "sweper-1"
+            43 | agent = "sweper-1"
                |         ^^^^^^^^^^
                |
                = help: did you mean `sweeper-1`?
@@ -178,14 +187,14 @@ fn mistakes_in_a_rule_point_at_it() {
         .check("check ecosystems/firm.toml", 33)
         .shows(
             expect![[r#"
-                ecosystems/firm.toml: ecosystem firm (4 agents, 1 daemon, 1 interface, decentralized): has errors
+                ecosystems/firm.toml: ecosystem firm (6 agents, 1 daemon, 1 interface, decentralized): has errors
             "#]],
             expect![[r#"
             error: `interface.import.performatives` must be "inform" or "cfp" or "request"
                    or "cancel"
-              --> ecosystems/firm.toml:65:28
+              --> ecosystems/firm.toml:46:28
                |
-            65 | performatives = ["inform", "shout", "request", "cancel"]      # all ther...
+            46 | performatives = ["inform", "shout", "request", "cancel"]      # all ther...
                |                            ^^^^^^^
                |
                = rule: performatives = "inform" | "cfp" | "request" | "cancel"  # what
@@ -197,12 +206,12 @@ fn mistakes_in_a_rule_point_at_it() {
     firm("ecosystem = \"house.toml\" ", "ecosystem = \"hut.toml\"")
         .check("check ecosystems/firm.toml", 33)
         .shows(expect![[r#"
-            ecosystems/firm.toml: ecosystem firm (4 agents, 1 daemon, 1 interface, decentralized): has errors
+            ecosystems/firm.toml: ecosystem firm (6 agents, 1 daemon, 1 interface, decentralized): has errors
         "#]], expect![[r#"
             error: `ecosystems/hut.toml` cannot be read: there is no such file
-              --> ecosystems/firm.toml:40:13
+              --> ecosystems/firm.toml:21:13
                |
-            40 | ecosystem = "hut.toml"       # its name, its words, its map, and where i...
+            21 | ecosystem = "hut.toml"       # its name, its words, its map, and where i...
                |             ^^^^^^^^^^
                |
                = help: paths are relative to the ecosystem file
@@ -212,12 +221,12 @@ fn mistakes_in_a_rule_point_at_it() {
     firm("goals = [\"clean\"]", "goals = [\"claen\"]")
         .check("check ecosystems/firm.toml", 33)
         .shows(expect![[r#"
-            ecosystems/firm.toml: ecosystem firm (4 agents, 1 daemon, 1 interface, decentralized): has errors
+            ecosystems/firm.toml: ecosystem firm (6 agents, 1 daemon, 1 interface, decentralized): has errors
         "#]], expect![[r#"
             error: goals about `claen` cannot pass: it is not under `predicates`
-              --> ecosystems/firm.toml:71:9
+              --> ecosystems/firm.toml:52:9
                |
-            71 | goals = ["claen"]
+            52 | goals = ["claen"]
                |         ^^^^^^^^^
                |
                = help: did you mean `clean`?

@@ -2,6 +2,7 @@
 //!
 //! All tests are in one binary, so that it is linked once.
 
+mod rooms;
 mod sandbox;
 
 mod plan;
@@ -10,11 +11,17 @@ mod validate;
 
 mod check;
 
+mod building_checks;
+
+mod caretakers;
+
 mod ecosystem;
 
 mod mistakes;
 
 mod interfaces;
+
+mod people;
 
 mod engines;
 

@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use crate::sandbox::Sandbox;
 
-const SCHOOL: &str = r#"[ecosystem]
+pub(crate) const SCHOOL: &str = r#"[ecosystem]
 name = "village-school"
 domain = "../words/domain.pddl"
 problem = "../words/school.pddl"
@@ -76,7 +76,7 @@ temperatures = { class-a = 19.0, class-b = 20.0, entrance = 17.0 }
 time-scale = 0.5
 "#;
 
-const MAP: &str = "\
+pub(crate) const MAP: &str = "\
 (define (problem village-school-map)
   (:domain smart-office)
   (:objects
@@ -95,7 +95,7 @@ const MAP: &str = "\
   (:goal (and)))
 ";
 
-fn sandbox(school: &[u8], map: &[u8]) -> Sandbox {
+pub(crate) fn sandbox(school: &[u8], map: &[u8]) -> Sandbox {
     let words = concat!(env!("CARGO_MANIFEST_DIR"), "/../../../domains/smart-office/domain.pddl");
     let words = std::fs::read_to_string(words).expect("the ontology of the repository");
     let sandbox = Sandbox::new(&[("words/domain.pddl", &words)]);
@@ -104,8 +104,15 @@ fn sandbox(school: &[u8], map: &[u8]) -> Sandbox {
     sandbox
 }
 
-/// Returns the reports on the files: severity, file and line, and message with help.
-fn told(school: &str, map: &str) -> Vec<(String, String, String)> {
+/// Returns the errors and warnings about the files: severity, file and line, and message with help.
+pub(crate) fn told(school: &str, map: &str) -> Vec<(String, String, String)> {
+    let mut told = all_told(school, map);
+    told.retain(|(severity, ..)| severity != "hint");
+    told
+}
+
+/// Returns all reports on the files, hints included.
+pub(crate) fn all_told(school: &str, map: &str) -> Vec<(String, String, String)> {
     let run = sandbox(school.as_bytes(), map.as_bytes()).run("check files/school.toml --json");
     let json = run.json();
     let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
@@ -123,7 +130,7 @@ fn told(school: &str, map: &str) -> Vec<(String, String, String)> {
 
 /// Checks that one mistake in the ecosystem file is reported once.
 #[track_caller]
-fn file(from: &str, to: &str, severity: &str, line: usize, words: &[&str]) {
+pub(crate) fn file(from: &str, to: &str, severity: &str, line: usize, words: &[&str]) {
     assert!(SCHOOL.contains(from), "{from}");
     check(
         &SCHOOL.replacen(from, to, 1),
@@ -136,7 +143,7 @@ fn file(from: &str, to: &str, severity: &str, line: usize, words: &[&str]) {
 
 /// Checks that one mistake in the map is reported once.
 #[track_caller]
-fn map(from: &str, to: &str, severity: &str, line: usize, words: &[&str]) {
+pub(crate) fn map(from: &str, to: &str, severity: &str, line: usize, words: &[&str]) {
     assert!(MAP.contains(from), "{from}");
     check(
         SCHOOL,
@@ -148,7 +155,7 @@ fn map(from: &str, to: &str, severity: &str, line: usize, words: &[&str]) {
 }
 
 #[track_caller]
-fn check(school: &str, map: &str, severity: &str, place: &str, words: &[&str]) {
+pub(crate) fn check(school: &str, map: &str, severity: &str, place: &str, words: &[&str]) {
     let told = told(school, map);
     let [(is, at, text)] = &told[..] else { panic!("one mistake is made: {told:#?}") };
     assert_eq!((is.as_str(), at.as_str()), (severity, place), "{text}");
@@ -157,8 +164,8 @@ fn check(school: &str, map: &str, severity: &str, place: &str, words: &[&str]) {
     }
 }
 
-const ERROR: &str = "error";
-const WARNING: &str = "warning";
+pub(crate) const ERROR: &str = "error";
+pub(crate) const WARNING: &str = "warning";
 
 #[test]
 fn a_correct_file_has_no_reports() {

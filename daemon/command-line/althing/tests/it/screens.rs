@@ -5,10 +5,32 @@ use crate::sandbox::Sandbox;
 
 #[test]
 fn without_arguments_the_first_screen_is_shown() {
-    let run = Sandbox::new(&[]).check("", 0);
-    assert!(run.stdout.starts_with("Althing"), "{}", run.stdout);
-    assert_eq!(run.stdout, Sandbox::new(&[]).check("--help", 0).stdout);
-    assert_eq!(run.stdout, Sandbox::new(&[]).check("help", 0).stdout);
+    let sandbox = Sandbox::new(&[]);
+    let runtime = sandbox.path().join("run").display().to_string();
+    let sandbox = sandbox.with_variable("ALTHING_RUNTIME_DIR", &runtime);
+    let first = sandbox.check("", 0).stdout;
+    assert!(first.starts_with("Althing") && first.contains("No daemon runs"), "{first}");
+    assert!(first.contains("althing scenario 1"), "what to do next: {first}");
+    assert!(first.lines().count() <= 15, "{first}");
+    for line in first.lines() {
+        assert!(line.chars().count() <= 80, "{line}");
+    }
+    // With a file, the next commands are about it.
+    sandbox.write("althing.toml", b"[ecosystem]\nname = \"school\"\n[goals]\nwarm = \"(warm)\"\n");
+    let first = sandbox.check("", 0).stdout;
+    assert!(first.contains("althing check althing.toml"), "{first}");
+}
+
+#[test]
+fn the_help_groups_the_commands_by_purpose() {
+    let sandbox = Sandbox::new(&[]);
+    let help = sandbox.check("--help", 0).stdout;
+    for group in ["Stop", "Begin", "Ask", "Look", "Devices", "Manage", "Planner"] {
+        assert!(help.lines().any(|line| line.starts_with(group)), "{group}: {help}");
+    }
+    for same in ["-h", "help"] {
+        assert_eq!(sandbox.check(same, 0).stdout, help);
+    }
 }
 
 #[test]

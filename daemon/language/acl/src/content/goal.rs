@@ -4,15 +4,20 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Keep, Outcome};
+use super::{DueStatus, Keep, Outcome};
 use crate::ConversationId;
 
 /// The state of a goal, as shown to users.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GoalStatus {
-    /// Conversation of the goal, which identifies it in `cancel` and `watch`.
+    /// Conversation of the goal, which identifies it in messages.
     pub conversation: ConversationId,
+    /// Number of the goal, by which people name it: 1 for the first goal of the ecosystem. The
+    /// number is the same on every machine, and a new leader keeps it. 0 if the Plan Requester is
+    /// of an earlier version of Althing.
+    #[serde(default)]
+    pub number: u32,
     /// The goal: a PDDL condition.
     pub goal: String,
     /// Whether the goal ends when it is reached, or is kept from then on.
@@ -29,6 +34,10 @@ pub struct GoalStatus {
     pub rounds: u32,
     /// Past events of the goal, oldest first; their number is limited.
     pub history: Vec<HistoryEntry>,
+    /// The times of a goal by the clock. Unless such a goal is pursued itself, it waits for its time,
+    /// and is asked for in a conversation of its own. `None` for any other goal.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub due: Option<Box<DueStatus>>,
 }
 
 /// The phase of a goal. `docs/goals.md` has the transitions.
@@ -40,7 +49,7 @@ pub enum GoalPhase {
     Queued,
     /// The goal waits for agents or facts that the plans of other goals use.
     WaitingForAgents,
-    /// The goal waits for a capability, or for a change of the known state.
+    /// The goal waits for a capability, for a change of the known state, or for its time.
     WaitingForChange,
     /// The Plan Requester is fetching the domain and the state, to compare the goal with them.
     FetchingDomain,
@@ -86,6 +95,25 @@ impl GoalPhase {
         GoalPhase::Ended,
     ];
 
+    /// Returns the name of the phase, as in messages.
+    pub fn as_str(self) -> &'static str {
+        match self {
+            GoalPhase::Queued => "queued",
+            GoalPhase::WaitingForAgents => "waiting-for-agents",
+            GoalPhase::WaitingForChange => "waiting-for-change",
+            GoalPhase::FetchingDomain => "fetching-domain",
+            GoalPhase::Planning => "planning",
+            GoalPhase::CollectingProposals => "collecting-proposals",
+            GoalPhase::Explaining => "explaining",
+            GoalPhase::Executing => "executing",
+            GoalPhase::Preempted => "preempted",
+            GoalPhase::Cancelling => "cancelling",
+            GoalPhase::Verifying => "verifying",
+            GoalPhase::Holding => "holding",
+            GoalPhase::Ended => "ended",
+        }
+    }
+
     /// Whether the goal is being planned for. Only one goal is planned for at a time.
     pub fn is_planning(self) -> bool {
         use GoalPhase::{CollectingProposals, Explaining, FetchingDomain, Planning};
@@ -124,6 +152,12 @@ impl fmt::Display for GoalPhase {
 }
 
 impl GoalStatus {
+    /// Whether this is a goal by the clock, which waits for its time and is then pursued in another
+    /// conversation.
+    pub fn waits_for_its_time(&self) -> bool {
+        self.due.as_ref().is_some_and(|due| !due.words.is_empty())
+    }
+
     /// Returns the phase as text for a person, followed by the reason if the goal waits.
     pub fn phase_text(&self) -> String {
         match self.waits_because.as_str() {
@@ -149,4 +183,17 @@ pub struct HistoryEntry {
     pub outcome: Option<Outcome>,
     /// Description of the event, for a person.
     pub text: String,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_name_of_a_phase_is_the_one_in_messages() {
+        for phase in GoalPhase::ALL {
+            let written = serde_json::to_value(phase).expect("JSON");
+            assert_eq!(written, phase.as_str());
+        }
+    }
 }

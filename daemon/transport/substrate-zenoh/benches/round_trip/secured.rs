@@ -46,6 +46,7 @@ impl House {
             guests: AllowedNames::All,
             goals: AllowedRequesters::All,
             changes: AllowedRequesters::All,
+            history: AllowedRequesters::All,
             ..Rights::default()
         }
     }

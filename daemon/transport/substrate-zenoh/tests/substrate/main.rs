@@ -7,6 +7,7 @@ mod asking;
 mod daemon;
 mod messages;
 mod opening;
+mod overhearing;
 mod presence;
 mod relinking;
 mod secured;

@@ -27,6 +27,7 @@ use zenoh::sample::Sample;
 use zenoh::{Session, Wait};
 
 use crate::daemon::{DEADLINE, Daemon, agent, config, ear};
+use crate::overhearing::Listening;
 
 const TLS_HERE: &str = "tls/127.0.0.1:0";
 
@@ -351,6 +352,46 @@ async fn a_message_without_a_valid_signature_is_dropped_and_reported() {
     let seal = identity.seal(SealChannel::Message, TO_A, b"true", house.incarnation("a"));
     rogue.put(TO_A, "true").attachment(seal).await.expect("open");
     assert_eq!(a.hear_any().await, ["to x inform: true <rogue>"]);
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn an_overheard_message_has_a_verified_origin() {
+    let house = House::new();
+    let a = house.open("a", &[]).await;
+    let b = house.open("b", &[&a]).await;
+    let mut c = house.open("c", &[&a]).await;
+    let _token = b.announce("y");
+    // A daemon accepts no broadcasts of a daemon that it does not know yet.
+    c.hear("joined y@b").await;
+    let rogue = house.rogue("rogue", &a).await;
+    reach(&rogue, TO_A).await;
+    let mut listening = Listening::at(&c, &b).await;
+
+    b.request("a", "x", "to another");
+    assert_eq!(listening.hear().await, "to x request: to another <b>");
+    b.request("b", "y", "to itself");
+    assert_eq!(listening.hear().await, "to y request: to itself <b>");
+    c.request("c", "z", "on the listener's daemon");
+    assert_eq!(listening.hear().await, "to z request: on the listener's daemon <c>");
+    let together = ["y", "z"].map(|who| (agent(who), format!(r#"{{"sender":"{who}"}}"#).into()));
+    b.substrate.broadcast_heartbeats(together.into()).expect("open");
+    assert_eq!(listening.hear().await, r#"beat y: {"sender":"y"} <b>"#);
+    assert_eq!(listening.hear().await, r#"beat z: {"sender":"z"} <b>"#);
+
+    // None of these is overheard: without a seal, with the seal of another payload, in the name of
+    // another daemon's agent, and in the name of a daemon that says it to itself.
+    rogue.put(TO_A, "unsigned").await.expect("open");
+    let identity = house.identity("rogue");
+    let seal = identity.seal(SealChannel::Message, TO_A, b"harmless", None);
+    rogue.put(TO_A, "harmful").attachment(seal).await.expect("open");
+    let beat = "althing/office/model/b/robot";
+    let seal = identity.seal(SealChannel::AgentState, beat, b"x", None);
+    rogue.put(beat, "x").attachment(seal).await.expect("open");
+    let seal = identity.seal(SealChannel::Internal, TO_A, b"x", None);
+    rogue.put(TO_A, "x").attachment(seal).await.expect("open");
+    let seal = identity.seal(SealChannel::Message, TO_A, b"true", None);
+    rogue.put(TO_A, "true").attachment(seal).await.expect("open");
+    assert_eq!(listening.hear().await, "to x inform: true <rogue>");
 }
 
 #[tokio::test(flavor = "multi_thread")]

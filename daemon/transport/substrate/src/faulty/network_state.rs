@@ -12,7 +12,9 @@ use tokio::sync::mpsc;
 use tokio::time::Instant;
 
 use super::{CutId, LinkConditions, MessageCounts, SendObserver, UNDER_WAY_MAX};
-use crate::{Delivery, Inbound, Presence, ReceivedQuery, Resident};
+use crate::{
+    Delivery, Inbound, OverhearCallback, OverheardMessage, Presence, ReceivedQuery, Resident,
+};
 
 /// The state of all links and daemons.
 pub(super) struct NetworkState {
@@ -31,6 +33,9 @@ pub(super) struct NetworkState {
     /// daemon. Later messages of the link arrive later, unless they overtake it.
     pub(super) last: BTreeMap<(DaemonId, DaemonId), Instant>,
     pub(super) tap: Option<SendObserver>,
+    /// Listeners of agents, each with the daemon that hosts the agent, by a running number.
+    pub(super) listeners: BTreeMap<u64, (DaemonId, OverhearCallback)>,
+    pub(super) listeners_count: u64,
     pub(super) counts: MessageCounts,
 }
 
@@ -62,6 +67,8 @@ pub(super) struct ConnectionId {
 /// Message or other event on its way to a daemon.
 pub(super) enum InFlight {
     Message(Delivery),
+    /// A message for the listener with this number.
+    Overheard(u64, OverheardMessage),
     Presence(Presence),
     Question(ReceivedQuery),
     /// An answer, on its way to the daemon that asked.
@@ -93,6 +100,8 @@ impl NetworkState {
             due_count: 0,
             last: BTreeMap::new(),
             tap: None,
+            listeners: BTreeMap::new(),
+            listeners_count: 0,
             counts: MessageCounts::default(),
         }
     }

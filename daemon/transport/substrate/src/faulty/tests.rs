@@ -118,3 +118,28 @@ async fn a_lost_query_lasts_until_its_timeout() {
     assert_eq!(port.ask(ask(Some(daemon("b"))), patience).await.len(), 0);
     assert!(began.elapsed() >= patience);
 }
+
+#[tokio::test(start_paused = true)]
+async fn a_listener_hears_what_reaches_its_daemon() {
+    let network = Network::new(1);
+    let (port_a, _, port_b, _) = pair(&network);
+    let overheard = Arc::<Mutex<Vec<Bytes>>>::default();
+    let notes = Arc::clone(&overheard);
+    let hear = move |message: OverheardMessage| {
+        notes.lock().expect("no panic").push(message.payload);
+    };
+    let token = port_b.overhear(Arc::new(hear)).expect("open");
+    let beat = async |text: &'static str| {
+        let text = Bytes::from_static(text.as_bytes());
+        port_a.broadcast_state(&agent("robot"), text).expect("open");
+        tokio::time::sleep(Duration::from_millis(100)).await;
+    };
+    beat("heard").await;
+    let cut = network.cut([daemon("b")].into(), Duration::from_secs(1));
+    beat("behind the cut").await;
+    network.heal(cut);
+    beat("heard again").await;
+    drop(token);
+    beat("after the end").await;
+    assert_eq!(*overheard.lock().expect("no panic"), ["heard", "heard again"]);
+}

@@ -1,7 +1,7 @@
 //! Asks a person to allow the rights that a plugin requests beyond the default ones. The person
 //! answers yes or no at the terminal; a script allows the rights by `--allow`.
 
-use std::io::{self, BufRead as _, IsTerminal as _};
+use std::io::{self, IsTerminal as _};
 use std::process::ExitCode;
 
 use plugin_host::{Package, PackageStoreError, Right, listed};
@@ -9,6 +9,7 @@ use serde_json::json;
 use terminal::{exit, output};
 
 use crate::cli::plugin::PluginAllowArgs;
+use crate::commands::consent::is_agreed;
 use crate::commands::wrong;
 
 /// Runs `althing plugin allow`: grants an installed package the rights that it requests.
@@ -81,19 +82,9 @@ pub(super) fn consent(
         ));
         return Err(exit::with(exit::NOT_ALLOWED));
     }
-    if asked(&format!("`{name}` asks for the right\n{wants}Allow that? [y/N]")) {
+    if is_agreed(&format!("`{name}` asks for the right\n{wants}Allow that? [y/N]")) {
         return Ok(beyond.to_vec());
     }
     output::print_note("nothing was allowed, and nothing was changed");
     Err(exit::with(exit::NOT_ALLOWED))
-}
-
-/// Asks a person at the terminal, and returns `true` if the answer is yes. Any other answer counts
-/// as no.
-fn asked(question: &str) -> bool {
-    output::print_note(question);
-    let mut answer = String::new();
-    let heard = io::stdin().lock().read_line(&mut answer);
-    let answer = answer.trim();
-    heard.is_ok() && (answer.eq_ignore_ascii_case("y") || answer.eq_ignore_ascii_case("yes"))
 }

@@ -197,6 +197,9 @@ impl fmt::Display for OpeningMessage {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             OpeningMessage::Said(UserRequest::RequestGoal(wish)) => write!(f, "goal {}", wish.goal),
+            OpeningMessage::Said(UserRequest::ScheduleGoal(wish, times)) => {
+                write!(f, "goal {} {}", wish.goal, times.words)
+            }
             OpeningMessage::Said(UserRequest::Act(action)) => write!(f, "act {action}"),
             OpeningMessage::Said(UserRequest::Set(change)) => {
                 write!(f, "set {}{}", change.believe, change.retract)

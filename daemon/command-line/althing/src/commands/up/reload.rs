@@ -7,6 +7,7 @@
 //! nothing.
 
 use std::collections::BTreeSet;
+use std::io::IsTerminal as _;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -17,7 +18,7 @@ use tokio::signal::unix::{Signal, SignalKind, signal};
 
 use super::read;
 use crate::config::{AgentEntry, Ecosystem, Overrides};
-use crate::hosting::{self, DaemonNode, HostedPart};
+use crate::hosting::{self, DaemonNode, HostedPart, ReadText};
 
 /// The daemon's current configuration, and what is needed to read it again.
 pub(super) struct Reload {
@@ -35,6 +36,8 @@ pub(super) struct Reload {
     pub(super) hangups: Option<Signal>,
     /// Whether the daemon was started in a terminal.
     pub(super) had_terminal: bool,
+    /// The text of the file that was read last, for commands that change it.
+    pub(super) read_text: ReadText,
 }
 
 /// The reaction of a daemon to SIGHUP.
@@ -53,7 +56,7 @@ struct AgentChanges {
 }
 
 /// Starts to listen for SIGHUP; returns `None` if the kernel refuses that.
-pub(super) fn listen() -> Option<Signal> {
+fn listen() -> Option<Signal> {
     let listening = signal(SignalKind::hangup());
     listening.inspect_err(|error| tracing::warn!(%error, "failed to listen for SIGHUP")).ok()
 }
@@ -70,6 +73,15 @@ pub(super) async fn asked_for(hangups: &mut Option<Signal>) {
 }
 
 impl Reload {
+    /// Listens for SIGHUP from now on, and lets commands see which text of the file was read.
+    pub(super) fn begin(&mut self) {
+        self.hangups = listen();
+        self.had_terminal = std::io::stdin().is_terminal();
+        if self.hangups.is_some() {
+            self.read_text.set(&self.ecosystem);
+        }
+    }
+
     /// Reads the ecosystem file again, and applies the changes that are possible in a running
     /// daemon. Prints the changes. Returns whether the daemon continues or has to restart itself.
     pub(super) async fn again(&mut self, node: &mut DaemonNode) -> ReloadOutcome {
@@ -96,6 +108,7 @@ impl Reload {
             ));
             return ReloadOutcome::Restart;
         }
+        node.expect_agents(&ecosystem);
         let (old, new) = (built_in(&self.place.agents), built_in(&place.agents));
         let mut difference = AgentChanges::between(&old, &new);
         let mut said = vec![format!("SIGHUP: {file} was read again")];
@@ -133,6 +146,7 @@ impl Reload {
         }
         output::print_note(&said.join("\n  "));
         self.place.agents = kept;
+        self.read_text.set(&ecosystem);
         self.ecosystem = Arc::new(ecosystem);
         ReloadOutcome::Continue
     }
@@ -221,11 +235,18 @@ fn fixed(old: &Ecosystem, new: &Ecosystem, asked: &[String]) -> Vec<String> {
         ("`[zenoh]`", old.zenoh != new.zenoh),
         ("`[security]`", debug(&old.security) != debug(&new.security)),
         ("rights", is_secured && old.rights != new.rights),
+        ("`[people]`", old.people != new.people),
         ("`[safeguards]`", debug(&old.safeguards) != debug(&new.safeguards)),
         ("`[hardware-stops]`", old.hardware_stops != new.hardware_stops),
         ("`[plugins]`", debug(&old.plugins) != debug(&new.plugins)),
         ("agents of packages", packages(old) != packages(new)),
         ("the list of Journals", journals(old) != journals(new)),
+        ("`[metrics]`", old.metrics != new.metrics),
+        ("`[web]`", old.web != new.web),
+        (
+            "goals that are asked for by themselves",
+            old.goals.by_themselves != new.goals.by_themselves,
+        ),
         ("`[building]`", debug(&old.building) != debug(&new.building)),
         ("`[[interface]]`", debug(&old.interfaces) != debug(&new.interfaces)),
     ];

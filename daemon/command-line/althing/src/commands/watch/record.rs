@@ -12,16 +12,17 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::time::{Duration, Instant};
+use std::time::{Duration, Instant, SystemTime};
 
 use acl::{EcosystemId, Message};
 use bytes::Bytes;
+use live_view::redact;
 use serde::{Deserialize, Serialize};
 use terminal::{exit, output};
 use tokio::sync::mpsc;
 use tokio::sync::mpsc::error::TrySendError;
 
-use super::{WAITING_MAX, redact};
+use super::WAITING_MAX;
 use crate::commands::brief;
 use crate::commands::client::{self, ClientTarget};
 use crate::interruption;
@@ -40,6 +41,10 @@ pub(crate) struct Header {
     pub(crate) recording: u32,
     /// The name of the recorded ecosystem.
     pub(crate) ecosystem: EcosystemId,
+    /// Time at which the recording began, in milliseconds since the Unix epoch; `None` in a
+    /// recording of an older program.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(crate) began_ms: Option<u64>,
 }
 
 /// One message of a recording, with the time of its receipt.
@@ -91,11 +96,16 @@ pub(crate) enum RecordingError {
     },
 }
 
-/// A message as it was received: its key expression and its content.
-type ReceivedMessage = (String, Bytes);
+/// A message as it was received.
+pub(crate) struct ReceivedMessage {
+    at: Instant,
+    /// The key expression to which the message was sent.
+    key: String,
+    payload: Bytes,
+}
 
 /// Writes a recording until the file has reached its maximum size.
-struct Recorder {
+pub(crate) struct Recorder {
     file: BufWriter<File>,
     began: Instant,
     left: u64,
@@ -138,7 +148,8 @@ pub(super) fn run(
     })
 }
 
-fn not_written(file: &Path, error: &io::Error) -> String {
+/// Returns the text for the user about a recording that could not be written.
+pub(crate) fn not_written(file: &Path, error: &io::Error) -> String {
     let why = terminal::report::reason_of_writing(error);
     format!("error: failed to write `{}`: {why}", file.display())
 }
@@ -154,22 +165,13 @@ async fn record(
     recorder: &mut Recorder,
 ) -> Result<(), RecordFailure> {
     let config = target.config().map_err(RecordFailure::Unreachable)?;
-    let (hear, mut heard) = mpsc::channel::<ReceivedMessage>(WAITING_MAX);
-    let missed = Arc::clone(&recorder.missed);
-    let tap = substrate_zenoh::tap(config, move |key, payload| {
-        keep(&hear, &missed, (key.to_owned(), payload));
-    });
+    let (queue, mut heard) = recorder.queue();
+    let tap = substrate_zenoh::tap(config, move |key, message| queue.push(key, message.payload));
     let _tap = tap.await.map_err(|error| RecordFailure::Unreachable(error.to_string()))?;
     recorder.began = Instant::now();
     output::print_note(&format!("recording `{}`; Ctrl-C ends it", target.name));
-    while let Some((key, payload)) = heard.recv().await {
-        let Ok(message) = acl::decode(&payload) else {
-            recorder.unread += 1;
-            continue;
-        };
-        let is_asked_for =
-            conversation.as_ref().is_none_or(|asked| asked == message.conversation_id.as_str());
-        if is_asked_for && !recorder.take(key, &message).map_err(RecordFailure::Write)? {
+    while let Some(received) = heard.recv().await {
+        if !recorder.take(received, conversation.as_deref()).map_err(RecordFailure::Write)? {
             output::print_note("the recording is as large as it may be (--record-max)");
             return Ok(());
         }
@@ -189,31 +191,72 @@ fn private_file(path: &Path) -> io::Result<File> {
     Ok(file)
 }
 
-/// Queues a received message until it is written. If the queue is full, the message is not
-/// recorded, and `missed` counts it.
-fn keep(waiting: &mpsc::Sender<ReceivedMessage>, missed: &AtomicU64, heard: ReceivedMessage) {
-    if let Err(TrySendError::Full(_)) = waiting.try_send(heard) {
-        missed.fetch_add(1, Ordering::Relaxed);
+/// The sending end of the queue of messages that are to be recorded.
+#[derive(Clone)]
+pub(crate) struct RecordingQueue {
+    waiting: mpsc::Sender<ReceivedMessage>,
+    missed: Arc<AtomicU64>,
+}
+
+impl RecordingQueue {
+    /// Queues a received message until it is written, and never waits. If the queue is full, the
+    /// message is not recorded, but counted.
+    pub(crate) fn push(&self, key: &str, payload: Bytes) {
+        let received = ReceivedMessage { at: Instant::now(), key: key.to_owned(), payload };
+        if let Err(TrySendError::Full(_)) = self.waiting.try_send(received) {
+            self.missed.fetch_add(1, Ordering::Relaxed);
+        }
     }
 }
 
 // === impl Recorder ===
 
 impl Recorder {
-    fn create(path: &Path, ecosystem: &EcosystemId, bytes_max: u64) -> io::Result<Recorder> {
+    /// Creates the file of a recording, for its owner only. If the file exists, it is replaced.
+    pub(crate) fn create(
+        path: &Path,
+        ecosystem: &EcosystemId,
+        bytes_max: u64,
+    ) -> io::Result<Recorder> {
         let file = BufWriter::new(private_file(path)?);
         let (began, left) = (Instant::now(), bytes_max);
         let (unread, missed) = (0, Arc::default());
         let mut recorder = Recorder { file, began, left, written: 0, unread, missed };
-        let header = Header { recording: VERSION, ecosystem: ecosystem.clone() };
+        let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+        let began_ms = u64::try_from(now.as_millis()).ok();
+        let header = Header { recording: VERSION, ecosystem: ecosystem.clone(), began_ms };
         recorder.line(&header)?;
         Ok(recorder)
     }
 
-    /// Writes a message to the recording. Returns `false` if the message would exceed the maximum
-    /// size of the file.
-    fn take(&mut self, key: String, message: &Message) -> io::Result<bool> {
-        let at_ms = u64::try_from(self.began.elapsed().as_millis()).unwrap_or(u64::MAX);
+    /// Creates the queue of messages that this recorder is to write.
+    pub(crate) fn queue(&self) -> (RecordingQueue, mpsc::Receiver<ReceivedMessage>) {
+        let (waiting, received) = mpsc::channel(WAITING_MAX);
+        (RecordingQueue { waiting, missed: Arc::clone(&self.missed) }, received)
+    }
+
+    /// Writes a received message to the recording, unless it belongs to another conversation than
+    /// the one that is asked for. Returns `false` if the message would exceed the maximum size of
+    /// the file.
+    pub(crate) fn take(
+        &mut self,
+        received: ReceivedMessage,
+        conversation: Option<&str>,
+    ) -> io::Result<bool> {
+        let ReceivedMessage { at, key, payload } = received;
+        let Ok(message) = acl::decode(&payload) else {
+            self.unread += 1;
+            return Ok(true);
+        };
+        if conversation.is_some_and(|asked| asked != message.conversation_id.as_str()) {
+            return Ok(true);
+        }
+        self.write(at, key, &message)
+    }
+
+    fn write(&mut self, at: Instant, key: String, message: &Message) -> io::Result<bool> {
+        let at = at.saturating_duration_since(self.began);
+        let at_ms = u64::try_from(at.as_millis()).unwrap_or(u64::MAX);
         let is_written = self.line(&Recorded { at_ms, key, message: redact(message) })?;
         self.written += u64::from(is_written);
         Ok(is_written)
@@ -229,7 +272,8 @@ impl Recorder {
         Ok(true)
     }
 
-    fn tell(&self, file: &Path) {
+    /// Tells the user how many messages were written, and which are missing.
+    pub(crate) fn tell(&self, file: &Path) {
         let time = brief(self.began.elapsed());
         let (written, left_out) = (self.written, self.left_out());
         output::print_note(&format!(
@@ -306,7 +350,7 @@ mod tests {
         let office = EcosystemId::new("office").expect("a name");
         let mut recorder = Recorder::create(&path, &office, 1 << 20).expect("created");
         for _ in 0..3 {
-            assert!(recorder.take("k".to_owned(), &message()).expect("written"));
+            assert!(recorder.write(Instant::now(), "k".to_owned(), &message()).expect("written"));
         }
         let text = std::fs::read_to_string(&path).expect("flushed line by line");
         assert!(!text.contains("2718"), "what people answer may be a secret: {text}");
@@ -324,7 +368,8 @@ mod tests {
         let path = folder.path().join("r.jsonl");
         let office = EcosystemId::new("office").expect("a name");
         let mut recorder = Recorder::create(&path, &office, 1_000).expect("created");
-        let written = (0..100).filter(|_| recorder.take("k".into(), &message()).expect("written"));
+        let mut write = || recorder.write(Instant::now(), "k".into(), &message()).expect("written");
+        let written = (0..100).filter(|_| write());
         assert!((2..10).contains(&written.count()));
         assert!(std::fs::metadata(&path).expect("there").len() <= 1_000);
     }
@@ -336,9 +381,9 @@ mod tests {
         let recorder = Recorder::create(&folder.path().join("r.jsonl"), &office, 1 << 20);
         let mut recorder = recorder.expect("created");
         assert_eq!(recorder.left_out(), "");
-        let (hear, _heard) = mpsc::channel(2);
-        for _ in 0..5 {
-            keep(&hear, &recorder.missed, ("k".to_owned(), Bytes::new()));
+        let (queue, _received) = recorder.queue();
+        for _ in 0..WAITING_MAX + 3 {
+            queue.push("k", Bytes::new());
         }
         recorder.unread = 1;
         assert_eq!(recorder.left_out(), "; 1 could not be read; 3 came too fast to be written");

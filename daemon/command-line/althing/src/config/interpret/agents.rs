@@ -9,7 +9,7 @@ use serde_json::Value;
 use super::Interpreter;
 use super::files::PddlFiles;
 use crate::config::KnownPlugin;
-use crate::config::ecosystem::AgentEntry;
+use crate::config::ecosystem::{AgentEntry, DEFAULT_AGENTS};
 use crate::config::raw::RawAgentEntry;
 use crate::config::reader;
 
@@ -38,7 +38,9 @@ impl Interpreter<'_> {
         files: Option<&PddlFiles>,
     ) -> Vec<AgentEntry> {
         let names: Vec<Option<String>> = raw.iter().map(|agent| agent.name.clone()).collect();
-        let given = raw.iter().any(|agent| !agent.daemon.is_empty());
+        let given = raw.iter().any(|agent| !agent.daemon.is_empty())
+            // A single daemon hosts the agents that name none.
+            || self.place(&format!("{DEFAULT_AGENTS}.1")).is_some();
         let poses: BTreeSet<String> = raw.iter().flat_map(poses).cloned().collect();
         let mut agents = Vec::new();
         for (index, raw) in raw.into_iter().enumerate() {
@@ -80,7 +82,7 @@ impl Interpreter<'_> {
                 config,
             });
         }
-        let plugin = self.plugin(path, plugin);
+        let plugin = self.plugin(path, plugin, name.as_ref());
         let has_driver = match (plugin, &driver) {
             (Some(known), Some(driver)) => self.driver(path, known.name, known.drivers, driver),
             _ => true,
@@ -189,7 +191,12 @@ impl Interpreter<'_> {
         });
     }
 
-    fn plugin(&mut self, path: &str, plugin: Option<String>) -> Option<KnownPlugin> {
+    fn plugin(
+        &mut self,
+        path: &str,
+        plugin: Option<String>,
+        name: Option<&AgentId>,
+    ) -> Option<KnownPlugin> {
         let Some(plugin) = plugin else {
             self.missing(path, "plugin", "temperature-sensor");
             return None;
@@ -199,9 +206,13 @@ impl Interpreter<'_> {
             return Some(*found);
         }
         let names = || known.iter().map(|known| known.name);
-        let help = match pddl::nearest(&plugin, names()) {
-            Some(nearest) => format!("did you mean `{nearest}`?"),
-            None => format!("known are {}", names().collect::<Vec<_>>().join(", ")),
+        let swapped = name.filter(|name| names().any(|known| known == name.as_str()));
+        let help = match (swapped, pddl::nearest(&plugin, names())) {
+            (Some(name), _) => format!(
+                "`name` and `plugin` are swapped: write name = \"{plugin}\" and plugin = \"{name}\""
+            ),
+            (None, Some(nearest)) => format!("did you mean `{nearest}`?"),
+            (None, None) => format!("known are {}", names().collect::<Vec<_>>().join(", ")),
         };
         let message = format!("unknown plugin `{plugin}`");
         self.about_value(&format!("{path}.plugin"), |span| {
@@ -247,6 +258,12 @@ impl Interpreter<'_> {
         }
         for (path, carrier) in OTHER_AGENTS.iter().filter_map(text) {
             let known = || names.iter().flatten().map(String::as_str);
+            if raw.name.as_deref() == Some(carrier) {
+                let message = format!("`{carrier}` is this agent itself");
+                let help = "write the name of the robot that carries it";
+                self.about_value(&path, |span| Diagnostic::error(span, message).with_help(help));
+                continue;
+            }
             if known().any(|name| name == carrier) {
                 continue;
             }

@@ -1,9 +1,14 @@
-//! The PDDL files that an ecosystem file names: the shared ontology and the map.
+//! The shared ontology and the map: from the PDDL files that an ecosystem file names, or from its
+//! tables `[rooms]` and `[doors]` and the standard ontology.
 
+use std::collections::BTreeMap;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
-use pddl::{Diagnostic, Document, Domain, Problem};
+use acl::EcosystemId;
+use ontology::BuildingPlan;
+use pddl::{Diagnostic, Document, Domain, Problem, Span};
+use serde_json::Value;
 use terminal::pddl_files::{self, DomainText};
 use terminal::report::{SourceText, similar_name};
 
@@ -16,13 +21,27 @@ const OBJECTS_LISTED_MAX: usize = 12;
 /// at the path in the ecosystem file.
 const FOLDERS_ABOVE_MAX: usize = 3;
 
+/// Name of a map whose ecosystem has no valid name.
+const NAMELESS_BUILDING: &str = "building";
+
+/// The values of an ecosystem file that describe the building and its words.
+pub(super) struct DescribedBuilding {
+    pub(super) domain: Option<String>,
+    pub(super) problem: Option<String>,
+    pub(super) vocabulary: Option<String>,
+    pub(super) rooms: BTreeMap<String, Value>,
+    pub(super) doors: BTreeMap<String, Value>,
+}
+
 /// The shared ontology and the map, as far as they can be read.
 pub(super) struct PddlFiles {
     pub(super) domain: Domain,
     pub(super) problem: Problem,
-    /// The text of the map.
+    /// The text in which the map is written.
     pub(super) map_source: Arc<SourceText>,
-    /// The lines of the map that could not be read.
+    /// Whether the map is made from `[rooms]` and `[doors]`.
+    pub(super) is_of_tables: bool,
+    /// The lines of the map that could not be read, or the names of places that are refused.
     damaged: String,
     /// Whether the ontology and the map are free of errors. If they are not, checks against them
     /// prove nothing.
@@ -32,13 +51,51 @@ pub(super) struct PddlFiles {
 // === impl Interpreter ===
 
 impl Interpreter<'_> {
-    /// Reads the ontology and the map. Mistakes are reported at their places in these two files.
+    /// Reads the ontology and the map. Mistakes are reported at their places in the PDDL files, or
+    /// in the tables of the ecosystem file.
     pub(super) fn files(
+        &mut self,
+        name: Option<&EcosystemId>,
+        described: DescribedBuilding,
+    ) -> Option<PddlFiles> {
+        let errors_before = self.errors();
+        let DescribedBuilding { domain, problem, vocabulary, rooms, doors } = described;
+        let has_table = |table: &&str| match *table {
+            "rooms" => !rooms.is_empty() || self.place("rooms").is_some(),
+            _ => !doors.is_empty() || self.place("doors").is_some(),
+        };
+        let table = ["rooms", "doors"].into_iter().find(has_table);
+        let named = ["problem", "domain"]
+            .into_iter()
+            .find(|key| self.place(&format!("ecosystem.{key}")).is_some());
+        match (table, named) {
+            (Some(table), Some(key)) => {
+                self.told_twice(table, key);
+                None
+            }
+            (None, Some(_)) => {
+                self.vocabulary_beside_domain(vocabulary.as_deref());
+                self.named_files(domain, problem, errors_before)
+            }
+            (None, None) => {
+                self.no_building();
+                None
+            }
+            (Some(_), None) => {
+                let domain = self.standard_or_extended(vocabulary)?;
+                let name = name.map_or(NAMELESS_BUILDING, EcosystemId::as_str);
+                self.tables(name, domain, (rooms, doors), errors_before)
+            }
+        }
+    }
+
+    /// Reads the two files that describe a building in PDDL.
+    fn named_files(
         &mut self,
         domain: Option<String>,
         problem: Option<String>,
+        errors_before: usize,
     ) -> Option<PddlFiles> {
-        let errors_before = self.errors();
         let domain = self.named_file("domain", domain, "domain.pddl");
         let problem = self.named_file("problem", problem, "map.pddl");
         let domain = domain.map(|source| pddl_files::domain_of(source, &mut self.report));
@@ -51,12 +108,85 @@ impl Interpreter<'_> {
             Some((source, problem, damaged.join("\n")))
         });
         let are_sound = self.errors() == errors_before;
+        let is_of_tables = false;
         match (domain, problem) {
             (
                 Some(DomainText { domain: Some(domain), .. }),
                 Some((map_source, problem, damaged)),
-            ) => Some(PddlFiles { domain, problem, map_source, damaged, are_sound }),
+            ) => Some(PddlFiles { domain, problem, map_source, is_of_tables, damaged, are_sound }),
             _ => None,
+        }
+    }
+
+    /// Makes the map from the tables `[rooms]` and `[doors]`.
+    fn tables(
+        &mut self,
+        name: &str,
+        domain: Domain,
+        (rooms, doors): (BTreeMap<String, Value>, BTreeMap<String, Value>),
+        errors_before: usize,
+    ) -> Option<PddlFiles> {
+        let map_source = Arc::clone(&self.layers.get(1)?.source);
+        let (places, refused) = self.rooms(&rooms, &domain);
+        let doors = self.doors(&doors, &places, &refused);
+        let plan = BuildingPlan { places, doors };
+        let problem = plan.map(name, &domain.name);
+        self.report.add(&map_source, pddl::check_map(&domain, &problem));
+        let are_sound = self.errors() == errors_before;
+        let damaged = refused.join("\n");
+        Some(PddlFiles { domain, problem, map_source, is_of_tables: true, damaged, are_sound })
+    }
+
+    /// Returns the standard ontology, extended by the vocabulary that the ecosystem file names, if it
+    /// names one. Returns `None` if the vocabulary cannot be read.
+    fn standard_or_extended(&mut self, vocabulary: Option<String>) -> Option<Domain> {
+        let standard = ontology::standard_domain();
+        if self.place("ecosystem.vocabulary").is_none() {
+            return Some(standard.clone());
+        }
+        let source = self.named_file("vocabulary", vocabulary, "words.pddl")?;
+        let extend = |more: &Domain| ontology::extended(standard, more);
+        pddl_files::vocabulary_of(&source, extend, &mut self.report)
+    }
+
+    /// Reports that the building is described both by tables and by a PDDL file.
+    fn told_twice(&mut self, table: &str, key: &str) {
+        let message = format!("[{table}] and `{key}` of [ecosystem] both describe the building");
+        let help = match key {
+            "problem" => "take one of the two out: [rooms] and [doors] say what a map in PDDL says",
+            _ => {
+                "take one of the two out: with [rooms] the standard ontology is used, and \
+                 vocabulary = \"FILE\" adds words to it"
+            }
+        };
+        self.about_key(&format!("ecosystem.{key}"), |span| {
+            Diagnostic::error(span, message).with_help(help)
+        });
+    }
+
+    fn vocabulary_beside_domain(&mut self, vocabulary: Option<&str>) {
+        if vocabulary.is_some() {
+            self.about_key("ecosystem.vocabulary", |span| {
+                let message = "`vocabulary` adds words to the standard ontology, and `domain` \
+                               replaces it";
+                Diagnostic::error(span, message).with_help("take one of the two out")
+            });
+        }
+    }
+
+    /// Reports that the file describes no building.
+    fn no_building(&mut self) {
+        let message = "the file says nothing of the building: `[rooms]` is missing";
+        let help = "write its places, one in a line, such as\n[rooms]\noffice1 = {}\nor name a \
+                    domain and a map in PDDL by `domain` and `problem` under [ecosystem]";
+        // The built-in defaults have the table too, so only the texts of the user are searched.
+        let written = self.layers.iter().skip(1).find_map(|layer| {
+            layer.places.get("ecosystem").map(|place| (Arc::clone(&layer.source), place.key))
+        });
+        let found = |span| Diagnostic::error(span, message).with_help(help);
+        match written {
+            Some((source, span)) => self.report.add(&source, [found(span)]),
+            None => self.about_file(found(Span::default())),
         }
     }
 
@@ -109,12 +239,14 @@ impl Interpreter<'_> {
             Some(Document::ActionModel(_)) => ("model", "the action model of an agent"),
             None => return Some(source),
         };
-        if is.0 == key {
+        let expected = if key == "vocabulary" { "domain" } else { key };
+        if is.0 == expected {
             return Some(source);
         }
         let message = format!("`{written}` is {}", is.1);
         let help = match key {
             "domain" => "`domain` names the file that begins with (define (domain …",
+            "vocabulary" => "`vocabulary` names a file that begins with (define (domain …",
             _ => "`problem` names the file that begins with (define (problem …",
         };
         let path = format!("ecosystem.{key}");
@@ -132,20 +264,27 @@ impl PddlFiles {
         if self.objects().any(|object| object == name) || self.is_damaged(name) {
             return None;
         }
+        let message = match self.is_of_tables {
+            true => format!("there is no `{name}` under [rooms]"),
+            false => format!("there is no `{name}` on the map"),
+        };
         if let Some(object) = self.objects().find(|object| object.eq_ignore_ascii_case(name)) {
             let help = format!("names are in lower case here: write \"{object}\"");
-            return Some((format!("there is no `{name}` on the map"), help));
+            return Some((message, help));
         }
-        let help = match pddl::nearest(name, self.objects()) {
-            Some(nearest) => format!("did you mean `{nearest}`?"),
-            None => format!("the map has {}", self.some_objects()),
+        let help = match (pddl::nearest(name, self.objects()), self.is_of_tables) {
+            (Some(nearest), _) => format!("did you mean `{nearest}`?"),
+            (None, true) => format!("[rooms] has {}", self.some_objects()),
+            (None, false) => format!("the map has {}", self.some_objects()),
         };
-        Some((format!("there is no `{name}` on the map"), help))
+        Some((message, help))
     }
 
     /// Whether a name occurs in a part of the map that could not be read.
     fn is_damaged(&self, name: &str) -> bool {
+        // The name of a refused place may have spaces.
         pddl_files::has_word(&self.damaged, name)
+            || !name.is_empty() && self.damaged.lines().any(|line| line == name)
     }
 
     /// Whether the map or the ontology has an object named `name`.

@@ -4,30 +4,38 @@
 
 use std::collections::BTreeMap;
 
+use acl::content::{Achieve, Keep};
+use goal_schedule::{Asking, Author, ScheduleError, TimeOptions, read_options};
+use jiff::Timestamp;
+use jiff::tz::TimeZone;
 use keyboard::GoalRequest;
 use pddl::{Diagnostic, Span};
+use plan_requester::{FileGoal, FileGoals};
 
 use super::Interpreter;
+use crate::config::ecosystem::NamedGoals;
+use crate::config::goal_cures;
 use crate::config::layer::KeyValueSpan;
-use crate::config::raw::RawNamedGoal;
+use crate::config::raw::{RawGoalTimes, RawNamedGoal};
 use terminal::report::SourceText;
 
 // === impl Interpreter ===
 
 impl Interpreter<'_> {
     /// Parses each named goal and reports its mistakes. Returns the goals by name, also those with
-    /// mistakes; a goal without text is left out.
-    pub(super) fn goals(
-        &mut self,
-        goals: BTreeMap<String, RawNamedGoal>,
-    ) -> BTreeMap<String, GoalRequest> {
+    /// mistakes; a goal without text is left out. Returns those besides that are asked for by
+    /// themselves.
+    pub(super) fn goals(&mut self, goals: BTreeMap<String, RawNamedGoal>) -> NamedGoals {
         let mut wishes = BTreeMap::new();
-        for (name, RawNamedGoal { goal, keep, priority, partition }) in goals {
+        let time_zone = self.time_zone.clone();
+        let zone = self.known_zone(time_zone.as_deref());
+        let mut by_themselves = FileGoals { goals: Vec::new(), time_zone };
+        for (name, RawNamedGoal { goal, keep, priority, partition, ask, times }) in goals {
             let Some(goal) = goal else {
                 self.missing(&format!("goals.{name}"), "goal", "(known-temperature office1)");
                 continue;
             };
-            let found = pddl::parse_condition(&goal).diagnostics;
+            let found = goal_cures::improved(&goal, pddl::parse_condition(&goal).diagnostics);
             match self.place(&format!("goals.{name}.goal")) {
                 Some((source, place)) => {
                     let moved =
@@ -36,10 +44,92 @@ impl Interpreter<'_> {
                 }
                 None => found.into_iter().for_each(|found| self.report.add_general(found)),
             }
+            let achieve = Achieve { goal: goal.clone(), keep, priority, partition };
+            let asked = (ask.is_some(), options(times));
+            by_themselves.goals.extend(self.file_goal(&name, achieve, asked, &zone));
             wishes.insert(name, GoalRequest { goal, keep, priority, partition });
         }
-        wishes
+        NamedGoals { named: wishes, by_themselves }
     }
+
+    /// Returns the time zone that the file names, or that of this machine. Reports a name that is not
+    /// known.
+    fn known_zone(&mut self, name: Option<&str>) -> TimeZone {
+        let Some(name) = name else { return TimeZone::system() };
+        TimeZone::get(name).unwrap_or_else(|_| {
+            self.about_value("ecosystem.time-zone", |span| {
+                let message = format!("the time zone `{name}` is not known on this machine");
+                let help = "write a name such as \"Europe/Berlin\"; the names come with the \
+                            package tzdata";
+                Diagnostic::error(span, message).with_help(help)
+            });
+            TimeZone::system()
+        })
+    }
+
+    /// Returns a goal that is asked for by itself; `None` if nothing says so. Reports mistakes in its
+    /// times.
+    fn file_goal(
+        &mut self,
+        name: &str,
+        goal: Achieve,
+        (is_always, times): (bool, TimeOptions),
+        zone: &TimeZone,
+    ) -> Option<FileGoal> {
+        if !is_always && times.is_empty() {
+            return None;
+        }
+        let asking = Asking {
+            author: Author::File,
+            keep: goal.keep,
+            zone: zone.clone(),
+            now: Timestamp::now(),
+        };
+        let checked = check_asking(&goal, is_always, &times)
+            .and_then(|()| read_options(&times, &asking).map(|_| ()));
+        if let Err(ScheduleError { option, message }) = checked {
+            self.about_value(&format!("goals.{name}.{option}"), |span| {
+                Diagnostic::error(span, message)
+            });
+            return None;
+        }
+        Some(FileGoal { name: name.to_owned(), goal, times, is_always })
+    }
+}
+
+/// Checks that the file says when the goal is asked for, in one way only.
+fn check_asking(goal: &Achieve, is_always: bool, times: &TimeOptions) -> Result<(), ScheduleError> {
+    let mistake =
+        |option, message: &str| Err(ScheduleError { option, message: message.to_owned() });
+    if !is_always {
+        let is_said = times.at.is_some() || times.every.is_some() || times.between.is_some();
+        let given = [("by", &times.by), ("for", &times.lasts), ("until", &times.until)];
+        let given = given.into_iter().find(|(_, text)| text.is_some());
+        return match given.filter(|_| !is_said) {
+            Some((option, _)) => mistake(
+                option,
+                "nothing says when the goal is asked for; write every = \"day 08:00\", at, \
+                 between, or ask = \"always\"",
+            ),
+            None => Ok(()),
+        };
+    }
+    if goal.keep != Keep::Maintain {
+        return mistake("ask", "only a kept goal is asked for always; write keep = \"maintain\"");
+    }
+    let others = [("at", &times.at), ("every", &times.every), ("between", &times.between)];
+    let others = others.into_iter().chain([("by", &times.by), ("for", &times.lasts)]);
+    match others.into_iter().find(|(_, text)| text.is_some()) {
+        Some((option, _)) => {
+            mistake(option, "`ask = \"always\"` asks for the goal at all times; leave one out")
+        }
+        None => Ok(()),
+    }
+}
+
+fn options(times: RawGoalTimes) -> TimeOptions {
+    let RawGoalTimes { at, by, every, on, between, until, lasts } = times;
+    TimeOptions { at, by, every, on, between, until, lasts }
 }
 
 /// Moves the spans of a diagnostic about the text of a goal to the places of that text in the

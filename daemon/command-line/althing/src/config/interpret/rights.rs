@@ -25,9 +25,12 @@ const REASONING: &[&str] =
 /// The unit of `warn-days`.
 const DAY: Duration = Duration::from_secs(24 * 3_600);
 
+/// The actions that single agents may offer, by agent; agents without a limit are missing.
+pub(super) type LimitedActions = BTreeMap<String, BTreeSet<String>>;
+
 /// Returns the actions that each agent may offer, by the name of the agent. Contains only agents
 /// that have the key `actions` in their entries.
-pub(super) fn limited_actions(agents: &[RawAgentEntry]) -> BTreeMap<String, BTreeSet<String>> {
+pub(super) fn limited_actions(agents: &[RawAgentEntry]) -> LimitedActions {
     let lower = |actions: &Vec<String>| actions.iter().map(|each| each.to_lowercase()).collect();
     let limited = agents.iter().filter_map(|RawAgentEntry { name, actions, .. }| {
         Some((name.clone()?, actions.as_ref().map(lower)?))
@@ -62,9 +65,9 @@ impl Interpreter<'_> {
         &mut self,
         raw: &RawRights,
         agents: &[AgentEntry],
-        limited: &BTreeMap<String, BTreeSet<String>>,
+        limited: &LimitedActions,
     ) -> Rights {
-        let RawRights { guests, newcomers, goals, changes } = raw;
+        let RawRights { guests, newcomers, goals, changes, history, private } = raw;
         self.warn_unenforced_rights(agents.len());
         let rights = |entry: &AgentEntry| AgentRights {
             daemons: entry.daemons.iter().cloned().collect(),
@@ -77,6 +80,8 @@ impl Interpreter<'_> {
             newcomers: self.allowed_daemons("newcomers", newcomers),
             goals: self.askers("goals", goals, agents),
             changes: self.askers("changes", changes, agents),
+            history: self.askers("history", history, agents),
+            private: self.askers("private", private, agents),
         }
     }
 
@@ -140,7 +145,7 @@ impl Interpreter<'_> {
     }
 
     /// Whether the ecosystem file sets the key at `path`.
-    fn is_in_file(&self, path: &str) -> bool {
+    pub(super) fn is_in_file(&self, path: &str) -> bool {
         self.layers.get(1).is_some_and(|file| file.places.contains_key(path))
     }
 }

@@ -146,7 +146,7 @@ async fn a_goal_is_accepted_when_two_journals_have_it() {
         person.wish("(known-temperature office2)", Keep::Achieve).await;
         let told = person.hears_of("accepted").await;
         assert_eq!(
-            told, "accepted; kept by `journal-alpha` and `journal-beta`, 2 of 2",
+            told, "goal 1 accepted; kept by `journal-alpha` and `journal-beta`, 2 of 2",
             "{mode:?}"
         );
         assert!(person.hears().await, "{mode:?}: {:#?}", person.lines);
@@ -181,6 +181,9 @@ async fn a_plan_continues_when_all_leaders_are_killed() {
         city.start("alpha").await;
         assert!(person.reaches("(known-temperature office1)").await, "{:#?}", person.lines);
         assert_eq!(city.acting("plan-requester"), "beta", "{mode:?}");
+        // The new leader goes on with the numbers of the former one.
+        let accepted = person.lines.iter().filter(|line| line.contains("goal 2 accepted; kept by"));
+        assert_eq!(accepted.count(), 1, "{mode:?}: {:#?}", person.lines);
     }
 }
 

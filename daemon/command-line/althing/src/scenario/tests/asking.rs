@@ -99,6 +99,7 @@ pub(super) async fn office(mode: Mode) -> (LaunchedScenario, String) {
         ScenarioSubstrate::Memory,
         mode,
         None,
+        None,
     )
     .await
     .expect("a stage");

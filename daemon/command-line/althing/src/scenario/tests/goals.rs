@@ -43,6 +43,7 @@ impl Office {
             ScenarioSubstrate::Memory,
             mode,
             None,
+            None,
         )
         .await
         .expect("the stage");
