@@ -7,6 +7,7 @@
 //! - [`goals`]: the words of goals, checked against the ontology, the map and the agents' action
 //!   models.
 //! - [`sensors`]: sensors that no goal of the file asks for.
+//! - [`reach`]: goals of the file that no agent of the file could ever reach.
 //! - [`rivals`]: two agents that use one thing, such as a line of a board or a topic.
 //! - [`roles`]: whether there are agents that take goals, that plan, and that carry out plans.
 //! - [`rooms`]: agents in a place where they can do nothing.
@@ -28,6 +29,8 @@ mod map;
 mod network;
 
 mod people;
+
+mod reach;
 
 mod rivals;
 
@@ -52,7 +55,8 @@ use crate::hosting;
 /// The part of an ecosystem that is reviewed.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum ReviewScope<'s> {
-    /// The whole ecosystem and beyond its files, for `althing check`: sensors that no goal asks for.
+    /// The whole ecosystem and beyond its files, for `althing check`: sensors that no goal asks for,
+    /// and goals that no agent could reach.
     Building,
     /// The whole ecosystem.
     Everything,
@@ -131,7 +135,9 @@ fn of_ecosystem(
     desk.network();
     desk.rivals();
     if matches!(scope, ReviewScope::Building) && !desk.report.has_errors() {
-        desk.sensors();
+        let models = hosting::models(ecosystem);
+        desk.sensors(&models);
+        desk.reach(&models);
     }
     if desk.is_complete
         && !desk.report.has_errors()

@@ -8,10 +8,9 @@ use pddl::{ActionModel, Diagnostic, Span};
 
 use super::Reviewer;
 use crate::config::AgentEntry;
-use crate::hosting;
 
 /// Plugins with agents that only measure.
-const SENSORS: &[&str] = &["temperature-sensor", "sensor", "ir-temperature-sensor"];
+pub(super) const SENSORS: &[&str] = &["temperature-sensor", "sensor", "ir-temperature-sensor"];
 
 /// Words of PDDL effects that are no predicates, and the function of the cost.
 const STRUCTURE: &[&str] =
@@ -20,13 +19,12 @@ const STRUCTURE: &[&str] =
 impl Reviewer<'_> {
     /// Notes each sensor with values that no named goal of the file needs. Nothing is said of a file
     /// without goals.
-    pub(super) fn sensors(&mut self) {
+    pub(super) fn sensors(&mut self, models: &BTreeMap<AgentId, ActionModel>) {
         let ecosystem = self.ecosystem;
         if ecosystem.goals.is_empty() || !self.is_complete {
             return;
         }
-        let models = hosting::models(ecosystem);
-        let needed = self.names_in_conditions(&models);
+        let needed = self.names_in_conditions(models);
         let mut idle = Vec::new();
         for entry in &ecosystem.agents {
             let is_sensor = entry.is_built_in() && SENSORS.contains(&entry.plugin.as_str());
