@@ -26,6 +26,9 @@ const MISSING: f64 = 0.8;
 /// The same for a word of at most three letters, such as `of`, which tells little.
 const SHORT_MISSING: f64 = 0.3;
 
+/// Distance for an object whose type does not fit its place.
+const MISFIT: f64 = 0.5;
+
 /// Share of the letters of a word that may differ.
 const LETTERS_MAX: f64 = 0.5;
 
@@ -262,10 +265,15 @@ fn taken(
                 let words = quantifiers.say(found.is_every, &Name::new(near), *case);
                 return Some(before.with(distance, Some(words), Some(position)));
             }
+            let fitting = || reader.names.fitting(phrase.symbol.as_str(), *index);
             if reader.term(token).is_some() {
-                return Some(row[at - 1].with(0.0, Some(token.text.to_owned()), None));
+                let fits = fitting().any(|name| name.as_str() == token.lower);
+                let is_open = fitting().next().is_none();
+                let distance = if fits || is_open { 0.0 } else { MISFIT };
+                let differs = (distance > 0.0).then_some(position);
+                return Some(row[at - 1].with(distance, Some(token.text.to_owned()), differs));
             }
-            let fitting = reader.names.fitting(phrase.symbol.as_str(), *index);
+            let fitting = fitting();
             let near = pddl::nearest(token.text, fitting.map(Name::spelled))?;
             let distance = letters(&token.lower, &near.to_lowercase());
             Some(row[at - 1].with(distance, Some(near.to_owned()), Some(position)))

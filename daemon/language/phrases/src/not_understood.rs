@@ -4,6 +4,9 @@ use std::fmt;
 
 use pddl::{Diagnostic, Span};
 
+/// Share of the distance in the chosen language below which the answer is that of another language.
+const OTHER_LANGUAGE: f64 = 0.5;
+
 /// The place at which a text is not understood, and the nearest texts that are.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NotUnderstood {
@@ -33,10 +36,10 @@ impl NotUnderstood {
     }
 
     /// Returns the answer of the language in which the text is nearest to one that is understood:
-    /// `self` if both are equally near.
+    /// `self`, the chosen language, unless the other one is clearly nearer.
     #[must_use]
     pub fn nearer(self, other: NotUnderstood) -> NotUnderstood {
-        if other.distance < self.distance { other } else { self }
+        if other.distance < self.distance * OTHER_LANGUAGE { other } else { self }
     }
 
     /// Returns the answer as a diagnostic with its place.

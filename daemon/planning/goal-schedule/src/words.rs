@@ -323,6 +323,10 @@ fn rule(every: &str) -> Result<String, ScheduleError> {
             let (month, day) = number(month).zip(number(day)).ok_or_else(unknown)?;
             Ok(format!("FREQ=YEARLY;BYMONTH={month};BYMONTHDAY={day};{}", time(at)?))
         }
+        [at] if mark::time_of_day(at).is_some() => {
+            let meant = format!("a time needs its days: write \"day {at}\" or \"mon,fri {at}\"");
+            Err(wrong(format!("`{every}` is no recurrence; {meant}")))
+        }
         [length] => interval(length).ok_or_else(unknown)?,
         _ => Err(unknown()),
     }
@@ -362,7 +366,12 @@ fn with_days(rule: String, on: Option<&str>) -> Result<String, ScheduleError> {
     let Some(on) = on else { return Ok(rule) };
     let wrong = |message: String| Err(ScheduleError::new("on", message));
     let Some(days) = days(on.trim()) else {
-        return wrong(format!("`{on}` are no days; write workdays, weekend, or mon,wed,fri"));
+        let meant = match on.trim().to_lowercase().as_str() {
+            "weekday" | "weekdays" | "working days" => "did you mean workdays?",
+            "weekends" => "did you mean weekend?",
+            _ => "write workdays, weekend, or mon,wed,fri",
+        };
+        return wrong(format!("`{on}` names no days; {meant}"));
     };
     match RecurrenceRule::read(&rule) {
         Ok(read) if read.takes_days() => Ok(format!("{rule};BYDAY={days}")),

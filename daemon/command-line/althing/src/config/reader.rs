@@ -325,6 +325,14 @@ fn unknown_key(
             Shape::Table(keys) => keys.iter().any(|key| key.name == name),
             _ => false,
         };
+        let is_table = |key: &&SchemaKey| key.name == name && !table.is_empty();
+        if let Some(table) = tables.iter().find(is_table) {
+            let written = match &table.shape {
+                Shape::List(Shape::Table(_)) => format!("[[{name}]]"),
+                _ => format!("[{name}]"),
+            };
+            return Some(format!("write a table of its own, {written}, and each entry below it"));
+        }
         tables.iter().find(has_key).map(|table| format!("`{name}` stands under [{}]", table.name))
     };
     let help = match near {

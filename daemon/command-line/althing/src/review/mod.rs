@@ -80,7 +80,37 @@ pub(crate) fn review(reading: &ParsedEcosystem, scope: ReviewScope<'_>) -> Diagn
     report.dedup();
     report.sort();
     without_misspelt(&mut report);
+    without_consequences(&mut report);
     report
+}
+
+/// Reports that only follow from another one: the words of the cause in its message or help, and the
+/// words in the messages of the consequences.
+const CONSEQUENCES: &[(&str, &[&str])] = &[
+    ("did you mean `[rooms]`?", &[" under [rooms]", "[rooms] names no place"]),
+    ("unknown key `rooms`", &[" under [rooms]", "[rooms] names no place"]),
+    ("did you mean `[doors]`?", &["no door leads there from its start", "is not connected"]),
+    ("unknown key `doors`", &["no door leads there from its start", "is not connected"]),
+    ("did you mean `[[agent]]`?", &["there is no agent `", "has no key `daemon`"]),
+    ("cannot be the name of an agent", &["there is no agent `"]),
+    (".keep` must be ", &["only a kept goal is asked for always"]),
+];
+
+/// Removes the reports that only follow from another one.
+fn without_consequences(report: &mut DiagnosticReport) {
+    let has = |report: &DiagnosticReport, words: &str| {
+        report.findings().iter().any(|SourcedDiagnostic { diagnostic, .. }| {
+            let helps = diagnostic.help.as_deref().is_some_and(|help| help.contains(words));
+            diagnostic.is_error() && (diagnostic.message.contains(words) || helps)
+        })
+    };
+    for (cause, consequences) in CONSEQUENCES {
+        if has(report, cause) {
+            report.retain(|SourcedDiagnostic { diagnostic, .. }| {
+                !consequences.iter().any(|words| diagnostic.message.contains(words))
+            });
+        }
+    }
 }
 
 /// Removes the reports that a key is missing if the same entry has that key, misspelt.
@@ -134,7 +164,10 @@ fn of_ecosystem(
     desk.daemons();
     desk.network();
     desk.rivals();
-    if matches!(scope, ReviewScope::Building) && !desk.report.has_errors() {
+    let is_understood =
+        |found: &SourcedDiagnostic| !found.diagnostic.message.starts_with("unknown ");
+    let is_sound = !desk.report.has_errors() && desk.report.findings().iter().all(is_understood);
+    if matches!(scope, ReviewScope::Building) && is_sound {
         let models = hosting::models(ecosystem);
         desk.sensors(&models);
         desk.reach(&models);

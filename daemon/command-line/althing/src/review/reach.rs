@@ -1,5 +1,6 @@
 //! Finds goals of the file that no agent of the file could ever reach: no action has the wanted
-//! effect, or each that has it needs a fact that the map and the agents' models exclude.
+//! effect and no agent knows the word, or each action that has it needs a fact that the map and the
+//! agents' models exclude.
 //!
 //! The check is optimistic, so that it warns of no goal that can be reached. A fact counts as false
 //! for ever only if its predicate is closed: the map or a model gives facts of it, and no action and
@@ -10,8 +11,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use acl::AgentId;
 use pddl::{
-    ActionModel, ActionSchema, Atom, Condition, Diagnostic, Domain, Effect, InitElement, Name, Problem,
-    Span, Term, TypeExpr, Types,
+    ActionModel, ActionSchema, Atom, Condition, Diagnostic, Domain, Effect, InitElement, Name,
+    Problem, Span, Term, TypeExpr, Types,
 };
 
 use super::Reviewer;
@@ -19,8 +20,17 @@ use super::sensors::SENSORS;
 
 /// Plugins without an action model: their agents reach no goal by themselves.
 const WITHOUT_ACTIONS: &[&str] = &[
-    "domain-maintainer", "plan-requester", "plan-executor", "planning-agent", "journal", "history",
-    "traces", "keyboard", "notifier", "doorkeeper", "robot-watchdog",
+    "domain-maintainer",
+    "plan-requester",
+    "plan-executor",
+    "planning-agent",
+    "journal",
+    "history",
+    "traces",
+    "keyboard",
+    "notifier",
+    "doorkeeper",
+    "robot-watchdog",
 ];
 
 /// Maximum number of facts of a goal with `forall` that are examined, and of its variables.
@@ -44,6 +54,8 @@ struct Possibilities<'m> {
     derived: BTreeSet<Name>,
     /// Predicates of `given` that no action and no axiom changes.
     closed: BTreeSet<Name>,
+    /// Predicates in the map, and in the models of the agents apart from their axioms.
+    mentioned: BTreeSet<Name>,
     /// Each effect that makes a fact true, with its agent and action.
     makers: Vec<(&'m AgentId, &'m ActionSchema, &'m Atom)>,
 }
@@ -75,7 +87,8 @@ impl Reviewer<'_> {
             && self.ecosystem.agents.iter().all(|entry| {
                 let is_of = |plugins: &[&str]| plugins.contains(&entry.plugin.as_str());
                 let offers = |model: &ActionModel| {
-                    (!model.actions.is_empty() || is_of(SENSORS)) && model.durative_actions.is_empty()
+                    (!model.actions.is_empty() || is_of(SENSORS))
+                        && model.durative_actions.is_empty()
                 };
                 entry.is_built_in()
                     && (is_of(WITHOUT_ACTIONS) || models.get(&entry.name).is_some_and(offers))
@@ -107,9 +120,27 @@ impl<'m> Possibilities<'m> {
                 makers.extend(added.into_iter().map(|atom| (agent, action, atom)));
             }
         }
+        let declared = models.values().flat_map(|model| &model.predicates);
+        let mut mentioned: BTreeSet<Name> = declared.map(|each| each.name.clone()).collect();
+        let inits = models.values().flat_map(|model| &model.init).chain(problem.init.iter());
+        mentioned.extend(inits.filter_map(|init| match init {
+            InitElement::Atom(atom) | InitElement::Not(atom) | InitElement::Unknown(atom) => {
+                Some(atom.predicate.clone())
+            }
+            _ => None,
+        }));
+        mentioned.extend(changed.iter().cloned());
         let mut closed: BTreeSet<Name> = given.iter().map(|(name, _)| name.clone()).collect();
         closed.retain(|name| !changed.contains(name) && !derived.contains(name));
-        Possibilities { types: Types::of(domain), objects, given, derived, closed, makers }
+        Possibilities {
+            types: Types::of(domain),
+            objects,
+            given,
+            derived,
+            closed,
+            mentioned,
+            makers,
+        }
     }
 
     /// Adds the facts that must hold where `condition` holds, with the objects that `bound` gives to
@@ -153,13 +184,18 @@ impl<'m> Possibilities<'m> {
     /// action changes may be told by an agent that runs.
     fn can_be(&self, fact: &GroundFact) -> bool {
         let is_made = self.makers.iter().any(|(_, _, atom)| atom.predicate == fact.0);
-        !is_made
+        let is_told = !is_made && self.mentioned.contains(&fact.0);
+        is_told
             || self.derived.contains(&fact.0)
             || self.given.contains(fact)
             || self.makers.iter().any(|maker| self.can_make(maker, fact))
     }
 
-    fn can_make(&self, (agent, action, atom): &(&AgentId, &ActionSchema, &Atom), fact: &GroundFact) -> bool {
+    fn can_make(
+        &self,
+        (agent, action, atom): &(&AgentId, &ActionSchema, &Atom),
+        fact: &GroundFact,
+    ) -> bool {
         if atom.predicate != fact.0 || atom.arguments.len() != fact.1.len() {
             return false;
         }
@@ -214,7 +250,11 @@ impl<'m> Possibilities<'m> {
         if !fact.1.iter().all(|object| self.objects.contains_key(object)) {
             return None;
         }
-        let text = format!("({} {})", fact.0, fact.1.iter().map(Name::as_str).collect::<Vec<_>>().join(" "));
+        let text = format!(
+            "({} {})",
+            fact.0,
+            fact.1.iter().map(Name::as_str).collect::<Vec<_>>().join(" ")
+        );
         let makers = self.makers.iter().filter(|(_, _, atom)| atom.predicate == fact.0);
         let agents: BTreeSet<_> = makers.map(|(agent, ..)| format!("`{agent}`")).collect();
         let named = agents.iter().take(NAMED_MAX).cloned().collect::<Vec<_>>().join(", ");
@@ -223,14 +263,23 @@ impl<'m> Possibilities<'m> {
             0 => ("do", String::new()),
             more => ("do", format!(" and {more} more")),
         };
-        let help = format!("{named}{more} {does} this elsewhere; add an agent that does it there");
+        let help = match agents.is_empty() {
+            true => "none makes or tells it anywhere; add an agent that does".to_owned(),
+            false => {
+                format!("{named}{more} {does} this elsewhere; add an agent that does it there")
+            }
+        };
         let message = format!("no agent of this file can ever make `{text}` true");
         Some(Diagnostic::warning(Span::default(), message).with_help(help))
     }
 }
 
 /// Collects the facts that an effect makes true, and the predicates that it makes false.
-fn collect_changes<'e>(effect: &'e Effect, added: &mut Vec<&'e Atom>, changed: &mut BTreeSet<Name>) {
+fn collect_changes<'e>(
+    effect: &'e Effect,
+    added: &mut Vec<&'e Atom>,
+    changed: &mut BTreeSet<Name>,
+) {
     match effect {
         Effect::And(all) => all.iter().for_each(|each| collect_changes(each, added, changed)),
         Effect::Add(atom) => added.push(atom),

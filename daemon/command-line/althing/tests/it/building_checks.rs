@@ -104,7 +104,10 @@ fn a_goal_that_no_agent_can_reach_is_told() {
     let [(_, place, text)] = told.as_slice() else { panic!("one warning: {told:#?}") };
     let line = SCHOOL.lines().position(|line| line == "[goals]").expect("goals") + 2;
     assert_eq!(*place, format!("files/school.toml:{line}"));
-    assert!(text.contains("no agent of this file can ever make `(known-co2 class-a)` true"), "{text}");
+    assert!(
+        text.contains("no agent of this file can ever make `(known-co2 class-a)` true"),
+        "{text}"
+    );
     assert!(text.contains("`air-b` does this elsewhere"), "{text}");
     let told = of_goal("(forall (?r - room) (known-co2 ?r))");
     assert!(told.len() == 1 && told[0].2.contains("can ever make `(known-co2 "), "{told:#?}");

@@ -17,6 +17,8 @@ mod caretakers;
 
 mod ecosystem;
 
+mod home_mistakes;
+
 mod mistakes;
 
 mod interfaces;

@@ -207,7 +207,8 @@ impl Interpreter<'_> {
         }
         let names = || known.iter().map(|known| known.name);
         let swapped = name.filter(|name| names().any(|known| known == name.as_str()));
-        let help = match (swapped, pddl::nearest(&plugin, names())) {
+        let near = pddl::nearest(&plugin, names()).or_else(|| by_another_word(&plugin));
+        let help = match (swapped, near) {
             (Some(name), _) => format!(
                 "`name` and `plugin` are swapped: write name = \"{plugin}\" and plugin = \"{name}\""
             ),
@@ -269,8 +270,15 @@ impl Interpreter<'_> {
             }
             let suggestion = pddl::nearest(carrier, known());
             let message = format!("there is no agent `{carrier}`");
+            let is_place = files.is_some_and(|files| files.unknown_object(carrier).is_none());
             self.about_value(&path, |span| {
-                Diagnostic::error(span, message).with_suggestion(suggestion)
+                let found = Diagnostic::error(span, message).with_suggestion(suggestion);
+                match is_place && suggestion.is_none() {
+                    true => found.with_help(format!(
+                        "`{carrier}` is a place: what stays there has location = \"{carrier}\""
+                    )),
+                    false => found,
+                }
             });
         }
     }
@@ -283,6 +291,48 @@ impl Interpreter<'_> {
         let help = "others have one; without it, every machine that runs alone hosts the agent";
         self.about_key(path, |span| Diagnostic::warning(span, message).with_help(help));
     }
+}
+
+/// Other words that users write for a plugin.
+const PLUGIN_WORDS: &[(&str, &[&str])] = &[
+    ("temperature-sensor", &["thermometer", "temperature", "temp", "temp-sensor"]),
+    (
+        "sensor",
+        &[
+            "hygrometer",
+            "humidity",
+            "humidity-sensor",
+            "co2",
+            "co2-sensor",
+            "light-sensor",
+            "motion-sensor",
+            "motion",
+            "contact",
+            "contact-sensor",
+            "door-sensor",
+        ],
+    ),
+    (
+        "switch",
+        &[
+            "lamp", "light", "relay", "socket", "plug", "heater", "heating", "fan", "lock",
+            "cover", "blind", "shutter",
+        ],
+    ),
+    ("turtlebot", &["robot", "mobile-robot"]),
+    ("cleaning-robot", &["vacuum", "vacuum-cleaner", "cleaner", "roomba", "mop"]),
+    ("ptz-camera", &["camera", "ip-camera", "webcam", "onvif"]),
+    ("screen", &["tv", "television", "display", "monitor", "projector", "chromecast"]),
+    ("mqtt", &["zigbee", "zigbee2mqtt", "broker", "tasmota", "home-assistant", "shelly"]),
+    ("notifier", &["notification", "notifications", "mail", "email", "ntfy", "push", "webhook"]),
+    ("command", &["script", "program", "exec", "shell"]),
+];
+
+/// Returns the plugin for which `word` is another word.
+fn by_another_word(word: &str) -> Option<&'static str> {
+    let word = word.to_lowercase().replace('_', "-");
+    let found = PLUGIN_WORDS.iter().find(|(_, words)| words.contains(&word.as_str()));
+    found.map(|(plugin, _)| *plugin)
 }
 
 /// Returns the names of the poses in an agent's entry, which are places besides those of the map.

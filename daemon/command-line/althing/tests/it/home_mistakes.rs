@@ -1,0 +1,91 @@
+//! Mistakes in the file of a home with tables of rooms and doors: each is reported once, at its place,
+//! without what only follows from it.
+
+use crate::mistakes::{ERROR, MAP, WARNING, check, told};
+
+/// A home of three rooms.
+const HOME: &str = r#"[ecosystem]
+name = "home"
+[rooms]
+living-room = {}
+kitchen = {}
+bedroom = {}
+[doors]
+living-room = { kitchen = 4.0, bedroom = 6.0 }
+[[agent]]
+name = "thermometer-kitchen"
+plugin = "temperature-sensor"
+config = { location = "kitchen" }
+[[agent]]
+name = "robot"
+plugin = "turtlebot"
+config = { start = "living-room", speed = 0.3 }
+[[agent]]
+name = "thermometer-robot"
+plugin = "ir-temperature-sensor"
+config = { mounted-on = "robot" }
+[goals]
+warm = { goal = "(forall (?r - room) (known-temperature ?r))", keep = "maintain", ask = "always" }
+"#;
+
+/// Checks that the home with `from` replaced by `to` has one mistake, at this line.
+#[track_caller]
+fn one(severity: &str, from: &str, to: &str, line: usize, words: &[&str]) {
+    assert!(HOME.contains(from), "{from}");
+    check(&HOME.replacen(from, to, 1), MAP, severity, &format!("files/school.toml:{line}"), words);
+}
+
+#[test]
+fn the_home_has_no_mistake() {
+    assert_eq!(told(HOME, MAP), []);
+}
+
+#[test]
+fn tables_by_a_wrong_name_are_one_mistake() {
+    one(ERROR, "[rooms]", "[room]", 3, &["unknown key `room`", "`[rooms]`"]);
+    one(ERROR, "[doors]", "[door]", 7, &["unknown key `door`", "`[doors]`"]);
+    let agents = "[[agents]]\nname = \"robot\"";
+    one(ERROR, "[[agent]]\nname = \"robot\"", agents, 13, &["`agents`", "`[[agent]]`"]);
+    let list = "rooms = [\"living-room\", \"kitchen\", \"bedroom\"]";
+    let rooms = "[rooms]\nliving-room = {}\nkitchen = {}\nbedroom = {}";
+    one(ERROR, rooms, list, 3, &["`rooms` in `ecosystem`", "a table of its own, [rooms]"]);
+}
+
+#[test]
+fn a_wrong_name_of_an_agent_is_one_mistake() {
+    one(ERROR, "\"robot\"\nplugin", "\"my robot\"\nplugin", 14, &["`my robot`", "`my-robot`"]);
+    let place = ["there is no agent `kitchen`", "location = \"kitchen\""];
+    one(ERROR, "mounted-on = \"robot\"", "mounted-on = \"kitchen\"", 20, &place);
+}
+
+#[test]
+fn another_word_for_a_plugin_is_understood() {
+    for (plugin, meant) in
+        [("thermometer", "temperature-sensor"), ("lamp", "switch"), ("tv", "screen")]
+    {
+        let to = format!("plugin = \"{plugin}\"");
+        let meant = format!("did you mean `{meant}`?");
+        one(ERROR, "plugin = \"temperature-sensor\"", &to, 11, &["unknown plugin", &meant]);
+    }
+}
+
+#[test]
+fn times_of_a_goal_are_corrected() {
+    let always = "ask = \"always\"";
+    one(ERROR, always, "every = \"8:00\"", 22, &["is no recurrence", "write \"day 8:00\""]);
+    let weekday = "every = \"day 08:00\", on = \"weekday\"";
+    one(ERROR, always, weekday, 22, &["`weekday` names no days", "did you mean workdays?"]);
+    one(ERROR, "\"maintain\"", "\"mantain\"", 22, &["did you mean \"maintain\"?"]);
+}
+
+#[test]
+fn a_goal_by_unknown_words_is_one_mistake() {
+    let goal = "(forall (?r - room) (known-temperature ?r))";
+    let permuted = "(forall (?r - room) (temperature-known ?r))";
+    one(ERROR, goal, permuted, 22, &["unknown predicate", "did you mean `known-temperature`?"]);
+    one(WARNING, goal, "(known-co2 kitchen)", 22, &["can ever make `(known-co2 kitchen)` true"]);
+    // In the language of the file, although German words are near, too.
+    let told = told(&HOME.replacen(goal, "the kitchen is warm", 1), MAP);
+    let [(_, _, text)] = told.as_slice() else { panic!("one mistake: {told:#?}") };
+    assert!(text.contains("is not understood") && !text.contains("trägt"), "{text}");
+}
