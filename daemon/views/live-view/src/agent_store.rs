@@ -147,6 +147,8 @@ pub(crate) struct AgentStore {
     agents: BTreeMap<AgentId, AgentRecord>,
     /// The agents that are gone, the first one first.
     gone: BTreeSet<(Moment, AgentId)>,
+    /// Number of times that an agent went, or came back after it was gone or silent.
+    comings: u64,
     agents_max: usize,
     model_bytes: usize,
     /// Bytes of all kept action models, and their limit.
@@ -160,6 +162,7 @@ impl AgentStore {
         AgentStore {
             agents: BTreeMap::new(),
             gone: BTreeSet::new(),
+            comings: 0,
             agents_max: limits.agents,
             model_bytes: limits.model_bytes,
             models_bytes: 0,
@@ -187,11 +190,18 @@ impl AgentStore {
         matches!(presence, Some(AgentPresence::Gone | AgentPresence::Silent))
     }
 
+    /// Returns the number of times that an agent went, or came back after it was gone or silent. An
+    /// agent that falls silent does so with time alone, and is not counted.
+    pub(crate) fn comings(&self) -> u64 {
+        self.comings
+    }
+
     /// Returns the record of an agent, a new one if there is room. If the limit is reached, the
     /// agent that has left first is dropped.
     fn entry(&mut self, agent: &AgentId) -> Option<&mut AgentRecord> {
         if !self.agents.contains_key(agent) && self.agents.len() >= self.agents_max {
             let (_, dropped) = self.gone.pop_first()?;
+            self.comings += 1;
             let model = self.agents.remove(&dropped).and_then(|record| record.model);
             self.models_bytes -= model.map_or(0, |model| model.len());
         }
@@ -202,6 +212,7 @@ impl AgentStore {
         if let Some(record) = self.agents.get_mut(agent)
             && let Some(gone_at) = record.gone_at.take()
         {
+            self.comings += 1;
             self.gone.remove(&(gone_at, agent.clone()));
         }
     }
@@ -214,6 +225,7 @@ impl AgentStore {
             return AgentChange::Nothing;
         }
         record.gone_at = Some(at);
+        self.comings += 1;
         self.gone.insert((at, agent.clone()));
         AgentChange::Went
     }
@@ -356,11 +368,13 @@ impl AgentStore {
             return false;
         }
         let (period_ms, sequence) = (u64::from(beat.period), beat.sequence);
+        let was_silent = record.presence(at) == AgentPresence::Silent;
         record.beat = Some(LastBeat { at, period_ms, incarnation, sequence, digest });
         // Without other news of presence, an agent that speaks is here.
         if record.replicas.is_empty() {
             self.came_back(agent);
         }
+        self.comings += u64::from(was_silent);
         true
     }
 

@@ -318,13 +318,13 @@ impl FactStore {
     }
 
     fn set_expiry(&mut self, at: Moment, key: &str, known_for: Option<Millis>) {
-        /// Time by which the end of a fact moves with the delays of heartbeats, in milliseconds.
-        const JITTER_MS: u64 = 1_000;
         let Some(record) = self.facts.get_mut(key) else { return };
         let Some(known_for) = known_for.map(u64::from) else { return };
         let moment = at.plus(known_for);
-        // A fact that is known for longer than before may be fresh again.
-        if record.expires.is_none_or(|(former, _)| moment > former.plus(JITTER_MS)) {
+        // A fact that is known for longer than before may be fresh again, if it ended soon; of one
+        // that was fresh, each heartbeat says so again.
+        let is_fresh = record.expires.is_some_and(|(end, whole)| end.since(at) >= whole / 4);
+        if !is_fresh && record.expires.is_none_or(|(former, _)| moment > former) {
             self.revision += 1;
             record.revision = self.revision;
         }
@@ -348,24 +348,37 @@ impl FactStore {
     }
 
     /// Returns the facts that were reported or changed after this revision, sorted by their text;
-    /// `None` if one was removed after it. What passes with time alone, such as freshness, is not
-    /// among them.
+    /// `None` if one was removed after it. With `true`, those are among them whose rows may have
+    /// changed with time alone: they end soon, are stale or disputed.
     pub(crate) fn rows_since(
         &self,
-        revision: u64,
+        (revision, with_time): (u64, bool),
         now: Moment,
         is_away: &impl Fn(&str) -> bool,
     ) -> Option<Vec<FactRow>> {
         if revision < self.removed_at {
             return None;
         }
-        let changed: Vec<_> =
-            self.facts.iter().filter(|(_, record)| record.revision > revision).collect();
+        let away = if with_time { self.owners(is_away) } else { HashMap::new() };
+        let is_owner_away = |owner: &str| match away.get(owner) {
+            Some(state) => state.is_away,
+            None => is_away(owner),
+        };
+        let has_moved = |record: &FactRecord| {
+            let saying = record.fact.saying();
+            let is_disputed = record.claims.iter().any(|(_, claim)| claim.saying != saying);
+            let freshness = || self.freshness(record, now, &is_owner_away);
+            is_disputed || matches!(freshness(), Freshness::Ending | Freshness::Stale)
+        };
+        let is_wanted = |(_, record): &(&String, &FactRecord)| {
+            record.revision > revision || (with_time && has_moved(record))
+        };
+        let changed: Vec<_> = self.facts.iter().filter(is_wanted).collect();
         let owners = changed.iter().flat_map(|(_, record)| record.owners());
         let owners: HashMap<&str, OwnerState> = owners
             .filter_map(|owner| Some((owner, self.reports.get(owner)?)))
             .map(|(owner, report)| {
-                let (heard_at, is_away) = (report.heard_at, is_away(owner));
+                let (heard_at, is_away) = (report.heard_at, is_owner_away(owner));
                 (owner, OwnerState { heard_at, is_away })
             })
             .collect();

@@ -113,6 +113,9 @@ pub struct ViewRevision {
     pub events: u64,
     /// Number of changes of facts.
     pub facts: u64,
+    /// Number of times that an agent went, or came back after it was gone or silent: the facts of
+    /// those that are away are stale.
+    pub comings: u64,
 }
 
 impl LiveView {
@@ -301,7 +304,8 @@ impl LiveView {
 
     /// Returns the state by which one sees whether rows may have changed.
     pub fn revision(&self) -> ViewRevision {
-        ViewRevision { events: self.events, facts: self.facts.revision() }
+        let (events, facts) = (self.events, self.facts.revision());
+        ViewRevision { events, facts, comings: self.agents.comings() }
     }
 
     /// Whether any stop was observed that may be in force.
@@ -336,6 +340,14 @@ impl LiveView {
     }
 
     /// Returns agents whose present action models were not observed, at most `agents_max` of them.
+    /// Returns the agents whose rows may differ from those of the revision `since`, sorted by name, if
+    /// nothing has happened after it and no stop is in force: those whose rows change with time alone.
+    /// `None` in all other cases.
+    pub fn agents_since(&self, since: ViewRevision, now: Moment) -> Option<Vec<AgentRow>> {
+        let is_same = since.events == self.events && since.comings == self.agents.comings();
+        (is_same && !self.has_stops()).then(|| agent_views::moving_rows(self, now))
+    }
+
     /// A query for the models of these agents tells them: a model that is announced while its agent
     /// starts reaches few observers.
     pub fn missing_models(&self, agents_max: usize) -> Vec<AgentId> {
@@ -354,12 +366,19 @@ impl LiveView {
     }
 
     /// Returns the facts that were reported or changed after this revision, sorted as all are; `None`
-    /// if one was removed after it, or if the revision is that of another view. Rows that have changed
-    /// with time alone are not among them.
-    pub fn facts_since(&self, revision: ViewRevision, now: Moment) -> Option<Vec<FactRow>> {
+    /// if one was removed after it, if an agent went or came back after it, or if the revision is that
+    /// of another view. Rows that have changed with time alone are among them only `with_time`.
+    pub fn facts_since(
+        &self,
+        revision: ViewRevision,
+        now: Moment,
+        with_time: bool,
+    ) -> Option<Vec<FactRow>> {
         let is_ours = revision.facts <= self.facts.revision();
         let is_away = |owner: &str| self.agents.is_away(owner, now);
-        is_ours.then(|| self.facts.rows_since(revision.facts, now, &is_away)).flatten()
+        let is_same = is_ours && revision.comings == self.agents.comings();
+        let since = (revision.facts, with_time);
+        is_same.then(|| self.facts.rows_since(since, now, &is_away)).flatten()
     }
 
     /// Returns the floor plan.

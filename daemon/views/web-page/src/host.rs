@@ -22,7 +22,8 @@ pub trait PageHost: Send + Sync + 'static {
     /// Calls `reader` with the view, once, under a lock that is held until `reader` returns.
     fn read(&self, reader: &mut dyn FnMut(&LiveView));
 
-    /// Returns a receiver of a number that grows with each batch of observed events.
+    /// Returns a receiver of a number that grows when the view has changed otherwise than with time:
+    /// when its revision is another one. Heartbeats without news need not count.
     fn changes(&self) -> watch::Receiver<u64>;
 
     /// Carries out what `person` asks for. The server has checked the rights of the person; the

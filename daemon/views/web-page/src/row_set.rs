@@ -13,6 +13,8 @@ pub(crate) struct RowSet {
     /// Smallest key that is kept, if these rows only add to those of before; `None` if they replace
     /// them.
     pub(crate) adds_from: Option<String>,
+    /// Whether these rows only change those of before: no other row is removed.
+    pub(crate) is_change: bool,
 }
 
 impl RowSet {
@@ -22,6 +24,7 @@ impl RowSet {
         self.ends.clear();
         self.is_ordered = false;
         self.adds_from = None;
+        self.is_change = false;
     }
 
     /// Adds a row.

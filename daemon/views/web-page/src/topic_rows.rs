@@ -18,6 +18,9 @@ pub(crate) enum TopicData {
     Overview(Box<Overview>),
     Goals(Vec<GoalRow>),
     Agents(Vec<AgentRow>),
+    /// The agents whose rows may differ from those that were computed last; the others are as they
+    /// were, and no agent is new or missing.
+    ChangedAgents(Vec<AgentRow>),
     Facts(Vec<FactRow>),
     /// The facts that have changed since the topic was computed last; the others are as they were.
     ChangedFacts(Vec<FactRow>),
@@ -47,27 +50,43 @@ pub(crate) struct RobotScreen {
     questions: Vec<QuestionRow>,
 }
 
+/// What pages have of a topic, so that it need not be computed again.
+pub(crate) struct KnownToPages {
+    /// Number of the newest activity; entries never change.
+    pub(crate) activity: u64,
+    /// The revision of the view at which the topic was computed last; `None` if all is computed.
+    pub(crate) since: Option<ViewRevision>,
+    /// Whether time has passed, so that rows may differ although nothing was observed.
+    pub(crate) has_aged: bool,
+}
+
 impl TopicData {
-    /// Copies what a topic is about; of the activity only entries with greater numbers than
-    /// `newer_than`, because entries never change, and of the facts only what has changed `since` a
-    /// revision of the view, if one is given.
+    /// Copies what a topic is about; of the activity, the agents and the facts only what pages may
+    /// lack.
     pub(crate) fn of(
         topic: &TopicName,
         view: &LiveView,
         now: Moment,
-        (newer_than, since): (u64, Option<ViewRevision>),
+        known: &KnownToPages,
     ) -> TopicData {
+        let since = known.since;
         match topic {
             TopicName::Overview => TopicData::Overview(Box::new(view.overview(now))),
             TopicName::Goals => TopicData::Goals(view.goals(now)),
-            TopicName::Agents => TopicData::Agents(view.agents(now)),
-            TopicName::Facts => match since.and_then(|since| view.facts_since(since, now)) {
-                Some(changed) => TopicData::ChangedFacts(changed),
-                None => TopicData::Facts(view.facts(now)),
+            TopicName::Agents => match since.and_then(|since| view.agents_since(since, now)) {
+                Some(changed) => TopicData::ChangedAgents(changed),
+                None => TopicData::Agents(view.agents(now)),
             },
+            TopicName::Facts => {
+                let changed = |since| view.facts_since(since, now, known.has_aged);
+                match since.and_then(changed) {
+                    Some(changed) => TopicData::ChangedFacts(changed),
+                    None => TopicData::Facts(view.facts(now)),
+                }
+            }
             TopicName::Floor => TopicData::Floor(view.floor(now)),
             TopicName::Questions => TopicData::Questions(view.questions(now)),
-            TopicName::Activity => activity(view, newer_than),
+            TopicName::Activity => activity(view, known.activity),
             TopicName::Conversations => TopicData::Conversations(view.conversations()),
             TopicName::Daemons => TopicData::Daemons(view.topology(now)),
             TopicName::Inbox => TopicData::Inbox(view.discovered()),
@@ -91,7 +110,8 @@ impl TopicData {
             TopicName::Agents => view.has_stops(),
             _ => false,
         };
-        now.events != before.events || (has_facts && now.facts != before.facts)
+        let is_moved = now.facts != before.facts || now.comings != before.comings;
+        now.events != before.events || (has_facts && is_moved)
     }
 
     /// Writes the rows.
@@ -112,10 +132,16 @@ impl TopicData {
                     rows.push(key.as_str(), &moments::agent(row, now));
                 }
             }
+            TopicData::ChangedAgents(agents) => {
+                rows.is_change = true;
+                for row in agents {
+                    let key = row.agent.clone();
+                    rows.push(key.as_str(), &moments::agent(row, now));
+                }
+            }
             TopicData::Facts(facts) => write_facts(facts, now, rows),
             TopicData::ChangedFacts(facts) => {
-                // No key is smaller: nothing is removed.
-                rows.adds_from = Some(String::new());
+                rows.is_change = true;
                 write_facts(facts, now, rows);
             }
             TopicData::Floor(plan) => write_floor(&plan, rows),

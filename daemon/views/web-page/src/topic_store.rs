@@ -247,7 +247,7 @@ impl StoredTopic {
             change.bytes += key.len() + json.len();
             self.put(key, json, *version);
         }
-        if seen < self.rows.len() {
+        if !rows.is_change && seen < self.rows.len() {
             let first_kept = rows.adds_from.as_deref();
             self.remove_unseen(first_kept, version, &mut change.bytes);
         }

@@ -10,15 +10,15 @@ use tokio::time::{MissedTickBehavior, interval, sleep_until};
 use crate::host::PageHost;
 use crate::row_set::RowSet;
 use crate::topic_name::TopicName;
-use crate::topic_rows::TopicData;
+use crate::topic_rows::{KnownToPages, TopicData};
 use crate::topic_store::TopicStore;
 
 /// Smallest interval between two computations of a topic: an eye sees no less, and with it a change
 /// is on the page within a tenth of a second.
 const COMPUTED_EVERY: Duration = Duration::from_millis(50);
 
-/// Smallest interval between two looks whether a topic has changed: heartbeats without news may come a
-/// thousand times a second.
+/// Smallest interval between two looks whether a topic has changed: facts may change a thousand times a
+/// second.
 const LOOKED_AT_EVERY: Duration = Duration::from_millis(20);
 
 /// Interval at which all topics are computed although nothing was observed: silence makes agents
@@ -178,7 +178,7 @@ impl TopicWork {
         for (topic, is_aged) in due {
             let began = Instant::now();
             let Some(mut data) = self.data(host, store, (&topic, is_aged), now) else {
-                spent.push(SpentTime { topic, wait: LOOKED_AT_EVERY, aged: None });
+                spent.push(SpentTime { topic, wait: COMPUTED_EVERY, aged: None });
                 continue;
             };
             if let TopicData::Overview(overview) = &mut data {
@@ -207,15 +207,15 @@ impl TopicWork {
         (topic, is_aged): (&TopicName, bool),
         now: Moment,
     ) -> Option<TopicData> {
-        let newer_than = if store.is_computed(topic) { self.activity } else { 0 };
         let before = self.revisions.get(topic).copied().filter(|_| store.is_current(topic));
+        let activity = if store.is_computed(topic) { self.activity } else { 0 };
+        let known = KnownToPages { activity, since: before, has_aged: is_aged };
         let mut copied = None;
         host.read(&mut |view| {
             let is_needed =
                 is_aged || before.is_none_or(|before| TopicData::may_differ(topic, view, before));
             if is_needed {
-                let since = before.filter(|_| !is_aged);
-                let data = TopicData::of(topic, view, now, (newer_than, since));
+                let data = TopicData::of(topic, view, now, &known);
                 copied = Some((data, view.revision()));
             }
         });

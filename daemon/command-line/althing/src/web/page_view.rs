@@ -1,4 +1,5 @@
-//! The view that a page shows: takes the observed events in batches, and counts the batches.
+//! The view that a page shows: takes the observed events in batches, and counts the batches that
+//! change it.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
@@ -86,7 +87,8 @@ impl PageView {
         reader(&lock(&self.view))
     }
 
-    /// Returns a receiver of the number of batches.
+    /// Returns a receiver of the number of batches that have changed the view otherwise than with
+    /// time.
     pub(super) fn changes(&self) -> watch::Receiver<u64> {
         self.batches.subscribe()
     }
@@ -142,12 +144,17 @@ impl PageView {
             }
         }
         let mut view = lock(&self.view);
+        let before = view.revision();
         events.into_iter().for_each(|(at, event)| view.observe(at, event));
         if lost > 0 {
             view.observe(observing::now(), ViewEvent::Lost(lost));
         }
+        let is_changed = view.revision() != before;
         drop(view);
-        self.batches.send_modify(|count| *count = count.wrapping_add(1));
+        // Most batches are heartbeats without news.
+        if is_changed {
+            self.batches.send_modify(|count| *count = count.wrapping_add(1));
+        }
     }
 }
 

@@ -103,6 +103,11 @@ impl GoalStore {
     /// running plans lead through, in order; the first one is where it moves now, if it does.
     pub(crate) fn paths(
         &self,
+    /// Whether an agent carries a step out now.
+    pub(crate) fn is_acting(&self, agent: &AgentId) -> bool {
+        self.acting.contains_key(agent)
+    }
+
         moves: &MoveSchemas,
     ) -> BTreeMap<String, (ConversationId, bool, Vec<String>)> {
         let mut paths: BTreeMap<String, (ConversationId, bool, Vec<String>)> = BTreeMap::new();

@@ -57,6 +57,19 @@ pub(super) fn rows(view: &LiveView, now: Moment) -> Vec<AgentRow> {
     residents.map(|(agent, record)| row(view, agent, record, &shared)).collect()
 }
 
+/// Returns the agents whose rows change with time alone, sorted by name: those that are not here, and
+/// those that carry a step out, which may become late.
+pub(super) fn moving_rows(view: &LiveView, now: Moment) -> Vec<AgentRow> {
+    let shared = SharedParts::of(view, now);
+    let is_moving = |(agent, record): &(&AgentId, &AgentRecord)| {
+        let presence = record.presence(now);
+        presence != AgentPresence::Present || view.goals.is_acting(agent)
+    };
+    let residents = view.agents.iter().filter(|(_, record)| !record.is_guest());
+    let moving = residents.filter(is_moving);
+    moving.map(|(agent, record)| row(view, agent, record, &shared)).collect()
+}
+
 fn row(view: &LiveView, agent: &AgentId, record: &AgentRecord, shared: &SharedParts) -> AgentRow {
     let now = shared.now;
     let running = view.goals.running_of(agent, view.goal_texts(now)).into_iter();

@@ -3,7 +3,9 @@
 use std::collections::BTreeMap;
 
 use acl::EcosystemId;
-use live_view::{FactRow, LiveView, Moment, ViewEvent, ViewLimits};
+use live_view::{
+    AgentPresence, AgentRow, FactRow, Freshness, LiveView, Moment, ViewEvent, ViewLimits,
+};
 use proptest::collection::vec;
 use proptest::prelude::*;
 use proptest::sample::select;
@@ -291,7 +293,7 @@ proptest! {
             if view.revision().events == revision.events {
                 prop_assert_eq!(before, lasting(&view, now), "only time has passed");
             }
-            match seen.and_then(|seen| view.facts_since(seen, now)) {
+            match seen.and_then(|seen| view.facts_since(seen, now, false)) {
                 Some(changed) => known.extend(said(&changed)),
                 None => known = said(&view.facts(now)),
             }
@@ -299,6 +301,60 @@ proptest! {
             prop_assert_eq!(&known, &said(&view.facts(now)));
         }
     }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 100, ..ProptestConfig::default() })]
+
+    /// What a page has that takes, each time, the facts and agents that may have changed.
+    #[test]
+    fn whoever_takes_what_has_aged_has_everything(
+        events in vec((0..100_000u64, event()), 0..120),
+        later in vec(0..20_000u64, 0..120),
+    ) {
+        let mut view = observed(&[]);
+        let (mut facts, mut agents, mut seen) = (BTreeMap::new(), BTreeMap::new(), None);
+        let (mut now, mut later) = (Moment(0), later.into_iter());
+        let mut events: Vec<_> = events;
+        events.sort_by_key(|(at, _)| *at);
+        for (at, event) in events {
+            view.observe(Moment(at), event);
+            now = now.max(Moment(at)).plus(later.next().unwrap_or(0));
+            match seen.and_then(|seen| view.facts_since(seen, now, true)) {
+                Some(changed) => facts.extend(aged_facts(&changed)),
+                None => facts = aged_facts(&view.facts(now)),
+            }
+            match seen.and_then(|seen| view.agents_since(seen, now)) {
+                Some(changed) => agents.extend(aged_agents(&changed)),
+                None => agents = aged_agents(&view.agents(now)),
+            }
+            seen = Some(view.revision());
+            prop_assert_eq!(&facts, &aged_facts(&view.facts(now)));
+            prop_assert_eq!(&agents, &aged_agents(&view.agents(now)));
+        }
+    }
+}
+
+/// Returns what pages show of facts: ages only of those that end soon, are stale or disputed.
+fn aged_facts(rows: &[FactRow]) -> BTreeMap<String, Value> {
+    let row = |row: &FactRow| {
+        let is_aged = matches!(row.freshness, Freshness::Ending | Freshness::Stale);
+        let ages = is_aged.then_some((row.age_ms, row.known_for_ms));
+        let claims: Vec<_> = row.contradictions.iter().map(|claim| &claim.fact).collect();
+        let said = json!([row.fact, row.truth, row.owners, row.freshness, ages, claims]);
+        (json!([row.predicate, row.arguments]).to_string(), said)
+    };
+    rows.iter().map(row).collect()
+}
+
+/// Returns what pages show of agents: the age of the last heartbeat only of those that are not here.
+fn aged_agents(rows: &[AgentRow]) -> BTreeMap<String, Value> {
+    let row = |row: &AgentRow| {
+        let age = row.heartbeat_age_ms.filter(|_| row.presence != AgentPresence::Present);
+        let said = json!([row.presence, age, row.problems, row.late_ms, row.doing, row.is_stopped]);
+        (row.agent.to_string(), said)
+    };
+    rows.iter().map(row).collect()
 }
 
 /// Returns what facts say, without what passes with time.

@@ -146,8 +146,12 @@ impl MadeUp {
     }
 
     fn change<T>(&self, change: impl FnOnce(&mut State) -> T) -> T {
-        let result = change(&mut self.state());
-        self.changes.send_modify(|count| *count += 1);
+        let mut state = self.state();
+        let before = state.view.revision();
+        let result = change(&mut state);
+        if state.view.revision() != before {
+            self.changes.send_modify(|count| *count += 1);
+        }
         result
     }
 
