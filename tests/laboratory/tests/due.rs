@@ -7,7 +7,7 @@ mod clocks;
 
 use std::time::Duration;
 
-use acl::content::{GoalTimes, Outcome};
+use acl::content::{GoalLateness, GoalTimes, Outcome};
 use fastrand::Rng;
 
 use clocks::{LEADERS, LIT_FOR, Trial};
@@ -103,8 +103,9 @@ async fn a_goal_that_is_late_is_told_and_one_whose_time_is_over_is_given_up() {
         ..GoalTimes::default()
     };
     let reports = trial.follow("g", times).await;
-    let late = reports.iter().position(|report| report.detail.starts_with("not reached by"));
+    let late = reports.iter().position(|report| report.lateness == Some(GoalLateness::Late));
     let late = late.unwrap_or_else(|| panic!("{reports:?}"));
+    assert!(reports[late].detail.starts_with("not reached by"), "{reports:?}");
     let last = reports.last().expect("an end");
     assert!(late + 1 < reports.len());
     assert_eq!(last.outcome, Outcome::Cancelled, "{reports:?}");

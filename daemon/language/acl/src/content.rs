@@ -506,6 +506,10 @@ pub struct Report {
     /// it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub declined: Option<Reason>,
+    /// What the report says about the time by which a goal should be reached; `None` if it says
+    /// nothing about that.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lateness: Option<GoalLateness>,
     /// Effect of the stop that the report confirms; `None` if the report is about something else.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stop_effect: Option<StopEffect>,
@@ -516,6 +520,20 @@ pub struct Report {
     /// The events that were asked for; `None` in a report of anything else.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub history_page: Option<Box<HistoryPage>>,
+}
+
+/// Whether a goal is late that should be reached by some time. It goes on nevertheless.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum GoalLateness {
+    /// The goal will probably not be reached by the time.
+    Expected,
+    /// The time has passed, and the goal is not reached.
+    Late,
+    /// The lateness is defined by a newer version only.
+    #[serde(other)]
+    Other,
 }
 
 /// State of an action, a plan or a goal: under way, or how it ended.
@@ -708,6 +726,7 @@ impl Report {
             cost: None,
             observations: String::new(),
             declined: None,
+            lateness: None,
             stop_effect: None,
             history: Vec::new(),
             history_page: None,

@@ -201,13 +201,14 @@ impl ChannelEntry {
         let all = [
             NoticeEvent::Question,
             NoticeEvent::GoalLost,
+            NoticeEvent::GoalLate,
             NoticeEvent::AgentGone,
             NoticeEvent::Stop,
         ];
         let events = self.events.clone().unwrap_or_else(|| all.into());
         if events.is_empty() {
             return Err("`events` is empty; leave it out for all, or name some of \"question\", \
-                        \"goal-lost\", \"agent-gone\", \"stop\""
+                        \"goal-lost\", \"goal-late\", \"agent-gone\", \"stop\""
                 .to_owned());
         }
         let per_hour = self.per_hour.unwrap_or(PER_HOUR);

@@ -1,5 +1,5 @@
-//! The notifier: tells people elsewhere of questions, lost goals, agents that are gone, and stops
-//! (docs/notifications.md).
+//! The notifier: tells people elsewhere of questions, lost and late goals, agents that are gone,
+//! and stops (docs/notifications.md).
 //!
 //! - The agent overhears all messages. `watcher` makes notices out of them, without a clock.
 //! - Each channel has a `notice_queue`: quiet hours, a rate, an end, and pauses after failures. A
@@ -92,7 +92,7 @@ const SAVED_EVERY: Duration = Duration::from_secs(1);
 /// The entry of the notifier in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "notifier",
-    about: "tells people elsewhere of questions, lost goals, agents that are gone, and stops",
+    about: "tells people elsewhere of questions, lost or late goals, missing agents, and stops",
     drivers: &[],
     has_replicas: true,
     build,

@@ -20,6 +20,10 @@ pub(crate) enum NoticeKind {
     Question,
     /// A goal has failed, or is given up.
     GoalLost,
+    /// A goal is not reached by the time by which it should be, and goes on.
+    GoalLate,
+    /// A goal will probably not be reached by that time.
+    GoalLateSoon,
     /// An agent is gone for longer than the configured time.
     AgentGone,
     /// An agent that was told of as gone is back.
@@ -38,6 +42,8 @@ pub(crate) enum NoticeEvent {
     Question,
     /// Goals that have failed or are given up.
     GoalLost,
+    /// Goals that are late, or will probably be.
+    GoalLate,
     /// Agents that are gone, and that are back.
     AgentGone,
     /// Stops and their release.
@@ -92,6 +98,7 @@ impl NoticeKind {
         match self {
             NoticeKind::Question => NoticeEvent::Question,
             NoticeKind::GoalLost => NoticeEvent::GoalLost,
+            NoticeKind::GoalLate | NoticeKind::GoalLateSoon => NoticeEvent::GoalLate,
             NoticeKind::AgentGone | NoticeKind::AgentBack => NoticeEvent::AgentGone,
             NoticeKind::Stop | NoticeKind::Release => NoticeEvent::Stop,
         }
@@ -107,6 +114,8 @@ impl NoticeKind {
         match self {
             NoticeKind::Question => "question",
             NoticeKind::GoalLost => "goal-lost",
+            NoticeKind::GoalLate => "goal-late",
+            NoticeKind::GoalLateSoon => "goal-late-soon",
             NoticeKind::AgentGone => "agent-gone",
             NoticeKind::AgentBack => "agent-back",
             NoticeKind::Stop => "stop",

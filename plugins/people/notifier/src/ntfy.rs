@@ -136,6 +136,7 @@ fn look(kind: NoticeKind) -> (u8, &'static str) {
         NoticeKind::Stop => (5, "octagonal_sign"),
         NoticeKind::Question => (4, "question"),
         NoticeKind::GoalLost => (4, "warning"),
+        NoticeKind::GoalLate | NoticeKind::GoalLateSoon => (3, "hourglass"),
         NoticeKind::AgentGone => (3, "electric_plug"),
         NoticeKind::AgentBack | NoticeKind::Release => (3, "white_check_mark"),
     }

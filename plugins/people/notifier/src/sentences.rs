@@ -3,7 +3,7 @@
 
 use serde_json::{Value, json};
 
-use crate::notice::{Notice, NoticeDelivery, NoticeKind};
+use crate::notice::{Notice, NoticeDelivery, NoticeEvent, NoticeKind};
 
 /// Maximum number of names in a sentence; the others are counted.
 const NAMES_MAX: usize = 5;
@@ -57,6 +57,8 @@ impl NoticeForm {
             NoticeKind::Question if self.is_discreet => "A question".to_owned(),
             NoticeKind::Question => format!("{names} asks"),
             NoticeKind::GoalLost => "A goal has failed".to_owned(),
+            NoticeKind::GoalLate => "A goal is late".to_owned(),
+            NoticeKind::GoalLateSoon => "A goal will probably be late".to_owned(),
             NoticeKind::AgentGone if self.is_discreet => "An agent is gone".to_owned(),
             NoticeKind::AgentGone => format!("{names} {} gone", is_or_are(notice)),
             NoticeKind::AgentBack if self.is_discreet => "An agent is back".to_owned(),
@@ -73,7 +75,10 @@ impl NoticeForm {
         }
         let by = names(notice);
         match notice.kind {
-            NoticeKind::Question | NoticeKind::GoalLost => notice.text.clone(),
+            NoticeKind::Question
+            | NoticeKind::GoalLost
+            | NoticeKind::GoalLate
+            | NoticeKind::GoalLateSoon => notice.text.clone(),
             NoticeKind::AgentGone => format!("{by} {} away for too long.", is_or_are(notice)),
             NoticeKind::AgentBack => format!("{by} {} here again.", is_or_are(notice)),
             NoticeKind::Stop => {
@@ -105,10 +110,12 @@ impl NoticeForm {
     fn path_of(&self, notice: &Notice) -> String {
         match (notice.kind, &notice.conversation, notice.agents.as_slice()) {
             (NoticeKind::Question, _, _) => "/questions".to_owned(),
-            (NoticeKind::GoalLost, Some(id), _) if !self.is_discreet => {
+            (kind, Some(id), _) if is_of_goal(kind) && !self.is_discreet => {
                 format!("/goals/{}", encoded(id.as_str()))
             }
-            (NoticeKind::GoalLost, _, _) => "/goals".to_owned(),
+            (NoticeKind::GoalLost | NoticeKind::GoalLate | NoticeKind::GoalLateSoon, _, _) => {
+                "/goals".to_owned()
+            }
             (NoticeKind::AgentGone | NoticeKind::AgentBack, _, [agent]) if !self.is_discreet => {
                 format!("/agents/{}", encoded(agent.as_str()))
             }
@@ -147,6 +154,10 @@ impl NoticeForm {
             "notices": delivery.notices.iter().map(each).collect::<Vec<_>>(),
         })
     }
+}
+
+fn is_of_goal(kind: NoticeKind) -> bool {
+    matches!(kind.event(), NoticeEvent::GoalLost | NoticeEvent::GoalLate)
 }
 
 fn names(notice: &Notice) -> String {
@@ -208,6 +219,11 @@ mod tests {
         Notice { conversation, ..notice }.with_text("(secret-visit ann)")
     }
 
+    fn late(kind: NoticeKind) -> Notice {
+        let conversation = Some(ConversationId::new("c2"));
+        Notice { conversation, ..Notice::new(kind, "c2", 1) }.with_text("(secret-visit ann)")
+    }
+
     fn gone(names: &[&str]) -> Notice {
         let agents = names.iter().map(|name| agent(name)).collect();
         Notice::new(NoticeKind::AgentGone, "a", 1).with_agents(agents)
@@ -224,6 +240,7 @@ mod tests {
         for (notice, title, text, link) in [
             (question(), "turtlebot-1 asks", "Whom do you visit?", "/questions"),
             (goal(), "A goal has failed", "(secret-visit ann)", "/goals/c%2F1%20%C3%A4"),
+            (late(NoticeKind::GoalLate), "A goal is late", "(secret-visit ann)", "/goals/c2"),
             (gone(&["ir-1"]), "ir-1 is gone", "ir-1 is away for too long.", "/agents/ir-1"),
             (gone(&["a", "b"]), "a, b are gone", "a, b are away for too long.", "/agents"),
             (stop(), "Stop", "ann stops office1: fire alarm", "/"),
@@ -242,7 +259,8 @@ mod tests {
 
     #[test]
     fn a_discreet_notice_names_nothing_in_any_part() {
-        for notice in [question(), goal(), gone(&["ir-1"]), stop()] {
+        let soon = late(NoticeKind::GoalLateSoon);
+        for notice in [question(), goal(), soon, gone(&["ir-1"]), stop()] {
             let told = form(true).json(&alone(notice)).to_string();
             for part in ["turtlebot", "visit", "ann", "ir-1", "fire", "office1", "c%2F", "c/1"] {
                 assert!(!told.contains(part), "{part}: {told}");

@@ -10,7 +10,7 @@ mod stop_trace;
 mod tests;
 
 use acl::content::{
-    Achieve, GoalStatus, Outcome, Question, Reason, Refusal, Report, Request, Stop,
+    Achieve, GoalLateness, GoalStatus, Outcome, Question, Reason, Refusal, Report, Request, Stop,
 };
 use acl::{
     AgentId, ConversationId, Incarnation, Message, MessageId, Performative, Protocol, ReplyToken,
@@ -61,6 +61,8 @@ pub(crate) struct NoticeWatcher {
     goals: RecentTable<ConversationId, String>,
     /// Goals of which a loss was noticed.
     lost_goals: RecentTable<ConversationId, ()>,
+    /// Goals that were told as late, or as probably late.
+    late_goals: RecentTable<(ConversationId, NoticeKind), ()>,
     questions: RecentTable<ReplyToken, FollowedQuestion>,
     stops: StopTrace,
     absences: Absences,
@@ -79,6 +81,7 @@ impl NoticeWatcher {
         NoticeWatcher {
             goals: RecentTable::new(GOALS_MAX),
             lost_goals: RecentTable::new(GOALS_MAX),
+            late_goals: RecentTable::new(GOALS_MAX),
             questions: RecentTable::new(QUESTIONS_MAX),
             stops: StopTrace::new(),
             absences: Absences::new(gone_after_ms),
@@ -163,7 +166,8 @@ impl NoticeWatcher {
                     Outcome::Done | Outcome::Cancelled => {
                         self.goals.remove(id);
                     }
-                    Outcome::Progress | Outcome::Holds => (),
+                    Outcome::Progress => self.goal_late(id, report.lateness, now),
+                    Outcome::Holds => (),
                 }
             }
             Performative::Refuse => {
@@ -183,6 +187,23 @@ impl NoticeWatcher {
         }
         self.lost_goals.insert(id.clone(), ());
         let notice = Notice::new(NoticeKind::GoalLost, id.as_str(), now.wall_ms);
+        let notice = Notice { conversation: Some(id.clone()), ..notice };
+        self.notice(notice.with_text(&goal));
+    }
+
+    fn goal_late(&mut self, id: &ConversationId, lateness: Option<GoalLateness>, now: NoticeTime) {
+        let kind = match lateness {
+            Some(GoalLateness::Late) => NoticeKind::GoalLate,
+            Some(GoalLateness::Expected) => NoticeKind::GoalLateSoon,
+            Some(GoalLateness::Other) | None => return,
+        };
+        let key = (id.clone(), kind);
+        if self.late_goals.contains(&key) {
+            return;
+        }
+        self.late_goals.insert(key, ());
+        let goal = self.goals.get_mut(id).cloned().unwrap_or_default();
+        let notice = Notice::new(kind, id.as_str(), now.wall_ms);
         let notice = Notice { conversation: Some(id.clone()), ..notice };
         self.notice(notice.with_text(&goal));
     }

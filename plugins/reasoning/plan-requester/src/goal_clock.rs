@@ -9,7 +9,8 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use acl::content::{
-    GoalPhase, GoalTimes, Outcome, Reason, Refusal, Report, Request, ScheduleGoal, value,
+    GoalLateness, GoalPhase, GoalTimes, Outcome, Reason, Refusal, Report, Request, ScheduleGoal,
+    value,
 };
 use acl::{ConversationId, Message, Performative, Protocol};
 use agent::{Context, ExchangeEvent, ExchangeOpening, Participation, TimerId};
@@ -401,16 +402,22 @@ impl PlanRequester {
             let is_over = limits.ends_ms.take_if(|ends| *ends <= now_ms).is_some();
             let by = limits.by_text.clone();
             let is_under_way = phase.is_running() || holds;
-            let detail = match usual.filter(|_| !is_under_way && !is_over) {
-                _ if is_late => Some(format!("not reached by {by}; it goes on")),
-                Some(usual) => Some(format!(
-                    "it will probably not be reached by {by}: it usually takes {}",
-                    brief(usual)
-                )),
+            let told = match usual.filter(|_| !is_under_way && !is_over) {
+                _ if is_late => {
+                    Some((GoalLateness::Late, format!("not reached by {by}; it goes on")))
+                }
+                Some(usual) => {
+                    let takes = brief(usual);
+                    let detail = format!(
+                        "it will probably not be reached by {by}: it usually takes {takes}"
+                    );
+                    Some((GoalLateness::Expected, detail))
+                }
                 None => None,
             };
-            if let Some(detail) = detail {
-                self.send_report(&id, Report::new(Outcome::Progress, detail), ctx);
+            if let Some((lateness, detail)) = told {
+                let report = Report::new(Outcome::Progress, detail);
+                self.send_report(&id, Report { lateness: Some(lateness), ..report }, ctx);
             }
             if is_over {
                 if let Some(goal) = self.goals.get_mut(&id) {

@@ -99,6 +99,27 @@ fn report(outcome: &str) -> Value {
 }
 
 #[test]
+fn a_late_goal_is_told_once_and_goes_on() {
+    let mut talk = Talk::new();
+    talk.hear("ann", achieve());
+    let late = |lateness: &str| {
+        let mut report = report("progress");
+        report["content"]["lateness"] = json!(lateness);
+        report
+    };
+    let soon = only(&talk.hear("plan-requester", late("expected")));
+    assert_eq!((soon.kind, soon.text.as_str()), (NoticeKind::GoalLateSoon, "(at robot hall)"));
+    let told = only(&talk.hear("plan-requester", late("late")));
+    assert_eq!((told.kind, told.text.as_str()), (NoticeKind::GoalLate, "(at robot hall)"));
+    // A new leader tells it again.
+    assert_eq!(talk.hear("plan-requester", late("late")), []);
+    assert_eq!(talk.hear("plan-requester", late("of-a-newer-version")), []);
+    assert_eq!(talk.hear("plan-requester", report("progress")), []);
+    let lost = only(&talk.hear("plan-requester", report("failed")));
+    assert_eq!((lost.kind, lost.text.as_str()), (NoticeKind::GoalLost, "(at robot hall)"));
+}
+
+#[test]
 fn a_goal_that_is_refused_is_told_unless_it_is_a_mistake_or_asked_again() {
     let refusal = |reason: &str| {
         json!({ "performative": "refuse", "protocol": "goal", "in_reply_to": "t",
