@@ -6,8 +6,9 @@
 //!   channel that is down keeps nothing else waiting.
 //! - `webhook`, `ntfy`, `mail` and `web_push` send; `sentences` has the texts, `http` and `trust`
 //!   the connections.
-//! - Of several replicas the leader sends. A standby remembers the notices of the last moments, and
-//!   sends them if the leader dies; both give a notice the same identifier.
+//! - Of several replicas the leader sends. A standby remembers the notices of the last moments and
+//!   those that wait for the end of quiet hours, and sends them if the leader dies; both give a
+//!   notice the same identifier.
 
 mod address;
 #[cfg(test)]
@@ -185,6 +186,7 @@ impl Agent for NotifierAgent {
             return;
         }
         let now = self.now(ctx);
+        self.channels.iter_mut().for_each(|state| state.queue.take_over(now));
         for (_, notice) in std::mem::take(&mut self.remembered) {
             self.channels.iter_mut().for_each(|state| state.queue.add(notice.clone(), now));
         }
@@ -299,11 +301,15 @@ impl NotifierAgent {
         });
     }
 
-    /// Adds a notice to each channel, or remembers it while another replica leads.
+    /// Adds a notice to each channel. While another replica leads, remembers it for some moments, and
+    /// keeps it for channels in whose quiet hours it waits.
     fn tell(&mut self, notice: Notice, ctx: &mut Context<Self>) {
         let now = self.now(ctx);
         if self.is_leading {
             return self.channels.iter_mut().for_each(|state| state.queue.add(notice.clone(), now));
+        }
+        for state in &mut self.channels {
+            state.queue.keep_for_leader(notice.clone(), REMEMBERED, now);
         }
         let oldest_ms = now.steady_ms.saturating_sub(millis(REMEMBERED));
         self.remembered.retain(|(at_ms, _)| *at_ms >= oldest_ms);
@@ -371,6 +377,10 @@ impl NotifierAgent {
     }
 
     fn log_losses(&mut self, ctx: &mut Context<Self>) {
+        if !self.is_leading {
+            let now = self.now(ctx);
+            self.channels.iter_mut().for_each(|state| state.queue.forget_kept(now));
+        }
         let missed = std::mem::take(&mut self.missed);
         if missed > 0 {
             tracing::warn!(missed, "messages were missed: people may not be told of something");

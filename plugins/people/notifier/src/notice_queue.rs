@@ -4,6 +4,7 @@
 //! - In quiet hours everything waits but stops, unless `quiet-stops` says that they wait, too.
 //! - A channel sends at most so many notices in an hour; twice as many if they are about stops.
 //! - What had to wait goes as one summary, but questions, which need an answer each.
+//! - A replica that stands by keeps what quiet hours hold back, until the leader has sent it.
 //! - A notice that is too old, and a question whose deadline has passed, are dropped.
 
 use std::collections::VecDeque;
@@ -54,6 +55,10 @@ pub(crate) struct WaitingNotice {
     notice: Notice,
     /// Whether quiet hours, the rate or a failure have kept the notice back.
     is_held: bool,
+    /// Time of day, in milliseconds since 1970-01-01 UTC, until which this replica keeps the notice for
+    /// the leader, which has it, too; `None` if this replica is to send it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    kept_until_ms: Option<u64>,
 }
 
 /// The notices that wait for one channel.
@@ -93,6 +98,10 @@ impl NoticeQueue {
 
     /// Adds a notice, if the channel is for it and it is not there.
     pub(crate) fn add(&mut self, notice: Notice, now: NoticeTime) {
+        self.put(notice, None, now);
+    }
+
+    fn put(&mut self, notice: Notice, kept_until_ms: Option<u64>, now: NoticeTime) {
         let is_known = self.waiting.iter().any(|waiting| waiting.notice.id == notice.id);
         if is_known || !self.rules.events.contains(&notice.kind.event()) || self.has_ended(now) {
             return;
@@ -103,8 +112,35 @@ impl NoticeQueue {
         if self.waiting.len() >= WAITING_MAX {
             self.drop_oldest();
         }
-        self.waiting.push_back(WaitingNotice { notice, is_held });
+        self.waiting.push_back(WaitingNotice { notice, is_held, kept_until_ms });
         self.is_changed = true;
+    }
+
+    /// Keeps a notice that another replica, which leads, holds back until quiet hours end: that one may
+    /// die until then. It is kept for the time `longer` beyond their end. Other notices are not kept.
+    pub(crate) fn keep_for_leader(&mut self, notice: Notice, longer: Duration, now: NoticeTime) {
+        if !self.is_quiet_for(notice.kind, now) {
+            return;
+        }
+        let kept = self.until_loud(now).saturating_add(longer);
+        let kept_ms = u64::try_from(kept.as_millis()).unwrap_or(u64::MAX);
+        self.put(notice, Some(now.wall_ms.saturating_add(kept_ms)), now);
+    }
+
+    /// Drops what was kept for the leader and has been sent by it meanwhile.
+    pub(crate) fn forget_kept(&mut self, now: NoticeTime) {
+        let before = self.waiting.len();
+        self.waiting
+            .retain(|waiting| waiting.kept_until_ms.is_none_or(|until| until > now.wall_ms));
+        self.is_changed |= self.waiting.len() != before;
+    }
+
+    /// Sends from now on what was kept for the leader, as this replica leads.
+    pub(crate) fn take_over(&mut self, now: NoticeTime) {
+        self.forget_kept(now);
+        for waiting in &mut self.waiting {
+            self.is_changed |= waiting.kept_until_ms.take().is_some();
+        }
     }
 
     /// Drops what was settled before it was sent.

@@ -69,6 +69,48 @@ fn notices_go_one_after_the_other_and_stay_until_they_have_arrived() {
 }
 
 #[test]
+fn a_standby_keeps_what_waits_for_the_end_of_quiet_hours() {
+    let longer = Duration::from_secs(20);
+    // 22:00 is 600 minutes after noon, and 07:00 is 1140.
+    let (evening, night, morning) = (at(590), at(660), at(1_140));
+    let kept = |times: &[NoticeTime]| {
+        let mut queue = queue(quiet());
+        for (number, now) in (0..).zip(times) {
+            queue.keep_for_leader(notice(NoticeKind::GoalLost, number, *now), longer, *now);
+        }
+        queue
+    };
+    let mut standby = kept(&[evening, night, night]);
+    // The leader dies in the night: one of its notices was sent before, two wait.
+    standby.take_over(at(700));
+    assert_eq!(standby.next(at(700)), QueueStep::Wait(Duration::from_secs(440 * 60)));
+    let sent = sent(&mut standby, morning).expect("the night is over");
+    assert_eq!(sent, [1, 2].map(|number| id(NoticeKind::GoalLost, number)));
+    // The leader has lived until it sent.
+    let mut standby = kept(&[night]);
+    standby.forget_kept(morning);
+    assert_eq!(standby.take_changed().map(|waiting| waiting.len()), Some(1), "it may die now");
+    standby.forget_kept(at(1_141));
+    assert_eq!(standby.take_changed(), Some(Vec::new()));
+    standby.take_over(at(1_141));
+    assert_eq!(standby.next(at(1_141)), QueueStep::Rest);
+}
+
+#[test]
+fn what_a_standby_keeps_outlasts_its_restart() {
+    let mut standby = queue(quiet());
+    let now = at(660);
+    let longer = Duration::from_secs(20);
+    standby.keep_for_leader(notice(NoticeKind::GoalLost, 1, now), longer, now);
+    let saved = serde_json::to_string(&standby.take_changed().expect("it has changed"));
+    let saved: Vec<WaitingNotice> = serde_json::from_str(&saved.expect("JSON")).expect("JSON");
+    let mut again = queue(quiet());
+    again.restore(saved);
+    again.forget_kept(at(1_141));
+    assert_eq!(again.next(at(1_141)), QueueStep::Rest, "the leader has sent it");
+}
+
+#[test]
 fn a_channel_gets_the_events_that_it_is_for() {
     let rules = ChannelRules { events: [NoticeEvent::Stop].into(), ..rules() };
     let mut queue = queue(rules);
