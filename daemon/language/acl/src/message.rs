@@ -141,6 +141,27 @@ text_type! {
     ReplyToken
 }
 
+/// Beginning of the conversations of goals of the ecosystem file, before the name of the goal.
+const FILE_GOAL: &str = "goals.";
+
+impl ConversationId {
+    /// Returns the conversation of a goal of the ecosystem file that is asked for by itself.
+    pub fn of_file_goal(name: &str) -> ConversationId {
+        ConversationId::new(&format!("{FILE_GOAL}{name}"))
+    }
+
+    /// Returns the agent that has opened the conversation, as its name says; `None` if the
+    /// conversation is that of a goal of the ecosystem file.
+    pub fn opener(&self) -> Option<&str> {
+        let text = self.as_str();
+        let (agent, rest) = text.split_once('.').unwrap_or((text, ""));
+        let is_number = |part: &str| part.bytes().all(|byte| byte.is_ascii_digit());
+        // An agent may have any name, and numbers its conversations.
+        let is_of_agent = rest.split('.').all(is_number);
+        (is_of_agent || !text.starts_with(FILE_GOAL)).then_some(agent)
+    }
+}
+
 /// Number of an agent's incarnation. A restarted agent has a greater number than before.
 ///
 /// The number is the time of the agent's start, in microseconds since the Unix epoch. It is

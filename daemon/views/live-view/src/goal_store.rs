@@ -7,12 +7,12 @@
 mod call_record;
 mod goal_rows;
 mod plan_record;
+mod statuses;
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 use acl::content::{
-    Achieve, Act, Bid, CallForProposals, Choice, Execute, GoalPhase, GoalStatus, Keep, Outcome,
-    Report,
+    Achieve, Act, Bid, CallForProposals, Choice, Execute, GoalPhase, Keep, Outcome, Report,
 };
 use acl::{AgentId, ConversationId, ReplyToken};
 
@@ -21,16 +21,12 @@ pub(crate) use self::goal_rows::GoalTexts;
 use self::plan_record::{PlanNumber, PlanRecord, StepRecord, parse_plan, steps_of};
 use crate::bounded::BoundedMap;
 use crate::moment::{Moment, ViewLimits};
-use crate::rows::{GoalHistoryRow, GoalStage, StepState};
+use crate::rows::{DueRow, GoalHistoryRow, GoalStage, StepState};
 use crate::text::{GroundStep, short};
 use crate::usual_times::UsualTimes;
 
 /// Maximum number of open exchanges that are followed.
 const EXCHANGES_MAX: usize = 20_000;
-
-/// Time for which a goal that a query does not list is still taken as under way: its request may
-/// have crossed the query.
-const UNLISTED_MS: u64 = 5_000;
 
 /// A step of a plan of a goal.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -66,6 +62,8 @@ struct ObservedGoal {
     ended_at: Option<Moment>,
     /// Whether the goal counts as ended only because a query does not list it.
     is_presumed_over: bool,
+    /// The times of a goal by the clock, as the Plan Requester tells them.
+    due: Option<DueRow>,
     /// Whether the request was refused: the goal was never accepted.
     is_refused: bool,
     rounds: u32,
@@ -94,6 +92,7 @@ impl ObservedGoal {
             changed_at: at,
             ended_at: None,
             is_presumed_over: false,
+            due: None,
             is_refused: false,
             rounds: 0,
             history: VecDeque::new(),
@@ -363,57 +362,6 @@ impl GoalStore {
         let goal = self.entry(at, id);
         goal.enter(at, GoalStage::Planning);
         goal.phase = Some(phase).filter(|_| !goal.stage.has_ended());
-    }
-
-    /// Takes the answer to a query for all goals.
-    pub(crate) fn statuses(&mut self, at: Moment, statuses: &[GoalStatus]) {
-        let text_bytes = self.limits.text_bytes;
-        let history_max = self.limits.history_per_goal;
-        // A goal that waits for its time is pursued in a conversation of its own.
-        let pursued = statuses.iter().filter(|status| !status.waits_for_its_time());
-        for status in pursued.take(self.limits.goals) {
-            let goal = self.entry(at, &status.conversation);
-            goal.goal = short(&status.goal, text_bytes);
-            // Plan Requesters of earlier versions do not number goals.
-            goal.number = Some(status.number).filter(|number| *number > 0);
-            goal.keep = Some(status.keep);
-            goal.priority = status.priority;
-            goal.rounds = status.rounds;
-            // The history begins with the request.
-            if let Some(first) = status.history.first().filter(|first| first.at_ms > 0) {
-                let asked_at = Moment(first.at_ms).min(at);
-                goal.asked_at = Some(goal.asked_at.map_or(asked_at, |known| known.min(asked_at)));
-            }
-            let is_over = goal.stage.has_ended() || status.phase == GoalPhase::Ended;
-            if !is_over && goal.phase != Some(status.phase) {
-                goal.enter(at, stage_of_phase(status.phase));
-                goal.phase = Some(status.phase);
-            }
-            if goal.stage == GoalStage::Waiting {
-                goal.text = short(&status.waits_because, text_bytes);
-            }
-            let first = status.history.len().saturating_sub(history_max);
-            let rows = status.history[first..].iter().map(|entry| GoalHistoryRow {
-                at: Moment(entry.at_ms),
-                outcome: entry.outcome,
-                text: short(&entry.text, text_bytes),
-            });
-            goal.history = rows.collect();
-            self.settle(&status.conversation);
-        }
-        let listed: BTreeSet<_> = statuses.iter().map(|status| &status.conversation).collect();
-        let is_over = |(id, goal): &(&ConversationId, &ObservedGoal)| {
-            let is_old = at.since(goal.changed_at) > UNLISTED_MS;
-            goal.ended_at.is_none() && !goal.is_action && is_old && !listed.contains(id)
-        };
-        let over: Vec<_> = self.goals.iter().filter(is_over).map(|(id, _)| id.clone()).collect();
-        for id in over {
-            let text = "ended; how was not observed".to_owned();
-            self.end(at, &id, GoalStage::Cancelled, text);
-            if let Some(goal) = self.goals.get_mut(&id) {
-                goal.is_presumed_over = true;
-            }
-        }
     }
 
     // === the contract net ===
@@ -704,24 +652,6 @@ fn stage_of_progress(detail: &str) -> Option<GoalStage> {
         Some(GoalStage::Planning)
     } else {
         None
-    }
-}
-
-fn stage_of_phase(phase: GoalPhase) -> GoalStage {
-    match phase {
-        GoalPhase::Queued | GoalPhase::WaitingForAgents | GoalPhase::WaitingForChange => {
-            GoalStage::Waiting
-        }
-        GoalPhase::FetchingDomain
-        | GoalPhase::Planning
-        | GoalPhase::CollectingProposals
-        | GoalPhase::Explaining => GoalStage::Planning,
-        GoalPhase::Executing
-        | GoalPhase::Preempted
-        | GoalPhase::Cancelling
-        | GoalPhase::Verifying => GoalStage::Running,
-        GoalPhase::Holding => GoalStage::Holding,
-        GoalPhase::Ended => GoalStage::Unknown,
     }
 }
 

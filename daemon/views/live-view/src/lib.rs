@@ -39,7 +39,7 @@ pub use redaction::{REDACTED, redact};
 pub use rows::{
     ActionRow, ActivityEntry, ActivityLevel, AgentDetail, AgentPresence, AgentRow, BidRow,
     BidState, CallDetail, ClaimRow, Concern, ConcernKind, ConversationDetail, ConversationRow,
-    CurrentStep, DaemonRow, FactRow, FactTruth, FloorPlan, FloorRobot, FloorRoom, FloorWay,
+    CurrentStep, DaemonRow, DueRow, FactRow, FactTruth, FloorPlan, FloorRobot, FloorRoom, FloorWay,
     Freshness, GoalDetail, GoalHistoryRow, GoalRow, GoalStage, HealthLevel, MailboxSums,
     MessageRow, Overview, PlanDetail, ProposalRow, QuestionRow, ReplicaRow, StepRow, StepState,
     StopRow, ViewCounts, ViewSubject,

@@ -320,7 +320,8 @@ impl LiveView {
         health::overview(self, now)
     }
 
-    /// Returns all goals: those that have not ended first, then the newest first.
+    /// Returns all goals: those that are pursued first, the newest first; then those that wait for
+    /// their times, the next one first; then those that have ended, the newest first.
     pub fn goals(&self, now: Moment) -> Vec<GoalRow> {
         self.goals.rows(self.goal_texts(now))
     }
@@ -339,7 +340,6 @@ impl LiveView {
         agent_views::rows(self, now)
     }
 
-    /// Returns agents whose present action models were not observed, at most `agents_max` of them.
     /// Returns the agents whose rows may differ from those of the revision `since`, sorted by name, if
     /// nothing has happened after it and no stop is in force: those whose rows change with time alone.
     /// `None` in all other cases.
@@ -348,6 +348,7 @@ impl LiveView {
         (is_same && !self.has_stops()).then(|| agent_views::moving_rows(self, now))
     }
 
+    /// Returns agents whose present action models were not observed, at most `agents_max` of them.
     /// A query for the models of these agents tells them: a model that is announced while its agent
     /// starts reaches few observers.
     pub fn missing_models(&self, agents_max: usize) -> Vec<AgentId> {
@@ -375,8 +376,8 @@ impl LiveView {
         with_time: bool,
     ) -> Option<Vec<FactRow>> {
         let is_ours = revision.facts <= self.facts.revision();
-        let is_away = |owner: &str| self.agents.is_away(owner, now);
         let is_same = is_ours && revision.comings == self.agents.comings();
+        let is_away = |owner: &str| self.agents.is_away(owner, now);
         let since = (revision.facts, with_time);
         is_same.then(|| self.facts.rows_since(since, now, &is_away)).flatten()
     }

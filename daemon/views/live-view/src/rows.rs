@@ -19,8 +19,8 @@ pub use daemon_rows::{DaemonRow, MailboxSums};
 pub use fact_rows::{ClaimRow, FactRow, FactTruth, Freshness};
 pub use floor_rows::{FloorPlan, FloorRobot, FloorRoom, FloorWay};
 pub use goal_rows::{
-    BidRow, BidState, CallDetail, GoalDetail, GoalHistoryRow, GoalRow, GoalStage, PlanDetail,
-    ProposalRow, StepRow, StepState,
+    BidRow, BidState, CallDetail, DueRow, GoalDetail, GoalHistoryRow, GoalRow, GoalStage,
+    PlanDetail, ProposalRow, StepRow, StepState,
 };
 pub use overview_rows::{
     Concern, ConcernKind, HealthLevel, Overview, StopRow, ViewCounts, ViewSubject,

@@ -39,7 +39,7 @@ pub struct FileGoal {
 impl FileGoal {
     /// Returns the conversation under which `althing goals` shows the goal.
     pub fn conversation(&self) -> ConversationId {
-        ConversationId::new(&format!("goals.{}", self.name))
+        ConversationId::of_file_goal(&self.name)
     }
 
     /// Returns the times in words.

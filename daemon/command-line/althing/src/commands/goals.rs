@@ -182,10 +182,9 @@ fn remarks(goal: &GoalStatus) -> Vec<String> {
     remarks
 }
 
-/// Returns the agent that asked for a goal. A conversation begins with the name of the agent that
-/// opened it.
+/// Returns who asked for a goal: an agent, or the ecosystem file.
 fn asker(goal: &GoalStatus) -> &str {
-    goal.conversation.as_str().split('.').next().unwrap_or_default()
+    goal.conversation.opener().unwrap_or("the ecosystem file")
 }
 
 /// Returns what a person may do next, with the goal `label` as the example.
@@ -323,6 +322,25 @@ mod tests {
         "#]]
         .assert_eq(&format!("goals{text}"));
         assert!(text.lines().all(|line| line.chars().count() <= 80), "{text}");
+    }
+
+    #[test]
+    fn goals_of_the_file_are_asked_for_by_the_file() {
+        let of = |conversation: &str| {
+            let conversation = ConversationId::new(conversation);
+            GoalStatus { conversation, ..goal(1, "(lit hall)", GoalPhase::Holding, &[]) }
+        };
+        let file = "asked for by the ecosystem file";
+        for (conversation, expected) in [
+            ("goals.warm", file),
+            ("goals.warm@20261128T080000Z", file),
+            ("goals.1795888861322709.1", "asked for by goals"),
+            ("plan-requester.7.2", "asked for by plan-requester"),
+            ("goals", "asked for by goals"),
+        ] {
+            let remarks = remarks(&of(conversation));
+            assert!(remarks[0].ends_with(expected), "{conversation}: {remarks:?}");
+        }
     }
 
     #[test]

@@ -8,8 +8,13 @@ use super::plan_record::{PlanRecord, StepRecord};
 use super::{GoalStore, ObservedGoal};
 use crate::moment::Moment;
 use crate::moves::MoveSchemas;
-use crate::rows::{CurrentStep, GoalDetail, GoalRow, GoalStage, PlanDetail, StepRow, StepState};
+use crate::rows::{
+    CurrentStep, DueRow, GoalDetail, GoalRow, GoalStage, PlanDetail, StepRow, StepState,
+};
 use crate::usual_times::UsualTimes;
+
+/// Moment of a goal by the clock that is not asked for again.
+const NEVER: Moment = Moment(u64::MAX);
 
 /// What the rows of goals need beside the goals: the moment, and the actions that move agents.
 #[derive(Clone, Copy, Debug)]
@@ -19,14 +24,16 @@ pub(crate) struct GoalTexts<'v> {
 }
 
 impl GoalStore {
-    /// Returns all goals: those that have not ended first, then the newest first.
+    /// Returns all goals: those that are pursued first, the newest first; then those that wait for
+    /// their times, the next one first; then those that have ended, the newest first.
     pub(crate) fn rows(&self, texts: GoalTexts<'_>) -> Vec<GoalRow> {
         let mut rows: Vec<_> =
             self.goals.iter().map(|(id, goal)| self.row(id, goal, texts)).collect();
+        let next = |row: &GoalRow| row.due.as_ref().and_then(|due| due.next_at).unwrap_or(NEVER);
         let newest = |row: &GoalRow| row.ended_at.or(row.asked_at).unwrap_or(row.changed_at);
-        rows.sort_by(|one, other| {
-            let by_end = one.stage.has_ended().cmp(&other.stage.has_ended());
-            by_end.then_with(|| newest(other).cmp(&newest(one)))
+        rows.sort_by_key(|row| match row.stage {
+            GoalStage::Scheduled => (1, next(row).0),
+            stage => (if stage.has_ended() { 2 } else { 0 }, u64::MAX - newest(row).0),
         });
         rows
     }
@@ -69,6 +76,8 @@ impl GoalStore {
             now: running().map(|step| step.text.clone()).collect(),
             late_ms: running().filter_map(|step| step.late_ms).max(),
             expected_end: ends.filter(|_| is_running).and_then(|ends| ends.into_iter().max()),
+            due: goal.due.clone(),
+            is_of_file: id.opener().is_none(),
         }
     }
 
@@ -94,6 +103,11 @@ impl GoalStore {
         rows.collect()
     }
 
+    /// Whether an agent carries a step out now.
+    pub(crate) fn is_acting(&self, agent: &AgentId) -> bool {
+        self.acting.contains_key(agent)
+    }
+
     /// Returns the number of steps that agents carry out now.
     pub(crate) fn running_count(&self) -> usize {
         self.acting.values().map(std::collections::BTreeSet::len).sum()
@@ -103,11 +117,6 @@ impl GoalStore {
     /// running plans lead through, in order; the first one is where it moves now, if it does.
     pub(crate) fn paths(
         &self,
-    /// Whether an agent carries a step out now.
-    pub(crate) fn is_acting(&self, agent: &AgentId) -> bool {
-        self.acting.contains_key(agent)
-    }
-
         moves: &MoveSchemas,
     ) -> BTreeMap<String, (ConversationId, bool, Vec<String>)> {
         let mut paths: BTreeMap<String, (ConversationId, bool, Vec<String>)> = BTreeMap::new();
@@ -140,6 +149,7 @@ impl ObservedGoal {
             GoalStage::Done | GoalStage::Cancelled => self.text.clone(),
             GoalStage::Failed => format!("failed: {}", self.text),
             GoalStage::Holding => "holds".to_owned(),
+            GoalStage::Scheduled => self.due.as_ref().map(next_time).unwrap_or_default(),
             GoalStage::Waiting if self.text.is_empty() => "waiting".to_owned(),
             GoalStage::Waiting => match self.text.strip_prefix("waiting: ") {
                 Some(why) => format!("waiting: {why}"),
@@ -154,6 +164,18 @@ impl ObservedGoal {
                 None => "executing".to_owned(),
             },
         }
+    }
+}
+
+/// Returns when a goal by the clock is asked for next: `next: Thursday 08:00 (every day 08:00)`.
+fn next_time(due: &DueRow) -> String {
+    let next = match &due.next {
+        Some(next) => format!("next: {next} ({})", due.words),
+        None => format!("not asked for again ({})", due.words),
+    };
+    match &due.pursued {
+        Some(pursued) => format!("{next}; now pursued as {pursued}"),
+        None => next,
     }
 }
 

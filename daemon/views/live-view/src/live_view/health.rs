@@ -244,7 +244,8 @@ fn counts(view: &LiveView, goals: &[GoalRow], now: Moment) -> ViewCounts {
         agents: present,
         agents_gone: gone,
         daemons: count(view.daemons.iter().filter(|(_, record)| record.seen_at.is_some()).count()),
-        goals: count(goals.iter().filter(|goal| !goal.stage.has_ended()).count()),
+        goals: count(goals.iter().filter(|goal| is_pursued(goal)).count()),
+        goals_scheduled: staged(GoalStage::Scheduled),
         goals_holding: staged(GoalStage::Holding),
         goals_running: staged(GoalStage::Running),
         goals_waiting: staged(GoalStage::Waiting),
@@ -259,6 +260,10 @@ fn counts(view: &LiveView, goals: &[GoalRow], now: Moment) -> ViewCounts {
         unreadable: view.counts.unreadable,
         out_of_turn: view.counts.out_of_turn,
     }
+}
+
+fn is_pursued(goal: &GoalRow) -> bool {
+    !goal.stage.has_ended() && goal.stage != GoalStage::Scheduled
 }
 
 fn summary(concerns: &[Concern], counts: &ViewCounts) -> String {
@@ -292,6 +297,9 @@ fn doings(counts: &ViewCounts) -> String {
     }
     if counts.goals_running > 0 {
         doings.push(format!("{} being executed", plural(counts.goals_running, "goal")));
+    }
+    if counts.goals_scheduled > 0 {
+        doings.push(format!("{} by the clock", plural(counts.goals_scheduled, "goal")));
     }
     if doings.is_empty() {
         doings.push("no goals".to_owned());

@@ -13,6 +13,8 @@ pub enum GoalStage {
     /// Too little was observed to know.
     #[default]
     Unknown,
+    /// The goal waits for its time, and is then pursued in another conversation.
+    Scheduled,
     /// The goal waits: for another goal, a capability, or a change.
     Waiting,
     /// A plan is being made.
@@ -46,7 +48,8 @@ pub struct GoalRow {
     pub number: Option<u32>,
     /// The goal: a PDDL condition, on one line; empty if it was not observed.
     pub goal: String,
-    /// The agent that requested the goal; `None` if the request was not observed.
+    /// The agent that requested the goal; `None` if the request was not observed. Goals of the file
+    /// are requested by the Plan Requester.
     pub requester: Option<AgentId>,
     /// Whether the goal is kept after it is reached; `None` if that is not known.
     pub keep: Option<Keep>,
@@ -80,6 +83,29 @@ pub struct GoalRow {
     /// Expected end of the running plan; `None` if there is none, or the usual time of a step is
     /// not known.
     pub expected_end: Option<Moment>,
+    /// The times of a goal by the clock; `None` if it has none.
+    pub due: Option<DueRow>,
+    /// Whether the goal stands in the ecosystem file, and is asked for by itself.
+    pub is_of_file: bool,
+}
+
+/// The times of a goal by the clock: of one that waits for them, or of one that is pursued and has a
+/// deadline or an end.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct DueRow {
+    /// The times of a goal that waits for them, in the words of the person that wrote them; empty if
+    /// the goal is pursued.
+    pub words: String,
+    /// Moment at which the goal is asked for next; `None` if it is not asked for again.
+    pub next_at: Option<Moment>,
+    /// The same moment as text for a person, in the time zone of the goal: `Thursday 08:00`.
+    pub next: Option<String>,
+    /// Conversation of the goal that was asked for last and is pursued now; `None` if there is none.
+    pub pursued: Option<ConversationId>,
+    /// Moment by which the goal should be reached; `None` if there is no deadline.
+    pub reach_by: Option<Moment>,
+    /// Moment at which the goal is given up; `None` if it is not given up by the clock.
+    pub given_up_at: Option<Moment>,
 }
 
 /// One goal with its plans.

@@ -112,8 +112,10 @@ pub struct ViewCounts {
     pub agents_gone: u64,
     /// Daemons.
     pub daemons: u64,
-    /// Goals that have not ended.
+    /// Goals that have not ended, without those that wait for their times.
     pub goals: u64,
+    /// Goals that wait for their times.
+    pub goals_scheduled: u64,
     /// Goals that hold.
     pub goals_holding: u64,
     /// Goals with a plan that runs.

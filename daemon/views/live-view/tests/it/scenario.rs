@@ -410,6 +410,57 @@ fn an_observer_that_comes_late_is_not_confused() {
 }
 
 #[test]
+fn goals_by_the_clock_are_listed_with_their_times() {
+    let mut office = office();
+    let listed = |pursued: Option<&str>| {
+        from_json::<Vec<acl::content::GoalStatus>>(json!([{
+            "conversation": "goals.warm", "number": 3, "goal": "(warm hall)", "keep": "achieve",
+            "priority": 0, "phase": "waiting-for-change", "waits_because": "for Thursday 08:00",
+            "rounds": 0, "history": [{ "at_ms": 5, "text": "stands in the file" }],
+            "due": { "words": "every day 08:00", "next-ms": 90_000_000, "next": "Thursday 08:00",
+                "pursued": pursued },
+        }]))
+    };
+    office.observe(ViewEvent::Goals(listed(None)));
+    let find = |office: &Observer| {
+        let goals = office.view.goals(office.now);
+        goals.into_iter().find(|goal| goal.goal == "(warm hall)").expect("it is listed")
+    };
+    let row = find(&office);
+    assert_eq!((row.stage, row.number, row.is_of_file), (GoalStage::Scheduled, Some(3), true));
+    assert_eq!(row.text, "next: Thursday 08:00 (every day 08:00)");
+    let due = row.due.expect("times");
+    assert_eq!((due.next_at, due.pursued), (Some(Moment(90_000_000)), None));
+    let overview = office.view.overview(office.now);
+    assert_eq!((overview.counts.goals_scheduled, overview.counts.goals_waiting), (1, 0));
+    assert!(overview.summary.contains("1 goal by the clock"), "{}", overview.summary);
+    office.observe(ViewEvent::Goals(listed(Some("goals.warm@1"))));
+    assert!(find(&office).text.ends_with("; now pursued as goals.warm@1"));
+    let cancelled = report("cancelled", "it is not asked for any more");
+    office.hear("plan-requester>alice confirm goal goals.warm x9", cancelled);
+    let row = find(&office);
+    assert_eq!((row.stage, row.due.is_some()), (GoalStage::Cancelled, true));
+    // The answer to an older query.
+    office.observe(ViewEvent::Goals(listed(None)));
+    assert_eq!(find(&office).stage, GoalStage::Cancelled);
+}
+
+#[test]
+fn a_deadline_of_a_pursued_goal_is_shown() {
+    let mut office = office();
+    office.observe(ViewEvent::Goals(from_json(json!([{
+        "conversation": "c9", "number": 4, "goal": "(warm hall)", "keep": "achieve",
+        "priority": 0, "phase": "executing", "rounds": 1, "history": [],
+        "due": { "words": "", "by-ms": 90_000_000, "ends-ms": 95_000_000 },
+    }]))));
+    let goals = office.view.goals(office.now);
+    let row = goals.iter().find(|goal| goal.number == Some(4)).expect("it is listed");
+    let due = row.due.as_ref().expect("limits");
+    assert_eq!((row.stage, due.reach_by), (GoalStage::Running, Some(Moment(90_000_000))));
+    assert_eq!((due.given_up_at, row.is_of_file), (Some(Moment(95_000_000)), false));
+}
+
+#[test]
 fn an_action_that_a_person_requests_is_shown_like_a_goal() {
     let mut office = office();
     let mut plan = execute(1, "(move--r robot-1 corridor office1)\n");

@@ -1,7 +1,9 @@
 //! One goal: its plans as Gantt charts, the bids of its calls, its history.
 
 use acl::content::{Keep, Outcome};
-use live_view::{BidRow, BidState, CallDetail, GoalDetail, Moment, PlanDetail, StepRow, StepState};
+use live_view::{
+    BidRow, BidState, CallDetail, GoalDetail, GoalStage, Moment, PlanDetail, StepRow, StepState,
+};
 
 use super::{PageContext, agent_link, goals};
 use crate::page::{PageAt, PageName};
@@ -21,7 +23,7 @@ pub(super) fn sheet(detail: &GoalDetail, context: &PageContext) -> Sheet {
     for (index, plan) in detail.plans.iter().enumerate() {
         plan_part(&mut sheet, plan, index == 0, context);
     }
-    if detail.plans.is_empty() {
+    if detail.plans.is_empty() && detail.row.stage != GoalStage::Scheduled {
         sheet.gap();
         let had_plan = detail.row.rounds > 0
             || detail.history.iter().any(|event| event.text.contains("a plan "));
@@ -73,7 +75,9 @@ fn head(sheet: &mut Sheet, detail: &GoalDetail, context: &PageContext) {
     }
     sheet.text(&stands, 2);
     let mut asked = String::new();
-    if let Some(requester) = &row.requester {
+    if row.is_of_file {
+        asked = "asked for by the ecosystem file".to_owned();
+    } else if let Some(requester) = &row.requester {
         asked = format!("asked for by {requester}");
     }
     if let Some(at) = row.asked_at {

@@ -40,7 +40,10 @@ pub(super) fn table(goals: &[GoalRow], context: &PageContext) -> Table {
             steps => format!("{}/{steps}", goal.steps_done),
         };
         let since = goal.ended_at.or(goal.asked_at).unwrap_or(goal.changed_at);
-        let requester = goal.requester.as_ref().map(ToString::to_string).unwrap_or_default();
+        let requester = match &goal.requester {
+            _ if goal.is_of_file => "the file".to_owned(),
+            requester => requester.as_ref().map(ToString::to_string).unwrap_or_default(),
+        };
         let round = if goal.rounds > 1 { goal.rounds.to_string() } else { String::new() };
         let cost = goal.cost.map(|cost| format!("{cost}")).unwrap_or_default();
         let cells = vec![
@@ -79,6 +82,7 @@ fn now(goal: &GoalRow) -> String {
 pub(super) fn stage(stage: GoalStage) -> StyledLine {
     let (text, tone) = match stage {
         GoalStage::Unknown => ("? unknown", Tone::Dim),
+        GoalStage::Scheduled => ("· by clock", Tone::Dim),
         GoalStage::Waiting => ("… waits", Tone::Warn),
         GoalStage::Planning => ("◌ planning", Tone::Busy),
         GoalStage::Running => ("▶ running", Tone::Busy),
@@ -90,7 +94,7 @@ pub(super) fn stage(stage: GoalStage) -> StyledLine {
     StyledLine::of(text, tone)
 }
 
-/// Returns the sentence about a goal's lateness and its expected end.
+/// Returns the sentence about a goal's lateness, its expected end and its limits by the clock.
 pub(super) fn outlook(goal: &GoalRow, context: &PageContext) -> String {
     let mut parts = Vec::new();
     if let Some(late) = goal.late_ms {
@@ -102,6 +106,12 @@ pub(super) fn outlook(goal: &GoalRow, context: &PageContext) -> String {
             0 => format!("was expected to end at {}", context.clock(end)),
             _ => format!("ends in about {}", time_words::duration(left)),
         });
+    }
+    if let Some(by) = goal.due.as_ref().and_then(|due| due.reach_by) {
+        parts.push(format!("to be reached by {}", context.clock(by)));
+    }
+    if let Some(at) = goal.due.as_ref().and_then(|due| due.given_up_at) {
+        parts.push(format!("given up at {}", context.clock(at)));
     }
     parts.join(", ")
 }

@@ -98,6 +98,7 @@ fn counts(counts: &ViewCounts, is_recording: bool) -> String {
     };
     some(counts.agents_gone, format!("{} gone", counts.agents_gone));
     some(counts.goals, count(counts.goals, "goal"));
+    some(counts.goals_scheduled, format!("{} by the clock", counts.goals_scheduled));
     some(counts.steps_running, format!("{} running", count(counts.steps_running, "step")));
     some(counts.facts, count(counts.facts, "fact"));
     some(counts.questions, count(counts.questions, "question"));

@@ -6,7 +6,7 @@ use acl::{AgentId, ConversationId, DaemonId, EcosystemId, Incarnation, Performat
 use live_view::{
     ActionRow, ActivityEntry, ActivityLevel, AgentDetail, AgentPresence, AgentRow, BidRow,
     BidState, CallDetail, ClaimRow, Concern, ConcernKind, ConversationDetail, ConversationRow,
-    CurrentStep, DaemonRow, FactRow, FactTruth, FloorPlan, FloorRobot, FloorRoom, FloorWay,
+    CurrentStep, DaemonRow, DueRow, FactRow, FactTruth, FloorPlan, FloorRobot, FloorRoom, FloorWay,
     Freshness, GoalDetail, GoalHistoryRow, GoalRow, GoalStage, HealthLevel, MailboxSums,
     MessageRow, Moment, Overview, PlanDetail, ProposalRow, QuestionRow, ReplicaRow, StepRow,
     StepState, ViewCounts, ViewSubject,
@@ -160,6 +160,30 @@ fn goal_row(number: u32, goal: &str, stage: GoalStage, text: &str) -> GoalRow {
         now: Vec::new(),
         late_ms: None,
         expected_end: None,
+        due: None,
+        is_of_file: false,
+    }
+}
+
+/// A goal of the file that waits for its time.
+fn scheduled() -> GoalRow {
+    let due = DueRow {
+        words: "every day 08:00, by 08:30".to_owned(),
+        next_at: Some(NOW.plus(3_600_000)),
+        next: Some("Thursday 08:00".to_owned()),
+        ..DueRow::default()
+    };
+    GoalRow {
+        number: Some(6),
+        rounds: 0,
+        due: Some(due),
+        is_of_file: true,
+        ..goal_row(
+            6,
+            "(known-temperature office1)",
+            GoalStage::Scheduled,
+            "next: Thursday 08:00 (every day 08:00, by 08:30)",
+        )
     }
 }
 
@@ -197,6 +221,7 @@ pub(super) fn goals() -> Vec<GoalRow> {
         ),
         goal_row(4, "", GoalStage::Unknown, ""),
         goal_row(5, "(is \u{202e}evil\u{1b}[2J)", GoalStage::Holding, "holds, and is watched"),
+        scheduled(),
     ]
 }
 

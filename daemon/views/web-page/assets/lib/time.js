@@ -50,6 +50,21 @@ export function clock(moment) {
   return format("day", { ...time, month: "short", day: "numeric" }).format(date);
 }
 
+// Time within which a weekday says which day is meant, in milliseconds.
+const WEEK_MS = 6 * 24 * 3600 * 1000;
+
+// Returns a moment to come without its seconds: `Thu 08:00`, or with its date if it is far away.
+export function when(moment) {
+  if (moment === null || moment === undefined) return "";
+  const date = new Date(moment);
+  const time = { hour: "2-digit", minute: "2-digit", hour12: false };
+  const isToday = date.toDateString() === new Date(now()).toDateString();
+  if (isToday) return format("minute", time).format(date);
+  const isSoon = Math.abs(moment - now()) < WEEK_MS;
+  if (isSoon) return format("weekday", { ...time, weekday: "short" }).format(date);
+  return format("date", { ...time, year: "numeric", month: "short", day: "numeric" }).format(date);
+}
+
 // Returns a duration in two units at most: `3.1 s`, `5 min 20 s`, `3 h 5 min`, `2 d 4 h`.
 export function duration(milliseconds) {
   if (milliseconds === null || milliseconds === undefined) return "";

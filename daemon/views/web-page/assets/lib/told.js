@@ -65,6 +65,7 @@ const PARTS = [
   ["goals-wait", /^(?<n>\d+) goals? waits?$/],
   ["goals-planned", /^(?<n>\d+) goals? being planned for$/],
   ["goals-executed", /^(?<n>\d+) goals? being executed$/],
+  ["goals-scheduled", /^(?<n>\d+) goals? by the clock$/],
   ["agents-here", /^(?<n>\d+) agents? here$/],
 ];
 

@@ -30,7 +30,7 @@ export function Sign({ of }) {
 
 // A state as a word with a sign: never by color alone.
 const STATES = {
-  unknown: ["quiet", "?"], waiting: ["attention", "‖"], planning: ["accent", "…"], running: ["accent", "▶"],
+  unknown: ["quiet", "?"], waiting: ["attention", "‖"], scheduled: ["quiet", "◷"], planning: ["accent", "…"], running: ["accent", "▶"],
   holding: ["well", "✓"], done: ["well", "✓"], failed: ["bad", "✗"], cancelled: ["quiet", "–"], next: ["quiet", "·"],
   refused: ["bad", "✗"], present: ["well", "●"], silent: ["attention", "!"], gone: ["bad", "✗"],
   absent: ["attention", "○"], busy: ["accent", "▶"], stopped: ["bad", "■"], true: ["well", "✓"], false: ["quiet", "–"],

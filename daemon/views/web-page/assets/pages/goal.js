@@ -4,11 +4,11 @@
 import { may } from "../lib/api.js";
 import { html } from "../lib/html.js";
 import { t, tOr } from "../lib/language.js";
-import { At, Late, Since, clock, duration, number, useNow } from "../lib/time.js";
+import { At, Late, Since, clock, duration, number, useNow, when } from "../lib/time.js";
 import { useTopic } from "../lib/topics.js";
 import { SmallTable } from "../lib/table.js";
 import { AskTwice, Card, Empty, Facts, Link, Outcome, PageHead, State, Text, Told, useAct } from "../lib/ui.js";
-import { goalName, keepWords } from "./goals.js";
+import { Due, askerOf, goalName, keepWords } from "./goals.js";
 
 export function GoalPage({ name }) {
   const topic = useTopic(`goal:${name}`);
@@ -17,24 +17,26 @@ export function GoalPage({ name }) {
   if (!detail) return html`<${PageHead} title=${t("goal.title")} /><${Empty} topic=${topic}>${t("empty.goal")}<//>`;
   const row = detail.row;
   const hasEnded = row.ended_at !== null && row.ended_at !== undefined;
-  return html`<${PageHead} title=${html`<span class="goal-name"><${Text} of=${goalName(row)} /></span>`} about=${t("goal.title")}>
+  return html`<${PageHead} title=${html`<span class="goal-name"><${Text} of=${goalName(row)} /></span>`} about=${row.number ? t("goal.numbered", { number: row.number }) : t("goal.title")}>
       ${!hasEnded && may("ask") && html`<${AskTwice} label=${t("goal.cancel")} sure=${t("goal.cancel-sure")} disabled=${isBusy}
         onDo=${() => run({ act: "cancel-goal", conversation: row.conversation })} />`}
     <//>
     <${Outcome} outcome=${outcome} />
-    <div class="lead"><${State} of=${row.stage} /> <${Told} of=${row.text} /><${Late} row=${row} /></div>
+    <div class="lead"><${State} of=${row.stage} /> ${row.stage === "scheduled" ? html`<${Due} due=${row.due} />` : html`<${Told} of=${row.text} />`}<${Late} row=${row} /></div>
     <${Facts} rows=${[
-      [t("goal.by"), row.requester && html`<${Text} of=${row.requester} />`],
+      [t("goal.by"), askerOf(row) && html`<${Text} of=${askerOf(row)} />`],
       [t("goal.asked-at"), row.asked_at && html`<${At} at=${row.asked_at} />`],
       [t("goal.mode"), keepWords(row.keep)],
       [t("goal.priority"), row.priority !== 0 ? number(row.priority) : null],
       [t("goal.phase"), row.phase && tOr(`phase.${row.phase}`, row.phase)],
       [t("goal.changed"), html`<${Since} at=${row.changed_at} />`],
       [t("goal.expected-end"), row.expected_end && html`<${At} at=${row.expected_end} />`],
+      [t("goal.reach-by"), row.due?.reach_by && when(row.due.reach_by)],
+      [t("goal.given-up-at"), row.due?.given_up_at && when(row.due.given_up_at)],
       [t("goal.ended-at"), row.ended_at && html`<${At} at=${row.ended_at} />`],
       [t("goal.conversation"), html`<${Link} page="conversations" name=${row.conversation}>${t("goal.messages")}<//>`],
     ]} />
-    ${detail.plans.length === 0 && html`<p class="empty">${t("empty.plans")}</p>`}
+    ${detail.plans.length === 0 && row.stage !== "scheduled" && html`<p class="empty">${t("empty.plans")}</p>`}
     ${detail.plans.map((plan) => html`<${Plan} key=${`${plan.term}/${plan.round}`} plan=${plan} />`)}
     ${detail.calls.length > 0 && html`<${Card} title=${t("goal.bids")}>${detail.calls.map((call, at) => html`<${Call} key=${at} call=${call} />`)}<//>`}
     <${Card} title=${t("goal.history")}>

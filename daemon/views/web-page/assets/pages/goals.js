@@ -3,19 +3,20 @@
 import { html, useState } from "../lib/html.js";
 import { t, tOr } from "../lib/language.js";
 import { keep, place } from "../lib/router.js";
-import { At, Late, Since } from "../lib/time.js";
+import { At, Late, Since, when } from "../lib/time.js";
 import { useTopic } from "../lib/topics.js";
 import { Table } from "../lib/table.js";
 import { ButtonLink, Empty, Filter, Link, PageHead, State, Text, Told, matches } from "../lib/ui.js";
 
-const STAGES = ["all", "open", "waiting", "running", "holding", "ended"];
+const STAGES = ["all", "open", "waiting", "running", "holding", "scheduled", "ended"];
 
 const columns = () => [
+  { key: "number", title: t("goal.number"), width: "3.5rem", class: "wide-only", cell: (row) => (row.number ? String(row.number) : "") },
   { key: "stage", title: t("goal.stage"), width: "8.5rem", cell: (row) => html`<${State} of=${row.stage} />` },
   { key: "goal", title: t("goal.goal"), width: "minmax(0, 2fr)", isMain: true, cell: (row) => html`<${Link} page="goals" name=${row.conversation}><${Text} of=${goalName(row)} /><//>` },
   { key: "now", title: t("goal.now"), width: "minmax(0, 2fr)", cell: (row) => html`<${GoalNow} row=${row} />` },
   { key: "progress", title: t("goal.steps"), width: "5rem", class: "wide-only", cell: (row) => (row.steps > 0 ? `${row.steps_done} / ${row.steps}` : "") },
-  { key: "by", title: t("goal.by"), width: "minmax(0, 1fr)", class: "wide-only", cell: (row) => html`<${Text} of=${row.requester ?? ""} />` },
+  { key: "by", title: t("goal.by"), width: "minmax(0, 1fr)", class: "wide-only", cell: (row) => html`<${Text} of=${askerOf(row)} />` },
   { key: "changed", title: t("goal.changed"), width: "6.5rem", class: "wide-only", cell: (row) => html`<${Since} at=${row.changed_at} />` },
 ];
 
@@ -36,7 +37,7 @@ export function GoalsPage() {
 }
 
 function words(row) {
-  return [row.goal, row.stage, row.text, row.requester, ...row.now, row.conversation].join(" ");
+  return [row.number, row.goal, row.stage, row.text, askerOf(row), ...row.now, row.conversation].join(" ");
 }
 
 function isOf(row, stage) {
@@ -53,9 +54,24 @@ export function goalName(row) {
   return row.goal || row.conversation;
 }
 
+// Who asked for a goal: an agent, or the ecosystem file.
+export function askerOf(row) {
+  return row.is_of_file ? t("goal.by-file") : row.requester ?? "";
+}
+
 // What is done for a goal now, or why it stands as it does.
 export function GoalNow({ row }) {
+  if (row.stage === "scheduled") return html`<${Due} due=${row.due} />`;
   return html`<span><${Told} of=${row.now.length > 0 ? row.now.join("; ") : row.text} /><${Late} row=${row} /></span>`;
+}
+
+// When a goal by the clock is asked for next, its times in the words of whoever wrote them, and the
+// goal that is pursued for it.
+export function Due({ due }) {
+  if (!due) return null;
+  const next = due.next_at ? t("goal.next", { time: when(due.next_at) }) : t("goal.no-next");
+  return html`<span>${next}${due.words && html` <span class="muted">(<${Text} of=${due.words} />)</span>`}${due.pursued
+    && html` · <${Link} page="goals" name=${due.pursued}>${t("goal.pursued")}<//>`}</span>`;
 }
 
 // Goals as short cards, for the overview.
@@ -65,7 +81,7 @@ export function GoalCards({ rows, topic }) {
     <div class="goal-card-head"><a href=${`/goals/${encodeURIComponent(row.conversation)}`}><code><${Text} of=${goalName(row)} /></code></a><${State} of=${row.stage} /></div>
     <p class="goal-card-now"><${GoalNow} row=${row} /></p>
     ${row.steps > 0 && html`<progress max=${row.steps} value=${row.steps_done} aria-label=${t("goal.progress", { done: row.steps_done, steps: row.steps })}></progress>`}
-    <p class="muted small">${row.requester && html`${t("goal.asked-by")} <${Text} of=${row.requester} /> `}${row.asked_at && html`<${At} at=${row.asked_at} /> `}
+    <p class="muted small">${row.number && `${t("goal.numbered", { number: row.number })} `}${askerOf(row) && html`${t("goal.asked-by")} <${Text} of=${askerOf(row)} /> `}${row.asked_at && html`<${At} at=${row.asked_at} /> `}
       ${row.expected_end && html`· ${t("goal.expected-end")} <${At} at=${row.expected_end} />`}</p></li>`)}</ul>`;
 }
 

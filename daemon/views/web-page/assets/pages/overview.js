@@ -65,7 +65,8 @@ function linked(concern) {
 function Counts({ counts, inbox }) {
   const tiles = [
     ["agents", counts.agents, counts.agents_gone > 0 ? t("count.gone", { n: counts.agents_gone }) : t("count.present")],
-    ["goals", counts.goals, t("count.goals", { running: counts.goals_running + counts.goals_planning, waiting: counts.goals_waiting, holding: counts.goals_holding })],
+    ["goals", counts.goals, t("count.goals", { running: counts.goals_running + counts.goals_planning, waiting: counts.goals_waiting, holding: counts.goals_holding })
+      + (counts.goals_scheduled > 0 ? t("count.goals-scheduled", { n: counts.goals_scheduled }) : "")],
     ["questions", counts.questions, t("count.questions")],
     ["world", counts.facts, t("count.unknown", { n: counts.facts_unknown })],
     ["daemons", counts.daemons, t("count.messages", { n: number(counts.messages) })],

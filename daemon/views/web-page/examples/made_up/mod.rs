@@ -4,7 +4,7 @@
 
 pub(crate) mod messages;
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
@@ -83,6 +83,8 @@ struct State {
     questions: Vec<OpenQuestion>,
     discovered: BTreeMap<String, bool>,
     stops: Vec<Value>,
+    /// The conversations of goals that wait for their times.
+    scheduled: BTreeSet<String>,
     count: u64,
 }
 
@@ -128,6 +130,7 @@ impl MadeUp {
             questions: Vec::new(),
             discovered: BTreeMap::new(),
             stops: Vec::new(),
+            scheduled: BTreeSet::new(),
             count: 0,
         };
         let (state, changes) = (Mutex::new(state), watch::Sender::new(0));
@@ -171,6 +174,22 @@ impl MadeUp {
     /// Observes events.
     pub(crate) fn observe(&self, at: Moment, events: Vec<ViewEvent>) {
         self.change(|state| events.into_iter().for_each(|event| state.view.observe(at, event)));
+    }
+
+    /// Lists a goal of the file that waits for its time, an hour from now.
+    pub(crate) fn schedule(&self, name: &str, number: u32, goal: &str) {
+        let at = now();
+        let status = json!({
+            "conversation": format!("goals.{name}"), "number": number, "goal": goal,
+            "keep": "achieve", "priority": 0, "phase": "waiting-for-change", "rounds": 0,
+            "history": [{ "at_ms": at.0, "text": "stands in the file: every day" }],
+            "due": { "words": "every day", "next-ms": at.plus(3_600_000).0, "next": "later" },
+        });
+        let statuses = serde_json::from_value(json!([status])).expect("a status");
+        self.change(|state| {
+            state.scheduled.insert(format!("goals.{name}"));
+            state.observe(ViewEvent::Goals(statuses));
+        });
     }
 
     /// Asks people a question.
@@ -451,7 +470,7 @@ impl State {
             PageAct::CancelGoal { conversation } => {
                 let before = self.works.len();
                 self.works.retain(|work| work.goal != conversation);
-                if self.works.len() == before {
+                if self.works.len() == before && !self.scheduled.remove(&conversation) {
                     return failed("there is no such goal".to_owned());
                 }
                 messages::goal_cancelled(&conversation).into_iter().for_each(|it| self.say(it));
