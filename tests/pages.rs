@@ -83,7 +83,7 @@ fn a_goal_is_built_tried_and_watched_to_its_end() {
     stage.office.await_fact("(known-temperature office1)", true);
     browser.open(&stage.page.url("/world?filter=temperature%20office1"));
     let celsius = truth.temperature("office1").expect("a room");
-    wait_long(&mut browser, &is_in_row(&format!("temperature office1 = {celsius}"), "true"));
+    wait_long(&mut browser, &is_in_row(&format!("temperature of office1 is {celsius} °C"), "true"));
     browser.assert_no_problems();
 }
 

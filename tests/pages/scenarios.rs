@@ -25,7 +25,7 @@ fn told_when_true(stage: &PageStage, browser: &mut Chromium) -> BTreeMap<String,
     let truth = stage.building.truth();
     let rooms = truth.layout().rooms().map(|room| {
         let celsius = truth.temperature(room).expect("a room");
-        format!("texts.includes('temperature {room} = {celsius}')")
+        format!("texts.includes('temperature of {room} is {celsius} °C')")
     });
     let rooms = rooms.collect::<Vec<_>>().join(" && ");
     wait_long(
@@ -36,8 +36,8 @@ fn told_when_true(stage: &PageStage, browser: &mut Chromium) -> BTreeMap<String,
     );
     let texts = browser.texts(".table-body .cell-fact");
     let value = |text: &String| {
-        let (room, celsius) = text.trim().strip_prefix("temperature ")?.split_once(" = ")?;
-        Some((room.to_owned(), celsius.parse().ok()?))
+        let (room, celsius) = text.trim().strip_prefix("temperature of ")?.split_once(" is ")?;
+        Some((room.to_owned(), celsius.strip_suffix(" °C")?.parse().ok()?))
     };
     texts.iter().filter_map(value).collect()
 }
@@ -65,7 +65,7 @@ fn scenario_1_is_watched_to_its_end_on_the_page() {
     let before = told_when_true(&stage, &mut browser);
     assert_eq!(before.get("office1"), Some(&20.5), "{before:?}");
 
-    back_to_goal(&stage, &mut browser, "known-temperature");
+    back_to_goal(&stage, &mut browser, "temperature of every room known");
     let died = scenario.death(&stage.building, DeviceFault::Hangs);
     let died = stage.within(crate::support::PATIENCE, died).expect("a sensor");
     let mut stage = stage;
@@ -146,7 +146,7 @@ fn scenario_2_is_watched_to_its_end_on_the_page() {
         let deaths = [first, second];
         deaths.iter().all(|death| is_measured_by_robot(truth, &death.room, since.sequence))
     });
-    back_to_goal(&stage, &mut browser, "known-temperature");
+    back_to_goal(&stage, &mut browser, "temperature of every room known");
     wait_long(&mut browser, &goal_is("holds"));
     browser.picture("scenario-2");
     let told = told_when_true(&stage, &mut browser);

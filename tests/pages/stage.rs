@@ -181,10 +181,11 @@ pub(super) fn ask_for(page: &PageAddress, browser: &mut Chromium, goal: &str, is
     browser.wait_for("location.pathname.startsWith('/goals/') && document.querySelector('.lead')");
 }
 
-/// Returns the condition that a row of the page's table begins with a name, and has a state.
+/// Returns the condition that a row of the page's table begins with a name, or with the words of a
+/// goal or fact, and has a state.
 pub(super) fn is_in_row(name: &str, state: &str) -> String {
     format!(
-        "[...document.querySelectorAll('.table-body .table-row')].some((row) => row.querySelector('.cell-main').innerText === {name:?} && row.querySelector('.state').innerText.includes({state:?}))"
+        "[...document.querySelectorAll('.table-body .table-row')].some((row) => [row.querySelector('.cell-main').innerText, row.querySelector('.cell-main bdi[title]')?.title].includes({name:?}) && row.querySelector('.state').innerText.includes({state:?}))"
     )
 }
 

@@ -1,11 +1,10 @@
 //! How goals and facts are said to the person at a terminal, and how the person's words are read: in
 //! a language, or in PDDL. Programs (`--json`) always get PDDL.
 
-use std::sync::{PoisonError, RwLock};
+use std::collections::{BTreeMap, HashMap};
+use std::sync::{LazyLock, Mutex, PoisonError, RwLock};
 
 use phrases::{KnownNames, Language, NotUnderstood, OwnWords, Phrasebook};
-
-use std::collections::BTreeMap;
 
 /// Variable that makes the output PDDL, as `--pddl` does, if it is set and not `0`.
 const PDDL_VARIABLE: &str = "ALTHING_PDDL";
@@ -79,6 +78,12 @@ pub(crate) fn learn(own: &WordsByLanguage) {
         }
     }
     *SPEECH.write().unwrap_or_else(PoisonError::into_inner) = Some(speech);
+    SAID.lock().unwrap_or_else(PoisonError::into_inner).clear();
+}
+
+/// Whether goals and facts are said in words, and not in PDDL.
+pub(crate) fn is_in_words() -> bool {
+    with_speech(|speech| speech.said().is_some())
 }
 
 /// Says a goal or a fact that is given in PDDL. A text that is no PDDL stays as it is.
@@ -95,6 +100,39 @@ pub(crate) fn sentence(text: &str) -> String {
         Some(book) => book.print_sentence(text),
         None => text.to_owned(),
     })
+}
+
+/// Maximum number of texts whose words are remembered: those of some pages of a view.
+const SAID_MAX: usize = 8_192;
+
+/// Longest text whose words are remembered, in bytes.
+const SAID_BYTES_MAX: usize = 1_024;
+
+/// The words of the last texts.
+static SAID: LazyLock<Mutex<HashMap<String, String>>> = LazyLock::new(Mutex::default);
+
+/// Returns a text in which goals and facts are said in words wherever they stand. The words of the
+/// last texts are remembered, because a view says the same texts each time that it is drawn.
+pub(crate) fn text(text: &str) -> String {
+    if !text.contains('(') {
+        return text.to_owned();
+    }
+    let remembered = SAID.lock().unwrap_or_else(PoisonError::into_inner).get(text).cloned();
+    if let Some(remembered) = remembered {
+        return remembered;
+    }
+    let said = with_speech(|speech| match speech.said() {
+        Some(book) => book.print_text(text),
+        None => text.to_owned(),
+    });
+    if text.len() <= SAID_BYTES_MAX {
+        let mut remembered = SAID.lock().unwrap_or_else(PoisonError::into_inner);
+        if remembered.len() >= SAID_MAX {
+            remembered.clear();
+        }
+        remembered.insert(text.to_owned(), said.clone());
+    }
+    said
 }
 
 /// Reads a goal in the words of any language, and returns it in PDDL.
@@ -148,6 +186,8 @@ mod tests {
         assert_eq!(say("(odd office1)"), "(odd office1)");
         assert_eq!(say("no goal"), "no goal");
         assert_eq!(say("`(lit a)` and more"), "`(lit a)` and more");
+        let all = ["ann asks for (lit a)", "ann asks for (lit a)", "no goal"].map(text);
+        assert_eq!(all, ["ann asks for light in a on", "ann asks for light in a on", "no goal"]);
     }
 
     #[test]

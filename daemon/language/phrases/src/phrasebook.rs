@@ -134,6 +134,12 @@ impl Phrasebook {
         sentences::with_words(self, sentence)
     }
 
+    /// Returns a text in which facts and goals are said in words wherever they stand. Those without
+    /// words stay in PDDL.
+    pub fn print_text(&self, text: &str) -> String {
+        sentences::with_words_anywhere(self, text)
+    }
+
     /// Returns the words that may follow at the end of `before`, the text before a cursor, and the
     /// offset at which the word under the cursor begins.
     pub fn complete(&self, before: &str, names: &KnownNames) -> (usize, Vec<String>) {

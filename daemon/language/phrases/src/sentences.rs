@@ -26,6 +26,44 @@ pub(crate) fn with_words(book: &Phrasebook, sentence: &str) -> String {
     said
 }
 
+/// Returns a text with its goals and facts in words, wherever they stand in it. Of PDDL in PDDL the
+/// outermost is said.
+pub(crate) fn with_words_anywhere(book: &Phrasebook, text: &str) -> String {
+    if text.len() > BYTES_MAX {
+        return text.to_owned();
+    }
+    let (mut said, mut rest) = (String::with_capacity(text.len()), text);
+    while let Some(start) = rest.find('(') {
+        let (before, from) = rest.split_at(start);
+        said += before;
+        // A parenthesis that is never closed: there is no PDDL behind it.
+        let Some(end) = closing(from) else {
+            rest = from;
+            break;
+        };
+        let (group, after) = from.split_at(end);
+        said += &pddl_in_words(book, group).unwrap_or_else(|| group.to_owned());
+        rest = after;
+    }
+    said + rest
+}
+
+/// Returns the offset after the parenthesis that closes the first one; `None` if none does.
+fn closing(text: &str) -> Option<usize> {
+    let mut depth = 0_usize;
+    for (at, byte) in text.bytes().enumerate() {
+        match byte {
+            b'(' => depth += 1,
+            b')' => depth = depth.checked_sub(1)?,
+            _ => (),
+        }
+        if depth == 0 {
+            return Some(at + 1);
+        }
+    }
+    None
+}
+
 /// Says a goal or a fact that is written in PDDL; `None` if it is neither, or has no words.
 pub(crate) fn pddl_in_words(book: &Phrasebook, text: &str) -> Option<String> {
     let said = match pddl::parse_condition(text).into_result() {
@@ -73,6 +111,28 @@ mod tests {
     fn several_facts_are_said_one_after_the_other() {
         check("`a` bids for `(lit a) (swept b)`", "`a` bids for `light in a on, b swept`");
         check("`(lit a) (odd b)`", "`light in a on, (odd b)`");
+    }
+
+    #[test]
+    fn facts_anywhere_are_said_in_words() {
+        let book = Phrasebook::standard(Language::English);
+        for (text, expected) in [
+            ("(lit a)", "light in a on"),
+            ("(lit a) has failed: no", "light in a on has failed: no"),
+            ("ann asks for (lit a), and to keep it", "ann asks for light in a on, and to keep it"),
+            ("chosen: `r` for `(lit a)` (bid 8)", "chosen: `r` for `light in a on` (bid 8)"),
+            ("(odd a) (lit a)", "(odd a) light in a on"),
+            ("(and (lit a) (odd b))", "light in a on and (odd b)"),
+            ("a (and 3 more within 10 min)", "a (and 3 more within 10 min)"),
+            ("(lit a", "(lit a"),
+            (") (lit a)", ") light in a on"),
+            ("((lit a))", "((lit a))"),
+            ("", ""),
+        ] {
+            assert_eq!(with_words_anywhere(&book, text), expected, "{text}");
+        }
+        let deep = "(".repeat(BYTES_MAX);
+        assert_eq!(with_words_anywhere(&book, &deep), deep);
     }
 
     #[test]

@@ -56,7 +56,7 @@ fn main() {
     }
     let began = Instant::now();
     let data = PageData::of(&view, &PageAt::of(PageName::World), now);
-    let text = page_text(&data, 0, (0, false), now);
+    let text = page_text(&data, 0, ScreenOptions::default(), now);
     let took = began.elapsed().as_secs_f64() * 1_000.0;
     println!("world in sentences: {took:.0} ms, {} lines", text.lines().count());
 }

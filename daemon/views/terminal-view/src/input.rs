@@ -82,8 +82,11 @@ impl fmt::Debug for ViewAct {
     }
 }
 
+/// A function that returns a text in which goals and facts are said in words.
+pub type TextInWords = fn(&str) -> String;
+
 /// How a screen is set up.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct ScreenOptions {
     /// Whether the terminal has colors, and the person wants them.
     pub color: bool,
@@ -91,6 +94,8 @@ pub struct ScreenOptions {
     pub utc_offset_seconds: i32,
     /// The recording that is shown; `None` for a running ecosystem.
     pub recording: Option<RecordingSpan>,
+    /// The words of goals and facts; `None` if they are shown in PDDL.
+    pub words: Option<TextInWords>,
 }
 
 /// The times of a recording.

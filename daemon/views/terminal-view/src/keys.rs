@@ -82,6 +82,7 @@ pub(crate) enum KeyCommand {
     Stop,
     Release,
     Output,
+    Words,
     Pause,
     StepBack,
     StepForward,

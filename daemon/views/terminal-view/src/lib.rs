@@ -34,7 +34,9 @@ mod visit;
 #[cfg(test)]
 mod tests;
 
-pub use input::{MouseDeed, MouseInput, RecordingSpan, ScreenOptions, ViewAct, ViewInput};
+pub use input::{
+    MouseDeed, MouseInput, RecordingSpan, ScreenOptions, TextInWords, ViewAct, ViewInput,
+};
 pub use keys::{KeyPress, NamedKey, key_tables};
 pub use page::{PageAt, PageName, UnknownPage};
 pub use page_data::{OverviewData, PageData};

@@ -3,6 +3,7 @@
 
 use live_view::Moment;
 
+use crate::input::ScreenOptions;
 use crate::page_data::PageData;
 use crate::pages::{self, PageContext};
 use crate::text;
@@ -11,20 +12,16 @@ use crate::text;
 const WIDE: usize = 2_000;
 
 /// Returns a page as sentences, one thing on a line. Lines are broken at `columns` cells; 0 breaks
-/// none. The clock of the person is ahead of UTC by `utc_offset_seconds`.
-pub fn page_text(
-    data: &PageData,
-    columns: usize,
-    (utc_offset_seconds, is_recording): (i32, bool),
-    now: Moment,
-) -> String {
+/// none. Of the options, the color has no meaning.
+pub fn page_text(data: &PageData, columns: usize, options: ScreenOptions, now: Moment) -> String {
     let context = PageContext {
         columns: WIDE,
         rows: usize::MAX,
         now,
-        utc_offset: utc_offset_seconds,
-        is_recording,
+        utc_offset: options.utc_offset_seconds,
+        is_recording: options.recording.is_some(),
         filter: String::new(),
+        words: options.words,
     };
     let sheet = pages::sheet(data, &context);
     let mut text = String::new();

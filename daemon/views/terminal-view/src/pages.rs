@@ -15,6 +15,7 @@ use live_view::{Moment, ViewSubject};
 
 pub(crate) use questions::asked;
 
+use crate::input::TextInWords;
 use crate::page::{PageAt, PageName};
 use crate::page_data::PageData;
 use crate::sheet::{ROWS_MAX, RowLink, RowSubject, Sheet};
@@ -39,11 +40,18 @@ pub(crate) struct PageContext {
     pub(crate) is_recording: bool,
     /// Only rows with these words are shown.
     pub(crate) filter: String,
+    /// The words of goals and facts; `None` if they are shown in PDDL.
+    pub(crate) words: Option<TextInWords>,
 }
 
 impl PageContext {
     fn sheet(&self) -> Sheet {
         Sheet::new(self.columns, &self.filter)
+    }
+
+    /// Returns a text with its goals and facts as they are shown: in words, or in PDDL.
+    fn said(&self, text: &str) -> String {
+        self.words.map_or_else(|| text.to_owned(), |words| words(text))
     }
 
     /// Returns the rows that a page shows of very many: the first, or the first with all words of
@@ -135,6 +143,7 @@ fn goal_link(conversation: &str) -> RowLink {
         opens: Some(PageAt::named(PageName::Goal, conversation)),
         copies: conversation.to_owned(),
         about: RowSubject::Goal(conversation.to_owned()),
+        ..RowLink::default()
     }
 }
 
@@ -145,6 +154,7 @@ fn agent_link(agent: &str) -> RowLink {
         opens: Some(PageAt::named(PageName::Agent, agent)),
         copies: agent.to_owned(),
         about: RowSubject::Agent(agent.to_owned()),
+        ..RowLink::default()
     }
 }
 

@@ -28,7 +28,7 @@ const INK: &str = "#d7dae0";
 const SIZE_MAX: u16 = 500;
 
 /// How a picture is made.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug)]
 pub struct PictureOptions {
     /// Columns of the terminal.
     pub columns: u16,

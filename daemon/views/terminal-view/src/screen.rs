@@ -39,6 +39,8 @@ const SEEK_PARTS: u64 = 20;
 /// terminal of its own.
 pub struct ViewScreen {
     options: ScreenOptions,
+    /// Whether goals and facts are shown in PDDL although there are words.
+    shows_pddl: bool,
     recording: Option<RecordingSpan>,
     /// The pages that were opened; the last one is shown.
     trail: Vec<PageVisit>,
@@ -99,6 +101,7 @@ impl ViewScreen {
     pub fn new(options: ScreenOptions) -> Self {
         Self {
             options,
+            shows_pddl: false,
             recording: options.recording,
             trail: vec![PageVisit::new(PageAt::default(), false)],
             overlay: Overlay::None,
@@ -286,6 +289,7 @@ impl ViewScreen {
                 let page = self.visit().at.page;
                 self.overlay = Overlay::Reading(Reading::help(page, self.recording.is_some()));
             }
+            KeyCommand::Words => self.toggle_words(),
             KeyCommand::Quit => return Some(ViewAct::Quit),
             KeyCommand::Pause => return Some(ViewAct::TogglePlaying),
             KeyCommand::StepBack => return Some(ViewAct::Step { is_forward: false }),
@@ -307,6 +311,23 @@ impl ViewScreen {
             KeyCommand::Admit => self.admit(),
         }
         None
+    }
+
+    /// Shows goals and facts in PDDL, or in words again.
+    fn toggle_words(&mut self) {
+        if self.options.words.is_none() {
+            return self.say("there are no words: PDDL was asked for (`--pddl`)", false);
+        }
+        self.shows_pddl = !self.shows_pddl;
+        self.is_changed = true;
+        let how = if self.shows_pddl { "in PDDL" } else { "in words" };
+        self.say(&format!("goals and facts are shown {how}"), false);
+    }
+
+    /// Returns a text with its goals and facts as they are shown.
+    fn said(&self, text: &str) -> String {
+        let words = self.options.words.filter(|_| !self.shows_pddl);
+        words.map_or_else(|| text.to_owned(), |words| words(text))
     }
 
     fn step(&mut self, rows: isize) {
@@ -388,6 +409,7 @@ impl ViewScreen {
             utc_offset: self.options.utc_offset_seconds,
             is_recording: self.recording.is_some(),
             filter: visit.filter.clone(),
+            words: self.options.words.filter(|_| !self.shows_pddl),
         };
         self.sheet = pages::sheet(data, &context);
         visit.settle(&self.sheet, usize::from(body.height));

@@ -52,6 +52,8 @@ pub(crate) struct RowLink {
     pub(crate) copies: String,
     /// What the row is about.
     pub(crate) about: RowSubject,
+    /// Further words by which a filter finds the row: a goal or a fact in PDDL.
+    pub(crate) pddl: String,
 }
 
 /// A line of a sheet.
@@ -136,7 +138,7 @@ impl Sheet {
 
     /// Appends a row that can be selected, unless the filter leaves it out.
     pub(crate) fn row(&mut self, line: StyledLine, spoken: String, link: RowLink) {
-        if self.takes(&spoken) {
+        if self.takes(&spoken, &link) {
             self.row_taken(line, spoken, link);
         }
     }
@@ -161,7 +163,7 @@ impl Sheet {
         spoken: String,
         link: RowLink,
     ) {
-        if !self.takes(&spoken) {
+        if !self.takes(&spoken, &link) {
             return;
         }
         let mut first = Some((link, spoken));
@@ -171,9 +173,11 @@ impl Sheet {
         }
     }
 
-    /// Whether a row with these words is shown; counts those that are not.
-    pub(crate) fn takes(&mut self, words: &str) -> bool {
-        let takes = self.lines.len() < LINES_MAX && text::matches(words, &self.filter);
+    /// Whether a row is shown, by what is said of it and by its PDDL; counts those that are not.
+    pub(crate) fn takes(&mut self, spoken: &str, link: &RowLink) -> bool {
+        let matches = self.filter.is_empty()
+            || text::matches(&format!("{spoken} {}", link.pddl), &self.filter);
+        let takes = self.lines.len() < LINES_MAX && matches;
         self.hidden += usize::from(!takes);
         takes
     }

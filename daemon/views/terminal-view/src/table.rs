@@ -89,7 +89,7 @@ impl Table {
         let mut is_begun = false;
         for (cells, link) in &self.rows {
             let spoken = self.spoken(cells);
-            if !sheet.takes(&spoken) {
+            if !sheet.takes(&spoken, link) {
                 continue;
             }
             if !is_begun {

@@ -12,6 +12,7 @@ import { clock } from "./lib/time.js";
 import { link, useTopic } from "./lib/topics.js";
 import { Guarded, PageHead, Text } from "./lib/ui.js";
 import { line } from "./lib/visible.js";
+import { showAs, shownAs } from "./lib/words.js";
 import { ActivityPage } from "./pages/activity.js";
 import { AgentPage } from "./pages/agent.js";
 import { AgentsPage } from "./pages/agents.js";
@@ -157,12 +158,14 @@ function CertificateEnd({ at }) {
   return html`<p class="certificate-end" role="status"><span aria-hidden="true">! </span>${t("app.certificate-ends", { n: days })}</p>`;
 }
 
-// Language and colors.
+// Language, words or PDDL, and colors.
 function Choices({ onSpeak }) {
+  const shown = useFollowed(shownAs);
   const [theme, setTheme] = useState(recall("theme") ?? "auto");
   const choose = (one) => { remember("theme", one); setTheme(one); applyTheme(one); };
   return html`<div class="choices-row">
     <label><span class="hidden-visually">${t("app.language")}</span><select value=${language} onChange=${(event) => onSpeak(event.target.value)}>${Object.entries(LANGUAGES).map(([tag, name]) => html`<option key=${tag} value=${tag} lang=${tag}>${name}</option>`)}</select></label>
+    <label><span class="hidden-visually">${t("app.words")}</span><select value=${shown} onChange=${(event) => showAs(event.target.value)}>${["words", "pddl"].map((one) => html`<option key=${one} value=${one}>${t(`words.${one}`)}</option>`)}</select></label>
     <label><span class="hidden-visually">${t("app.theme")}</span><select value=${theme} onChange=${(event) => choose(event.target.value)}>${["auto", "light", "dark"].map((one) => html`<option key=${one} value=${one}>${t(`theme.${one}`)}</option>`)}</select></label></div>`;
 }
 

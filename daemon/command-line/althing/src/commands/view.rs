@@ -23,7 +23,7 @@ use std::sync::Arc;
 
 use live_view::{LiveView, ViewLimits};
 use terminal::{exit, output};
-use terminal_view::{PageAt, RecordingSpan, ScreenOptions, ViewScreen};
+use terminal_view::{PageAt, RecordingSpan, ScreenOptions, TextInWords, ViewScreen};
 use tokio::runtime::Handle;
 use tokio::sync::oneshot;
 
@@ -31,6 +31,7 @@ use crate::cli::view::ViewArgs;
 use crate::commands::client::{self, ClientTarget};
 use crate::commands::watch::record::Recording;
 use crate::interruption;
+use crate::speech;
 
 use command_runs::CommandRuns;
 use full_screen::FullScreen;
@@ -107,7 +108,9 @@ fn new_screen(page: PageAt, recording: Option<RecordingSpan>) -> ViewScreen {
 }
 
 fn screen_options(color: bool, recording: Option<RecordingSpan>) -> ScreenOptions {
-    ScreenOptions { color, utc_offset_seconds: utc_offset_seconds(), recording }
+    let words: TextInWords = speech::text;
+    let words = speech::is_in_words().then_some(words);
+    ScreenOptions { color, utc_offset_seconds: utc_offset_seconds(), recording, words }
 }
 
 /// Returns by how many seconds the clock of the user is ahead of UTC now.

@@ -159,6 +159,13 @@ pub(crate) const KEYS: &[KeyBinding] = &[
         "shows the output of the last command that was run",
     ),
     row(
+        &[c('p')],
+        KeyScope::Always,
+        KeyCommand::Words,
+        "",
+        "shows goals and facts in PDDL, or in words again",
+    ),
+    row(
         &[n(NamedKey::Up), c('k')],
         KeyScope::Always,
         KeyCommand::Up,

@@ -58,12 +58,14 @@ fn parts(entry: &ActivityEntry, context: &PageContext) -> (StyledLine, String, R
         opens,
         copies: entry.text.clone(),
         about: agent.map_or(RowSubject::Nothing, RowSubject::Agent),
+        pddl: entry.text.clone(),
     };
     let words = if entry.level == ActivityLevel::Routine { Tone::Dim } else { Tone::Plain };
+    let said = context.said(&entry.text);
     let line = StyledLine::of(&context.clock(entry.at), Tone::Dim)
         .and(&format!(" {sign} "), tone)
-        .and(&entry.text, words);
+        .and(&said, words);
     let level = if entry.level == ActivityLevel::Problem { "problem: " } else { "" };
-    let spoken = format!("{} {level}{}", context.clock(entry.at), text::clean(&entry.text));
+    let spoken = format!("{} {level}{}", context.clock(entry.at), text::clean(&said));
     (line, spoken, link)
 }

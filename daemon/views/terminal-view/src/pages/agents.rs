@@ -80,7 +80,8 @@ pub(super) fn detail(detail: &AgentDetail, context: &PageContext) -> Sheet {
     actions(detail).draw(&mut sheet);
     if !detail.facts.is_empty() {
         sheet.heading("Facts that it answers for");
-        world::table(&context.bounded(&detail.facts, |fact| fact.fact.clone())).draw(&mut sheet);
+        let facts = context.bounded(&detail.facts, |fact| fact.fact.clone());
+        world::table(&facts, context).draw(&mut sheet);
     }
     if !detail.recent.is_empty() {
         sheet.heading("What it did last");
@@ -164,6 +165,7 @@ fn running(sheet: &mut Sheet, step: &CurrentStep, number: usize, context: &PageC
         opens: goal.map(|goal| PageAt::named(PageName::Goal, goal)),
         copies: step.step.clone(),
         about: RowSubject::Statement(step.step.clone()),
+        ..RowLink::default()
     };
     sheet.wrapped_row(&line, 2, link);
 }

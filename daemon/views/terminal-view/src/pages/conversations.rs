@@ -35,6 +35,7 @@ pub(super) fn sheet(rows: &[ConversationRow], context: &PageContext) -> Sheet {
             opens: Some(PageAt::named(PageName::Conversation, id.as_str())),
             copies: id.clone(),
             about: RowSubject::Nothing,
+            ..RowLink::default()
         };
         let protocols: Vec<_> = row.protocols.iter().map(|it| protocol(*it)).collect();
         let broken = match row.out_of_turn {
@@ -43,7 +44,7 @@ pub(super) fn sheet(rows: &[ConversationRow], context: &PageContext) -> Sheet {
         };
         let about = match row.subject.as_str() {
             "" => TableCell::of(&id, Tone::Dim),
-            subject => TableCell::of(subject, Tone::Name),
+            subject => TableCell::of(&context.said(subject), Tone::Name),
         };
         let cells = vec![
             about,
@@ -129,6 +130,7 @@ fn message_rows(
         opens: Some(PageAt::named(PageName::Agent, from)),
         copies: spoken.clone(),
         about: RowSubject::Agent(from.to_owned()),
+        ..RowLink::default()
     };
     let tone = if broken.is_some() { Tone::Bad } else { Tone::Plain };
     match lanes {

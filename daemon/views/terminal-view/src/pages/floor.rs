@@ -41,7 +41,7 @@ pub(super) fn sheet(plan: &FloorPlan, context: &PageContext) -> Sheet {
         TableColumn::new("LEADS TO", 3, 10, 60),
     ]);
     for room in &plan.rooms {
-        table.row(cells(plan, room), link(plan, room));
+        table.row(cells(plan, room, context), link(plan, room));
     }
     table.draw(&mut sheet);
     if plan.more_rooms > 0 {
@@ -81,11 +81,12 @@ fn robot_row(sheet: &mut Sheet, robot: &FloorRobot) {
         opens: Some(opens),
         copies: agent.clone(),
         about: RowSubject::Agent(agent),
+        ..RowLink::default()
     };
     sheet.wrapped_row(&line, 2, link);
 }
 
-fn cells(plan: &FloorPlan, room: &FloorRoom) -> Vec<TableCell> {
+fn cells(plan: &FloorPlan, room: &FloorRoom, context: &PageContext) -> Vec<TableCell> {
     let robots: Vec<_> = room.robots.iter().map(|robot| robot.as_str()).collect();
     let stopped = if room.is_stopped { "■ " } else { "" };
     let ways = plan.ways.iter().filter_map(|way| {
@@ -100,7 +101,7 @@ fn cells(plan: &FloorPlan, room: &FloorRoom) -> Vec<TableCell> {
     vec![
         TableCell::Line(StyledLine::of(stopped, Tone::Bad).and(&room.name, Tone::Name)),
         TableCell::of(&robots.join(", "), Tone::Busy),
-        TableCell::of(&room.facts.join(", "), facts),
+        TableCell::of(&context.said(&room.facts.join(", ")), facts),
         TableCell::of(&ways.collect::<Vec<_>>().join(", "), Tone::Dim),
     ]
 }
@@ -113,5 +114,6 @@ fn link(plan: &FloorPlan, room: &FloorRoom) -> RowLink {
         opens,
         copies: room.name.clone(),
         about: RowSubject::Nothing,
+        ..RowLink::default()
     }
 }

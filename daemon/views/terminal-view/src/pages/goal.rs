@@ -48,8 +48,9 @@ pub(super) fn sheet(detail: &GoalDetail, context: &PageContext) -> Sheet {
             opens: Some(PageAt::named(PageName::Conversation, conversation)),
             copies: event.text.clone(),
             about: RowSubject::Nothing,
+            ..RowLink::default()
         };
-        sheet.wrapped_row(&line.and(&event.text, tone), 10, link);
+        sheet.wrapped_row(&line.and(&context.said(&event.text), tone), 10, link);
     }
     sheet
 }
@@ -62,11 +63,12 @@ fn head(sheet: &mut Sheet, detail: &GoalDetail, context: &PageContext) {
         opens: Some(PageAt::named(PageName::Conversation, row.conversation.to_string())),
         copies: row.conversation.to_string(),
         about: RowSubject::Goal(row.conversation.to_string()),
+        ..RowLink::default()
     };
-    sheet.wrapped_row(&goals::title(row), 2, link);
+    sheet.wrapped_row(&goals::title(row, context), 2, link);
     let mut stands = goals::stage(row.stage);
-    let outlook = goals::outlook(row, context);
-    for text in [row.text.as_str(), outlook.as_str()] {
+    let (text, outlook) = (context.said(&row.text), goals::outlook(row, context));
+    for text in [text.as_str(), outlook.as_str()] {
         // Often the reason is the word of the stage again.
         if !text.is_empty() && text != stands.spoken() {
             stands.push("  ", Tone::Plain);
@@ -113,7 +115,7 @@ fn plan_part(sheet: &mut Sheet, plan: &PlanDetail, is_newest: bool, context: &Pa
     }
     sheet.heading(&title);
     if !plan.ended_because.is_empty() && plan.outcome != Some(Outcome::Done) {
-        sheet.text(&StyledLine::of(&plan.ended_because, Tone::Warn), 2);
+        sheet.text(&StyledLine::of(&context.said(&plan.ended_because), Tone::Warn), 2);
     }
     let axis = TimeAxis { begins: plan.begins_at, ends: plan.ends_at, now: context.now };
     let span = time_words::duration(plan.ends_at.since(plan.begins_at));
@@ -134,7 +136,7 @@ fn plan_part(sheet: &mut Sheet, plan: &PlanDetail, is_newest: bool, context: &Pa
     for step in plan.steps.iter().filter(|step| is_problem(step.state)) {
         if !step.detail.is_empty() {
             let line = StyledLine::of(&format!("✗ {}: ", step.text), Tone::Bad);
-            sheet.text(&line.and(&step.detail, Tone::Plain), 2);
+            sheet.text(&line.and(&context.said(&step.detail), Tone::Plain), 2);
         }
     }
     if is_newest && context.columns >= 40 {
@@ -186,6 +188,7 @@ fn step_link(plan: &PlanDetail, step: &StepRow) -> RowLink {
         opens: agent.map(|agent| PageAt::named(PageName::Agent, agent)),
         copies: step.step.clone(),
         about: RowSubject::Statement(step.step.clone()),
+        ..RowLink::default()
     }
 }
 
@@ -246,7 +249,7 @@ fn bar(step: &StepRow, axis: &TimeAxis, has_ended: bool) -> TimeBar {
 
 /// Draws a call for proposals, with the bids.
 fn call_part(sheet: &mut Sheet, call: &CallDetail, number: usize, context: &PageContext) {
-    let asked = call.conjuncts.join(" ");
+    let asked = context.said(&call.conjuncts.join(" "));
     let decided = match call.decided_at {
         Some(at) => format!("decided after {}", time_words::duration(at.since(call.at))),
         None => "not decided".to_owned(),
@@ -269,7 +272,7 @@ fn call_part(sheet: &mut Sheet, call: &CallDetail, number: usize, context: &Page
     for bid in &call.bids {
         let mut link = agent_link(bid.agent.as_str());
         link.key = format!("bid {number} {}", bid.agent);
-        table.row(bid_cells(bid), link);
+        table.row(bid_cells(bid, context), link);
     }
     table.draw(sheet);
     if call.more_bids > 0 {
@@ -277,7 +280,7 @@ fn call_part(sheet: &mut Sheet, call: &CallDetail, number: usize, context: &Page
     }
 }
 
-fn bid_cells(bid: &BidRow) -> Vec<TableCell> {
+fn bid_cells(bid: &BidRow, context: &PageContext) -> Vec<TableCell> {
     let (word, tone) = match bid.state {
         BidState::Offered => ("◌ offers", Tone::Busy),
         BidState::Won => ("✓ won", Tone::Good),
@@ -294,7 +297,7 @@ fn bid_cells(bid: &BidRow) -> Vec<TableCell> {
         TableCell::of(word, tone),
         TableCell::of(&cost, Tone::Plain),
         TableCell::of(&time_words::duration(bid.after_ms), Tone::Dim),
-        TableCell::of(&parts.join("; "), Tone::Plain),
+        TableCell::of(&context.said(&parts.join("; ")), Tone::Plain),
     ]
 }
 

@@ -4,7 +4,7 @@ use acl::content::Keep;
 use live_view::{GoalRow, GoalStage};
 
 use super::{PageContext, duration_cell, goal_link};
-use crate::sheet::Sheet;
+use crate::sheet::{RowLink, Sheet};
 use crate::styled_line::StyledLine;
 use crate::table::{Table, TableCell, TableColumn};
 use crate::time_words;
@@ -47,9 +47,9 @@ pub(super) fn table(goals: &[GoalRow], context: &PageContext) -> Table {
         let round = if goal.rounds > 1 { goal.rounds.to_string() } else { String::new() };
         let cost = goal.cost.map(|cost| format!("{cost}")).unwrap_or_default();
         let cells = vec![
-            TableCell::Line(title(goal)),
+            TableCell::Line(title(goal, context)),
             TableCell::Line(stage(goal.stage)),
-            TableCell::of(&now(goal), Tone::Plain),
+            TableCell::of(&context.said(&now(goal)), Tone::Plain),
             TableCell::of(&steps, Tone::Plain),
             duration_cell(goal.late_ms, Tone::Warn),
             TableCell::of(&context.ago(since), Tone::Dim),
@@ -57,19 +57,20 @@ pub(super) fn table(goals: &[GoalRow], context: &PageContext) -> Table {
             TableCell::of(&round, Tone::Dim),
             TableCell::of(&cost, Tone::Dim),
         ];
-        table.row(cells, goal_link(goal.conversation.as_str()));
+        let link = goal_link(goal.conversation.as_str());
+        table.row(cells, RowLink { pddl: goal.goal.clone(), ..link });
     }
     table
 }
 
 /// Returns the goal's number and text, with a sign if it is kept.
-pub(super) fn title(goal: &GoalRow) -> StyledLine {
+pub(super) fn title(goal: &GoalRow, context: &PageContext) -> StyledLine {
     let kept = goal.keep == Some(Keep::Maintain);
     let number = goal.number.map(|number| format!("{number} ")).unwrap_or_default();
     let line = StyledLine::of(&number, Tone::Dim).and(if kept { "∞ " } else { "" }, Tone::Dim);
     match goal.goal.as_str() {
         "" => line.and(&format!("goal {}", goal.conversation), Tone::Dim),
-        text => line.and(text, Tone::Name),
+        text => line.and(&context.said(text), Tone::Name),
     }
 }
 

@@ -74,13 +74,15 @@ fn row(sheet: &mut Sheet, concern: &Concern, context: &PageContext) {
         opens,
         copies: name.unwrap_or_else(|| concern.text.clone()),
         about,
+        ..RowLink::default()
     };
-    let mut line = StyledLine::of(&format!("{sign} "), tone).and(&concern.text, Tone::Plain);
+    let said = context.said(&concern.text);
+    let mut line = StyledLine::of(&format!("{sign} "), tone).and(&said, Tone::Plain);
     if concern.kind == ConcernKind::Stopped && !context.is_recording {
         line.push("; `r` releases it", Tone::Dim);
     }
     let word = if concern.level == HealthLevel::Bad { "problem" } else { "attention" };
-    let spoken = format!("{word}: {}", text::clean(&concern.text));
+    let spoken = format!("{word}: {}", text::clean(&said));
     sheet.said_row(&line, 2, spoken, link);
 }
 

@@ -26,6 +26,7 @@ fn card(sheet: &mut Sheet, question: &QuestionRow, number: usize) {
         opens: None,
         copies: id.clone(),
         about: RowSubject::Question(asked(question)),
+        ..RowLink::default()
     };
     let mut line = StyledLine::of("? ", Tone::Warn).and(question.from.as_str(), Tone::Name);
     line.push(" asks: ", Tone::Dim);

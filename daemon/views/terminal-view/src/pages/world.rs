@@ -15,14 +15,16 @@ pub(super) fn sheet(facts: &[FactRow], context: &PageContext) -> Sheet {
     if facts.is_empty() {
         sheet.nothing("No fact is known yet. `althing state` asks the Domain Maintainer.");
     }
-    let shown = context.bounded(facts, |fact| format!("{} {}", fact.fact, fact.owners.join(" ")));
-    table(&shown).draw(&mut sheet);
+    let shown = context.bounded(facts, |fact| {
+        format!("{} {} {}", fact.fact, context.said(&fact.fact), fact.owners.join(" "))
+    });
+    table(&shown, context).draw(&mut sheet);
     context.say_left_out(&mut sheet, facts.len());
     sheet
 }
 
 /// Makes the table of facts.
-pub(super) fn table(facts: &[&FactRow]) -> Table {
+pub(super) fn table(facts: &[&FactRow], context: &PageContext) -> Table {
     let mut table = Table::new(vec![
         TableColumn::new("FACT", 0, 32, 70),
         TableColumn::new("IS", 1, 10, 10),
@@ -39,14 +41,16 @@ pub(super) fn table(facts: &[&FactRow]) -> Table {
             opens: owner.map(|owner| PageAt::named(PageName::Agent, owner.as_str())),
             copies: fact.fact.clone(),
             about: RowSubject::Statement(fact.fact.clone()),
+            pddl: fact.fact.clone(),
         };
         let is_dim = fact.freshness == Freshness::Stale;
         let claims = fact.contradictions.iter().map(|claim| {
             let age = time_words::duration(claim.age_ms);
-            format!("{} ({} {age} ago): {}", claim.owner, claim.source, claim.fact)
+            let said = context.said(&claim.fact);
+            format!("{} ({} {age} ago): {said}", claim.owner, claim.source)
         });
         let cells = vec![
-            TableCell::of(&fact.fact, if is_dim { Tone::Dim } else { Tone::Name }),
+            TableCell::of(&context.said(&fact.fact), if is_dim { Tone::Dim } else { Tone::Name }),
             TableCell::Line(StyledLine::of(text, tone)),
             duration_cell(fact.same_for_ms, Tone::Dim),
             duration_cell(fact.known_for_ms, Tone::Dim),

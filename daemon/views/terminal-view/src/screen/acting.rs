@@ -58,7 +58,7 @@ impl ViewScreen {
             None => self.say("select a goal first", false),
             Some(goal) if goal.stage.has_ended() => self.say("this goal has ended", false),
             Some(goal) => {
-                let dialog = Dialog::cancel(goal.conversation.as_str(), &goal.goal);
+                let dialog = Dialog::cancel(goal.conversation.as_str(), &self.said(&goal.goal));
                 self.overlay = Overlay::Dialog(dialog);
             }
         }

@@ -45,6 +45,7 @@ fn options(is_recording: bool) -> ScreenOptions {
         color: true,
         utc_offset_seconds: 3_600,
         recording: is_recording.then_some(span),
+        words: None,
     }
 }
 

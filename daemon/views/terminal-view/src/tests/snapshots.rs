@@ -106,7 +106,7 @@ fn every_page_without_data_says_why() {
 fn every_page_in_sentences() {
     let mut all = String::new();
     for page in PageName::all() {
-        let said = page_text(&sample::data(page), 0, (0, false), sample::NOW);
+        let said = page_text(&sample::data(page), 0, ScreenOptions::default(), sample::NOW);
         for drawing in "│─╭╮╰╯┼█▓▒░●◀▶".chars().filter(|sign| *sign != '▶')
         {
             assert!(!said.contains(drawing), "{page} says {drawing}:\n{said}");
@@ -184,7 +184,11 @@ fn without_colors_there_are_none() {
 
 #[test]
 fn a_recording_asks_for_nothing_and_says_what_was_not_recorded() {
-    let said = |data: &PageData, is_recording| page_text(data, 0, (0, is_recording), sample::NOW);
+    let said = |data: &PageData, is_recording: bool| {
+        let recording = is_recording.then(RecordingSpan::default);
+        let options = ScreenOptions { recording, ..ScreenOptions::default() };
+        page_text(data, 0, options, sample::NOW)
+    };
     let overview = said(&sample::nothing(PageName::Overview), true);
     assert!(overview.contains("daemons were not recorded, 0 agents"), "{overview}");
     assert!(overview.contains("No goal that goes on was recorded so far."), "{overview}");
@@ -205,10 +209,41 @@ fn the_samples_of_the_document_are_what_is_printed() {
     let (_, aloud) = document.split_once("## Read aloud").expect("a chapter");
     let sample = aloud.split("```").nth(1).expect("a sample").trim_start_matches("text");
     let data = sample::data(PageName::Agents);
-    let printed = page_text(&data, 0, (0, false), sample::NOW);
+    let printed = page_text(&data, 0, ScreenOptions::default(), sample::NOW);
     let lines: Vec<_> = sample.lines().filter(|line| !line.is_empty()).collect();
     assert!(!lines.is_empty());
     for line in lines {
         assert!(printed.lines().any(|said| said == line), "not printed: {line}");
     }
+}
+
+fn in_words(text: &str) -> String {
+    text.replace("(locked door-厨房)", "door-厨房 locked")
+}
+
+#[test]
+fn a_key_shows_pddl_and_words_again() {
+    let options = ScreenOptions { words: Some(in_words), ..ScreenOptions::default() };
+    let mut screen = ViewScreen::new(options);
+    screen.open(PageAt::of(PageName::Goals));
+    let limits = ViewLimits::default();
+    let view = LiveView::new(acl::EcosystemId::new("smart-office").expect("a name"), limits);
+    let shown = |screen: &mut ViewScreen, words: &str| {
+        text(&drawn(screen, sample::data(PageName::Goals), 80, 24, sample::NOW)).contains(words)
+    };
+    assert!(shown(&mut screen, "door-厨房 locked"));
+    let press = |screen: &mut ViewScreen, key: char| {
+        screen.handle(ViewInput::Key(KeyPress::Character(key)), &view, sample::NOW)
+    };
+    press(&mut screen, 'p');
+    assert!(shown(&mut screen, "(locked door-厨房)"));
+    press(&mut screen, 'p');
+    assert!(shown(&mut screen, "door-厨房 locked"));
+    // A filter finds what is shown in words by its PDDL, too.
+    press(&mut screen, '/');
+    "(locked".chars().for_each(|key| drop(press(&mut screen, key)));
+    assert!(shown(&mut screen, "door-厨房 locked"));
+    assert!(!shown(&mut screen, "slides"));
+    let said = page_text(&sample::data(PageName::Goals), 0, options, sample::NOW);
+    assert!(said.contains("door-厨房 locked"), "{said}");
 }

@@ -9,10 +9,11 @@ import { useTopic } from "../lib/topics.js";
 import { SmallTable } from "../lib/table.js";
 import { useFollowed } from "../lib/state.js";
 import { AskTwice, Card, Code, Empty, Facts, Link, Outcome, PageHead, State, Text, Told, useAct } from "../lib/ui.js";
+import { line } from "../lib/visible.js";
 import { argumentsOf, PickArguments } from "./ask.js";
 import { ActivityList } from "./activity.js";
 import { agentState } from "./agents.js";
-import { factText } from "./world.js";
+import { SaidFact } from "../lib/words.js";
 
 export function AgentPage({ name }) {
   const topic = useTopic(`agent:${name}`);
@@ -38,7 +39,7 @@ export function AgentPage({ name }) {
     ]} />
     <${Camera} row=${row} />
     ${detail.running.length > 0 && html`<${Card} title=${t("agent.running")}><ul class="plain">${detail.running.map((step, at) => html`<li key=${at}>
-      <${State} of=${step.state} /> ${step.conversation ? html`<${Link} page="goals" name=${step.conversation}><${Text} of=${step.text} /><//>` : html`<${Text} of=${step.text} />`} <span class="muted"><${Text} of=${step.detail} /></span></li>`)}</ul><//>`}
+      <${State} of=${step.state} /> ${step.conversation ? html`<${Link} page="goals" name=${step.conversation}><span title=${line(step.step)}><${Text} of=${step.text} /></span><//>` : html`<span title=${line(step.step)}><${Text} of=${step.text} /></span>`} <span class="muted"><${Text} of=${step.detail} /></span></li>`)}</ul><//>`}
     ${may("ask") && html`<${Act} agent=${row.agent} />`}
     <${Card} title=${t("agent.actions")}><${SmallTable} label=${t("agent.actions")} head=${[t("agent.action"), t("agent.offered"), t("agent.runs"), t("agent.usual")]}
       rows=${detail.actions.map((action) => [
@@ -47,7 +48,7 @@ export function AgentPage({ name }) {
         action.failures > 0 ? t("agent.runs-failed", { runs: action.runs, failures: action.failures }) : action.runs,
         duration(action.usual_ms)])} /><//>
     <${Card} title=${t("agent.facts")}><${SmallTable} label=${t("agent.facts")} head=${[t("fact.fact"), t("fact.truth"), t("fact.freshness")]}
-      rows=${detail.facts.map((fact) => [html`<code><${Text} of=${factText(fact)} /></code>`, html`<${State} of=${fact.truth} />`, html`<${State} of=${fact.freshness} />`])} /><//>
+      rows=${detail.facts.map((fact) => [html`<${SaidFact} row=${fact} />`, html`<${State} of=${fact.truth} />`, html`<${State} of=${fact.freshness} />`])} /><//>
     ${detail.replicas.length > 1 && html`<${Card} title=${t("agent.replicas")}><${SmallTable} label=${t("agent.replicas")} head=${[t("agent.daemon"), t("agent.leads"), t("agent.since")]}
       rows=${detail.replicas.map((replica) => [html`<${Text} of=${replica.daemon} />`, replica.leads === null ? t("state.unknown") : html`<${State} of=${replica.leads ? "leads" : "standby"} />`, html`<${At} at=${replica.since} />`])} /><//>`}
     <${Card} title=${t("agent.recent")}><${ActivityList} entries=${detail.recent.map((entry) => ({ key: entry.number, row: entry })).reverse()} /><//>

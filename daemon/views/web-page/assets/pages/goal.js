@@ -8,6 +8,8 @@ import { At, Late, Since, clock, duration, number, useNow, when } from "../lib/t
 import { useTopic } from "../lib/topics.js";
 import { SmallTable } from "../lib/table.js";
 import { AskTwice, Card, Empty, Facts, Link, Outcome, PageHead, State, Text, Told, useAct } from "../lib/ui.js";
+import { line } from "../lib/visible.js";
+import { Said } from "../lib/words.js";
 import { Due, askerOf, goalName, keepWords } from "./goals.js";
 
 export function GoalPage({ name }) {
@@ -17,13 +19,14 @@ export function GoalPage({ name }) {
   if (!detail) return html`<${PageHead} title=${t("goal.title")} /><${Empty} topic=${topic}>${t("empty.goal")}<//>`;
   const row = detail.row;
   const hasEnded = row.ended_at !== null && row.ended_at !== undefined;
-  return html`<${PageHead} title=${html`<span class="goal-name"><${Text} of=${goalName(row)} /></span>`} about=${row.number ? t("goal.numbered", { number: row.number }) : t("goal.title")}>
+  return html`<${PageHead} title=${html`<span class="goal-name"><${Said} of=${goalName(row)} /></span>`} about=${row.number ? t("goal.numbered", { number: row.number }) : t("goal.title")}>
       ${!hasEnded && may("ask") && html`<${AskTwice} label=${t("goal.cancel")} sure=${t("goal.cancel-sure")} disabled=${isBusy}
         onDo=${() => run({ act: "cancel-goal", conversation: row.conversation })} />`}
     <//>
     <${Outcome} outcome=${outcome} />
     <div class="lead"><${State} of=${row.stage} /> ${row.stage === "scheduled" ? html`<${Due} due=${row.due} />` : html`<${Told} of=${row.text} />`}<${Late} row=${row} /></div>
     <${Facts} rows=${[
+      [t("goal.pddl"), row.goal && html`<code><${Text} of=${row.goal} /></code>`],
       [t("goal.by"), askerOf(row) && html`<${Text} of=${askerOf(row)} />`],
       [t("goal.asked-at"), row.asked_at && html`<${At} at=${row.asked_at} />`],
       [t("goal.mode"), keepWords(row.keep)],
@@ -87,7 +90,7 @@ function Gantt({ plan }) {
 function Step({ step, context, ticks, isRunning }) {
   const { at, present, from } = context;
   return html`<tr class="gantt-step step-${step.state}">
-    <td class="gantt-text"><${Text} of=${step.text} />${step.detail && html` <span class="muted small"><${Text} of=${step.detail} /></span>`}</td>
+    <td class="gantt-text"><span title=${line(step.step)}><${Text} of=${step.text} /></span>${step.detail && html` <span class="muted small"><${Text} of=${step.detail} /></span>`}</td>
     <td><${State} of=${step.state} /></td>
     <td class="number">${timeOf(step, present)}<${Late} row=${step} /></td>
     <td class="gantt-cell"><div class="gantt-track" aria-hidden="true">
@@ -124,7 +127,7 @@ function bars(step, present) {
 
 function Call({ call }) {
   const about = call.called ? t("call.to", { agent: "" }) : t("call.to-all");
-  return html`<div class="call"><p><${At} at=${call.at} /> ${about}${call.called && html` <${Text} of=${call.called} />`}: <code><${Text} of=${call.conjuncts.join(" ")} /></code></p>
+  return html`<div class="call"><p><${At} at=${call.at} /> ${about}${call.called && html` <${Text} of=${call.called} />`}: ${call.conjuncts.map((conjunct, at) => html`<span key=${at}>${at > 0 && ", "}<${Said} of=${conjunct} /></span>`)}</p>
     <${SmallTable} label=${t("goal.bids")} head=${[t("bid.agent"), t("bid.state"), t("bid.after"), t("bid.cost"), t("bid.why")]} empty=${t("empty.bids")}
       rows=${call.bids.map((bid) => [
         html`<${Link} page="agents" name=${bid.agent} />`,

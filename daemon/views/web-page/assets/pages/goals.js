@@ -7,13 +7,14 @@ import { At, Late, Since, when } from "../lib/time.js";
 import { useTopic } from "../lib/topics.js";
 import { Table } from "../lib/table.js";
 import { ButtonLink, Empty, Filter, Link, PageHead, State, Text, Told, matches } from "../lib/ui.js";
+import { Said, wordsOf } from "../lib/words.js";
 
 const STAGES = ["all", "open", "waiting", "running", "holding", "scheduled", "ended"];
 
 const columns = () => [
   { key: "number", title: t("goal.number"), width: "3.5rem", class: "wide-only", cell: (row) => (row.number ? String(row.number) : "") },
   { key: "stage", title: t("goal.stage"), width: "8.5rem", cell: (row) => html`<${State} of=${row.stage} />` },
-  { key: "goal", title: t("goal.goal"), width: "minmax(0, 2fr)", isMain: true, cell: (row) => html`<${Link} page="goals" name=${row.conversation}><${Text} of=${goalName(row)} /><//>` },
+  { key: "goal", title: t("goal.goal"), width: "minmax(0, 2fr)", isMain: true, cell: (row) => html`<${Link} page="goals" name=${row.conversation}><${Said} of=${goalName(row)} /><//>` },
   { key: "now", title: t("goal.now"), width: "minmax(0, 2fr)", cell: (row) => html`<${GoalNow} row=${row} />` },
   { key: "progress", title: t("goal.steps"), width: "5rem", class: "wide-only", cell: (row) => (row.steps > 0 ? `${row.steps_done} / ${row.steps}` : "") },
   { key: "by", title: t("goal.by"), width: "minmax(0, 1fr)", class: "wide-only", cell: (row) => html`<${Text} of=${askerOf(row)} />` },
@@ -37,7 +38,7 @@ export function GoalsPage() {
 }
 
 function words(row) {
-  return [row.number, row.goal, row.stage, row.text, askerOf(row), ...row.now, row.conversation].join(" ");
+  return [row.number, row.goal, wordsOf(row.goal), row.stage, row.text, askerOf(row), ...row.now, row.conversation].join(" ");
 }
 
 function isOf(row, stage) {
@@ -78,7 +79,7 @@ export function Due({ due }) {
 export function GoalCards({ rows, topic }) {
   if (rows.length === 0) return html`<${Empty} topic=${topic}>${t("empty.open-goals")}<//>`;
   return html`<ul class="goal-cards">${rows.map(({ key, row }) => html`<li key=${key} class="goal-card">
-    <div class="goal-card-head"><a href=${`/goals/${encodeURIComponent(row.conversation)}`}><code><${Text} of=${goalName(row)} /></code></a><${State} of=${row.stage} /></div>
+    <div class="goal-card-head"><a href=${`/goals/${encodeURIComponent(row.conversation)}`}><${Said} of=${goalName(row)} /></a><${State} of=${row.stage} /></div>
     <p class="goal-card-now"><${GoalNow} row=${row} /></p>
     ${row.steps > 0 && html`<progress max=${row.steps} value=${row.steps_done} aria-label=${t("goal.progress", { done: row.steps_done, steps: row.steps })}></progress>`}
     <p class="muted small">${row.number && `${t("goal.numbered", { number: row.number })} `}${askerOf(row) && html`${t("goal.asked-by")} <${Text} of=${askerOf(row)} /> `}${row.asked_at && html`<${At} at=${row.asked_at} /> `}

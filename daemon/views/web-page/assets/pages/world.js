@@ -7,16 +7,17 @@ import { html, useEffect, useId, useState } from "../lib/html.js";
 import { t } from "../lib/language.js";
 import { keep, place } from "../lib/router.js";
 import { seen } from "../lib/series.js";
-import { Since, Until, now, number, useNow } from "../lib/time.js";
+import { Since, Until, now, useNow } from "../lib/time.js";
 import { useTopic } from "../lib/topics.js";
 import { SmallTable, Table } from "../lib/table.js";
 import { useFollowed } from "../lib/state.js";
 import { Card, Facts, Filter, Link, Outcome, PageHead, State, Text, matches, useAct } from "../lib/ui.js";
+import { Said, SaidFact, wordsOf } from "../lib/words.js";
 
 const FRESHNESS = ["all", "unknown", "stale", "disputed"];
 
 const columns = () => [
-  { key: "fact", title: t("fact.fact"), width: "minmax(0, 2.4fr)", isMain: true, cell: (row) => html`<a href=${`/world?fact=${encodeURIComponent(factKey(row))}`}><${Text} of=${factText(row)} /></a>` },
+  { key: "fact", title: t("fact.fact"), width: "minmax(0, 2.4fr)", isMain: true, cell: (row) => html`<a href=${`/world?fact=${encodeURIComponent(factKey(row))}`}><${SaidFact} row=${row} /></a>` },
   { key: "truth", title: t("fact.truth"), width: "8rem", cell: (row) => html`<${State} of=${row.truth} />` },
   { key: "fresh", title: t("fact.freshness"), width: "8rem", cell: (row) => (row.contradictions.length > 0 ? html`<${State} of="disputed" />` : html`<${State} of=${row.freshness} />`) },
   { key: "owner", title: t("fact.owner"), width: "minmax(0, 1fr)", class: "wide-only", cell: (row) => html`<${Text} of=${row.owners.join(", ")} />` },
@@ -45,12 +46,6 @@ export function WorldPage() {
     ${may("change") && html`<${SetFact} />`}`;
 }
 
-// A fact for people: a function with its value.
-export function factText(row) {
-  if (row.value === null || row.value === undefined) return row.fact;
-  return `${[row.predicate, ...row.arguments].join(" ")} = ${number(row.value, 4)}`;
-}
-
 // The key of a fact: its predicate or function with the arguments, without a value.
 function factKey(row) {
   return `(${[row.predicate, ...row.arguments].join(" ")})`;
@@ -63,7 +58,7 @@ function isOf(row, kind) {
 }
 
 function words(row) {
-  return [row.fact, row.truth, row.freshness, ...row.owners].join(" ");
+  return [row.fact, wordsOf(row.fact), row.truth, row.freshness, ...row.owners].join(" ");
 }
 
 // Values that the history keeps: of the last day, at most so many.
@@ -99,8 +94,9 @@ function FactDetail({ fact, topic }) {
   const points = [...kept, ...here];
   // What was done for goals meanwhile: a value often changes because of it.
   const marks = activity.list.filter(({ row }) => row.conversation).map(({ row }) => ({ at: row.at, text: row.text }));
-  return html`<${Card} title=${html`<code><${Text} of=${factText(found)} /></code>`} tools=${html`<a href="/world">${t("fact.close")}</a>`}>
+  return html`<${Card} title=${html`<${SaidFact} row=${found} />`} tools=${html`<a href="/world">${t("fact.close")}</a>`}>
     <${Facts} rows=${[
+      [t("goal.pddl"), html`<code><${Text} of=${found.fact} /></code>`],
       [t("fact.truth"), html`<${State} of=${found.truth} />`],
       [t("fact.freshness"), html`<${State} of=${found.freshness} />`],
       [t("fact.owner"), found.owners.map((owner, at) => html`<span key=${at}>${at > 0 && ", "}${owner === "the map" || owner === "axiom" ? owner : html`<${Link} page="agents" name=${owner} />`}</span>`)],
@@ -109,7 +105,7 @@ function FactDetail({ fact, topic }) {
       [t("fact.known-for"), found.known_until && html`<${Until} at=${found.known_until} />`],
     ]} />
     ${found.contradictions.length > 0 && html`<${SmallTable} label=${t("fact.contradictions")} head=${[t("fact.owner"), t("fact.fact"), t("fact.source")]}
-      rows=${found.contradictions.map((claim) => [html`<${Text} of=${claim.owner} />`, html`<code><${Text} of=${claim.fact} /></code>`, html`<${Text} of=${claim.source} />`])} />`}
+      rows=${found.contradictions.map((claim) => [html`<${Text} of=${claim.owner} />`, html`<${Said} of=${claim.fact} />`, html`<${Text} of=${claim.source} />`])} />`}
     ${typeof found.value === "number" && html`<${Chart} label=${[found.predicate, ...found.arguments].join(" ")} points=${points} marks=${marks} until=${present} />`}
   <//>`;
 }

@@ -66,6 +66,36 @@ fn a_goal_is_built_tried_asked_for_and_watched_to_its_end() {
 }
 
 #[test]
+fn a_goal_by_the_clock_is_listed_in_words_and_cancelled() {
+    let Some(mut browser) = Chromium::start() else { return };
+    let site = Site::start(10);
+    site.host.schedule("warm", 7, "(lit lamp-2)");
+    site.sign_in(&mut browser, "/goals");
+    let row = "document.querySelector('.table-body .table-row')?.innerText ?? ''";
+    browser.wait_for(&format!("({row}).includes('light in lamp-2 on')"));
+    let shown = browser.evaluate(row);
+    let shown = shown.as_str().expect("a text");
+    for part in ["7", "by the clock", "next: ", "every day", "the ecosystem file"] {
+        assert!(shown.contains(part), "{part} in {shown}");
+    }
+    let behind = "document.querySelector('.table-body .table-row bdi[title]').title";
+    assert_eq!(browser.evaluate(behind), "(lit lamp-2)");
+    browser.choose(".choices-row label:nth-child(2) select", "pddl");
+    browser.wait_for(&format!("({row}).includes('(lit lamp-2)')"));
+    browser.choose(".choices-row label:nth-child(2) select", "words");
+    browser.choose(".choices-row select", "de");
+    browser.wait_for(&format!("({row}).includes('Licht in lamp-2 an')"));
+    browser.choose(".choices-row select", "en");
+    browser.click(".table-body a", "light in lamp-2 on");
+    browser.wait_for("document.querySelector('.page-title p')?.innerText === 'Goal 7'");
+    browser.picture("goal-by-the-clock");
+    browser.click("button", "Cancel the goal");
+    browser.click("button", "Yes, cancel it");
+    browser.wait_for("document.querySelector('.outcome')?.innerText.includes('cancelled')");
+    browser.assert_no_problems();
+}
+
+#[test]
 fn fixed_sentences_are_said_in_the_language_of_the_page() {
     let Some(mut browser) = Chromium::start() else { return };
     let site = Site::start(20);

@@ -48,13 +48,12 @@ impl PageForm {
             let problem = unknown(view, page.page, name, now);
             return crate::commands::wrong(&problem, *self == PageForm::Json);
         }
-        let utc_offset = super::utc_offset_seconds();
         match self {
             PageForm::Json => output::print_json(&json!(data), exit::DONE),
             PageForm::Text => {
                 // A terminal breaks long lines itself, and a script wants none broken.
-                let clock = (utc_offset, recording.is_some());
-                output::print(terminal_view::page_text(&data, 0, clock, now), exit::DONE)
+                let options = super::screen_options(false, recording);
+                output::print(terminal_view::page_text(&data, 0, options, now), exit::DONE)
             }
             PageForm::Picture(file) => {
                 let options = PictureOptions {
