@@ -59,6 +59,8 @@ pub mod validate;
 
 pub mod order;
 
+pub mod merge;
+
 pub mod goal;
 
 pub mod explain;

@@ -15,6 +15,7 @@ mod compiled;
 mod effects;
 mod failing_part;
 mod footprint;
+mod foreign_changes;
 pub(crate) mod model;
 mod numeric_values;
 mod query;

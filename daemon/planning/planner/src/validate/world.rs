@@ -235,7 +235,7 @@ impl World {
     }
 
     /// Returns the facts that are true without axioms and for which `shows` returns `true`, sorted.
-    fn claimed_where(&self, shows: impl Fn(RelationId, &[Object]) -> bool) -> Vec<Atom> {
+    pub(super) fn claimed_where(&self, shows: impl Fn(RelationId, &[Object]) -> bool) -> Vec<Atom> {
         let mut claimed = Vec::new();
         for predicate in self.model.predicates.iter() {
             let facts = self.facts[predicate.index()].tuples();
@@ -267,7 +267,7 @@ impl World {
 
     /// Returns an atom with this name and these objects; `None` if one of the objects has no name
     /// in the texts.
-    fn named(&self, name: &Name, tuple: &[Object]) -> Option<Atom> {
+    pub(super) fn named(&self, name: &Name, tuple: &[Object]) -> Option<Atom> {
         let term = |object: &Object| self.model.objects.name(*object).cloned().map(Term::Object);
         let arguments = tuple.iter().map(term).collect::<Option<Vec<Term>>>()?;
         Some(Atom { predicate: name.clone(), arguments, span: pddl::Span::default() })
@@ -285,7 +285,7 @@ impl PartialEq for World {
 }
 
 /// Compares atoms by predicate, then by arguments.
-fn by_name(left: &Atom, right: &Atom) -> Ordering {
+pub(super) fn by_name(left: &Atom, right: &Atom) -> Ordering {
     let arguments = || {
         let right = right.arguments.iter().map(Term::name);
         left.arguments.iter().map(Term::name).cmp(right)

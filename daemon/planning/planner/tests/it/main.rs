@@ -5,6 +5,7 @@ mod brute_force;
 mod conformance;
 mod explaining;
 mod goals;
+mod merging;
 mod numbers;
 mod oddities;
 mod office;
