@@ -53,8 +53,12 @@ def hear(sample):
         return
     token = json.dumps(heard.get("content", {}).get("token"), sort_keys=True)
     if heard["performative"] == "cfp":
-        goal = f"(known-temperature {ROOM})"
-        if goal in heard["content"]["conjuncts"]:
+        goal, part = f"(known-temperature {ROOM})", heard["content"].get("part")
+        if part:  # its part of a joint plan: it can measure at any time, whatever others do
+            own = " ".join(step["own"] for step in part["steps"] if "own" in step)
+            plan = {"covers": heard["content"]["conjuncts"], "plan": own, "cost": 1.0}
+            answer(heard, "agree", {"proposals": [plan], "domain_digest": "1", "agreed": part["digest"]})
+        elif goal in heard["content"]["conjuncts"]:
             plan = {"covers": [goal], "plan": f"(report-temperature {NAME} {ROOM})", "cost": 1.0}
             answer(heard, "agree", {"proposals": [plan], "domain_digest": "1"})
         else:

@@ -76,7 +76,7 @@ impl Agent for Bidder {
             let call: CallForProposals = message.content_as().expect("a call");
             let plan = format!("(light {})", ctx.id());
             let proposal = Proposal { covers: call.conjuncts, plan, cost: bidder.0 };
-            let bid = Bid { proposals: vec![proposal], domain_digest: String::new() };
+            let bid = Bid { proposals: vec![proposal], ..Bid::default() };
             ctx.answer(&Participation::of(&message), Performative::Agree, &bid);
         })
     }

@@ -25,6 +25,7 @@ use tokio::sync::oneshot;
 
 use crate::actuator::open_initiatives::OpenInitiatives;
 use crate::actuator::stopping::StandingStill;
+use crate::agreeing::agree;
 use crate::bidding::bid;
 use crate::device::{Description, Device, MethodCall, MethodFailure, MethodResult};
 use crate::erased_device::{ErasedDevice, ErasedYield};
@@ -627,7 +628,7 @@ impl Actuator {
         if let Some(stop) = self.stop_of_all(ctx.id()) {
             return ctx.refuse(&participation, Reason::Stopped, stopping::described(&stop));
         }
-        if !self.device.makes_bids() {
+        if call.part.is_none() && !self.device.makes_bids() {
             return ctx.refuse(&participation, Reason::Incapable, "this agent proposes no plans");
         }
         if self.running_bids.len() >= BIDS_MAX {
@@ -637,7 +638,7 @@ impl Actuator {
         let cancel = Cancel::new();
         let (flag, deadline) = (cancel.clone(), cancel.clone());
         ctx.after(patience.mul_f32(0.8), move |_: &mut Self, _| deadline.set());
-        let local = self.local_domain(ctx);
+        let (local, id) = (self.local_domain(ctx), ctx.id().clone());
         let exchange = participation.exchange.clone();
         let finished = exchange.clone();
         let planner = Arc::clone(&self.bid_cache);
@@ -654,7 +655,10 @@ impl Actuator {
                 let mut kept = planner.try_lock().ok();
                 let BidCache { composition, replanner } =
                     kept.as_deref_mut().unwrap_or(&mut afresh);
-                bid(local(composition), &call, replanner, &flag)
+                match &call.part {
+                    Some(part) => agree(&local(composition), &call, part, &id, &flag),
+                    None => bid(local(composition), &call, replanner, &flag),
+                }
             },
             move |actuator: &mut Self, bid, ctx| {
                 actuator.running_bids.remove(&finished);

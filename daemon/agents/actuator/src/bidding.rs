@@ -43,7 +43,7 @@ pub(crate) fn bid(
         let proposal = propose(&snapshot, &mut problem, &[conjunct], replanner, cancel);
         let proposals = vec![proposal.ok_or_else(|| NOTHING.to_owned())?];
         let domain_digest = problem_digest(snapshot.digest(), &problem);
-        return Ok(Bid { proposals, domain_digest });
+        return Ok(Bid { proposals, domain_digest, agreed: None });
     }
     let mut propose = |conjuncts: &[&(String, Condition)]| {
         propose(&snapshot, &mut snapshot.problem.clone(), conjuncts, replanner, cancel)
@@ -67,7 +67,7 @@ pub(crate) fn bid(
         return Err(NOTHING.to_owned());
     }
     let domain_digest = problem_digest(snapshot.digest(), &snapshot.problem);
-    Ok(Bid { proposals, domain_digest })
+    Ok(Bid { proposals, domain_digest, agreed: None })
 }
 
 /// Returns a problem with the objects and facts of `problem`, which are moved out of it.

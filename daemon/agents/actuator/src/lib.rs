@@ -5,7 +5,8 @@
 //! - Executes an announced action on request, at most once per token.
 //! - Has its own planner and its own local domain, composed of the messages that its daemon
 //!   receives. Answers a call for proposals with plans for the conjuncts that it can reach alone or
-//!   with the agents it carries (the paper, “Decentralized Planning”).
+//!   with the agents it carries (the paper, “Decentralized Planning”). Agrees to its part of a
+//!   joint plan if it can do this part.
 //! - Keeps the safeguards of the host: asks people before an action, and limits how often it
 //!   begins.
 //! - Acts by itself: announces events of its device at once, requests goals, asks people questions.
@@ -14,6 +15,7 @@
 //! crate does the rest.
 
 mod actuator;
+mod agreeing;
 mod begun_actions;
 mod bidding;
 mod declared;

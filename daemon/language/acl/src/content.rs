@@ -320,9 +320,10 @@ pub struct Version {
     pub count: u64,
 }
 
-/// Content of a `cfp`: a call for plans that reach these conjuncts of a goal.
+/// Content of a `cfp`: a call for plans that reach these conjuncts of a goal, or for the agreement
+/// to a part of a joint plan.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CallForProposals {
     /// The conjuncts to propose plans for: ground PDDL conditions.
     pub conjuncts: Vec<String>,
@@ -331,18 +332,50 @@ pub struct CallForProposals {
     /// round.
     #[serde(default)]
     pub together: bool,
+    /// The receiver's part of a joint plan for the conjuncts, if the call asks for the agreement to
+    /// this part instead of for proposals.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub part: Option<JointPlanPart>,
+}
+
+/// What one agent does in a joint plan (a plan in which several agents act), and what the other
+/// agents change in between.
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct JointPlanPart {
+    /// Digest of the whole joint plan, the same in the calls to all its agents.
+    pub digest: String,
+    /// The receiver's steps and the changes by others, in the order of the plan.
+    pub steps: Vec<PartStep>,
+}
+
+/// An element of a [`JointPlanPart`].
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PartStep {
+    /// A step of the receiver, with its own name for the action.
+    Own(String),
+    /// What the steps of other agents change between two steps of the receiver: facts that become
+    /// true, `(not FACT)` for facts that become false, and new values of functions.
+    Others(String),
 }
 
 /// Content of an actuator's `agree` to a `cfp`: alternative proposals, of which at most one can be
 /// accepted.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Bid {
     /// The alternative proposals of the bidder.
     pub proposals: Vec<Proposal>,
     /// Digest of the bidder's local domain and state, in which the proposals were planned. The
     /// bidder answers the query `domain` with this domain and state.
     pub domain_digest: String,
+    /// Digest of the joint plan to whose part the bidder agrees: the answer to a call with a
+    /// [`JointPlanPart`]. The only proposal then consists of the bidder's own steps. `None` in the
+    /// answer to every other call.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub agreed: Option<String>,
 }
 
 /// A plan that a bidder proposes for some conjuncts; one of the alternatives of a bid.

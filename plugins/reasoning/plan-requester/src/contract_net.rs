@@ -4,7 +4,8 @@
 //!
 //! A round of calls closes when all called agents have answered or left, or at the deadline of the
 //! round. If one agent is the cheapest bidder for several conjuncts, a second round calls that
-//! agent for a proposal for all these conjuncts together.
+//! agent for a proposal for all these conjuncts together. If no set of proposals reaches the goal, a
+//! joint plan is made (`joint_planning`).
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -16,12 +17,11 @@ use agent::{Context, ExchangeEvent, ExchangeOpening, TimerId};
 use goal_lifecycle::{Attempt, GoalEvent, PlanDecision};
 use pddl::{Condition, Plan};
 use planner::Cancel;
-use planner::explain::Explanation;
 
 use crate::PlanRequester;
 use crate::explanations;
 use crate::goal::Work;
-use crate::joint_plans;
+use crate::joint_state::BiddingGap;
 use crate::planning::explain;
 use crate::planning_snapshot::PlanningSnapshot;
 use crate::proposals::ContractNetState;
@@ -49,7 +49,8 @@ impl PlanRequester {
             };
             return self.plan_missing(id, attempt, explained, ctx);
         }
-        let content = CallForProposals { conjuncts: conjuncts.clone(), together: false };
+        let content =
+            CallForProposals { conjuncts: conjuncts.clone(), ..CallForProposals::default() };
         let token = self.open_call(id, None, content, ctx);
         let timer = self.round_timer(id, ctx);
         let reminder = self.reminder(id, ctx.settings().retry_first, ctx);
@@ -81,6 +82,18 @@ impl PlanRequester {
         content: CallForProposals,
         ctx: &mut Context<Self>,
     ) -> ReplyToken {
+        self.open_call_with(id, to, content, Self::bidder_answered, ctx)
+    }
+
+    /// Sends a call for proposals; `answered` is called with each answer.
+    pub(crate) fn open_call_with(
+        &mut self,
+        id: &ConversationId,
+        to: Option<AgentId>,
+        content: CallForProposals,
+        answered: fn(&mut Self, &ConversationId, Message, &mut Context<Self>),
+        ctx: &mut Context<Self>,
+    ) -> ReplyToken {
         let opening = ExchangeOpening {
             to,
             performative: Performative::Cfp,
@@ -94,7 +107,7 @@ impl PlanRequester {
         let called = id.clone();
         ctx.open(opening, patience, move |requester: &mut Self, answer, ctx| {
             if let ExchangeEvent::Message(message) = answer {
-                requester.bidder_answered(&called, *message, ctx);
+                answered(requester, &called, *message, ctx);
             }
         })
     }
@@ -180,6 +193,7 @@ impl PlanRequester {
     pub(crate) fn bidder_left(&mut self, agent: &AgentId, ctx: &mut Context<Self>) {
         let ids: Vec<_> = self.goals.keys().cloned().collect();
         for id in ids {
+            self.member_left(&id, agent, ctx);
             let Some(call) = self.calling(&id) else { continue };
             if call.awaited.remove(agent).is_some() && call.awaited.is_empty() {
                 self.close_round(&id, ctx);
@@ -214,7 +228,7 @@ impl PlanRequester {
         let reminder = self.reminder(id, ctx.settings().retry_first, ctx);
         let mut awaited = BTreeMap::new();
         for (agent, conjuncts) in wanted {
-            let content = CallForProposals { conjuncts, together: true };
+            let content = CallForProposals { conjuncts, together: true, part: None };
             let token = self.open_call(id, Some(agent.clone()), content, ctx);
             awaited.insert(agent, token);
         }
@@ -247,6 +261,7 @@ impl PlanRequester {
         ctx: &mut Context<Self>,
     ) {
         self.take_call(id).into_iter().for_each(|call| call.reject_all(why, ctx));
+        self.give_up_joint_plan(id, why, ctx);
     }
 
     fn choose(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
@@ -278,13 +293,10 @@ impl PlanRequester {
             }
             Err(problems) => problems,
         };
-        let open = self.open_conjuncts(id);
-        let Some(goal) = self.goals.get(id).map(|goal| goal.condition.clone()) else { return };
+        let (refusals, silent) = (call.refusals.clone(), call.silent.clone());
         call.reject_all("no set of proposals covers the goal", ctx);
-        let explained = move |known: &PlanningSnapshot, cancel: &Cancel| {
-            why_none(known, &goal, open, (&missing, &problems), cancel)
-        };
-        self.plan_missing(id, attempt, explained, ctx);
+        let gap = BiddingGap { missing, problems, refusals, silent };
+        self.plan_jointly(id, attempt, (known, wanted), gap, ctx);
     }
 
     /// Handles a valid set of proposals that was chosen. Executes the combined plan, unless the
@@ -311,31 +323,4 @@ impl PlanRequester {
         }
         self.plan_found(id, attempt, (plan, cost), decision, ctx);
     }
-}
-
-/// Returns the reason why no set of proposals is valid. `missing` lists the conjuncts that no
-/// proposal covers.
-fn why_none(
-    known: &PlanningSnapshot,
-    goal: &Condition,
-    mut open: Vec<Condition>,
-    (missing, problems): (&[String], &[String]),
-    cancel: &Cancel,
-) -> String {
-    if !missing.is_empty() {
-        open.retain(|conjunct| missing.contains(&conjunct.to_string()));
-    }
-    let names: Vec<_> = open.iter().map(|conjunct| format!("`{conjunct}`")).collect();
-    let names = names.join(" and ");
-    let held = explanations::describe_avoided(&known.avoided);
-    let otherwise = || format!("no agent proposes a plan of its own for {names}{held}");
-    let together = |_: &Explanation| {
-        let all = known.parts(goal);
-        let reason = joint_plans::reason(known, &all, &names, cancel);
-        match problems.first().filter(|_| missing.is_empty()) {
-            Some(first) => format!("the proposals do not work together: {first}; {reason}"),
-            None => format!("{reason}{held}"),
-        }
-    };
-    explain(known, &open, cancel, together).unwrap_or_else(otherwise)
 }

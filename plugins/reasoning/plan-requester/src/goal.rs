@@ -16,6 +16,7 @@ use planner::Cancel;
 
 use crate::due_goal::GoalLimits;
 use crate::explanations::GoalContext;
+use crate::joint_state::JointPlanState;
 use crate::planning_snapshot::{PlanningSnapshot, outside};
 use crate::proposals::ContractNetState;
 
@@ -71,6 +72,8 @@ pub(crate) enum Work {
     Planning(ReplyToken),
     /// A call for proposals was sent to the actuators.
     Proposals(Box<ContractNetState>),
+    /// A joint plan is being made, or its agents are asked to agree.
+    Joint(Box<JointPlanState>),
     /// The reason for a missing plan is being computed.
     Explanation(#[expect(dead_code, reason = "ends the work when it is dropped")] ExplanationTask),
     /// A plan is being executed; its reports arrive in this exchange.

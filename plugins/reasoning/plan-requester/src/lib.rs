@@ -18,6 +18,7 @@
 //! The lifecycle of each goal is the state machine of the crate `goal-lifecycle`; the module
 //! `lifecycle` calls it. Start reading there.
 
+mod combining;
 mod contract_net;
 mod dry_run;
 mod due_goal;
@@ -31,7 +32,9 @@ mod goal;
 mod goal_check;
 mod goal_clock;
 mod handover;
+mod joint_planning;
 mod joint_plans;
+mod joint_state;
 mod lifecycle;
 mod numbering;
 mod orphan_plans;

@@ -119,10 +119,16 @@ impl PlanningSnapshot {
 
     /// Returns the snapshot without the agents `reserved`, which are in use by other goals.
     pub(crate) fn without_agents(mut self, reserved: &BTreeSet<AgentId>) -> PlanningSnapshot {
-        let taken = reserved.iter().filter_map(|agent| self.offers.remove(agent));
+        self.spared.clone_from(reserved);
+        self.without_offers_of(reserved)
+    }
+
+    /// Returns the snapshot without the actions of some agents, which have left or have declined
+    /// their parts.
+    pub(crate) fn without_offers_of(mut self, agents: &BTreeSet<AgentId>) -> PlanningSnapshot {
+        let taken = agents.iter().filter_map(|agent| self.offers.remove(agent));
         let guards = taken.flat_map(BTreeMap::into_values).map(|offer| offer.guard).collect();
         self.leave_out(&guards);
-        self.spared.clone_from(reserved);
         self
     }
 
@@ -136,7 +142,12 @@ impl PlanningSnapshot {
         self.world = OnceLock::new();
     }
 
-    fn world(&self) -> Result<&World, &str> {
+    /// Returns the initial state of the problem.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason, as text for a person, if this state cannot be made.
+    pub(crate) fn world(&self) -> Result<&World, &str> {
         let limited = |world: World| world.limit_work(EVALUATION_STEPS_MAX, None);
         let initial = || World::initial(&self.domain, &self.problem).map(limited).map_err(first);
         let world = self.world.get_or_init(initial);
@@ -318,11 +329,7 @@ impl PlanningSnapshot {
             .iter()
             .try_for_each(|step| end.apply(step))
             .map_err(|fault| fault.to_string())?;
-        let declared = self.domain.predicates.iter();
-        let public: BTreeSet<&Name> = declared
-            .filter(|predicate| predicate.privacy == Privacy::Public)
-            .map(|predicate| &predicate.name)
-            .collect();
+        let public = self.public_predicates();
         let guards: BTreeSet<&Name> = self.guards.values().map(|guard| &guard.predicate).collect();
         let mut undone = now.facts_missing_in(&end);
         undone.retain(|fact| {
@@ -331,6 +338,15 @@ impl PlanningSnapshot {
             public.contains(predicate) && !guards.contains(predicate) && !is_auxiliary
         });
         Ok(undone)
+    }
+
+    /// Returns the names of the predicates that are not private to an agent.
+    pub(crate) fn public_predicates(&self) -> BTreeSet<&Name> {
+        let declared = self.domain.predicates.iter();
+        declared
+            .filter(|predicate| predicate.privacy == Privacy::Public)
+            .map(|predicate| &predicate.name)
+            .collect()
     }
 
     /// Returns the conjuncts of `goal` that hold now and do not hold after a plan. Returns no
@@ -394,24 +410,6 @@ impl PlanningSnapshot {
         explain::explain(known, conjuncts, &bounded(), cancel).ok()
     }
 
-    /// Joins the plans of several agents into one plan, with the action names of the composite
-    /// domain.
-    ///
-    /// # Errors
-    ///
-    /// Returns an error, as text for a person, if a plan cannot be parsed, or if the action of a
-    /// step is avoided or not offered.
-    pub(crate) fn combine(&self, plans: &[&str]) -> Result<Plan, String> {
-        let mut steps = Vec::new();
-        for text in plans {
-            let plan = pddl::parse_plan(text).into_result().map_err(first)?;
-            for step in plan.steps {
-                steps.push(self.inside(step)?);
-            }
-        }
-        Ok(Plan { steps, cost: None })
-    }
-
     /// Returns the cost of `plan` if it reaches `goal`.
     ///
     /// # Errors
@@ -431,7 +429,7 @@ impl PlanningSnapshot {
     /// Returns `true` if an agent's proposed plan has at least one step, and the action of each
     /// step is offered and not avoided.
     pub(crate) fn admits(&self, plan: &str) -> bool {
-        self.combine(&[plan]).is_ok_and(|plan| !plan.steps.is_empty())
+        self.read_plans(&[plan]).is_ok_and(|plans| plans.iter().any(|steps| !steps.is_empty()))
     }
 
     /// Returns `true` if a plan has a step with an action that its agent is not known to offer,
@@ -451,12 +449,16 @@ impl PlanningSnapshot {
     pub(crate) fn is_sound(&self, proposal: &Proposal) -> bool {
         let read = |text: &String| pddl::parse_condition(text).into_result().ok();
         let covered: Option<Vec<_>> = proposal.covers.iter().map(read).collect();
-        let plan = self.combine(&[&proposal.plan]);
-        let (Some(covered), Ok(plan)) = (covered, plan) else { return false };
-        self.validate(&plan, &Condition::And(covered)).is_ok()
+        let Some(covered) = covered else { return false };
+        self.combine(&[&proposal.plan], &Condition::And(covered)).is_ok()
     }
 
-    fn inside(&self, step: PlanStep) -> Result<PlanStep, String> {
+    /// Returns a step of an agent's proposal with the action name of the composite domain.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error, as text for a person, if the action is avoided or not offered.
+    pub(crate) fn inside(&self, step: PlanStep) -> Result<PlanStep, String> {
         let agent = step.arguments.first().and_then(|agent| AgentId::new(agent.as_str()).ok());
         let is_avoided =
             |agent| self.avoided.contains_key(&(agent, step.action.as_str().to_owned()));

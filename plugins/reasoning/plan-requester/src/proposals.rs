@@ -65,11 +65,7 @@ impl ContractNetState {
         for selection in selections(&self.conjuncts, &self.bids) {
             let plans: Vec<&str> =
                 selection.chosen.iter().map(|(_, proposal)| proposal.plan.as_str()).collect();
-            let combined = self.known.combine(&plans).and_then(|plan| {
-                let cost = self.known.validate(&plan, wanted)?;
-                Ok((plan, cost))
-            });
-            match combined {
+            match self.known.combine(&plans, wanted) {
                 Ok((plan, cost)) => return Ok((selection, plan, cost)),
                 Err(problem) => problems.push(problem),
             }

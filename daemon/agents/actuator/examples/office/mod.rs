@@ -125,7 +125,7 @@ impl Visitor {
             performative: Performative::Cfp,
             protocol: Protocol::ContractNet,
             conversation: ctx.new_conversation(),
-            content: value(&CallForProposals { conjuncts, together: false }),
+            content: value(&CallForProposals { conjuncts, ..CallForProposals::default() }),
         };
         ctx.open(call, PATIENCE, Visitor::judge);
     }

@@ -169,13 +169,13 @@ impl Scene {
     fn plan(&mut self, call: &str, execution: &str, robot: &str, round: u32) {
         let (goal, conversation) = ("(known-temperature office1)".to_owned(), "ann.5.1");
         let conjuncts = vec![goal.clone()];
-        let cfp = CallForProposals { conjuncts: conjuncts.clone(), together: false };
+        let cfp = CallForProposals { conjuncts: conjuncts.clone(), ..CallForProposals::default() };
         let open = |token| (conversation, token, false);
         let answer = |token| (conversation, token, true);
         self.say((Protocol::ContractNet, Performative::Cfp), ("requester", ""), open(call), &cfp);
         let plan = format!("(measure {robot} office1)");
         let proposal = Proposal { covers: conjuncts.clone(), plan: plan.clone(), cost: 6.0 };
-        let bid = Bid { proposals: vec![proposal], domain_digest: String::new() };
+        let bid = Bid { proposals: vec![proposal], ..Bid::default() };
         self.say(
             (Protocol::ContractNet, Performative::Agree),
             (robot, "requester"),
@@ -268,7 +268,7 @@ fn a_step_leads_to_the_proposal_that_it_comes_from() {
     let asked = (Protocol::Goal, Performative::Request);
     scene.say(asked, ("ann", "requester"), ("ann.5.1", "g1", false), &achieve);
     let covers = conjuncts.map(str::to_owned).to_vec();
-    let call = CallForProposals { conjuncts: covers, together: false };
+    let call = CallForProposals { conjuncts: covers, ..CallForProposals::default() };
     scene.say((Protocol::ContractNet, Performative::Cfp), ("requester", ""), open, &call);
     let offers = [
         ("turtlebot-1", conjuncts[0], "(report--ir-1 ir-1 office1)"),
@@ -277,7 +277,7 @@ fn a_step_leads_to_the_proposal_that_it_comes_from() {
     for (bidder, covered, plan) in offers {
         let covers = vec![covered.to_owned()];
         let proposal = Proposal { covers, plan: plan.to_owned(), cost: 6.0 };
-        let bid = Bid { proposals: vec![proposal], domain_digest: String::new() };
+        let bid = Bid { proposals: vec![proposal], ..Bid::default() };
         let performative = (Protocol::ContractNet, Performative::Agree);
         scene.say(performative, (bidder, "requester"), answer, &bid);
     }

@@ -134,7 +134,7 @@ impl Body {
         if proposals.is_empty() {
             return ctx.refuse(&participation, Reason::Incapable, "not mine");
         }
-        let bid = Bid { proposals, domain_digest: "strange".to_owned() };
+        let bid = Bid { proposals, ..Bid::default() };
         ctx.answer(&participation, Performative::Agree, &bid);
     }
 

@@ -112,7 +112,7 @@ impl Guest {
             plan: "(report-temperature guest office1)\n".to_owned(),
             cost: 1.0,
         };
-        let bid = Bid { proposals: vec![proposal], domain_digest: "guest".to_owned() };
+        let bid = Bid { proposals: vec![proposal], ..Bid::default() };
         ctx.answer(&participation, Performative::Agree, &bid);
     }
 

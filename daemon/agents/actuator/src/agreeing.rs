@@ -1,0 +1,85 @@
+//! The agreement of an actuator to its part of a joint plan (a plan in which several agents act).
+//!
+//! The actuator checks its own steps in its own local domain, from the state that it knows now. In
+//! between it takes over what the call says that other agents change. So every step of a joint plan
+//! is validated by the agent that carries it out, with its own facts.
+
+use acl::AgentId;
+use acl::content::{Bid, CallForProposals, JointPlanPart, PartStep, Proposal};
+use capability::{DomainSnapshot, problem_digest};
+use pddl::{Plan, PlanStep};
+use planner::{Cancel, World};
+
+/// Maximum number of elements of a part. The plans of the largest buildings have some hundred
+/// steps.
+const PART_STEPS_MAX: usize = 10_000;
+
+/// Limit on the work of checking one part, in the validator's steps. Parts in the largest buildings
+/// take some thousands; the limit is reached after half a second.
+const CHECK_STEPS_MAX: u64 = 3_000_000;
+
+/// Checks the part of a joint plan for the actuator `agent`. Returns the bid that agrees to it: its
+/// only proposal consists of the actuator's own steps.
+///
+/// # Errors
+///
+/// Returns an error with the reason, as text for a person, if the actuator cannot do its part.
+pub(crate) fn agree(
+    snapshot: &DomainSnapshot,
+    call: &CallForProposals,
+    part: &JointPlanPart,
+    agent: &AgentId,
+    cancel: &Cancel,
+) -> Result<Bid, String> {
+    if part.steps.len() > PART_STEPS_MAX {
+        return Err(format!("its part has more than {PART_STEPS_MAX} elements"));
+    }
+    let world = World::initial(&snapshot.domain, &snapshot.problem).map_err(|diagnostics| {
+        let first = diagnostics.first().map(ToString::to_string).unwrap_or_default();
+        format!("its own state cannot be made: {first}")
+    })?;
+    let mut world = world.limit_work(CHECK_STEPS_MAX, Some(cancel));
+    let mut own = Vec::new();
+    for element in &part.steps {
+        match element {
+            PartStep::Own(text) => {
+                let step = read_own(text, agent)?;
+                let applied = world.apply(&snapshot.inside(&step));
+                applied.map_err(|fault| format!("it cannot do `{step}`: {fault}"))?;
+                own.push(step);
+            }
+            PartStep::Others(text) => {
+                let changes = pddl::parse_init_elements(text).into_result().map_err(|found| {
+                    let first = found.first().map(ToString::to_string).unwrap_or_default();
+                    format!("what others change cannot be read: {first}")
+                })?;
+                world.take_changes(&changes);
+            }
+        }
+    }
+    if own.is_empty() {
+        return Err("its part has no step of its own".to_owned());
+    }
+    let plan = Plan { steps: own, cost: None }.to_string();
+    let cost = world.cost().unwrap_or(0.0);
+    let proposals = vec![Proposal { covers: call.conjuncts.clone(), plan, cost }];
+    let domain_digest = problem_digest(snapshot.digest(), &snapshot.problem);
+    Ok(Bid { proposals, domain_digest, agreed: Some(part.digest.clone()) })
+}
+
+/// Parses a step of the actuator `agent`.
+///
+/// # Errors
+///
+/// Returns an error, as text for a person, if the step cannot be parsed or another agent acts in
+/// it.
+fn read_own(text: &str, agent: &AgentId) -> Result<PlanStep, String> {
+    let step = pddl::parse_step(text).into_result().map_err(|found| {
+        let first = found.first().map(ToString::to_string).unwrap_or_default();
+        format!("`{text}` is no step: {first}")
+    })?;
+    match step.arguments.first() {
+        Some(actor) if *actor == *agent.as_str() => Ok(step),
+        _ => Err(format!("`{step}` is no step of its own")),
+    }
+}
