@@ -35,11 +35,12 @@ pub fn help(name: &str) -> String {
 /// Arguments of planning: a domain, a problem, and options.
 #[derive(Clone, Debug, Args)]
 pub struct PlanArgs {
-    /// The PDDL domain
+    /// The PDDL domain, or a folder with `domain-AGENT.pddl` and `problem-AGENT.pddl` of
+    /// each agent
     #[arg(value_name = "DOMAIN", required_unless_present = "list")]
     pub domain: Option<PathBuf>,
     /// The PDDL problem
-    #[arg(value_name = "PROBLEM", required_unless_present = "list")]
+    #[arg(value_name = "PROBLEM")]
     pub problem: Option<PathBuf>,
     /// Write the plan to this file instead of stdout; with --anytime, each better one
     #[arg(long, value_name = "FILE")]

@@ -14,6 +14,7 @@ mod list;
 mod progress;
 
 use std::fmt::Write as _;
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -25,6 +26,7 @@ use planner::{
     PlanningProgress, Statistics, StopReason, Unprovable, configuration,
 };
 use serde_json::{Value, json};
+use terminal::factored_folder::read_factored;
 use terminal::limits::{CertainAnswer, LimitReporter, LimitWatch, RunLimits};
 use terminal::pddl_files::{self, PddlTask};
 use terminal::render::{number, plural};
@@ -37,7 +39,7 @@ use crate::progress::{PlanningStage, Progress, ProgressPrinter};
 /// Plans as the arguments require. Shows the plan, or the reason why there is none.
 pub fn run(args: &PlanArgs) -> ExitCode {
     let started = Instant::now();
-    let (Some(domain), Some(problem), false) = (&args.domain, &args.problem, args.list) else {
+    let (Some(domain), false) = (&args.domain, args.list) else {
         return list::run(args.print.json);
     };
     if let Some(refusal) = refusal(args) {
@@ -50,7 +52,7 @@ pub fn run(args: &PlanArgs) -> ExitCode {
     let limits = RunLimits { time: args.time_limit, memory_bytes };
     let deadline =
         LimitWatch::start(limits, started, cancel.clone(), limit_reporter(args, started));
-    let task = match pddl_files::read_task(domain, problem) {
+    let task = match read_task(domain, args.problem.as_deref()) {
         Ok(task) => task,
         Err(report) => {
             let (status, code) = report.refusal();
@@ -66,6 +68,30 @@ pub fn run(args: &PlanArgs) -> ExitCode {
         EngineChoice::MetricFf => engines::ExternalEngine::MetricFf,
     };
     deadline.answer(|| external::run(args, engine, &task, started))
+}
+
+/// Reads a domain and a problem, or a folder with the files of each agent.
+fn read_task(domain: &Path, problem: Option<&Path>) -> Result<PddlTask, DiagnosticReport> {
+    match problem {
+        Some(problem) => pddl_files::read_task(domain, problem),
+        None if domain.is_dir() => read_factored(domain),
+        None => {
+            let mut report = DiagnosticReport::default();
+            let message = format!("`{}` is no folder, and no problem is named", domain.display());
+            let help =
+                "name the problem after the domain, or a folder with the files of each agent";
+            report.add_general(Diagnostic::error(pddl::Span::default(), message).with_help(help));
+            Err(report.refused())
+        }
+    }
+}
+
+/// Returns a plan with the names that the author of the task gave.
+fn original(task: &PddlTask, plan: &Plan) -> Plan {
+    match &task.factored {
+        Some(factored) => factored.original(plan),
+        None => plan.clone(),
+    }
 }
 
 /// Plans with the embedded planner. Shows the plan, or the reason why there is none.
@@ -86,6 +112,7 @@ fn embedded(
     let mut search_began = None;
     let mut tell = |news: PlanningProgress<'_>| match news {
         PlanningProgress::Plan(plan) => {
+            let plan = &original(task, plan);
             deadline.record_plan(ipc(plan, task.problem.metric.is_none()));
             if args.anytime {
                 report_better_plan(args, task, plan, started.elapsed());
@@ -106,6 +133,8 @@ fn embedded(
     let took = PlanningTimes { search_began, whole: started.elapsed() };
     match planned {
         Ok(outcome) => {
+            let plan = outcome.plan.as_ref().map(|plan| original(task, plan));
+            let outcome = PlanningOutcome { plan, ..outcome };
             let is_proof = matches!(outcome.stop_reason, StopReason::Unsolvable { .. });
             if is_proof {
                 deadline.record_certain(unexplained(args, task, &outcome, took));
@@ -225,6 +254,9 @@ fn refusal(args: &PlanArgs) -> Option<Diagnostic> {
     }
     if args.threads > 1 && !embedded {
         return refuse("`--threads` with another engine", "the embedded planner can do it");
+    }
+    if args.problem.is_none() && !embedded {
+        return refuse("a folder of agents with another engine", "the embedded planner can do it");
     }
     if args.anytime && !embedded {
         return refuse("`--anytime` with another engine", "the embedded planner can do it");

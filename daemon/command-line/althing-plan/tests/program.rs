@@ -407,3 +407,72 @@ fn output_lines_are_in_order() {
     );
     assert_eq!(output.status.code(), Some(34), "{}", stderr(&output));
 }
+
+/// The domain of each agent of a factored task: a porter passes a box to the porter of the next room.
+const PORTER: &str = "(define (domain rooms) (:requirements :typing :factored-privacy)
+  (:types room box porter - object)
+  (:predicates (in ?b - box ?r - room) (next ?a ?b - room) (:private (works ?p - porter ?r - room)))
+  (:action pass :parameters (?p - porter ?b - box ?from ?to - room)
+    :precondition (and (works ?p ?from) (in ?b ?from) (next ?from ?to))
+    :effect (and (in ?b ?to) (not (in ?b ?from)))))
+";
+
+fn porter(name: &str, room: &str) -> String {
+    format!(
+        "(define (problem p) (:domain rooms)
+          (:objects a b c - room box - box (:private {name} - porter))
+          (:init (in box a) (next a b) (next b c) (works {name} {room})) (:goal (in box c)))"
+    )
+}
+
+fn plan_folder(folder: &tempfile::TempDir, options: &[&str]) -> Output {
+    let program = env!("CARGO_BIN_EXE_althing-plan");
+    Command::new(program).arg(folder.path()).args(options).output().expect("it runs")
+}
+
+#[test]
+fn a_folder_with_files_of_each_agent_is_planned_for_as_a_whole() {
+    // Both porters have the same private name.
+    let (one, two) = (porter("me", "a"), porter("me", "b"));
+    let files = [
+        ("domain-one.pddl", PORTER),
+        ("problem-one.pddl", &one),
+        ("domain-two.pddl", PORTER),
+        ("problem-two.pddl", &two),
+    ];
+    let output = plan_folder(&folder(&files), &[]);
+    assert_eq!(output.status.code(), Some(0), "{}", stderr(&output));
+    let expected = "(pass me box a b)\n(pass me box b c)\n; cost = 2 (unit cost)\n";
+    assert_eq!(stdout(&output), expected);
+    // Without the second agent there is no plan.
+    assert_eq!(plan_folder(&folder(&files[..2]), &[]).status.code(), Some(10));
+    let refused = plan_folder(&folder(&files), &["--engine", "metric-ff"]);
+    assert_eq!(refused.status.code(), Some(34));
+}
+
+/// Returns what a program has printed about mistakes, without its line breaks.
+fn unfolded(output: &Output) -> String {
+    stderr(output).split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+#[test]
+fn a_folder_that_is_no_factored_task_is_refused_with_the_reason() {
+    let one = porter("me", "a");
+    let empty = plan_folder(&folder(&[]), &[]);
+    assert_eq!(empty.status.code(), Some(33));
+    let told = unfolded(&empty);
+    assert!(told.contains("has no file `domain-AGENT.pddl`"), "{told}");
+    let half = plan_folder(&folder(&[("domain-one.pddl", PORTER)]), &[]);
+    assert!(unfolded(&half).contains("problem-one.pddl"), "{}", unfolded(&half));
+    let other = one.replace("a b c - room", "a b c - box");
+    let contradicting = folder(&[
+        ("domain-one.pddl", PORTER),
+        ("problem-one.pddl", &one),
+        ("domain-two.pddl", PORTER),
+        ("problem-two.pddl", &other),
+    ]);
+    let refused = plan_folder(&contradicting, &[]);
+    assert_eq!(refused.status.code(), Some(33));
+    let told = "`a` is a `box` for `two`, and a `room` for another agent";
+    assert!(unfolded(&refused).contains(told), "{}", unfolded(&refused));
+}

@@ -6,6 +6,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
+use pddl::factored::FactoredTask;
 use pddl::{ActionModel, Diagnostic, Domain, Parsed, Problem, Span};
 
 use crate::pddl_cures;
@@ -23,6 +24,8 @@ pub struct PddlTask {
     pub problem_source: Arc<SourceText>,
     /// Warnings about the domain and the problem.
     pub report: DiagnosticReport,
+    /// The merged files of all agents, if the task is a folder with files for each agent.
+    pub factored: Option<FactoredTask>,
 }
 
 /// The text of a domain, and as much of the domain as can be parsed.
@@ -65,7 +68,8 @@ pub fn read_task(domain: &Path, problem: &Path) -> Result<PddlTask, DiagnosticRe
             Some(DomainText { source: domain_source, domain: Some(domain), .. }),
             Some((problem_source, Some(problem))),
         ) if !report.has_errors() => {
-            Ok(PddlTask { domain, problem, domain_source, problem_source, report })
+            let factored = None;
+            Ok(PddlTask { domain, problem, domain_source, problem_source, report, factored })
         }
         _ => Err(report.refused()),
     }

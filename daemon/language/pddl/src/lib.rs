@@ -28,6 +28,8 @@ pub mod graph;
 
 pub mod knowledge;
 
+pub mod factored;
+
 mod arithmetic;
 mod grammar;
 mod lexer;

@@ -1,5 +1,6 @@
 //! Tests of the behaviour of the crate as data: texts and their results.
 
+mod factored;
 mod reading;
 
 mod mistakes;

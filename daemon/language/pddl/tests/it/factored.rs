@@ -1,0 +1,68 @@
+//! Factored tasks: what is private to an agent stays its own in the merged task, and files that
+//! contradict each other are refused.
+
+use pddl::factored::{AgentFiles, FactoredTask, merge_factored};
+
+/// Two agents at two ends of a wall; each has a private box of the same name.
+const DOMAIN: &str = "(define (domain wall) (:requirements :typing :factored-privacy)
+    (:types side box - object)
+    (:predicates (at-wall ?s - side) (open ?s - side) (:private (full ?b - box)))
+    (:action empty :parameters (?b - box ?s - side)
+        :precondition (and (full ?b) (at-wall ?s)) :effect (and (open ?s) (not (full ?b)))))";
+
+fn problem(side: &str, goal: &str) -> String {
+    format!(
+        "(define (problem p) (:domain wall) (:objects {side} - side (:private crate - box))
+            (:init (at-wall {side}) (full crate)) (:goal {goal}))"
+    )
+}
+
+fn merged(agents: &[(&str, &str, &str)]) -> Result<FactoredTask, String> {
+    let task = |(agent, domain, problem): &(&str, &str, &str)| AgentFiles {
+        agent: (*agent).to_owned(),
+        domain: pddl::parse_domain(domain).into_result().expect("a domain"),
+        problem: pddl::parse_problem(problem).into_result().expect("a problem"),
+    };
+    merge_factored(&agents.iter().map(task).collect::<Vec<_>>())
+}
+
+#[test]
+fn private_names_are_kept_apart_and_given_back() {
+    let goal = "(and (open left) (open right))";
+    let (left, right) = (problem("left", goal), problem("right", goal));
+    let task = merged(&[("a", DOMAIN, &left), ("b", DOMAIN, &right)]).expect("it fits");
+    let names: Vec<String> = task.domain.actions.iter().map(|it| it.name.to_string()).collect();
+    assert_eq!(names, ["empty--a", "empty--b"]);
+    let facts: Vec<String> = task.problem.init.iter().map(ToString::to_string).collect();
+    for fact in ["(full--a crate--a)", "(full--b crate--b)", "(at-wall left)", "(known-to--a left)"]
+    {
+        assert!(facts.iter().any(|known| known == fact), "{fact}: {facts:?}");
+    }
+    assert!(!facts.iter().any(|known| known == "(known-to--a right)"), "{facts:?}");
+    assert_eq!(task.problem.goal.to_string(), goal, "a common goal is stated once");
+    for text in [task.domain.to_string(), task.problem.to_string()] {
+        assert!(pddl::parse_document(&text).is_ok(), "{text}");
+    }
+    let plan = pddl::parse_plan("(empty--a crate--a left)").into_result().expect("a plan");
+    assert_eq!(task.original(&plan).steps[0].to_string(), "(empty crate left)");
+}
+
+#[test]
+fn contradictions_are_refused_with_the_agents() {
+    let goal = "(open left)";
+    let left = problem("left", goal);
+    let other = DOMAIN
+        .replace("(at-wall ?s - side)", "(at-wall ?s ?t - side)")
+        .replace("(at-wall ?s))", "(at-wall ?s ?s))");
+    let again = problem("left", goal).replace("(at-wall left)", "(at-wall left left)");
+    let refused = merged(&[("a", DOMAIN, &left), ("b", &other, &again)]).expect_err("it differs");
+    assert_eq!(refused, "`at-wall` takes 2 arguments for `b`, and 1 for another agent");
+    let boxed = left.replace("left - side (", "left - box (");
+    let refused = merged(&[("a", DOMAIN, &left), ("b", DOMAIN, &boxed)]).expect_err("it differs");
+    assert_eq!(refused, "`left` is a `box` for `b`, and a `side` for another agent");
+    let quantified = DOMAIN.replace("(at-wall ?s))", "(forall (?x - box) (full ?x)))");
+    let right = problem("right", goal);
+    let refused = merged(&[("a", &quantified, &left), ("b", DOMAIN, &right)]);
+    assert!(refused.expect_err("it ranges over all").contains("has a quantifier"));
+    assert_eq!(merged(&[]).expect_err("nothing is there"), "there is no agent");
+}
