@@ -108,8 +108,11 @@ impl Campus {
             }
             BuildingDevice::Camera { .. }
             | BuildingDevice::Screen { .. }
-            | BuildingDevice::MountedScreen { .. } => {
-                unreachable!("invariant: `draw` puts no camera and no screen into a campus")
+            | BuildingDevice::MountedScreen { .. }
+            | BuildingDevice::Door { .. }
+            | BuildingDevice::Lift { .. }
+            | BuildingDevice::TagReader { .. } => {
+                unreachable!("invariant: `draw` puts no such devices into a campus")
             }
         };
         entry(device.name(), plugin, &daemon_of(place), &config)

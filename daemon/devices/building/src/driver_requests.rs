@@ -1,12 +1,14 @@
 //! Requests of drivers to the building, and their answers; the same in this process and over the
 //! socket.
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 
 use crate::camera_aim::CameraAim;
 use crate::error::DeviceError;
+use crate::parcel_place::ParcelPlace;
 use crate::quantity::Quantity;
 use crate::truth::TemperatureReading;
 
@@ -38,6 +40,7 @@ pub(crate) enum DriverRequest {
     Camera(CameraAsk),
     Cleaning(CleaningAsk),
     Screen(ScreenAsk),
+    Parcel(ParcelAsk),
     /// Cancels the request with the same id. The cancellation itself has no answer.
     Cancel,
 }
@@ -54,6 +57,7 @@ pub(crate) enum DriverAnswer {
     Camera(CameraAnswer),
     Cleaning(CleaningAnswer),
     Screen(ScreenAnswer),
+    Parcel(ParcelAnswer),
 }
 
 impl DriverAnswer {
@@ -139,6 +143,29 @@ pub(crate) enum CleaningAsk {
 #[serde(rename_all = "kebab-case")]
 pub(crate) enum CleaningAnswer {
     Swept(String),
+}
+
+/// A driver's request about parcels, doors and lifts.
+#[derive(Debug, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum ParcelAsk {
+    SetDoor { door: String, open: bool },
+    IsOpen { door: String },
+    SendCabin { lift: String, to: String },
+    TakeUp { robot: String, parcel: String },
+    SetDown { robot: String, lift: Option<String> },
+    Carried { robot: String },
+    ReadTags { reader: String },
+}
+
+/// The answer to a [`ParcelAsk`].
+#[derive(Debug, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum ParcelAnswer {
+    Done,
+    Open(bool),
+    Carried(Option<String>),
+    Places(BTreeMap<String, ParcelPlace>),
 }
 
 /// A driver's request to a screen.

@@ -125,6 +125,12 @@ pub enum LayoutError {
         /// Name of the location on the other side of the missing door.
         b: String,
     },
+    /// A lift has fewer than two landings.
+    #[error("give the lift `{lift}` a way: name at least two landings")]
+    FewLandings {
+        /// Name of the lift.
+        lift: String,
+    },
     /// The speed is out of range.
     #[error(
         "let `{robot}` drive at {meters_per_second} m/s: between {SPEED_MIN} and {SPEED_MAX} m/s is possible"
@@ -221,6 +227,14 @@ pub enum DeviceError {
     Busy {
         /// Name of the robot.
         device: String,
+    },
+    /// The device cannot do this now: it carries nothing, or something else is elsewhere.
+    #[error("use `{device}` for that: {reason}")]
+    Impossible {
+        /// Name of the device.
+        device: String,
+        /// Reason, in words.
+        reason: String,
     },
     /// The charge of the robot's battery is too low for the trip.
     #[error("drive `{device}` to `{to}`: its battery does not last so far")]

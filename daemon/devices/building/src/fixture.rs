@@ -48,6 +48,11 @@ fn line(event: &BuildingEvent) -> String {
         }
         BuildingEvent::Locked { a, b } => format!("{a} {b} is locked"),
         BuildingEvent::Unlocked { a, b } => format!("{a} {b} is unlocked"),
+        BuildingEvent::CabinMoved { lift, from, to } => format!("{lift} goes {from} {to}"),
+        BuildingEvent::TakenUp { robot, parcel, at } => format!("{robot} takes {parcel} at {at}"),
+        BuildingEvent::SetDown { robot, parcel, at } => {
+            format!("{robot} sets {parcel} down at {at}")
+        }
         BuildingEvent::Added { device } => format!("{device} is added"),
         BuildingEvent::Removed { device } => format!("{device} is removed"),
     }

@@ -141,6 +141,29 @@ pub enum BuildingDevice {
         /// Name of the robot that carries the screen.
         carrier: String,
     },
+    /// A door that a motor opens and closes; closed at the start.
+    Door {
+        /// Name of the door.
+        name: String,
+        /// Name of the location on one side of the door.
+        a: String,
+        /// Name of the location on the other side of the door.
+        b: String,
+    },
+    /// A lift, whose cabin is at the first landing at the start.
+    Lift {
+        /// Name of the lift.
+        name: String,
+        /// Names of the locations where the cabin stops.
+        landings: Vec<String>,
+    },
+    /// A reader of the tags of parcels, which tells where all parcels are.
+    TagReader {
+        /// Name of the reader.
+        name: String,
+        /// Name of the location of the reader.
+        location: String,
+    },
 }
 
 impl BuildingDevice {
@@ -153,7 +176,10 @@ impl BuildingDevice {
             | BuildingDevice::MountedSensor { name, .. }
             | BuildingDevice::Camera { name, .. }
             | BuildingDevice::Screen { name, .. }
-            | BuildingDevice::MountedScreen { name, .. } => name,
+            | BuildingDevice::MountedScreen { name, .. }
+            | BuildingDevice::Door { name, .. }
+            | BuildingDevice::Lift { name, .. }
+            | BuildingDevice::TagReader { name, .. } => name,
         }
     }
 
@@ -167,6 +193,9 @@ impl BuildingDevice {
             BuildingDevice::Camera { .. } => "camera",
             BuildingDevice::Screen { .. } => "screen",
             BuildingDevice::MountedScreen { .. } => "mounted screen",
+            BuildingDevice::Door { .. } => "door",
+            BuildingDevice::Lift { .. } => "lift",
+            BuildingDevice::TagReader { .. } => "tag reader",
         }
     }
 
@@ -189,6 +218,8 @@ pub struct Layout {
     devices: Vec<BuildingDevice>,
     /// The battery of each robot, by the robot's name; a robot without an entry needs no battery.
     pub(crate) batteries: BTreeMap<String, RobotBattery>,
+    /// The location of each parcel at the start, by the parcel's name.
+    pub(crate) parcels: BTreeMap<String, String>,
 }
 
 /// A layout as read from a file, before it is checked.
@@ -202,13 +233,15 @@ struct RawLayout {
     devices: Vec<BuildingDevice>,
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     batteries: BTreeMap<String, RobotBattery>,
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    parcels: BTreeMap<String, String>,
 }
 
 impl TryFrom<RawLayout> for Layout {
     type Error = LayoutError;
 
     fn try_from(written: RawLayout) -> Result<Layout, LayoutError> {
-        let RawLayout { locations, connections, devices, batteries } = written;
+        let RawLayout { locations, connections, devices, batteries, parcels } = written;
         let mut layout = Layout::new();
         for location in locations {
             layout.add_location(location)?;
@@ -225,14 +258,17 @@ impl TryFrom<RawLayout> for Layout {
         for (robot, battery) in batteries {
             layout.equip(&robot, battery)?;
         }
+        for (parcel, location) in parcels {
+            layout.add_parcel(&parcel, &location)?;
+        }
         Ok(layout)
     }
 }
 
 impl From<Layout> for RawLayout {
     fn from(layout: Layout) -> RawLayout {
-        let Layout { locations, connections, devices, batteries } = layout;
-        RawLayout { locations, connections, devices, batteries }
+        let Layout { locations, connections, devices, batteries, parcels } = layout;
+        RawLayout { locations, connections, devices, batteries, parcels }
     }
 }
 

@@ -12,7 +12,8 @@
 //!   so that no agent can cheat.
 //! - [`Layout::seeded`] draws another building for each seed, and [`check_scenario_1`] checks
 //!   whether scenario 1 of the paper truly took place in it. [`MaintenanceScenario`] is scenario 2,
-//!   [`AccessScenario`] is scenario 3, and [`MeetingScenario`] is Figure 1 of the paper. [`Campus`]
+//!   [`AccessScenario`] is scenario 3, and [`MeetingScenario`] is Figure 1 of the paper. In [`ParcelScenario`] and
+//!   [`FloorsScenario`] agents need each other. [`Campus`]
 //!   draws a campus of any number of houses up to [`HOUSES_MAX`], with the files of its ecosystem.
 //!
 //! Other crates contain the beliefs and messages of agents, the PDDL parser, and the substrate.
@@ -33,6 +34,8 @@ mod handle;
 mod layout;
 mod map;
 mod measuring;
+mod parcel_place;
+mod parcels;
 mod people;
 mod quantity;
 mod replay;
@@ -40,6 +43,8 @@ mod scenario_1;
 mod scenario_2;
 mod scenario_3;
 mod scenario_4;
+mod scenario_5;
+mod scenario_6;
 mod screen;
 mod seeded;
 mod seeded_random;
@@ -62,11 +67,14 @@ pub use layout::{
     BuildingDevice, Layout, Location, LocationConnection, LocationKind, PlaceDirection,
     RobotBattery,
 };
+pub use parcel_place::ParcelPlace;
 pub use quantity::Quantity;
 pub use scenario_1::check_scenario_1;
 pub use scenario_2::{MaintenanceScenario, SensorDeath};
 pub use scenario_3::{AccessScenario, AnswerPattern, Visit, VisitOutcome};
 pub use scenario_4::MeetingScenario;
+pub use scenario_5::ParcelScenario;
+pub use scenario_6::FloorsScenario;
 pub use seeded::{DeathTime, SeededScenario};
 pub use server::{Server, serve};
 pub use truth::{BuildingEvent, DeviceFault, LOG_MAX, Occurrence, TemperatureReading, Truth};

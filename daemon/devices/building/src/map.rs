@@ -61,9 +61,18 @@ impl Layout {
     fn ways_pddl(&self) -> String {
         let mut text = String::new();
         for way in self.connections() {
-            push_way(&mut text, &way.from, &way.to, way.meters);
+            let mut push_both = |from: &str, to: &str| {
+                // A door with a motor says itself whether it connects its sides.
+                if !self.has_door(from, to) {
+                    push(&mut text, format_args!("\n    (connected {from} {to})"));
+                } else {
+                    text.push_str("\n   ");
+                }
+                push(&mut text, format_args!(" (= (distance {from} {to}) {})", way.meters));
+            };
+            push_both(&way.from, &way.to);
             if !way.one_way {
-                push_way(&mut text, &way.to, &way.from, way.meters);
+                push_both(&way.to, &way.from);
             }
         }
         text
@@ -77,10 +86,6 @@ fn door(way: &LocationConnection) -> String {
         true => format!("{to} = {{ length = {meters}, one-way = true }}"),
         false => format!("{to} = {meters}"),
     }
-}
-
-fn push_way(text: &mut String, from: &str, to: &str, meters: f64) {
-    push(text, format_args!("\n    (connected {from} {to}) (= (distance {from} {to}) {meters})"));
 }
 
 fn push(text: &mut String, piece: std::fmt::Arguments<'_>) {

@@ -162,6 +162,7 @@ async fn perform(
         DriverRequest::Cleaning(ask) => building.cleaning(ask).await.map(DriverAnswer::Cleaning),
         DriverRequest::Camera(ask) => building.camera(ask).await.map(DriverAnswer::Camera),
         DriverRequest::Screen(ask) => building.screen(ask).await.map(DriverAnswer::Screen),
+        DriverRequest::Parcel(ask) => building.parcel(ask).await.map(DriverAnswer::Parcel),
         DriverRequest::Cancel => {
             Err(DeviceError::Refused { reason: "nothing to cancel".to_owned() })
         }

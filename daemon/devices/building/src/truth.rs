@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::camera_aim::CameraAim;
 use crate::layout::{BuildingDevice, Layout};
+use crate::parcel_place::ParcelPlace;
 use crate::quantity::Quantity;
 
 /// Capacity of the log, in occurrences; when the log is full, the oldest occurrence is dropped.
@@ -220,6 +221,33 @@ pub enum BuildingEvent {
         /// Name of the location on the other side of the door.
         b: String,
     },
+    /// The cabin of a lift has arrived at another landing.
+    CabinMoved {
+        /// Name of the lift.
+        lift: String,
+        /// Name of the landing that the cabin left.
+        from: String,
+        /// Name of the landing where the cabin is.
+        to: String,
+    },
+    /// A robot has taken up a parcel.
+    TakenUp {
+        /// Name of the robot.
+        robot: String,
+        /// Name of the parcel.
+        parcel: String,
+        /// Name of the location of the robot.
+        at: String,
+    },
+    /// A robot has set down a parcel, at its location or in a cabin there.
+    SetDown {
+        /// Name of the robot.
+        robot: String,
+        /// Name of the parcel.
+        parcel: String,
+        /// Name of the location of the robot.
+        at: String,
+    },
     /// A device was added to the building.
     Added {
         /// Name of the added device.
@@ -265,6 +293,12 @@ pub struct Truth {
     pub(crate) shown: BTreeMap<String, String>,
     /// Locked doors. Each is a pair of the locations on its two sides, in alphabetical order.
     pub(crate) locked: BTreeSet<(String, String)>,
+    /// Location of the cabin of each lift, by the lift's name.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) cabins: BTreeMap<String, String>,
+    /// Where each parcel is, by the parcel's name.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub(crate) parcels: BTreeMap<String, ParcelPlace>,
     pub(crate) log: OccurrenceLog,
     /// Faults that occur at the next use of a device, by the name of the device.
     #[serde(skip)]
@@ -293,7 +327,10 @@ impl Truth {
             BuildingDevice::FixedSensor { location, .. }
             | BuildingDevice::Sensor { location, .. }
             | BuildingDevice::Camera { location, .. }
-            | BuildingDevice::Screen { location, .. } => Some(location),
+            | BuildingDevice::Screen { location, .. }
+            | BuildingDevice::TagReader { location, .. }
+            | BuildingDevice::Door { a: location, .. } => Some(location),
+            BuildingDevice::Lift { name, .. } => self.cabins.get(name).map(String::as_str),
             BuildingDevice::Robot { name, .. } => self.robots.get(name).map(String::as_str),
             BuildingDevice::MountedSensor { carrier, .. }
             | BuildingDevice::MountedScreen { carrier, .. } => {

@@ -35,7 +35,7 @@ impl Truth {
         });
         let charges =
             layout.batteries.iter().map(|(robot, battery)| (robot.clone(), battery.charge));
-        Truth {
+        let mut truth = Truth {
             robots: robots.collect(),
             charges: charges.collect(),
             temperatures,
@@ -50,8 +50,12 @@ impl Truth {
             log: OccurrenceLog::default(),
             traps: Default::default(),
             errands: Default::default(),
+            cabins: Default::default(),
+            parcels: Default::default(),
             layout,
-        }
+        };
+        truth.furnish();
+        truth
     }
 }
 
@@ -214,6 +218,9 @@ impl Truth {
         if let BuildingDevice::Robot { name, start, .. } = &device {
             self.robots.insert(name.clone(), start.clone());
         }
+        if let BuildingDevice::Lift { name, landings } = &device {
+            self.cabins.extend(landings.first().map(|landing| (name.clone(), landing.clone())));
+        }
         self.log.record(BuildingEvent::Added { device: device.name().to_owned() });
         Ok(())
     }
@@ -222,6 +229,7 @@ impl Truth {
         self.require_known(device)?;
         for name in self.layout.remove_device(device) {
             self.robots.remove(&name);
+            self.cabins.remove(&name);
             self.charges.remove(&name);
             self.faults.remove(&name);
             self.aims.remove(&name);

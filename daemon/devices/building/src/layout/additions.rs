@@ -183,7 +183,19 @@ impl Layout {
                 self.check_location(location)?;
                 self.check_views(name, views)?;
             }
-            BuildingDevice::Screen { location, .. } => self.check_location(location)?,
+            BuildingDevice::Screen { location, .. }
+            | BuildingDevice::TagReader { location, .. } => self.check_location(location)?,
+            BuildingDevice::Door { a, b, .. } => {
+                if self.meters(a, b).or(self.meters(b, a)).is_none() {
+                    return Err(LayoutError::NoDoor { a: a.clone(), b: b.clone() });
+                }
+            }
+            BuildingDevice::Lift { name, landings } => {
+                landings.iter().try_for_each(|landing| self.check_location(landing))?;
+                if landings.len() < 2 {
+                    return Err(LayoutError::FewLandings { lift: name.clone() });
+                }
+            }
         }
         self.devices.push(device);
         Ok(self)
@@ -204,7 +216,7 @@ impl Layout {
 // === impl Layout: checking ===
 
 impl Layout {
-    fn check_new_name(&self, name: &str) -> Result<(), LayoutError> {
+    pub(crate) fn check_new_name(&self, name: &str) -> Result<(), LayoutError> {
         let mut letters = name.bytes();
         let starts = letters.next().is_some_and(|first| first.is_ascii_lowercase());
         let goes_on =
@@ -213,7 +225,8 @@ impl Layout {
             return Err(LayoutError::BadName { name: name.to_owned() });
         }
         let place = self.location(name).map(|_| "location");
-        match place.or_else(|| self.device(name).map(BuildingDevice::is)) {
+        let parcel = self.parcels.get(name).map(|_| "parcel");
+        match place.or(parcel).or_else(|| self.device(name).map(BuildingDevice::is)) {
             Some(what) => {
                 Err(LayoutError::NameTaken { name: name.to_owned(), taken_by: what.to_owned() })
             }

@@ -1,0 +1,15 @@
+//! The place of a parcel.
+
+use serde::{Deserialize, Serialize};
+
+/// Where a parcel is.
+#[derive(Clone, Debug, Deserialize, Eq, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ParcelPlace {
+    /// In the location of this name.
+    At(String),
+    /// On the robot of this name.
+    On(String),
+    /// In the cabin of the lift of this name.
+    In(String),
+}
