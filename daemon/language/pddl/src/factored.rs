@@ -61,6 +61,7 @@ pub fn merge_factored(agents: &[AgentFiles]) -> Result<FactoredTask, String> {
     let mut merged = Merger {
         domain: Domain { requirements: Vec::new(), ..Domain::clone(&first.domain) },
         objects: Vec::new(),
+        constants: BTreeSet::new(),
         init: Vec::new(),
         seen: BTreeSet::new(),
         values: BTreeMap::new(),
@@ -76,7 +77,10 @@ pub fn merge_factored(agents: &[AgentFiles]) -> Result<FactoredTask, String> {
         merged.add_actions(task, &renaming, &shared, all.len())?;
         merged.add_state(task, &renaming)?;
     }
-    let Merger { domain, objects, init, goals, metric, originals, .. } = merged;
+    let Merger { mut domain, objects, constants, init, goals, metric, originals, .. } = merged;
+    let (constants, objects): (Vec<_>, Vec<_>) =
+        objects.into_iter().partition(|declared| constants.contains(&declared.object.name));
+    domain.constants = constants.into_iter().map(|declared| declared.object).collect();
     let problem = Problem {
         name: first.problem.name.clone(),
         domain: domain.name.clone(),
@@ -193,6 +197,8 @@ fn own_name(name: &Name, agent: &str) -> Name {
 struct Merger {
     domain: Domain,
     objects: Vec<ObjectDeclaration>,
+    /// Names of the objects that are constants of a domain.
+    constants: BTreeSet<Name>,
     init: Vec<InitElement>,
     /// Texts of the facts that the initial state has already.
     seen: BTreeSet<String>,
@@ -253,6 +259,8 @@ impl Merger {
                 self.domain.functions.push(FunctionDeclaration { name, parameters, privacy });
             }
         }
+        let constants = domain.constants.iter().map(|constant| names.object(&constant.name));
+        self.constants.extend(constants);
         for object in objects_of(task) {
             let object = Typed { name: names.object(&object.name), ty: object.ty.clone() };
             match self.objects.iter().find(|known| known.object.name == object.name) {

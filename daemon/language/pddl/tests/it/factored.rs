@@ -66,3 +66,17 @@ fn contradictions_are_refused_with_the_agents() {
     assert!(refused.expect_err("it ranges over all").contains("has a quantifier"));
     assert_eq!(merged(&[]).expect_err("nothing is there"), "there is no agent");
 }
+
+#[test]
+fn constants_of_a_domain_stay_constants() {
+    let domain = DOMAIN
+        .replace("(:predicates", "(:constants left - side) (:predicates")
+        .replace("(at-wall ?s))", "(at-wall ?s) (at-wall left))");
+    let (left, right) = (problem("left", "(open left)"), problem("right", "(open left)"));
+    let left = left.replace("left - side (", "(");
+    let task = merged(&[("a", &domain, &left), ("b", DOMAIN, &right)]).expect("it fits");
+    let constants: Vec<String> =
+        task.domain.constants.iter().map(|constant| constant.name.to_string()).collect();
+    assert_eq!(constants, ["left"]);
+    assert!(pddl::check_domain(&task.domain).is_empty(), "{}", task.domain);
+}
