@@ -101,7 +101,7 @@ pub(crate) fn goal_done(goal: &str, why: &str) -> Vec<Message> {
 }
 
 pub(crate) fn goal_cancelled(goal: &str) -> Vec<Message> {
-    ended(goal, "failure", json!({ "outcome": "cancelled", "detail": "a person cancelled it" }))
+    ended(goal, "confirm", json!({ "outcome": "cancelled", "detail": "a person cancelled it" }))
 }
 
 fn ended(goal: &str, performative: &str, content: Value) -> Vec<Message> {
