@@ -36,6 +36,10 @@ const TOPICS: &str = "overview,goals,agents,facts,questions,activity,stops";
 /// Pages that are open while the cost of one is measured.
 const PAGES: usize = 20;
 
+/// Times that the cost is measured, and the part of a window that each measurement takes.
+const COST_ROUNDS: usize = 5;
+const COST_PARTS: u32 = 3;
+
 /// Pages that do not read.
 const STUCK: usize = 100;
 
@@ -189,30 +193,37 @@ fn storm(served: &Served, window: Duration) {
     }
 }
 
-/// Measures the share of a core that an open page takes.
+/// Measures the share of a core that an open page takes: several times in turns without a page, with
+/// one and with many, because a machine with other work is fast and slow by turns.
 fn cost(served: &Served, window: Duration, what: &str) {
-    let share = |window: Duration| {
+    let window = window / COST_PARTS;
+    let share = |pages: usize| {
+        let mut readers = (pages > 0).then(|| served.readers(pages));
+        std::thread::sleep(window / 5);
         let (began, before) = (Instant::now(), cpu_seconds());
         std::thread::sleep(window);
-        (cpu_seconds() - before) / began.elapsed().as_secs_f64()
+        let share = (cpu_seconds() - before) / began.elapsed().as_secs_f64();
+        if let Some(readers) = &mut readers {
+            readers.kill().and_then(|()| readers.wait()).expect("it runs");
+        }
+        share * 100.0
     };
-    let without = share(window);
-    let mut readers = served.readers(1);
-    std::thread::sleep(window / 5);
-    let one = share(window);
-    readers.kill().and_then(|()| readers.wait()).expect("it runs");
-    let mut readers = served.readers(PAGES);
-    std::thread::sleep(window / 5);
-    let with = share(window);
-    readers.kill().and_then(|()| readers.wait()).expect("it runs");
+    let rounds = (0..COST_ROUNDS).map(|_| [0, 1, PAGES].map(share));
+    let rounds: Vec<[f64; 3]> = rounds.collect();
+    let median = |of: &dyn Fn(&[f64; 3]) -> f64| {
+        let mut values: Vec<_> = rounds.iter().map(of).collect();
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
     println!(
-        "cost, {what}: {:.2} % of a core without a page, {:.2} % with one, {:.2} % with {PAGES}: \
-         {:.2} % for the first, {:.2} % for each further one (aim: {:.0} %)",
-        without * 100.0,
-        one * 100.0,
-        with * 100.0,
-        (one - without) * 100.0,
-        (with - one) / (PAGES - 1) as f64 * 100.0,
+        "cost, {what}, medians of {COST_ROUNDS}: {:.2} % of a core without a page, {:.2} % with \
+         one, {:.2} % with {PAGES}: {:.2} % for the first, {:.2} % for each further one (aim: \
+         {:.0} %)",
+        median(&|[without, ..]| *without),
+        median(&|[_, one, _]| *one),
+        median(&|[.., many]| *many),
+        median(&|[without, one, _]| one - without),
+        median(&|[_, one, many]| (many - one) / (PAGES - 1) as f64),
         CORE_AIM * 100.0,
     );
 }
