@@ -89,6 +89,24 @@ fn the_smallest_file_reaches_its_kept_goal() {
     assert_eq!(code, Some(0), "the robot goes through doors: {said}");
 }
 
+/// A parcel goes upstairs and through a door: four agents need each other.
+#[test]
+fn a_parcel_is_delivered_by_four_agents_together() {
+    for mode in ["decentralized", "centralized"] {
+        let house = up("parcels", mode, 4);
+        house.await_fact("(parcel-at parcel-1 store)", true);
+        let said = reach(&house, "delivered");
+        let words = ["carries parcel-1", "the cabin is at landing-1", "the door is open"];
+        for word in words {
+            assert!(said.contains(word), "{mode}, no `{word}`: {said}");
+        }
+        if mode == "decentralized" {
+            assert!(said.contains("by itself; "), "{said}");
+        }
+        assert!(known(&house).contains("parcel-at parcel-1 lab"), "{mode}");
+    }
+}
+
 /// One house of the campus and the reasoning machine: the other houses are not started yet.
 #[test]
 fn a_house_of_the_campus_is_measured_by_its_own_devices() {

@@ -99,9 +99,32 @@ fn scenario_4_in_processes() {
     }
 }
 
+/// A robot and a door, and two robots and a lift, need each other.
+#[test]
+fn scenarios_5_and_6_in_processes() {
+    for (number, seed, mode) in [
+        ("5", "0", "decentralized"),
+        ("5", "1", "centralized"),
+        ("6", "0", "decentralized"),
+        ("6", "2", "decentralized"),
+        ("6", "0", "centralized"),
+    ] {
+        let value = check_number(number, &["--mode", mode, "--processes", "--seed", seed]);
+        let events = value["events"].to_string();
+        let is_explained = events.contains("by itself; ") && events.contains("do it together");
+        assert_eq!(is_explained, mode == "decentralized", "{events}");
+    }
+}
+
 #[test]
 fn all_in_one_process() {
-    for (number, mode) in [("2", "centralized"), ("3", "decentralized"), ("4", "centralized")] {
+    for (number, mode) in [
+        ("2", "centralized"),
+        ("3", "decentralized"),
+        ("4", "centralized"),
+        ("5", "decentralized"),
+        ("6", "centralized"),
+    ] {
         check_number(number, &["--mode", mode]);
     }
 }

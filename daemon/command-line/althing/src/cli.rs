@@ -311,8 +311,8 @@ pub(crate) struct KeyboardArgs {
 /// Arguments of `althing scenario`.
 #[derive(Debug, Args)]
 pub(crate) struct ScenarioArgs {
-    /// The scenario of the paper; 4 is its Figure 1
-    #[arg(value_name = "N", value_parser = clap::value_parser!(u8).range(1..=4))]
+    /// The scenario of the paper; 4 is its Figure 1, 5 and 6 are parcels that need two agents
+    #[arg(value_name = "N", value_parser = clap::value_parser!(u8).range(1..=6))]
     pub(crate) number: u8,
     /// The planning mode [default: decentralized]
     #[arg(long)]

@@ -1,4 +1,4 @@
-//! `althing scenario`: plays a scenario of the paper, and reports whether the true state of the
+//! `althing scenario`: plays a scenario of the paper or one of the others, and reports whether the true state of the
 //! simulated building meets the requirements of the scenario.
 
 mod recorder_task;
@@ -34,7 +34,9 @@ pub(super) fn run(args: &ScenarioArgs) -> ExitCode {
         1 => Scenario::Temperatures,
         2 => Scenario::Maintenance,
         3 => Scenario::Access,
-        _ => Scenario::Meeting,
+        4 => Scenario::Meeting,
+        5 => Scenario::Parcel,
+        _ => Scenario::Floors,
     };
     let mut script = ScenarioOptions::new(scenario, args.seed.unwrap_or(0), mode, stage);
     let json = args.print.json;
@@ -115,6 +117,8 @@ async fn perform(number: u8, script: ScenarioOptions, json: bool) -> ExitCode {
 fn title(number: u8) -> String {
     match number {
         4 => "Figure 1 of the paper".to_owned(),
+        5 => "A parcel behind closed doors".to_owned(),
+        6 => "A parcel that changes the floor".to_owned(),
         number => format!("Scenario {number} of the paper"),
     }
 }

@@ -144,7 +144,7 @@ fn layout_of(ecosystem: &Ecosystem) -> Result<Layout, SimulationError> {
         }
         .at(|| config(entry, "location"))?;
     }
-    for entry in of("turtlebot").chain(of("cleaning-robot")) {
+    for entry in of("turtlebot").chain(of("cleaning-robot")).chain(of("courier")) {
         add_robot(&mut layout, entry)?;
     }
     for entry in of("video-robot") {
@@ -167,7 +167,52 @@ fn layout_of(ecosystem: &Ecosystem) -> Result<Layout, SimulationError> {
         let at = || config(entry, "mounted-on");
         layout.mount(entry.name.as_str(), text(entry, "mounted-on")?).at(at)?;
     }
+    for entry in of("door") {
+        add_door(&mut layout, entry)?;
+    }
+    for entry in of("lift") {
+        let landings = texts(entry, "landings");
+        let at = || config(entry, "landings");
+        layout.add_lift(entry.name.as_str(), &landings).at(at)?;
+    }
+    for entry in of("tag-reader") {
+        add_parcels(&mut layout, entry)?;
+    }
     Ok(layout)
+}
+
+/// Adds a door, and the way through it if the map has none.
+fn add_door(layout: &mut Layout, entry: &AgentEntry) -> Result<(), SimulationError> {
+    let at = || config(entry, "between");
+    let [a, b] = texts(entry, "between")[..] else { return Err(lacks(entry, "between")) };
+    if layout.meters(a, b).or(layout.meters(b, a)).is_none() {
+        let meters = entry.config.get("length").and_then(Value::as_f64).unwrap_or(METERS);
+        layout.connect(a, b, meters).at(at)?;
+    }
+    layout.add_door(entry.name.as_str(), a, b).at(at)?;
+    Ok(())
+}
+
+/// Adds a tag reader and its parcels, each where it lies at the start.
+fn add_parcels(layout: &mut Layout, entry: &AgentEntry) -> Result<(), SimulationError> {
+    let at = || config(entry, "parcels");
+    let Some(Value::Object(parcels)) = entry.config.get("parcels") else {
+        return Err(lacks(entry, "parcels"));
+    };
+    let places = parcels.iter().filter_map(|(parcel, place)| Some((parcel, place.as_str()?)));
+    for (parcel, place) in places.clone() {
+        layout.add_parcel(parcel, place).at(at)?;
+    }
+    if let Some((_, place)) = places.clone().next() {
+        layout.add_tag_reader(entry.name.as_str(), place).at(at)?;
+    }
+    Ok(())
+}
+
+/// Returns the texts in the list `key` of an agent's config.
+fn texts<'a>(entry: &'a AgentEntry, key: &str) -> Vec<&'a str> {
+    let list = entry.config.get(key).and_then(Value::as_array);
+    list.into_iter().flatten().filter_map(Value::as_str).collect()
 }
 
 fn add_robot(layout: &mut Layout, entry: &AgentEntry) -> Result<(), SimulationError> {

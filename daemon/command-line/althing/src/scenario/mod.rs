@@ -1,4 +1,5 @@
-//! The scenarios of the paper (“Demonstrations”, and Figure 1). They are played in the simulated
+//! The scenarios of the paper (“Demonstrations”, and Figure 1), and two more in which agents need each
+//! other. They are played in the simulated
 //! building, and judged by its truth, which is its real state.
 //!
 //! - `setting` writes the ecosystem that follows from a seed, as the files that a user would write.
@@ -7,12 +8,13 @@
 //! - `scenario_run` has the steps that all scenarios share: requesting goals, receiving reports,
 //!   and waiting for a true state of the building.
 //! - One file for each scenario plays it: `temperatures` (scenario 1), `maintenance` (2), `access`
-//!   (3), and `meeting` (Figure 1).
+//!   (3), `meeting` (Figure 1), and `parcels` (5 and 6).
 
 mod access;
 mod launched;
 mod maintenance;
 mod meeting;
+mod parcels;
 mod readiness;
 mod recorded;
 mod scenario_run;
@@ -31,7 +33,7 @@ use launched::DeviceReplacement;
 pub(crate) use launched::ScenarioSubstrate;
 pub(crate) use recorded::ScenarioTap;
 
-/// A scenario of the paper.
+/// A scenario of the paper, or one in which agents need each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Scenario {
     /// Scenario 1: all temperatures are measured, and a sensor dies.
@@ -43,6 +45,10 @@ pub(crate) enum Scenario {
     Access,
     /// Figure 1: a screen fails in a meeting, and a robot takes over.
     Meeting,
+    /// Scenario 5: a robot carries a parcel through a door that another agent opens.
+    Parcel,
+    /// Scenario 6: robots on two floors and a lift hand a parcel over.
+    Floors,
 }
 
 /// The options with which a scenario is played once.
@@ -124,6 +130,8 @@ pub(crate) async fn play(
         Scenario::Maintenance => maintenance::play(script, tell).await,
         Scenario::Access => access::play(script, tell).await,
         Scenario::Meeting => meeting::play(script, tell).await,
+        Scenario::Parcel => parcels::play_doors(script, tell).await,
+        Scenario::Floors => parcels::play_floors(script, tell).await,
     }
 }
 

@@ -10,6 +10,8 @@ use tokio::sync::oneshot;
 /// An agent that waits until the expected agents are in the composite domain.
 pub(super) struct ReadinessProbe {
     expected: BTreeSet<String>,
+    /// Names of objects that must be in the composite domain.
+    objects: BTreeSet<String>,
     seen: Option<oneshot::Sender<()>>,
     asking: Option<WorkHandle>,
 }
@@ -29,10 +31,14 @@ impl Agent for ReadinessProbe {
 }
 
 impl ReadinessProbe {
-    /// Creates an agent that waits for the agents in `expected`; `seen` is notified when all are in
-    /// the composite domain.
-    pub(super) fn new(expected: BTreeSet<String>, seen: oneshot::Sender<()>) -> ReadinessProbe {
-        ReadinessProbe { expected, seen: Some(seen), asking: None }
+    /// Creates an agent that waits for the agents in `expected` and for `objects`; `seen` is
+    /// notified when all are in the composite domain.
+    pub(super) fn new(
+        expected: BTreeSet<String>,
+        objects: BTreeSet<String>,
+        seen: oneshot::Sender<()>,
+    ) -> ReadinessProbe {
+        ReadinessProbe { expected, objects, seen: Some(seen), asking: None }
     }
 
     fn informed(&mut self, message: acl::Message, ctx: &mut Context<Self>) {
@@ -58,7 +64,11 @@ impl ReadinessProbe {
             let Some(snapshot) = snapshot else { return };
             let is_here = |name: &String| snapshot.offers.contains_key(name.as_str());
             // The domain contains a sensor on a robot only if the robot is present, too.
+            let is_known = |name: &String| {
+                snapshot.problem.split([' ', '\n', '(', ')']).any(|word| word == name)
+            };
             if usher.expected.iter().all(is_here)
+                && usher.objects.iter().all(is_known)
                 && let Some(seen) = usher.seen.take()
             {
                 // The receiver is gone if the scenario has ended.

@@ -82,7 +82,7 @@ impl<'t> ScenarioRun<'t> {
         let expected = setting.devices_at_first();
         let count = expected.len();
         let (seen, all) = oneshot::channel();
-        let usher = ReadinessProbe::new(expected, seen);
+        let usher = ReadinessProbe::new(expected, setting.parcels(), seen);
         let id = name("usher")?;
         self.set.node.launch(id, usher, self.set.ecosystem.domain.name.as_str());
         all.await.map_err(|_| "the agent that waits for the devices has ended".to_owned())?;

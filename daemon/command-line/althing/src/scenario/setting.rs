@@ -63,10 +63,20 @@ impl Setting {
 
     /// Returns the names of the devices that are there from the start and have an agent.
     pub(crate) fn devices_at_first(&self) -> BTreeSet<String> {
-        let has_agent =
-            |device: &&BuildingDevice| !matches!(device, BuildingDevice::MountedScreen { .. });
+        // A tag reader has no actions, so it is not among the agents that can be planned with.
+        let has_agent = |device: &&BuildingDevice| {
+            !matches!(
+                device,
+                BuildingDevice::MountedScreen { .. } | BuildingDevice::TagReader { .. }
+            )
+        };
         let devices = self.at_first.devices().iter().filter(has_agent);
         devices.map(|device| device.name().to_owned()).collect()
+    }
+
+    /// Returns the names of the parcels in the building.
+    pub(super) fn parcels(&self) -> BTreeSet<String> {
+        self.layout.parcels().keys().cloned().collect()
     }
 
     /// Whether the agent named `agent` is launched later than the others.
@@ -138,8 +148,19 @@ fn plugin_of(device: &BuildingDevice, layout: &Layout) -> Option<(&'static str, 
             let has_screen = layout.devices().iter().any(
                 |device| matches!(device, BuildingDevice::MountedScreen { carrier, .. } if carrier == name),
             );
-            let plugin = if has_screen { "video-robot" } else { "turtlebot" };
+            let plugin = match has_screen {
+                true => "video-robot",
+                false if !layout.parcels().is_empty() => "courier",
+                false => "turtlebot",
+            };
             Some((plugin, format!("start = \"{start}\", speed = {meters_per_second:?}")))
+        }
+        BuildingDevice::Door { a, b, .. } => Some(("door", format!("between = {:?}", [a, b]))),
+        BuildingDevice::Lift { landings, .. } => Some(("lift", format!("landings = {landings:?}"))),
+        BuildingDevice::TagReader { .. } => {
+            let parcels = layout.parcels().iter();
+            let parcels: Vec<_> = parcels.map(|(name, at)| format!("{name} = {at:?}")).collect();
+            Some(("tag-reader", format!("parcels = {{ {} }}", parcels.join(", "))))
         }
         _ => None,
     }
@@ -168,6 +189,8 @@ fn daemon_of_device(device: &BuildingDevice, layout: &Layout) -> String {
             Some(carrier) => daemon_of_device(carrier, layout),
             None => REASONING.to_owned(),
         },
+        BuildingDevice::TagReader { .. } => REASONING.to_owned(),
+        BuildingDevice::Door { name, .. } | BuildingDevice::Lift { name, .. } => daemon_of(name),
         _ => format!("{}-laptop", device.name()),
     }
 }

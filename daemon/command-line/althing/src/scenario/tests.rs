@@ -122,6 +122,38 @@ async fn a_meeting_goes_on_in_thirty_buildings() {
     check_all(Scenario::Meeting, 0..30, ScenarioSubstrate::Memory).await;
 }
 
+#[tokio::test(start_paused = true)]
+async fn parcels_pass_doors_that_another_agent_opens_in_thirty_buildings() {
+    check_all(Scenario::Parcel, 0..30, ScenarioSubstrate::Memory).await;
+}
+
+#[tokio::test(start_paused = true)]
+async fn parcels_change_the_floor_in_thirty_buildings() {
+    check_all(Scenario::Floors, 0..30, ScenarioSubstrate::Memory).await;
+}
+
+/// The user is told why no agent suffices, and who acts for whom.
+#[tokio::test(start_paused = true)]
+async fn it_is_explained_who_does_what_for_whom() {
+    for (scenario, told) in [
+        (Scenario::Parcel, "so that `courier-1` can `(move courier-1 hall lab)`"),
+        (
+            Scenario::Floors,
+            "so that `courier-1` can `(take-out courier-1 parcel-1 lift-1 landing-1)`",
+        ),
+    ] {
+        let mut events = Vec::new();
+        let script =
+            ScenarioOptions::new(scenario, 0, Mode::Decentralized, ScenarioSubstrate::Memory);
+        play(&script, |event| events.push(event.text)).await.expect("a stage");
+        let explained = |text: &String| {
+            text.starts_with("no agent reaches `(parcel-at parcel-1 lab)` by itself; ")
+                && text.contains(told)
+        };
+        assert!(events.iter().any(explained), "{events:#?}");
+    }
+}
+
 /// Shows that the check of scenario 2 can fail: if no plan is repaired, the true state of the
 /// building shows that.
 #[tokio::test(start_paused = true)]
