@@ -42,6 +42,13 @@ pub fn run(args: &PlanArgs) -> ExitCode {
     let (Some(domain), false) = (&args.domain, args.list) else {
         return list::run(args.print.json);
     };
+    if args.problem.is_none() && !domain.is_dir() {
+        let mut report = DiagnosticReport::default();
+        let message = format!("`{}` is no folder, and no problem is named", domain.display());
+        let help = "name the problem after the domain, or a folder with the files of each agent";
+        report.add_general(Diagnostic::error(pddl::Span::default(), message).with_help(help));
+        return output::show(&report, args.print.json, "bad-usage", exit::USAGE);
+    }
     if let Some(refusal) = refusal(args) {
         let mut report = DiagnosticReport::default();
         report.add_general(refusal);
@@ -74,15 +81,7 @@ pub fn run(args: &PlanArgs) -> ExitCode {
 fn read_task(domain: &Path, problem: Option<&Path>) -> Result<PddlTask, DiagnosticReport> {
     match problem {
         Some(problem) => pddl_files::read_task(domain, problem),
-        None if domain.is_dir() => read_factored(domain),
-        None => {
-            let mut report = DiagnosticReport::default();
-            let message = format!("`{}` is no folder, and no problem is named", domain.display());
-            let help =
-                "name the problem after the domain, or a folder with the files of each agent";
-            report.add_general(Diagnostic::error(pddl::Span::default(), message).with_help(help));
-            Err(report.refused())
-        }
+        None => read_factored(domain),
     }
 }
 

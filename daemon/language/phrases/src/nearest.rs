@@ -41,6 +41,8 @@ struct Alignment {
     /// The position of the first word that differs; `None` if none does.
     differs_at: Option<usize>,
     is_negation: bool,
+    /// Whether a word of the phrase itself stands in the text, and not only its arguments.
+    shares_word: bool,
 }
 
 /// Returns the answer to the sentence that begins at `start`.
@@ -63,8 +65,11 @@ pub(crate) fn refuse(reader: &PhraseReader<'_>, start: usize) -> NotUnderstood {
             known.filter_map(|phrase| align_phrase(reader, phrase, start, end)).collect()
         }
     };
-    found.sort_by(|one, other| one.distance.total_cmp(&other.distance));
-    let is_near = |one: &&Alignment| one.distance <= DISTANCE_MAX;
+    found.sort_by(|one, other| {
+        let shares = other.shares_word.cmp(&one.shares_word);
+        shares.then(one.distance.total_cmp(&other.distance))
+    });
+    let is_near = |one: &&Alignment| one.shares_word && one.distance <= DISTANCE_MAX;
     let best = found.first().filter(is_near).cloned();
     let differs = best.as_ref().and_then(|best| best.differs_at).unwrap_or(start);
     let mut answer = match reader.tokens.get(differs).filter(|_| differs < end) {
@@ -77,7 +82,8 @@ pub(crate) fn refuse(reader: &PhraseReader<'_>, start: usize) -> NotUnderstood {
         }
     };
     answer.is_near = best.is_some();
-    answer.distance = found.first().map_or(f64::INFINITY, |best| best.distance);
+    let shared = found.first().filter(|best| best.shares_word);
+    answer.distance = shared.map_or(f64::INFINITY, |best| best.distance);
     let limit = answer.distance + ALTERNATIVE;
     // Next to a phrase, its negation is near, too, and says the contrary.
     let may_negate = best.as_ref().is_some_and(|best| best.is_negation);
@@ -243,8 +249,10 @@ fn taken(
         PhrasePart::Word { said, lower } => {
             let distance = letters(&token.lower, lower);
             let differs = (distance > 0.0).then_some(position);
-            (distance <= LETTERS_MAX)
-                .then(|| row[at - 1].with(distance, Some(said.clone()), differs))
+            (distance <= LETTERS_MAX).then(|| {
+                let taken = row[at - 1].with(distance, Some(said.clone()), differs);
+                Alignment { shares_word: true, ..taken }
+            })
         }
         PhrasePart::Place { index, case } => {
             for (from, before) in row.iter().enumerate().take(at) {
@@ -306,7 +314,7 @@ fn letters(one: &str, other: &str) -> f64 {
 
 impl Alignment {
     fn of(distance: f64, words: String, differs_at: Option<usize>) -> Alignment {
-        Alignment { distance, words: vec![words], differs_at, is_negation: false }
+        Alignment { distance, words: vec![words], differs_at, ..Alignment::default() }
     }
 
     fn with(&self, distance: f64, word: Option<String>, differs: Option<usize>) -> Alignment {

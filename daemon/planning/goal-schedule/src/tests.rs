@@ -126,7 +126,9 @@ fn what_cannot_be_meant_is_refused_with_the_cure() {
     refused(&[("every", "FREQ=DAILY;EVIL=1")], "every", "EVIL");
     refused(&[("on", "workdays")], "on", "needs `every`");
     refused(&[("every", "mon 08:00"), ("on", "fri")], "on", "says the days already");
-    refused(&[("every", "day 08:00"), ("on", "someday")], "on", "are no days");
+    refused(&[("every", "day 08:00"), ("on", "someday")], "on", "names no days");
+    refused(&[("every", "day 08:00"), ("on", "weekdays")], "on", "did you mean workdays?");
+    refused(&[("every", "8:00")], "every", "write \"day 8:00\"");
     refused(&[("between", "8-18")], "between", "08:00-18:00");
     refused(&[("for", "a while")], "for", "is no duration");
     refused(&[("until", "2026-11-27")], "until", "is past");

@@ -99,13 +99,13 @@ fn actions() -> &'static str {
             (increase (total-cost) 1)))
     (:action take-out
         :agent ?b - courier
-        :parameters (?p - parcel ?c - lift ?l - location)
+        :parameters (?p - parcel ?c - lift-cabin ?l - location)
         :precondition (and (at ?b ?l) (cabin-at ?c ?l) (in-cabin ?p ?c) (hands-free ?b))
         :effect (and (carrying ?b ?p) (not (hands-free ?b)) (not (in-cabin ?p ?c))
             (increase (total-cost) 1)))
     (:action put-in
         :agent ?b - courier
-        :parameters (?p - parcel ?c - lift ?l - location)
+        :parameters (?p - parcel ?c - lift-cabin ?l - location)
         :precondition (and (at ?b ?l) (cabin-at ?c ?l) (carrying ?b ?p))
         :effect (and (in-cabin ?p ?c) (hands-free ?b) (not (carrying ?b ?p))
             (increase (total-cost) 1)))"
@@ -135,13 +135,13 @@ impl Device for Courier {
         let handling = actions();
         let text = format!(
             "(define (agent {id}) (:domain {ontology})
-                (:types courier - mobile-base lift - agent parcel - object)
+                (:types courier - mobile-base lift-cabin - agent item - object parcel - item)
                 (:functions {functions})
                 (:predicates {predicates}
                     (parcel-at ?p - parcel ?l - location)
-                    (in-cabin ?p - parcel ?c - lift)
-                    (cabin-at ?c - lift ?l - location)
-                    (carrying ?b - courier ?p - parcel)
+                    (in-cabin ?p - parcel ?c - lift-cabin)
+                    (cabin-at ?c - lift-cabin ?l - location)
+                    (carrying ?b - mobile-base ?i - item)
                     (:private (hands-free ?b - courier)))
                 (:objects {objects})
                 (:init {lasting})

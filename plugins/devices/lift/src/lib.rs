@@ -83,12 +83,14 @@ impl Device for Lift {
         let served = self.served();
         let text = format!(
             "(define (agent {id}) (:domain {ontology})
-                (:types lift - agent)
-                (:predicates (serves ?c - lift ?l - location) (cabin-at ?c - lift ?l - location))
-                (:objects {id} - lift)
+                (:types lift-cabin - agent)
+                (:predicates
+                    (serves ?c - lift-cabin ?l - location)
+                    (cabin-at ?c - lift-cabin ?l - location))
+                (:objects {id} - lift-cabin)
                 (:init {served})
                 (:action send-cabin
-                    :agent ?c - lift
+                    :agent ?c - lift-cabin
                     :parameters (?from ?to - location)
                     :precondition (and (cabin-at ?c ?from) (serves ?c ?to))
                     :effect (and (not (cabin-at ?c ?from)) (cabin-at ?c ?to)

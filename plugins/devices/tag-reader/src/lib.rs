@@ -82,9 +82,9 @@ impl Device for TagReader {
         };
         let text = format!(
             "(define (agent {id}) (:domain {ontology})
-                (:types tag-reader lift - agent parcel - object)
+                (:types tag-reader lift-cabin - agent item - object parcel - item)
                 (:predicates (parcel-at ?p - parcel ?l - location)
-                    (in-cabin ?p - parcel ?c - lift))
+                    (in-cabin ?p - parcel ?c - lift-cabin))
                 (:objects {id} - tag-reader {parcels}))"
         );
         Description { model: model_of(&text), methods: [].into() }

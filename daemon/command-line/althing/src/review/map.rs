@@ -153,7 +153,7 @@ impl Reviewer<'_> {
     /// Warns about places that cannot be reached from a place where a robot starts. If the file has
     /// no robots, warns about places without any connection.
     fn unreachable(&mut self, ways: &MapConnections<'_>) {
-        let (poses, starts) = (self.poses(), self.starts());
+        let (poses, doors, starts) = (self.poses(), self.doors_with_agents(), self.starts());
         let mut next: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
         let mut lead = |from, to| {
             next.entry(from).or_default().insert(to);
@@ -166,9 +166,9 @@ impl Reviewer<'_> {
                 lead(to.as_str(), from.as_str());
             }
         }
-        for (pose, near) in &poses {
-            lead(pose.as_str(), near.as_str());
-            lead(near.as_str(), pose.as_str());
+        for (one, other) in poses.iter().chain(&doors) {
+            lead(one.as_str(), other.as_str());
+            lead(other.as_str(), one.as_str());
         }
         let has_robots = !starts.is_empty();
         let reached: BTreeSet<&str> = match has_robots {
@@ -227,6 +227,16 @@ impl Reviewer<'_> {
             }
         }
         all
+    }
+
+    /// Returns the two places of each door that is an agent: the agent itself tells when they are
+    /// connected.
+    fn doors_with_agents(&self) -> Vec<(String, String)> {
+        let places = |value: &serde_json::Value| {
+            let [one, other] = value.get("between")?.as_array()?.as_slice() else { return None };
+            Some((one.as_str()?.to_lowercase(), other.as_str()?.to_lowercase()))
+        };
+        self.ecosystem.agents.iter().filter_map(|entry| places(&entry.config)).collect()
     }
 
     /// Whether a comment in the line of `span` contains one of the texts in `words`.

@@ -46,7 +46,7 @@ use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use acl::DaemonId;
-use pddl::{Diagnostic, Span};
+use pddl::{Diagnostic, Severity, Span};
 use terminal::report::{DiagnosticReport, SourceText, SourcedDiagnostic};
 
 use crate::config::{self, Ecosystem, MistakeLocation, ParsedEcosystem};
@@ -164,9 +164,8 @@ fn of_ecosystem(
     desk.daemons();
     desk.network();
     desk.rivals();
-    let is_understood =
-        |found: &SourcedDiagnostic| !found.diagnostic.message.starts_with("unknown ");
-    let is_sound = !desk.report.has_errors() && desk.report.findings().iter().all(is_understood);
+    // A sensor in a wrong room or a word that is unknown would only be told a second time.
+    let is_sound = !desk.report.has_errors() && desk.report.count(Severity::Warning) == 0;
     if matches!(scope, ReviewScope::Building) && is_sound {
         let models = hosting::models(ecosystem);
         desk.sensors(&models);

@@ -1,5 +1,5 @@
-//! Checks of a building beyond its files: sensors that no goal asks for, goals that no agent could
-//! reach, and two agents that use one thing.
+//! Checks of a building beyond its files: sensors that no goal asks for, and two agents that use one
+//! thing.
 
 use crate::mistakes::{MAP, SCHOOL, WARNING, all_told, check, told};
 
@@ -91,34 +91,6 @@ fn a_sensor_that_no_goal_asks_for_is_noted() {
     assert_eq!(all_told(&asked, MAP), []);
     let elsewhere = SCHOOL.replacen("[goals]", "[goals]\nair = \"(known-co2 class-a)\"", 1);
     assert!(all_told(&elsewhere, MAP).iter().any(|(severity, ..)| severity == "hint"));
-}
-
-#[test]
-fn a_goal_that_no_agent_can_reach_is_told() {
-    let of_goal = |goal: &str| {
-        let school = SCHOOL.replacen("[goals]", &format!("[goals]\nwish = \"{goal}\""), 1);
-        let told = all_told(&school, MAP).into_iter();
-        told.filter(|(severity, ..)| severity == "warning").collect::<Vec<_>>()
-    };
-    let told = of_goal("(known-co2 class-a)");
-    let [(_, place, text)] = told.as_slice() else { panic!("one warning: {told:#?}") };
-    let line = SCHOOL.lines().position(|line| line == "[goals]").expect("goals") + 2;
-    assert_eq!(*place, format!("files/school.toml:{line}"));
-    assert!(
-        text.contains("no agent of this file can ever make `(known-co2 class-a)` true"),
-        "{text}"
-    );
-    assert!(text.contains("`air-b` does this elsewhere"), "{text}");
-    let told = of_goal("(forall (?r - room) (known-co2 ?r))");
-    assert!(told.len() == 1 && told[0].2.contains("can ever make `(known-co2 "), "{told:#?}");
-    for reached in ["(known-co2 class-b)", "(or (known-co2 class-a) (known-co2 class-b))"] {
-        assert_eq!(of_goal(reached), []);
-    }
-    // A gateway may bring agents that nobody knows before it runs.
-    let gateway = "[[agent]]\nname = \"zigbee\"\nplugin = \"mqtt\"\ndaemon = \"office-pc\"\n\
-                   config = { broker = \"localhost:1883\" }\n";
-    let school = with(gateway).replacen("[goals]", "[goals]\nwish = \"(known-co2 class-a)\"", 1);
-    assert!(all_told(&school, MAP).iter().all(|(.., text)| !text.contains("can ever make")));
 }
 
 #[test]

@@ -84,7 +84,7 @@ fn a_slip_is_answered_with_the_nearest_text() {
     check(
         "make me a coffee",
         expect![
-            "1:1: error: `make me a coffee` is not understood; the nearest that can be said is `hall swept`"
+            "1:1: error: `make me a coffee` is not understood; the nearest that can be said is `turtlebot-1 at hall`"
         ],
     );
 }

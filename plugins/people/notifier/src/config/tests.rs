@@ -65,7 +65,7 @@ fn every_kind_of_channel_can_be_written() {
         let channel = channel(entry).expect(name);
         assert_eq!(channel.name, name);
         assert_eq!(channel.form.page.as_deref(), Some("https://hall-pi:8443"));
-        assert_eq!((channel.rules.events.len(), channel.rules.per_hour), (4, PER_HOUR));
+        assert_eq!((channel.rules.events.len(), channel.rules.per_hour), (5, PER_HOUR));
     }
 }
 
