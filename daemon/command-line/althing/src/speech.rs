@@ -102,10 +102,10 @@ pub(crate) fn sentence(text: &str) -> String {
     })
 }
 
-/// Maximum number of texts whose words are remembered: those of some pages of a view.
+/// Maximum number of texts that are remembered in words: those of some pages of a view.
 const SAID_MAX: usize = 8_192;
 
-/// Longest text whose words are remembered, in bytes.
+/// Longest text that is remembered in words, in bytes.
 const SAID_BYTES_MAX: usize = 1_024;
 
 /// The words of the last texts.

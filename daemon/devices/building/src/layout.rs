@@ -150,7 +150,7 @@ pub enum BuildingDevice {
         /// Name of the location on the other side of the door.
         b: String,
     },
-    /// A lift, whose cabin is at the first landing at the start.
+    /// A lift, with its cabin at the first landing at the start.
     Lift {
         /// Name of the lift.
         name: String,

@@ -371,7 +371,7 @@ pub struct Bid {
     /// Digest of the bidder's local domain and state, in which the proposals were planned. The
     /// bidder answers the query `domain` with this domain and state.
     pub domain_digest: String,
-    /// Digest of the joint plan to whose part the bidder agrees: the answer to a call with a
+    /// Digest of the joint plan of which the bidder accepts a part: the answer to a call with a
     /// [`JointPlanPart`]. The only proposal then consists of the bidder's own steps. `None` in the
     /// answer to every other call.
     #[serde(default, skip_serializing_if = "Option::is_none")]

@@ -158,7 +158,7 @@ impl NameCounts {
         }
     }
 
-    /// Returns the new names of what is private to an agent and whose names others use, too.
+    /// Returns the new names of what is private to an agent under a name that others use, too.
     fn renaming(&self, task: &AgentFiles, originals: &mut BTreeMap<Name, Name>) -> Renaming {
         let AgentFiles { agent, domain, problem } = task;
         let is_shared = |counts: &BTreeMap<Name, usize>, name: &Name| {

@@ -26,7 +26,7 @@ const MISSING: f64 = 0.8;
 /// The same for a word of at most three letters, such as `of`, which tells little.
 const SHORT_MISSING: f64 = 0.3;
 
-/// Distance for an object whose type does not fit its place.
+/// Distance for an object of a type that does not fit its place.
 const MISFIT: f64 = 0.5;
 
 /// Share of the letters of a word that may differ.

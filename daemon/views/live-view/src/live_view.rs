@@ -340,15 +340,15 @@ impl LiveView {
         agent_views::rows(self, now)
     }
 
-    /// Returns the agents whose rows may differ from those of the revision `since`, sorted by name, if
-    /// nothing has happened after it and no stop is in force: those whose rows change with time alone.
+    /// Returns the agents with rows that may differ from the revision `since`, sorted by name, if
+    /// nothing has happened after it and no stop is in force: those that change with time alone.
     /// `None` in all other cases.
     pub fn agents_since(&self, since: ViewRevision, now: Moment) -> Option<Vec<AgentRow>> {
         let is_same = since.events == self.events && since.comings == self.agents.comings();
         (is_same && !self.has_stops()).then(|| agent_views::moving_rows(self, now))
     }
 
-    /// Returns agents whose present action models were not observed, at most `agents_max` of them.
+    /// Returns agents with present action models that were not observed, at most `agents_max` of them.
     /// A query for the models of these agents tells them: a model that is announced while its agent
     /// starts reaches few observers.
     pub fn missing_models(&self, agents_max: usize) -> Vec<AgentId> {

@@ -18,7 +18,7 @@ pub(crate) enum TopicData {
     Overview(Box<Overview>),
     Goals(Vec<GoalRow>),
     Agents(Vec<AgentRow>),
-    /// The agents whose rows may differ from those that were computed last; the others are as they
+    /// The agents with rows that may differ from those that were computed last; the others are as they
     /// were, and no agent is new or missing.
     ChangedAgents(Vec<AgentRow>),
     Facts(Vec<FactRow>),
@@ -127,17 +127,11 @@ impl TopicData {
             }
             TopicData::Agents(agents) => {
                 rows.is_ordered = true;
-                for row in agents {
-                    let key = row.agent.clone();
-                    rows.push(key.as_str(), &moments::agent(row, now));
-                }
+                write_agents(agents, now, rows);
             }
             TopicData::ChangedAgents(agents) => {
                 rows.is_change = true;
-                for row in agents {
-                    let key = row.agent.clone();
-                    rows.push(key.as_str(), &moments::agent(row, now));
-                }
+                write_agents(agents, now, rows);
             }
             TopicData::Facts(facts) => write_facts(facts, now, rows),
             TopicData::ChangedFacts(facts) => {
@@ -252,6 +246,13 @@ fn fact_key(row: &FactRow) -> String {
     }
     key.push(')');
     key
+}
+
+fn write_agents(agents: Vec<AgentRow>, now: Moment, rows: &mut RowSet) {
+    for row in agents {
+        let key = row.agent.clone();
+        rows.push(key.as_str(), &moments::agent(row, now));
+    }
 }
 
 fn write_facts(facts: Vec<FactRow>, now: Moment, rows: &mut RowSet) {

@@ -1,4 +1,4 @@
-//! A door that a motor opens and closes, on behalf of whoever has to pass: robots pass it only while
+//! A door that a motor opens and closes, for others that have to pass: robots pass it only while
 //! it is open, so its two sides are `connected` only then.
 //!
 //! The door has one driver, `simulated`. A real one is an agent of the plugin `command` or `ros2` with

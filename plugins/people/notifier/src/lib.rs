@@ -302,7 +302,7 @@ impl NotifierAgent {
     }
 
     /// Adds a notice to each channel. While another replica leads, remembers it for some moments, and
-    /// keeps it for channels in whose quiet hours it waits.
+    /// keeps it for channels where it waits for the end of quiet hours.
     fn tell(&mut self, notice: Notice, ctx: &mut Context<Self>) {
         let now = self.now(ctx);
         if self.is_leading {

@@ -33,7 +33,7 @@ use crate::planning_snapshot::PlanningSnapshot;
 const PLANS_MAX: u32 = 4;
 
 impl PlanRequester {
-    /// Begins joint planning for a goal whose proposals do not suffice.
+    /// Begins joint planning for a goal for which the proposals do not suffice.
     pub(crate) fn plan_jointly(
         &mut self,
         id: &ConversationId,
@@ -147,7 +147,7 @@ impl PlanRequester {
         if matches!(decision, PlanDecision::Run) {
             return self.ask_for_agreements(id, state, joint, ctx);
         }
-        // Other goals come first; nobody needs to agree to a plan that does not run.
+        // Other goals come first; a plan that does not run needs no agreement.
         self.plan_found(id, state.attempt, (joint.plan, joint.cost), decision, ctx);
     }
 
@@ -288,7 +288,7 @@ impl PlanRequester {
         agent: &AgentId,
         ctx: &mut Context<Self>,
     ) {
-        // While the plan is searched, it is unknown who acts in it; the plan is looked at then.
+        // While the plan is searched, the agents that act in it are unknown; the plan is looked at then.
         let Some(pending) = self.agreeing(id) else { return };
         if pending.joint.parts.contains_key(agent) {
             let why = format!("`{agent}` has left");

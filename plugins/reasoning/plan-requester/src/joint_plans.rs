@@ -1,5 +1,5 @@
 //! Joint plans: plans in which several agents act, made with the actions of all agents. Splits a
-//! joint plan by agent, says who does what for whom, and explains why there is no joint plan. All
+//! joint plan by agent, says what each agent does for another, and explains why there is no joint plan. All
 //! functions in this module are pure.
 
 use std::collections::{BTreeMap, BTreeSet};
@@ -17,7 +17,7 @@ use crate::planning_snapshot::PlanningSnapshot;
 /// searched for. For a goal with more conjuncts, no pair is tested.
 const PARTS_MAX: usize = 6;
 
-/// Maximum number of steps of a joint plan of which the explanation says who acts for whom. The work
+/// Maximum number of steps of a joint plan of which the explanation says which agent acts for which. The work
 /// grows with the square of this number; the limit takes some tens of milliseconds.
 const EXPLAINED_STEPS_MAX: usize = 200;
 
@@ -32,7 +32,7 @@ pub(crate) struct JointPlan {
     pub(crate) digest: String,
     /// The part of each agent that acts in the plan.
     pub(crate) parts: BTreeMap<AgentId, JointPlanPart>,
-    /// Sentences that say who acts for whom.
+    /// Sentences that say which agent acts for which.
     helps: Vec<String>,
 }
 
@@ -60,7 +60,7 @@ impl JointPlan {
         Ok(JointPlan { plan, cost, digest, parts, helps })
     }
 
-    /// Returns, as text for a person, why a joint plan is made, and who does what for whom. `why` is
+    /// Returns, as text for a person, why a joint plan is made, and what each agent does for another. `why` is
     /// the reason why no agent and no set of bids suffices.
     pub(crate) fn describe(&self, why: &str) -> String {
         let agents: Vec<String> = self.parts.keys().map(|agent| format!("`{agent}`")).collect();
@@ -123,7 +123,7 @@ fn fresh(known: &PlanningSnapshot) -> Result<World, String> {
     Ok(world.clone())
 }
 
-// === who acts for whom ===
+// === which agent acts for which ===
 
 /// Returns a sentence for each agent without which another agent could not do its steps: the step of
 /// the first agent that makes the difference, and the step of the other agent.
@@ -234,7 +234,7 @@ fn hindrance(known: &PlanningSnapshot, declined: &[String]) -> String {
     }
 }
 
-/// Returns the agents whose actions were planned with, in parentheses; an empty string if there are
+/// Returns the agents with the actions that were planned with, in parentheses; an empty string if there are
 /// none.
 pub(crate) fn members(known: &PlanningSnapshot) -> String {
     let mut agents: Vec<String> =

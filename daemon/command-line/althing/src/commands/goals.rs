@@ -182,7 +182,7 @@ fn remarks(goal: &GoalStatus) -> Vec<String> {
     remarks
 }
 
-/// Returns who asked for a goal: an agent, or the ecosystem file.
+/// Returns the author of a goal: an agent, or the ecosystem file.
 fn asker(goal: &GoalStatus) -> &str {
     goal.conversation.opener().unwrap_or("the ecosystem file")
 }

@@ -41,7 +41,7 @@ const VARIABLES_MAX: usize = 2;
 const NAMED_MAX: usize = 3;
 
 /// A fact without variables: the predicate and its objects.
-type GroundFact = (Name, Vec<Name>);
+type ConcreteFact = (Name, Vec<Name>);
 
 /// What the actions of all agents can make true, and what is fixed.
 struct Possibilities<'m> {
@@ -49,7 +49,7 @@ struct Possibilities<'m> {
     /// The type of each object of the map and of the models.
     objects: BTreeMap<Name, TypeExpr>,
     /// The facts of the map and of the models.
-    given: BTreeSet<GroundFact>,
+    given: BTreeSet<ConcreteFact>,
     /// Predicates that an axiom derives.
     derived: BTreeSet<Name>,
     /// Predicates of `given` that no action and no axiom changes.
@@ -108,7 +108,7 @@ impl<'m> Possibilities<'m> {
         let objects = domain.constants.iter().chain(declared);
         let objects = objects.map(|object| (object.name.clone(), object.ty.clone())).collect();
         let inits = models.values().flat_map(|model| &model.init).chain(problem.init.iter());
-        let given: BTreeSet<GroundFact> = inits.filter_map(ground_fact).collect();
+        let given: BTreeSet<ConcreteFact> = inits.filter_map(ground_fact).collect();
         let axioms = domain.derived.iter().chain(models.values().flat_map(|model| &model.derived));
         let derived: BTreeSet<Name> = axioms.map(|axiom| axiom.predicate.clone()).collect();
         let (mut makers, mut changed) = (Vec::new(), BTreeSet::new());
@@ -149,7 +149,7 @@ impl<'m> Possibilities<'m> {
         &self,
         condition: &Condition,
         bound: &mut Vec<(Name, Name)>,
-        facts: &mut Vec<GroundFact>,
+        facts: &mut Vec<ConcreteFact>,
     ) {
         match condition {
             Condition::And(all) => all.iter().for_each(|each| self.facts_of(each, bound, facts)),
@@ -182,7 +182,7 @@ impl<'m> Possibilities<'m> {
 
     /// Whether the fact is given, or some action may make it true. A fact of a predicate that no
     /// action changes may be told by an agent that runs.
-    fn can_be(&self, fact: &GroundFact) -> bool {
+    fn can_be(&self, fact: &ConcreteFact) -> bool {
         let is_made = self.makers.iter().any(|(_, _, atom)| atom.predicate == fact.0);
         let is_told = !is_made && self.mentioned.contains(&fact.0);
         is_told
@@ -194,7 +194,7 @@ impl<'m> Possibilities<'m> {
     fn can_make(
         &self,
         (agent, action, atom): &(&AgentId, &ActionSchema, &Atom),
-        fact: &GroundFact,
+        fact: &ConcreteFact,
     ) -> bool {
         if atom.predicate != fact.0 || atom.arguments.len() != fact.1.len() {
             return false;
@@ -246,7 +246,7 @@ impl<'m> Possibilities<'m> {
 
     /// Returns the warning that no agent can make the fact true; `None` if an object of it is unknown,
     /// which is reported already.
-    fn warning(&self, fact: &GroundFact) -> Option<Diagnostic> {
+    fn warning(&self, fact: &ConcreteFact) -> Option<Diagnostic> {
         if !fact.1.iter().all(|object| self.objects.contains_key(object)) {
             return None;
         }
@@ -291,14 +291,14 @@ fn collect_changes<'e>(
     }
 }
 
-fn ground_fact(init: &InitElement) -> Option<GroundFact> {
+fn ground_fact(init: &InitElement) -> Option<ConcreteFact> {
     match init {
         InitElement::Atom(atom) => grounded(atom, &[]),
         _ => None,
     }
 }
 
-fn grounded(atom: &Atom, bound: &[(Name, Name)]) -> Option<GroundFact> {
+fn grounded(atom: &Atom, bound: &[(Name, Name)]) -> Option<ConcreteFact> {
     let object = |term: &Term| match term {
         Term::Object(name) => Some(name.clone()),
         Term::Variable(name) => value_of(name, bound).cloned(),

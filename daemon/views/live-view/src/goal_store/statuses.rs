@@ -52,7 +52,7 @@ impl GoalStore {
         }
         let is_over = goal.stage.has_ended() || status.phase == GoalPhase::Ended;
         if status.waits_for_its_time() {
-            // It is pursued in another conversation, whose messages say how that stands.
+            // It is pursued in another conversation; the messages there say how that stands.
             if goal.requester.is_none() {
                 let opener = status.conversation.opener();
                 goal.requester = opener.and_then(|opener| AgentId::new(opener).ok());
