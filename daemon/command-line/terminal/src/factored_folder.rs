@@ -1,7 +1,7 @@
 //! Reads a factored task: a folder with the files `domain-AGENT.pddl` and `problem-AGENT.pddl` of each
 //! agent, as in the CoDMAP competition. The files are merged into one task.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use pddl::factored::{AgentFiles, FactoredTask, merge_factored};
 use pddl::{Diagnostic, Domain, Parsed, Problem, Span};
@@ -65,7 +65,7 @@ fn agents_in(folder: &Path) -> Result<Vec<String>, String> {
 }
 
 fn parsed<T>(
-    path: &PathBuf,
+    path: &Path,
     parse: fn(&str) -> Parsed<T>,
     report: &mut DiagnosticReport,
 ) -> Option<T> {
