@@ -141,7 +141,7 @@ fn an_event_in_the_building_is_soon_seen_on_the_page() {
         "(() => {
             window.seen = {};
             const look = () => {
-                const found = /= (1\\d\\d)$/.exec(document.querySelector('.card h2')?.innerText ?? '');
+                const found = / is (1\\d\\d)\\b/.exec(document.querySelector('.card h2')?.innerText ?? '');
                 // What is in the document is drawn in the next frame.
                 if (found) requestAnimationFrame(() => { window.seen[found[1]] ??= Date.now(); });
             };
