@@ -16,7 +16,7 @@ use crate::validate::{Footprint, World};
 /// Searches an order of the steps of `plans` that leads from `world` to `goal`. Of several orders,
 /// the first one in the order of the plans is returned: all steps of the first plan, then all of
 /// the second one, and so on, as far as this works. Returns `None` if there is no such order, or if
-/// none was found among `states_max` states.
+/// none was found among `states_max` states in which there was a choice.
 pub fn merge(
     world: &World,
     plans: &[Vec<PlanStep>],
@@ -25,16 +25,14 @@ pub fn merge(
 ) -> Option<Vec<PlanStep>> {
     let threats = Threats::between(world, plans);
     let mut search = MergeSearch { nodes: Vec::new(), seen: HashMap::new() };
-    let start = MergeNode {
-        world: world.clone(),
-        positions: vec![0; plans.len()],
-        parent: None,
-        taken: None,
-    };
+    let positions = vec![0; plans.len()];
+    let mut start = MergeNode { world: world.clone(), positions, parent: None, taken: Vec::new() };
+    if !start.follow(plans, &threats) {
+        return None;
+    }
     let mut open = vec![search.add(start)?];
     while let Some(index) = open.pop() {
-        let positions = search.nodes[index].positions.clone();
-        let next = threats.choices(plans, &positions);
+        let next = threats.choices(plans, &search.nodes[index].positions);
         if next.is_empty() && search.nodes[index].world.holds(goal) {
             return Some(search.steps(index, plans));
         }
@@ -43,14 +41,12 @@ pub fn merge(
             if search.nodes.len() >= states_max {
                 return None;
             }
-            let mut world = search.nodes[index].world.clone();
-            if world.apply(&plans[plan][positions[plan]]).is_err() {
-                continue;
+            let MergeNode { world, positions, .. } = &search.nodes[index];
+            let (world, positions) = (world.clone(), positions.clone());
+            let mut node = MergeNode { world, positions, parent: Some(index), taken: Vec::new() };
+            if node.take(plan, plans) && node.follow(plans, &threats) {
+                open.extend(search.add(node));
             }
-            let mut positions = positions.clone();
-            positions[plan] += 1;
-            let node = MergeNode { world, positions, parent: Some(index), taken: Some(plan) };
-            open.extend(search.add(node));
         }
     }
     None
@@ -60,14 +56,15 @@ pub fn merge(
 /// step of that plan threatens it.
 struct Threats(Vec<Vec<Vec<usize>>>);
 
-/// A state that is reached by taking some first steps of each plan.
+/// A state that is reached by taking some first steps of each plan, and from which there are several
+/// ways to go on, or none.
 struct MergeNode {
     world: World,
     /// Number of taken steps of each plan.
     positions: Vec<usize>,
     parent: Option<usize>,
-    /// The plan of the step that led here.
-    taken: Option<usize>,
+    /// The plans of the steps that led here from the parent, in their order.
+    taken: Vec<usize>,
 }
 
 struct MergeSearch {
@@ -114,6 +111,28 @@ impl Threats {
     }
 }
 
+// === impl MergeNode ===
+
+impl MergeNode {
+    /// Takes the next step of a plan. Returns `false` if it cannot be applied.
+    fn take(&mut self, plan: usize, plans: &[Vec<PlanStep>]) -> bool {
+        let is_applied = self.world.apply(&plans[plan][self.positions[plan]]).is_ok();
+        self.positions[plan] += 1;
+        self.taken.push(plan);
+        is_applied
+    }
+
+    /// Takes steps as long as there is a single choice. Returns `false` if one cannot be applied.
+    fn follow(&mut self, plans: &[Vec<PlanStep>], threats: &Threats) -> bool {
+        while let [only] = threats.choices(plans, &self.positions)[..] {
+            if !self.take(only, plans) {
+                return false;
+            }
+        }
+        true
+    }
+}
+
 // === impl MergeSearch ===
 
 impl MergeSearch {
@@ -131,10 +150,14 @@ impl MergeSearch {
     /// Returns the steps that lead to a node.
     fn steps(&self, last: usize, plans: &[Vec<PlanStep>]) -> Vec<PlanStep> {
         let mut steps = Vec::new();
-        let mut node = &self.nodes[last];
-        while let (Some(parent), Some(plan)) = (node.parent, node.taken) {
-            steps.push(plans[plan][node.positions[plan] - 1].clone());
-            node = &self.nodes[parent];
+        let mut positions = self.nodes[last].positions.clone();
+        let mut next = Some(last);
+        while let Some(index) = next {
+            for plan in self.nodes[index].taken.iter().rev() {
+                positions[*plan] -= 1;
+                steps.push(plans[*plan][positions[*plan]].clone());
+            }
+            next = self.nodes[index].parent;
         }
         steps.reverse();
         steps

@@ -54,6 +54,18 @@ fn another_order_is_found_if_the_first_one_fails() {
 }
 
 #[test]
+fn steps_without_a_threat_need_no_search() {
+    let domain = DOMAIN.replacen("(and (have ?i) (not (free ?i)))", "(have ?i)", 1);
+    let (domain, problem) = parse(&domain, &PROBLEM.replace("(free key)", "(free a) (free b)"));
+    let world = World::initial(&domain, &problem).expect("makes sense");
+    let goal = pddl::parse_condition("(and (have a) (have b))").into_result().expect("a goal");
+    let plans = ["a", "b"]
+        .map(|name| steps(&format!("(take {name} {name}) (use {name} {name}) ").repeat(50)));
+    let found = merge(&world, &plans, &goal, 1).expect("one after the other");
+    assert_eq!(found, plans.concat());
+}
+
+#[test]
 fn a_search_without_a_result_ends() {
     let keeps = ["(take a key) (use a key)", "(take b key) (use b key)"];
     assert_eq!(merged(&keeps, "(and)", 1_000), None);
