@@ -1,8 +1,8 @@
 //! Input and output of the command line programs.
 //!
 //! - Input: command lines ([`arguments`]), PDDL files ([`pddl_files`]) and folders of them
-//!   ([`pddl_tree`]), or of agents ([`factored_folder`]). [`domain_search`] finds the domain of a problem, [`mod@form_error`] parses
-//!   the error messages of serde.
+//!   ([`pddl_tree`]), or of agents ([`factored_folder`]). [`domain_search`] finds the domain of a
+//!   problem, [`mod@form_error`] parses the error messages of serde.
 //! - Output: diagnostics are collected in a [`report`] and drawn by [`render`]; everything is
 //!   written to one of two streams ([`output`]), with colors ([`styled`]) and with control
 //!   characters from outside made [`visible`].

@@ -12,9 +12,9 @@
 //!   so that no agent can cheat.
 //! - [`Layout::seeded`] draws another building for each seed, and [`check_scenario_1`] checks
 //!   whether scenario 1 of the paper truly took place in it. [`MaintenanceScenario`] is scenario 2,
-//!   [`AccessScenario`] is scenario 3, and [`MeetingScenario`] is Figure 1 of the paper. In [`ParcelScenario`] and
-//!   [`FloorsScenario`] agents need each other. [`Campus`]
-//!   draws a campus of any number of houses up to [`HOUSES_MAX`], with the files of its ecosystem.
+//!   [`AccessScenario`] is scenario 3, and [`MeetingScenario`] is Figure 1 of the paper. In
+//!   [`ParcelScenario`] and [`FloorsScenario`] agents need each other. [`Campus`] draws a campus of
+//!   any number of houses up to [`HOUSES_MAX`], with the files of its ecosystem.
 //!
 //! Other crates contain the beliefs and messages of agents, the PDDL parser, and the substrate.
 //! **Invariant:** no code here uses Zenoh.

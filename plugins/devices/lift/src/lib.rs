@@ -1,8 +1,8 @@
 //! A lift: its cabin is at one of its landings, and is sent to another one for others that have
 //! something to go there. Parcels ride in it; robots do not.
 //!
-//! The lift has one driver, `simulated`. A real one is an agent of the plugin `command` or `ros2` with
-//! the same action.
+//! The lift has one driver, `simulated`. A real one is an agent of the plugin `command` or `ros2`
+//! with the same action.
 
 use std::sync::Arc;
 use std::time::Duration;

@@ -288,7 +288,7 @@ impl PlanRequester {
         agent: &AgentId,
         ctx: &mut Context<Self>,
     ) {
-        // While the plan is searched, the agents that act in it are unknown; the plan is looked at then.
+        // While the plan is searched, the agents that act in it are unknown; they are looked at then.
         let Some(pending) = self.agreeing(id) else { return };
         if pending.joint.parts.contains_key(agent) {
             let why = format!("`{agent}` has left");

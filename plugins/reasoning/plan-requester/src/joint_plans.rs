@@ -1,6 +1,6 @@
 //! Joint plans: plans in which several agents act, made with the actions of all agents. Splits a
-//! joint plan by agent, says what each agent does for another, and explains why there is no joint plan. All
-//! functions in this module are pure.
+//! joint plan by agent, says what each agent does for another, and explains why there is no joint
+//! plan. All functions in this module are pure.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -17,8 +17,8 @@ use crate::planning_snapshot::PlanningSnapshot;
 /// searched for. For a goal with more conjuncts, no pair is tested.
 const PARTS_MAX: usize = 6;
 
-/// Maximum number of steps of a joint plan of which the explanation says which agent acts for which. The work
-/// grows with the square of this number; the limit takes some tens of milliseconds.
+/// Maximum number of steps of a joint plan of which the explanation says which agent acts for which.
+/// The work grows with the square of this number; the limit takes some tens of milliseconds.
 const EXPLAINED_STEPS_MAX: usize = 200;
 
 /// Maximum number of agents that a reason names as those that were planned with; the others are
@@ -60,8 +60,8 @@ impl JointPlan {
         Ok(JointPlan { plan, cost, digest, parts, helps })
     }
 
-    /// Returns, as text for a person, why a joint plan is made, and what each agent does for another. `why` is
-    /// the reason why no agent and no set of bids suffices.
+    /// Returns, as text for a person, why a joint plan is made, and what each agent does for another.
+    /// `why` is the reason why no agent and no set of bids suffices.
     pub(crate) fn describe(&self, why: &str) -> String {
         let agents: Vec<String> = self.parts.keys().map(|agent| format!("`{agent}`")).collect();
         let together = match agents.as_slice() {
@@ -234,8 +234,8 @@ fn hindrance(known: &PlanningSnapshot, declined: &[String]) -> String {
     }
 }
 
-/// Returns the agents with the actions that were planned with, in parentheses; an empty string if there are
-/// none.
+/// Returns the agents with the actions that were planned with, in parentheses; an empty string if
+/// there are none.
 pub(crate) fn members(known: &PlanningSnapshot) -> String {
     let mut agents: Vec<String> =
         known.all_offers.keys().map(|agent| format!("`{agent}`")).collect();

@@ -1,5 +1,5 @@
-//! `althing scenario`: plays a scenario of the paper or one of the others, and reports whether the true state of the
-//! simulated building meets the requirements of the scenario.
+//! `althing scenario`: plays a scenario of the paper or one of the others, and reports whether the
+//! true state of the simulated building meets the requirements of the scenario.
 
 mod recorder_task;
 

@@ -1,6 +1,6 @@
-//! The scenarios of the paper (“Demonstrations”, and Figure 1), and two more in which agents need each
-//! other. They are played in the simulated
-//! building, and judged by its truth, which is its real state.
+//! The scenarios of the paper (“Demonstrations”, and Figure 1), and two more in which agents need
+//! each other. They are played in the simulated building, and judged by its truth, which is its real
+//! state.
 //!
 //! - `setting` writes the ecosystem that follows from a seed, as the files that a user would write.
 //! - `launched` launches the agents of that ecosystem: in this process, or in several.

@@ -57,8 +57,8 @@ pub(super) fn rows(view: &LiveView, now: Moment) -> Vec<AgentRow> {
     residents.map(|(agent, record)| row(view, agent, record, &shared)).collect()
 }
 
-/// Returns the agents with rows that change with time alone, sorted by name: those that are not here, and
-/// those that carry a step out, which may become late.
+/// Returns the agents with rows that change with time alone, sorted by name: those that are not here,
+/// and those that carry a step out, which may become late.
 pub(super) fn moving_rows(view: &LiveView, now: Moment) -> Vec<AgentRow> {
     let shared = SharedParts::of(view, now);
     let is_moving = |(agent, record): &(&AgentId, &AgentRecord)| {
