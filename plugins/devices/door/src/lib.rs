@@ -1,8 +1,8 @@
 //! A door that a motor opens and closes, for others that have to pass: robots pass it only while
 //! it is open, so its two sides are `connected` only then.
 //!
-//! The door has one driver, `simulated`. A real one is an agent of the plugin `command` or `ros2` with
-//! the same actions.
+//! The door has one driver, `simulated`. A real one is an agent of the plugin `command` or `ros2`
+//! with the same actions.
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -38,7 +38,7 @@ const MOVING_MAX: Duration = Duration::from_secs(30);
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct Config {
     /// The places on the two sides of the door.
-    between: [PlaceName; 2],
+    between: Vec<PlaceName>,
     /// Length of the way through the door in meters, if the map does not have it.
     #[serde(default)]
     length: Option<f64>,
@@ -56,6 +56,10 @@ struct Door {
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let Config { between, length } = blueprint.config_as()?;
+    let Ok(sides) = <[PlaceName; 2]>::try_from(between) else {
+        let problem = "`between` names the two places of the door, such as [\"hall\", \"lab\"]";
+        return Err(blueprint.problem(problem));
+    };
     if length.is_some_and(|length| !length.is_finite() || length <= 0.0) {
         return Err(blueprint.problem("`length` is more than 0, in meters"));
     }
@@ -65,7 +69,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let door = Door {
         id: blueprint.id.to_string(),
         ontology: blueprint.host.ontology.name.to_string(),
-        sides: between,
+        sides,
         length,
         building,
         is_open: Arc::new(watch::Sender::new(false)),

@@ -38,7 +38,7 @@ impl Reviewer<'_> {
     pub(super) fn map(&mut self) {
         let ways = MapConnections::of(&self.ecosystem.problem.init);
         if self.ecosystem.is_map_of_tables() {
-            if !ways.ways.is_empty() || !self.starts().is_empty() {
+            if self.knows_robots() && (!ways.ways.is_empty() || !self.starts().is_empty()) {
                 self.unreachable(&ways);
             }
             return;
@@ -47,8 +47,16 @@ impl Reviewer<'_> {
         if self.knows_predicate() && !ways.ways.is_empty() {
             self.one_way(&ways);
             self.without_length(&ways);
-            self.unreachable(&ways);
+            if self.knows_robots() {
+                self.unreachable(&ways);
+            }
         }
+    }
+
+    /// Whether all entries of agents are right: a wrong one may be that of the robot that reaches a
+    /// place, or of the door that leads there.
+    fn knows_robots(&self) -> bool {
+        self.is_complete && !self.report.has_errors()
     }
 
     fn knows_predicate(&self) -> bool {

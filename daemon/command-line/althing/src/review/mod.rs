@@ -15,7 +15,10 @@
 //! - [`people`]: the file of people.
 //! - [`daemons`]: names of daemons that are probably misspelled.
 //!
-//! Each check reports a mistake at its place in the text, with a correction.
+//! Each check reports a mistake at its place in the text, with a correction. What only follows from
+//! another report is taken out again ([`consequences`]).
+
+mod consequences;
 
 mod daemons;
 
@@ -49,7 +52,7 @@ use acl::DaemonId;
 use pddl::{Diagnostic, Severity, Span};
 use terminal::report::{DiagnosticReport, SourceText, SourcedDiagnostic};
 
-use crate::config::{self, Ecosystem, MistakeLocation, ParsedEcosystem};
+use crate::config::{Ecosystem, MistakeLocation, ParsedEcosystem};
 use crate::hosting;
 
 /// The part of an ecosystem that is reviewed.
@@ -71,7 +74,7 @@ pub(crate) fn review(reading: &ParsedEcosystem, scope: ReviewScope<'_>) -> Diagn
     if let Some(ecosystem) = &reading.ecosystem {
         if !reading.is_whole {
             // An item that seems to be missing may be in the part that could not be parsed.
-            return only_certain(&report, ecosystem);
+            return consequences::only_certain(&report, ecosystem);
         }
         let is_complete = !reading.report.has_errors();
         let said = places(&reading.report);
@@ -79,65 +82,8 @@ pub(crate) fn review(reading: &ParsedEcosystem, scope: ReviewScope<'_>) -> Diagn
     }
     report.dedup();
     report.sort();
-    without_misspelt(&mut report);
-    without_consequences(&mut report);
+    consequences::remove(&mut report);
     report
-}
-
-/// Reports that only follow from another one: the words of the cause in its message or help, and the
-/// words in the messages of the consequences.
-const CONSEQUENCES: &[(&str, &[&str])] = &[
-    ("did you mean `[rooms]`?", &[" under [rooms]", "[rooms] names no place"]),
-    ("unknown key `rooms`", &[" under [rooms]", "[rooms] names no place"]),
-    ("did you mean `[doors]`?", &["no door leads there from its start", "is not connected"]),
-    ("unknown key `doors`", &["no door leads there from its start", "is not connected"]),
-    ("did you mean `[[agent]]`?", &["there is no agent `", "has no key `daemon`"]),
-    ("cannot be the name of an agent", &["there is no agent `"]),
-    (".keep` must be ", &["only a kept goal is asked for always"]),
-];
-
-/// Removes the reports that only follow from another one.
-fn without_consequences(report: &mut DiagnosticReport) {
-    let has = |report: &DiagnosticReport, words: &str| {
-        report.findings().iter().any(|SourcedDiagnostic { diagnostic, .. }| {
-            let helps = diagnostic.help.as_deref().is_some_and(|help| help.contains(words));
-            diagnostic.is_error() && (diagnostic.message.contains(words) || helps)
-        })
-    };
-    for (cause, consequences) in CONSEQUENCES {
-        if has(report, cause) {
-            report.retain(|SourcedDiagnostic { diagnostic, .. }| {
-                !consequences.iter().any(|words| diagnostic.message.contains(words))
-            });
-        }
-    }
-}
-
-/// Removes the reports that a key is missing if the same entry has that key, misspelt.
-fn without_misspelt(report: &mut DiagnosticReport) {
-    let misspelt: Vec<(String, u32, String)> = report
-        .findings()
-        .iter()
-        .filter(|found| found.diagnostic.message.starts_with("unknown key `"))
-        .filter_map(|SourcedDiagnostic { source, diagnostic }| {
-            let meant = diagnostic.help.as_deref()?.strip_prefix("did you mean `")?;
-            let meant = meant.strip_suffix("`?")?.to_owned();
-            Some((source.as_ref()?.name.clone(), diagnostic.span.start, meant))
-        })
-        .collect();
-    report.retain(|SourcedDiagnostic { source, diagnostic }| {
-        let (Some(source), Some(missing)) = (source, missing_key(diagnostic)) else { return true };
-        let (from, text) = (diagnostic.span.start, &source.text);
-        !misspelt.iter().any(|(file, at, meant)| {
-            *file == source.name && meant == missing && *at > from && in_one_entry(text, from, *at)
-        })
-    });
-}
-
-/// Returns the key that is missing according to a diagnostic; `None` if it is about something else.
-fn missing_key(found: &Diagnostic) -> Option<&str> {
-    let (key, rest) = found.message.strip_prefix('`')?.split_once('`')?;
-    rest.starts_with(" is missing in ").then_some(key)
 }
 
 /// Checks an ecosystem. If `is_complete` is false, some entries could not be understood, and may
@@ -189,39 +135,6 @@ fn places(report: &DiagnosticReport) -> BTreeSet<(String, u32)> {
         Some((source.as_ref()?.name.clone(), diagnostic.span.start))
     };
     errors.filter_map(place).collect()
-}
-
-/// Returns those mistakes of `report` that are certain although a part of the file could not be
-/// parsed. Used for a file that is not valid TOML as a whole.
-fn only_certain(report: &DiagnosticReport, ecosystem: &Ecosystem) -> DiagnosticReport {
-    let file = &ecosystem.sources.file;
-    let syntax = |finding: &&SourcedDiagnostic| config::is_syntax_error(&finding.diagnostic);
-    let broken = report.findings().iter().filter(syntax).map(|found| found.diagnostic.span.start);
-    let broken = broken.min().unwrap_or_default();
-    let is_certain = |SourcedDiagnostic { source, diagnostic }: &&SourcedDiagnostic| {
-        let is_elsewhere = source.as_ref().is_none_or(|source| source.name != file.name);
-        let is_before = diagnostic.span.start < broken
-            && !in_one_entry(&file.text, diagnostic.span.start, broken);
-        let misses = ["is missing", "there is no agent", "under [rooms]"];
-        let misses_something = misses.iter().any(|words| diagnostic.message.contains(words));
-        let is_consequence = !is_before || !diagnostic.is_error() || misses_something;
-        is_elsewhere || config::is_syntax_error(diagnostic) || !is_consequence
-    };
-    let mut certain = DiagnosticReport::default();
-    for SourcedDiagnostic { source, diagnostic } in report.findings().iter().filter(is_certain) {
-        match source {
-            Some(source) => certain.add(source, [diagnostic.clone()]),
-            None => certain.add_general(diagnostic.clone()),
-        }
-    }
-    certain
-}
-
-/// Whether the offsets `from` and `to` are in the same entry: there is no header of a table between
-/// them.
-fn in_one_entry(text: &str, from: u32, to: u32) -> bool {
-    let between = text.get(from as usize..to as usize).unwrap_or_default();
-    !between.lines().skip(1).any(|line| line.trim_start().starts_with('['))
 }
 
 /// The data that all checks of the review share.

@@ -53,9 +53,35 @@ fn tables_by_a_wrong_name_are_one_mistake() {
 
 #[test]
 fn a_wrong_name_of_an_agent_is_one_mistake() {
-    one(ERROR, "\"robot\"\nplugin", "\"my robot\"\nplugin", 14, &["`my robot`", "`my-robot`"]);
+    let spaced = HOME.replace("\"robot\"", "\"my robot\"");
+    check(&spaced, MAP, ERROR, "files/school.toml:14", &["`my robot`", "`my-robot`"]);
+    // Another agent that is missing is another mistake.
+    let missing = spaced.replacen("mounted-on = \"my robot\"", "mounted-on = \"rover\"", 1);
+    assert_eq!(told(&missing, MAP).len(), 2);
     let place = ["there is no agent `kitchen`", "location = \"kitchen\""];
     one(ERROR, "mounted-on = \"robot\"", "mounted-on = \"kitchen\"", 20, &place);
+}
+
+#[test]
+fn nothing_is_said_of_ways_while_a_robot_or_a_door_is_wrong() {
+    one(ERROR, "start = \"living-room\", ", "", 16, &["`start` is missing"]);
+    one(ERROR, "\"living-room\", speed", "\"livingroom\", speed", 16, &["`living-room`"]);
+    // The bedroom has a door that is an agent.
+    let door = |config: &str| {
+        let entry =
+            format!("[[agent]]\nname = \"door\"\nplugin = \"door\"\nconfig = {{ {config} }}\n");
+        let home = HOME.replacen(", bedroom = 6.0", "", 1);
+        home.replacen("[goals]", &format!("{entry}[goals]"), 1)
+    };
+    assert_eq!(told(&door("between = [\"kitchen\", \"bedroom\"], length = 3"), MAP), []);
+    for (config, words) in [
+        ("between = [\"kitchen\", \"bedrom\"]", "there is no `bedrom` under [rooms]"),
+        ("between = [\"kitchen\"]", "`between` names the two places"),
+        ("between = [\"kitchen\", \"bedroom\", \"living-room\"]", "`between` names the two places"),
+        ("betwen = [\"kitchen\", \"bedroom\"]", "did you mean `between`?"),
+    ] {
+        check(&door(config), MAP, ERROR, "files/school.toml:24", &[words]);
+    }
 }
 
 #[test]

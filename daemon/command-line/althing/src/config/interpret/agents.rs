@@ -24,6 +24,9 @@ const PLACES: &[&str] = &[
     "poses.*.near",
     "patrol.places.*",
     "rooms.*",
+    "between.*",
+    "landings.*",
+    "parcels.*",
 ];
 /// Keys in an agent's `config` that hold the name of another agent, for every plugin.
 const OTHER_AGENTS: &[&str] = &["mounted-on", "robot"];
