@@ -39,6 +39,7 @@ const LAYERS: &[&[&str]] = &[
     ],
     // `engines` depends on `planner` for its validator: every engine's plan is validated.
     // `plan-execution` depends on `planner` for the order of steps and the effects of each.
+    // `skeleton` depends on `planner`, with which it plans over projections.
     &[
         "agent",
         "engines",
@@ -46,6 +47,7 @@ const LAYERS: &[&[&str]] = &[
         "plan-execution",
         "ros2-link",
         "simulated-nav2",
+        "skeleton",
         "substrate-zenoh",
         "terminal",
     ],
@@ -58,6 +60,7 @@ const LAYERS: &[&[&str]] = &[
         "domain-maintainer",
         "door",
         "doorkeeper",
+        "factored-agent",
         "history",
         "ir-temperature-sensor",
         "journal",
@@ -93,6 +96,8 @@ const PLUGINS_KNOW: &[&str] = &["acl", "actuator", "agent", "pddl"];
 /// Further crates that single plugins may depend on, with reasons.
 const EXCEPTIONS: &[Exception] = &[
     exception("domain-maintainer", "capability", "it is that state machine, given a mailbox"),
+    exception("factored-agent", "planner", "plans its part, and over projections"),
+    exception("factored-agent", "skeleton", "it is a partner with a mailbox"),
     exception("plan-executor", "plan-execution", "it is that state machine, given a mailbox"),
     exception("keyboard", "credentials", "it seals what people answer"),
     exception("history", "credentials", "it seals what is private to those that may read it"),

@@ -1,0 +1,31 @@
+//! Joint plans of agents with secrets (factored MA-PDDL tasks): what is `:private` to an agent is
+//! never named to others.
+//!
+//! 1. Each agent announces a [`Projection`] of its task. Public symbols keep their names. Private
+//!    objects, functions and actions get opaque names. Of its private predicates the agent keeps only
+//!    some, under opaque names: at first those that connect its public actions, because one of them
+//!    makes true what another one requires (a dependency-preserving projection). The others are
+//!    dropped from preconditions and effects.
+//! 2. A requester merges the projections, and plans over them: [`SkeletonTask`]. The projections drop
+//!    requirements and never add any. So a task without a skeleton has no joint plan.
+//! 3. Each agent fills its own part with its private steps: [`Partner::fill`]. If it cannot, it keeps
+//!    more of its private predicates ([`Partner::sharpen`]), and the requester plans again. If an
+//!    agent keeps all of them, its projection is exact up to names. So there is a last round.
+//!
+//! What others learn: how many private objects there are, and the structure of what is kept, without
+//! any name.
+//!
+//! Other crates exchange projections and parts between processes. **Invariant:** this crate has no
+//! async function, and uses no clock, file or log.
+
+mod fill;
+mod opaque_names;
+mod partner;
+mod private_symbols;
+mod projection;
+mod requester;
+
+pub use fill::{FillRefusal, FilledPart};
+pub use partner::Partner;
+pub use projection::Projection;
+pub use requester::{SkeletonError, SkeletonOutcome, SkeletonPlan, SkeletonTask};

@@ -1,0 +1,273 @@
+//! Decides which occurrences of predicates in an agent's task are private.
+//!
+//! A fact is private if its predicate is declared `:private`, or if one of its arguments is a private
+//! object (the rule of the CoDMAP competition). In action schemas, an argument is private if all
+//! objects of its type are private to the agent.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use pddl::factored::AgentFiles;
+use pddl::{
+    ActionSchema, Atom, Condition, Effect, InitElement, Name, Privacy, Problem, Term, TypeExpr,
+    Typed, Types,
+};
+
+/// A private predicate; for a predicate that is public with other arguments, with the argument
+/// positions that have private objects.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct PrivateSymbol {
+    pub(crate) predicate: Name,
+    /// Positions of the private arguments; empty if the predicate is declared `:private`.
+    pub(crate) positions: Vec<usize>,
+}
+
+/// How many of the objects that a variable can stand for are private.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum TypePrivacy {
+    Private,
+    Public,
+    Mixed,
+}
+
+/// The private symbols of one agent's task.
+#[derive(Clone)]
+pub(crate) struct PrivateSymbols {
+    types: Types,
+    objects: BTreeMap<Name, Typed>,
+    private_objects: BTreeSet<Name>,
+    private_predicates: BTreeSet<Name>,
+    private_functions: BTreeSet<Name>,
+    /// Argument positions at which a variable stands for private and for public objects. There, a
+    /// private object does not make a fact private.
+    mixed: BTreeSet<(Name, usize)>,
+}
+
+/// The variables in scope, with their types.
+pub(crate) type Scope = BTreeMap<Name, TypeExpr>;
+
+// === impl PrivateSymbols ===
+
+impl PrivateSymbols {
+    pub(crate) fn of(task: &AgentFiles) -> PrivateSymbols {
+        let AgentFiles { domain, problem, .. } = task;
+        let declared = problem.objects.iter();
+        let private = declared.clone().filter(|it| it.privacy != Privacy::Public);
+        let private_objects = private.map(|it| it.object.name.clone()).collect();
+        let objects = domain.constants.iter().chain(declared.map(|it| &it.object));
+        let predicates = domain.predicates.iter().filter(|it| it.privacy != Privacy::Public);
+        let functions = domain.functions.iter().filter(|it| it.privacy != Privacy::Public);
+        let mut symbols = PrivateSymbols {
+            types: Types::of(domain),
+            objects: objects.map(|object| (object.name.clone(), object.clone())).collect(),
+            private_objects,
+            private_predicates: predicates.map(|it| it.name.clone()).collect(),
+            private_functions: functions.map(|it| it.name.clone()).collect(),
+            mixed: BTreeSet::new(),
+        };
+        let mut mixed = BTreeSet::new();
+        for action in &domain.actions {
+            atoms_of(action, &mut |atom, scope| {
+                let is_mixed =
+                    |argument: &&Term| symbols.privacy_of(argument, scope) == TypePrivacy::Mixed;
+                let places = atom.arguments.iter().enumerate();
+                let places = places.filter(|(_, argument)| is_mixed(argument));
+                mixed.extend(places.map(|(place, _)| (atom.predicate.clone(), place)));
+            });
+        }
+        symbols.mixed = mixed;
+        symbols
+    }
+
+    pub(crate) fn is_private_object(&self, name: &Name) -> bool {
+        self.private_objects.contains(name)
+    }
+
+    pub(crate) fn is_private_function(&self, name: &Name) -> bool {
+        self.private_functions.contains(name)
+    }
+
+    pub(crate) fn knows_object(&self, name: &Name) -> bool {
+        self.objects.contains_key(name)
+    }
+
+    /// Returns the objects that are private, in the order of their names.
+    pub(crate) fn private_objects(&self) -> impl Iterator<Item = &Typed> {
+        self.private_objects.iter().filter_map(|name| self.objects.get(name))
+    }
+
+    /// Whether an object can be of a type.
+    pub(crate) fn accepts(&self, expected: &TypeExpr, object: &Typed) -> bool {
+        self.types.accepts(expected, &object.ty)
+    }
+
+    /// Returns the private symbol of an atom; `None` if the atom is public.
+    pub(crate) fn symbol(&self, atom: &Atom, scope: &Scope) -> Option<PrivateSymbol> {
+        let predicate = atom.predicate.clone();
+        if self.private_predicates.contains(&predicate) {
+            return Some(PrivateSymbol { predicate, positions: Vec::new() });
+        }
+        let is_private = |(place, argument): &(usize, &Term)| {
+            !self.mixed.contains(&(predicate.clone(), *place))
+                && self.privacy_of(argument, scope) == TypePrivacy::Private
+        };
+        let places = atom.arguments.iter().enumerate().filter(is_private);
+        let positions: Vec<usize> = places.map(|(place, _)| place).collect();
+        (!positions.is_empty()).then_some(PrivateSymbol { predicate, positions })
+    }
+
+    fn privacy_of(&self, argument: &Term, scope: &Scope) -> TypePrivacy {
+        let all_or_none = |is_private: bool| match is_private {
+            true => TypePrivacy::Private,
+            false => TypePrivacy::Public,
+        };
+        let ty = match argument {
+            Term::Object(name) => return all_or_none(self.is_private_object(name)),
+            Term::Variable(name) => scope.get(name).cloned().unwrap_or_default(),
+        };
+        let fitting = self.objects.values().filter(|object| self.accepts(&ty, object));
+        let (private, public): (Vec<&Typed>, Vec<&Typed>) =
+            fitting.partition(|object| self.is_private_object(&object.name));
+        match (private.is_empty(), public.is_empty()) {
+            (false, true) => TypePrivacy::Private,
+            (false, false) => TypePrivacy::Mixed,
+            (true, _) => TypePrivacy::Public,
+        }
+    }
+
+    /// Returns the private symbols of the facts that an effect adds or deletes, and whether the
+    /// effect changes something public.
+    pub(crate) fn changed_by(&self, action: &ActionSchema) -> (BTreeSet<PrivateSymbol>, bool) {
+        let (mut changed, mut is_public) = (BTreeSet::new(), false);
+        effects(&action.effect, &mut scope_of(action), &mut |literal, scope| match literal {
+            EffectLiteral::Atom(atom) => match self.symbol(atom, scope) {
+                Some(symbol) => {
+                    changed.insert(symbol);
+                }
+                None => is_public = true,
+            },
+            EffectLiteral::Function(name) => {
+                is_public |= !self.is_private_function(name) && *name != *TOTAL_COST;
+            }
+            EffectLiteral::Condition(_) => (),
+        });
+        (changed, is_public)
+    }
+
+    /// Returns the private symbols of the precondition of an action.
+    pub(crate) fn required_by(&self, action: &ActionSchema) -> BTreeSet<PrivateSymbol> {
+        let mut required = BTreeSet::new();
+        atoms(&action.precondition, &mut scope_of(action), &mut |atom, scope| {
+            required.extend(self.symbol(atom, scope));
+        });
+        required
+    }
+
+    /// Returns the private symbols in conditions of conditional effects.
+    pub(crate) fn conditions_of_effects(&self, action: &ActionSchema) -> BTreeSet<PrivateSymbol> {
+        let mut found = BTreeSet::new();
+        effects(&action.effect, &mut scope_of(action), &mut |literal, scope| {
+            if let EffectLiteral::Condition(condition) = literal {
+                atoms(condition, &mut scope.clone(), &mut |atom, scope| {
+                    found.extend(self.symbol(atom, scope));
+                });
+            }
+        });
+        found
+    }
+
+    /// Returns the private symbols of the goal.
+    pub(crate) fn wanted(&self, problem: &Problem) -> BTreeSet<PrivateSymbol> {
+        let mut found = BTreeSet::new();
+        atoms(&problem.goal, &mut Scope::new(), &mut |atom, scope| {
+            found.extend(self.symbol(atom, scope));
+        });
+        found
+    }
+}
+
+/// The function whose value is the cost of a plan.
+pub(crate) const TOTAL_COST: &str = "total-cost";
+
+/// A part of an effect.
+pub(crate) enum EffectLiteral<'e> {
+    /// An atom that is added or deleted.
+    Atom(&'e Atom),
+    /// A function that is changed.
+    Function(&'e Name),
+    /// The condition of a conditional effect.
+    Condition(&'e Condition),
+}
+
+/// Returns the parameters of an action, with their types.
+pub(crate) fn scope_of(action: &ActionSchema) -> Scope {
+    action.all_parameters().map(|typed| (typed.name.clone(), typed.ty.clone())).collect()
+}
+
+/// Calls `visit` with each atom of an action, and the variables in scope.
+fn atoms_of(action: &ActionSchema, visit: &mut dyn FnMut(&Atom, &Scope)) {
+    atoms(&action.precondition, &mut scope_of(action), visit);
+    effects(&action.effect, &mut scope_of(action), &mut |literal, scope| match literal {
+        EffectLiteral::Atom(atom) => visit(atom, scope),
+        EffectLiteral::Condition(condition) => atoms(condition, &mut scope.clone(), visit),
+        EffectLiteral::Function(_) => (),
+    });
+}
+
+/// Calls `visit` with each atom of a condition, and the variables in scope.
+pub(crate) fn atoms(
+    condition: &Condition,
+    scope: &mut Scope,
+    visit: &mut dyn FnMut(&Atom, &Scope),
+) {
+    match condition {
+        Condition::Atom(atom) => visit(atom, scope),
+        Condition::Not(inner) => atoms(inner, scope, visit),
+        Condition::And(parts) | Condition::Or(parts) => {
+            parts.iter().for_each(|part| atoms(part, scope, visit));
+        }
+        Condition::Imply(left, right) => {
+            atoms(left, scope, visit);
+            atoms(right, scope, visit);
+        }
+        Condition::Exists(variables, inner) | Condition::Forall(variables, inner) => {
+            within(scope, variables, |scope| atoms(inner, scope, visit));
+        }
+        Condition::Equal(..) | Condition::Compare(_) => (),
+    }
+}
+
+/// Calls `visit` with each part of an effect, and the variables in scope.
+pub(crate) fn effects(
+    effect: &Effect,
+    scope: &mut Scope,
+    visit: &mut dyn FnMut(EffectLiteral<'_>, &Scope),
+) {
+    match effect {
+        Effect::And(parts) => parts.iter().for_each(|part| effects(part, scope, visit)),
+        Effect::Add(atom) | Effect::Delete(atom) => visit(EffectLiteral::Atom(atom), scope),
+        Effect::Assign(assign) => visit(EffectLiteral::Function(&assign.fluent.function), scope),
+        Effect::Forall(variables, inner) => {
+            within(scope, variables, |scope| effects(inner, scope, visit));
+        }
+        Effect::When(condition, inner) => {
+            visit(EffectLiteral::Condition(condition), scope);
+            effects(inner, scope, visit);
+        }
+    }
+}
+
+/// Calls `inside` with the variables added to the scope.
+fn within(scope: &mut Scope, variables: &[Typed], inside: impl FnOnce(&mut Scope)) {
+    let mut wider = scope.clone();
+    wider.extend(variables.iter().map(|typed| (typed.name.clone(), typed.ty.clone())));
+    inside(&mut wider);
+}
+
+/// Returns the atom of an element of an initial state; `None` if it is about a function.
+pub(crate) fn atom_of(element: &InitElement) -> Option<&Atom> {
+    match element {
+        InitElement::Atom(atom) | InitElement::Not(atom) | InitElement::Unknown(atom) => Some(atom),
+        InitElement::Assign(..) => None,
+        InitElement::At(_, inner) => atom_of(inner),
+    }
+}

@@ -1,0 +1,452 @@
+//! The projection of an agent's task: what others learn of it.
+
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::Arc;
+
+use pddl::factored::AgentFiles;
+use pddl::{
+    ActionSchema, Assign, Atom, Compare, Condition, Domain, Effect, Expression, FluentTerm,
+    InitElement, Name, ObjectDeclaration, PredicateDeclaration, Privacy, Problem, Term, Typed,
+};
+
+use crate::opaque_names::OpaqueNames;
+use crate::private_symbols::{
+    PrivateSymbol, PrivateSymbols, Scope, TOTAL_COST, atom_of, atoms, scope_of,
+};
+
+/// The projection of one agent's task, as PDDL: private symbols have opaque names or are dropped.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Projection {
+    /// The projected domain.
+    pub domain: String,
+    /// The projected problem.
+    pub problem: String,
+}
+
+/// What an action of a projection stands for.
+#[derive(Clone, Debug)]
+pub(crate) struct ProjectedAction {
+    /// Index of the action schema in the agent's own domain.
+    pub(crate) schema: usize,
+    /// Indices of the parameters that the projection has.
+    pub(crate) parameters: Vec<usize>,
+}
+
+/// Makes a projection.
+pub(crate) struct Projector<'t> {
+    pub(crate) task: &'t AgentFiles,
+    pub(crate) symbols: &'t PrivateSymbols,
+    pub(crate) names: &'t OpaqueNames,
+    /// The private symbols that the projection keeps.
+    pub(crate) kept: &'t BTreeSet<PrivateSymbol>,
+}
+
+// === impl Projector ===
+
+impl Projector<'_> {
+    /// Returns the projection, and what each of its actions stands for.
+    pub(crate) fn project(&self) -> (Projection, BTreeMap<Name, ProjectedAction>) {
+        let Domain { name, requirements, types, constants, functions, .. } = &self.task.domain;
+        let mut projected = BTreeMap::new();
+        let mut actions = Vec::new();
+        for (index, action) in self.task.domain.actions.iter().enumerate() {
+            if let Some((action, stands_for)) = self.action(index, action) {
+                projected.insert(action.name.clone(), stands_for);
+                actions.push(action);
+            }
+        }
+        let is_wanted = |it: &&Name| !it.as_str().ends_with("-privacy");
+        let functions = functions.iter().map(|declared| {
+            let (name, privacy) = (self.names.function(&declared.name), Privacy::Public);
+            pddl::FunctionDeclaration { name, privacy, ..declared.clone() }
+        });
+        let domain = Domain {
+            requirements: requirements.iter().filter(is_wanted).cloned().collect(),
+            types: types.clone(),
+            constants: constants.clone(),
+            predicates: self.predicates(),
+            functions: functions.collect(),
+            actions,
+            ..Domain::named(name.clone())
+        };
+        let problem = self.problem(&domain.actions);
+        let texts = Projection { domain: domain.to_string(), problem: problem.to_string() };
+        (texts, projected)
+    }
+
+    /// Returns the declarations of the public predicates, and of the private ones that are kept.
+    fn predicates(&self) -> Vec<PredicateDeclaration> {
+        let declared = &self.task.domain.predicates;
+        let public = declared.iter().filter(|it| it.privacy == Privacy::Public).cloned();
+        let kept = self.kept.iter().filter_map(|symbol| {
+            let known = declared.iter().find(|it| it.name == symbol.predicate)?;
+            let (name, parameters) = (self.names.predicate(symbol), known.parameters.clone());
+            Some(PredicateDeclaration { name, parameters, privacy: Privacy::Public })
+        });
+        public.chain(kept).collect()
+    }
+
+    fn problem(&self, actions: &[ActionSchema]) -> Problem {
+        let Problem { name, domain, init, goal, metric, objects, .. } = &self.task.problem;
+        let init: Vec<InitElement> =
+            init.iter().filter_map(|element| self.element(element)).collect();
+        let goal = self.relax(goal, true, &Scope::new());
+        let used = self.used_private_objects(actions, &init, &goal);
+        let shown = |declared: &&ObjectDeclaration| {
+            let name = &declared.object.name;
+            !self.symbols.is_private_object(name) || used.contains(&self.names.object(name))
+        };
+        let object = |declared: &ObjectDeclaration| {
+            let ObjectDeclaration { object, .. } = declared;
+            let object = Typed { name: self.names.object(&object.name), ty: object.ty.clone() };
+            ObjectDeclaration { object, privacy: Privacy::Public }
+        };
+        Problem {
+            objects: Arc::new(objects.iter().filter(shown).map(object).collect()),
+            init,
+            goal,
+            metric: metric.clone().map(|metric| pddl::Metric {
+                expression: self.expression(&metric.expression),
+                ..metric
+            }),
+            ..Problem::named(name.clone(), domain.clone())
+        }
+    }
+
+    /// Returns the opaque names of the private objects that the projection must declare: those that a
+    /// variable can stand for, and those that are named.
+    fn used_private_objects(
+        &self,
+        actions: &[ActionSchema],
+        init: &[InitElement],
+        goal: &Condition,
+    ) -> BTreeSet<Name> {
+        let private: Vec<&Typed> = self.symbols.private_objects().collect();
+        let opaque = |object: &&Typed| self.names.object(&object.name);
+        let mut types: Vec<pddl::TypeExpr> = Vec::new();
+        let mut named: BTreeSet<Name> = BTreeSet::new();
+        let mut note = |condition: &Condition, scope: Scope| {
+            atoms(condition, &mut scope.clone(), &mut |atom, scope| {
+                types.extend(scope.values().cloned());
+                named.extend(atom.arguments.iter().map(|term| term.name().clone()));
+            });
+            types.extend(scope.into_values());
+        };
+        for action in actions {
+            note(&action.precondition, scope_of(action));
+            let added = literals_of(&action.effect);
+            note(&Condition::And(added), scope_of(action));
+        }
+        note(goal, Scope::new());
+        for element in init {
+            match element {
+                InitElement::Assign(fluent, _) => {
+                    named.extend(fluent.arguments.iter().map(|term| term.name().clone()));
+                }
+                other => named.extend(
+                    atom_of(other)
+                        .iter()
+                        .flat_map(|atom| &atom.arguments)
+                        .map(|it| it.name().clone()),
+                ),
+            }
+        }
+        let fits = |object: &&Typed| types.iter().any(|ty| self.symbols.accepts(ty, object));
+        private
+            .iter()
+            .filter(|object| named.contains(&opaque(object)) || fits(object))
+            .map(opaque)
+            .collect()
+    }
+
+    /// Returns an action as others see it; `None` if they see no effect of it.
+    fn action(
+        &self,
+        index: usize,
+        action: &ActionSchema,
+    ) -> Option<(ActionSchema, ProjectedAction)> {
+        let scope = scope_of(action);
+        let effect = self.effect(&action.effect, &scope)?;
+        if !changes_a_fact(&effect) {
+            return None;
+        }
+        let precondition = self.relax(&action.precondition, true, &scope);
+        let mut used = BTreeSet::new();
+        variables_of_condition(&precondition, &mut used);
+        variables_of_effect(&effect, &mut used);
+        let all: Vec<&Typed> = action.all_parameters().collect();
+        let parameters: Vec<usize> =
+            (0..all.len()).filter(|place| used.contains(&all[*place].name)).collect();
+        let (_, is_public) = self.symbols.changed_by(action);
+        let projected = ActionSchema {
+            name: self.names.action(index, &action.name, is_public),
+            agent: None,
+            parameters: parameters.iter().map(|place| all[*place].clone()).collect(),
+            precondition,
+            effect,
+            observe: Vec::new(),
+            span: action.span,
+        };
+        Some((projected, ProjectedAction { schema: index, parameters }))
+    }
+
+    /// Returns a condition without the private symbols that are dropped: in a positive context they
+    /// count as true, in a negative one as false, so that the condition becomes easier to meet.
+    pub(crate) fn relax(
+        &self,
+        condition: &Condition,
+        is_positive: bool,
+        scope: &Scope,
+    ) -> Condition {
+        let all = |parts: &[Condition]| -> Vec<Condition> {
+            parts.iter().map(|part| self.relax(part, is_positive, scope)).collect()
+        };
+        match condition {
+            Condition::Atom(atom) => match self.atom(atom, scope) {
+                Some(atom) => Condition::Atom(atom),
+                None if is_positive => Condition::always(),
+                None => never(),
+            },
+            Condition::Equal(left, right, span) => {
+                Condition::Equal(self.term(left), self.term(right), *span)
+            }
+            Condition::Compare(compare) => Condition::Compare(Box::new(Compare {
+                left: self.expression(&compare.left),
+                right: self.expression(&compare.right),
+                ..Compare::clone(compare)
+            })),
+            Condition::Not(inner) => negation(self.relax(inner, !is_positive, scope)),
+            Condition::And(parts) => conjunction(all(parts)),
+            Condition::Or(parts) => disjunction(all(parts)),
+            Condition::Imply(left, right) => disjunction(vec![
+                negation(self.relax(left, !is_positive, scope)),
+                self.relax(right, is_positive, scope),
+            ]),
+            Condition::Exists(variables, inner) => {
+                let inner = self.relax(inner, is_positive, &with(scope, variables));
+                match is_constant(&inner) {
+                    true => inner,
+                    false => Condition::Exists(variables.clone(), Box::new(inner)),
+                }
+            }
+            Condition::Forall(variables, inner) => {
+                let inner = self.relax(inner, is_positive, &with(scope, variables));
+                match is_constant(&inner) {
+                    true => inner,
+                    false => Condition::Forall(variables.clone(), Box::new(inner)),
+                }
+            }
+        }
+    }
+
+    /// Returns an effect without changes of dropped symbols; `None` if nothing is left.
+    fn effect(&self, effect: &Effect, scope: &Scope) -> Option<Effect> {
+        Some(match effect {
+            Effect::And(parts) => {
+                let parts: Vec<_> =
+                    parts.iter().filter_map(|part| self.effect(part, scope)).collect();
+                match parts.is_empty() {
+                    true => return None,
+                    false => Effect::And(parts),
+                }
+            }
+            Effect::Add(atom) => Effect::Add(self.atom(atom, scope)?),
+            Effect::Delete(atom) => Effect::Delete(self.atom(atom, scope)?),
+            Effect::Assign(assign) => Effect::Assign(Box::new(Assign {
+                fluent: self.fluent(&assign.fluent),
+                value: self.expression(&assign.value),
+                ..Assign::clone(assign)
+            })),
+            Effect::Forall(variables, inner) => {
+                let inner = self.effect(inner, &with(scope, variables))?;
+                Effect::Forall(variables.clone(), Box::new(inner))
+            }
+            Effect::When(condition, inner) => {
+                // What conditions of effects require is always kept: easier conditions would not
+                // make the effect one that always happens.
+                let condition = self.relax(condition, true, scope);
+                Effect::When(Box::new(condition), Box::new(self.effect(inner, scope)?))
+            }
+        })
+    }
+
+    fn element(&self, element: &InitElement) -> Option<InitElement> {
+        let none = Scope::new();
+        Some(match element {
+            InitElement::Atom(atom) => InitElement::Atom(self.atom(atom, &none)?),
+            InitElement::Not(atom) => InitElement::Not(self.atom(atom, &none)?),
+            InitElement::Unknown(atom) => InitElement::Unknown(self.atom(atom, &none)?),
+            InitElement::Assign(fluent, value) => InitElement::Assign(self.fluent(fluent), *value),
+            InitElement::At(time, inner) => InitElement::At(*time, Box::new(self.element(inner)?)),
+        })
+    }
+
+    /// Returns an atom with opaque names; `None` if its symbol is dropped.
+    fn atom(&self, atom: &Atom, scope: &Scope) -> Option<Atom> {
+        let predicate = match self.symbols.symbol(atom, scope) {
+            Some(symbol) if !self.kept.contains(&symbol) => return None,
+            Some(symbol) => self.names.predicate(&symbol),
+            None => atom.predicate.clone(),
+        };
+        let arguments = atom.arguments.iter().map(|term| self.term(term)).collect();
+        Some(Atom { predicate, arguments, span: atom.span })
+    }
+
+    fn term(&self, term: &Term) -> Term {
+        match term {
+            Term::Object(name) => Term::Object(self.names.object(name)),
+            Term::Variable(_) => term.clone(),
+        }
+    }
+
+    fn fluent(&self, fluent: &FluentTerm) -> FluentTerm {
+        let arguments = fluent.arguments.iter().map(|term| self.term(term)).collect();
+        FluentTerm { function: self.names.function(&fluent.function), arguments, span: fluent.span }
+    }
+
+    fn expression(&self, expression: &Expression) -> Expression {
+        match expression {
+            Expression::Fluent(fluent) => Expression::Fluent(self.fluent(fluent)),
+            Expression::Negate(inner) => Expression::Negate(Box::new(self.expression(inner))),
+            Expression::Apply(operator, operands) => {
+                let operands = operands.iter().map(|operand| self.expression(operand)).collect();
+                Expression::Apply(*operator, operands)
+            }
+            other => other.clone(),
+        }
+    }
+}
+
+fn with(scope: &Scope, variables: &[Typed]) -> Scope {
+    let inner = variables.iter().map(|typed| (typed.name.clone(), typed.ty.clone()));
+    scope.clone().into_iter().chain(inner).collect()
+}
+
+// === constants in conditions ===
+
+/// Returns the condition that never holds.
+fn never() -> Condition {
+    Condition::Or(Vec::new())
+}
+
+fn is_never(condition: &Condition) -> bool {
+    matches!(condition, Condition::Or(parts) if parts.is_empty())
+}
+
+fn is_constant(condition: &Condition) -> bool {
+    condition.is_always() || is_never(condition)
+}
+
+fn negation(inner: Condition) -> Condition {
+    match inner {
+        inner if inner.is_always() => never(),
+        inner if is_never(&inner) => Condition::always(),
+        inner => Condition::Not(Box::new(inner)),
+    }
+}
+
+fn conjunction(mut parts: Vec<Condition>) -> Condition {
+    parts.retain(|part| !part.is_always());
+    match parts.iter().any(is_never) {
+        true => never(),
+        false => Condition::And(parts),
+    }
+}
+
+fn disjunction(mut parts: Vec<Condition>) -> Condition {
+    parts.retain(|part| !is_never(part));
+    match parts.iter().any(Condition::is_always) {
+        true => Condition::always(),
+        false => Condition::Or(parts),
+    }
+}
+
+// === what a condition or an effect uses ===
+
+/// Whether an effect changes more than the cost of a plan.
+fn changes_a_fact(effect: &Effect) -> bool {
+    match effect {
+        Effect::And(parts) => parts.iter().any(changes_a_fact),
+        Effect::Add(_) | Effect::Delete(_) => true,
+        Effect::Assign(assign) => assign.fluent.function != *TOTAL_COST,
+        Effect::Forall(_, inner) | Effect::When(_, inner) => changes_a_fact(inner),
+    }
+}
+
+/// Returns the atoms that an effect changes, and the conditions in it.
+fn literals_of(effect: &Effect) -> Vec<Condition> {
+    match effect {
+        Effect::And(parts) => parts.iter().flat_map(literals_of).collect(),
+        Effect::Add(atom) | Effect::Delete(atom) => vec![Condition::Atom(atom.clone())],
+        Effect::Assign(_) => Vec::new(),
+        Effect::Forall(variables, inner) => {
+            let inner = Condition::And(literals_of(inner));
+            vec![Condition::Forall(variables.clone(), Box::new(inner))]
+        }
+        Effect::When(condition, inner) => {
+            let mut found = literals_of(inner);
+            found.push(Condition::clone(condition));
+            found
+        }
+    }
+}
+
+fn variables_of_terms(terms: &[Term], used: &mut BTreeSet<Name>) {
+    used.extend(terms.iter().filter_map(|term| match term {
+        Term::Variable(name) => Some(name.clone()),
+        Term::Object(_) => None,
+    }));
+}
+
+fn variables_of_expression(expression: &Expression, used: &mut BTreeSet<Name>) {
+    match expression {
+        Expression::Fluent(fluent) => variables_of_terms(&fluent.arguments, used),
+        Expression::Negate(inner) => variables_of_expression(inner, used),
+        Expression::Apply(_, operands) => {
+            operands.iter().for_each(|operand| variables_of_expression(operand, used));
+        }
+        Expression::Number(_)
+        | Expression::Duration(_)
+        | Expression::ContinuousTime(_)
+        | Expression::TotalTime(_) => (),
+    }
+}
+
+fn variables_of_condition(condition: &Condition, used: &mut BTreeSet<Name>) {
+    match condition {
+        Condition::Atom(atom) => variables_of_terms(&atom.arguments, used),
+        Condition::Equal(left, right, _) => {
+            variables_of_terms(&[left.clone(), right.clone()], used);
+        }
+        Condition::Compare(compare) => {
+            variables_of_expression(&compare.left, used);
+            variables_of_expression(&compare.right, used);
+        }
+        Condition::Not(inner) | Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
+            variables_of_condition(inner, used);
+        }
+        Condition::And(parts) | Condition::Or(parts) => {
+            parts.iter().for_each(|part| variables_of_condition(part, used));
+        }
+        Condition::Imply(left, right) => {
+            variables_of_condition(left, used);
+            variables_of_condition(right, used);
+        }
+    }
+}
+
+fn variables_of_effect(effect: &Effect, used: &mut BTreeSet<Name>) {
+    match effect {
+        Effect::And(parts) => parts.iter().for_each(|part| variables_of_effect(part, used)),
+        Effect::Add(atom) | Effect::Delete(atom) => variables_of_terms(&atom.arguments, used),
+        Effect::Assign(assign) => {
+            variables_of_terms(&assign.fluent.arguments, used);
+            variables_of_expression(&assign.value, used);
+        }
+        Effect::Forall(_, inner) => variables_of_effect(inner, used),
+        Effect::When(condition, inner) => {
+            variables_of_condition(condition, used);
+            variables_of_effect(inner, used);
+        }
+    }
+}

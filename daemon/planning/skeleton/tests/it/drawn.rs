@@ -1,0 +1,93 @@
+//! Drawn tasks: a plan with secrets exists exactly if a planner that sees everything finds one.
+
+use std::fmt::Write as _;
+
+use fastrand::Rng;
+use pddl::factored::AgentFiles;
+
+use crate::joint::{files, is_solvable, play, validated};
+
+/// Number of drawn tasks.
+const TASKS: u64 = 150;
+
+const DOMAIN: &str = "(define (domain relay) (:requirements :typing :factored-privacy)
+  (:types place item tool - object)
+  (:predicates (at ?i - item ?p - place) (clean ?i - item)
+    (:private (stands ?p - place) (road ?a ?b - place) (carries ?i - item) (free)
+      (has ?t - tool) (lies ?t - tool ?p - place) (washes ?t - tool)))
+  (:action go :parameters (?a ?b - place) :precondition (and (stands ?a) (road ?a ?b))
+    :effect (and (stands ?b) (not (stands ?a))))
+  (:action grab :parameters (?t - tool ?p - place) :precondition (and (stands ?p) (lies ?t ?p))
+    :effect (and (has ?t) (not (lies ?t ?p))))
+  (:action load :parameters (?i - item ?p - place)
+    :precondition (and (stands ?p) (at ?i ?p) (free))
+    :effect (and (carries ?i) (not (free)) (not (at ?i ?p))))
+  (:action unload :parameters (?i - item ?p - place)
+    :precondition (and (stands ?p) (carries ?i))
+    :effect (and (at ?i ?p) (free) (not (carries ?i))))
+  (:action wash :parameters (?i - item ?p - place ?t - tool)
+    :precondition (and (stands ?p) (at ?i ?p) (has ?t) (washes ?t))
+    :effect (clean ?i)))";
+
+/// Draws a task: carriers on private roads, each with tools of which some wash.
+fn draw(seed: u64) -> Vec<AgentFiles> {
+    let mut rng = Rng::with_seed(seed);
+    let (places, items, agents) = (rng.usize(2..5), rng.usize(1..3), rng.usize(2..4));
+    let list = |kind: &str, count: usize| {
+        (0..count).map(|number| format!("{kind}{number} ")).collect::<String>()
+    };
+    let mut public = String::new();
+    let mut goal = String::new();
+    for item in 0..items {
+        let _ = write!(public, "(at item{item} place{}) ", rng.usize(0..places));
+        let _ = write!(goal, "(at item{item} place{}) ", rng.usize(0..places));
+        if rng.bool() {
+            let _ = write!(goal, "(clean item{item}) ");
+        }
+    }
+    let mut task = Vec::new();
+    for agent in 0..agents {
+        let tools = rng.usize(1..3);
+        let mut own = format!("(stands place{}) (free) ", rng.usize(0..places));
+        for from in 0..places {
+            for to in 0..places {
+                if from != to && rng.f32() < 0.45 {
+                    let _ = write!(own, "(road place{from} place{to}) ");
+                }
+            }
+        }
+        for tool in 0..tools {
+            let _ = write!(own, "(lies tool{tool} place{}) ", rng.usize(0..places));
+            if rng.f32() < 0.5 {
+                let _ = write!(own, "(washes tool{tool}) ");
+            }
+        }
+        let problem = format!(
+            "(define (problem p) (:domain relay)
+              (:objects {} - place {} - item (:private {} - tool))
+              (:init {public} {own}) (:goal (and {goal})))",
+            list("place", places),
+            list("item", items),
+            list("tool", tools)
+        );
+        task.push(files(&format!("carrier{agent}"), DOMAIN, &problem));
+    }
+    task
+}
+
+#[test]
+fn secrets_change_neither_what_is_possible_nor_what_is_proved() {
+    let (mut solved, mut impossible) = (0, 0);
+    for seed in 0..TASKS {
+        let task = draw(seed);
+        match (play(&task).steps, is_solvable(&task)) {
+            (Some(steps), true) => {
+                solved += 1;
+                assert!(validated(&task, &steps).is_ok(), "{seed}: {steps:?}");
+            }
+            (None, false) => impossible += 1,
+            (steps, _) => panic!("seed {seed}: {steps:?}"),
+        }
+    }
+    assert!(solved >= 30 && impossible >= 30, "{solved} solved, {impossible} impossible");
+}

@@ -1,0 +1,279 @@
+//! Tests of the agents on a network in memory: members that leave, stay silent, or lie.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::content::{CallForProposals, Reason, Snapshot};
+use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Message, Performative};
+use agent::{
+    Agent, AgentSettings, Blueprint, Callbacks, Context, EcosystemFolder, Host, LaunchContext,
+    LaunchableAgent, MessageRouter, Participation, Resource, Resources,
+};
+use serde_json::json;
+use substrate::Substrate;
+use substrate::memory::Network;
+use tokio::sync::oneshot;
+use tokio_util::sync::CancellationToken;
+
+use crate::{JointPlanning, JointRequester, JointResult};
+
+/// Time that plannings may take which end by themselves.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+const PORTER_DOMAIN: &str = "(define (domain hall) (:requirements :typing)
+  (:types thing - object)
+  (:predicates (open) (there ?t - thing) (:private (holds ?t - thing)))
+  (:action take :parameters (?t - thing) :precondition (open) :effect (holds ?t))
+  (:action put :parameters (?t - thing) :precondition (holds ?t) :effect (there ?t)))";
+const PORTER_PROBLEM: &str = "(define (problem p) (:domain hall) (:objects box - thing)
+  (:init) (:goal (there box)))";
+const OPENER_DOMAIN: &str = "(define (domain hall) (:requirements :typing)
+  (:predicates (open) (:private (turned)))
+  (:action turn :parameters () :effect (turned))
+  (:action swing :parameters () :precondition (turned) :effect (open)))";
+const OPENER_PROBLEM: &str = "(define (problem p) (:domain hall) (:init) (:goal (and)))";
+
+fn name(text: &str) -> AgentId {
+    AgentId::new(text).expect("a name")
+}
+
+/// A daemon of the network, with one agent. It is gone when the value is.
+struct HallDaemon {
+    stopping: CancellationToken,
+    _router: Arc<MessageRouter>,
+    _port: Arc<dyn Substrate>,
+}
+
+impl Drop for HallDaemon {
+    fn drop(&mut self) {
+        self.stopping.cancel();
+    }
+}
+
+fn host(network: &Network, id: &str, agent: Box<dyn LaunchableAgent>) -> HallDaemon {
+    let ecosystem = EcosystemId::new("hall").expect("a name");
+    let daemon = DaemonId::new(id).expect("a name");
+    let router = MessageRouter::new(ecosystem, daemon.clone(), AgentSettings::default());
+    let port = network.open(daemon, Arc::<MessageRouter>::clone(&router) as _);
+    router.connect(Arc::clone(&port));
+    let stopping = CancellationToken::new();
+    drop(agent.launch(LaunchContext {
+        id: name(id),
+        incarnation: Incarnation(1),
+        router: Arc::clone(&router),
+        ontology: Arc::from("hall"),
+        stopping: stopping.clone(),
+        has_replicas: false,
+        via: [].into(),
+    }));
+    HallDaemon { stopping, _router: router, _port: port }
+}
+
+/// Hosts a factored agent with these files.
+fn member(network: &Network, folder: &Path, id: &str, texts: (&str, &str)) -> HallDaemon {
+    let path = |kind: &str| folder.join(format!("{kind}-{id}.pddl"));
+    std::fs::write(path("domain"), texts.0).expect("a file");
+    std::fs::write(path("problem"), texts.1).expect("a file");
+    let ontology = pddl::parse_domain("(define (domain hall))").value.expect("a domain");
+    let map = "(define (problem map) (:domain hall) (:init) (:goal (and)))";
+    let map = pddl::parse_problem(map).value.expect("a map");
+    let mut resources = Resources::default();
+    resources.insert(EcosystemFolder(folder.to_owned()));
+    let blueprint = Blueprint {
+        id: name(id),
+        driver: String::new(),
+        config: json!({
+            "domain": format!("domain-{id}.pddl"),
+            "problem": format!("problem-{id}.pddl"),
+            "part": format!("part-{id}"),
+        })
+        .into(),
+        host: Arc::new(Host { resources, ..Host::new(ontology, map) }),
+    };
+    host(network, id, crate::build(blueprint).expect("right"))
+}
+
+/// Launches a requester for these members.
+fn request(
+    network: &Network,
+    members: &[&str],
+    within: Duration,
+) -> (HallDaemon, oneshot::Receiver<JointResult>) {
+    let members: BTreeSet<AgentId> = members.iter().map(|member| name(member)).collect();
+    let (sender, result) = oneshot::channel();
+    let requester = JointRequester::new(JointPlanning { members, within }, sender);
+    (host(network, "requester", Box::new(requester)), result)
+}
+
+async fn result(receiver: oneshot::Receiver<JointResult>) -> JointResult {
+    let result = tokio::time::timeout(PATIENCE * 2, receiver).await;
+    result.expect("it ends in time").expect("the requester tells the result")
+}
+
+fn reason(result: JointResult) -> String {
+    result.plan.expect_err("there is no plan")
+}
+
+#[tokio::test]
+async fn members_agree_to_a_joint_plan() {
+    let (network, folder) = (Network::new(), tempfile::tempdir().expect("a folder"));
+    let _opener = member(&network, folder.path(), "opener", (OPENER_DOMAIN, OPENER_PROBLEM));
+    let _porter = member(&network, folder.path(), "porter", (PORTER_DOMAIN, PORTER_PROBLEM));
+    let (_requester, receiver) = request(&network, &["opener", "porter"], PATIENCE);
+    let found = result(receiver).await;
+    assert_eq!(found.cost, 4.0);
+    let skeleton = found.plan.expect("a plan");
+    assert_eq!(skeleton.owners, ["opener", "porter", "porter"]);
+    // The private step is in the agent's own file only.
+    let part = std::fs::read_to_string(folder.path().join("part-opener")).expect("written");
+    assert_eq!(part, format!("{}\n0 (turn)\n0 (swing)\n", skeleton.digest));
+}
+
+#[tokio::test]
+async fn no_plan_is_proved_and_names_the_members() {
+    let (network, folder) = (Network::new(), tempfile::tempdir().expect("a folder"));
+    let unable =
+        OPENER_DOMAIN.replace(":effect (turned)", ":precondition (turned) :effect (turned)");
+    let _opener = member(&network, folder.path(), "opener", (&unable, OPENER_PROBLEM));
+    let _porter = member(&network, folder.path(), "porter", (PORTER_DOMAIN, PORTER_PROBLEM));
+    let (_requester, receiver) = request(&network, &["opener", "porter"], PATIENCE);
+    let found = result(receiver).await;
+    assert!(found.is_proved_impossible);
+    assert_eq!(reason(found), "proven: there is no joint plan of `opener`, `porter`");
+}
+
+#[tokio::test]
+async fn a_member_that_leaves_is_planned_without() {
+    let (network, folder) = (Network::new(), tempfile::tempdir().expect("a folder"));
+    let opener = member(&network, folder.path(), "opener", (OPENER_DOMAIN, OPENER_PROBLEM));
+    let (asked, is_asked) = oneshot::channel();
+    let silent = SilentMember { tells: None, asked: Some(asked) };
+    let silent = host(&network, "porter", Box::new(silent));
+    let second = member(&network, folder.path(), "second", (PORTER_DOMAIN, PORTER_PROBLEM));
+    let members = ["opener", "porter", "second"];
+    let (_requester, receiver) = request(&network, &members, PATIENCE);
+    // The silent member answers no query, so nothing is planned until it leaves.
+    is_asked.await.expect("it is asked for its projection");
+    drop(silent);
+    let skeleton = result(receiver).await.plan.expect("a plan of the others");
+    assert_eq!(skeleton.owners, ["opener", "second", "second"]);
+    drop((opener, second));
+}
+
+#[tokio::test]
+async fn a_member_that_leaves_with_its_part_is_planned_without() {
+    let (network, folder) = (Network::new(), tempfile::tempdir().expect("a folder"));
+    let _opener = member(&network, folder.path(), "opener", (OPENER_DOMAIN, OPENER_PROBLEM));
+    let (asked, is_called) = oneshot::channel();
+    // It tells of an action that makes the other's work needless, and is silent when it is called.
+    let tells = Some(promise("porter"));
+    let porter = host(&network, "porter", Box::new(SilentMember { tells, asked: Some(asked) }));
+    let _second = member(&network, folder.path(), "second", (PORTER_DOMAIN, PORTER_PROBLEM));
+    let members = ["opener", "porter", "second"];
+    let (_requester, receiver) = request(&network, &members, PATIENCE);
+    is_called.await.expect("it is called for its part");
+    drop(porter);
+    let skeleton = result(receiver).await.plan.expect("a plan of the others");
+    assert_eq!(skeleton.owners, ["opener", "second", "second"]);
+}
+
+#[tokio::test]
+async fn a_silent_member_is_named_at_the_deadline() {
+    let (network, folder) = (Network::new(), tempfile::tempdir().expect("a folder"));
+    let _opener = member(&network, folder.path(), "opener", (OPENER_DOMAIN, OPENER_PROBLEM));
+    let tells = Some(promise("porter"));
+    let _porter = host(&network, "porter", Box::new(SilentMember { tells, asked: None }));
+    let within = Duration::from_millis(700);
+    let (requester, receiver) = request(&network, &["opener", "porter"], within);
+    assert_eq!(reason(result(receiver).await), "after 0.7 s `porter` did not answer");
+    // Nor does one that is not there.
+    drop(requester);
+    let (_requester, receiver) = request(&network, &["opener", "absent"], within);
+    assert_eq!(reason(result(receiver).await), "after 0.7 s `absent` did not answer");
+}
+
+#[tokio::test]
+async fn a_member_that_refuses_what_it_promises_is_named() {
+    let (network, folder) = (Network::new(), tempfile::tempdir().expect("a folder"));
+    let _opener = member(&network, folder.path(), "opener", (OPENER_DOMAIN, OPENER_PROBLEM));
+    let _porter = host(&network, "porter", Box::new(LyingMember(promise("porter"))));
+    let (_requester, receiver) = request(&network, &["opener", "porter"], PATIENCE);
+    assert_eq!(reason(result(receiver).await), "`porter` refuses a part of what it promises");
+}
+
+#[tokio::test]
+async fn a_member_that_speaks_for_another_is_named() {
+    let (network, folder) = (Network::new(), tempfile::tempdir().expect("a folder"));
+    let _opener = member(&network, folder.path(), "opener", (OPENER_DOMAIN, OPENER_PROBLEM));
+    let _porter = host(&network, "porter", Box::new(LyingMember(promise("opener"))));
+    let (_requester, receiver) = request(&network, &["opener", "porter"], PATIENCE);
+    let reason = reason(result(receiver).await);
+    assert!(reason.starts_with("`porter`: its action `opener--put` is not named"), "{reason}");
+}
+
+/// Returns a projection with an action named for `agent`, which reaches the goal at once.
+fn promise(agent: &str) -> String {
+    let domain = format!(
+        "(define (domain hall) (:requirements :typing) (:types thing - object)
+           (:predicates (there ?t - thing))
+           (:action {agent}--put :parameters (?t - thing) :effect (there ?t)))"
+    );
+    let problem = "(define (problem p) (:domain hall) (:objects box - thing)
+      (:init) (:goal (there box)))";
+    json!(Snapshot {
+        epoch: 0,
+        revision: 0,
+        domain,
+        problem: problem.to_owned(),
+        digest: String::new(),
+        offers: Default::default(),
+        guards: Default::default(),
+        former: Vec::new(),
+        knowledge: Default::default(),
+        conflicts: Default::default(),
+    })
+    .to_string()
+}
+
+/// A member that does not answer calls, and queries only if it tells something.
+struct SilentMember {
+    tells: Option<String>,
+    /// Is told of the first call or, if the member tells nothing, of the first query.
+    asked: Option<oneshot::Sender<()>>,
+}
+
+impl Agent for SilentMember {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new().on(Performative::Cfp, |member: &mut Self, _, _| {
+            if let Some(asked) = member.asked.take() {
+                let _ = asked.send(());
+            }
+        })
+    }
+
+    fn answer_query(&mut self, resource: Resource, _: &mut Context<Self>) -> Option<String> {
+        if let Some(asked) = self.asked.take_if(|_| self.tells.is_none()) {
+            let _ = asked.send(());
+        }
+        self.tells.clone().filter(|_| resource == Resource::Domain)
+    }
+}
+
+/// A member that refuses all that its projection promises.
+struct LyingMember(String);
+
+impl Agent for LyingMember {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new().on(Performative::Cfp, |_: &mut Self, message: Message, ctx| {
+            let call = message.content_as::<CallForProposals>();
+            assert!(call.is_ok_and(|call| call.part.is_some()), "it is called for a part");
+            ctx.refuse(&Participation::of(&message), Reason::Incapable, "I do not like it");
+        })
+    }
+
+    fn answer_query(&mut self, resource: Resource, _: &mut Context<Self>) -> Option<String> {
+        (resource == Resource::Domain).then(|| self.0.clone())
+    }
+}
