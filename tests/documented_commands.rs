@@ -226,6 +226,7 @@ documents! {
     stops: "docs/stops.md",
     view: "docs/view.md",
     devices: "docs/devices.md",
+    joint_planning: "docs/joint-planning.md",
 }
 
 /// Checks that the commands of every document are run, or listed with a reason.

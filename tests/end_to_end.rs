@@ -25,6 +25,7 @@ mod gateway;
 mod history;
 mod homes;
 mod interfacing;
+mod joint;
 #[path = "support/kernel.rs"]
 mod kernel;
 mod keyboard;

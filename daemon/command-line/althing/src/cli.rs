@@ -10,6 +10,7 @@ pub(crate) mod doctor;
 pub(crate) mod edit;
 mod help;
 pub(crate) mod history;
+pub(crate) mod joint;
 #[cfg(test)]
 mod manual;
 pub(crate) mod people;
@@ -78,6 +79,8 @@ pub(crate) enum CliCommand {
     Up(UpArgs),
     /// Play a scenario of the paper against the simulated building, and check the outcome
     Scenario(ScenarioArgs),
+    /// Plan a factored task with a daemon for each agent, which keeps its secrets
+    Joint(joint::JointArgs),
     /// Open a prompt to a running ecosystem: goals, actions, answers, and their outcomes
     #[command(after_help = KEYBOARD_HELP)]
     Keyboard(KeyboardArgs),

@@ -14,6 +14,7 @@ pub(crate) const PLUGINS: &[PluginEntry] = &[
     plan_requester::PLUGIN,
     planning_agent::PLUGIN,
     plan_executor::PLUGIN,
+    factored_agent::PLUGIN,
     journal::PLUGIN,
     history::PLUGIN,
     traces::PLUGIN,

@@ -124,6 +124,20 @@ impl FactoredTask {
         };
         Plan { steps: plan.steps.iter().map(step).collect(), cost: plan.cost }
     }
+
+    /// Returns a step in the names of one agent's files with the names of the merged task.
+    #[must_use]
+    pub fn merged(&self, agent: &str, step: &PlanStep) -> PlanStep {
+        let name = |name: &Name| {
+            let own = own_name(name, agent);
+            if self.originals.contains_key(&own) { own } else { name.clone() }
+        };
+        PlanStep {
+            action: name(&step.action),
+            arguments: step.arguments.iter().map(name).collect(),
+            ..step.clone()
+        }
+    }
 }
 
 // === which names several agents use ===

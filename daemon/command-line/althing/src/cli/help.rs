@@ -87,6 +87,7 @@ const GROUPS: &[(&str, &[(&str, &str)])] = &[
         "Planner",
         &[
             ("plan", "find a plan for a PDDL domain and problem"),
+            ("joint", "the same for agents with secrets, a daemon for each"),
             ("validate", "check a plan, up to the step that fails"),
         ],
     ),

@@ -51,6 +51,7 @@ pub(crate) mod event_output;
 mod event_table;
 mod history_text;
 mod join_slots;
+mod joint;
 mod leaders;
 mod moments;
 mod user_request;
@@ -79,6 +80,7 @@ pub(crate) fn run(command: CliCommand) -> ExitCode {
         CliCommand::Add(args) => add::run(&args.command),
         CliCommand::Up(args) => up::run(&args),
         CliCommand::Scenario(args) => scenario::run(&args),
+        CliCommand::Joint(args) => joint::run(&args),
         CliCommand::Keyboard(args) => keyboard::run(&args),
         CliCommand::Goal(args) => goal::run(&args),
         CliCommand::Act(args) => act::run(&args),

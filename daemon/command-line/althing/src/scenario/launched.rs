@@ -2,8 +2,6 @@
 
 use std::any::Any;
 use std::path::{Path, PathBuf};
-use std::process::Stdio;
-use std::time::Duration;
 
 use ::building::{Building, Server};
 use acl::{AgentId, DaemonId, Message};
@@ -13,19 +11,14 @@ use substrate::BoxFuture;
 use substrate::memory::Network;
 use substrate_zenoh::OpenError;
 use tempfile::TempDir;
-use tokio::io::{AsyncBufReadExt as _, BufReader};
-use tokio::process::{Child, Command};
+use tokio::process::Child;
 use tokio::sync::mpsc;
 
 use super::recorded::{ScenarioTap, TapLink};
 use super::setting::{REASONING, Setting};
-use crate::config::{self, AgentEntry, Ecosystem, Overrides, Variables};
-use crate::hosting::{self, DaemonNode, MessageTransport, NodeOptions, READY};
+use crate::config::{AgentEntry, Ecosystem, Overrides, Variables};
+use crate::hosting::{self, DaemonLauncher, DaemonNode, MessageTransport, NodeOptions};
 use crate::plugins;
-
-/// How long a process may take until it is ready. On an idle machine a process takes less than 0.2
-/// s.
-const READY_WITHIN: Duration = Duration::from_secs(30);
 
 /// The place where the agents of a scenario run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,7 +45,7 @@ pub(crate) struct LaunchedScenario {
     pub(crate) node: DaemonNode,
     pub(crate) processes: Vec<(String, Child)>,
     /// Starts the processes of the scenario's daemons.
-    program: DaemonLauncher,
+    program: ScenarioDaemons,
     transport: MessageTransport,
     /// The connection of the listener that records the messages, if there is one.
     recording: Option<TapLink>,
@@ -101,7 +94,8 @@ pub(crate) async fn launch_scenario(
         }
         None => (ecosystem, None),
     };
-    let program = DaemonLauncher::new(file, folder.path(), mode)?;
+    let launcher = DaemonLauncher::new(folder.path(), mode)?;
+    let program = ScenarioDaemons { launcher, file };
     let at_first: Vec<AgentEntry> = { ecosystem.agents.iter() }
         .filter(|entry| !setting.comes_later(entry.name.as_str()))
         .cloned()
@@ -156,11 +150,13 @@ fn transport(
     let mut config = substrate_zenoh::Config::new(ecosystem.name.clone(), daemon.clone());
     match stage {
         ScenarioSubstrate::Memory => return Ok(MessageTransport::Memory(Network::new())),
-        ScenarioSubstrate::Zenoh => config.listen = vec![socket_endpoint(folder, daemon.as_str())?],
+        ScenarioSubstrate::Zenoh => {
+            config.listen = vec![hosting::socket_endpoint(folder, daemon.as_str())?]
+        }
         ScenarioSubstrate::Processes => {
             config.mode = substrate_zenoh::SessionMode::Client;
             let meeting = folder.join(ecosystem.name.as_str());
-            config.connect = vec![socket_endpoint(&meeting, REASONING)?];
+            config.connect = vec![hosting::socket_endpoint(&meeting, REASONING)?];
         }
     }
     Ok(MessageTransport::Zenoh(Box::new(config)))
@@ -201,44 +197,19 @@ fn endpoint(transport: &MessageTransport) -> Option<String> {
     }
 }
 
-/// Returns the Zenoh endpoint that is the socket of a daemon.
-fn socket_endpoint(folder: &Path, daemon: &str) -> Result<String, String> {
-    let path = hosting::socket_in(folder, daemon).map_err(|error| format!("failed to {error}"))?;
-    Ok(format!("unixsock-stream/{}", path.display()))
-}
-
-/// Starts `althing up` for the daemons of a scenario.
-struct DaemonLauncher {
-    path: PathBuf,
+/// Starts the daemons of a scenario, which have one ecosystem file.
+struct ScenarioDaemons {
+    launcher: DaemonLauncher,
     file: PathBuf,
-    folder: PathBuf,
-    mode: Mode,
 }
 
-impl DaemonLauncher {
-    fn new(file: PathBuf, folder: &Path, mode: Mode) -> Result<DaemonLauncher, String> {
-        let path = std::env::current_exe()
-            .map_err(|error| format!("failed to find this program to start it again: {error}"))?;
-        Ok(DaemonLauncher { path, file, folder: folder.to_owned(), mode })
-    }
-
-    /// Starts one `althing up` per daemon, and waits until all are ready. Returns the name of each
-    /// daemon with its process.
+impl ScenarioDaemons {
+    /// Starts one process per daemon, and waits until all are ready.
     async fn spawn_all(&self, daemons: &[DaemonId]) -> Result<Vec<(String, Child)>, String> {
-        let mut processes = Vec::new();
-        for daemon in daemons {
-            processes.push((daemon.to_string(), self.spawn(daemon)?));
-        }
-        for (daemon, child) in &mut processes {
-            let ready = tokio::time::timeout(READY_WITHIN, until_ready(child)).await;
-            ready
-                .map_err(|_| format!("daemon `{daemon}` was not ready within {READY_WITHIN:?}"))?
-                .map_err(|problem| format!("daemon `{daemon}` {problem}"))?;
-        }
-        Ok(processes)
+        self.launcher.spawn_all(daemons.iter().map(|daemon| (daemon, self.file.as_path()))).await
     }
 
-    /// Starts daemons as [`DaemonLauncher::spawn_all`] does. If `listening` is given, the daemon of
+    /// Starts daemons as [`ScenarioDaemons::spawn_all`] does. If `listening` is given, the daemon of
     /// the reasoning agents starts first, and `listening` connects a listener through it before the
     /// others start.
     async fn spawn_heard(
@@ -254,45 +225,6 @@ impl DaemonLauncher {
         processes.extend(self.spawn_all(&others).await?);
         Ok((processes, Some(tapped)))
     }
-
-    fn spawn(&self, daemon: &DaemonId) -> Result<Child, String> {
-        let mode = match self.mode {
-            Mode::Centralized => "centralized",
-            Mode::Decentralized => "decentralized",
-        };
-        let mut command = Command::new(&self.path);
-        for setting in config::variables().keys() {
-            command.env_remove(setting);
-        }
-        command
-            .arg("up")
-            .arg(&self.file)
-            .args(["--daemon", daemon.as_str(), "--mode", mode, "--until-stdin-ends"])
-            .env("ALTHING_RUNTIME_DIR", &self.folder)
-            .env("ALTHING_STATE_DIR", self.folder.join("state"))
-            // The pipe stays open as long as this process runs. When this process ends in any way,
-            // the pipe closes and the daemons end too.
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .kill_on_drop(true)
-            .spawn()
-            .map_err(|error| format!("failed to start daemon `{daemon}`: {error}"))
-    }
-}
-
-/// Reads the output of a daemon until it reports that it is ready. A task then reads and discards
-/// the later output, so that the daemon never blocks on writing it.
-async fn until_ready(child: &mut Child) -> Result<(), String> {
-    let stdout = child.stdout.take().ok_or("has no output")?;
-    let mut lines = BufReader::new(stdout).lines();
-    while let Ok(Some(line)) = lines.next_line().await {
-        if line.contains(READY) {
-            tokio::spawn(async move { while let Ok(Some(_)) = lines.next_line().await {} });
-            return Ok(());
-        }
-    }
-    let status = child.wait().await.map_err(|error| error.to_string())?;
-    Err(format!("ended with {status} before it was ready"))
 }
 
 impl LaunchedScenario {
@@ -357,11 +289,7 @@ impl LaunchedScenario {
     /// Ends all agents and processes of the scenario.
     pub(crate) async fn shut_down(mut self) {
         self.node.drain().await;
-        for (_, child) in &mut self.processes {
-            // These are child processes, ended by their handles; some may have been killed before.
-            let _ = child.start_kill();
-            let _ = child.wait().await;
-        }
+        hosting::end_daemons(&mut self.processes).await;
         if let Some(recording) = self.recording.take() {
             recording.close().await;
         }
