@@ -38,6 +38,20 @@ impl Directory {
         self.residents.get(agent)?.iter().find(|resident| resident.incarnation == incarnation)
     }
 
+    /// Returns the agent of this name that has the incarnation of the one at `daemon` and comes
+    /// before it; `None` if there is none. Two clocks that agree to the microsecond give two replicas
+    /// one number, and then no receiver could tell their messages apart.
+    pub(crate) fn twin_before(
+        &self,
+        agent: &AgentId,
+        incarnation: Incarnation,
+        daemon: &DaemonId,
+    ) -> Option<&Resident> {
+        let is_twin =
+            |other: &&Resident| other.incarnation == incarnation && other.daemon < *daemon;
+        self.all(agent).iter().find(is_twin)
+    }
+
     /// Returns the address of the oldest present agent of this name, which holds the name; `None`
     /// if no agent of the name is present.
     pub fn address(&self, agent: &AgentId) -> Option<AgentAddress> {
@@ -144,6 +158,20 @@ mod tests {
         let changes = directory.update(&Presence::Joined(new.clone()));
         assert_eq!(changes, [Presence::Left(old.clone()), Presence::Joined(new)]);
         assert_eq!(directory.update(&Presence::Left(old)), [], "the old token is gone already");
+    }
+
+    #[test]
+    fn of_two_with_one_number_the_later_daemon_has_a_twin() {
+        let mut directory = Directory::default();
+        let all = [("a", 1), ("b", 1), ("c", 2)];
+        let all = all.map(|(daemon, number)| resident("robot", daemon, number));
+        for resident in &all {
+            directory.update(&Presence::Joined(resident.clone()));
+        }
+        let twins = all.each_ref().map(|Resident { agent, daemon, incarnation }| {
+            directory.twin_before(agent, *incarnation, daemon)
+        });
+        assert_eq!(twins, [None, Some(&all[0]), None]);
     }
 
     #[test]

@@ -158,6 +158,9 @@ impl<A: Agent> AgentTask<A> {
             if let Some(holder) = self.usurped() {
                 return Err(LaunchError::NameTaken { holder });
             }
+            if let Some(holder) = self.twin() {
+                return Err(LaunchError::IncarnationTaken { holder });
+            }
             if draining && self.agent.drain(&mut self.ctx) {
                 return Ok(());
             }
@@ -411,5 +414,14 @@ impl<A: Agent> AgentTask<A> {
             None => self.ctx.find(self.ctx.id()),
         };
         holder.filter(|holder| holder.daemon != *self.ctx.daemon())
+    }
+
+    /// Returns the replica that keeps the number of this incarnation, if another one has it too. This
+    /// agent then ends, and is launched again with another number: the ids of its messages, its
+    /// exchanges and its term all come from the number, and would be taken for those of the replica.
+    fn twin(&self) -> Option<Resident> {
+        self.standing.as_ref()?;
+        let (id, incarnation) = (self.ctx.id(), self.ctx.incarnation());
+        self.told.as_ref()?.twin_before(id, incarnation, self.ctx.daemon()).cloned()
     }
 }

@@ -45,6 +45,16 @@ pub enum LaunchError {
         /// Present agent that has the name already.
         holder: Resident,
     },
+    /// A replica of the agent at another daemon has the same number of its incarnation.
+    #[error(
+        "launch `{}` as incarnation {}: its replica at daemon `{}` has that number; it is launched \
+         again with another",
+        holder.agent, holder.incarnation, holder.daemon
+    )]
+    IncarnationTaken {
+        /// Replica that keeps the number.
+        holder: Resident,
+    },
     /// The substrate did not accept the presence of the agent.
     #[error("announce `{agent}`: {source}")]
     Announce {
