@@ -1,6 +1,7 @@
 //! Goals by the clock on simulated machines: clocks jump over due times in both directions, machines
-//! sleep, and leaders die at the very time at which something is due. Each occurrence is pursued at
-//! most once, by the executor's own count; and when all is quiet again, the next one comes.
+//! sleep, and leaders die at the very time at which something is due. Each occurrence is carried out
+//! once as long as a replica takes over soon, by the executor's own count; and when all is quiet again,
+//! the next one comes.
 
 #[path = "house/clocks.rs"]
 mod clocks;
@@ -16,7 +17,7 @@ use clocks::{LEADERS, LIT_FOR, Trial};
 const START: &str = "2026-09-21T13:33:20";
 
 /// Seeds of the trial with random jumps and deaths.
-const SEEDS: std::ops::Range<u64> = 0..40;
+const SEEDS: std::ops::Range<u64> = 0..60;
 
 /// Steps of each of these trials.
 const STEPS: usize = 30;
@@ -92,6 +93,44 @@ async fn a_leader_that_dies_at_a_due_time_is_continued() {
     assert_eq!(trial.broken(), Vec::<String>::new());
 }
 
+/// The clocks of two machines agree to the microsecond, so both Plan Requesters begin with one number.
+/// If they kept it, the Journal would take the messages of the second leader for repetitions of those
+/// of the first: the end of an occurrence would be lost, and the third leader would go on with it.
+#[tokio::test(start_paused = true)]
+async fn replicas_that_begin_in_one_microsecond_lose_no_end() {
+    for seed in 0..8 {
+        let mut trial = Trial::with_clocks_apart(seed, Duration::ZERO).await;
+        trial.ask("d", every("FREQ=MINUTELY")).await;
+        let incarnations = trial.incarnations();
+        assert!(incarnations[0] != incarnations[1], "{incarnations:?}");
+        for minute in 34..37 {
+            assert_eq!(trial.executed().await, format!("d@20260921T13{minute}00Z"));
+            trial.kill_leader().await;
+            // The lamp is not lit any more.
+            tokio::time::sleep(LIT_FOR).await;
+            trial.kill_leader().await;
+        }
+        assert_eq!(trial.broken(), Vec::<String>::new(), "seed {seed}");
+    }
+}
+
+/// An executor has carried an occurrence out, and each Plan Requester dies before it can record that.
+/// The goal is known, and nobody has seen it hold: so it is pursued until it does.
+#[tokio::test(start_paused = true)]
+async fn an_occurrence_whose_end_no_leader_has_seen_is_pursued_on() {
+    let mut trial = Trial::open(5).await;
+    trial.ask("d", every("FREQ=MINUTELY;INTERVAL=10")).await;
+    assert_eq!(trial.executed().await, "d@20260921T133400Z");
+    trial.kill_all();
+    tokio::time::sleep(LIT_FOR * 2).await;
+    trial.restart_all();
+    tokio::time::sleep(LIT_FOR).await;
+    let broken = trial.broken();
+    assert_eq!(broken.len(), 1, "{broken:?}");
+    assert!(broken[0].starts_with("d@20260921T133400Z was carried out twice"), "{broken:?}");
+    assert_eq!(trial.executed().await, "d@20260921T134400Z");
+}
+
 #[tokio::test(start_paused = true)]
 async fn a_goal_that_is_late_is_told_and_one_whose_time_is_over_is_given_up() {
     let mut trial = Trial::open(4).await;
@@ -113,7 +152,6 @@ async fn a_goal_that_is_late_is_told_and_one_whose_time_is_over_is_given_up() {
 
 /// Clocks of the machines jump by hours, and leaders die, also while the executor is being asked.
 #[test]
-#[ignore = "seed 17 has carried an occurrence out twice; whether the trial or the code is wrong is open"]
 fn jumps_and_deaths_repeat_no_occurrence() {
     let mut executed = 0;
     let one = std::env::var("ALTHING_DUE_SEED").ok().and_then(|seed| seed.parse::<u64>().ok());

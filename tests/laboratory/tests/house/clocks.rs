@@ -28,8 +28,9 @@ use tokio_util::sync::CancellationToken;
 /// Number of machines with a Plan Requester.
 pub(crate) const LEADERS: usize = 2;
 
-/// How long the lamp is lit after an execution: longer than a new leader needs to take over, and
-/// shorter than the time between two occurrences.
+/// How long the lamp is lit after an execution: longer than a new leader needs to take over and to
+/// record that an occurrence has ended, and shorter than the time between two occurrences. If no
+/// leader has seen it lit, the next one has it lit once more.
 pub(crate) const LIT_FOR: Duration = Duration::from_secs(25);
 
 /// Start of all clocks: 2026-09-21T13:33:20Z.
@@ -49,15 +50,26 @@ const DARK: &str =
 const LIT: &str = "(define (problem p) (:domain d) (:objects lamp - agent) (:init (idle lamp)
     (lit lamp)) (:goal (and)))";
 
+/// Difference between the clocks of two machines, in microseconds. No two machines begin an agent in
+/// the same microsecond, also after some restarts with a clock that was set back.
+const APART_MICROS: u64 = 997;
+
 /// The clock of one machine.
 struct Clock {
     began: Instant,
+    apart: Duration,
     jumped: AtomicI64,
+}
+
+impl Clock {
+    fn new(apart: Duration) -> Arc<Clock> {
+        Arc::new(Clock { began: Instant::now(), apart, jumped: AtomicI64::new(0) })
+    }
 }
 
 impl MachineSimulation for Clock {
     fn wall_clock(&self) -> SystemTime {
-        let now = UNIX_EPOCH + CLOCK_START + self.began.elapsed();
+        let now = UNIX_EPOCH + CLOCK_START + self.apart + self.began.elapsed();
         let jumped = self.jumped.load(Ordering::Relaxed);
         let by = Duration::from_secs(jumped.unsigned_abs());
         if jumped < 0 { now - by } else { now + by }
@@ -143,6 +155,7 @@ impl Agent for Executor {
                     let line =
                         format!("{conversation} was carried out twice: {former:?}, {number:?}");
                     world.broken.push(line);
+                    world.lit_since = Some(Instant::now());
                 }
             }
             drop(world);
@@ -211,6 +224,12 @@ pub(crate) struct Trial {
 impl Trial {
     /// Opens all machines, and waits until a Plan Requester leads.
     pub(crate) async fn open(seed: u64) -> Trial {
+        Trial::with_clocks_apart(seed, Duration::from_micros(APART_MICROS)).await
+    }
+
+    /// Like [`Trial::open`]; the clock of each machine has this distance from that of the one before
+    /// when both are started.
+    pub(crate) async fn with_clocks_apart(seed: u64, apart: Duration) -> Trial {
         let network = Network::new(seed);
         let ontology = pddl::parse_domain(DOMAIN).into_result().expect("a domain");
         let map = pddl::parse_problem(DARK).into_result().expect("a problem");
@@ -222,7 +241,7 @@ impl Trial {
             resources,
             ..Host::new(ontology, map)
         });
-        let base_clock = Arc::new(Clock { began: Instant::now(), jumped: AtomicI64::new(0) });
+        let base_clock = Clock::new(Duration::ZERO);
         let base = router(&network, "base", services(&base_clock));
         let world = SharedWorld::default();
         let (executed, executions) = mpsc::unbounded_channel();
@@ -247,8 +266,10 @@ impl Trial {
             askers: 0,
             _lives: lives,
         };
+        let mut ahead = Duration::ZERO;
         for number in 0..LEADERS {
-            let clock = Arc::new(Clock { began: Instant::now(), jumped: AtomicI64::new(0) });
+            let clock = Clock::new(ahead);
+            ahead += apart;
             trial.machines.push(Machine {
                 daemon: DaemonId::new(&format!("m{number}")).expect("a name"),
                 services: services(&clock),
@@ -380,6 +401,12 @@ impl Trial {
         lock(&self.world).broken.clone()
     }
 
+    /// Returns the incarnation of the Plan Requester that runs, or ran last, on each machine.
+    pub(crate) fn incarnations(&self) -> Vec<u64> {
+        let of = |machine: &Machine| machine.incarnation.load(Ordering::Relaxed);
+        self.machines.iter().map(of).collect()
+    }
+
     /// Returns the end of the history of all goals, for people.
     pub(crate) async fn last(&self) -> Vec<String> {
         let goals = self.goals().await;
@@ -427,6 +454,11 @@ impl Trial {
         tokio::time::sleep(Duration::from_secs(2)).await;
         self.restart_all();
         tokio::time::sleep(Duration::from_secs(1)).await;
+    }
+
+    /// Kills all machines with a Plan Requester.
+    pub(crate) fn kill_all(&mut self) {
+        (0..LEADERS).for_each(|number| self.kill(number));
     }
 
     pub(crate) fn restart_all(&mut self) {
