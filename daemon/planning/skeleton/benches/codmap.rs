@@ -34,7 +34,8 @@ fn main() {
     };
     let seconds = arguments.get(1).and_then(|it| it.parse().ok()).unwrap_or(SECONDS);
     let only = arguments.get(2);
-    let (mut solved, mut ratio, mut all) = (0, 0.0, 0);
+    let (mut solved, mut solved_centrally, mut all) = (0, 0, 0);
+    let (mut ratios, mut seconds_taken, mut sizes) = (Vec::new(), Vec::new(), Vec::new());
     for task in tasks(Path::new(folder)) {
         let name = task.strip_prefix(folder).unwrap_or(&task).display().to_string();
         if only.is_some_and(|only| !name.contains(only.as_str())) {
@@ -44,14 +45,20 @@ fn main() {
         let files = read(&task);
         let began = Instant::now();
         let cancel = cancel_after(Duration::from_secs(seconds));
-        match play(&files, &cancel) {
+        let played = play(&files, &cancel);
+        let took = began.elapsed().as_secs_f64();
+        let central = central(&files, &cancel_after(Duration::from_secs(seconds)));
+        solved_centrally += usize::from(central.is_some());
+        match played {
             Ok(Played { steps, rounds, bytes }) => {
-                let took = began.elapsed().as_secs_f64();
                 let cost = validated(&files, &steps);
-                let central = central(&files, &cancel_after(Duration::from_secs(seconds)));
-                solved += usize::from(cost.is_ok());
+                if cost.is_ok() {
+                    solved += 1;
+                    seconds_taken.push(took);
+                    sizes.push(bytes as f64);
+                }
                 if let (Ok(own), Some(central)) = (&cost, central) {
-                    ratio += (own / central).ln();
+                    ratios.push((own / central).ln());
                 }
                 println!(
                     "{name}: {took:.3} s, cost {cost:?} of {central:?}, {rounds} rounds, {bytes} bytes"
@@ -60,7 +67,22 @@ fn main() {
             Err(why) => println!("{name}: none: {why}"),
         }
     }
-    println!("{solved} of {all} solved; cost {:.3}", (ratio / f64::from(solved as u32)).exp());
+    let limit = seconds as f64;
+    let score = |took: &f64| if *took <= 1.0 { 1.0 } else { 1.0 - took.ln() / limit.ln() };
+    let agile: f64 = seconds_taken.iter().map(score).sum();
+    println!(
+        "{solved} of {all} solved ({solved_centrally} by a planner that sees everything), agile score \
+         {agile:.1}, median {:.3} s, {:.0} bytes; cost of joint ÷ central plans {:.3}, {} tasks",
+        middle(&mut seconds_taken),
+        middle(&mut sizes),
+        (ratios.iter().sum::<f64>() / ratios.len() as f64).exp(),
+        ratios.len()
+    );
+}
+
+fn middle(values: &mut [f64]) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
 /// Returns the folders with files of agents, sorted.
@@ -171,6 +193,9 @@ fn joined(skeleton: &SkeletonPlan, filled: BTreeMap<String, FilledPart>) -> Vec<
     let mut rest: BTreeMap<String, std::vec::IntoIter<Vec<PlanStep>>> =
         filled.into_iter().map(|(agent, part)| (agent, part.steps.into_iter())).collect();
     let mut steps = Vec::new();
+    for own in rest.values_mut() {
+        steps.extend(own.next().unwrap_or_default());
+    }
     for owner in &skeleton.owners {
         steps.extend(rest.get_mut(owner).and_then(Iterator::next).unwrap_or_default());
     }

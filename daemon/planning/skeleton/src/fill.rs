@@ -16,8 +16,9 @@ use pddl::{
 use planner::{Cancel, Options, StopReason};
 
 use crate::opaque_names::OpaqueNames;
-use crate::private_symbols::{PrivateSymbols, Scope, atoms};
+use crate::private_symbols::{PrivateSymbols, Scope, TOTAL_COST, atoms};
 use crate::projection::ProjectedAction;
+use crate::terms::used_by;
 
 /// Predicate that holds if its arguments are the same object.
 const SAME: &str = "skeleton--same";
@@ -28,8 +29,9 @@ const ELEMENT: &str = "skeleton--element-";
 /// The agent's part with its private steps.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FilledPart {
-    /// For each of the agent's steps in the skeleton: its private steps before it, and the step
-    /// itself; at the end, the private steps after the last one.
+    /// First, the private steps before anything else; then, for each of the agent's steps in the
+    /// skeleton, the private steps just before it, the step itself, and those just after it, before
+    /// others change something; last, the private steps after everything else.
     pub steps: Vec<Vec<PlanStep>>,
     /// The cost of all these steps.
     pub cost: f64,
@@ -42,9 +44,18 @@ pub struct FillRefusal {
     pub why: String,
     /// What the agent may write into its own log: it can name what is private.
     pub private_detail: Option<String>,
-    /// Index of the action that cannot be carried out in the agent's domain; `None` if it is not one
-    /// action that fails.
-    pub(crate) schema: Option<usize>,
+    /// What is proved to be impossible; `None` if the refusal is no proof, such as that of a part
+    /// that cannot be read or was not planned in time.
+    pub(crate) proved: Option<ProvedRefusal>,
+}
+
+/// What an agent has proved of its part.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ProvedRefusal {
+    /// It cannot reach the action of one of its steps, with this index in its domain.
+    Step { schema: usize },
+    /// It can carry out its steps, but not reach its own goals besides.
+    Goals,
 }
 
 /// An element of a part, parsed.
@@ -81,7 +92,7 @@ impl<'t> FillTask<'t> {
         let mut elements = Vec::new();
         for element in part {
             elements.push(match element {
-                PartStep::Own(text) => own_step(task, names, projected, text)?,
+                PartStep::Own(text) => own_step(symbols, names, projected, text)?,
                 PartStep::Others(text) => others(task, symbols, text)?,
             });
         }
@@ -99,51 +110,58 @@ impl<'t> FillTask<'t> {
         cancel: &Cancel,
     ) -> Result<FilledPart, FillRefusal> {
         let all = self.elements.len();
-        let stopped = match self.plan(all, true, options, cancel)? {
-            Ok(plan) => return self.filled(&plan),
-            Err(stopped) => stopped,
-        };
-        if stopped == StopReason::Cancelled {
-            return Err(refused("it has no time left to plan its part"));
+        if all == 0 {
+            return Err(refused("its part is empty"));
+        }
+        if let Some(plan) = self.plan(all, true, options, cancel)? {
+            return self.filled(&plan);
+        }
+        if self.plan(all, false, options, cancel)?.is_some() {
+            let why = "it cannot reach what is wanted of it besides its steps".to_owned();
+            let proved = Some(ProvedRefusal::Goals);
+            return Err(FillRefusal { why, private_detail: None, proved });
         }
         // The least number of elements that cannot be reached: all before it can.
         let (mut possible, mut failing) = (0, all);
-        if self.plan(all, false, options, cancel)?.is_ok() {
-            return Err(refused("it cannot reach what is wanted of it after its last step"));
-        }
         while failing - possible > 1 {
             let middle = usize::midpoint(possible, failing);
             match self.plan(middle, false, options, cancel)? {
-                Ok(_) => possible = middle,
-                Err(_) => failing = middle,
+                Some(_) => possible = middle,
+                None => failing = middle,
             }
         }
         let is_own = |element: &&FillElement| matches!(element, FillElement::Own { .. });
         let number = self.elements[..failing].iter().filter(is_own).count();
-        let schema = match self.elements.get(failing - 1) {
-            Some(FillElement::Own { schema, .. }) => Some(*schema),
-            _ => None,
-        };
         let why = format!("it cannot carry out its step {number} of the skeleton");
-        Err(FillRefusal { why, private_detail: None, schema })
+        let proved = match &self.elements[possible] {
+            FillElement::Own { schema, .. } => Some(ProvedRefusal::Step { schema: *schema }),
+            FillElement::Others(_) => None,
+        };
+        Err(FillRefusal { why, private_detail: None, proved })
     }
 
-    /// Plans up to the element `end`, and for the agent's own goals if `with_goals`. Returns the
-    /// reason if there is no plan.
+    /// Plans up to the element `end`, and for the agent's own goals if `with_goals`. Returns `None` if
+    /// it is proved that there is no plan.
+    ///
+    /// # Errors
+    ///
+    /// Returns a refusal without a proof if the search ends at a limit.
     fn plan(
         &self,
         end: usize,
         with_goals: bool,
         options: &Options,
         cancel: &Cancel,
-    ) -> Result<Result<Plan, StopReason>, FillRefusal> {
+    ) -> Result<Option<Plan>, FillRefusal> {
         let (domain, problem) = (self.domain(end), self.problem(end, with_goals));
-        match planner::plan(&domain, &problem, options, cancel) {
-            Ok(outcome) => Ok(outcome.plan.ok_or(outcome.stop_reason)),
-            Err(error) => Err(FillRefusal {
-                private_detail: Some(error.to_string()),
-                ..refused("its own task cannot be planned for")
-            }),
+        let outcome = planner::plan(&domain, &problem, options, cancel).map_err(|error| {
+            let private_detail = Some(error.to_string());
+            FillRefusal { private_detail, ..refused("its own task cannot be planned for") }
+        })?;
+        match (outcome.plan, outcome.stop_reason) {
+            (Some(plan), _) => Ok(Some(plan)),
+            (None, StopReason::Unsolvable { .. }) => Ok(None),
+            (None, limit) => Err(refused(&format!("it has not planned its part: {limit}"))),
         }
     }
 
@@ -236,7 +254,8 @@ impl<'t> FillTask<'t> {
 
     /// Whether a conjunct of the goal is about something private.
     fn is_private_goal(&self, conjunct: &Condition) -> bool {
-        let mut is_private = false;
+        let functions = used_by(conjunct).functions;
+        let mut is_private = functions.iter().any(|name| self.symbols.is_private_function(name));
         atoms(conjunct, &mut Scope::new(), &mut |atom, scope| {
             is_private |= self.symbols.symbol(atom, scope).is_some();
         });
@@ -245,25 +264,28 @@ impl<'t> FillTask<'t> {
 
     /// Splits a plan at the agent's steps of the skeleton.
     fn filled(&self, plan: &Plan) -> Result<FilledPart, FillRefusal> {
-        let mut steps = vec![Vec::new()];
+        let mut steps: Vec<Vec<PlanStep>> = vec![Vec::new()];
+        // Private steps that others have not changed anything after.
+        let mut current = Vec::new();
+        let add = |steps: &mut Vec<Vec<PlanStep>>, more: &mut Vec<PlanStep>| {
+            if let Some(last) = steps.last_mut() {
+                last.append(more);
+            }
+        };
         for step in &plan.steps {
             let element = step.action.as_str().strip_prefix(ELEMENT);
             let element = element.and_then(|place| place.parse::<usize>().ok());
-            let mut current = steps.pop().unwrap_or_default();
             match element.and_then(|place| self.elements.get(place)) {
                 Some(FillElement::Own { schema, .. }) => {
                     let action = self.task.domain.actions[*schema].name.clone();
                     current.push(PlanStep::new(action, step.arguments.iter().cloned()));
-                    steps.push(current);
-                    steps.push(Vec::new());
+                    steps.push(std::mem::take(&mut current));
                 }
-                Some(FillElement::Others(_)) => steps.push(current),
-                None => {
-                    current.push(step.clone());
-                    steps.push(current);
-                }
+                Some(FillElement::Others(_)) => add(&mut steps, &mut current),
+                None => current.push(step.clone()),
             }
         }
+        steps.push(current);
         let cost = match &self.task.problem.metric {
             Some(_) => plan.cost.map_or(0.0, |cost| cost.0),
             None => steps.iter().map(Vec::len).sum::<usize>() as f64,
@@ -273,7 +295,7 @@ impl<'t> FillTask<'t> {
 }
 
 fn refused(why: &str) -> FillRefusal {
-    FillRefusal { why: why.to_owned(), private_detail: None, schema: None }
+    FillRefusal { why: why.to_owned(), private_detail: None, proved: None }
 }
 
 fn atom(predicate: Name, arguments: Vec<Term>) -> Atom {
@@ -305,7 +327,7 @@ fn effect_of(change: &InitElement) -> Option<Effect> {
 
 /// Parses a step of the agent in the skeleton.
 fn own_step(
-    task: &AgentFiles,
+    symbols: &PrivateSymbols,
     names: &OpaqueNames,
     projected: &BTreeMap<Name, ProjectedAction>,
     text: &str,
@@ -316,11 +338,11 @@ fn own_step(
     if step.arguments.len() != action.parameters.len() {
         return Err(unknown());
     }
-    let known = |name: &Name| {
-        let name = names.object_of(name);
-        let objects = task.problem.objects.iter().map(|it| &it.object);
-        let is_known = objects.chain(&task.domain.constants).any(|it| it.name == name);
-        is_known.then_some(name).ok_or_else(unknown)
+    // A private object is known to others by its opaque name only.
+    let known = |name: &Name| match names.object_of(name) {
+        Some(own) => Ok(own.clone()),
+        None if symbols.knows_object(name) && !symbols.is_private_object(name) => Ok(name.clone()),
+        None => Err(unknown()),
     };
     let mut given = BTreeMap::new();
     for (parameter, argument) in action.parameters.iter().zip(&step.arguments) {
@@ -337,19 +359,21 @@ fn others(
 ) -> Result<FillElement, FillRefusal> {
     let changes = pddl::parse_init_elements(text).into_result();
     let changes = changes.map_err(|_| refused("what others change cannot be read"))?;
-    let is_known = |change: &InitElement| {
-        let (name, arguments, is_predicate) = match change {
-            InitElement::Atom(atom) | InitElement::Not(atom) => {
-                (&atom.predicate, &atom.arguments, true)
-            }
-            InitElement::Assign(fluent, _) => (&fluent.function, &fluent.arguments, false),
-            InitElement::Unknown(_) | InitElement::At(..) => return false,
-        };
-        let is_declared = match is_predicate {
-            true => task.domain.predicates.iter().any(|it| it.name == *name),
-            false => task.domain.functions.iter().any(|it| it.name == *name),
-        };
-        is_declared && arguments.iter().all(|term| symbols.knows_object(term.name()))
+    let is_public = |name: &Name| symbols.knows_object(name) && !symbols.is_private_object(name);
+    // No other agent changes what is private, nor what this agent's steps cost.
+    let is_known = |change: &InitElement| match change {
+        InitElement::Atom(atom) | InitElement::Not(atom) => {
+            task.domain.predicates.iter().any(|it| it.name == atom.predicate)
+                && atom.arguments.iter().all(|term| is_public(term.name()))
+                && symbols.symbol(atom, &Scope::new()).is_none()
+        }
+        InitElement::Assign(fluent, _) => {
+            task.domain.functions.iter().any(|it| it.name == fluent.function)
+                && fluent.arguments.iter().all(|term| is_public(term.name()))
+                && !symbols.is_private_function(&fluent.function)
+                && fluent.function != *TOTAL_COST
+        }
+        InitElement::Unknown(_) | InitElement::At(..) => false,
     };
     Ok(FillElement::Others(changes.into_iter().filter(is_known).collect()))
 }

@@ -24,6 +24,7 @@ mod partner;
 mod private_symbols;
 mod projection;
 mod requester;
+mod terms;
 
 pub use fill::{FillRefusal, FilledPart};
 pub use partner::Partner;

@@ -1,10 +1,16 @@
-//! Opaque names: what is private is named to others by its agent and a number.
+//! Opaque names: what is private is named to others by its agent and a number, in the order of the
+//! declarations.
 
 use std::collections::{BTreeMap, BTreeSet};
 
 use pddl::Name;
+use pddl::factored::AgentFiles;
 
 use crate::private_symbols::{PrivateSymbol, PrivateSymbols};
+use crate::terms::UsedTerms;
+
+/// Separates the name of a member from the rest of a name that only this member uses.
+pub(crate) const OWN: &str = "--";
 
 /// The opaque names of one agent, the same in each of its projections.
 #[derive(Clone)]
@@ -13,23 +19,46 @@ pub(crate) struct OpaqueNames {
     objects: BTreeMap<Name, Name>,
     functions: BTreeMap<Name, Name>,
     predicates: BTreeMap<PrivateSymbol, Name>,
+    variables: BTreeMap<Name, Name>,
 }
 
 // === impl OpaqueNames ===
 
 impl OpaqueNames {
     pub(crate) fn new(
-        agent: &str,
+        task: &AgentFiles,
         symbols: &PrivateSymbols,
         predicates: &BTreeSet<PrivateSymbol>,
-        functions: impl Iterator<Item = Name>,
     ) -> OpaqueNames {
-        let objects = symbols.private_objects().map(|object| object.name.clone());
+        let AgentFiles { agent, domain, problem } = task;
+        let place = |name: &Name| domain.predicates.iter().position(|it| it.name == *name);
+        let mut in_order: Vec<PrivateSymbol> = predicates.iter().cloned().collect();
+        in_order.sort_by_key(|symbol| (place(&symbol.predicate), symbol.positions.clone()));
+        let functions = domain.functions.iter().map(|it| it.name.clone());
+        let functions = functions.filter(|name| symbols.is_private_function(name));
+        let objects = symbols.private_objects().iter().map(|object| object.name.clone());
+        let mut variables = Vec::new();
+        for action in &domain.actions {
+            variables.extend(action.all_parameters().map(|typed| typed.name.clone()));
+            let mut used = UsedTerms::default();
+            used.condition(&action.precondition);
+            used.effect(&action.effect);
+            variables.extend(used.declared.into_iter().map(|typed| typed.name));
+        }
+        let mut goal = UsedTerms::default();
+        goal.condition(&problem.goal);
+        variables.extend(goal.declared.into_iter().map(|typed| typed.name));
+        let mut numbers = BTreeMap::new();
+        for variable in variables {
+            let number = numbers.len();
+            numbers.entry(variable).or_insert_with(|| Name::new(&format!("x{number}")));
+        }
         OpaqueNames {
-            agent: agent.to_owned(),
+            agent: agent.clone(),
             objects: numbered(agent, "o", objects),
             functions: numbered(agent, "f", functions),
-            predicates: numbered(agent, "p", predicates.iter().cloned()),
+            predicates: numbered(agent, "p", in_order.into_iter()),
+            variables: numbers,
         }
     }
 
@@ -37,10 +66,9 @@ impl OpaqueNames {
         self.objects.get(name).unwrap_or(name).clone()
     }
 
-    /// Returns the object with an opaque name, or the public object of that name.
-    pub(crate) fn object_of(&self, opaque: &Name) -> Name {
-        let own = self.objects.iter().find(|(_, name)| *name == opaque);
-        own.map_or(opaque, |(name, _)| name).clone()
+    /// Returns the private object with an opaque name.
+    pub(crate) fn object_of(&self, opaque: &Name) -> Option<&Name> {
+        self.objects.iter().find(|(_, name)| *name == opaque).map(|(name, _)| name)
     }
 
     pub(crate) fn function(&self, name: &Name) -> Name {
@@ -51,18 +79,22 @@ impl OpaqueNames {
         self.predicates.get(symbol).unwrap_or(&symbol.predicate).clone()
     }
 
+    pub(crate) fn variable(&self, name: &Name) -> Name {
+        self.variables.get(name).unwrap_or(name).clone()
+    }
+
     /// Returns the name of an action in the projection: unique to the agent, and opaque for an
     /// action that changes nothing public.
     pub(crate) fn action(&self, number: usize, name: &Name, is_public: bool) -> Name {
         let agent = &self.agent;
         match is_public {
-            true => Name::new(&format!("{agent}--{name}")),
-            false => Name::new(&format!("{agent}--a{number}")),
+            true => Name::new(&format!("{agent}{OWN}do-{name}")),
+            false => Name::new(&format!("{agent}{OWN}a{number}")),
         }
     }
 }
 
 fn numbered<T: Ord>(agent: &str, kind: &str, names: impl Iterator<Item = T>) -> BTreeMap<T, Name> {
-    let name = |(number, own)| (own, Name::new(&format!("{agent}--{kind}{number}")));
+    let name = |(number, own)| (own, Name::new(&format!("{agent}{OWN}{kind}{number}")));
     names.enumerate().map(name).collect()
 }

@@ -3,14 +3,15 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use acl::content::PartStep;
-use pddl::Name;
 use pddl::factored::AgentFiles;
+use pddl::{Atom, Condition, InitElement, Name, Term};
 use planner::{Cancel, Options};
 
-use crate::fill::{FillRefusal, FillTask, FilledPart};
-use crate::opaque_names::OpaqueNames;
-use crate::private_symbols::{PrivateSymbol, PrivateSymbols, TOTAL_COST, atom_of};
+use crate::fill::{FillRefusal, FillTask, FilledPart, ProvedRefusal};
+use crate::opaque_names::{OWN, OpaqueNames};
+use crate::private_symbols::{PrivateSymbol, PrivateSymbols, Scope, TOTAL_COST, atom_of, atoms};
 use crate::projection::{ProjectedAction, Projection, Projector};
+use crate::terms::used_by;
 
 /// An agent's own task, and how much of it the agent has announced.
 #[derive(Clone)]
@@ -35,24 +36,16 @@ impl Partner {
     ///
     /// Returns the reason, as text for a person, if the task uses something that is not supported.
     pub fn new(task: AgentFiles) -> Result<Partner, String> {
-        if !task.domain.durative_actions.is_empty() {
-            return Err(format!("the domain of `{}` has durative actions", task.agent));
-        }
-        if !task.domain.derived.is_empty() {
-            return Err(format!("the domain of `{}` has axioms", task.agent));
-        }
-        let task = known_part(task);
+        let task = known_part(task)?;
         let symbols = PrivateSymbols::of(&task);
+        refuse_unsupported(&task, &symbols)?;
         let mut all = symbols.wanted(&task.problem);
         for action in &task.domain.actions {
             all.extend(symbols.required_by(action));
             all.extend(symbols.changed_by(action).0);
             all.extend(symbols.conditions_of_effects(action));
         }
-        let functions = task.domain.functions.iter().map(|it| it.name.clone());
-        let functions = functions.filter(|name| symbols.is_private_function(name));
-        let functions: Vec<Name> = functions.filter(|name| *name != *TOTAL_COST).collect();
-        let names = OpaqueNames::new(&task.agent, &symbols, &all, functions.into_iter());
+        let names = OpaqueNames::new(&task, &symbols, &all);
         let kept = dependencies(&task, &symbols);
         let projector = Projector { task: &task, symbols: &symbols, names: &names, kept: &kept };
         let (projection, projected) = projector.project();
@@ -92,12 +85,19 @@ impl Partner {
         FillTask::new(task, symbols, names, projected, part)?.fill(options, cancel)
     }
 
-    /// Keeps more private symbols after a refusal: those that the refused step requires, or those
-    /// that its requirements depend on. Returns `false` if all are kept already.
+    /// Keeps more private symbols after a proved refusal: those that the refused step or the agent's
+    /// goals require, or those that these depend on. Returns `false` if all are kept already, or if
+    /// the refusal is no proof.
     pub fn sharpen(&mut self, refusal: &FillRefusal) -> bool {
-        let more = match refusal.schema {
-            Some(schema) => self.missing_for(schema),
-            None => self.all.difference(&self.kept).cloned().collect(),
+        let more = match refusal.proved {
+            None => return false,
+            Some(ProvedRefusal::Step { schema }) => {
+                let action = self.task.domain.actions.get(schema);
+                self.missing_for(action.map(|it| self.symbols.required_by(it)))
+            }
+            Some(ProvedRefusal::Goals) => {
+                self.missing_for(Some(self.symbols.wanted(&self.task.problem)))
+            }
         };
         if more.is_empty() {
             return false;
@@ -108,11 +108,11 @@ impl Partner {
         true
     }
 
-    /// Returns the private symbols that the projection drops and on which an action depends most
-    /// directly; all that it drops if the action depends on none.
-    fn missing_for(&self, schema: usize) -> BTreeSet<PrivateSymbol> {
+    /// Returns the private symbols that the projection drops and on which some symbols depend most
+    /// directly; all that it drops if they depend on none.
+    fn missing_for(&self, symbols: Option<BTreeSet<PrivateSymbol>>) -> BTreeSet<PrivateSymbol> {
         let actions = &self.task.domain.actions;
-        let mut relevant = actions.get(schema).map(|it| self.symbols.required_by(it));
+        let mut relevant = symbols;
         while let Some(known) = relevant {
             let missing: BTreeSet<_> = known.difference(&self.kept).cloned().collect();
             if !missing.is_empty() {
@@ -126,6 +126,42 @@ impl Partner {
         }
         self.all.difference(&self.kept).cloned().collect()
     }
+}
+
+/// Refuses what projections or parts cannot express.
+///
+/// # Errors
+///
+/// Returns the feature, as text for a person.
+fn refuse_unsupported(task: &AgentFiles, symbols: &PrivateSymbols) -> Result<(), String> {
+    let AgentFiles { agent, domain, problem } = task;
+    if agent.contains(OWN) {
+        return Err(format!("`{agent}` cannot be the name of a member: it contains `{OWN}`"));
+    }
+    if !domain.durative_actions.is_empty() {
+        return Err(format!("the domain of `{agent}` has durative actions"));
+    }
+    if !domain.derived.is_empty() {
+        return Err(format!("the domain of `{agent}` has axioms"));
+    }
+    let compares_cost =
+        |condition| used_by(condition).functions.iter().any(|it| *it == *TOTAL_COST);
+    if compares_cost(&problem.goal) {
+        return Err(format!("the goal of `{agent}` is about `{TOTAL_COST}`"));
+    }
+    for action in &domain.actions {
+        let name = &action.name;
+        if compares_cost(&action.precondition) {
+            return Err(format!("`{name}` of `{agent}` has a condition about `{TOTAL_COST}`"));
+        }
+        if symbols.hides_a_public_effect(action) {
+            return Err(format!(
+                "`{name}` of `{agent}` changes something public in a way that depends on \
+                 something private: not supported"
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// Returns the private symbols that connect public actions: those that a public action adds or
@@ -148,42 +184,71 @@ fn dependencies(task: &AgentFiles, symbols: &PrivateSymbols) -> BTreeSet<Private
 }
 
 /// Returns the task without facts about predicates, functions and objects that the files do not
-/// declare, and without goals about objects that they do not declare: these are the business of
-/// other agents.
-fn known_part(mut task: AgentFiles) -> AgentFiles {
+/// declare, and without goals that are only about such: these are the business of other agents.
+///
+/// # Errors
+///
+/// Returns the reason, as text for a person, if a part of one conjunct of the goal is the business
+/// of other agents, and another part is not.
+fn known_part(mut task: AgentFiles) -> Result<AgentFiles, String> {
     let symbols = PrivateSymbols::of(&task);
     let predicates: BTreeSet<Name> =
         task.domain.predicates.iter().map(|it| it.name.clone()).collect();
     let functions: BTreeSet<Name> =
         task.domain.functions.iter().map(|it| it.name.clone()).collect();
-    let is_object = |term: &pddl::Term| symbols.knows_object(term.name());
-    let knows_atom = |atom: &pddl::Atom| {
-        predicates.contains(&atom.predicate) && atom.arguments.iter().all(is_object)
-    };
+    let is_object = |term: &Term| symbols.knows_object(term.name());
+    let knows_atom =
+        |atom: &Atom| predicates.contains(&atom.predicate) && atom.arguments.iter().all(is_object);
     task.problem.init.retain(|element| match (atom_of(element), element) {
         (Some(atom), _) => knows_atom(atom),
-        (None, pddl::InitElement::Assign(fluent, _)) => {
+        (None, InitElement::Assign(fluent, _)) => {
             functions.contains(&fluent.function) && fluent.arguments.iter().all(is_object)
         }
         (None, _) => true,
     });
     let conjuncts = match std::mem::take(&mut task.problem.goal) {
-        pddl::Condition::And(conjuncts) => conjuncts,
+        Condition::And(conjuncts) => conjuncts,
         other => vec![other],
     };
-    let knows = |conjunct: &pddl::Condition| {
-        let mut is_known = true;
-        crate::private_symbols::atoms(conjunct, &mut Default::default(), &mut |atom, scope| {
-            let knows_term = |term: &pddl::Term| match term {
-                pddl::Term::Variable(name) => scope.contains_key(name),
-                pddl::Term::Object(_) => is_object(term),
+    let mut known = Vec::new();
+    for conjunct in conjuncts {
+        let (mut is_known, mut is_unknown) = (false, false);
+        let mut note = |is: bool| if is { is_known = true } else { is_unknown = true };
+        atoms(&conjunct, &mut Scope::new(), &mut |atom, scope| {
+            let knows = |term: &Term| match term {
+                Term::Variable(name) => scope.contains_key(name),
+                Term::Object(_) => is_object(term),
             };
-            is_known &=
-                predicates.contains(&atom.predicate) && atom.arguments.iter().all(knows_term);
+            note(predicates.contains(&atom.predicate) && atom.arguments.iter().all(knows));
         });
-        is_known
-    };
-    let known = conjuncts.into_iter().filter(knows).collect();
-    task.problem.goal = pddl::Condition::And(known);
-    task
+        let used = used_by(&conjunct);
+        used.functions.iter().for_each(|name| note(functions.contains(name)));
+        used.objects.iter().filter(|name| !symbols.knows_object(name)).for_each(|_| note(false));
+        match (is_known, is_unknown) {
+            (true, true) if !is_literal(&conjunct) => {
+                return Err(format!(
+                    "the goal `{conjunct}` is about things that `{}` does not know, and about \
+                     others that it knows: not supported",
+                    task.agent
+                ));
+            }
+            (_, true) => (),
+            (_, false) => known.push(conjunct),
+        }
+    }
+    task.problem.goal = Condition::And(known);
+    Ok(task)
+}
+
+/// Whether a condition is one atom or comparison, or the negation of one.
+fn is_literal(condition: &Condition) -> bool {
+    match condition {
+        Condition::Atom(_) | Condition::Equal(..) | Condition::Compare(_) => true,
+        Condition::Not(inner) => is_literal(inner),
+        Condition::And(_)
+        | Condition::Or(_)
+        | Condition::Imply(..)
+        | Condition::Exists(..)
+        | Condition::Forall(..) => false,
+    }
 }

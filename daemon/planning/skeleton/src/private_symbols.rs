@@ -12,6 +12,8 @@ use pddl::{
     Typed, Types,
 };
 
+use crate::terms::{UsedTerms, used_by};
+
 /// A private predicate; for a predicate that is public with other arguments, with the argument
 /// positions that have private objects.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -34,6 +36,8 @@ enum TypePrivacy {
 pub(crate) struct PrivateSymbols {
     types: Types,
     objects: BTreeMap<Name, Typed>,
+    /// The private objects, in the order of their declarations.
+    in_order: Vec<Typed>,
     private_objects: BTreeSet<Name>,
     private_predicates: BTreeSet<Name>,
     private_functions: BTreeSet<Name>,
@@ -52,28 +56,30 @@ impl PrivateSymbols {
         let AgentFiles { domain, problem, .. } = task;
         let declared = problem.objects.iter();
         let private = declared.clone().filter(|it| it.privacy != Privacy::Public);
-        let private_objects = private.map(|it| it.object.name.clone()).collect();
+        let in_order: Vec<Typed> = private.map(|it| it.object.clone()).collect();
+        let private_objects = in_order.iter().map(|object| object.name.clone()).collect();
         let objects = domain.constants.iter().chain(declared.map(|it| &it.object));
         let predicates = domain.predicates.iter().filter(|it| it.privacy != Privacy::Public);
         let functions = domain.functions.iter().filter(|it| it.privacy != Privacy::Public);
         let mut symbols = PrivateSymbols {
             types: Types::of(domain),
             objects: objects.map(|object| (object.name.clone(), object.clone())).collect(),
+            in_order,
             private_objects,
             private_predicates: predicates.map(|it| it.name.clone()).collect(),
             private_functions: functions.map(|it| it.name.clone()).collect(),
             mixed: BTreeSet::new(),
         };
         let mut mixed = BTreeSet::new();
-        for action in &domain.actions {
-            atoms_of(action, &mut |atom, scope| {
-                let is_mixed =
-                    |argument: &&Term| symbols.privacy_of(argument, scope) == TypePrivacy::Mixed;
-                let places = atom.arguments.iter().enumerate();
-                let places = places.filter(|(_, argument)| is_mixed(argument));
-                mixed.extend(places.map(|(place, _)| (atom.predicate.clone(), place)));
-            });
-        }
+        let mut note = |atom: &Atom, scope: &Scope| {
+            let is_mixed =
+                |argument: &&Term| symbols.privacy_of(argument, scope) == TypePrivacy::Mixed;
+            let places = atom.arguments.iter().enumerate();
+            let places = places.filter(|(_, argument)| is_mixed(argument));
+            mixed.extend(places.map(|(place, _)| (atom.predicate.clone(), place)));
+        };
+        domain.actions.iter().for_each(|action| atoms_of(action, &mut note));
+        atoms(&problem.goal, &mut Scope::new(), &mut note);
         symbols.mixed = mixed;
         symbols
     }
@@ -90,9 +96,9 @@ impl PrivateSymbols {
         self.objects.contains_key(name)
     }
 
-    /// Returns the objects that are private, in the order of their names.
-    pub(crate) fn private_objects(&self) -> impl Iterator<Item = &Typed> {
-        self.private_objects.iter().filter_map(|name| self.objects.get(name))
+    /// Returns the objects that are private, in the order of their declarations.
+    pub(crate) fn private_objects(&self) -> &[Typed] {
+        &self.in_order
     }
 
     /// Whether an object can be of a type.
@@ -173,6 +179,44 @@ impl PrivateSymbols {
             }
         });
         found
+    }
+
+    /// Whether an action changes something public in a way that depends on something private: the
+    /// skeleton could then not say what it changes. Costs of plans may depend on private functions.
+    pub(crate) fn hides_a_public_effect(&self, action: &ActionSchema) -> bool {
+        self.hides(&action.effect, &scope_of(action), false)
+    }
+
+    fn hides(&self, effect: &Effect, scope: &Scope, is_under_secret: bool) -> bool {
+        match effect {
+            Effect::And(parts) => parts.iter().any(|it| self.hides(it, scope, is_under_secret)),
+            Effect::Add(atom) | Effect::Delete(atom) => {
+                is_under_secret && self.symbol(atom, scope).is_none()
+            }
+            Effect::Assign(assign) => {
+                let name = &assign.fluent.function;
+                let mut value = UsedTerms::default();
+                value.expression(&assign.value);
+                let is_secret = value.functions.iter().any(|it| self.is_private_function(it));
+                let is_public = !self.is_private_function(name) && *name != *TOTAL_COST;
+                is_public && (is_secret || is_under_secret)
+            }
+            Effect::Forall(variables, inner) => {
+                let mut wider = scope.clone();
+                wider.extend(variables.iter().map(|it| (it.name.clone(), it.ty.clone())));
+                self.hides(inner, &wider, is_under_secret)
+            }
+            Effect::When(condition, inner) => {
+                let mut is_secret = used_by(condition)
+                    .functions
+                    .iter()
+                    .any(|function| self.is_private_function(function));
+                atoms(condition, &mut scope.clone(), &mut |atom, scope| {
+                    is_secret |= self.symbol(atom, scope).is_some();
+                });
+                self.hides(inner, scope, is_under_secret || is_secret)
+            }
+        }
     }
 
     /// Returns the private symbols of the goal.

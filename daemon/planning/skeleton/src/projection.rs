@@ -6,13 +6,13 @@ use std::sync::Arc;
 use pddl::factored::AgentFiles;
 use pddl::{
     ActionSchema, Assign, Atom, Compare, Condition, Domain, Effect, Expression, FluentTerm,
-    InitElement, Name, ObjectDeclaration, PredicateDeclaration, Privacy, Problem, Term, Typed,
+    InitElement, Name, ObjectDeclaration, PredicateDeclaration, Privacy, Problem, Term, TypeExpr,
+    Typed,
 };
 
 use crate::opaque_names::OpaqueNames;
-use crate::private_symbols::{
-    PrivateSymbol, PrivateSymbols, Scope, TOTAL_COST, atom_of, atoms, scope_of,
-};
+use crate::private_symbols::{PrivateSymbol, PrivateSymbols, Scope, TOTAL_COST, atom_of, scope_of};
+use crate::terms::UsedTerms;
 
 /// The projection of one agent's task, as PDDL: private symbols have opaque names or are dropped.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -55,10 +55,16 @@ impl Projector<'_> {
                 actions.push(action);
             }
         }
+        let (problem, used) = self.problem(&actions);
         let is_wanted = |it: &&Name| !it.as_str().ends_with("-privacy");
-        let functions = functions.iter().map(|declared| {
+        let functions = functions.iter().filter_map(|declared| {
             let (name, privacy) = (self.names.function(&declared.name), Privacy::Public);
-            pddl::FunctionDeclaration { name, privacy, ..declared.clone() }
+            let is_shown = declared.privacy == Privacy::Public || used.contains(&name);
+            let parameters = match declared.privacy {
+                Privacy::Public => declared.parameters.clone(),
+                Privacy::Private(_) => numbered_parameters(&declared.parameters),
+            };
+            is_shown.then_some(pddl::FunctionDeclaration { name, parameters, privacy })
         });
         let domain = Domain {
             requirements: requirements.iter().filter(is_wanted).cloned().collect(),
@@ -69,7 +75,6 @@ impl Projector<'_> {
             actions,
             ..Domain::named(name.clone())
         };
-        let problem = self.problem(&domain.actions);
         let texts = Projection { domain: domain.to_string(), problem: problem.to_string() };
         (texts, projected)
     }
@@ -80,83 +85,80 @@ impl Projector<'_> {
         let public = declared.iter().filter(|it| it.privacy == Privacy::Public).cloned();
         let kept = self.kept.iter().filter_map(|symbol| {
             let known = declared.iter().find(|it| it.name == symbol.predicate)?;
-            let (name, parameters) = (self.names.predicate(symbol), known.parameters.clone());
+            let parameters = numbered_parameters(&known.parameters);
+            let name = self.names.predicate(symbol);
             Some(PredicateDeclaration { name, parameters, privacy: Privacy::Public })
+        });
+        // The order of the opaque names is that of the declarations.
+        let mut kept: Vec<PredicateDeclaration> = kept.collect();
+        kept.sort_by_key(|declared| {
+            let place = declared_place(&self.task.domain, self.kept, self.names, &declared.name);
+            place.unwrap_or(usize::MAX)
         });
         public.chain(kept).collect()
     }
 
-    fn problem(&self, actions: &[ActionSchema]) -> Problem {
+    /// Returns the problem with the actions of the projected domain, and the functions that the
+    /// projection needs.
+    fn problem(&self, actions: &[ActionSchema]) -> (Problem, BTreeSet<Name>) {
         let Problem { name, domain, init, goal, metric, objects, .. } = &self.task.problem;
-        let init: Vec<InitElement> =
-            init.iter().filter_map(|element| self.element(element)).collect();
         let goal = self.relax(goal, true, &Scope::new());
-        let used = self.used_private_objects(actions, &init, &goal);
-        let shown = |declared: &&ObjectDeclaration| {
-            let name = &declared.object.name;
-            !self.symbols.is_private_object(name) || used.contains(&self.names.object(name))
+        let metric = metric.clone().map(|metric| pddl::Metric {
+            expression: self.expression(&metric.expression),
+            ..metric
+        });
+        let mut used = UsedTerms::default();
+        let mut types: Vec<TypeExpr> = Vec::new();
+        for action in actions {
+            used.condition(&action.precondition);
+            used.effect(&action.effect);
+            types.extend(action.parameters.iter().map(|typed| typed.ty.clone()));
+        }
+        used.condition(&goal);
+        metric.iter().for_each(|metric| used.expression(&metric.expression));
+        let is_used = |element: &InitElement| match element {
+            InitElement::Assign(fluent, _) => {
+                used.functions.contains(&fluent.function)
+                    || self
+                        .task
+                        .domain
+                        .functions
+                        .iter()
+                        .any(|it| it.name == fluent.function && it.privacy == Privacy::Public)
+            }
+            _ => true,
+        };
+        let init: Vec<InitElement> =
+            init.iter().filter_map(|element| self.element(element)).filter(is_used).collect();
+        types.extend(used.declared.iter().map(|typed| typed.ty.clone()));
+        let UsedTerms { objects: mut named, functions, .. } = used;
+        for element in &init {
+            let arguments = match element {
+                InitElement::Assign(fluent, _) => Some(&fluent.arguments),
+                other => atom_of(other).map(|atom| &atom.arguments),
+            };
+            named.extend(arguments.into_iter().flatten().map(|term| term.name().clone()));
+        }
+        // A private object is declared if a variable can stand for it, or if it is named.
+        let is_shown = |declared: &&ObjectDeclaration| {
+            let object = &declared.object;
+            !self.symbols.is_private_object(&object.name)
+                || named.contains(&self.names.object(&object.name))
+                || types.iter().any(|ty| self.symbols.accepts(ty, object))
         };
         let object = |declared: &ObjectDeclaration| {
             let ObjectDeclaration { object, .. } = declared;
             let object = Typed { name: self.names.object(&object.name), ty: object.ty.clone() };
             ObjectDeclaration { object, privacy: Privacy::Public }
         };
-        Problem {
-            objects: Arc::new(objects.iter().filter(shown).map(object).collect()),
+        let problem = Problem {
+            objects: Arc::new(objects.iter().filter(is_shown).map(object).collect()),
             init,
             goal,
-            metric: metric.clone().map(|metric| pddl::Metric {
-                expression: self.expression(&metric.expression),
-                ..metric
-            }),
+            metric,
             ..Problem::named(name.clone(), domain.clone())
-        }
-    }
-
-    /// Returns the opaque names of the private objects that the projection must declare: those that a
-    /// variable can stand for, and those that are named.
-    fn used_private_objects(
-        &self,
-        actions: &[ActionSchema],
-        init: &[InitElement],
-        goal: &Condition,
-    ) -> BTreeSet<Name> {
-        let private: Vec<&Typed> = self.symbols.private_objects().collect();
-        let opaque = |object: &&Typed| self.names.object(&object.name);
-        let mut types: Vec<pddl::TypeExpr> = Vec::new();
-        let mut named: BTreeSet<Name> = BTreeSet::new();
-        let mut note = |condition: &Condition, scope: Scope| {
-            atoms(condition, &mut scope.clone(), &mut |atom, scope| {
-                types.extend(scope.values().cloned());
-                named.extend(atom.arguments.iter().map(|term| term.name().clone()));
-            });
-            types.extend(scope.into_values());
         };
-        for action in actions {
-            note(&action.precondition, scope_of(action));
-            let added = literals_of(&action.effect);
-            note(&Condition::And(added), scope_of(action));
-        }
-        note(goal, Scope::new());
-        for element in init {
-            match element {
-                InitElement::Assign(fluent, _) => {
-                    named.extend(fluent.arguments.iter().map(|term| term.name().clone()));
-                }
-                other => named.extend(
-                    atom_of(other)
-                        .iter()
-                        .flat_map(|atom| &atom.arguments)
-                        .map(|it| it.name().clone()),
-                ),
-            }
-        }
-        let fits = |object: &&Typed| types.iter().any(|ty| self.symbols.accepts(ty, object));
-        private
-            .iter()
-            .filter(|object| named.contains(&opaque(object)) || fits(object))
-            .map(opaque)
-            .collect()
+        (problem, functions)
     }
 
     /// Returns an action as others see it; `None` if they see no effect of it.
@@ -171,12 +173,12 @@ impl Projector<'_> {
             return None;
         }
         let precondition = self.relax(&action.precondition, true, &scope);
-        let mut used = BTreeSet::new();
-        variables_of_condition(&precondition, &mut used);
-        variables_of_effect(&effect, &mut used);
-        let all: Vec<&Typed> = action.all_parameters().collect();
-        let parameters: Vec<usize> =
-            (0..all.len()).filter(|place| used.contains(&all[*place].name)).collect();
+        let mut used = UsedTerms::default();
+        used.condition(&precondition);
+        used.effect(&effect);
+        let all: Vec<Typed> = self.typed(&action.all_parameters().cloned().collect::<Vec<_>>());
+        let is_used = |place: &usize| used.variables.contains(&all[*place].name);
+        let parameters: Vec<usize> = (0..all.len()).filter(is_used).collect();
         let (_, is_public) = self.symbols.changed_by(action);
         let projected = ActionSchema {
             name: self.names.action(index, &action.name, is_public),
@@ -226,14 +228,14 @@ impl Projector<'_> {
                 let inner = self.relax(inner, is_positive, &with(scope, variables));
                 match is_constant(&inner) {
                     true => inner,
-                    false => Condition::Exists(variables.clone(), Box::new(inner)),
+                    false => Condition::Exists(self.typed(variables), Box::new(inner)),
                 }
             }
             Condition::Forall(variables, inner) => {
                 let inner = self.relax(inner, is_positive, &with(scope, variables));
                 match is_constant(&inner) {
                     true => inner,
-                    false => Condition::Forall(variables.clone(), Box::new(inner)),
+                    false => Condition::Forall(self.typed(variables), Box::new(inner)),
                 }
             }
         }
@@ -259,7 +261,7 @@ impl Projector<'_> {
             })),
             Effect::Forall(variables, inner) => {
                 let inner = self.effect(inner, &with(scope, variables))?;
-                Effect::Forall(variables.clone(), Box::new(inner))
+                Effect::Forall(self.typed(variables), Box::new(inner))
             }
             Effect::When(condition, inner) => {
                 // What conditions of effects require is always kept: easier conditions would not
@@ -295,8 +297,17 @@ impl Projector<'_> {
     fn term(&self, term: &Term) -> Term {
         match term {
             Term::Object(name) => Term::Object(self.names.object(name)),
-            Term::Variable(_) => term.clone(),
+            Term::Variable(name) => Term::Variable(self.names.variable(name)),
         }
+    }
+
+    /// Returns variables with opaque names.
+    fn typed(&self, variables: &[Typed]) -> Vec<Typed> {
+        let renamed = |variable: &Typed| Typed {
+            name: self.names.variable(&variable.name),
+            ty: variable.ty.clone(),
+        };
+        variables.iter().map(renamed).collect()
     }
 
     fn fluent(&self, fluent: &FluentTerm) -> FluentTerm {
@@ -315,6 +326,26 @@ impl Projector<'_> {
             other => other.clone(),
         }
     }
+}
+
+/// Returns parameters with numbers instead of names.
+fn numbered_parameters(parameters: &[Typed]) -> Vec<Typed> {
+    let numbered = |(number, typed): (usize, &Typed)| Typed {
+        name: Name::new(&format!("x{number}")),
+        ty: typed.ty.clone(),
+    };
+    parameters.iter().enumerate().map(numbered).collect()
+}
+
+/// Returns the place of the predicate with an opaque name among the declarations of the domain.
+fn declared_place(
+    domain: &Domain,
+    kept: &BTreeSet<PrivateSymbol>,
+    names: &OpaqueNames,
+    opaque: &Name,
+) -> Option<usize> {
+    let symbol = kept.iter().find(|symbol| names.predicate(symbol) == *opaque)?;
+    domain.predicates.iter().position(|it| it.name == symbol.predicate)
 }
 
 fn with(scope: &Scope, variables: &[Typed]) -> Scope {
@@ -361,8 +392,6 @@ fn disjunction(mut parts: Vec<Condition>) -> Condition {
     }
 }
 
-// === what a condition or an effect uses ===
-
 /// Whether an effect changes more than the cost of a plan.
 fn changes_a_fact(effect: &Effect) -> bool {
     match effect {
@@ -370,83 +399,5 @@ fn changes_a_fact(effect: &Effect) -> bool {
         Effect::Add(_) | Effect::Delete(_) => true,
         Effect::Assign(assign) => assign.fluent.function != *TOTAL_COST,
         Effect::Forall(_, inner) | Effect::When(_, inner) => changes_a_fact(inner),
-    }
-}
-
-/// Returns the atoms that an effect changes, and the conditions in it.
-fn literals_of(effect: &Effect) -> Vec<Condition> {
-    match effect {
-        Effect::And(parts) => parts.iter().flat_map(literals_of).collect(),
-        Effect::Add(atom) | Effect::Delete(atom) => vec![Condition::Atom(atom.clone())],
-        Effect::Assign(_) => Vec::new(),
-        Effect::Forall(variables, inner) => {
-            let inner = Condition::And(literals_of(inner));
-            vec![Condition::Forall(variables.clone(), Box::new(inner))]
-        }
-        Effect::When(condition, inner) => {
-            let mut found = literals_of(inner);
-            found.push(Condition::clone(condition));
-            found
-        }
-    }
-}
-
-fn variables_of_terms(terms: &[Term], used: &mut BTreeSet<Name>) {
-    used.extend(terms.iter().filter_map(|term| match term {
-        Term::Variable(name) => Some(name.clone()),
-        Term::Object(_) => None,
-    }));
-}
-
-fn variables_of_expression(expression: &Expression, used: &mut BTreeSet<Name>) {
-    match expression {
-        Expression::Fluent(fluent) => variables_of_terms(&fluent.arguments, used),
-        Expression::Negate(inner) => variables_of_expression(inner, used),
-        Expression::Apply(_, operands) => {
-            operands.iter().for_each(|operand| variables_of_expression(operand, used));
-        }
-        Expression::Number(_)
-        | Expression::Duration(_)
-        | Expression::ContinuousTime(_)
-        | Expression::TotalTime(_) => (),
-    }
-}
-
-fn variables_of_condition(condition: &Condition, used: &mut BTreeSet<Name>) {
-    match condition {
-        Condition::Atom(atom) => variables_of_terms(&atom.arguments, used),
-        Condition::Equal(left, right, _) => {
-            variables_of_terms(&[left.clone(), right.clone()], used);
-        }
-        Condition::Compare(compare) => {
-            variables_of_expression(&compare.left, used);
-            variables_of_expression(&compare.right, used);
-        }
-        Condition::Not(inner) | Condition::Exists(_, inner) | Condition::Forall(_, inner) => {
-            variables_of_condition(inner, used);
-        }
-        Condition::And(parts) | Condition::Or(parts) => {
-            parts.iter().for_each(|part| variables_of_condition(part, used));
-        }
-        Condition::Imply(left, right) => {
-            variables_of_condition(left, used);
-            variables_of_condition(right, used);
-        }
-    }
-}
-
-fn variables_of_effect(effect: &Effect, used: &mut BTreeSet<Name>) {
-    match effect {
-        Effect::And(parts) => parts.iter().for_each(|part| variables_of_effect(part, used)),
-        Effect::Add(atom) | Effect::Delete(atom) => variables_of_terms(&atom.arguments, used),
-        Effect::Assign(assign) => {
-            variables_of_terms(&assign.fluent.arguments, used);
-            variables_of_expression(&assign.value, used);
-        }
-        Effect::Forall(_, inner) => variables_of_effect(inner, used),
-        Effect::When(condition, inner) => {
-            variables_of_condition(condition, used);
-            variables_of_effect(inner, used);
-        }
     }
 }

@@ -8,7 +8,10 @@ use pddl::factored::{AgentFiles, FactoredTask, merge_factored};
 use pddl::{Domain, InitElement, Name, Plan, PlanStep, Term};
 use planner::{Cancel, Options, PlanError, StopReason, World};
 
+use crate::opaque_names::OWN;
+use crate::private_symbols::TOTAL_COST;
 use crate::projection::Projection;
+use crate::terms::used_by;
 
 /// Maximum size of the texts of one projection, in bytes. Those of the CoDMAP competition have at
 /// most some 200 KiB.
@@ -127,6 +130,9 @@ impl SkeletonTask {
             since.clone_from(&now);
             owners.push(owner);
         }
+        for (member, (part, since)) in &mut parts {
+            part.extend(self.changes(member, since, &now));
+        }
         let texts: String = plan.steps.iter().map(|step| format!("{step}\n")).collect();
         let digest = format!("{:016x}", Fnv64::default().with(texts.as_bytes()).value());
         let parts = parts.into_iter().map(|(owner, (part, _))| (owner, part)).collect();
@@ -169,6 +175,8 @@ impl MemberNames {
             InitElement::Atom(atom) | InitElement::Not(atom) | InitElement::Unknown(atom) => {
                 (&atom.predicate, &atom.arguments)
             }
+            // The cost of the whole plan is not that of the member.
+            InitElement::Assign(fluent, _) if fluent.function == *TOTAL_COST => return false,
             InitElement::Assign(fluent, _) => (&fluent.function, &fluent.arguments),
             InitElement::At(_, inner) => return self.know(inner),
         };
@@ -193,12 +201,21 @@ fn parsed(member: &str, projection: &Projection) -> Result<AgentFiles, String> {
     };
     let domain: Domain = pddl::parse_domain(&projection.domain).into_result().map_err(first)?;
     let problem = pddl::parse_problem(&projection.problem).into_result().map_err(first)?;
-    let prefix = format!("{member}--");
-    let foreign = domain.actions.iter().find(|it| !it.name.as_str().starts_with(&prefix));
-    if let Some(foreign) = foreign {
-        return Err(format!("its action `{}` is not named `{prefix}…`", foreign.name));
+    if member.contains(OWN) {
+        return Err(format!("the name of a member cannot contain `{OWN}`"));
     }
-    Ok(AgentFiles { agent: member.to_owned(), domain, problem })
+    let prefix = format!("{member}{OWN}");
+    let files = AgentFiles { agent: member.to_owned(), domain, problem };
+    let MemberNames { actions, symbols, objects } = MemberNames::of(&files);
+    if let Some(foreign) = actions.iter().find(|it| !it.as_str().starts_with(&prefix)) {
+        return Err(format!("its action `{foreign}` is not named `{prefix}…`"));
+    }
+    let is_foreign =
+        |name: &&Name| name.as_str().contains(OWN) && !name.as_str().starts_with(&prefix);
+    match symbols.iter().chain(&objects).find(is_foreign) {
+        Some(foreign) => Err(format!("`{foreign}` is the name of something of another member")),
+        None => Ok(files),
+    }
 }
 
 /// Returns the files without goals about objects that no member declares. A goal about a private
@@ -208,16 +225,7 @@ fn without_unknown_goals(mut files: Vec<AgentFiles>) -> Vec<AgentFiles> {
         files.iter().flat_map(|member| MemberNames::of(member).objects).collect();
     for member in &mut files {
         if let pddl::Condition::And(conjuncts) = &mut member.problem.goal {
-            conjuncts.retain(|conjunct| {
-                let mut is_known = true;
-                crate::private_symbols::atoms(conjunct, &mut Default::default(), &mut |atom, _| {
-                    is_known &= atom.arguments.iter().all(|term| match term {
-                        Term::Object(name) => objects.contains(name),
-                        Term::Variable(_) => true,
-                    });
-                });
-                is_known
-            });
+            conjuncts.retain(|conjunct| used_by(conjunct).objects.is_subset(&objects));
         }
     }
     files

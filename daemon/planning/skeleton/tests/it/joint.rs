@@ -71,6 +71,9 @@ pub(crate) fn play(task: &[AgentFiles]) -> Played {
                 let own = own.unwrap_or_default().into_iter();
                 own.map(|step| (agent.clone(), step)).collect::<Vec<_>>()
             };
+            for (agent, own) in &mut filled {
+                steps.extend(named(agent, own.next()));
+            }
             for owner in &skeleton.owners {
                 steps.extend(named(owner, filled.get_mut(owner).and_then(Iterator::next)));
             }

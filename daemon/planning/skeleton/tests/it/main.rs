@@ -3,5 +3,6 @@
 
 mod drawn;
 mod joint;
+mod kinds;
 mod parcel;
 mod privacy;
