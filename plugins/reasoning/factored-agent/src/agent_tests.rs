@@ -128,7 +128,7 @@ async fn members_agree_to_a_joint_plan() {
     assert_eq!(skeleton.owners, ["opener", "porter", "porter"]);
     // The private step is in the agent's own file only.
     let part = std::fs::read_to_string(folder.path().join("part-opener")).expect("written");
-    assert_eq!(part, format!("{}\n0 (turn)\n0 (swing)\n", skeleton.digest));
+    assert_eq!(part, format!("{}\n1 (turn)\n1 (swing)\n", skeleton.digest));
 }
 
 #[tokio::test]
@@ -200,7 +200,8 @@ async fn a_member_that_refuses_what_it_promises_is_named() {
     let _opener = member(&network, folder.path(), "opener", (OPENER_DOMAIN, OPENER_PROBLEM));
     let _porter = host(&network, "porter", Box::new(LyingMember(promise("porter"))));
     let (_requester, receiver) = request(&network, &["opener", "porter"], PATIENCE);
-    assert_eq!(reason(result(receiver).await), "`porter` refuses a part of what it promises");
+    let lie = "`porter` refuses a part of what it promises: I do not like it";
+    assert_eq!(reason(result(receiver).await), lie);
 }
 
 #[tokio::test]
@@ -210,7 +211,7 @@ async fn a_member_that_speaks_for_another_is_named() {
     let _porter = host(&network, "porter", Box::new(LyingMember(promise("opener"))));
     let (_requester, receiver) = request(&network, &["opener", "porter"], PATIENCE);
     let reason = reason(result(receiver).await);
-    assert!(reason.starts_with("`porter`: its action `opener--put` is not named"), "{reason}");
+    assert!(reason.starts_with("`porter`: its action `opener--do-put` is not named"), "{reason}");
 }
 
 /// Returns a projection with an action named for `agent`, which reaches the goal at once.
@@ -218,7 +219,7 @@ fn promise(agent: &str) -> String {
     let domain = format!(
         "(define (domain hall) (:requirements :typing) (:types thing - object)
            (:predicates (there ?t - thing))
-           (:action {agent}--put :parameters (?t - thing) :effect (there ?t)))"
+           (:action {agent}--do-put :parameters (?t - thing) :effect (there ?t)))"
     );
     let problem = "(define (problem p) (:domain hall) (:objects box - thing)
       (:init) (:goal (there box)))";

@@ -21,7 +21,7 @@ use acl::content::{Bid, CallForProposals, JointPlanPart, Proposal, Reason, Snaps
 use acl::{Message, Performative, ReplyToken};
 use agent::{
     Agent, Blueprint, BuildCheck, BuildError, Callbacks, Context, EcosystemFolder, LaunchableAgent,
-    Participation, PluginEntry, Resource, WorkHandle,
+    Participation, PluginEntry, Resource, TimerId, WorkHandle,
 };
 use pddl::factored::AgentFiles;
 use planner::{Budget, Cancel, Options};
@@ -36,8 +36,9 @@ const PARTS_MAX: usize = 4;
 /// Maximum number of elements of a part.
 const PART_STEPS_MAX: usize = 10_000;
 
-/// How long an agent plans its part if the call names no time.
+/// How long an agent plans its part if the call names no time, and at most.
 const FILLED_WITHIN: Duration = Duration::from_secs(30);
+const FILLED_WITHIN_MAX: Duration = Duration::from_secs(30 * 60);
 
 /// The entry of factored agents in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
@@ -67,7 +68,14 @@ struct FactoredAgent {
     partner: Arc<Mutex<Partner>>,
     part_file: Option<PathBuf>,
     /// The parts that are being planned.
-    filling: HashMap<ReplyToken, (Cancel, WorkHandle)>,
+    filling: HashMap<ReplyToken, PartInWork>,
+}
+
+/// A part that is being planned.
+struct PartInWork {
+    cancel: Cancel,
+    deadline: TimerId,
+    _work: WorkHandle,
 }
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
@@ -160,7 +168,7 @@ impl Agent for FactoredAgent {
     }
 
     fn drain(&mut self, _ctx: &mut Context<Self>) -> bool {
-        self.filling.values().for_each(|(cancel, _)| cancel.set());
+        self.filling.values().for_each(|part| part.cancel.set());
         true
     }
 }
@@ -176,6 +184,10 @@ impl FactoredAgent {
             let why = "a factored agent answers calls for a part of a joint plan";
             return ctx.refuse(&participation, Reason::Incapable, why);
         };
+        // The call comes again if the answer takes long.
+        if self.filling.contains_key(&participation.exchange) {
+            return;
+        }
         if self.filling.len() >= PARTS_MAX || part.steps.len() > PART_STEPS_MAX {
             let why = format!(
                 "it plans at most {PARTS_MAX} parts at a time, of at most {PART_STEPS_MAX} elements"
@@ -185,7 +197,8 @@ impl FactoredAgent {
         let cancel = Cancel::new();
         let (flag, deadline) = (cancel.clone(), cancel.clone());
         let patience = message.reply_within.map_or(FILLED_WITHIN, |within| within.0);
-        ctx.after(patience.mul_f32(0.9), move |_: &mut Self, _| deadline.set());
+        let patience = patience.min(FILLED_WITHIN_MAX).mul_f32(0.9);
+        let deadline = ctx.after(patience, move |_: &mut Self, _| deadline.set());
         let exchange = participation.exchange.clone();
         let finished = exchange.clone();
         let (partner, part_file) = (Arc::clone(&self.partner), self.part_file.clone());
@@ -193,19 +206,21 @@ impl FactoredAgent {
         let work = ctx.compute(
             move || agree(&partner, &part, conjuncts, part_file.as_deref(), &id, &flag),
             move |agent: &mut Self, bid, ctx| {
-                agent.filling.remove(&finished);
+                if let Some(part) = agent.filling.remove(&finished) {
+                    ctx.cancel_timer(part.deadline);
+                }
                 match bid {
                     Ok(bid) => ctx.answer(&participation, Performative::Agree, &bid),
                     Err(why) => ctx.refuse(&participation, Reason::Incapable, why),
                 }
             },
         );
-        self.filling.insert(exchange, (cancel, work));
+        self.filling.insert(exchange, PartInWork { cancel, deadline, _work: work });
     }
 
     fn cancelled(&mut self, message: Message, _ctx: &mut Context<Self>) {
-        if let Some((cancel, _)) = message.exchange().and_then(|token| self.filling.get(token)) {
-            cancel.set();
+        if let Some(part) = message.exchange().and_then(|token| self.filling.get(token)) {
+            part.cancel.set();
         }
     }
 
@@ -252,8 +267,9 @@ fn agree(
         Err(refusal) => {
             let detail = refusal.private_detail.as_deref().unwrap_or_default();
             tracing::info!(agent, why = refusal.why, detail, "the part is refused");
-            let is_sharper =
-                partner.lock().unwrap_or_else(PoisonError::into_inner).sharpen(&refusal);
+            let mut partner = partner.lock().unwrap_or_else(PoisonError::into_inner);
+            // Another part may have been refused meanwhile, for a reason that this one shares.
+            let is_sharper = partner.kept() != partner_now.kept() || partner.sharpen(&refusal);
             Err(match is_sharper {
                 true => format!("{}; its projection is sharper now", refusal.why),
                 false => refusal.why,
@@ -271,7 +287,7 @@ fn write_part(path: &Path, digest: &str, filled: &FilledPart) -> std::io::Result
             let _ = writeln!(text, "{number} {step}");
         }
     }
-    let partial = path.with_extension("partial");
+    let partial = path.with_extension(format!("{digest}.partial"));
     std::fs::write(&partial, text)?;
     std::fs::rename(partial, path)
 }

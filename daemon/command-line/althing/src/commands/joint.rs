@@ -26,6 +26,7 @@ use tokio::process::Child;
 use tokio::sync::oneshot;
 
 use crate::cli::joint::JointArgs;
+use crate::commands::client;
 use crate::config::{Ecosystem, Overrides, Variables};
 use crate::hosting::{self, DaemonLauncher, DaemonNode, MessageTransport};
 use crate::{interruption, plugins};
@@ -76,10 +77,7 @@ pub(super) fn run(args: &JointArgs) -> ExitCode {
         tokio::select! {
             played = play(args, &factored) => match played {
                 Ok(played) => show(args, &played),
-                Err(problem) => {
-                    output::print_note(&format!("error: {problem}"));
-                    exit::with(exit::UNAVAILABLE)
-                }
+                Err(problem) => client::unavailable(&format!("play the task: {problem}"), json),
             },
             // Dropping the task ends all processes that it has started.
             signal = interruption::interrupted() => exit::by_signal(signal),
@@ -208,12 +206,16 @@ fn joined(skeleton: &SkeletonPlan, folder: &Path) -> Result<Vec<(String, PlanSte
         parts.insert(agent, own);
     }
     let mut steps = Vec::new();
+    // The group 0 of an agent comes before everything else, the last one after everything else.
+    for (owner, own) in &mut parts {
+        steps.extend(own.remove(&0).into_iter().flatten().map(|step| ((*owner).to_owned(), step)));
+    }
     let mut taken: BTreeMap<&str, usize> = BTreeMap::new();
     for owner in &skeleton.owners {
         let number = taken.entry(owner).or_default();
+        *number += 1;
         let own = parts.get_mut(owner.as_str()).and_then(|own| own.remove(number));
         steps.extend(own.into_iter().flatten().map(|step| (owner.clone(), step)));
-        *number += 1;
     }
     for (owner, rest) in parts {
         steps.extend(rest.into_values().flatten().map(|step| (owner.to_owned(), step)));
@@ -264,6 +266,8 @@ fn show(args: &JointArgs, played: &JointPlay) -> ExitCode {
     let is_valid = matches!(validated, Some(Ok(_)));
     let code = match (&result.plan, is_valid) {
         (Ok(_), true) => exit::DONE,
+        // What is proved of the others says nothing of the task.
+        (_, _) if !result.left.is_empty() => NOT_FOUND,
         (Ok(_), false) => exit::INVALID_PLAN,
         (Err(_), _) if result.is_proved_impossible => NO_PLAN,
         (Err(_), _) => NOT_FOUND,
@@ -273,6 +277,7 @@ fn show(args: &JointArgs, played: &JointPlay) -> ExitCode {
             "solved": result.plan.is_ok(),
             "valid": is_valid,
             "proved_impossible": result.is_proved_impossible,
+            "left": result.left,
             "reason": result.plan.as_ref().err(),
             "fault": validated.as_ref().and_then(|it| it.as_ref().err()),
             "cost": validated.as_ref().and_then(|it| it.as_ref().ok()),
@@ -297,6 +302,7 @@ fn show(args: &JointArgs, played: &JointPlay) -> ExitCode {
     );
     let _ = match (&result.plan, validated) {
         (Ok(_), Some(Ok(cost))) => writeln!(told, "valid plan of cost {cost}: {traffic}"),
+        (Ok(_), _) if !result.left.is_empty() => writeln!(told, "no plan: {}", left(result)),
         (Ok(_), fault) => {
             let fault = fault.as_ref().and_then(|it| it.as_ref().err());
             let fault = fault.map_or("it was not validated", String::as_str);
@@ -309,6 +315,12 @@ fn show(args: &JointArgs, played: &JointPlay) -> ExitCode {
         (Some(text), None) => output::print(text, code),
         _ => exit::with(code),
     }
+}
+
+/// Returns which agents have left, and that the others do not reach the goal.
+fn left(result: &JointResult) -> String {
+    let names: Vec<String> = result.left.iter().map(|agent| format!("`{agent}`")).collect();
+    format!("{} left, and the plan of the others does not reach the goal", names.join(", "))
 }
 
 /// Returns a plan in the form of the planning competitions.
