@@ -17,7 +17,7 @@ use clocks::{LEADERS, LIT_FOR, Trial};
 const START: &str = "2026-09-21T13:33:20";
 
 /// Seeds of the trial with random jumps and deaths.
-const SEEDS: std::ops::Range<u64> = 0..60;
+const SEEDS: std::ops::Range<u64> = 0..24;
 
 /// Steps of each of these trials.
 const STEPS: usize = 30;
@@ -168,7 +168,7 @@ fn jumps_and_deaths_repeat_no_occurrence() {
         executed += runtime.block_on(play(seed));
     }
     assert!(
-        executed > 300 || one.is_some(),
+        executed > 120 || one.is_some(),
         "only {executed} occurrences were pursued in all trials"
     );
 }
