@@ -57,11 +57,23 @@ fn agents_in(folder: &Path) -> Result<Vec<String>, String> {
         agents.extend(agent);
     }
     agents.sort();
+    if let Some(wrong) = agents.iter().find(|agent| !is_name(agent)) {
+        return Err(format!(
+            "`{wrong}` cannot be the name of an agent, as in `domain-{wrong}.pddl`: use letters, \
+             digits, `-` and `_`, and begin with a letter"
+        ));
+    }
     match agents.len() {
         0 => Err("it has no file `domain-AGENT.pddl`".to_owned()),
         1..=AGENTS_MAX => Ok(agents),
         count => Err(format!("it has files of {count} agents; {AGENTS_MAX} are possible")),
     }
+}
+
+/// Whether a text can be a part of names in PDDL.
+fn is_name(text: &str) -> bool {
+    text.starts_with(|first: char| first.is_ascii_alphabetic())
+        && text.chars().all(|letter| letter.is_ascii_alphanumeric() || "-_".contains(letter))
 }
 
 fn parsed<T>(
