@@ -98,6 +98,7 @@ fn a_task_of_an_agent_that_cannot_be_named_is_refused() {
         fs::rename(path("robot"), path("Robot 1")).expect("renamed");
     }
     let (output, _) = joint(folder.path(), &[]);
-    assert_eq!(output.status.code(), Some(69), "{}", stderr(&output));
-    assert!(stderr(&output).contains("`Robot 1`"), "{}", stderr(&output));
+    assert_eq!(output.status.code(), Some(33), "{}", stderr(&output));
+    let printed = stdout(&output);
+    assert!(printed.contains("`Robot 1` cannot be the name of an agent"), "{printed}");
 }

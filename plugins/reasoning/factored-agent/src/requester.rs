@@ -166,11 +166,20 @@ impl JointRequester {
 
     // === projections ===
 
-    /// Queries the projections of some members.
+    /// Queries the projections of some members; those that have not joined yet, when they do.
     fn query(&mut self, members: BTreeSet<AgentId>, ctx: &mut Context<Self>) {
-        let phase = PlanningPhase::Querying { awaited: members.clone(), work: Vec::new() };
-        self.begin(phase, ctx);
-        members.iter().for_each(|member| self.query_one(member, ctx));
+        let present: Vec<AgentId> =
+            members.iter().filter(|member| ctx.find(member).is_some()).cloned().collect();
+        self.begin(PlanningPhase::Querying { awaited: members, work: Vec::new() }, ctx);
+        present.iter().for_each(|member| self.query_one(member, ctx));
+    }
+
+    fn joined(&mut self, member: &AgentId, ctx: &mut Context<Self>) {
+        if let PlanningPhase::Querying { awaited, .. } = &self.phase
+            && awaited.contains(member)
+        {
+            self.query_one(member, ctx);
+        }
     }
 
     fn query_one(&mut self, member: &AgentId, ctx: &mut Context<Self>) {
@@ -189,6 +198,9 @@ impl JointRequester {
 
     fn told(&mut self, member: &AgentId, answer: Option<&[u8]>, ctx: &mut Context<Self>) {
         let PlanningPhase::Querying { awaited, .. } = &mut self.phase else { return };
+        if !awaited.contains(member) {
+            return;
+        }
         let Some(answer) = answer else {
             // It may not have been reachable yet. The deadline of the planning ends this.
             let (number, member) = (self.number, member.clone());
@@ -417,7 +429,10 @@ impl Agent for JointRequester {
     }
 
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {
-        let Presence::Left(resident) = presence else { return };
+        let resident = match presence {
+            Presence::Left(resident) => resident,
+            Presence::Joined(resident) => return self.joined(&resident.agent, ctx),
+        };
         if self.result.is_none() || !self.planning.members.remove(&resident.agent) {
             return;
         }

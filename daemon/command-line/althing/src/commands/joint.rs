@@ -156,7 +156,7 @@ impl JointDaemons {
         let ecosystem =
             Ecosystem::load_with(file, &Variables::new(), &Overrides::default(), &plugins::known())
                 .map_err(|error| format!("the task's own ecosystem file is wrong: {error:?}"))?;
-        let launcher = DaemonLauncher::new(folder.path(), Mode::Decentralized)?;
+        let launcher = DaemonLauncher::new(folder.path(), Mode::Decentralized)?.logging_to_files();
         let spawned = launcher.spawn_all(own.iter().map(|(daemon, file)| (daemon, file.as_path())));
         let processes = spawned.await?;
         let guest = DaemonId::new("requester").map_err(|error| error.to_string())?;

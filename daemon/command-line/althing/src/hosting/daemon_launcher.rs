@@ -21,6 +21,8 @@ pub(crate) struct DaemonLauncher {
     path: PathBuf,
     folder: PathBuf,
     mode: Mode,
+    /// Whether what the daemons write to stderr goes to files in the folder.
+    logs_to_files: bool,
 }
 
 impl DaemonLauncher {
@@ -32,7 +34,17 @@ impl DaemonLauncher {
     pub(crate) fn new(folder: &Path, mode: Mode) -> Result<DaemonLauncher, String> {
         let path = std::env::current_exe()
             .map_err(|error| format!("failed to find this program to start it again: {error}"))?;
-        Ok(DaemonLauncher { path, folder: folder.to_owned(), mode })
+        Ok(DaemonLauncher { path, folder: folder.to_owned(), mode, logs_to_files: false })
+    }
+
+    /// Sends what the daemons write to stderr to files in the folder. If a daemon does not start, the
+    /// error has what it has written.
+    pub(crate) fn logging_to_files(self) -> DaemonLauncher {
+        DaemonLauncher { logs_to_files: true, ..self }
+    }
+
+    fn log(&self, daemon: &str) -> PathBuf {
+        self.folder.join(format!("{daemon}.log"))
     }
 
     /// Starts one `althing up` per daemon, each with its ecosystem file, and waits until all are
@@ -53,7 +65,10 @@ impl DaemonLauncher {
             let ready = tokio::time::timeout(READY_WITHIN, until_ready(child)).await;
             ready
                 .map_err(|_| format!("daemon `{daemon}` was not ready within {READY_WITHIN:?}"))?
-                .map_err(|problem| format!("daemon `{daemon}` {problem}"))?;
+                .map_err(|problem| {
+                    let log = std::fs::read_to_string(self.log(daemon)).unwrap_or_default();
+                    format!("daemon `{daemon}` {problem}\n{}", log.trim())
+                })?;
         }
         Ok(processes)
     }
@@ -66,6 +81,11 @@ impl DaemonLauncher {
         let mut command = Command::new(&self.path);
         for setting in config::variables().keys() {
             command.env_remove(setting);
+        }
+        if self.logs_to_files {
+            let log = std::fs::File::create(self.log(daemon.as_str()));
+            let log = log.map_err(|error| format!("failed to make a log: {error}"))?;
+            command.stderr(log);
         }
         command
             .arg("up")
