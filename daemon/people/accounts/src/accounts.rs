@@ -271,11 +271,7 @@ impl Accounts {
         from: IpAddr,
         now: SystemTime,
     ) -> Result<Person, SignInRefusal> {
-        self.look_again();
-        let person = SecretDigest::of(token).and_then(|digest| {
-            let known = lock(&self.known);
-            known.records.with_token(&digest).map(|record| record.person())
-        });
+        let person = self.with_token(token);
         person.ok_or_else(|| match lock(&self.limits).wrong_token(from, now) {
             Duration::ZERO => SignInRefusal::Wrong,
             retry_after => SignInRefusal::TooMany { retry_after },
@@ -285,11 +281,19 @@ impl Accounts {
     /// Returns the screen that has this token; `None` if there is none. Wrong tokens are not counted:
     /// a browser sends the one of a screen that was removed with each request.
     pub fn screen(&self, token: &str) -> Option<Person> {
-        self.look_again();
+        self.with_token(token).filter(|person| person.screen.is_some())
+    }
+
+    /// Returns the person, or the screen, that has a token. One that is not known may have been added
+    /// a moment ago, so the file is looked at before it is refused.
+    fn with_token(&self, token: &str) -> Option<Person> {
         let digest = SecretDigest::of(token)?;
-        let known = lock(&self.known);
-        let person = known.records.with_token(&digest)?.person();
-        person.screen.is_some().then_some(person)
+        let find = || lock(&self.known).records.with_token(&digest).map(|record| record.person());
+        self.look_again();
+        find().or_else(|| {
+            let _ = self.refresh();
+            find()
+        })
     }
 
     /// Ends the session with this secret.

@@ -242,6 +242,9 @@ fn programs_have_the_rights_of_their_person() {
     assert!(accounts.refresh().expect("a file"));
     assert!(accounts.program(&one, AWAY, start()).is_err());
     assert!(accounts.program(&two, AWAY, start()).is_ok());
+    // A token is accepted at once, although the file was looked at a moment ago.
+    let three = folder.token("anna", "three");
+    assert!(accounts.program(&three, AWAY, start()).is_ok());
 }
 
 #[test]
