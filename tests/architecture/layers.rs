@@ -98,6 +98,7 @@ const EXCEPTIONS: &[Exception] = &[
     exception("domain-maintainer", "capability", "it is that state machine, given a mailbox"),
     exception("factored-agent", "planner", "plans its part, and over projections"),
     exception("factored-agent", "skeleton", "it is a partner with a mailbox"),
+    exception("factored-agent", "substrate", "its tests run it on a network in memory"),
     exception("plan-executor", "plan-execution", "it is that state machine, given a mailbox"),
     exception("keyboard", "credentials", "it seals what people answer"),
     exception("history", "credentials", "it seals what is private to those that may read it"),

@@ -17,7 +17,7 @@ use substrate::memory::Network;
 use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
 
-use crate::{JointPlanning, JointRequester, JointResult};
+use crate::{JointRequest, JointRequester, JointResult};
 
 /// Time that plannings may take which end by themselves.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -103,7 +103,7 @@ fn request(
 ) -> (HallDaemon, oneshot::Receiver<JointResult>) {
     let members: BTreeSet<AgentId> = members.iter().map(|member| name(member)).collect();
     let (sender, result) = oneshot::channel();
-    let requester = JointRequester::new(JointPlanning { members, within }, sender);
+    let requester = JointRequester::new(JointRequest { members, within }, sender);
     (host(network, "requester", Box::new(requester)), result)
 }
 

@@ -28,7 +28,7 @@ use planner::{Budget, Cancel, Options};
 use serde::Deserialize;
 use skeleton::{FilledPart, Partner};
 
-pub use crate::requester::{JointPlanning, JointRequester, JointResult};
+pub use crate::requester::{JointRequest, JointRequester, JointResult};
 
 /// Maximum number of parts that an agent plans at the same time. A requester calls for one.
 const PARTS_MAX: usize = 4;

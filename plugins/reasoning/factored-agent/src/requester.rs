@@ -28,7 +28,7 @@ const ROUNDS_MAX: u32 = 200;
 const ASKED_AGAIN: Duration = Duration::from_secs(1);
 
 /// What is planned for.
-pub struct JointPlanning {
+pub struct JointRequest {
     /// The members, until some leave.
     pub members: BTreeSet<AgentId>,
     /// The limit on the whole planning.
@@ -56,7 +56,7 @@ pub struct JointResult {
 
 /// The agent that plans jointly for one task.
 pub struct JointRequester {
-    planning: JointPlanning,
+    planning: JointRequest,
     deadline: Option<Instant>,
     conversation: Option<ConversationId>,
     projections: BTreeMap<AgentId, Projection>,
@@ -94,7 +94,7 @@ struct PendingSkeleton {
 impl JointRequester {
     /// Creates a requester that sends its result once.
     #[must_use]
-    pub fn new(planning: JointPlanning, result: oneshot::Sender<JointResult>) -> JointRequester {
+    pub fn new(planning: JointRequest, result: oneshot::Sender<JointResult>) -> JointRequester {
         let plan = Err("it has not begun".to_owned());
         JointRequester {
             planning,

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use acl::{AgentId, DaemonId, EcosystemId};
 use agent::{HostServices, Mode};
-use factored_agent::{JointPlanning, JointRequester, JointResult};
+use factored_agent::{JointRequest, JointRequester, JointResult};
 use pddl::factored::FactoredTask;
 use pddl::{Plan, PlanStep};
 use planner::World;
@@ -98,7 +98,7 @@ async fn play(args: &JointArgs, task: &FactoredTask) -> Result<JointPlay, String
     let ready_after = began.elapsed();
     let began = Instant::now();
     let planning =
-        JointPlanning { members: agents.iter().cloned().collect(), within: args.time_limit };
+        JointRequest { members: agents.iter().cloned().collect(), within: args.time_limit };
     let (sender, result) = oneshot::channel();
     let requester = JointRequester::new(planning, sender);
     let id = AgentId::new(REQUESTER).map_err(|error| error.to_string())?;
