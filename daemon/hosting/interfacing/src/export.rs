@@ -13,10 +13,10 @@ use acl::content::Methods;
 use pddl::{
     ActionModel, ActionSchema, Assign, Assignment, Atom, Condition, Domain, Effect, Expression,
     FluentTerm, FunctionDeclaration, InitElement, Name, Number, ObjectDeclaration,
-    PredicateDeclaration, Privacy, Problem, Span, Term, TypeExpr, Typed,
+    PredicateDeclaration, Privacy, Problem, Span, TOTAL_COST, Term, TypeExpr, Typed,
 };
 
-use super::translate::{TOTAL_COST, Translator, Untranslatable};
+use super::translate::{Translator, Untranslatable};
 use super::vocabulary::{AgentMapping, InterfaceVocabulary};
 
 /// Ontologies and maps of the two ecosystems of an interface, as the ecosystem files contain them.

@@ -17,13 +17,11 @@ use std::fmt;
 use acl::AgentId;
 use pddl::{
     ActionModel, Assign, Assignment, Atom, Compare, Condition, Domain, Effect, Expression,
-    FluentTerm, InitElement, Name, PlanStep, Privacy, Problem, Term, TypeExpr, Typed, Types,
+    FluentTerm, InitElement, Name, PlanStep, Privacy, Problem, TOTAL_COST, Term, TypeExpr, Typed,
+    Types,
 };
 
 use super::vocabulary::{AgentMapping, InterfaceVocabulary};
-
-/// Name of the function by which plans are compared; every ontology has it.
-pub(crate) const TOTAL_COST: &str = "total-cost";
 
 /// Part of an action that cannot be translated into the names of the other ecosystem.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -73,7 +73,7 @@ impl BuildingPlan {
     /// are first named.
     pub fn map(&self, ecosystem: &str, domain: &Name) -> Problem {
         let mut problem = Problem::named(format!("{ecosystem}-map").as_str(), domain.clone());
-        let total_cost = || fluent("total-cost", Vec::new(), Span::default());
+        let total_cost = || fluent(pddl::TOTAL_COST, Vec::new(), Span::default());
         problem.init.push(InitElement::Assign(total_cost(), Number(0.0)));
         problem.metric = Some(Metric {
             direction: MetricDirection::Minimize,

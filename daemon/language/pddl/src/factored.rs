@@ -465,15 +465,7 @@ impl Renaming {
     }
 
     fn expression(&self, expression: &Expression) -> Expression {
-        match expression {
-            Expression::Fluent(fluent) => Expression::Fluent(self.fluent(fluent)),
-            Expression::Negate(inner) => Expression::Negate(Box::new(self.expression(inner))),
-            Expression::Apply(operator, operands) => {
-                let operands = operands.iter().map(|operand| self.expression(operand)).collect();
-                Expression::Apply(*operator, operands)
-            }
-            other => other.clone(),
-        }
+        expression.map_fluents(&mut |fluent| self.fluent(fluent))
     }
 
     fn condition(&self, condition: &Condition) -> Condition {

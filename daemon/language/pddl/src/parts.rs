@@ -1,5 +1,5 @@
-//! Read-only traversal of conditions, effects and expressions. The outermost part comes first, then
-//! its parts from left to right.
+//! Traversal of conditions, effects and expressions. The outermost part comes first, then its parts
+//! from left to right.
 
 use std::iter;
 
@@ -116,6 +116,23 @@ impl Expression {
             _ => None,
         })
     }
+
+    /// Returns the expression with each fluent replaced by the result of `replace`.
+    #[must_use]
+    pub fn map_fluents(&self, replace: &mut dyn FnMut(&FluentTerm) -> FluentTerm) -> Expression {
+        match self {
+            Expression::Fluent(fluent) => Expression::Fluent(replace(fluent)),
+            Expression::Negate(inner) => Expression::Negate(Box::new(inner.map_fluents(replace))),
+            Expression::Apply(operator, operands) => {
+                let operands = operands.iter().map(|operand| operand.map_fluents(replace));
+                Expression::Apply(*operator, operands.collect())
+            }
+            Expression::Number(_)
+            | Expression::Duration(_)
+            | Expression::ContinuousTime(_)
+            | Expression::TotalTime(_) => self.clone(),
+        }
+    }
 }
 
 #[cfg(test)]
@@ -133,5 +150,21 @@ mod tests {
         assert_eq!(symbols, ["p", "q", "r", "s", "f", "g", "h"]);
         assert_eq!(condition.parts().count(), 9);
         assert_eq!(condition.parts().next(), Some(&condition));
+    }
+
+    #[test]
+    fn fluents_are_replaced_wherever_they_stand() {
+        let text = "(< (+ (f) 2 (- (g b))) (* (f) (h)))";
+        let condition = crate::parse_condition(text).into_result().expect("a condition");
+        let crate::Condition::Compare(compare) = condition else { panic!("a comparison") };
+        let mut seen = 0;
+        let left = compare.left.map_fluents(&mut |fluent| {
+            seen += 1;
+            crate::FluentTerm {
+                function: format!("own-{}", fluent.function).as_str().into(),
+                ..fluent.clone()
+            }
+        });
+        assert_eq!((left.to_string().as_str(), seen), ("(+ (own-f) 2 (- (own-g b)))", 2));
     }
 }

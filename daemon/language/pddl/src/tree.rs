@@ -245,6 +245,9 @@ pub struct PredicateDeclaration {
     pub privacy: Privacy,
 }
 
+/// Name of the function that adds up the cost of a plan. It has no arguments.
+pub const TOTAL_COST: &str = "total-cost";
+
 /// The declaration of a function in `:functions`: `(FUNCTION VARIABLES) [- number]`.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct FunctionDeclaration {

@@ -9,15 +9,15 @@ use std::sync::{Arc, OnceLock};
 
 use acl::AgentId;
 use pddl::knowledge::Knowledge;
-use pddl::{ActionSchema, Atom, Domain, Effect, InitElement, Name, ObjectDeclaration, Span, Term};
+use pddl::{
+    ActionSchema, Atom, Domain, Effect, InitElement, Name, ObjectDeclaration, Span, TOTAL_COST,
+    Term,
+};
 
 use crate::canonical::CanonicalText;
 use crate::digest::text_digest;
 use crate::fact::{FactKey, FactValue, Owner};
 use crate::vocabulary::DomainVocabulary;
-
-/// Name of the function that is the default metric of plans.
-pub(crate) const TOTAL_COST: &str = "total-cost";
 
 /// The domain that is composed of the ontology, the map and the models of agents.
 #[derive(Clone, Debug)]

@@ -8,11 +8,10 @@ use std::sync::Arc;
 
 use pddl::{
     ActionModel, ActionSchema, Derived, Domain, Effect, FunctionDeclaration, InitElement, Name,
-    ObjectDeclaration, PredicateDeclaration, Privacy, Problem, TypeExpr, Typed,
+    ObjectDeclaration, PredicateDeclaration, Privacy, Problem, TOTAL_COST, TypeExpr, Typed,
 };
 
 use crate::canonical::{self, CanonicalText, UsedSymbols};
-use crate::composite::TOTAL_COST;
 use crate::conflict::{ModelPart, ModelPartKind};
 use crate::declined::Declined;
 use crate::fact::{FactKey, FactStatement, FactSymbolKind, FactValue};

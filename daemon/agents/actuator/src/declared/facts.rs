@@ -157,7 +157,7 @@ fn assigned(effect: &Effect) -> Vec<&FluentTerm> {
 }
 
 fn is_cost(assign: &Assign) -> bool {
-    assign.fluent.function == "total-cost"
+    assign.fluent.function == pddl::TOTAL_COST
 }
 
 /// Returns the atoms that an effect adds or deletes.

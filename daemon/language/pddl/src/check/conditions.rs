@@ -105,7 +105,7 @@ impl<'t> Checker<'_, 't> {
 
     fn unknown_function(&mut self, fluent: &'t FluentTerm) {
         let (symbols, name) = (self.symbols, &fluent.function);
-        if *name == "total-cost" && fluent.arguments.is_empty() {
+        if *name == crate::tree::TOTAL_COST && fluent.arguments.is_empty() {
             let message = "`total-cost` is not declared";
             let undeclared = Diagnostic::warning(name.span(), message);
             return self.report(undeclared.with_help("add `(:functions (total-cost) - number)`"));

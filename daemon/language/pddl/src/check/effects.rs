@@ -96,7 +96,9 @@ impl<'t> Checker<'_, 't> {
     fn assign(&mut self, assign: &'t Assign) {
         self.fluent(&assign.fluent);
         self.expression(&assign.value);
-        if assign.fluent.function == "total-cost" && assign.assignment != Assignment::Increase {
+        if assign.fluent.function == crate::tree::TOTAL_COST
+            && assign.assignment != Assignment::Increase
+        {
             let message = "`total-cost` is only ever increased";
             let unusual = Diagnostic::warning(assign.span, message);
             self.report(unusual.with_rule("(increase (total-cost) EXPRESSION)"));

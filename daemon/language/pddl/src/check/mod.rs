@@ -77,7 +77,8 @@ pub fn check_metric_values(domain: &Domain, problem: &Problem) -> Vec<Diagnostic
         return Vec::new();
     }
     let is_missing = |fluent: &&FluentTerm| {
-        let is_total_cost = fluent.function == "total-cost" && fluent.arguments.is_empty();
+        let is_total_cost =
+            fluent.function == crate::tree::TOTAL_COST && fluent.arguments.is_empty();
         let is_told = |element: &InitElement| matches!(element, InitElement::Assign(other, _) if other == *fluent);
         !is_total_cost
             && domain.functions.iter().any(|declared| declared.name == fluent.function)

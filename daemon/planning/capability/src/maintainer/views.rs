@@ -10,13 +10,13 @@ use acl::{AgentId, Incarnation};
 use pddl::knowledge::Knowledge;
 use pddl::{
     Condition, Expression, FluentTerm, InitElement, Metric, MetricDirection, Name, Number, Problem,
-    Span,
+    Span, TOTAL_COST,
 };
 
 use super::{Maintainer, MaintainerScope};
 use crate::belief::FactClaim;
 use crate::compose::SharedModel;
-use crate::composite::{Composite, TOTAL_COST};
+use crate::composite::Composite;
 use crate::conflict::Conflict;
 use crate::fact::{ClaimSource, FactKey, FactStatement, FactValue, Owner};
 use crate::known_agents::Member;

@@ -14,14 +14,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use pddl::{
     ActionSchema, Assign, Assignment, Atom, Condition, Domain, Effect, Expression, FluentTerm,
     FunctionDeclaration, InitElement, Metric, MetricDirection, Name, Number, Operator,
-    PredicateDeclaration, Privacy, Problem, Span, Term, TypeExpr, Typed, Types,
+    PredicateDeclaration, Privacy, Problem, Span, TOTAL_COST, Term, TypeExpr, Typed, Types,
 };
 use planner::{InputText, Unsupported};
 
 use super::refuse::unsupported;
 use super::task_parts;
-
-const TOTAL_COST: &str = "total-cost";
 
 /// Maximum number of values of one action's cost function; a task with more is unsupported. Each
 /// value is a line of `:init`.

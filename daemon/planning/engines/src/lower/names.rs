@@ -13,13 +13,10 @@ use std::sync::Arc;
 
 use pddl::{
     ActionSchema, Assign, Atom, Compare, Condition, Derived, Domain, Effect, Expression,
-    FluentTerm, InitElement, Name, Plan, PlanStep, Problem, Term, TypeExpr, Typed,
+    FluentTerm, InitElement, Name, Plan, PlanStep, Problem, TOTAL_COST, Term, TypeExpr, Typed,
 };
 
 use super::task_parts;
-
-/// The cost function: the only name that has a meaning for engines, and is therefore kept.
-const TOTAL_COST: &str = "total-cost";
 
 /// Number of characters that are kept of a long name.
 const LENGTH_MAX: usize = 40;
@@ -112,6 +109,7 @@ impl EngineNames {
     }
 
     fn function(&mut self, name: &Name, arity: usize) -> Name {
+        // The only name that has a meaning for engines.
         if *name == TOTAL_COST && arity == 0 {
             name.clone()
         } else {
@@ -311,15 +309,7 @@ impl<'n> VariableScope<'n> {
     }
 
     fn expression(&mut self, expression: &Expression) -> Expression {
-        match expression {
-            Expression::Fluent(fluent) => Expression::Fluent(self.fluent(fluent)),
-            Expression::Negate(inner) => Expression::Negate(Box::new(self.expression(inner))),
-            Expression::Apply(operator, operands) => {
-                let operands = operands.iter().map(|one| self.expression(one)).collect();
-                Expression::Apply(*operator, operands)
-            }
-            other => other.clone(),
-        }
+        expression.map_fluents(&mut |fluent| self.fluent(fluent))
     }
 
     fn atom(&mut self, atom: &Atom) -> Atom {

@@ -5,14 +5,12 @@ use std::collections::BTreeSet;
 
 use pddl::{
     Assign, Assignment, Condition, Domain, Effect, Expression, FunctionDeclaration, InitElement,
-    Name, Number, Operator, Privacy, Problem, Span,
+    Name, Number, Operator, Privacy, Problem, Span, TOTAL_COST,
 };
 use planner::{InputText, Unsupported};
 
 use super::refuse::unsupported;
 use super::task_parts;
-
-const TOTAL_COST: &str = "total-cost";
 
 /// Rewrites the arithmetic of a task for Metric-FF. Returns an error for arithmetic that is not
 /// linear.

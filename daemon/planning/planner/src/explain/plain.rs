@@ -187,7 +187,7 @@ impl UnsolvabilityExplainer<'_> {
                 InitElement::Assign(other, _) => other == *fluent,
                 _ => false,
             };
-            let is_total_cost = fluent.function == "total-cost";
+            let is_total_cost = fluent.function == pddl::TOTAL_COST;
             let mut actions = self.domain.actions.iter();
             let gets_one = actions.any(|action| action.effect.assigns(&fluent.function));
             !is_total_cost && !gets_one && !self.problem.init.iter().any(is_told)
@@ -509,7 +509,7 @@ fn changes_numbers(effect: &Effect) -> bool {
     match effect {
         Effect::And(parts) => parts.iter().any(changes_numbers),
         Effect::Add(_) | Effect::Delete(_) => false,
-        Effect::Assign(assign) => assign.fluent.function != "total-cost",
+        Effect::Assign(assign) => assign.fluent.function != pddl::TOTAL_COST,
         Effect::When(condition, inner) => has_comparison(condition) || changes_numbers(inner),
         Effect::Forall(_, inner) => changes_numbers(inner),
     }

@@ -265,7 +265,7 @@ fn total_cost(lifted: &Lifted) -> Option<FunctionIndex> {
 
 fn is_total_cost(lifted: &Lifted, function: FunctionIndex) -> bool {
     let FunctionUse { name, arity, .. } = &lifted.functions[function];
-    *arity == 0 && name == "total-cost"
+    *arity == 0 && name == pddl::TOTAL_COST
 }
 
 // === impl FunctionTable ===

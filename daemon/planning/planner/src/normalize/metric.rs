@@ -76,7 +76,7 @@ fn refuse_what_has_no_value(
     let mut fluents = Vec::new();
     collect(&metric.expression, &mut fluents);
     for fluent in fluents {
-        let is_total_cost = fluent.function == "total-cost" && fluent.arguments.is_empty();
+        let is_total_cost = fluent.function == pddl::TOTAL_COST && fluent.arguments.is_empty();
         let has_value = problem
             .init
             .iter()

@@ -57,7 +57,7 @@ impl SymbolTable {
             symbols.declare_function(&function.name, function.parameters.len());
         }
         // Some domains do not declare this function; `check` warns about them.
-        symbols.declare_function(&Name::new("total-cost"), 0);
+        symbols.declare_function(&Name::new(pddl::TOTAL_COST), 0);
         symbols
     }
 

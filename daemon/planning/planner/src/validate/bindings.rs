@@ -89,18 +89,7 @@ impl Bindings {
     }
 
     fn expression(&self, expression: &Expression) -> Expression {
-        match expression {
-            Expression::Fluent(fluent) => Expression::Fluent(self.fluent(fluent)),
-            Expression::Negate(inner) => Expression::Negate(Box::new(self.expression(inner))),
-            Expression::Apply(operator, operands) => Expression::Apply(
-                *operator,
-                operands.iter().map(|operand| self.expression(operand)).collect(),
-            ),
-            Expression::Number(_)
-            | Expression::Duration(_)
-            | Expression::ContinuousTime(_)
-            | Expression::TotalTime(_) => expression.clone(),
-        }
+        expression.map_fluents(&mut |fluent| self.fluent(fluent))
     }
 
     /// Returns the bindings without those of `variables`, because an inner quantifier binds these

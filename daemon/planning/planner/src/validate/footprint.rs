@@ -238,7 +238,7 @@ fn cell(fluent: &FluentTerm, bindings: &Bindings) -> Cell {
 }
 
 fn is_total_cost(fluent: &FluentTerm) -> bool {
-    fluent.function == "total-cost" && fluent.arguments.is_empty()
+    fluent.function == pddl::TOTAL_COST && fluent.arguments.is_empty()
 }
 
 fn reads_numbers(expression: &Expression, bindings: &Bindings, found: &mut Footprint) {

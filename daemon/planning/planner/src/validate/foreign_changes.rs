@@ -3,13 +3,10 @@
 
 use std::sync::Arc;
 
-use pddl::{Atom, FluentTerm, InitElement, Name, Number};
+use pddl::{Atom, FluentTerm, InitElement, Name, Number, TOTAL_COST};
 
 use super::symbols::{Object, RelationId};
 use super::world::{World, by_name};
-
-/// Name of the function that adds up costs. Its value is not a fact about the world.
-const TOTAL_COST: &str = "total-cost";
 
 impl World {
     /// Returns what differs in the state `later` of the same domain and problem: the facts that
@@ -32,6 +29,7 @@ impl World {
         let mut changed = Vec::new();
         for function in self.model.functions.iter() {
             let name = self.model.functions.name(function);
+            // The cost of a plan is no fact about the world.
             if *name == *TOTAL_COST {
                 continue;
             }

@@ -301,7 +301,7 @@ fn initially(
 ) -> Result<(Vec<TupleTable>, Vec<FunctionValues>), Vec<Diagnostic>> {
     // `total-cost` is zero unless `:init` assigns a value: many domains declare it, and problems
     // omit it.
-    let total_cost = model.functions.insert(&Name::new("total-cost"), 0);
+    let total_cost = model.functions.insert(&Name::new(pddl::TOTAL_COST), 0);
     let mut values: Vec<FunctionValues> =
         model.functions.arities().map(FunctionValues::new).collect();
     let mut facts: Vec<TupleTable> = model.predicates.arities().map(TupleTable::new).collect();
