@@ -47,7 +47,7 @@ pub fn read_factored(folder: &Path) -> Result<PddlTask, DiagnosticReport> {
 /// # Errors
 ///
 /// Returns the reason if the folder cannot be read or has no such files.
-fn agents_in(folder: &Path) -> Result<Vec<String>, String> {
+pub fn agents_in(folder: &Path) -> Result<Vec<String>, String> {
     let mut agents = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(|error| reason(&error))? {
         let name = entry.map_err(|error| reason(&error))?.file_name();

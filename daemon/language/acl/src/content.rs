@@ -361,6 +361,14 @@ pub enum PartStep {
     Others(String),
 }
 
+impl PartStep {
+    /// Returns the PDDL of the element.
+    pub fn text(&self) -> &str {
+        let (PartStep::Own(text) | PartStep::Others(text)) = self;
+        text
+    }
+}
+
 /// Content of an actuator's `agree` to a `cfp`: alternative proposals, of which at most one can be
 /// accepted.
 #[cfg_attr(test, derive(schemars::JsonSchema))]

@@ -11,12 +11,12 @@ use acl::content::PartStep;
 use pddl::factored::AgentFiles;
 use pddl::{
     ActionSchema, Atom, Condition, Domain, Effect, InitElement, Name, Plan, PlanStep,
-    PredicateDeclaration, Privacy, Problem, Span, Term, TypeExpr, Typed,
+    PredicateDeclaration, Privacy, Problem, Span, TOTAL_COST, Term, TypeExpr, Typed,
 };
 use planner::{Cancel, Options, StopReason};
 
 use crate::opaque_names::OpaqueNames;
-use crate::private_symbols::{PrivateSymbols, Scope, TOTAL_COST, atoms};
+use crate::private_symbols::{PrivateSymbols, Scope, atoms};
 use crate::projection::ProjectedAction;
 use crate::terms::used_by;
 

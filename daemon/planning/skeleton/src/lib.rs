@@ -4,8 +4,9 @@
 //! 1. Each agent announces a [`Projection`] of its task. Public symbols keep their names. Private
 //!    objects, functions and actions get opaque names. Of its private predicates the agent keeps only
 //!    some, under opaque names: at first those that connect its public actions, because one of them
-//!    makes true what another one requires (a dependency-preserving projection). The others are
-//!    dropped from preconditions and effects.
+//!    makes true what another one requires. The others are dropped from preconditions and effects.
+//!    (It is coarser than the dependency-preserving projection of Maliah, Shani and Stern, and
+//!    becomes finer on demand.)
 //! 2. A requester merges the projections, and plans over them: [`SkeletonTask`]. The projections drop
 //!    requirements and never add any. So a task without a skeleton has no joint plan.
 //! 3. Each agent fills its own part with its private steps: [`Partner::fill`]. If it cannot, it keeps
@@ -15,10 +16,11 @@
 //! What others learn: how many private objects there are, and the structure of what is kept, without
 //! any name.
 //!
-//! Other crates exchange projections and parts between processes. **Invariant:** this crate has no
+//! Start reading at [`plan_in_one_process`], which does all of this without messages. Other crates exchange projections and parts between processes. **Invariant:** this crate has no
 //! async function, and uses no clock, file or log.
 
 mod fill;
+mod local;
 mod opaque_names;
 mod partner;
 mod private_symbols;
@@ -27,6 +29,7 @@ mod requester;
 mod terms;
 
 pub use fill::{FillRefusal, FilledPart};
+pub use local::{LocalPlan, plan_in_one_process};
 pub use partner::Partner;
 pub use projection::Projection;
 pub use requester::{SkeletonError, SkeletonOutcome, SkeletonPlan, SkeletonTask};

@@ -18,7 +18,8 @@ pub(crate) struct OpaqueNames {
     agent: String,
     objects: BTreeMap<Name, Name>,
     functions: BTreeMap<Name, Name>,
-    predicates: BTreeMap<PrivateSymbol, Name>,
+    /// In the order of the declarations.
+    predicates: Vec<(PrivateSymbol, Name)>,
     variables: BTreeMap<Name, Name>,
 }
 
@@ -55,9 +56,9 @@ impl OpaqueNames {
         }
         OpaqueNames {
             agent: agent.clone(),
-            objects: numbered(agent, "o", objects),
-            functions: numbered(agent, "f", functions),
-            predicates: numbered(agent, "p", in_order.into_iter()),
+            objects: numbered(agent, "o", objects).collect(),
+            functions: numbered(agent, "f", functions).collect(),
+            predicates: numbered(agent, "p", in_order.into_iter()).collect(),
             variables: numbers,
         }
     }
@@ -75,8 +76,14 @@ impl OpaqueNames {
         self.functions.get(name).unwrap_or(name).clone()
     }
 
+    /// Returns the private symbols with their names, in the order of the declarations.
+    pub(crate) fn predicates(&self) -> impl Iterator<Item = &(PrivateSymbol, Name)> {
+        self.predicates.iter()
+    }
+
     pub(crate) fn predicate(&self, symbol: &PrivateSymbol) -> Name {
-        self.predicates.get(symbol).unwrap_or(&symbol.predicate).clone()
+        let known = self.predicates.iter().find(|(known, _)| known == symbol);
+        known.map_or(&symbol.predicate, |(_, name)| name).clone()
     }
 
     pub(crate) fn variable(&self, name: &Name) -> Name {
@@ -94,7 +101,12 @@ impl OpaqueNames {
     }
 }
 
-fn numbered<T: Ord>(agent: &str, kind: &str, names: impl Iterator<Item = T>) -> BTreeMap<T, Name> {
-    let name = |(number, own)| (own, Name::new(&format!("{agent}{OWN}{kind}{number}")));
-    names.enumerate().map(name).collect()
+fn numbered<T>(
+    agent: &str,
+    kind: &str,
+    names: impl Iterator<Item = T>,
+) -> impl Iterator<Item = (T, Name)> {
+    names
+        .enumerate()
+        .map(move |(number, own)| (own, Name::new(&format!("{agent}{OWN}{kind}{number}"))))
 }

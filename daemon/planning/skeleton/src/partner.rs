@@ -4,12 +4,12 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use acl::content::PartStep;
 use pddl::factored::AgentFiles;
-use pddl::{Atom, Condition, InitElement, Name, Term};
+use pddl::{Atom, Condition, InitElement, Name, TOTAL_COST, Term};
 use planner::{Cancel, Options};
 
 use crate::fill::{FillRefusal, FillTask, FilledPart, ProvedRefusal};
 use crate::opaque_names::{OWN, OpaqueNames};
-use crate::private_symbols::{PrivateSymbol, PrivateSymbols, Scope, TOTAL_COST, atom_of, atoms};
+use crate::private_symbols::{PrivateSymbol, PrivateSymbols, Scope, atom_of, atoms};
 use crate::projection::{ProjectedAction, Projection, Projector};
 use crate::terms::used_by;
 
@@ -50,12 +50,6 @@ impl Partner {
         let projector = Projector { task: &task, symbols: &symbols, names: &names, kept: &kept };
         let (projection, projected) = projector.project();
         Ok(Partner { task, symbols, names, all, kept, projection, projected })
-    }
-
-    /// Returns the name of the agent.
-    #[must_use]
-    pub fn name(&self) -> &str {
-        &self.task.agent
     }
 
     /// Returns what others may learn of the task.

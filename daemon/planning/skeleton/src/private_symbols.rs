@@ -8,8 +8,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use pddl::factored::AgentFiles;
 use pddl::{
-    ActionSchema, Atom, Condition, Effect, InitElement, Name, Privacy, Problem, Term, TypeExpr,
-    Typed, Types,
+    ActionSchema, Atom, Condition, Effect, InitElement, Name, Privacy, Problem, TOTAL_COST, Term,
+    TypeExpr, Typed, Types,
 };
 
 use crate::terms::{UsedTerms, used_by};
@@ -228,9 +228,6 @@ impl PrivateSymbols {
         found
     }
 }
-
-/// The function whose value is the cost of a plan.
-pub(crate) const TOTAL_COST: &str = "total-cost";
 
 /// A part of an effect.
 pub(crate) enum EffectLiteral<'e> {

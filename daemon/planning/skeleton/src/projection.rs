@@ -6,12 +6,12 @@ use std::sync::Arc;
 use pddl::factored::AgentFiles;
 use pddl::{
     ActionSchema, Assign, Atom, Compare, Condition, Domain, Effect, Expression, FluentTerm,
-    InitElement, Name, ObjectDeclaration, PredicateDeclaration, Privacy, Problem, Term, TypeExpr,
-    Typed,
+    InitElement, Name, ObjectDeclaration, PredicateDeclaration, Privacy, Problem, TOTAL_COST, Term,
+    TypeExpr, Typed,
 };
 
 use crate::opaque_names::OpaqueNames;
-use crate::private_symbols::{PrivateSymbol, PrivateSymbols, Scope, TOTAL_COST, atom_of, scope_of};
+use crate::private_symbols::{PrivateSymbol, PrivateSymbols, Scope, atom_of, scope_of};
 use crate::terms::UsedTerms;
 
 /// The projection of one agent's task, as PDDL: private symbols have opaque names or are dropped.
@@ -83,17 +83,11 @@ impl Projector<'_> {
     fn predicates(&self) -> Vec<PredicateDeclaration> {
         let declared = &self.task.domain.predicates;
         let public = declared.iter().filter(|it| it.privacy == Privacy::Public).cloned();
-        let kept = self.kept.iter().filter_map(|symbol| {
+        let kept = self.names.predicates().filter(|(symbol, _)| self.kept.contains(symbol));
+        let kept = kept.filter_map(|(symbol, name)| {
             let known = declared.iter().find(|it| it.name == symbol.predicate)?;
-            let parameters = numbered_parameters(&known.parameters);
-            let name = self.names.predicate(symbol);
+            let (name, parameters) = (name.clone(), numbered_parameters(&known.parameters));
             Some(PredicateDeclaration { name, parameters, privacy: Privacy::Public })
-        });
-        // The order of the opaque names is that of the declarations.
-        let mut kept: Vec<PredicateDeclaration> = kept.collect();
-        kept.sort_by_key(|declared| {
-            let place = declared_place(&self.task.domain, self.kept, self.names, &declared.name);
-            place.unwrap_or(usize::MAX)
         });
         public.chain(kept).collect()
     }
@@ -116,15 +110,14 @@ impl Projector<'_> {
         }
         used.condition(&goal);
         metric.iter().for_each(|metric| used.expression(&metric.expression));
+        // The values of public functions are known to all.
+        let is_public = |function: &Name| {
+            let functions = &self.task.domain.functions;
+            functions.iter().any(|it| it.name == *function && it.privacy == Privacy::Public)
+        };
         let is_used = |element: &InitElement| match element {
             InitElement::Assign(fluent, _) => {
-                used.functions.contains(&fluent.function)
-                    || self
-                        .task
-                        .domain
-                        .functions
-                        .iter()
-                        .any(|it| it.name == fluent.function && it.privacy == Privacy::Public)
+                used.functions.contains(&fluent.function) || is_public(&fluent.function)
             }
             _ => true,
         };
@@ -194,12 +187,7 @@ impl Projector<'_> {
 
     /// Returns a condition without the private symbols that are dropped: in a positive context they
     /// count as true, in a negative one as false, so that the condition becomes easier to meet.
-    pub(crate) fn relax(
-        &self,
-        condition: &Condition,
-        is_positive: bool,
-        scope: &Scope,
-    ) -> Condition {
+    fn relax(&self, condition: &Condition, is_positive: bool, scope: &Scope) -> Condition {
         let all = |parts: &[Condition]| -> Vec<Condition> {
             parts.iter().map(|part| self.relax(part, is_positive, scope)).collect()
         };
@@ -316,15 +304,7 @@ impl Projector<'_> {
     }
 
     fn expression(&self, expression: &Expression) -> Expression {
-        match expression {
-            Expression::Fluent(fluent) => Expression::Fluent(self.fluent(fluent)),
-            Expression::Negate(inner) => Expression::Negate(Box::new(self.expression(inner))),
-            Expression::Apply(operator, operands) => {
-                let operands = operands.iter().map(|operand| self.expression(operand)).collect();
-                Expression::Apply(*operator, operands)
-            }
-            other => other.clone(),
-        }
+        expression.map_fluents(&mut |fluent| self.fluent(fluent))
     }
 }
 
@@ -335,17 +315,6 @@ fn numbered_parameters(parameters: &[Typed]) -> Vec<Typed> {
         ty: typed.ty.clone(),
     };
     parameters.iter().enumerate().map(numbered).collect()
-}
-
-/// Returns the place of the predicate with an opaque name among the declarations of the domain.
-fn declared_place(
-    domain: &Domain,
-    kept: &BTreeSet<PrivateSymbol>,
-    names: &OpaqueNames,
-    opaque: &Name,
-) -> Option<usize> {
-    let symbol = kept.iter().find(|symbol| names.predicate(symbol) == *opaque)?;
-    domain.predicates.iter().position(|it| it.name == symbol.predicate)
 }
 
 fn with(scope: &Scope, variables: &[Typed]) -> Scope {
@@ -394,10 +363,9 @@ fn disjunction(mut parts: Vec<Condition>) -> Condition {
 
 /// Whether an effect changes more than the cost of a plan.
 fn changes_a_fact(effect: &Effect) -> bool {
-    match effect {
-        Effect::And(parts) => parts.iter().any(changes_a_fact),
+    effect.parts().any(|part| match part {
         Effect::Add(_) | Effect::Delete(_) => true,
-        Effect::Assign(assign) => assign.fluent.function != *TOTAL_COST,
-        Effect::Forall(_, inner) | Effect::When(_, inner) => changes_a_fact(inner),
-    }
+        Effect::Assign(assign) => assign.fluent.function != TOTAL_COST,
+        Effect::And(_) | Effect::Forall(..) | Effect::When(..) => false,
+    })
 }

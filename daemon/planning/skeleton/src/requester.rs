@@ -5,11 +5,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use acl::content::PartStep;
 use acl::fnv::Fnv64;
 use pddl::factored::{AgentFiles, FactoredTask, merge_factored};
-use pddl::{Domain, InitElement, Name, Plan, PlanStep, Term};
+use pddl::{Domain, InitElement, Name, Plan, PlanStep, TOTAL_COST, Term};
 use planner::{Cancel, Options, PlanError, StopReason, World};
 
 use crate::opaque_names::OWN;
-use crate::private_symbols::TOTAL_COST;
 use crate::projection::Projection;
 use crate::terms::used_by;
 
@@ -34,12 +33,36 @@ struct MemberNames {
 /// A plan over projections.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SkeletonPlan {
-    /// The members whose steps these are, in the order of the skeleton.
+    /// The owner of each step, in the order of the skeleton.
     pub owners: Vec<String>,
     /// The part of each member that acts in the skeleton.
     pub parts: BTreeMap<String, Vec<PartStep>>,
     /// Digest of the whole skeleton.
     pub digest: String,
+}
+
+impl SkeletonPlan {
+    /// Joins the filled parts of all members (the groups of [`FilledPart::steps`]) in the order of the
+    /// skeleton. Each step comes with its member.
+    ///
+    /// [`FilledPart::steps`]: crate::FilledPart::steps
+    #[must_use]
+    pub fn join(&self, parts: BTreeMap<String, Vec<Vec<PlanStep>>>) -> Vec<(String, PlanStep)> {
+        let mut rest: BTreeMap<String, std::vec::IntoIter<Vec<PlanStep>>> =
+            parts.into_iter().map(|(member, groups)| (member, groups.into_iter())).collect();
+        let mut joined = Vec::new();
+        let mut add = |member: &str, group: Option<Vec<PlanStep>>| {
+            joined.extend(group.into_iter().flatten().map(|step| (member.to_owned(), step)));
+        };
+        rest.iter_mut().for_each(|(member, groups)| add(member, groups.next()));
+        for owner in &self.owners {
+            add(owner, rest.get_mut(owner).and_then(Iterator::next));
+        }
+        for (member, groups) in rest {
+            groups.for_each(|group| add(&member, Some(group)));
+        }
+        joined
+    }
 }
 
 /// The result of planning over projections.
@@ -57,7 +80,7 @@ pub enum SkeletonOutcome {
 /// A reason why there is no skeleton task, or why it cannot be planned for, as text for a person.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SkeletonError {
-    /// The member whose projection is at fault; `None` if they do not fit together.
+    /// The member with a wrong projection; `None` if the projections do not fit together.
     pub member: Option<String>,
     /// The reason.
     pub why: String,

@@ -1,4 +1,4 @@
-//! Walks over conditions and effects: the variables that they use, and the functions.
+//! The variables, objects and functions that conditions and effects use.
 
 use std::collections::BTreeSet;
 
@@ -19,7 +19,7 @@ pub(crate) struct UsedTerms {
 // === impl UsedTerms ===
 
 impl UsedTerms {
-    pub(crate) fn terms(&mut self, terms: &[Term]) {
+    fn terms<'t>(&mut self, terms: impl IntoIterator<Item = &'t Term>) {
         for term in terms {
             match term {
                 Term::Variable(name) => self.variables.insert(name.clone()),
@@ -28,63 +28,43 @@ impl UsedTerms {
         }
     }
 
-    pub(crate) fn fluent(&mut self, fluent: &FluentTerm) {
+    fn fluent(&mut self, fluent: &FluentTerm) {
         self.functions.insert(fluent.function.clone());
         self.terms(&fluent.arguments);
     }
 
     pub(crate) fn expression(&mut self, expression: &Expression) {
-        match expression {
-            Expression::Fluent(fluent) => self.fluent(fluent),
-            Expression::Negate(inner) => self.expression(inner),
-            Expression::Apply(_, operands) => {
-                operands.iter().for_each(|operand| self.expression(operand));
-            }
-            Expression::Number(_)
-            | Expression::Duration(_)
-            | Expression::ContinuousTime(_)
-            | Expression::TotalTime(_) => (),
-        }
+        expression.fluents().for_each(|fluent| self.fluent(fluent));
     }
 
     pub(crate) fn condition(&mut self, condition: &Condition) {
-        match condition {
-            Condition::Atom(atom) => self.terms(&atom.arguments),
-            Condition::Equal(left, right, _) => self.terms(&[left.clone(), right.clone()]),
-            Condition::Compare(compare) => {
-                self.expression(&compare.left);
-                self.expression(&compare.right);
-            }
-            Condition::Not(inner) => self.condition(inner),
-            Condition::Exists(variables, inner) | Condition::Forall(variables, inner) => {
-                self.declared.extend(variables.iter().cloned());
-                self.condition(inner);
-            }
-            Condition::And(parts) | Condition::Or(parts) => {
-                parts.iter().for_each(|part| self.condition(part));
-            }
-            Condition::Imply(left, right) => {
-                self.condition(left);
-                self.condition(right);
+        for part in condition.parts() {
+            match part {
+                Condition::Atom(atom) => self.terms(&atom.arguments),
+                Condition::Equal(left, right, _) => self.terms([left, right]),
+                Condition::Compare(compare) => {
+                    self.expression(&compare.left);
+                    self.expression(&compare.right);
+                }
+                Condition::Exists(variables, _) | Condition::Forall(variables, _) => {
+                    self.declared.extend(variables.iter().cloned());
+                }
+                _ => (),
             }
         }
     }
 
     pub(crate) fn effect(&mut self, effect: &Effect) {
-        match effect {
-            Effect::And(parts) => parts.iter().for_each(|part| self.effect(part)),
-            Effect::Add(atom) | Effect::Delete(atom) => self.terms(&atom.arguments),
-            Effect::Assign(assign) => {
-                self.fluent(&assign.fluent);
-                self.expression(&assign.value);
-            }
-            Effect::Forall(variables, inner) => {
-                self.declared.extend(variables.iter().cloned());
-                self.effect(inner);
-            }
-            Effect::When(condition, inner) => {
-                self.condition(condition);
-                self.effect(inner);
+        for part in effect.parts() {
+            match part {
+                Effect::Add(atom) | Effect::Delete(atom) => self.terms(&atom.arguments),
+                Effect::Assign(assign) => {
+                    self.fluent(&assign.fluent);
+                    self.expression(&assign.value);
+                }
+                Effect::Forall(variables, _) => self.declared.extend(variables.iter().cloned()),
+                Effect::When(condition, _) => self.condition(condition),
+                Effect::And(_) => (),
             }
         }
     }

@@ -19,7 +19,7 @@ use planner::World;
 use serde_json::json;
 use skeleton::SkeletonPlan;
 use tempfile::TempDir;
-use terminal::factored_folder::read_factored;
+use terminal::factored_folder::{agents_in, read_factored};
 use terminal::report::reason_of_writing;
 use terminal::{exit, output};
 use tokio::process::Child;
@@ -93,7 +93,10 @@ pub(super) fn run(args: &JointArgs) -> ExitCode {
 /// Returns the reason, as text for a person, if the daemons cannot be started.
 async fn play(args: &JointArgs, task: &FactoredTask) -> Result<JointPlay, String> {
     let began = Instant::now();
-    let agents = agents_in(&args.folder)?;
+    let named = agents_in(&args.folder)?.into_iter();
+    let agents: Vec<AgentId> = named
+        .map(|agent| AgentId::new(&agent).map_err(|error| format!("`{agent}`: {error}")))
+        .collect::<Result<_, _>>()?;
     let mut daemons = JointDaemons::start(&args.folder, &agents).await?;
     let ready_after = began.elapsed();
     let began = Instant::now();
@@ -115,21 +118,6 @@ async fn play(args: &JointArgs, task: &FactoredTask) -> Result<JointPlay, String
     }
     hosting::end_daemons(&mut daemons.processes).await;
     Ok(JointPlay { result, ready_after, planned_within, plan, validated })
-}
-
-/// Returns the agents with files in a folder, sorted.
-fn agents_in(folder: &Path) -> Result<Vec<AgentId>, String> {
-    let entries = std::fs::read_dir(folder).map_err(|error| error.to_string())?;
-    let mut agents = Vec::new();
-    for entry in entries.flatten() {
-        let name = entry.file_name().to_string_lossy().into_owned();
-        let agent = name.strip_prefix("domain-").and_then(|rest| rest.strip_suffix(".pddl"));
-        if let Some(agent) = agent {
-            agents.push(AgentId::new(agent).map_err(|error| format!("`{agent}`: {error}"))?);
-        }
-    }
-    agents.sort();
-    Ok(agents)
 }
 
 // === impl JointDaemons ===
@@ -196,46 +184,37 @@ fn ecosystem_file(agent: &AgentId, agents: &[AgentId]) -> String {
 /// Returns the reason, as text for a person, if an agent has written no part, or that of another
 /// skeleton.
 fn joined(skeleton: &SkeletonPlan, folder: &Path) -> Result<Vec<(String, PlanStep)>, String> {
-    let mut parts: BTreeMap<&str, BTreeMap<usize, Vec<PlanStep>>> = BTreeMap::new();
+    let mut parts = BTreeMap::new();
     for agent in skeleton.parts.keys() {
         let path = folder.join("agents").join(agent).join("part");
         let text = std::fs::read_to_string(&path)
             .map_err(|error| format!("`{agent}` has not written its part: {error}"))?;
         let own = own_steps(&text, &skeleton.digest)
             .ok_or_else(|| format!("the part that `{agent}` has written is another one"))?;
-        parts.insert(agent, own);
+        parts.insert(agent.clone(), own);
     }
-    let mut steps = Vec::new();
-    // The group 0 of an agent comes before everything else, the last one after everything else.
-    for (owner, own) in &mut parts {
-        steps.extend(own.remove(&0).into_iter().flatten().map(|step| ((*owner).to_owned(), step)));
-    }
-    let mut taken: BTreeMap<&str, usize> = BTreeMap::new();
-    for owner in &skeleton.owners {
-        let number = taken.entry(owner).or_default();
-        *number += 1;
-        let own = parts.get_mut(owner.as_str()).and_then(|own| own.remove(number));
-        steps.extend(own.into_iter().flatten().map(|step| (owner.clone(), step)));
-    }
-    for (owner, rest) in parts {
-        steps.extend(rest.into_values().flatten().map(|step| (owner.to_owned(), step)));
-    }
-    Ok(steps)
+    Ok(skeleton.join(parts))
 }
 
-/// Parses the file of an agent's part: the digest of the skeleton, then a number and a step per line.
-fn own_steps(text: &str, digest: &str) -> Option<BTreeMap<usize, Vec<PlanStep>>> {
+/// Parses the file of an agent's part: the digest of the skeleton, then a line for each step, behind
+/// the number of its group.
+fn own_steps(text: &str, digest: &str) -> Option<Vec<Vec<PlanStep>>> {
     let mut lines = text.lines();
     if lines.next()? != digest {
         return None;
     }
-    let mut own: BTreeMap<usize, Vec<PlanStep>> = BTreeMap::new();
+    let mut groups: Vec<Vec<PlanStep>> = Vec::new();
     for line in lines {
         let (number, step) = line.split_once(' ')?;
-        let step = pddl::parse_step(step).into_result().ok()?;
-        own.entry(number.parse().ok()?).or_default().push(step);
+        let number: usize = number.parse().ok()?;
+        // Only the first group can be empty, and groups come in their order.
+        if number > groups.len() + 1 {
+            return None;
+        }
+        groups.resize(groups.len().max(number + 1), Vec::new());
+        groups[number].push(pddl::parse_step(step).into_result().ok()?);
     }
-    Some(own)
+    Some(groups)
 }
 
 /// Validates a plan on the task of all agents. Returns its cost.

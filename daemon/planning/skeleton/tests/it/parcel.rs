@@ -41,7 +41,7 @@ fn robot(drives: usize) -> AgentFiles {
     )
 }
 
-/// The doorkeeper, who must fetch a key first, if there is one.
+/// The doorkeeper, with a key that it has to fetch first, or without one.
 pub(crate) fn doorkeeper(key: &str, has_key: bool) -> AgentFiles {
     let there = if has_key { format!("(hangs {key})") } else { String::new() };
     files(
