@@ -5,14 +5,17 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::content::{CallForProposals, Reason, Snapshot};
+use acl::content::{CallForProposals, Reason};
 use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Message, Performative};
 use agent::{
     Agent, AgentSettings, Blueprint, Callbacks, Context, EcosystemFolder, Host, LaunchContext,
     LaunchableAgent, MessageRouter, Participation, Resource, Resources,
 };
+use fastrand::Rng;
 use serde_json::json;
+use skeleton::Projection;
 use substrate::Substrate;
+use substrate::faulty::{self, LinkConditions};
 use substrate::memory::Network;
 use tokio::sync::oneshot;
 use tokio_util::sync::CancellationToken;
@@ -52,11 +55,28 @@ impl Drop for HallDaemon {
     }
 }
 
-fn host(network: &Network, id: &str, agent: Box<dyn LaunchableAgent>) -> HallDaemon {
+/// A network on which daemons are opened.
+trait HallNetwork {
+    fn connect(&self, daemon: DaemonId, router: &Arc<MessageRouter>) -> Arc<dyn Substrate>;
+}
+
+impl HallNetwork for Network {
+    fn connect(&self, daemon: DaemonId, router: &Arc<MessageRouter>) -> Arc<dyn Substrate> {
+        self.open(daemon, Arc::<MessageRouter>::clone(router) as _)
+    }
+}
+
+impl HallNetwork for faulty::Network {
+    fn connect(&self, daemon: DaemonId, router: &Arc<MessageRouter>) -> Arc<dyn Substrate> {
+        self.open(daemon, Arc::<MessageRouter>::clone(router) as _)
+    }
+}
+
+fn host(network: &impl HallNetwork, id: &str, agent: Box<dyn LaunchableAgent>) -> HallDaemon {
     let ecosystem = EcosystemId::new("hall").expect("a name");
     let daemon = DaemonId::new(id).expect("a name");
     let router = MessageRouter::new(ecosystem, daemon.clone(), AgentSettings::default());
-    let port = network.open(daemon, Arc::<MessageRouter>::clone(&router) as _);
+    let port = network.connect(daemon, &router);
     router.connect(Arc::clone(&port));
     let stopping = CancellationToken::new();
     drop(agent.launch(LaunchContext {
@@ -72,7 +92,7 @@ fn host(network: &Network, id: &str, agent: Box<dyn LaunchableAgent>) -> HallDae
 }
 
 /// Hosts a factored agent with these files.
-fn member(network: &Network, folder: &Path, id: &str, texts: (&str, &str)) -> HallDaemon {
+fn member(network: &impl HallNetwork, folder: &Path, id: &str, texts: (&str, &str)) -> HallDaemon {
     let path = |kind: &str| folder.join(format!("{kind}-{id}.pddl"));
     std::fs::write(path("domain"), texts.0).expect("a file");
     std::fs::write(path("problem"), texts.1).expect("a file");
@@ -97,7 +117,7 @@ fn member(network: &Network, folder: &Path, id: &str, texts: (&str, &str)) -> Ha
 
 /// Launches a requester for these members.
 fn request(
-    network: &Network,
+    network: &impl HallNetwork,
     members: &[&str],
     within: Duration,
 ) -> (HallDaemon, oneshot::Receiver<JointResult>) {
@@ -214,6 +234,47 @@ async fn a_member_that_speaks_for_another_is_named() {
     assert!(reason.starts_with("`porter`: its action `opener--do-put` is not named"), "{reason}");
 }
 
+/// Number of drawn plannings. `ALTHING_JOINT_DEATHS` draws more.
+const DEATHS: u64 = 30;
+
+/// Two agents can each do either part. One of them is killed at a drawn moment, on links that lose one
+/// message in five.
+#[tokio::test(start_paused = true)]
+async fn deaths_on_bad_links_end_in_a_plan_of_the_others() {
+    let more = std::env::var("ALTHING_JOINT_DEATHS").ok().and_then(|it| it.parse().ok());
+    let members = ["opener", "porter", "second-opener", "second-porter"];
+    let mut without = 0;
+    for seed in 0..more.unwrap_or(DEATHS) {
+        let mut rng = Rng::with_seed(seed);
+        let (network, folder) =
+            (faulty::Network::new(seed), tempfile::tempdir().expect("a folder"));
+        network.set_conditions(LinkConditions { loss: 0.2, ..LinkConditions::good() });
+        let hosts = members.map(|id| match id.ends_with("opener") {
+            true => member(&network, folder.path(), id, (OPENER_DOMAIN, OPENER_PROBLEM)),
+            false => member(&network, folder.path(), id, (PORTER_DOMAIN, PORTER_PROBLEM)),
+        });
+        let (requester, receiver) = request(&network, &members, PATIENCE);
+        let dying = members[rng.usize(0..members.len())];
+        let after = Duration::from_micros(rng.u64(0..60_000));
+        let mut receiver = std::pin::pin!(result(receiver));
+        let found = tokio::select! {
+            found = &mut receiver => found,
+            () = tokio::time::sleep(after) => {
+                network.kill(&DaemonId::new(dying).expect("a name"));
+                receiver.await
+            }
+        };
+        without += u64::from(found.left.contains(&name(dying)));
+        let left = found.left.clone();
+        let skeleton = found.plan.unwrap_or_else(|why| panic!("seed {seed}: {why}"));
+        assert_eq!(skeleton.owners.len(), 3, "seed {seed}");
+        let acts = |agent: &AgentId| skeleton.owners.iter().any(|it| it == agent.as_str());
+        assert!(!left.iter().any(acts), "seed {seed}: {left:?} {:?}", skeleton.owners);
+        drop((hosts, requester));
+    }
+    assert!(without > 0, "some die before the plan is agreed to");
+}
+
 /// Returns a projection with an action named for `agent`, which reaches the goal at once.
 fn promise(agent: &str) -> String {
     let domain = format!(
@@ -223,19 +284,7 @@ fn promise(agent: &str) -> String {
     );
     let problem = "(define (problem p) (:domain hall) (:objects box - thing)
       (:init) (:goal (there box)))";
-    json!(Snapshot {
-        epoch: 0,
-        revision: 0,
-        domain,
-        problem: problem.to_owned(),
-        digest: String::new(),
-        offers: Default::default(),
-        guards: Default::default(),
-        former: Vec::new(),
-        knowledge: Default::default(),
-        conflicts: Default::default(),
-    })
-    .to_string()
+    json!(crate::answer(&Projection { domain, problem: problem.to_owned() }, 0)).to_string()
 }
 
 /// A member that does not answer calls, and queries only if it tells something.

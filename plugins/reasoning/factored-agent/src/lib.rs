@@ -26,7 +26,7 @@ use agent::{
 use pddl::factored::AgentFiles;
 use planner::{Budget, Cancel, Options};
 use serde::Deserialize;
-use skeleton::{FilledPart, Partner};
+use skeleton::{FilledPart, Partner, Projection};
 
 pub use crate::requester::{JointRequest, JointRequester, JointResult};
 
@@ -149,22 +149,9 @@ impl Agent for FactoredAgent {
             return None;
         }
         let partner = self.partner.lock().unwrap_or_else(PoisonError::into_inner);
-        let projection = partner.projection();
-        let kept = partner.kept().0 as u64;
-        serde_json::to_string(&Snapshot {
-            // An agent keeps more and more of its private symbols: their number is its revision.
-            epoch: kept,
-            revision: kept,
-            domain: projection.domain.clone(),
-            problem: projection.problem.clone(),
-            digest: String::new(),
-            offers: Default::default(),
-            guards: Default::default(),
-            former: Vec::new(),
-            knowledge: Default::default(),
-            conflicts: Default::default(),
-        })
-        .ok()
+        // An agent keeps more and more of its private symbols: their number is its revision.
+        let answer = answer(partner.projection(), partner.kept().0 as u64);
+        serde_json::to_string(&answer).ok()
     }
 
     fn drain(&mut self, _ctx: &mut Context<Self>) -> bool {
@@ -226,6 +213,22 @@ impl FactoredAgent {
 
     fn judged(&mut self, message: Message, _ctx: &mut Context<Self>) {
         tracing::debug!(verdict = %message.performative, "the part was accepted or rejected");
+    }
+}
+
+/// Returns the answer to the query `domain`: the projection.
+fn answer(projection: &Projection, revision: u64) -> Snapshot {
+    Snapshot {
+        epoch: revision,
+        revision,
+        domain: projection.domain.clone(),
+        problem: projection.problem.clone(),
+        digest: String::new(),
+        offers: Default::default(),
+        guards: Default::default(),
+        former: Vec::new(),
+        knowledge: Default::default(),
+        conflicts: Default::default(),
     }
 }
 
