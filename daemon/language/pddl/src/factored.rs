@@ -70,7 +70,12 @@ pub fn merge_factored(agents: &[AgentFiles]) -> Result<FactoredTask, String> {
         originals: BTreeMap::new(),
     };
     merged.clear();
-    let all: BTreeSet<&Name> = agents.iter().flat_map(objects_of).map(|it| &it.name).collect();
+    // By the names of the merged task: private things of two agents may have one name.
+    let renamed = |task: &AgentFiles| -> Vec<Name> {
+        let names = shared.renaming(task, &mut BTreeMap::new());
+        objects_of(task).map(|it| names.object(&it.name)).collect()
+    };
+    let all: BTreeSet<Name> = agents.iter().flat_map(renamed).collect();
     for task in agents {
         let renaming = shared.renaming(task, &mut merged.originals);
         merged.add_declarations(task, &renaming)?;
@@ -316,9 +321,19 @@ impl Merger {
             let declared = PredicateDeclaration { name, parameters, privacy: Privacy::Public };
             self.domain.predicates.push(declared);
         }
+        if guard.is_some() && has_quantifier(&task.problem.goal) {
+            return Err(format!(
+                "the goal of `{agent}` has a quantifier, and `{agent}` does not know all objects: \
+                 not supported in factored tasks"
+            ));
+        }
         for action in &domain.actions {
             let is_quantified = has_quantifier(&action.precondition)
-                || action.effect.parts().any(|part| matches!(part, Effect::Forall(..)));
+                || action.effect.parts().any(|part| match part {
+                    Effect::Forall(..) => true,
+                    Effect::When(condition, _) => has_quantifier(condition),
+                    _ => false,
+                });
             if guard.is_some() && is_quantified {
                 return Err(format!(
                     "`{}` of `{agent}` has a quantifier, and `{agent}` does not know all objects: \

@@ -42,13 +42,12 @@ pub(super) fn types<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>) -> Vec
     names::typed_list(reader, items, ListEntryKind::Names)
 }
 
-/// Parses constants: `(NAME* [- TYPE])*`. In a block `(:private …)`, the privacy is dropped with a
-/// warning, because constants have no privacy.
+/// Parses constants: `(NAME* [- TYPE])*`. A block `(:private …)` is refused: constants have no privacy.
 pub(super) fn constants<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>) -> Vec<Typed> {
     let declared = objects(reader, items);
     if let Some(private) = declared.iter().find(|object| object.privacy != Privacy::Public) {
-        let message = "constants of a domain are public; `:private` is passed over";
-        reader.report(Diagnostic::warning(private.object.name.span(), message));
+        let message = "private constants; private things are `(:private …)` objects of the problem";
+        reader.report(Diagnostic::unsupported(private.object.name.span(), message));
     }
     declared.into_iter().map(|declaration| declaration.object).collect()
 }

@@ -80,3 +80,39 @@ fn constants_of_a_domain_stay_constants() {
     assert_eq!(constants, ["left"]);
     assert!(pddl::check_domain(&task.domain).is_empty(), "{}", task.domain);
 }
+
+#[test]
+fn an_agent_uses_only_the_things_that_it_knows() {
+    // Both have as many things as there are names, of which one names two things.
+    let shared = "(define (domain d) (:requirements :typing) (:types thing place)
+        (:predicates (stored ?t - thing ?p - place))
+        (:action store :parameters (?t - thing ?p - place) :effect (stored ?t ?p)))";
+    let things = "(define (problem p) (:domain d)
+        (:objects hall lab - place (:private trolley - thing)) (:init) (:goal (and)))";
+    let task = merged(&[("a", shared, things), ("b", shared, things)]).expect("it fits");
+    let facts: Vec<String> = task.problem.init.iter().map(ToString::to_string).collect();
+    let knows = |fact: &str| facts.iter().any(|known| known == fact);
+    assert!(knows("(known-to--a trolley--a)") && !knows("(known-to--a trolley--b)"), "{facts:?}");
+}
+
+#[test]
+fn a_quantifier_over_things_that_its_agent_does_not_know_is_refused() {
+    let right = problem("right", "(and)");
+    let all = problem("left", "(forall (?b - box) (not (full ?b)))");
+    let refused = merged(&[("a", DOMAIN, &all), ("b", DOMAIN, &right)]).expect_err("refused");
+    assert!(refused.starts_with("the goal of `a` has a quantifier"), "{refused}");
+    let left = problem("left", "(and)");
+    let when = DOMAIN.replace(
+        "(open ?s) (not",
+        "(open ?s) (when (exists (?c - box) (full ?c)) (at-wall ?s)) (not",
+    );
+    let refused = merged(&[("a", &when, &left), ("b", DOMAIN, &right)]).expect_err("refused");
+    assert!(refused.starts_with("`empty` of `a` has a quantifier"), "{refused}");
+}
+
+#[test]
+fn private_constants_are_refused() {
+    let domain = "(define (domain d) (:constants (:private brass)) (:predicates (p ?x)))";
+    let found = pddl::parse_domain(domain).into_result().expect_err("refused");
+    assert!(found[0].to_string().contains("private constants"), "{found:?}");
+}
