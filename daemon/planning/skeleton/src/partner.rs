@@ -129,8 +129,15 @@ impl Partner {
 /// Returns the feature, as text for a person.
 fn refuse_unsupported(task: &AgentFiles, symbols: &PrivateSymbols) -> Result<(), String> {
     let AgentFiles { agent, domain, problem } = task;
-    if agent.contains(OWN) {
-        return Err(format!("`{agent}` cannot be the name of a member: it contains `{OWN}`"));
+    if agent.contains(OWN) || agent.ends_with('-') {
+        return Err(format!(
+            "`{agent}` cannot be the name of a member: it contains `{OWN}`, or ends with `-`"
+        ));
+    }
+    if let Some(name) =
+        crate::terms::words(&format!("{domain} {problem}")).find(|it| it.contains(OWN))
+    {
+        return Err(format!("`{name}` contains `{OWN}`, which only opaque names may"));
     }
     if !domain.durative_actions.is_empty() {
         return Err(format!("the domain of `{agent}` has durative actions"));

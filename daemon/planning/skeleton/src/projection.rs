@@ -60,10 +60,7 @@ impl Projector<'_> {
         let functions = functions.iter().filter_map(|declared| {
             let (name, privacy) = (self.names.function(&declared.name), Privacy::Public);
             let is_shown = declared.privacy == Privacy::Public || used.contains(&name);
-            let parameters = match declared.privacy {
-                Privacy::Public => declared.parameters.clone(),
-                Privacy::Private(_) => numbered_parameters(&declared.parameters),
-            };
+            let parameters = numbered_parameters(&declared.parameters);
             is_shown.then_some(pddl::FunctionDeclaration { name, parameters, privacy })
         });
         let domain = Domain {
@@ -82,7 +79,11 @@ impl Projector<'_> {
     /// Returns the declarations of the public predicates, and of the private ones that are kept.
     fn predicates(&self) -> Vec<PredicateDeclaration> {
         let declared = &self.task.domain.predicates;
-        let public = declared.iter().filter(|it| it.privacy == Privacy::Public).cloned();
+        let public = declared.iter().filter(|it| it.privacy == Privacy::Public);
+        let public = public.map(|it| PredicateDeclaration {
+            parameters: numbered_parameters(&it.parameters),
+            ..it.clone()
+        });
         let kept = self.names.predicates().filter(|(symbol, _)| self.kept.contains(symbol));
         let kept = kept.filter_map(|(symbol, name)| {
             let known = declared.iter().find(|it| it.name == symbol.predicate)?;

@@ -10,7 +10,7 @@ use planner::{Cancel, Options, PlanError, StopReason, World};
 
 use crate::opaque_names::OWN;
 use crate::projection::Projection;
-use crate::terms::used_by;
+use crate::terms::{used_by, words};
 
 /// Maximum size of the texts of one projection, in bytes. Those of the CoDMAP competition have at
 /// most some 200 KiB.
@@ -28,6 +28,8 @@ struct MemberNames {
     actions: BTreeSet<Name>,
     symbols: BTreeSet<Name>,
     objects: BTreeSet<Name>,
+    /// Texts of the facts and values of the initial state that the projection states.
+    stated: BTreeSet<String>,
 }
 
 /// A plan over projections.
@@ -145,8 +147,9 @@ impl SkeletonTask {
             let owner = self
                 .owner(step)
                 .ok_or_else(|| problem_of(format!("no member has announced `{}`", step.action)))?;
-            let (part, since) =
-                parts.entry(owner.clone()).or_insert_with(|| (Vec::new(), start.clone()));
+            let (part, since) = parts
+                .entry(owner.clone())
+                .or_insert_with(|| (self.unstated(&owner), start.clone()));
             part.extend(self.changes(&owner, since, &now));
             part.push(PartStep::Own(step.to_string()));
             now.apply(step).map_err(|fault| problem_of(fault.to_string()))?;
@@ -160,6 +163,16 @@ impl SkeletonTask {
         let digest = format!("{:016x}", Fnv64::default().with(texts.as_bytes()).value());
         let parts = parts.into_iter().map(|(owner, (part, _))| (owner, part)).collect();
         Ok(SkeletonPlan { owners, parts, digest })
+    }
+
+    /// Returns what only others state of the initial state and the member knows the names of: the
+    /// beginning of its part.
+    fn unstated(&self, member: &str) -> Vec<PartStep> {
+        let Some(names) = self.known.get(member) else { return Vec::new() };
+        let init = self.merged.problem.init.iter();
+        let news = init.filter(|it| names.know(it)).map(ToString::to_string);
+        let news: Vec<String> = news.filter(|text| !names.stated.contains(text)).collect();
+        if news.is_empty() { Vec::new() } else { vec![PartStep::Others(news.join(" "))] }
     }
 
     fn owner(&self, step: &PlanStep) -> Option<String> {
@@ -189,6 +202,7 @@ impl MemberNames {
             actions: domain.actions.iter().map(|it| it.name.clone()).collect(),
             symbols: predicates.chain(functions).collect(),
             objects: constants.chain(objects).collect(),
+            stated: problem.init.iter().map(ToString::to_string).collect(),
         }
     }
 
@@ -224,19 +238,22 @@ fn parsed(member: &str, projection: &Projection) -> Result<AgentFiles, String> {
     };
     let domain: Domain = pddl::parse_domain(&projection.domain).into_result().map_err(first)?;
     let problem = pddl::parse_problem(&projection.problem).into_result().map_err(first)?;
-    if member.contains(OWN) {
-        return Err(format!("the name of a member cannot contain `{OWN}`"));
+    if member.contains(OWN) || member.ends_with('-') {
+        return Err(format!("the name of a member cannot contain `{OWN}`, or end with `-`"));
     }
     let prefix = format!("{member}{OWN}");
     let files = AgentFiles { agent: member.to_owned(), domain, problem };
-    let MemberNames { actions, symbols, objects } = MemberNames::of(&files);
-    if let Some(foreign) = actions.iter().find(|it| !it.as_str().starts_with(&prefix)) {
+    let mut actions = files.domain.actions.iter().map(|it| it.name.as_str());
+    if let Some(foreign) = actions.find(|it| !it.starts_with(&prefix)) {
         return Err(format!("its action `{foreign}` is not named `{prefix}…`"));
     }
-    let is_foreign =
-        |name: &&Name| name.as_str().contains(OWN) && !name.as_str().starts_with(&prefix);
-    match symbols.iter().chain(&objects).find(is_foreign) {
-        Some(foreign) => Err(format!("`{foreign}` is the name of something of another member")),
+    // Names that are only used count, too: nobody may change what is another member's own.
+    let is_foreign = |word: &&str| word.contains(OWN) && !word.starts_with(&prefix);
+    let texts = format!("{} {}", projection.domain, projection.problem).to_lowercase();
+    match words(&texts).find(is_foreign) {
+        Some(foreign) => {
+            Err(format!("`{foreign}` contains `{OWN}`: only names of its own things may"))
+        }
         None => Ok(files),
     }
 }

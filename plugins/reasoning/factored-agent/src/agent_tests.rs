@@ -5,11 +5,12 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::content::{CallForProposals, Reason};
-use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Message, Performative};
+use acl::content::{CallForProposals, JointPlanPart, PartStep, Reason, value};
+use acl::{AgentId, DaemonId, EcosystemId, Incarnation, Message, Performative, Protocol};
 use agent::{
-    Agent, AgentSettings, Blueprint, Callbacks, Context, EcosystemFolder, Host, LaunchContext,
-    LaunchableAgent, MessageRouter, Participation, Resource, Resources,
+    Agent, AgentSettings, Blueprint, Callbacks, Context, EcosystemFolder, ExchangeEvent,
+    ExchangeOpening, Host, LaunchContext, LaunchableAgent, MessageRouter, Participation, Resource,
+    Resources,
 };
 use fastrand::Rng;
 use serde_json::json;
@@ -220,7 +221,7 @@ async fn a_member_that_refuses_what_it_promises_is_named() {
     let _opener = member(&network, folder.path(), "opener", (OPENER_DOMAIN, OPENER_PROBLEM));
     let _porter = host(&network, "porter", Box::new(LyingMember(promise("porter"))));
     let (_requester, receiver) = request(&network, &["opener", "porter"], PATIENCE);
-    let lie = "`porter` refuses a part of what it promises: I do not like it";
+    let lie = "`porter` refuses its part, and its projection stays as it is: I do not like it";
     assert_eq!(reason(result(receiver).await), lie);
 }
 
@@ -232,6 +233,50 @@ async fn a_member_that_speaks_for_another_is_named() {
     let (_requester, receiver) = request(&network, &["opener", "porter"], PATIENCE);
     let reason = reason(result(receiver).await);
     assert!(reason.starts_with("`porter`: its action `opener--do-put` is not named"), "{reason}");
+}
+
+/// An agent that calls `opener` for a part with a digest, and tells whether it agrees.
+struct Caller {
+    digest: &'static str,
+    answer: Option<oneshot::Sender<Performative>>,
+}
+
+impl Agent for Caller {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+    }
+
+    fn activated(&mut self, ctx: &mut Context<Self>) {
+        let steps = vec![PartStep::Own("(opener--do-swing)".to_owned())];
+        let part = Some(JointPlanPart { digest: self.digest.to_owned(), steps });
+        let opening = ExchangeOpening {
+            to: Some(name("opener")),
+            performative: Performative::Cfp,
+            protocol: Protocol::ContractNet,
+            conversation: ctx.new_conversation(),
+            content: value(&CallForProposals { conjuncts: Vec::new(), together: true, part }),
+        };
+        ctx.open(opening, PATIENCE, |caller: &mut Self, event, _| {
+            if let (ExchangeEvent::Message(message), Some(answer)) = (event, caller.answer.take()) {
+                let _ = answer.send(message.performative);
+            }
+        });
+    }
+}
+
+#[tokio::test]
+async fn a_digest_that_is_none_is_refused_and_costs_no_place() {
+    let (network, folder) = (Network::new(), tempfile::tempdir().expect("a folder"));
+    let _opener = member(&network, folder.path(), "opener", (OPENER_DOMAIN, OPENER_PROBLEM));
+    let call = async |id: &str, digest| {
+        let (answer, answered) = oneshot::channel();
+        let _caller = host(&network, id, Box::new(Caller { digest, answer: Some(answer) }));
+        tokio::time::timeout(PATIENCE, answered).await.expect("in time").expect("an answer")
+    };
+    for id in ["a", "b", "c", "d", "e"] {
+        assert_eq!(call(id, "a/b").await, Performative::Refuse);
+    }
+    assert_eq!(call("f", "00000000000000ff").await, Performative::Agree);
 }
 
 /// Number of drawn plannings. `ALTHING_JOINT_DEATHS` draws more.

@@ -18,7 +18,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use acl::content::{Bid, CallForProposals, JointPlanPart, Proposal, Reason, Snapshot};
-use acl::{Message, Performative, ReplyToken};
+use acl::{AgentId, Message, Performative, ReplyToken};
 use agent::{
     Agent, Blueprint, BuildCheck, BuildError, Callbacks, Context, EcosystemFolder, LaunchableAgent,
     Participation, PluginEntry, Resource, TimerId, WorkHandle,
@@ -35,6 +35,12 @@ const PARTS_MAX: usize = 4;
 
 /// Maximum number of elements of a part.
 const PART_STEPS_MAX: usize = 10_000;
+
+/// Part of the time for an answer within which a part is planned; the rest is for the way of the answer.
+const PLANNED_WITHIN: f32 = 0.9;
+
+/// Number of digits of a digest.
+const DIGEST_DIGITS: usize = 16;
 
 /// How long an agent plans its part if the call names no time, and at most.
 const FILLED_WITHIN: Duration = Duration::from_secs(30);
@@ -67,14 +73,15 @@ struct Config {
 struct FactoredAgent {
     partner: Arc<Mutex<Partner>>,
     part_file: Option<PathBuf>,
-    /// The parts that are being planned.
-    filling: HashMap<ReplyToken, PartInWork>,
+    /// The parts that are being planned, by who calls for them and the exchange.
+    filling: HashMap<(AgentId, ReplyToken), PartInWork>,
 }
 
 /// A part that is being planned.
 struct PartInWork {
     cancel: Cancel,
-    deadline: TimerId,
+    /// Ends the search, and then, if that is lost, the wait for it.
+    deadlines: [TimerId; 2],
     _work: WorkHandle,
 }
 
@@ -137,7 +144,6 @@ impl Agent for FactoredAgent {
             .on(Performative::Cfp, Self::called)
             .on(Performative::AcceptProposal, Self::judged)
             .on(Performative::RejectProposal, Self::judged)
-            .on(Performative::Cancel, Self::cancelled)
     }
 
     fn wants_presence(&self) -> bool {
@@ -171,10 +177,21 @@ impl FactoredAgent {
             let why = "a factored agent answers calls for a part of a joint plan";
             return ctx.refuse(&participation, Reason::Incapable, why);
         };
+        let is_digest = |it: &str| {
+            it.len() == DIGEST_DIGITS && it.bytes().all(|digit| digit.is_ascii_hexdigit())
+        };
+        if !is_digest(&part.digest) {
+            let why = format!("the digest of its part is not {DIGEST_DIGITS} hexadecimal digits");
+            return ctx.refuse(&participation, Reason::Incapable, why);
+        }
+        let key = (participation.initiator.clone(), participation.exchange.clone());
         // The call comes again if the answer takes long.
-        if self.filling.contains_key(&participation.exchange) {
+        if self.filling.contains_key(&key) {
             return;
         }
+        // A requester has one skeleton at a time: its new call replaces those before it.
+        let before = self.filling.iter().filter(|((of, _), _)| *of == participation.initiator);
+        before.for_each(|(_, part)| part.cancel.set());
         if self.filling.len() >= PARTS_MAX || part.steps.len() > PART_STEPS_MAX {
             let why = format!(
                 "it plans at most {PARTS_MAX} parts at a time, of at most {PART_STEPS_MAX} elements"
@@ -184,31 +201,31 @@ impl FactoredAgent {
         let cancel = Cancel::new();
         let (flag, deadline) = (cancel.clone(), cancel.clone());
         let patience = message.reply_within.map_or(FILLED_WITHIN, |within| within.0);
-        let patience = patience.min(FILLED_WITHIN_MAX).mul_f32(0.9);
-        let deadline = ctx.after(patience, move |_: &mut Self, _| deadline.set());
-        let exchange = participation.exchange.clone();
-        let finished = exchange.clone();
+        let patience = patience.min(FILLED_WITHIN_MAX);
+        let (lost, answer) = (key.clone(), participation.clone());
+        let deadlines = [
+            ctx.after(patience.mul_f32(PLANNED_WITHIN), move |_: &mut Self, _| deadline.set()),
+            ctx.after(patience, move |agent: &mut Self, ctx| {
+                if agent.filling.remove(&lost).is_some() {
+                    ctx.refuse(&answer, Reason::Incapable, "its part was not planned in time");
+                }
+            }),
+        ];
+        let finished = key.clone();
         let (partner, part_file) = (Arc::clone(&self.partner), self.part_file.clone());
         let (id, conjuncts) = (ctx.id().to_string(), call.conjuncts);
         let work = ctx.compute(
             move || agree(&partner, &part, conjuncts, part_file.as_deref(), &id, &flag),
             move |agent: &mut Self, bid, ctx| {
-                if let Some(part) = agent.filling.remove(&finished) {
-                    ctx.cancel_timer(part.deadline);
-                }
+                let Some(part) = agent.filling.remove(&finished) else { return };
+                part.deadlines.into_iter().for_each(|timer| ctx.cancel_timer(timer));
                 match bid {
                     Ok(bid) => ctx.answer(&participation, Performative::Agree, &bid),
                     Err(why) => ctx.refuse(&participation, Reason::Incapable, why),
                 }
             },
         );
-        self.filling.insert(exchange, PartInWork { cancel, deadline, _work: work });
-    }
-
-    fn cancelled(&mut self, message: Message, _ctx: &mut Context<Self>) {
-        if let Some(part) = message.exchange().and_then(|token| self.filling.get(token)) {
-            part.cancel.set();
-        }
+        self.filling.insert(key, PartInWork { cancel, deadlines, _work: work });
     }
 
     fn judged(&mut self, message: Message, _ctx: &mut Context<Self>) {
@@ -251,6 +268,9 @@ fn agree(
     // Queries are answered while the part is planned, so the lock is not held for long.
     let partner_now = partner.lock().unwrap_or_else(PoisonError::into_inner).clone();
     match partner_now.fill(&part.steps, &options, cancel) {
+        Ok(_) if cancel.is_set() => {
+            Err("the part was withdrawn, or not planned in time".to_owned())
+        }
         Ok(filled) => {
             if let Some(path) = part_file {
                 write_part(path, &part.digest, &filled).map_err(|error| {

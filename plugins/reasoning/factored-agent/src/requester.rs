@@ -8,9 +8,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
-use acl::content::{
-    Bid, CallForProposals, Choice, JointPlanPart, Refusal, Snapshot, Withdrawal, value,
-};
+use acl::content::{Bid, CallForProposals, Choice, JointPlanPart, Refusal, Snapshot, value};
 use acl::{AgentId, ConversationId, Message, Performative, Protocol, ReplyToken};
 use agent::{
     Agent, Callbacks, Context, ExchangeEvent, ExchangeOpening, Presence, Resource, WorkHandle,
@@ -125,7 +123,9 @@ impl JointRequester {
                 let detail = "the skeleton is given up".to_owned();
                 for (member, token) in pending.tokens {
                     if pending.awaited.contains(&member) {
-                        ctx.cancel(&token, &Withdrawal { detail: detail.clone() });
+                        // The contract net has no word for it. A member gives up a part when this
+                        // requester calls it for the next one.
+                        ctx.close(&token);
                     } else {
                         let rejected = Choice { covers: Vec::new(), detail: detail.clone() };
                         let reject = Performative::RejectProposal;
@@ -225,7 +225,8 @@ impl JointRequester {
         if let Some(why) = refusal
             && before.is_some_and(|before| before == self.projections[member])
         {
-            let why = format!("`{member}` refuses a part of what it promises: {why}");
+            let why =
+                format!("`{member}` refuses its part, and its projection stays as it is: {why}");
             return self.fail(why, ctx);
         }
         if is_last {
@@ -425,7 +426,9 @@ impl Agent for JointRequester {
                 requester.overdue(ctx);
             }
         });
-        self.query(self.planning.members.clone(), ctx);
+        // Each member that is present is told to have joined right after this.
+        let awaited = self.planning.members.clone();
+        self.begin(PlanningPhase::Querying { awaited, work: Vec::new() }, ctx);
     }
 
     fn presence(&mut self, presence: &Presence, ctx: &mut Context<Self>) {

@@ -2,7 +2,7 @@
 
 use acl::content::PartStep;
 use planner::{Cancel, Options};
-use skeleton::Partner;
+use skeleton::{Partner, Projection, SkeletonTask};
 
 use crate::joint::{files, play, validated};
 
@@ -123,4 +123,65 @@ fn what_cannot_be_kept_secret_is_refused() {
     let goal = "(define (problem p) (:domain d) (:init) (:goal (or (lit) (sung))))";
     let mixed = refused("(define (domain d) (:predicates (lit)))", goal);
     assert!(mixed.contains("does not know"), "{mixed}");
+}
+
+/// A public fact of the beginning that only one agent states holds for all who know its names.
+#[test]
+fn what_only_another_states_of_the_beginning_is_told() {
+    let states = |init: &str| {
+        let problem = format!("(define (problem p) (:domain gate) (:init {init}) (:goal (there)))");
+        let robot = files(
+            "robot",
+            "(define (domain gate) (:predicates (open) (there) (:private (awake)))
+              (:action wake :parameters () :effect (awake))
+              (:action drive :parameters () :precondition (and (open) (awake)) :effect (there)))",
+            "(define (problem p) (:domain gate) (:init) (:goal (there)))",
+        );
+        let keeper = files(
+            "keeper",
+            "(define (domain gate) (:predicates (open) (there) (locked))
+              (:action knock :parameters () :precondition (locked) :effect (open)))",
+            &problem,
+        );
+        [keeper, robot]
+    };
+    let task = states("(open)");
+    let steps = play(&task).steps.expect("a plan");
+    assert_eq!(validated(&task, &steps), Ok(2.0), "{steps:?}");
+    assert!(play(&states("")).steps.is_none(), "nobody opens it");
+}
+
+#[test]
+fn no_name_of_a_variable_is_announced() {
+    let domain = "(define (domain d) (:predicates (near ?secret-a ?secret-b)
+          (:private (held ?secret-c)))
+        (:functions (far ?secret-d) - number)
+        (:action go :parameters (?secret-e) :precondition (held ?secret-e)
+          :effect (near ?secret-e ?secret-e)))";
+    let problem = "(define (problem p) (:domain d) (:objects x)
+        (:init (held x) (= (far x) 1)) (:goal (near x x)))";
+    let partner = Partner::new(files("agent", domain, problem)).expect("supported");
+    let told = partner.projection();
+    assert!(!told.domain.contains("secret"), "{}", told.domain);
+}
+
+/// What a member may not do: change what is another member's own, under its opaque name.
+#[test]
+fn names_of_another_member_are_refused_wherever_they_stand() {
+    let projection = |init: &str, effect: &str| Projection {
+        domain: format!(
+            "(define (domain d) (:predicates (lit))
+              (:action agent--do-push :parameters () :effect {effect}))"
+        ),
+        problem: format!("(define (problem p) (:domain d) (:init {init}) (:goal (lit)))"),
+    };
+    let merged = |projection: Projection| {
+        let merged = SkeletonTask::merge(&[("agent".to_owned(), projection)].into());
+        merged.err().map(|error| error.why)
+    };
+    assert_eq!(merged(projection("", "(lit)")), None);
+    for foreign in [projection("(known-to--robot x)", "(lit)"), projection("", "(robot--p0)")] {
+        let why = merged(foreign).expect("refused");
+        assert!(why.contains("only names of its own things may"), "{why}");
+    }
 }
