@@ -2,12 +2,13 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
-use std::process::Output;
+use std::process::{Output, Stdio};
 
 use serde_json::Value;
 use tempfile::TempDir;
 
-use crate::support::{Office, stderr, stdout};
+use crate::support::left_out::left_out;
+use crate::support::{Office, finish, stderr, stdout};
 
 /// The example task of the repository: a robot and a doorkeeper.
 fn example() -> PathBuf {
@@ -65,6 +66,72 @@ fn the_plan_is_written_to_a_file_that_the_validator_accepts() {
     assert!(stderr(&output).contains("valid plan of cost 7"), "{}", stderr(&output));
     let written = fs::read_to_string(&plan).expect("the plan");
     assert!(written.ends_with("(put box hall)\n; cost = 7\n"), "{written}");
+}
+
+#[test]
+fn a_task_is_planned_many_times_by_the_same_daemons() {
+    let (output, value) = joint(&example(), &["--runs", "20"]);
+    assert!(output.status.success(), "{value} {}", stderr(&output));
+    assert_eq!((&value["valid"], &value["runs"]), (&true.into(), &20.into()));
+    // The projections are as sharp as they were at the end of the first planning.
+    assert_eq!(value["rounds"], 1);
+    let time = |name: &str| value[name].as_f64().expect("a time");
+    assert!(0.0 < time("p50_ms") && time("p50_ms") <= time("p99_ms"), "{value}");
+}
+
+/// Words of the example that are private to an agent: predicates, objects, and actions without a public
+/// effect.
+const PRIVATE: &str = "standing holding hands-free charge next full half empty hangs pocketed fits \
+    unlocked brass iron fetch unlock";
+
+/// Marks private words, so that no other text has them by chance.
+const MARK: &str = "zq-";
+
+/// Options with which `strace` records whole writes of all processes, and where to.
+const STRACE: &str = "-f -yy -s 1000000 -e trace=write,writev,sendto,sendmsg,sendmmsg";
+
+/// The kernel's own record of what all processes write to sockets.
+#[test]
+fn no_private_word_is_written_to_a_socket() {
+    let office = Office::new();
+    let probe = office.program("strace").args(["-f", "true"]).output();
+    if !probe.is_ok_and(|it| it.status.success()) {
+        return left_out("strace cannot trace a process here: apt-get install strace");
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let is_private = |word: &str| PRIVATE.split(' ').any(|it| it == word);
+    for entry in fs::read_dir(example()).expect("the example").flatten() {
+        let text = fs::read_to_string(entry.path()).expect("a text");
+        let is_word = |it: char| it.is_alphanumeric() || it == '-';
+        let marked: String = text
+            .split_inclusive(|it| !is_word(it))
+            .map(|piece| match is_private(piece.trim_end_matches(|it| !is_word(it))) {
+                true => format!("{MARK}{piece}"),
+                false => piece.to_owned(),
+            })
+            .collect();
+        fs::write(folder.path().join(entry.file_name()), marked).expect("written");
+    }
+    let traced = folder.path().join("traced");
+    let mut command = office.program("strace");
+    command.args(STRACE.split(' '));
+    command
+        .stdin(Stdio::null())
+        .arg("-o")
+        .arg(&traced)
+        .arg(env!("CARGO_BIN_EXE_althing"))
+        .arg("joint")
+        .arg(folder.path());
+    let output = finish(&mut command);
+    assert!(output.status.success(), "{}", stderr(&output));
+    // The one who asked for the plan sees all of it.
+    assert!(stdout(&output).contains("(zq-fetch zq-brass)"), "{}", stdout(&output));
+    let traced = fs::read_to_string(&traced).expect("what was written");
+    let on_sockets: Vec<&str> =
+        traced.lines().filter(|line| line.contains("<UNIX") || line.contains("<TCP")).collect();
+    assert!(on_sockets.iter().any(|line| line.contains("-swing gate)")), "public words are sent");
+    let told: Vec<_> = on_sockets.iter().filter(|line| line.contains(MARK)).collect();
+    assert!(told.is_empty(), "{told:?}");
 }
 
 #[test]

@@ -38,14 +38,19 @@ const NOT_FOUND: u8 = 12;
 /// Name of the ecosystem in which a task is played.
 const ECOSYSTEM: &str = "joint";
 
-/// Name of the agent that requests the plan.
+/// Name of the agents that request the plan, before their number.
 const REQUESTER: &str = "joint-requester";
+
+/// Time between two reports of progress, if a task is played many times.
+const PROGRESS_PERIOD: Duration = Duration::from_secs(5);
 
 /// A played task.
 struct JointPlay {
+    /// The result of the last planning.
     result: JointResult,
     ready_after: Duration,
-    planned_within: Duration,
+    /// How long each planning took, in their order.
+    times: Vec<Duration>,
     /// The steps of all agents in their order, as their files name them.
     plan: Option<Plan>,
     /// The cost by a validator that sees the files of all agents, or the reason why the plan is wrong.
@@ -99,15 +104,7 @@ async fn play(args: &JointArgs, task: &FactoredTask) -> Result<JointPlay, String
         .collect::<Result<_, _>>()?;
     let mut daemons = JointDaemons::start(&args.folder, &agents).await?;
     let ready_after = began.elapsed();
-    let began = Instant::now();
-    let planning =
-        JointRequest { members: agents.iter().cloned().collect(), within: args.time_limit };
-    let (sender, result) = oneshot::channel();
-    let requester = JointRequester::new(planning, sender);
-    let id = AgentId::new(REQUESTER).map_err(|error| error.to_string())?;
-    daemons.node.launch(id, requester, &daemons.ontology);
-    let result = result.await.map_err(|_| "the requester has ended".to_owned())?;
-    let planned_within = began.elapsed();
+    let (result, times) = plan_repeatedly(args, &daemons, &agents).await?;
     let mut plan = None;
     let mut validated = None;
     if let Ok(skeleton) = &result.plan {
@@ -117,7 +114,41 @@ async fn play(args: &JointArgs, task: &FactoredTask) -> Result<JointPlay, String
         plan = Some(Plan { steps, cost: None });
     }
     hosting::end_daemons(&mut daemons.processes).await;
-    Ok(JointPlay { result, ready_after, planned_within, plan, validated })
+    Ok(JointPlay { result, ready_after, times, plan, validated })
+}
+
+/// Plans as often as is asked for, each time by a new requester, or until there is no plan. Returns the
+/// last result, and how long each planning took.
+///
+/// # Errors
+///
+/// Returns the reason, as text for a person, if a requester ends without a result.
+async fn plan_repeatedly(
+    args: &JointArgs,
+    daemons: &JointDaemons,
+    agents: &[AgentId],
+) -> Result<(JointResult, Vec<Duration>), String> {
+    let mut times = Vec::new();
+    let mut told = Instant::now();
+    loop {
+        let began = Instant::now();
+        let members = agents.iter().cloned().collect();
+        let planning = JointRequest { members, within: args.time_limit };
+        let (sender, result) = oneshot::channel();
+        let requester = JointRequester::new(planning, sender);
+        let id = AgentId::new(&format!("{REQUESTER}-{}", times.len() + 1))
+            .map_err(|error| error.to_string())?;
+        let _guest = hosting::launch_guest(daemons.node.router(), id, requester, &daemons.ontology);
+        let result = result.await.map_err(|_| "the requester has ended".to_owned())?;
+        times.push(began.elapsed());
+        if result.plan.is_err() || times.len() >= args.runs as usize {
+            return Ok((result, times));
+        }
+        if told.elapsed() >= PROGRESS_PERIOD {
+            told = Instant::now();
+            output::print_note(&format!("planned {} of {} times", times.len(), args.runs));
+        }
+    }
 }
 
 // === impl JointDaemons ===
@@ -233,8 +264,11 @@ fn validate(task: &FactoredTask, steps: &[(String, PlanStep)]) -> Result<f64, St
 // === output ===
 
 fn show(args: &JointArgs, played: &JointPlay) -> ExitCode {
-    let JointPlay { result, ready_after, planned_within, plan, validated } = played;
-    let text = plan.as_ref().map(|plan| plan_text(plan, validated.as_ref()));
+    let JointPlay { result, ready_after, times, plan, validated } = played;
+    let is_valid = matches!(validated, Some(Ok(_)));
+    // The plan of those that did not leave is none of the task. A wrong plan is shown, as a defect.
+    let plan = plan.as_ref().filter(|_| is_valid || result.left.is_empty());
+    let text = plan.map(|plan| plan_text(plan, validated.as_ref()));
     if let (Some(path), Some(text)) = (&args.plan, &text)
         && let Err(error) = std::fs::write(path, text)
     {
@@ -242,7 +276,6 @@ fn show(args: &JointArgs, played: &JointPlay) -> ExitCode {
         output::print_note(&format!("error: `{}` cannot be written: {why}", path.display()));
         return exit::with(exit::OUTPUT);
     }
-    let is_valid = matches!(validated, Some(Ok(_)));
     let code = match (&result.plan, is_valid) {
         (Ok(_), true) => exit::DONE,
         // What is proved of the others says nothing of the task.
@@ -253,31 +286,45 @@ fn show(args: &JointArgs, played: &JointPlay) -> ExitCode {
     };
     if args.print.json {
         let value = json!({
-            "solved": result.plan.is_ok(),
+            "solved": plan.is_some(),
             "valid": is_valid,
             "proved_impossible": result.is_proved_impossible,
             "left": result.left,
             "reason": result.plan.as_ref().err(),
             "fault": validated.as_ref().and_then(|it| it.as_ref().err()),
             "cost": validated.as_ref().and_then(|it| it.as_ref().ok()),
-            "steps": plan.as_ref().map(|plan| plan.steps.len()),
-            "plan": plan.as_ref().map(ToString::to_string),
+            "steps": plan.map(|plan| plan.steps.len()),
+            "plan": plan.map(ToString::to_string),
             "rounds": result.rounds,
             "messages": result.messages,
             "bytes": result.bytes,
-            "ready_ms": ready_after.as_secs_f64() * 1e3,
-            "planned_ms": planned_within.as_secs_f64() * 1e3,
+            "ready_ms": milliseconds(*ready_after),
+            "planned_ms": milliseconds(times[times.len() - 1]),
+            "runs": times.len(),
+            "first_ms": milliseconds(times[0]),
+            "p50_ms": milliseconds(quantile(times, 0.5)),
+            "p99_ms": milliseconds(quantile(times, 0.99)),
         });
         return output::print_json(&value, code);
     }
+    output::print_note(summary(played).trim_end());
+    match (text, &args.plan) {
+        (Some(text), None) => output::print(text, code),
+        _ => exit::with(code),
+    }
+}
+
+/// Returns the result and the figures, as lines for a person.
+fn summary(played: &JointPlay) -> String {
+    let JointPlay { result, ready_after, times, validated, .. } = played;
     let mut told = String::new();
     let _ = writeln!(told, "the daemons were ready after {:.2} s", ready_after.as_secs_f64());
-    let took = planned_within.as_secs_f64();
     let traffic = format!(
-        "{} rounds, {} messages, {} KiB of planning on the network, {took:.3} s",
+        "{} rounds, {} messages, {} KiB of planning on the network, {:.3} s",
         result.rounds,
         result.messages,
-        result.bytes.div_ceil(1_024)
+        result.bytes.div_ceil(1_024),
+        times[times.len() - 1].as_secs_f64(),
     );
     let _ = match (&result.plan, validated) {
         (Ok(_), Some(Ok(cost))) => writeln!(told, "valid plan of cost {cost}: {traffic}"),
@@ -289,11 +336,29 @@ fn show(args: &JointArgs, played: &JointPlay) -> ExitCode {
         }
         (Err(why), _) => writeln!(told, "no plan: {why}\n{traffic}"),
     };
-    output::print_note(told.trim_end());
-    match (text, &args.plan) {
-        (Some(text), None) => output::print(text, code),
-        _ => exit::with(code),
+    if times.len() > 1 {
+        let [first, p50, p99] =
+            [times[0], quantile(times, 0.5), quantile(times, 0.99)].map(milliseconds);
+        let count = times.len();
+        let _ = writeln!(
+            told,
+            "planned {count} times: first {first:.1} ms, p50 {p50:.1} ms, p99 {p99:.1} ms"
+        );
     }
+    told
+}
+
+fn milliseconds(time: Duration) -> f64 {
+    time.as_secs_f64() * 1e3
+}
+
+/// Returns the time that this part of the plannings did not exceed.
+fn quantile(times: &[Duration], part: f64) -> Duration {
+    let mut sorted = times.to_vec();
+    sorted.sort_unstable();
+    let last = sorted.len().saturating_sub(1);
+    // The nearest rank, as in the benchmarks.
+    sorted[((last as f64) * part).round() as usize]
 }
 
 /// Returns which agents have left, and that the others do not reach the goal.
