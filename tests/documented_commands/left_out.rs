@@ -22,9 +22,9 @@ pub(super) const LEFT_OUT: &[(&str, &str, &str)] = &[
     (
         "docs/goals.md",
         "temperatures --",
-        "waits for hours; tests/due.rs has times some seconds ahead",
+        "waits for hours; tests/it/due.rs has times some seconds ahead",
     ),
-    ("docs/goals.md", "--at 2026", "waits for days; tests/due.rs has times some seconds ahead"),
+    ("docs/goals.md", "--at 2026", "waits for days; tests/it/due.rs has times some seconds ahead"),
     ("docs/history.md", "'#8123'", "the number of an event is another one in each ecosystem"),
     ("docs/knowledge.md", "althing set ", "is about the rooms and lamps of the document"),
     ("docs/packages.md", "openssl ", "needs the files of a release"),

@@ -2,10 +2,6 @@
 //! with the actions of all, each agent agrees to its part before anything is executed, and agents
 //! that decline, leave or keep silent are left out. A goal that bids cover needs no further message.
 
-mod house;
-#[path = "house/sayer.rs"]
-mod sayer;
-
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -18,8 +14,8 @@ use agent::{Agent, Callbacks, Context, Mode, Participation, Resource};
 use tokio::sync::mpsc;
 use tokio::time::timeout;
 
-use house::{House, launch, name};
-use sayer::{PATIENCE, Sayer};
+use crate::house::sayer::{PATIENCE, Sayer};
+use crate::house::{House, launch, name};
 
 const DOMAIN: &str = "(define (domain d) (:requirements :strips :typing :action-costs)
     (:types agent) (:predicates (open) (inside) (bright) (can-unlock ?a - agent)

@@ -1,10 +1,6 @@
 //! The agent that brought an object of a goal leaves while the goal is pursued: the reason names
 //! the object, and a kept goal waits for the agent to come back.
 
-mod house;
-#[path = "house/sayer.rs"]
-mod sayer;
-
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -15,8 +11,8 @@ use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
 
-use house::{House, launch, name};
-use sayer::{PATIENCE, Sayer};
+use crate::house::sayer::{PATIENCE, Sayer};
+use crate::house::{House, launch, name};
 
 const DOMAIN: &str = "(define (domain d) (:requirements :strips :typing)
     (:types agent) (:predicates (idle ?a - agent) (lit ?a - agent))

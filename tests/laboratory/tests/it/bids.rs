@@ -1,10 +1,6 @@
 //! Tests of a bid by an action model that the Domain Maintainer does not have yet, because the
 //! bidder's announcement is still on its way.
 
-mod house;
-#[path = "house/sayer.rs"]
-mod sayer;
-
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
 
@@ -17,8 +13,8 @@ use agent::{Agent, Callbacks, Context, Mode, Participation, Resource};
 use tokio::sync::mpsc;
 use tokio::time::timeout;
 
-use house::{House, launch, name};
-use sayer::{PATIENCE, Sayer};
+use crate::house::sayer::{PATIENCE, Sayer};
+use crate::house::{House, launch, name};
 
 const DOMAIN: &str = "(define (domain d) (:requirements :strips :typing)
     (:types agent) (:predicates (idle ?a - agent) (bright))

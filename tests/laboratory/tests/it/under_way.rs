@@ -2,8 +2,6 @@
 //! replaces the first. A plan of another replica, which had no record of the first, does not. A
 //! plan that is called off stops, or never begins. All requesters get the reports.
 
-mod house;
-
 use std::collections::BTreeSet;
 use std::time::Duration;
 
@@ -15,7 +13,7 @@ use agent::{Agent, Callbacks, Context, ExchangeEvent, ExchangeOpening, Mode, Par
 use tokio::sync::mpsc;
 use tokio::time::timeout;
 
-use house::{House, launch, name};
+use crate::house::{House, launch, name};
 
 const DOMAIN: &str = "(define (domain d) (:requirements :strips :typing)
     (:types agent) (:predicates (idle ?a - agent) (lit ?a - agent))

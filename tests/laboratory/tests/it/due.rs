@@ -3,15 +3,12 @@
 //! once as long as a replica takes over soon, by the executor's own count; and when all is quiet again,
 //! the next one comes.
 
-#[path = "house/clocks.rs"]
-mod clocks;
-
 use std::time::Duration;
 
 use acl::content::{GoalLateness, GoalTimes, Outcome};
 use fastrand::Rng;
 
-use clocks::{LEADERS, LIT_FOR, Trial};
+use crate::house::clocks::{LEADERS, LIT_FOR, Trial};
 
 /// Start of all clocks, as text: 20 seconds after a full minute.
 const START: &str = "2026-09-21T13:33:20";

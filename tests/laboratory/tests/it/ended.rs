@@ -1,10 +1,6 @@
 //! Merging of goal records from another replica of the Plan Requester that led in another
 //! partition: an end on either side is final.
 
-mod house;
-#[path = "house/sayer.rs"]
-mod sayer;
-
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -15,8 +11,8 @@ use substrate::ResourceQuery;
 use tokio::sync::mpsc;
 use tokio::time::timeout;
 
-use house::{House, launch, name};
-use sayer::{PATIENCE, Sayer};
+use crate::house::sayer::{PATIENCE, Sayer};
+use crate::house::{House, launch, name};
 
 const DOMAIN: &str = "(define (domain d) (:requirements :strips)
     (:predicates (lit)))";

@@ -1,5 +1,8 @@
 //! Machines on one network with agents, for tests of a single plugin.
 
+pub(crate) mod clocks;
+pub(crate) mod sayer;
+
 use std::sync::Arc;
 
 use acl::{AgentId, DaemonId, EcosystemId};

@@ -1,0 +1,16 @@
+//! Tests of the laboratory, all in virtual time: agents in a house of their own, goals by the clock, and
+//! whole ecosystems under faults that a seed decides.
+
+mod house;
+
+mod apart;
+mod bids;
+mod ended;
+mod joint;
+mod lost;
+mod under_way;
+
+mod due;
+
+mod chains;
+mod seeds;
