@@ -252,6 +252,14 @@ impl Accounts {
         lock(&self.sessions).used(&known.records, secret, now)
     }
 
+    /// Returns the session with this secret as [`Accounts::session`] does, and does not count the call
+    /// as a request: for what a page that is open asks for by itself.
+    pub fn session_of_page(&self, secret: &str, now: SystemTime) -> Option<SignedIn> {
+        self.look_again();
+        let known = lock(&self.known);
+        lock(&self.sessions).open(&known.records, secret, now)
+    }
+
     /// Whether the session with this number is open. Does not count as a request: for a page that is
     /// open and shows what happens.
     pub fn is_open(&self, session: u64, now: SystemTime) -> bool {

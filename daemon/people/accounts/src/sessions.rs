@@ -166,6 +166,20 @@ impl OpenSessions {
         secret: &str,
         now: SystemTime,
     ) -> Option<SignedIn> {
+        let signed_in = self.open(people, secret, now)?;
+        let session = self.sessions.get_mut(&SecretDigest::of(secret)?)?;
+        session.used = now;
+        Some(signed_in)
+    }
+
+    /// Returns the session with this secret, without counting a use of it; `None` if there is no such
+    /// session, or if it has ended.
+    pub(crate) fn open(
+        &mut self,
+        people: &PeopleRecords,
+        secret: &str,
+        now: SystemTime,
+    ) -> Option<SignedIn> {
         let digest = SecretDigest::of(secret)?;
         let session = self.sessions.get_mut(&digest)?;
         if session.has_ended(now) {
@@ -175,7 +189,7 @@ impl OpenSessions {
         let person = people.get(session.person.as_str())?.person();
         // After a clock was set back, the session begins at its new time, and so ends in any case.
         session.began = session.began.min(now);
-        session.used = now;
+        session.used = session.used.min(now);
         Some(session.signed_in(person))
     }
 

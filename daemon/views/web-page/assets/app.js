@@ -146,9 +146,9 @@ function Verdict() {
 
 // Says when the page is not up to date; what it shows is grey until it is again.
 function Connection() {
-  const since = useFollowed(link).since;
+  const { since, problem } = useFollowed(link);
   useLayoutEffect(() => { document.body.classList.toggle("is-old", since !== null); }, [since]);
-  return html`<div role="status" class="connection-place">${since !== null && html`<p class="connection"><span aria-hidden="true">⚠ </span>${t("app.not-connected", { time: clock(since) })}</p>`}</div>`;
+  return html`<div role="status" class="connection-place">${since !== null && html`<p class="connection"><span aria-hidden="true">⚠ </span>${problem ? html`<${Text} of=${problem} />` : t("app.not-connected", { time: clock(since) })}</p>`}</div>`;
 }
 
 // Says in time that browsers will refuse this page.

@@ -16,10 +16,13 @@ const ACT_EVERY: Duration = Duration::from_millis(500);
 /// Maximum number of sessions whose acts are counted.
 const SESSIONS_MAX: usize = 4_096;
 
-/// Stops are counted apart: whatever a session has asked for before, it can still stop things.
+/// A kind of requests, which is counted apart: whatever a session has asked for before, it can still stop
+/// things.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum ActKind {
     Stop,
+    /// Looking at what the daemon has to fetch: the history, the picture of a camera.
+    Fetch,
     Other,
 }
 

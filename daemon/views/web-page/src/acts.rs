@@ -76,13 +76,6 @@ pub(crate) async fn carry_out(
 ) -> Result<ActOutcome, Refused> {
     let person = caller.person().clone();
     let what = act.described();
-    let allowed = match &person.screen {
-        Some(agent) => check_screen(state, agent, &act),
-        None => act.right().map_or(Ok(()), |right| caller.require(right)),
-    };
-    allowed.inspect_err(|refused| {
-        state.record(Some(person.name.clone()), from, what.clone(), outcome_of(refused));
-    })?;
     let is_stop = matches!(act, PageAct::Stop { .. });
     let kind = if is_stop { ActKind::Stop } else { ActKind::Other };
     state.limits.take(caller.key(), kind, Instant::now()).map_err(|after| {
@@ -92,11 +85,21 @@ pub(crate) async fn carry_out(
         state.record_flood(FloodKind::Acts, Some(name), from, what.clone(), told);
         refused
     })?;
+    let allowed = match &person.screen {
+        Some(agent) => check_screen(state, agent, &act),
+        None => act.right().map_or(Ok(()), |right| caller.require(right)),
+    };
+    allowed.inspect_err(|refused| {
+        state.record(Some(person.name.clone()), from, what.clone(), outcome_of(refused));
+    })?;
     // A stop waits for nothing that others have asked for.
     let permit = Arc::clone(&state.acts).try_acquire_owned().ok();
     if permit.is_none() && !is_stop {
         let problem = "too many requests of other people are being carried out; try again";
-        return Err(Refused::new(StatusCode::SERVICE_UNAVAILABLE, problem));
+        let refused = Refused::new(StatusCode::SERVICE_UNAVAILABLE, problem);
+        let told = outcome_of(&refused);
+        state.record_flood(FloodKind::Acts, Some(person.name), from, what, told);
+        return Err(refused);
     }
     // What was begun is carried out and logged, although the page may go away meanwhile.
     let state = Arc::clone(state);

@@ -16,8 +16,9 @@ use bytes::Bytes;
 use live_view::{LiveView, Moment};
 use phrases::Language;
 use serde_json::json;
-use tokio::time::timeout;
+use tokio::time::{Instant, timeout};
 
+use crate::act_limits::ActKind;
 use crate::acts;
 use crate::answer::{Refused, json_answer};
 use crate::caller::Caller;
@@ -113,9 +114,24 @@ fn detail(
     Ok(json_answer(StatusCode::OK, &found.ok_or_else(unknown)?))
 }
 
+/// Returns the caller of a request that has the daemon ask others.
+///
+/// # Errors
+///
+/// Returns a refusal if the caller may not look, or asks too often.
+fn fetcher(from: &FromPage) -> Result<Caller, Refused> {
+    let caller = caller(from, PersonRight::Look)?;
+    let taken = from.0.limits.take(caller.key(), ActKind::Fetch, std::time::Instant::now());
+    taken.map_err(|after| {
+        let problem = "you look at more than the daemon can fetch; wait a moment";
+        Refused::new(StatusCode::TOO_MANY_REQUESTS, problem).again_after(after)
+    })?;
+    Ok(caller)
+}
+
 /// Returns the newest picture of a camera.
 pub(crate) async fn camera(PathName(id): PathName, from: FromPage) -> Result<Response, Refused> {
-    caller(&from, PersonRight::Look)?;
+    fetcher(&from)?;
     let none = || Refused::new(StatusCode::NOT_FOUND, "there is no picture of this agent");
     let agent = AgentId::new(&id).map_err(|_| none())?;
     let picture = timeout(ANSWERED_WITHIN, from.0.host.picture(&agent)).await;
@@ -147,7 +163,7 @@ pub(crate) async fn camera(PathName(id): PathName, from: FromPage) -> Result<Res
 
 /// Returns rows of the history.
 pub(crate) async fn history(RawQuery(text): RawQuery, from: FromPage) -> Result<Response, Refused> {
-    let person = caller(&from, PersonRight::Look)?.person().clone();
+    let person = fetcher(&from)?.person().clone();
     let parameters = query::parse(text.as_deref().unwrap_or_default())?;
     let rows = timeout(ANSWERED_WITHIN, from.0.host.history(person, parameters)).await;
     let late = |_| Refused::new(StatusCode::GATEWAY_TIMEOUT, "the history does not answer");
@@ -195,7 +211,8 @@ pub(crate) async fn events(RawQuery(text): RawQuery, from: FromPage) -> Result<R
     let last = headers.get("last-event-id").and_then(|id| id.to_str().ok());
     let reader = state.topics.subscribe(topics, last).map_err(too_many)?;
     let people = state.accounts.changes();
-    let source = EventSource { state, caller, reader, people, _place: place };
+    let looked_at = Instant::now();
+    let source = EventSource { state, caller, reader, looked_at, people, _place: place };
     let mut response = Response::new(Body::new(EventBody::new(source)));
     let headers = response.headers_mut();
     headers.insert(header::CONTENT_TYPE, HeaderValue::from_static("text/event-stream"));

@@ -18,6 +18,10 @@ use crate::topic_name::TopicName;
 /// Header with the text that shows that a page of this server has made the request.
 pub(crate) const CSRF: HeaderName = HeaderName::from_static("x-althing-csrf");
 
+/// Header with which a page says that it asks by itself, and not for a person: such a request does
+/// not prolong the session.
+const BY_PAGE: HeaderName = HeaderName::from_static("x-althing-by-page");
+
 /// The caller of a request, after signing in.
 pub(crate) enum Caller {
     /// A person with a session.
@@ -52,7 +56,10 @@ impl Caller {
             }
             None => {
                 let secret = state.cookies.session(headers);
-                let signed_in = secret.and_then(|secret| accounts.session(secret, now));
+                let signed_in = secret.and_then(|secret| match headers.contains_key(BY_PAGE) {
+                    true => accounts.session_of_page(secret, now),
+                    false => accounts.session(secret, now),
+                });
                 let unknown = || Refused::new(StatusCode::UNAUTHORIZED, "sign in first");
                 // At a screen, a person that has signed in goes before the screen.
                 let caller = signed_in.map(Caller::Session);

@@ -30,6 +30,8 @@ pub(crate) struct EventSource {
     pub(crate) state: Arc<ServerState>,
     pub(crate) caller: Caller,
     pub(crate) reader: RowReader,
+    /// When the caller was looked at last: nothing tells that a session ends by the passing of time.
+    pub(crate) looked_at: Instant,
     /// The number of changes of people and sessions.
     pub(crate) people: watch::Receiver<u64>,
     pub(crate) _place: StreamPlace,
@@ -40,8 +42,10 @@ impl EventSource {
     async fn next(&mut self) -> Option<Bytes> {
         let until = Instant::now() + COMMENT_EVERY;
         loop {
-            if self.people.has_changed().unwrap_or(true) {
+            let is_due = self.looked_at.elapsed() >= COMMENT_EVERY;
+            if self.people.has_changed().unwrap_or(true) || is_due {
                 self.people.mark_unchanged();
+                self.looked_at = Instant::now();
                 if !self.caller.may_look(&self.state.accounts) {
                     return None;
                 }
@@ -58,7 +62,6 @@ impl EventSource {
                 }
             });
             if waited.await.is_err() {
-                // A session also ends by the passing of time, which nothing tells.
                 let is_open = self.caller.may_look(&self.state.accounts);
                 return is_open.then(|| Bytes::from_static(COMMENT.as_bytes()));
             }

@@ -1,7 +1,7 @@
 //! Signing in and out, and the question of a page which person has signed in.
 
 use std::sync::Arc;
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::{Instant, SystemTime, UNIX_EPOCH};
 
 use accounts::{Person, SignInRefusal};
 use axum::Extension;
@@ -13,8 +13,10 @@ use axum::response::{IntoResponse, Response};
 use serde::Deserialize;
 use serde_json::{Value, json};
 
+use crate::act_limits::ActKind;
 use crate::answer::{Refused, json_answer};
 use crate::caller::{self, Caller};
+use crate::caller_key::CallerKey;
 use crate::connection::PageClient;
 use crate::server_state::{FloodKind, ServerState};
 
@@ -87,11 +89,12 @@ pub(crate) async fn sign_out(
         );
         return Err(Refused::new(StatusCode::FORBIDDEN, problem));
     }
-    if let Some(secret) = state.cookies.session(&headers) {
+    // A program has no session that could end.
+    if let (Caller::Session(_), Some(secret)) = (&caller, state.cookies.session(&headers)) {
         state.accounts.sign_out(secret);
+        let name = caller.person().name.clone();
+        state.record(Some(name), client.from, "sign out".to_owned(), "done".to_owned());
     }
-    let name = caller.person().name.clone();
-    state.record(Some(name), client.from, "sign out".to_owned(), "done".to_owned());
     let mut response = StatusCode::NO_CONTENT.into_response();
     if let Some(cookie) = state.cookies.set_session(None) {
         response.headers_mut().insert(header::SET_COOKIE, cookie);
@@ -156,6 +159,11 @@ pub(crate) async fn screen(
         let problem = "this token is that of a program, and not of a screen";
         return Err(Refused::new(StatusCode::FORBIDDEN, problem));
     }
+    let key = CallerKey::Program(person.name.clone());
+    state.limits.take(key, ActKind::Other, Instant::now()).map_err(|after| {
+        let problem = "this screen begins too often; wait a moment";
+        Refused::new(StatusCode::TOO_MANY_REQUESTS, problem).again_after(after)
+    })?;
     let cookie = state.cookies.set_screen(&token).ok_or_else(|| {
         let problem = "the token cannot be kept in a cookie";
         Refused::new(StatusCode::BAD_REQUEST, problem)

@@ -65,6 +65,11 @@ impl fmt::Display for TopicName {
 }
 
 impl TopicName {
+    /// Whether the topic is about one thing, and not about all of a kind.
+    pub(crate) fn is_thing(&self) -> bool {
+        !LISTS.iter().any(|(_, list)| list == self)
+    }
+
     /// Parses one topic.
     fn parse(text: &str) -> Option<TopicName> {
         if let Some((_, topic)) = LISTS.iter().find(|(name, _)| *name == text) {

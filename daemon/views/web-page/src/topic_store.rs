@@ -24,8 +24,9 @@ const GONE_MAX: usize = 1_000;
 /// gets only the rows that it has missed.
 const KEPT_UNREAD: Duration = Duration::from_secs(30);
 
-/// Maximum number of topics at a time; each is computed anew at each change.
-const TOPICS_MAX: usize = 256;
+/// Maximum number of topics about one thing at a time; each is computed anew at each change. Those that
+/// list all things of a kind are few, and always have a place.
+const THINGS_MAX: usize = 256;
 
 /// The topics of all pages.
 pub(crate) struct TopicStore {
@@ -42,6 +43,13 @@ pub(crate) struct TopicStore {
 struct TopicTable {
     version: u64,
     topics: BTreeMap<TopicName, StoredTopic>,
+}
+
+impl TopicTable {
+    /// Returns the number of topics about one thing.
+    fn things(&self) -> usize {
+        self.topics.keys().filter(|name| name.is_thing()).count()
+    }
 }
 
 struct StoredTopic {
@@ -156,15 +164,21 @@ impl TopicStore {
     ) -> Result<RowReader, String> {
         let sent = last_event.and_then(|id| self.sent_until(id, names.len()));
         let mut table = self.table();
-        let fresh = names.iter().filter(|name| !table.topics.contains_key(*name)).count();
-        if table.topics.len() + fresh > TOPICS_MAX {
+        let fresh = |table: &TopicTable| {
+            names.iter().filter(|it| it.is_thing() && !table.topics.contains_key(*it)).count()
+        };
+        if fresh(&table) > 0 && table.things() + fresh(&table) > THINGS_MAX {
             table.topics.retain(|_, topic| topic.readers > 0);
         }
-        if table.topics.len() + fresh > TOPICS_MAX {
+        if fresh(&table) > 0 && table.things() + fresh(&table) > THINGS_MAX {
             return Err("the pages that are open show too many different things; close some".into());
         }
-        let version = table.version;
         for name in &names {
+            if !table.topics.contains_key(name) {
+                // A version of its own: what was sent of an earlier topic of this name is older.
+                table.version += 1;
+            }
+            let version = table.version;
             let topic =
                 table.topics.entry(name.clone()).or_insert_with(|| StoredTopic::new(version));
             topic.readers += 1;

@@ -108,7 +108,10 @@ impl NtfyTopic {
         else {
             return opens;
         };
-        let (Some(buttons), Some(page)) = (&self.buttons, &form.page) else { return opens };
+        let (Some(buttons), Some(page), false) = (&self.buttons, &form.page, form.is_discreet)
+        else {
+            return opens;
+        };
         let each = buttons.answers.iter().map(|answer| {
             let act = json!({
                 "act": "answer", "keyboard": keyboard, "question": question, "text": answer,

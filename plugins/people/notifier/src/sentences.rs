@@ -140,7 +140,9 @@ impl NoticeForm {
                 told["goal"] = json!(notice.conversation);
                 told["scope"] = json!(notice.scope);
             }
-            if let Some((keyboard, question)) = &notice.asked_at {
+            if let Some((keyboard, question)) = &notice.asked_at
+                && !self.is_discreet
+            {
                 told["answer"] = json!({ "keyboard": keyboard, "question": question });
             }
             told
@@ -260,7 +262,9 @@ mod tests {
     #[test]
     fn a_discreet_notice_names_nothing_in_any_part() {
         let soon = late(NoticeKind::GoalLateSoon);
-        for notice in [question(), goal(), soon, gone(&["ir-1"]), stop()] {
+        let asked_at = Some((acl::AgentId::new("keyboard-office1").expect("a name"), 7));
+        let asked = Notice { asked_at, ..question() };
+        for notice in [question(), asked, goal(), soon, gone(&["ir-1"]), stop()] {
             let told = form(true).json(&alone(notice)).to_string();
             for part in ["turtlebot", "visit", "ann", "ir-1", "fire", "office1", "c%2F", "c/1"] {
                 assert!(!told.contains(part), "{part}: {told}");

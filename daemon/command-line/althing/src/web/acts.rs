@@ -98,13 +98,21 @@ impl ActMeans {
         let GoalRequest { goal, keep, priority, partition } = wish.clone();
         let achieve = Request::Achieve(Achieve { goal, keep, priority, partition });
         self.agents.check_rights(&self.agents.name_of(&person.name)?, &achieve)?;
+        // Without a place for its limit, the goal must not begin.
+        let place = limit.map(|limit| Ok::<_, String>((limit, self.agents.limit_place()?)));
+        let place = place.transpose()?;
         let request = UserRequest::RequestGoal(wish);
         let asked = self.ask(person, request, FollowUntil::FirstAnswer).await?;
         let is_over = asked.answer.as_ref().is_some_and(UserEvent::is_final);
         let conversation = asked.conversation.clone();
         let mut done = followed(asked, ASKED);
-        if let (Some(limit), Some(conversation), false) = (limit, conversation, is_over) {
-            self.agents.limit_goal(&person.name, conversation, limit)?;
+        if let (Some((limit, place)), Some(id), false) = (place, conversation, is_over) {
+            let (page, goal) = (Arc::clone(&self.page), id.clone());
+            let has_ended = move || {
+                let now = observing::now();
+                page.read(|view| view.goal(&goal, now).is_some_and(|it| it.row.ended_at.is_some()))
+            };
+            self.agents.limit_goal(&person.name, id, limit, place, has_ended);
             let limit = humantime::format_duration(limit);
             done.sentence +=
                 &format!("; this daemon cancels it if it is not reached within {limit}");

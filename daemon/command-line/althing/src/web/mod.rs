@@ -142,7 +142,7 @@ struct PageOfDaemon {
 impl PageOfDaemon {
     /// Opens the socket and serves the page; tries again after a failure. Never returns.
     async fn serve(self, host: Arc<DaemonHost>) {
-        let mut is_said = false;
+        let mut said = String::new();
         loop {
             match self.open().await {
                 Ok((server, tls, accounts)) => {
@@ -154,9 +154,9 @@ impl PageOfDaemon {
                     let served = server.serve(Arc::<DaemonHost>::clone(&host), accounts, log);
                     tokio::join!(served, warned);
                 }
-                Err(problem) if !is_said => {
+                Err(problem) if problem != said => {
                     tracing::error!("no page is served: failed to {problem}");
-                    is_said = true;
+                    said = problem;
                 }
                 Err(_) => (),
             }

@@ -4,15 +4,15 @@
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use accounts::{Accounts, Person, PersonName};
+use accounts::{Accounts, Person, PersonName, PersonRight};
 use acl::content::Request;
 use acl::{AgentId, ConversationId, DaemonId};
 use keyboard::{Keyboard, RequestId, RequestSender, Terminal, UserEvent, UserRequest};
-use tokio::sync::mpsc;
+use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
 use tokio::time::{Instant, MissedTickBehavior, interval, timeout_at};
 use tokio_util::sync::DropGuard;
 
@@ -24,7 +24,8 @@ use crate::hosting;
 /// few minutes keeps the same agent.
 const IDLE_MAX: Duration = Duration::from_secs(30 * 60);
 
-/// Interval between two looks for agents that were not used for a while, or whose person is gone.
+/// Interval between two looks for agents that were not used for a while or whose person is gone, and
+/// for the end of a goal with a time limit.
 const LOOKED_AT_EVERY: Duration = Duration::from_secs(10);
 
 /// Maximum number of people with an agent at a time; more wait until others are idle.
@@ -61,10 +62,14 @@ pub(super) struct PersonAgents {
     state: PathBuf,
     agents: Mutex<BTreeMap<PersonName, Arc<PersonAgent>>>,
     accounts: Mutex<Option<Arc<Accounts>>>,
-    limited_goals: AtomicUsize,
+    /// Places for goals with a time limit.
+    limited_goals: Arc<Semaphore>,
     /// Number of agents launched for a single request so far.
     launched: AtomicU64,
 }
+
+/// The place of a goal with a time limit, until it is dropped.
+pub(super) struct LimitPlace(#[expect(dead_code, reason = "it is held")] OwnedSemaphorePermit);
 
 /// The agent of one person.
 struct PersonAgent {
@@ -89,7 +94,7 @@ impl PersonAgents {
             state: state.to_owned(),
             agents: Mutex::default(),
             accounts: Mutex::default(),
-            limited_goals: AtomicUsize::new(0),
+            limited_goals: Arc::new(Semaphore::new(LIMITED_GOALS_MAX)),
             launched: AtomicU64::new(0),
         }
     }
@@ -184,38 +189,49 @@ impl PersonAgents {
         Ok(followed)
     }
 
-    /// Cancels a goal of a person if it has not ended within `limit`.
+    /// Takes a place for a goal with a time limit, before the goal is requested.
     ///
     /// # Errors
     ///
     /// Returns an error, as text for the person, if too many goals have a time limit.
+    pub(super) fn limit_place(&self) -> Result<LimitPlace, String> {
+        let place = Arc::clone(&self.limited_goals).try_acquire_owned();
+        place.map(LimitPlace).map_err(|_| {
+            format!("{LIMITED_GOALS_MAX} goals have a time limit already; try again later")
+        })
+    }
+
+    /// Cancels a goal of a person if it has not ended within `limit`. `has_ended` says whether it has;
+    /// its place is then free again.
     pub(super) fn limit_goal(
         self: &Arc<Self>,
         person: &PersonName,
         goal: ConversationId,
         limit: Duration,
-    ) -> Result<(), String> {
-        if self.limited_goals.fetch_add(1, Ordering::Relaxed) >= LIMITED_GOALS_MAX {
-            self.limited_goals.fetch_sub(1, Ordering::Relaxed);
-            return Err(format!(
-                "{LIMITED_GOALS_MAX} goals have a time limit already; this one goes on without"
-            ));
-        }
+        place: LimitPlace,
+        has_ended: impl Fn() -> bool + Send + 'static,
+    ) {
         // The table of agents ends with the page, and the limits with it.
         let (agents, person) = (Arc::downgrade(self), person.clone());
         tokio::spawn(async move {
-            tokio::time::sleep(limit).await;
+            let _place = place;
+            let end = Instant::now() + limit;
+            while Instant::now() < end {
+                tokio::time::sleep_until(end.min(Instant::now() + LOOKED_AT_EVERY)).await;
+                if has_ended() {
+                    return;
+                }
+            }
             let Some(agents) = agents.upgrade() else { return };
-            agents.limited_goals.fetch_sub(1, Ordering::Relaxed);
             let (cancel, until) = (UserRequest::Cancel(goal.clone()), FollowUntil::FirstAnswer);
             // A goal that has ended is cancelled without an effect.
             if let Err(problem) = agents.ask(&person, cancel, until, Duration::ZERO).await {
                 tracing::warn!(conversation = %goal, "the time limit of a goal: {problem}");
             }
         });
-        Ok(())
     }
 
+    /// Removes the subscriptions of all but these people.
     async fn forget_strangers(&self, people: Vec<PersonName>) {
         let Some(ecosystem) = &self.view.ecosystem else { return };
         let (notifiers, state) = (notifications::notifiers(ecosystem), self.state.clone());
@@ -249,8 +265,8 @@ impl PersonAgents {
         Ok(agent)
     }
 
-    /// Ends the agents that were not used for a while, and those of people that were removed, whose
-    /// subscriptions to notifications end as well. Never returns.
+    /// Ends the agents that were not used for a while, and those of people that were removed. The
+    /// subscriptions to notifications of all who may not look (any more) end as well. Never returns.
     pub(super) async fn end_idle(self: Arc<Self>) {
         let mut looks = interval(LOOKED_AT_EVERY);
         looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
@@ -258,19 +274,23 @@ impl PersonAgents {
         loop {
             looks.tick().await;
             let accounts = lock(&self.accounts).clone();
-            let people = accounts.map(|accounts| accounts.people());
-            let names = |people: Vec<Person>| people.into_iter().map(|it| it.name).collect();
-            let people: Option<Vec<PersonName>> = people.map(names);
-            let is_known =
-                |name: &PersonName| people.as_ref().is_none_or(|people| people.contains(name));
+            let people: Option<Vec<Person>> = accounts.map(|accounts| accounts.people());
+            let lookers = people.as_ref().map(|people| {
+                let lookers = people.iter().filter(|person| person.may(PersonRight::Look));
+                lookers.map(|person| person.name.clone()).collect::<Vec<PersonName>>()
+            });
+            let is_known = |name: &PersonName| match &people {
+                Some(people) => people.iter().any(|person| person.name == *name),
+                None => true,
+            };
             lock(&self.agents).retain(|name, agent| {
                 let is_used =
                     lock(&agent.used_at).elapsed() < IDLE_MAX || !lock(&agent.waiting).is_empty();
                 is_used && is_known(name)
             });
-            if let Some(people) = people.filter(|people| before.as_ref() != Some(people)) {
-                self.forget_strangers(people.clone()).await;
-                before = Some(people);
+            if let Some(lookers) = lookers.filter(|lookers| before.as_ref() != Some(lookers)) {
+                self.forget_strangers(lookers.clone()).await;
+                before = Some(lookers);
             }
         }
     }

@@ -108,6 +108,7 @@ fn a_session_ends_when_it_is_not_used_and_after_half_a_day() {
     assert_eq!(idle.signed_in.ends_at, start() + SESSION_IDLE_MAX);
     let before = start() + SESSION_IDLE_MAX - Duration::from_secs(1);
     assert!(accounts.is_open(number, before), "looking does not prolong it");
+    assert!(accounts.session_of_page(&idle.secret, before).is_some(), "nor does an open page");
     assert!(!accounts.is_open(number, start() + SESSION_IDLE_MAX));
     assert_eq!(accounts.session(&idle.secret, start() + SESSION_IDLE_MAX), None);
     assert_eq!(accounts.session(&idle.secret, before), None, "it has ended for good");

@@ -24,9 +24,12 @@ export class Problem extends Error {
   }
 }
 
-// Returns the answer to a GET.
-export async function get(path) {
-  return request(path, { method: "GET" }, ANSWERING);
+// Header of what the page asks for by itself: that does not prolong the session of a person.
+export const BY_PAGE = { "X-Althing-By-Page": "1" };
+
+// Returns the answer to a GET. `headers` is BY_PAGE for what no person has asked for.
+export async function get(path, headers = {}) {
+  return request(path, { method: "GET", headers }, ANSWERING);
 }
 
 // Returns the answer to a POST with a JSON body.
@@ -80,14 +83,15 @@ export async function signIn(name, password) {
   await refreshMe();
 }
 
-// Signs the person out, also if the daemon is not reached: the page forgets the session. The screen of
-// a robot is then that again.
+// Signs the person out. The screen of a robot is then that again. Throws if the daemon is not reached:
+// the session is then still there, and who reads the page must know.
 export async function signOut() {
   try {
     await post("/api/sign-out", {});
-  } finally {
-    me.set(null);
+  } catch (problem) {
+    if (problem.status !== 401) throw problem;
   }
+  me.set(null);
   await refreshMe();
 }
 
@@ -116,7 +120,7 @@ export async function becomeScreen() {
 // Loads what the daemon says of its ecosystem. The goal builder says so if it is missing.
 export async function loadSetup() {
   try {
-    setup.set(await get("/api/setup"));
+    setup.set(await get("/api/setup", BY_PAGE));
   } catch {
     // The builder asks again when it is opened.
   }
@@ -125,7 +129,7 @@ export async function loadSetup() {
 // Returns goals and facts, given in PDDL, in the words of a language.
 export async function said(pddl, tag) {
   const of = pddl.map((one) => `&of=${encodeURIComponent(one)}`).join("");
-  return (await get(`/api/words?language=${encodeURIComponent(tag)}${of}`)).said;
+  return (await get(`/api/words?language=${encodeURIComponent(tag)}${of}`, BY_PAGE)).said;
 }
 
 // Asks the daemon to do something for the person, and returns `{ok, sentence, conversation, detail}`.

@@ -3,7 +3,7 @@
 // The stream is read by `fetch` and not by EventSource: so the page learns that a session has ended,
 // and hears the comment lines by which it knows that the daemon is still there.
 
-import { me } from "./api.js";
+import { BY_PAGE, me } from "./api.js";
 import { useEffect, useState } from "./html.js";
 import { Followed } from "./state.js";
 import { noteServerTime } from "./time.js";
@@ -28,7 +28,7 @@ const TOLD_AFTER = 1500;
 // Longest event that is read. A page with 10,000 agents needs a tenth of it.
 const EVENT_MAX = 64 << 20;
 
-// Whether the page is up to date: `{ since: null }`, or since when it is not.
+// Whether the page is up to date: `{ since: null }`, or since when it is not, and why if the daemon says so.
 export const link = new Followed({ since: null });
 
 class Topic {
@@ -151,7 +151,7 @@ function connect() {
   if (!me.value || isPaused) return;
   const names = wanted();
   if (names.length === 0) return;
-  stream = { names, abort: new AbortController(), retry: RETRY_FIRST };
+  stream = { names, abort: new AbortController(), retry: RETRY_FIRST, isAgain: false, problem: null };
   follow(stream);
 }
 
@@ -167,7 +167,8 @@ async function follow(mine) {
     // The session of a person at a screen has ended, or a right is gone.
     if (ended === 403) await checkVersion();
     if (stream !== mine) return;
-    lost();
+    lost(mine.problem);
+    mine.isAgain = true;
     await pause(mine.retry * (0.5 + Math.random()), mine.abort.signal);
     mine.retry = Math.min(mine.retry * 2, RETRY_LONGEST);
   }
@@ -201,9 +202,10 @@ async function read(mine) {
   let watch = setTimeout(end, SILENCE);
   try {
     const answer = await fetch(`/api/events?topics=${names}`, {
-      headers: { Accept: "text/event-stream" }, credentials: "same-origin", cache: "no-store",
+      headers: { Accept: "text/event-stream", ...(mine.isAgain ? BY_PAGE : {}) }, credentials: "same-origin", cache: "no-store",
       redirect: "error", signal: attempt.signal,
     });
+    mine.problem = answer.ok ? null : (await answer.json().catch(() => null))?.problem ?? null;
     if (!answer.ok) return answer.status;
     const reader = answer.body.pipeThrough(new TextDecoderStream()).getReader();
     const parser = new EventParser();
@@ -285,9 +287,10 @@ function draw() {
 let lostAt = null;
 let telling = null;
 
-function lost() {
+function lost(problem) {
   lostAt ??= Date.now();
-  telling ??= setTimeout(() => link.set({ since: lostAt }), TOLD_AFTER);
+  if (link.value.since !== null && link.value.problem !== problem) link.set({ since: lostAt, problem });
+  telling ??= setTimeout(() => link.set({ since: lostAt, problem }), TOLD_AFTER);
 }
 
 function found(mine) {
@@ -305,7 +308,7 @@ function found(mine) {
 export async function checkVersion() {
   const before = me.value?.version;
   try {
-    const answer = await fetch("/api/me", { credentials: "same-origin", cache: "no-store" });
+    const answer = await fetch("/api/me", { headers: BY_PAGE, credentials: "same-origin", cache: "no-store" });
     if (answer.status === 401) return me.set(null);
     const found = await answer.json();
     if (before && found.version && found.version !== before) return location.reload();

@@ -1,6 +1,6 @@
 // Small parts that several pages draw with.
 
-import { act, me } from "./api.js";
+import { act, me, signOut } from "./api.js";
 import { Component, html, useEffect, useId, useLayoutEffect, useRef, useState } from "./html.js";
 import { t, tOr } from "./language.js";
 import { go, to } from "./router.js";
@@ -20,6 +20,14 @@ export function Told({ of }) {
 // A text from outside, of several lines, such as a model.
 export function Code({ of, label }) {
   return html`<pre class="code" tabindex="0" role="group" aria-label=${label}><code>${lines(of)}</code></pre>`;
+}
+
+// A button that signs the person out, and says so if that did not work.
+export function SignOut({ label }) {
+  const [problem, setProblem] = useState("");
+  const leave = () => { setProblem(""); signOut().catch((why) => setProblem(why.message)); };
+  return html`<button type="button" class="button" onClick=${leave}>${label}</button>
+    <span role="alert">${problem && html`<span class="problem"><${Sign} of="bad" /> <${Text} of=${problem} /></span>`}</span>`;
 }
 
 // A sign that says in a shape what a word beside it says, too.

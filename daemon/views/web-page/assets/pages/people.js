@@ -1,14 +1,14 @@
 // The person who is signed in, and what she may; and the log of who asked for what, if the daemon
 // shows it.
 
-import { get, me, signOut } from "../lib/api.js";
+import { get, me } from "../lib/api.js";
 import { html, useEffect, useState } from "../lib/html.js";
 import { t, tOr } from "../lib/language.js";
 import { At } from "../lib/time.js";
 import { pushOff, pushOn, pushState } from "../lib/push.js";
 import { useFollowed } from "../lib/state.js";
 import { SmallTable } from "../lib/table.js";
-import { Card, PageHead, Sign, Text } from "../lib/ui.js";
+import { Card, PageHead, Sign, SignOut, Text } from "../lib/ui.js";
 
 const RIGHTS = ["look", "ask", "change", "admit", "stop", "secrets"];
 
@@ -22,7 +22,7 @@ export function PeoplePage() {
   }, []);
   const entries = log?.requests ?? null;
   return html`<${PageHead} title=${t("people.title")} about=${t("people.about")}>
-      <button type="button" class="button" onClick=${() => signOut().catch(() => {})}>${t("people.sign-out")}</button><//>
+      <${SignOut} label=${t("people.sign-out")} /><//>
     <${Card} title=${html`<${Text} of=${person.person} />`}><ul class="plain">${RIGHTS.map((right) => {
       const has = person.rights.includes(right);
       return html`<li key=${right}><${Sign} of=${has ? "well" : "info"} /> <strong>${t(`right.${right}`)}</strong> <span class="muted">${has ? t(`right.${right}-about`) : t("right.none")}</span></li>`;

@@ -2,13 +2,13 @@
 // question with a pad for digits. It is shown to people that have signed in, and by the browser of the
 // robot itself, which is its screen and sees nothing else.
 
-import { me, signOut } from "../lib/api.js";
+import { me } from "../lib/api.js";
 import { html } from "../lib/html.js";
 import { t } from "../lib/language.js";
 import { useFollowed } from "../lib/state.js";
 import { Since } from "../lib/time.js";
 import { useTopic } from "../lib/topics.js";
-import { Link, PageHead, State, Text } from "../lib/ui.js";
+import { Link, PageHead, SignOut, State, Text } from "../lib/ui.js";
 import { agentState } from "./agents.js";
 import { LastAnswer, QuestionCard } from "./questions.js";
 
@@ -27,5 +27,5 @@ export function RobotPage({ name }) {
     <div class="cards robot-questions" aria-live="polite">${own.map((one) => html`<${QuestionCard} key=${one.key} row=${one.row} isLarge=${true} />`)}</div>
     ${row && own.length === 0 && html`<p class="muted">${t("robot.no-question")}</p>`}
     ${person && !person.screen && html`<p class="muted robot-foot"><${Link} page="agents" name=${name}>${t("robot.more")}<//>
-      <button type="button" class="button" onClick=${() => signOut().catch(() => {})}>${t("robot.sign-out", { person: person.person })}</button></p>`}</div>`;
+      <${SignOut} label=${t("robot.sign-out", { person: person.person })} /></p>`}</div>`;
 }

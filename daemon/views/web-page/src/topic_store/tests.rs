@@ -78,7 +78,7 @@ fn only_what_has_changed_is_sent() {
     store.update(&TopicName::Goals, &rows(&[("a", 1), ("b", 2)], true));
     let event = reader.event(7).expect("all rows");
     let data = r#"{"full":true,"rows":{"a":1,"b":2},"gone":[],"order":["a","b"],"now":7}"#;
-    assert_eq!(event, format!("event: goals\nid: abc-3\ndata: {data}\n\n"));
+    assert_eq!(event, format!("event: goals\nid: abc-4\ndata: {data}\n\n"));
     page.apply(&event);
     store.update(&TopicName::Goals, &rows(&[("a", 1), ("b", 2)], true));
     assert_eq!(reader.event(7), None, "nothing has changed");
@@ -229,12 +229,28 @@ fn the_number_of_topics_is_bounded() {
     let store = store();
     let goal = |number: usize| TopicName::Goal(acl::ConversationId::new(&format!("g{number}")));
     let readers: Vec<_> =
-        (0..TOPICS_MAX).map(|number| store.subscribe(vec![goal(number)], None)).collect();
+        (0..THINGS_MAX).map(|number| store.subscribe(vec![goal(number)], None)).collect();
     assert!(readers.iter().all(Result::is_ok));
-    assert!(store.subscribe(vec![goal(TOPICS_MAX)], None).is_err());
+    assert!(store.subscribe(vec![goal(THINGS_MAX)], None).is_err());
     assert!(store.subscribe(vec![goal(0)], None).is_ok(), "this one is there already");
+    let lists = vec![TopicName::Overview, TopicName::Goals];
+    assert!(store.subscribe(lists, None).is_ok(), "lists have a place always");
     drop(readers);
-    assert!(store.subscribe(vec![goal(TOPICS_MAX)], None).is_ok());
+    assert!(store.subscribe(vec![goal(THINGS_MAX)], None).is_ok());
+}
+
+#[test]
+fn a_topic_that_was_dropped_meanwhile_is_sent_in_full() {
+    let store = store();
+    let (mut reader, mut page) = (subscribe(&store, None), Page::default());
+    store.update(&TopicName::Goals, &rows(&[("a", 1)], false));
+    page.apply(&reader.event(7).expect("a row"));
+    drop(reader);
+    store.table().topics.clear();
+    let mut again = subscribe(&store, page.last_id.as_deref());
+    store.update(&TopicName::Goals, &RowSet::default());
+    page.apply(&again.event(8).expect("that there is none any more"));
+    assert!(page.rows.is_empty(), "{:?}", page.rows);
 }
 
 #[derive(Clone, Debug)]
