@@ -16,8 +16,9 @@
 //! What others learn: how many private objects there are, and the structure of what is kept, without
 //! any name.
 //!
-//! Start reading at [`plan_in_one_process`], which does all of this without messages. Other crates exchange projections and parts between processes. **Invariant:** this crate has no
-//! async function, and uses no clock, file or log.
+//! Start reading at [`plan_in_one_process`], which does all of this without messages. Other crates
+//! exchange projections and parts between processes. **Invariant:** this crate has no async function,
+//! and uses no clock, file or log.
 
 mod fill;
 mod local;

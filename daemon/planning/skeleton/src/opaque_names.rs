@@ -12,6 +12,24 @@ use crate::terms::UsedTerms;
 /// Separates the name of a member from the rest of a name that only this member uses.
 pub(crate) const OWN: &str = "--";
 
+/// Checks that a member can have this name, so that opaque names tell whose they are.
+///
+/// # Errors
+///
+/// Returns the reason, as text for a person.
+pub(crate) fn check_member_name(member: &str) -> Result<(), String> {
+    match member.contains(OWN) || member.ends_with('-') {
+        true => Err(format!("the name `{member}` of a member contains `{OWN}`, or ends with `-`")),
+        false => Ok(()),
+    }
+}
+
+/// Returns the words of a text in PDDL that have the form of an opaque name, wherever they stand.
+pub(crate) fn opaque_words(text: &str) -> impl Iterator<Item = &str> {
+    let is_part = |letter: char| letter.is_alphanumeric() || letter == '-' || letter == '_';
+    text.split(move |letter| !is_part(letter)).filter(|word| word.contains(OWN))
+}
+
 /// The opaque names of one agent, the same in each of its projections.
 #[derive(Clone)]
 pub(crate) struct OpaqueNames {

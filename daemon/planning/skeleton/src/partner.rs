@@ -8,7 +8,7 @@ use pddl::{Atom, Condition, InitElement, Name, TOTAL_COST, Term};
 use planner::{Cancel, Options};
 
 use crate::fill::{FillRefusal, FillTask, FilledPart, ProvedRefusal};
-use crate::opaque_names::{OWN, OpaqueNames};
+use crate::opaque_names::{OWN, OpaqueNames, check_member_name, opaque_words};
 use crate::private_symbols::{PrivateSymbol, PrivateSymbols, Scope, atom_of, atoms};
 use crate::projection::{ProjectedAction, Projection, Projector};
 use crate::terms::used_by;
@@ -129,14 +129,8 @@ impl Partner {
 /// Returns the feature, as text for a person.
 fn refuse_unsupported(task: &AgentFiles, symbols: &PrivateSymbols) -> Result<(), String> {
     let AgentFiles { agent, domain, problem } = task;
-    if agent.contains(OWN) || agent.ends_with('-') {
-        return Err(format!(
-            "`{agent}` cannot be the name of a member: it contains `{OWN}`, or ends with `-`"
-        ));
-    }
-    if let Some(name) =
-        crate::terms::words(&format!("{domain} {problem}")).find(|it| it.contains(OWN))
-    {
+    check_member_name(agent)?;
+    if let Some(name) = opaque_words(&format!("{domain} {problem}")).next() {
         return Err(format!("`{name}` contains `{OWN}`, which only opaque names may"));
     }
     if !domain.durative_actions.is_empty() {

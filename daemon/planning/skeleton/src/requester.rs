@@ -8,9 +8,9 @@ use pddl::factored::{AgentFiles, FactoredTask, merge_factored};
 use pddl::{Domain, InitElement, Name, Plan, PlanStep, TOTAL_COST, Term};
 use planner::{Cancel, Options, PlanError, StopReason, World};
 
-use crate::opaque_names::OWN;
+use crate::opaque_names::{OWN, check_member_name, opaque_words};
 use crate::projection::Projection;
-use crate::terms::{used_by, words};
+use crate::terms::used_by;
 
 /// Maximum size of the texts of one projection, in bytes. Those of the CoDMAP competition have at
 /// most some 200 KiB.
@@ -238,19 +238,17 @@ fn parsed(member: &str, projection: &Projection) -> Result<AgentFiles, String> {
     };
     let domain: Domain = pddl::parse_domain(&projection.domain).into_result().map_err(first)?;
     let problem = pddl::parse_problem(&projection.problem).into_result().map_err(first)?;
-    if member.contains(OWN) || member.ends_with('-') {
-        return Err(format!("the name of a member cannot contain `{OWN}`, or end with `-`"));
-    }
+    check_member_name(member)?;
     let prefix = format!("{member}{OWN}");
     let files = AgentFiles { agent: member.to_owned(), domain, problem };
     let mut actions = files.domain.actions.iter().map(|it| it.name.as_str());
     if let Some(foreign) = actions.find(|it| !it.starts_with(&prefix)) {
         return Err(format!("its action `{foreign}` is not named `{prefix}…`"));
     }
-    // Names that are only used count, too: nobody may change what is another member's own.
-    let is_foreign = |word: &&str| word.contains(OWN) && !word.starts_with(&prefix);
+    // Names that are used without a declaration count, too: a member must not change private things of
+    // another one.
     let texts = format!("{} {}", projection.domain, projection.problem).to_lowercase();
-    match words(&texts).find(is_foreign) {
+    match opaque_words(&texts).find(|word| !word.starts_with(&prefix)) {
         Some(foreign) => {
             Err(format!("`{foreign}` contains `{OWN}`: only names of its own things may"))
         }

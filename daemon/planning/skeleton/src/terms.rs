@@ -76,9 +76,3 @@ pub(crate) fn used_by(condition: &Condition) -> UsedTerms {
     used.condition(condition);
     used
 }
-
-/// Returns the names and keywords of a text in PDDL.
-pub(crate) fn words(text: &str) -> impl Iterator<Item = &str> {
-    let is_part = |letter: char| letter.is_alphanumeric() || letter == '-' || letter == '_';
-    text.split(move |letter| !is_part(letter))
-}

@@ -36,24 +36,32 @@ const DOMAIN: &str = "(define (domain relay)
     :effect (and (clean ?i) (increase (total-cost) 1))))";
 
 /// Draws a task: carriers on private roads with private tolls, each with tools of which some wash. In
-/// mud a carrier is soiled, and loads nothing until it has rinsed itself.
+/// mud a carrier is soiled, and loads nothing until it has rinsed itself. Public facts and goals stand
+/// in the files of one carrier or of several.
 fn draw(seed: u64) -> Vec<AgentFiles> {
     let mut rng = Rng::with_seed(seed);
     let (places, items, agents) = (rng.usize(2..5), rng.usize(1..3), rng.usize(2..4));
     let list = |kind: &str, count: usize| {
         (0..count).map(|number| format!("{kind}{number} ")).collect::<String>()
     };
-    let mut public = String::new();
-    let mut goal = String::new();
+    let (mut public, mut goals) = (Vec::new(), Vec::new());
     for item in 0..items {
-        let _ = write!(public, "(at item{item} place{}) ", rng.usize(0..places));
-        let _ = write!(goal, "(at item{item} place{}) ", rng.usize(0..places));
+        public.push(format!("(at item{item} place{}) ", rng.usize(0..places)));
+        goals.push(format!("(at item{item} place{}) ", rng.usize(0..places)));
         if rng.bool() {
-            let _ = write!(goal, "(clean item{item}) ");
+            goals.push(format!("(clean item{item}) "));
         }
     }
+    // One agent at least states each of them.
+    let [public, goals] =
+        [public, goals].map(|all| all.into_iter().map(|it| (rng.usize(0..agents), it)).collect());
     let mut task = Vec::new();
     for agent in 0..agents {
+        let mut stated = |all: &Vec<(usize, String)>| {
+            let own = all.iter().filter(|(by, _)| *by == agent || rng.bool());
+            own.map(|(_, it)| it.as_str()).collect::<String>()
+        };
+        let (public, goal) = (stated(&public), stated(&goals));
         let tools = rng.usize(1..3);
         let mut own = format!("(stands place{}) (free) ", rng.usize(0..places));
         for from in 0..places {

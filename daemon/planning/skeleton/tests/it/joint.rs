@@ -1,4 +1,4 @@
-//! Plays a factored task in this process, and validates plans as one who sees everything.
+//! Plays a factored task in this process, and validates plans on the files of all agents.
 
 use pddl::factored::{AgentFiles, merge_factored};
 use pddl::{Plan, PlanStep};
