@@ -164,13 +164,15 @@ impl TopicStore {
     ) -> Result<RowReader, String> {
         let sent = last_event.and_then(|id| self.sent_until(id, names.len()));
         let mut table = self.table();
-        let fresh = |table: &TopicTable| {
-            names.iter().filter(|it| it.is_thing() && !table.topics.contains_key(*it)).count()
+        let has_no_place = |table: &TopicTable| {
+            let fresh = |it: &&TopicName| it.is_thing() && !table.topics.contains_key(*it);
+            let fresh = names.iter().filter(fresh).count();
+            fresh > 0 && table.things() + fresh > THINGS_MAX
         };
-        if fresh(&table) > 0 && table.things() + fresh(&table) > THINGS_MAX {
+        if has_no_place(&table) {
             table.topics.retain(|_, topic| topic.readers > 0);
         }
-        if fresh(&table) > 0 && table.things() + fresh(&table) > THINGS_MAX {
+        if has_no_place(&table) {
             return Err("the pages that are open show too many different things; close some".into());
         }
         for name in &names {

@@ -99,14 +99,16 @@ impl ActMeans {
         let achieve = Request::Achieve(Achieve { goal, keep, priority, partition });
         self.agents.check_rights(&self.agents.name_of(&person.name)?, &achieve)?;
         // Without a place for its limit, the goal must not begin.
-        let place = limit.map(|limit| Ok::<_, String>((limit, self.agents.limit_place()?)));
-        let place = place.transpose()?;
+        let limited = match limit {
+            Some(limit) => Some((limit, self.agents.limit_place()?)),
+            None => None,
+        };
         let request = UserRequest::RequestGoal(wish);
         let asked = self.ask(person, request, FollowUntil::FirstAnswer).await?;
         let is_over = asked.answer.as_ref().is_some_and(UserEvent::is_final);
         let conversation = asked.conversation.clone();
         let mut done = followed(asked, ASKED);
-        if let (Some((limit, place)), Some(id), false) = (place, conversation, is_over) {
+        if let (Some((limit, place)), Some(id), false) = (limited, conversation, is_over) {
             let (page, goal) = (Arc::clone(&self.page), id.clone());
             let has_ended = move || {
                 let now = observing::now();

@@ -24,8 +24,8 @@ use crate::hosting;
 /// few minutes keeps the same agent.
 const IDLE_MAX: Duration = Duration::from_secs(30 * 60);
 
-/// Interval between two looks for agents that were not used for a while or whose person is gone, and
-/// for the end of a goal with a time limit.
+/// Interval at which idle agents, agents of removed people, and limited goals that have ended are
+/// looked for.
 const LOOKED_AT_EVERY: Duration = Duration::from_secs(10);
 
 /// Maximum number of people with an agent at a time; more wait until others are idle.
@@ -67,9 +67,6 @@ pub(super) struct PersonAgents {
     /// Number of agents launched for a single request so far.
     launched: AtomicU64,
 }
-
-/// The place of a goal with a time limit, until it is dropped.
-pub(super) struct LimitPlace(#[expect(dead_code, reason = "it is held")] OwnedSemaphorePermit);
 
 /// The agent of one person.
 struct PersonAgent {
@@ -189,14 +186,15 @@ impl PersonAgents {
         Ok(followed)
     }
 
-    /// Takes a place for a goal with a time limit, before the goal is requested.
+    /// Takes a place for a goal with a time limit, before the goal is requested. It is free again when
+    /// the returned value is dropped.
     ///
     /// # Errors
     ///
     /// Returns an error, as text for the person, if too many goals have a time limit.
-    pub(super) fn limit_place(&self) -> Result<LimitPlace, String> {
+    pub(super) fn limit_place(&self) -> Result<OwnedSemaphorePermit, String> {
         let place = Arc::clone(&self.limited_goals).try_acquire_owned();
-        place.map(LimitPlace).map_err(|_| {
+        place.map_err(|_| {
             format!("{LIMITED_GOALS_MAX} goals have a time limit already; try again later")
         })
     }
@@ -208,7 +206,7 @@ impl PersonAgents {
         person: &PersonName,
         goal: ConversationId,
         limit: Duration,
-        place: LimitPlace,
+        place: OwnedSemaphorePermit,
         has_ended: impl Fn() -> bool + Send + 'static,
     ) {
         // The table of agents ends with the page, and the limits with it.
@@ -266,7 +264,7 @@ impl PersonAgents {
     }
 
     /// Ends the agents that were not used for a while, and those of people that were removed. The
-    /// subscriptions to notifications of all who may not look (any more) end as well. Never returns.
+    /// subscriptions to notifications of people without the right to look end as well. Never returns.
     pub(super) async fn end_idle(self: Arc<Self>) {
         let mut looks = interval(LOOKED_AT_EVERY);
         looks.set_missed_tick_behavior(MissedTickBehavior::Delay);
