@@ -99,7 +99,19 @@ impl<'r> LandmarkDiscovery<'r> {
                 self.backchain(cancel);
             }
         }
+        self.drop_weaker();
         self.graph
+    }
+
+    /// Drops each disjunctive landmark that contains a single-fact landmark. The latter says more,
+    /// and often becomes known only after the former.
+    fn drop_weaker(&mut self) {
+        let is_kept = |landmark: &Landmark| match landmark.propositions.as_slice() {
+            [_] => true,
+            several => !several.iter().any(|one| self.simple.contains_key(one)),
+        };
+        let kept: Vec<bool> = self.graph.landmarks.iter().map(is_kept).collect();
+        self.graph.keep(&kept);
     }
 
     fn backchain(&mut self, cancel: &Cancel) {

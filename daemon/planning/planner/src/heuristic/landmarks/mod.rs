@@ -54,6 +54,24 @@ impl Landmark {
 // === impl LandmarkGraph ===
 
 impl LandmarkGraph {
+    /// Removes the landmarks that are not marked in `kept`, with their orders.
+    fn keep(&mut self, kept: &[bool]) {
+        let mut next = 0;
+        let mut number = |is_kept: &bool| {
+            next += u32::from(*is_kept);
+            is_kept.then(|| next - 1)
+        };
+        let numbers: Vec<Option<u32>> = kept.iter().map(&mut number).collect();
+        let renumbered =
+            |all: &[u32]| all.iter().filter_map(|one| numbers[*one as usize]).collect();
+        let mut is_kept = kept.iter();
+        self.landmarks.retain(|_| is_kept.next() == Some(&true));
+        for landmark in &mut self.landmarks {
+            landmark.parents = renumbered(&landmark.parents);
+            landmark.needed_for = renumbered(&landmark.needed_for);
+        }
+    }
+
     fn order_greedy_necessary(&mut self, before: u32, after: u32) {
         if before == after {
             return;
@@ -149,5 +167,66 @@ impl LandmarkCount {
             }
         }
         count
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::heuristic::{Evaluator, FastForward, Weights};
+    use crate::progression::Progression;
+    use crate::test_tasks::task;
+
+    /// Returns the landmark counts of the initial state, and of the state after the first operator of
+    /// the action schema with the name `action`.
+    fn counts(domain: &str, problem: &str, action: &str) -> (u32, u32) {
+        let (task, cancel) = (task(domain, problem), Cancel::new());
+        let mut progression = Progression::new(&task);
+        let (state, mut next) = (progression.initial(), Vec::new());
+        let mut ff = FastForward::new(&task, Weights::Unit);
+        ff.evaluate(&state).expect("a goal in reach");
+        let candidates = ff.relaxed_propositions();
+        let mutex = MutexGroups::find(&task, u64::MAX, &cancel);
+        let relaxation = ff.relaxation();
+        let landmarks = LandmarkCount::new(&task, relaxation, &state, &candidates, &mutex, &cancel);
+        let mut statuses = Vec::new();
+        let before = landmarks.start(relaxation, &state, &mut statuses);
+        let is_meant = |schema: u32| task.schema_names[schema as usize].as_str() == action;
+        let operator = task.operators.iter().find(|it| is_meant(it.schema)).expect("an operator");
+        assert!(progression.apply(operator, &state, &mut next));
+        (before, landmarks.progress(relaxation, &next, 0, &mut statuses))
+    }
+
+    #[test]
+    fn facts_that_one_step_achieves_do_not_wait_for_each_other() {
+        let domain = "(define (domain bar)
+            (:predicates (raw) (mixed) (has-a) (has-b) (served-a) (served-b))
+            (:action mix-a :precondition (raw) :effect (and (not (raw)) (mixed) (has-a)))
+            (:action mix-b :precondition (raw) :effect (and (not (raw)) (mixed) (has-b)))
+            (:action serve-a :precondition (and (mixed) (has-a))
+              :effect (and (not (mixed)) (not (has-a)) (raw) (served-a)))
+            (:action serve-b :precondition (and (mixed) (has-b))
+              :effect (and (not (mixed)) (not (has-b)) (raw) (served-b))))";
+        let problem = "(define (problem p) (:domain bar) (:init (raw))
+            (:goal (and (served-a) (served-b))))";
+        // At first: both servings, both mixtures, and something mixed. Then the first mixture and
+        // something mixed are achieved, and raw material is needed again.
+        assert_eq!(counts(domain, problem, "mix-a"), (5, 4));
+    }
+
+    #[test]
+    fn a_fact_that_is_needed_replaces_the_choice_that_contains_it() {
+        for (either, certain) in [("g", "h"), ("h", "g")] {
+            let domain = format!(
+                "(define (domain d) (:constants a b) (:predicates (s) (p ?x) (g) (h))
+                (:action get :parameters (?x) :precondition (s) :effect (p ?x))
+                (:action by-a :precondition (p a) :effect ({either}))
+                (:action by-b :precondition (p b) :effect ({either}))
+                (:action only-by-a :precondition (p a) :effect ({certain})))"
+            );
+            let problem = "(define (problem p) (:domain d) (:init (s)) (:goal (and (g) (h))))";
+            // Both goals and `(p a)`; the choice of `(p a)` and `(p b)` says less.
+            assert_eq!(counts(&domain, problem, "get"), (3, 2));
+        }
     }
 }

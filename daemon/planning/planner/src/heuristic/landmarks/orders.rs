@@ -1,6 +1,8 @@
 //! Reasonable orders (Koehler and Hoffmann, 2000; Richter and Westphal, 2010). One landmark should
 //! be achieved before another if achieving it later would undo the other.
 
+use rustc_hash::FxHashMap;
+
 use super::LandmarkGraph;
 use crate::heuristic::relaxation::Relaxation;
 use crate::mutex::MutexGroups;
@@ -65,16 +67,13 @@ impl<'g> Orders<'g> {
         };
         let facts: Vec<Option<FactId>> =
             graph.landmarks.iter().map(|landmark| fact(&landmark.propositions)).collect();
-        let adding = relaxation.adding();
-        let (mut together, mut undone) = (Vec::new(), Vec::new());
-        for fact in &facts {
-            let achievers = fact.map_or(&[][..], |fact| adding.row(fact.0));
-            let operators: Option<Vec<OperatorId>> =
-                achievers.iter().map(|relaxed| relaxation.origin(*relaxed)).collect();
-            let operators = operators.unwrap_or_default();
-            together.push(shared(&operators, |id| task.operator(id).effect.adds));
-            undone.push(shared(&operators, |id| task.operator(id).effect.deletes));
-        }
+        let achievers = achievers(task, &facts);
+        let together = { achievers.iter() }
+            .map(|operators| shared(operators, |id| task.operator(id).effect.adds))
+            .collect();
+        let undone = { achievers.iter() }
+            .map(|operators| shared(operators, |id| task.operator(id).effect.deletes))
+            .collect();
         let numbered = mutex.groups().iter().zip(0..);
         let members = numbered.flat_map(|(group, index)| group.iter().map(move |f| (f.0, index)));
         let groups = Rows::collect(task.fact_count, members);
@@ -122,24 +121,19 @@ impl<'g> Orders<'g> {
         found
     }
 
-    /// Whether achieving the landmark `one` undoes the landmark `other`, or requires that `other`
-    /// does not hold.
+    /// Whether achieving the landmark `one` undoes the landmark `other`.
+    ///
+    /// It does not count that a greedy-necessary predecessor of `one` excludes `other`. One step may
+    /// achieve both, and with precise mutex groups such orders hide the progress of a search.
     fn interferes(&self, one: u32, other: u32) -> bool {
         let (Some(fact), Some(undone)) = (self.facts[one as usize], self.facts[other as usize])
         else {
             return false;
         };
         let excludes = |first: FactId| first != undone && self.excludes(first, undone);
-        let needs = || {
-            let parents = self.graph.landmarks[one as usize].parents.iter();
-            let needed = parents
-                .filter(|parent| self.graph.landmarks[**parent as usize].needed_for.contains(&one));
-            needed.filter_map(|parent| self.facts[*parent as usize]).any(excludes)
-        };
         excludes(fact)
             || self.undone[one as usize].contains(&undone)
             || self.together[one as usize].iter().any(|fact| excludes(*fact))
-            || needs()
     }
 
     /// Whether two facts are mutex: they are never true in the same state.
@@ -175,6 +169,26 @@ impl<'g> Orders<'g> {
         }
         false
     }
+}
+
+/// Returns, per landmark, the operators that add its fact. The relaxation does not show all of them,
+/// since it lacks dominated additions. The facts of derived and disjunctive landmarks have none.
+fn achievers(task: &Task, facts: &[Option<FactId>]) -> Vec<Vec<OperatorId>> {
+    let mut achievers = vec![Vec::new(); facts.len()];
+    let places: FxHashMap<FactId, usize> =
+        facts.iter().zip(0..).filter_map(|(fact, place)| fact.map(|fact| (fact, place))).collect();
+    for (operator, index) in task.operators.iter().zip(0..) {
+        let conditional = operator.conditional.iter().flat_map(|one| one.effect.adds);
+        for fact in operator.effect.adds.iter().chain(conditional) {
+            if let Some(&place) = places.get(fact) {
+                let of_fact: &mut Vec<OperatorId> = &mut achievers[place];
+                if of_fact.last() != Some(&OperatorId(index)) {
+                    of_fact.push(OperatorId(index));
+                }
+            }
+        }
+    }
+    achievers
 }
 
 /// Returns the facts that are in the result of `of` for every operator.
