@@ -2,8 +2,8 @@
 //!
 //! 1. Enforced hill climbing (`search::climbing`), which solves most tasks of buildings.
 //! 2. Pruning of facts and operators that no plan can use (`prune`).
-//! 3. Search with several open lists (`search::lazy`), on one thread or on two in parallel
-//!    (`search::portfolio`).
+//! 3. Search with several open lists (`search::lazy`), on one thread with restarts
+//!    (`search::restarts`), or on two in parallel (`search::portfolio`).
 //! 4. Removal of superfluous steps of the plan (`search::improve`).
 //! 5. On small tasks, a search for a cheapest plan (`search::optimal`), with a proof.
 //! 6. If better plans are requested: searches with decreasing weights, each for a cheaper plan than
@@ -19,6 +19,7 @@ use crate::search::climbing::{ClimbingOutcome, HillClimbing};
 use crate::search::lazy::{LazySearch, List, SearchParameters};
 use crate::search::neighborhood::NeighborhoodLimits;
 use crate::search::optimal::{AStar, weight};
+use crate::search::restarts::{RestartLimits, Restarts};
 use crate::search::{Search, SearchProgress, improve, neighborhood, portfolio, run};
 use crate::successors::SuccessorGenerator;
 use crate::task::{OperatorId, Task};
@@ -178,14 +179,13 @@ impl<'t> Solver<'t> {
         lists: &'static [List],
         tell: &mut dyn FnMut(SearchProgress<'_>),
     ) -> Result<Vec<OperatorId>, StopReason> {
-        let ff = FastForward::new(self.task, Weights::Unit);
         let (task, generator, budget) = (self.task, &self.generator, self.options.budget);
         let (result, found) = if self.options.threads > 1 {
+            let ff = FastForward::new(task, Weights::Unit);
             portfolio::run(task, generator, ff, lists, budget, self.cancel, tell)
         } else {
-            let mut search =
-                LazySearch::new(task, generator, ff, SearchParameters::greedy(lists), self.cancel);
-            (run(&mut search, budget, self.cancel, tell), search.statistics())
+            let mut search = Restarts::new(task, generator, lists, budget, self.cancel);
+            (search.run(RestartLimits::default(), tell), search.statistics())
         };
         self.statistics.expansions += found.expansions;
         self.statistics.evaluations += found.evaluations;

@@ -99,7 +99,10 @@ pub(crate) struct LazySearch<'t> {
     sorted: [OpenList; SORTED],
     types: TypeList,
     turns: [i64; LISTS],
+    /// Lowest estimate and lowest landmark count so far.
     best: (u64, u32),
+    /// Number of expansions at the last progress of the search.
+    progress_at: u64,
     started: bool,
     dead_end_at_start: bool,
     expansions: u64,
@@ -168,6 +171,7 @@ impl<'t> LazySearch<'t> {
             types: TypeList::default(),
             turns: [0; LISTS],
             best: (u64::MAX, u32::MAX),
+            progress_at: 0,
             started: false,
             dead_end_at_start: false,
             expansions: 0,
@@ -181,6 +185,12 @@ impl<'t> LazySearch<'t> {
     pub(crate) fn statistics(&self) -> Statistics {
         let (expansions, evaluations) = (self.expansions, self.evaluations);
         Statistics { expansions, evaluations, ..Statistics::default() }
+    }
+
+    /// Returns the number of expansions since the last progress, which is a lower estimate or a lower
+    /// landmark count than any before.
+    pub(crate) fn stalled(&self) -> u64 {
+        self.expansions - self.progress_at
     }
 
     fn start(&mut self) -> SearchStep {
@@ -267,6 +277,7 @@ impl<'t> LazySearch<'t> {
         let has_progressed = estimate < self.best.0 || count < self.best.1;
         self.best = (self.best.0.min(estimate), self.best.1.min(count));
         if has_progressed {
+            self.progress_at = self.expansions;
             self.turns[List::FfPreferred as usize] -= BOOST;
             self.turns[List::LandmarksPreferred as usize] -= BOOST;
         }

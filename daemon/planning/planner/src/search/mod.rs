@@ -4,7 +4,7 @@
 //! enforces the limits.
 //!
 //! - [`climbing`] is quick and incomplete; [`lazy`] is complete.
-//! - [`portfolio`] runs two searches in lockstep.
+//! - [`restarts`] adds new searches to one without progress; [`portfolio`] runs two in lockstep.
 //! - [`optimal`] finds a cheapest plan of a small task, with a proof.
 //! - [`improve`] removes superfluous steps of a plan; [`neighborhood`] finds shortcuts.
 
@@ -15,11 +15,15 @@ pub(crate) mod neighborhood;
 mod open;
 pub(crate) mod optimal;
 pub(crate) mod portfolio;
+pub(crate) mod restarts;
 mod types;
 
 use crate::limits::{Budget, Cancel};
 use crate::outcome::StopReason;
 use crate::task::OperatorId;
+
+/// Result of a search that has ended.
+type SearchResult = Result<Vec<OperatorId>, StopReason>;
 
 /// Result of one step of a search.
 #[derive(Debug)]
@@ -67,7 +71,7 @@ pub(crate) fn run(
     budget: Budget,
     cancel: &Cancel,
     tell: &mut dyn FnMut(SearchProgress<'_>),
-) -> Result<Vec<OperatorId>, StopReason> {
+) -> SearchResult {
     let mut tell_at = search.expansions();
     loop {
         if search.expansions() >= budget.expansions_max {

@@ -2,17 +2,15 @@
 //! other, so that the result does not depend on the speed of the machine.
 
 use super::lazy::{EXPLORATION_LISTS, LazySearch, List, SearchParameters};
-use super::{Search, SearchProgress, SearchStep};
+use super::{Search, SearchProgress, SearchResult, SearchStep};
 use crate::heuristic::{FastForward, Weights};
 use crate::limits::{Budget, Cancel};
 use crate::outcome::{Statistics, StopReason};
 use crate::successors::SuccessorGenerator;
-use crate::task::{OperatorId, Task};
+use crate::task::Task;
 
 /// Number of steps of each search per round, which take some milliseconds.
 const ROUND: usize = 500;
-
-type SearchResult = Result<Vec<OperatorId>, StopReason>;
 
 /// Runs two searches in parallel: one with the given open lists, and one with
 /// [`EXPLORATION_LISTS`]. The first search with a plan or a proof ends both. If both end in the

@@ -1,0 +1,273 @@
+//! Restarts: a search that makes no progress for a while shares its time with searches that begin
+//! anew, each with the operators in another order.
+//!
+//! The time of a greedy search depends on how it breaks ties, by orders of magnitude (Gomes, Selman,
+//! Crato and Kautz, 2000, on heavy tails). The order of the operators determines the order of the
+//! successors, and which of several relaxed plans the FF heuristic finds. The lengths of the new
+//! searches are those of Luby, Sinclair and Zuckerman (1993). The first search always continues, so
+//! the result is complete, and a search that would have found a plan takes a third longer at most.
+
+use super::lazy::{LazySearch, List, SearchParameters};
+use super::{Search, SearchProgress, SearchResult, SearchStep, TELL_EVERY};
+use crate::heuristic::{FastForward, Weights};
+use crate::limits::{Budget, Cancel};
+use crate::outcome::{Statistics, StopReason};
+use crate::successors::SuccessorGenerator;
+use crate::task::{OperatorId, OperatorTable, Task};
+
+/// Number of expansions of the first search for each expansion of the new searches, while it makes
+/// no progress.
+const SHARE: u64 = 3;
+
+/// When to restart, and for how long.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RestartLimits {
+    /// Number of expansions without progress before a restart.
+    pub(crate) stalled_max: u64,
+    /// Number of expansions of the shortest new search.
+    pub(crate) unit: u64,
+}
+
+impl Default for RestartLimits {
+    fn default() -> RestartLimits {
+        RestartLimits { stalled_max: 5_000, unit: 1_000 }
+    }
+}
+
+/// A task with the operators in another order.
+struct ShuffledTask {
+    task: Task,
+    generator: SuccessorGenerator,
+    /// Per operator of this task: its number in the original task.
+    origins: Vec<OperatorId>,
+}
+
+/// The searches for a first plan of a task.
+pub(crate) struct Restarts<'r, 't> {
+    task: &'t Task,
+    first: LazySearch<'t>,
+    lists: &'static [List],
+    budget: Budget,
+    cancel: &'r Cancel,
+    /// Expansions and evaluations of the new searches so far.
+    anew: Statistics,
+    /// Number of expansions at the next progress event.
+    tell_at: u64,
+}
+
+// === impl ShuffledTask ===
+
+impl ShuffledTask {
+    fn new(task: &Task, seed: u64) -> ShuffledTask {
+        let all = 0..task.operator_count() as u32;
+        let mut origins: Vec<OperatorId> = all.map(OperatorId).collect();
+        origins.sort_by_cached_key(|id| mixed(seed, u64::from(id.0)));
+        let mut operators = OperatorTable::default();
+        for id in &origins {
+            let operator = task.operator(*id);
+            operators.push_with(operator, operator.preconditions.iter().copied());
+        }
+        let task = task.with_operators(operators);
+        ShuffledTask { generator: SuccessorGenerator::new(&task), task, origins }
+    }
+
+    /// Translates a plan of this task to operators of the original task.
+    fn original(&self, plan: &[OperatorId]) -> Vec<OperatorId> {
+        plan.iter().map(|id| self.origins[id.index()]).collect()
+    }
+}
+
+// === impl Restarts ===
+
+impl<'r, 't> Restarts<'r, 't> {
+    pub(crate) fn new(
+        task: &'t Task,
+        generator: &'t SuccessorGenerator,
+        lists: &'static [List],
+        budget: Budget,
+        cancel: &'r Cancel,
+    ) -> Restarts<'r, 't> {
+        let ff = FastForward::new(task, Weights::Unit);
+        let parameters = SearchParameters::greedy(lists);
+        let first = LazySearch::new(task, generator, ff, parameters, cancel);
+        let anew = Statistics::default();
+        Restarts { task, first, lists, budget, cancel, anew, tell_at: 0 }
+    }
+
+    /// Runs the searches until one of them ends with a plan or a proof, or a limit is reached.
+    pub(crate) fn run(
+        &mut self,
+        limits: RestartLimits,
+        tell: &mut dyn FnMut(SearchProgress<'_>),
+    ) -> SearchResult {
+        let (mut number, mut until) = (1, 0);
+        loop {
+            if let Some(result) = self.continue_first(until, limits.stalled_max, tell) {
+                return result;
+            }
+            let length = luby(number).saturating_mul(limits.unit);
+            if let Some(result) = self.restart(number, length, tell) {
+                return result;
+            }
+            number += 1;
+            until = self.first.expansions().saturating_add(SHARE.saturating_mul(length));
+        }
+    }
+
+    /// Returns the statistics of all searches so far.
+    pub(crate) fn statistics(&self) -> Statistics {
+        let first = self.first.statistics();
+        Statistics {
+            expansions: first.expansions + self.anew.expansions,
+            evaluations: first.evaluations + self.anew.evaluations,
+            ..first
+        }
+    }
+
+    /// Continues the first search while it has made less than `until` expansions, or progress within
+    /// the last `stalled_max` of them. Returns `None` if the search has not ended then.
+    fn continue_first(
+        &mut self,
+        until: u64,
+        stalled_max: u64,
+        tell: &mut dyn FnMut(SearchProgress<'_>),
+    ) -> Option<SearchResult> {
+        while self.first.expansions() < until || self.first.stalled() < stalled_max {
+            if let Some(reason) = self.reached(self.first.expansions(), self.first.bytes()) {
+                return Some(Err(reason));
+            }
+            match self.first.step() {
+                SearchStep::InProgress => (),
+                SearchStep::Solved(plan) => return Some(Ok(plan)),
+                SearchStep::Exhausted => return Some(Err(self.first.exhausted())),
+            }
+            self.report(self.first.expansions(), tell);
+        }
+        None
+    }
+
+    /// Runs a new search with `length` expansions at most. Returns `None` if it has not ended then.
+    fn restart(
+        &mut self,
+        number: u64,
+        length: u64,
+        tell: &mut dyn FnMut(SearchProgress<'_>),
+    ) -> Option<SearchResult> {
+        let shuffled = ShuffledTask::new(self.task, number);
+        let (task, generator) = (&shuffled.task, &shuffled.generator);
+        let ff = FastForward::new(task, Weights::Unit);
+        let parameters = SearchParameters::greedy(self.lists);
+        let mut search = LazySearch::new(task, generator, ff, parameters, self.cancel);
+        let kept = self.first.bytes() + task.operators.bytes();
+        let result = loop {
+            let expansions = self.first.expansions() + search.expansions();
+            match self.reached(expansions, kept + search.bytes()) {
+                // The memory of this search is free again when it ends.
+                Some(StopReason::MemoryLimit { .. }) => break None,
+                Some(reason) => break Some(Err(reason)),
+                None if search.expansions() >= length => break None,
+                None => (),
+            }
+            match search.step() {
+                SearchStep::InProgress => (),
+                SearchStep::Solved(plan) => break Some(Ok(shuffled.original(&plan))),
+                SearchStep::Exhausted => break Some(Err(search.exhausted())),
+            }
+            self.report(expansions, tell);
+        };
+        let made = search.statistics();
+        self.anew.expansions += made.expansions;
+        self.anew.evaluations += made.evaluations;
+        result
+    }
+
+    /// Returns the limit that is reached, if any. `expansions` are those of the searches that are
+    /// still in progress.
+    fn reached(&self, expansions: u64, bytes: usize) -> Option<StopReason> {
+        let Budget { expansions_max, memory_max_bytes, .. } = self.budget;
+        if self.anew.expansions + expansions >= expansions_max {
+            Some(StopReason::ExpansionLimit { limit: expansions_max })
+        } else if bytes > memory_max_bytes {
+            Some(StopReason::MemoryLimit { limit: memory_max_bytes })
+        } else {
+            self.cancel.is_set().then_some(StopReason::Cancelled)
+        }
+    }
+
+    fn report(&mut self, expansions: u64, tell: &mut dyn FnMut(SearchProgress<'_>)) {
+        let expansions = self.anew.expansions + expansions;
+        if expansions >= self.tell_at {
+            self.tell_at = (expansions / TELL_EVERY + 1) * TELL_EVERY;
+            tell(SearchProgress::Searching(expansions));
+        }
+    }
+}
+
+/// Returns the length of the new search with this number, from one: 1, 1, 2, 1, 1, 2, 4, and so on.
+fn luby(mut number: u64) -> u64 {
+    loop {
+        let power = (number + 1).next_power_of_two();
+        if power == number + 1 {
+            return power / 2;
+        }
+        number -= power / 2 - 1;
+    }
+}
+
+/// Returns a number without visible relation to the arguments: the last step of SplitMix (Steele, Lea
+/// and Flood, 2014).
+fn mixed(seed: u64, number: u64) -> u64 {
+    let mut value = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(number);
+    value = (value ^ (value >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    value = (value ^ (value >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+    value ^ (value >> 31)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::progression::Progression;
+    use crate::state::all_hold;
+    use crate::test_tasks::{reached, texts};
+
+    const LISTS: &[List] = &[List::Ff, List::FfPreferred, List::Landmarks];
+
+    #[test]
+    fn lengths_are_those_of_luby() {
+        let first: Vec<u64> = (1..=15).map(luby).collect();
+        assert_eq!(first, [1, 1, 2, 1, 1, 2, 4, 1, 1, 2, 1, 1, 2, 4, 8]);
+    }
+
+    proptest! {
+        #[test]
+        fn restarts_change_neither_what_is_possible_nor_what_is_proved(
+            (actions, initial) in texts(),
+        ) {
+            let Some(task) = reached(&actions, &initial) else { return Ok(()) };
+            let (cancel, budget) = (Cancel::new(), Budget::default());
+            let generator = SuccessorGenerator::new(&task);
+            let solve = |limits| {
+                let mut search = Restarts::new(&task, &generator, LISTS, budget, &cancel);
+                search.run(limits, &mut |_| ())
+            };
+            let never = solve(RestartLimits { stalled_max: u64::MAX, unit: 1 });
+            match solve(RestartLimits { stalled_max: 0, unit: 1 }) {
+                Ok(plan) => {
+                    let mut progression = Progression::new(&task);
+                    let (mut state, mut next) = (progression.initial(), Vec::new());
+                    for id in plan {
+                        let operator = task.operator(id);
+                        prop_assert!(all_hold(&state, operator.preconditions));
+                        prop_assert!(progression.apply(operator, &state, &mut next));
+                        std::mem::swap(&mut state, &mut next);
+                    }
+                    prop_assert!(all_hold(&state, &task.goal));
+                    prop_assert!(never.is_ok());
+                }
+                Err(reason) => prop_assert_eq!(never, Err(reason)),
+            }
+        }
+    }
+}
