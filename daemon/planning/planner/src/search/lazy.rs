@@ -101,7 +101,7 @@ pub(crate) struct LazySearch<'t> {
     turns: [i64; LISTS],
     /// Lowest estimate and lowest landmark count so far.
     best: (u64, u32),
-    /// Number of expansions at the last progress of the search.
+    /// Number of evaluations at the last progress of the search.
     progress_at: u64,
     started: bool,
     dead_end_at_start: bool,
@@ -187,10 +187,15 @@ impl<'t> LazySearch<'t> {
         Statistics { expansions, evaluations, ..Statistics::default() }
     }
 
-    /// Returns the number of expansions since the last progress, which is a lower estimate or a lower
-    /// landmark count than any before.
+    /// Returns the number of states evaluated so far.
+    pub(crate) fn evaluations(&self) -> u64 {
+        self.evaluations
+    }
+
+    /// Returns the number of evaluations since the last progress, which is a lower estimate or a
+    /// lower landmark count than any before.
     pub(crate) fn stalled(&self) -> u64 {
-        self.expansions - self.progress_at
+        self.evaluations - self.progress_at
     }
 
     fn start(&mut self) -> SearchStep {
@@ -277,7 +282,7 @@ impl<'t> LazySearch<'t> {
         let has_progressed = estimate < self.best.0 || count < self.best.1;
         self.best = (self.best.0.min(estimate), self.best.1.min(count));
         if has_progressed {
-            self.progress_at = self.expansions;
+            self.progress_at = self.evaluations;
             self.turns[List::FfPreferred as usize] -= BOOST;
             self.turns[List::LandmarksPreferred as usize] -= BOOST;
         }

@@ -1,7 +1,7 @@
 //! Search: finds a sequence of operators that solves a ground task.
 //!
-//! A search implements [`Search::step`]. All searches are run by the same loop, [`run`], which
-//! enforces the limits.
+//! A search implements [`Search::step`]. The loop [`run`] runs one search and enforces the limits;
+//! [`restarts`] and [`portfolio`] do the same for several searches.
 //!
 //! - [`climbing`] is quick and incomplete; [`lazy`] is complete.
 //! - [`restarts`] adds new searches to one without progress; [`portfolio`] runs two in lockstep.

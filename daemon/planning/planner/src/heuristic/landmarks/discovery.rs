@@ -42,6 +42,8 @@ pub(super) struct LandmarkDiscovery<'r> {
     simple: FxHashMap<u32, u32>,
     /// For a proposition: the disjunctive landmark that contains it.
     part_of: FxHashMap<u32, u32>,
+    /// Per landmark: whether it is dropped at the end.
+    is_dropped: Vec<bool>,
     /// Landmarks that backchaining has not processed.
     waiting: Vec<u32>,
     reached: Vec<bool>,
@@ -67,6 +69,7 @@ impl<'r> LandmarkDiscovery<'r> {
             graph: LandmarkGraph::default(),
             simple: FxHashMap::default(),
             part_of: FxHashMap::default(),
+            is_dropped: Vec::new(),
             waiting: Vec::new(),
             reached: vec![false; relaxation.proposition_count()],
             missing: Vec::new(),
@@ -99,19 +102,9 @@ impl<'r> LandmarkDiscovery<'r> {
                 self.backchain(cancel);
             }
         }
-        self.drop_weaker();
+        let is_kept: Vec<bool> = self.is_dropped.iter().map(|is_dropped| !is_dropped).collect();
+        self.graph.keep(&is_kept);
         self.graph
-    }
-
-    /// Drops each disjunctive landmark that contains a single-fact landmark. The latter says more,
-    /// and often becomes known only after the former.
-    fn drop_weaker(&mut self) {
-        let is_kept = |landmark: &Landmark| match landmark.propositions.as_slice() {
-            [_] => true,
-            several => !several.iter().any(|one| self.simple.contains_key(one)),
-        };
-        let kept: Vec<bool> = self.graph.landmarks.iter().map(is_kept).collect();
-        self.graph.keep(&kept);
     }
 
     fn backchain(&mut self, cancel: &Cancel) {
@@ -237,7 +230,17 @@ impl<'r> LandmarkDiscovery<'r> {
         }
         let index = self.add(vec![proposition]);
         self.simple.insert(proposition, index);
+        self.drop_disjunction(proposition);
         index
+    }
+
+    /// Drops the disjunctive landmark that contains `proposition`, because `proposition` alone is a
+    /// landmark now: it must be achieved anyway. Others of the facts may be parts of later
+    /// disjunctions.
+    fn drop_disjunction(&mut self, proposition: u32) {
+        let Some(&dropped) = self.part_of.get(&proposition) else { return };
+        self.is_dropped[dropped as usize] = true;
+        self.part_of.retain(|_, landmark| *landmark != dropped);
     }
 
     fn disjunctive_landmark(&mut self, facts: Vec<u32>, landmark: u32) {
@@ -265,6 +268,7 @@ impl<'r> LandmarkDiscovery<'r> {
         // A landmark that holds initially has no first achiever.
         let is_initial = propositions.iter().any(|one| self.initial[*one as usize]);
         self.graph.landmarks.push(Landmark::new(propositions));
+        self.is_dropped.push(false);
         if !is_initial {
             self.waiting.push(index);
         }

@@ -7,7 +7,7 @@ use super::LandmarkGraph;
 use crate::heuristic::relaxation::Relaxation;
 use crate::mutex::MutexGroups;
 use crate::rows::Rows;
-use crate::task::{FactId, OperatorId, Task};
+use crate::task::{FactId, Literal, OperatorId, Task};
 
 /// Limit on the whole work: the number of compared pairs of landmarks, plus the number of visited
 /// edges in the search for cycles. When it is exceeded, no further orders are added.
@@ -123,8 +123,9 @@ impl<'g> Orders<'g> {
 
     /// Whether achieving the landmark `one` undoes the landmark `other`.
     ///
-    /// It does not count that a greedy-necessary predecessor of `one` excludes `other`. One step may
-    /// achieve both, and with precise mutex groups such orders hide the progress of a search.
+    /// A greedy-necessary predecessor of `one` that excludes `other` is no reason for an order: the
+    /// step that achieves `one` may achieve `other`, too. With precise mutex groups such orders hide
+    /// the progress of a search.
     fn interferes(&self, one: u32, other: u32) -> bool {
         let (Some(fact), Some(undone)) = (self.facts[one as usize], self.facts[other as usize])
         else {
@@ -171,8 +172,8 @@ impl<'g> Orders<'g> {
     }
 }
 
-/// Returns, per landmark, the operators that add its fact. The relaxation does not show all of them,
-/// since it lacks dominated additions. The facts of derived and disjunctive landmarks have none.
+/// Returns, per landmark, the operators that can make its fact true. The relaxation does not show all
+/// of them, since it lacks dominated additions. Only landmarks that are one basic fact have any.
 fn achievers(task: &Task, facts: &[Option<FactId>]) -> Vec<Vec<OperatorId>> {
     let mut achievers = vec![Vec::new(); facts.len()];
     let places: FxHashMap<FactId, usize> =
@@ -180,7 +181,8 @@ fn achievers(task: &Task, facts: &[Option<FactId>]) -> Vec<Vec<OperatorId>> {
     for (operator, index) in task.operators.iter().zip(0..) {
         let conditional = operator.conditional.iter().flat_map(|one| one.effect.adds);
         for fact in operator.effect.adds.iter().chain(conditional) {
-            if let Some(&place) = places.get(fact) {
+            let is_given = || operator.preconditions.contains(&Literal::new(*fact, true));
+            if let Some(&place) = places.get(fact).filter(|_| !is_given()) {
                 let of_fact: &mut Vec<OperatorId> = &mut achievers[place];
                 if of_fact.last() != Some(&OperatorId(index)) {
                     of_fact.push(OperatorId(index));
