@@ -5,10 +5,11 @@ usage: competition.py BENCH [--set classical|numeric] [--time 30] [--core N] [--
                       [--anytime] [--every N]
 
 BENCH is a folder with SET.tasks (a line per task: `DOMAIN PROBLEM`, files in SET/) and SET/. Run `cargo build
---release` first. Results go to target/competition/NAME/SET/*.jsonl, NAME being the last part of BENCH. A second run continues where they end; `rm -r
-target/competition` starts anew. The other planner of the classical set is Fast Downward (`pip install
-up-fast-downward`) with `--alias lama-first`; --other names a different one, with {domain} {problem} {plan}. Each
-planner gets one core, 2 GiB and an empty PATH, and `althing validate` checks its plans. Prints Markdown.
+--release` first. Results go to target/competition/NAME/SET/*.jsonl, where NAME is the last part of BENCH. A second
+run continues where they end; `rm -r target/competition` starts anew. The other planner of the classical set is Fast
+Downward (`pip install up-fast-downward`) with `--alias lama-first`; --other names a different one, with {domain}
+{problem} {plan}. Each planner gets one core, 2 GiB and an empty PATH, and `althing validate` checks its plans. Prints
+Markdown.
 
 With --anytime, both search for cheaper plans after the first one until the time limit (`--anytime` and `--alias
 lama`), and the cheapest counts. --every 4 takes every fourth task only.
@@ -150,7 +151,8 @@ def main():
     parser.add_argument("--anytime", action="store_true")
     parser.add_argument("--every", type=int, default=1)
     args = parser.parse_args()
-    folder = ROOT / "target/competition" / pathlib.Path(args.bench).resolve().name / (args.set + ("-anytime" if args.anytime else ""))
+    name = pathlib.Path(args.bench).resolve().name
+    folder = ROOT / "target/competition" / name / (args.set + ("-anytime" if args.anytime else ""))
     folder.mkdir(parents=True, exist_ok=True)
     results = {name: folder / f"{name}.jsonl" for name in ("althing", "other")}
     further = " --anytime" if args.anytime else ""

@@ -12,7 +12,7 @@ use crate::terms::UsedTerms;
 /// Separates the name of a member from the rest of a name that only this member uses.
 pub(crate) const OWN: &str = "--";
 
-/// Checks that a member can have this name, so that opaque names tell whose they are.
+/// Checks that a member can have this name. Otherwise an opaque name would not show its member.
 ///
 /// # Errors
 ///

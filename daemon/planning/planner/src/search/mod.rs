@@ -53,6 +53,15 @@ pub(crate) trait Search {
     /// Does one step of the search, which expands at most one state.
     fn step(&mut self) -> SearchStep;
 
+    /// Does one step of the search. Returns the result if the search has ended.
+    fn advance(&mut self) -> Option<SearchResult> {
+        match self.step() {
+            SearchStep::InProgress => None,
+            SearchStep::Solved(plan) => Some(Ok(plan)),
+            SearchStep::Exhausted => Some(Err(self.exhausted())),
+        }
+    }
+
     /// Returns the number of states expanded so far.
     fn expansions(&self) -> u64;
 
@@ -72,25 +81,50 @@ pub(crate) fn run(
     cancel: &Cancel,
     tell: &mut dyn FnMut(SearchProgress<'_>),
 ) -> SearchResult {
-    let mut tell_at = search.expansions();
+    let mut meter = ProgressMeter::default();
     loop {
-        if search.expansions() >= budget.expansions_max {
-            return Err(StopReason::ExpansionLimit { limit: budget.expansions_max });
+        let limit = limit_reached(budget, search.expansions(), search.bytes(), cancel);
+        if let Some(reason) = limit {
+            return Err(reason);
         }
-        if search.bytes() > budget.memory_max_bytes {
-            return Err(StopReason::MemoryLimit { limit: budget.memory_max_bytes });
+        if let Some(result) = search.advance() {
+            return result;
         }
-        if cancel.is_set() {
-            return Err(StopReason::Cancelled);
-        }
-        match search.step() {
-            SearchStep::InProgress => (),
-            SearchStep::Solved(plan) => return Ok(plan),
-            SearchStep::Exhausted => return Err(search.exhausted()),
-        }
-        if search.expansions() >= tell_at {
-            tell_at = (search.expansions() / TELL_EVERY + 1) * TELL_EVERY;
-            tell(SearchProgress::Searching(search.expansions()));
+        meter.report(search.expansions(), tell);
+    }
+}
+
+/// Returns the limit that a search has reached, if any.
+fn limit_reached(
+    budget: Budget,
+    expansions: u64,
+    bytes: usize,
+    cancel: &Cancel,
+) -> Option<StopReason> {
+    if expansions >= budget.expansions_max {
+        Some(StopReason::ExpansionLimit { limit: budget.expansions_max })
+    } else if bytes > budget.memory_max_bytes {
+        Some(StopReason::MemoryLimit { limit: budget.memory_max_bytes })
+    } else {
+        cancel.is_set().then_some(StopReason::Cancelled)
+    }
+}
+
+/// Decides when the next progress event is due: at the first report, and then every
+/// [`TELL_EVERY`] expansions.
+#[derive(Debug, Default)]
+struct ProgressMeter {
+    tell_at: u64,
+}
+
+// === impl ProgressMeter ===
+
+impl ProgressMeter {
+    /// Calls `tell` with the number of expansions if an event is due.
+    fn report(&mut self, expansions: u64, tell: &mut dyn FnMut(SearchProgress<'_>)) {
+        if expansions >= self.tell_at {
+            self.tell_at = (expansions / TELL_EVERY + 1) * TELL_EVERY;
+            tell(SearchProgress::Searching(expansions));
         }
     }
 }

@@ -2,7 +2,7 @@
 //! other, so that the result does not depend on the speed of the machine.
 
 use super::lazy::{EXPLORATION_LISTS, LazySearch, List, SearchParameters};
-use super::{Search, SearchProgress, SearchResult, SearchStep};
+use super::{Search, SearchProgress, SearchResult, limit_reached};
 use crate::heuristic::{FastForward, Weights};
 use crate::limits::{Budget, Cancel};
 use crate::outcome::{Statistics, StopReason};
@@ -61,24 +61,11 @@ pub(crate) fn run<'t>(
 }
 
 fn round(lane: &mut LazySearch<'_>) -> Option<SearchResult> {
-    for _ in 0..ROUND {
-        match lane.step() {
-            SearchStep::InProgress => (),
-            SearchStep::Solved(plan) => return Some(Ok(plan)),
-            SearchStep::Exhausted => return Some(Err(lane.exhausted())),
-        }
-    }
-    None
+    (0..ROUND).find_map(|_| lane.advance())
 }
 
 fn limit(lanes: &[LazySearch<'_>; 2], budget: Budget, cancel: &Cancel) -> Option<StopReason> {
-    let expansions: u64 = lanes.iter().map(Search::expansions).sum();
-    let bytes: usize = lanes.iter().map(Search::bytes).sum();
-    if expansions >= budget.expansions_max {
-        Some(StopReason::ExpansionLimit { limit: budget.expansions_max })
-    } else if bytes > budget.memory_max_bytes {
-        Some(StopReason::MemoryLimit { limit: budget.memory_max_bytes })
-    } else {
-        cancel.is_set().then_some(StopReason::Cancelled)
-    }
+    let expansions = lanes.iter().map(Search::expansions).sum();
+    let bytes = lanes.iter().map(Search::bytes).sum();
+    limit_reached(budget, expansions, bytes, cancel)
 }

@@ -10,8 +10,10 @@
 //! three of four evaluations. Preparing a new search (relaxation, mutex groups, landmarks) is not
 //! counted; it takes as long as some dozens to hundreds of evaluations.
 
+use fastrand::Rng;
+
 use super::lazy::{LazySearch, List, SearchParameters};
-use super::{Search, SearchProgress, SearchResult, SearchStep, TELL_EVERY};
+use super::{ProgressMeter, Search, SearchProgress, SearchResult, limit_reached};
 use crate::heuristic::{FastForward, Weights};
 use crate::limits::{Budget, Cancel};
 use crate::outcome::{Statistics, StopReason};
@@ -56,8 +58,7 @@ pub(crate) struct Restarts<'r, 't> {
     cancel: &'r Cancel,
     /// Expansions and evaluations of the new searches so far.
     anew: Statistics,
-    /// Number of expansions at the next progress event.
-    tell_at: u64,
+    meter: ProgressMeter,
 }
 
 // === impl ShuffledTask ===
@@ -66,7 +67,7 @@ impl ShuffledTask {
     fn new(task: &Task, seed: u64) -> ShuffledTask {
         let all = 0..task.operator_count() as u32;
         let mut origins: Vec<OperatorId> = all.map(OperatorId).collect();
-        origins.sort_by_cached_key(|id| mixed(seed, u64::from(id.0)));
+        Rng::with_seed(seed).shuffle(&mut origins);
         let mut operators = OperatorTable::default();
         for id in &origins {
             let operator = task.operator(*id);
@@ -98,7 +99,8 @@ impl<'r, 't> Restarts<'r, 't> {
         // A table that grows has up to twice the size that it needs.
         let preparation_bytes = original.bytes() + 2 * task.operators.bytes();
         let anew = Statistics::default();
-        Restarts { task, original, preparation_bytes, lists, budget, cancel, anew, tell_at: 0 }
+        let meter = ProgressMeter::default();
+        Restarts { task, original, preparation_bytes, lists, budget, cancel, anew, meter }
     }
 
     /// Runs the searches until one of them ends with a plan or a proof, or a limit is reached.
@@ -149,10 +151,8 @@ impl<'r, 't> Restarts<'r, 't> {
             if let Some(reason) = self.reached(self.original.expansions(), self.original.bytes()) {
                 return Some(Err(reason));
             }
-            match self.original.step() {
-                SearchStep::InProgress => (),
-                SearchStep::Solved(plan) => return Some(Ok(plan)),
-                SearchStep::Exhausted => return Some(Err(self.original.exhausted())),
+            if let Some(result) = self.original.advance() {
+                return Some(result);
             }
             self.report(self.original.expansions(), tell);
         }
@@ -184,10 +184,8 @@ impl<'r, 't> Restarts<'r, 't> {
                 None if search.evaluations() >= length => break None,
                 None => (),
             }
-            match search.step() {
-                SearchStep::InProgress => (),
-                SearchStep::Solved(plan) => break Some(Ok(shuffled.original(&plan))),
-                SearchStep::Exhausted => break Some(Err(search.exhausted())),
+            if let Some(result) = search.advance() {
+                break Some(result.map(|plan| shuffled.original(&plan)));
             }
             self.report(expansions, tell);
         };
@@ -200,22 +198,11 @@ impl<'r, 't> Restarts<'r, 't> {
     /// Returns the limit that is reached, if any. `expansions` are those of the searches that are
     /// still in progress.
     fn reached(&self, expansions: u64, bytes: usize) -> Option<StopReason> {
-        let Budget { expansions_max, memory_max_bytes, .. } = self.budget;
-        if self.anew.expansions + expansions >= expansions_max {
-            Some(StopReason::ExpansionLimit { limit: expansions_max })
-        } else if bytes > memory_max_bytes {
-            Some(StopReason::MemoryLimit { limit: memory_max_bytes })
-        } else {
-            self.cancel.is_set().then_some(StopReason::Cancelled)
-        }
+        limit_reached(self.budget, self.anew.expansions + expansions, bytes, self.cancel)
     }
 
     fn report(&mut self, expansions: u64, tell: &mut dyn FnMut(SearchProgress<'_>)) {
-        let expansions = self.anew.expansions + expansions;
-        if expansions >= self.tell_at {
-            self.tell_at = (expansions / TELL_EVERY + 1) * TELL_EVERY;
-            tell(SearchProgress::Searching(expansions));
-        }
+        self.meter.report(self.anew.expansions + expansions, tell);
     }
 }
 
@@ -229,15 +216,6 @@ fn luby(mut number: u64) -> u64 {
         }
         number -= power / 2 - 1;
     }
-}
-
-/// Returns a number without visible relation to the arguments: the last step of SplitMix (Steele, Lea
-/// and Flood, 2014).
-fn mixed(seed: u64, number: u64) -> u64 {
-    let mut value = seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(number);
-    value = (value ^ (value >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    value = (value ^ (value >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    value ^ (value >> 31)
 }
 
 #[cfg(test)]

@@ -42,8 +42,8 @@ pub(super) struct LandmarkDiscovery<'r> {
     simple: FxHashMap<u32, u32>,
     /// For a proposition: the disjunctive landmark that contains it.
     part_of: FxHashMap<u32, u32>,
-    /// Per landmark: whether it is dropped at the end.
-    is_dropped: Vec<bool>,
+    /// Per landmark: whether it is kept at the end.
+    is_kept: Vec<bool>,
     /// Landmarks that backchaining has not processed.
     waiting: Vec<u32>,
     reached: Vec<bool>,
@@ -69,7 +69,7 @@ impl<'r> LandmarkDiscovery<'r> {
             graph: LandmarkGraph::default(),
             simple: FxHashMap::default(),
             part_of: FxHashMap::default(),
-            is_dropped: Vec::new(),
+            is_kept: Vec::new(),
             waiting: Vec::new(),
             reached: vec![false; relaxation.proposition_count()],
             missing: Vec::new(),
@@ -102,8 +102,7 @@ impl<'r> LandmarkDiscovery<'r> {
                 self.backchain(cancel);
             }
         }
-        let is_kept: Vec<bool> = self.is_dropped.iter().map(|is_dropped| !is_dropped).collect();
-        self.graph.keep(&is_kept);
+        self.graph.keep(&self.is_kept);
         self.graph
     }
 
@@ -239,7 +238,7 @@ impl<'r> LandmarkDiscovery<'r> {
     /// disjunctions.
     fn drop_disjunction(&mut self, proposition: u32) {
         let Some(&dropped) = self.part_of.get(&proposition) else { return };
-        self.is_dropped[dropped as usize] = true;
+        self.is_kept[dropped as usize] = false;
         self.part_of.retain(|_, landmark| *landmark != dropped);
     }
 
@@ -268,7 +267,7 @@ impl<'r> LandmarkDiscovery<'r> {
         // A landmark that holds initially has no first achiever.
         let is_initial = propositions.iter().any(|one| self.initial[*one as usize]);
         self.graph.landmarks.push(Landmark::new(propositions));
-        self.is_dropped.push(false);
+        self.is_kept.push(true);
         if !is_initial {
             self.waiting.push(index);
         }
