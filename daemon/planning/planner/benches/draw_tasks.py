@@ -41,6 +41,10 @@ def main():
     parser.add_argument("--per-domain", type=int, default=2)
     parser.add_argument("--without", type=pathlib.Path)
     args = parser.parse_args()
+    if not args.tree.is_dir():
+        parser.error(f"{args.tree} is not a folder; clone aibasel/downward-benchmarks, for example")
+    if args.without and not (args.without / "classical.tasks").is_file():
+        parser.error(f"{args.without} has no classical.tasks")
     link = args.out / "classical"
     if link.exists() and not link.is_symlink():
         parser.error(f"{link} is a folder of its own: {args.out} is not one that this program has made")
