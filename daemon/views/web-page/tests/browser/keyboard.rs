@@ -108,6 +108,8 @@ fn a_focus_is_kept_while_rows_change_and_while_one_scrolls() {
     let site = crate::site::Site::start(400);
     site.sign_in(&mut browser, "/agents");
     browser.wait_for("document.querySelectorAll('.table-body .table-row').length > 20");
+    // The agents come one after another: a page of some of them is not that long yet.
+    browser.wait_for("document.documentElement.scrollHeight > 9000 + innerHeight");
     browser.evaluate("(() => { const link = document.querySelector('.table-body a'); link.focus(); window.focused = link; scrollTo(0, 9000); })()");
     browser.wait_for(
         "scrollY > 4000 && document.querySelectorAll('.table-body .table-row').length > 20",
