@@ -19,7 +19,7 @@ mod request;
 mod template;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::Duration;
 
 use acl::Millis;
@@ -79,6 +79,7 @@ fn ros_actuator(blueprint: &Blueprint) -> Result<RosActuator, BuildError> {
         known,
         file,
         announced_at: None,
+        announced: Arc::default(),
     })
 }
 
@@ -108,8 +109,11 @@ struct RosActuator {
     /// The facts that actions change. Those that a topic tells are not read from here.
     known: AgentFacts,
     file: FactFile,
-    /// When changed facts were announced last.
+    /// When an event was announced last.
     announced_at: Option<Instant>,
+    /// What was announced last, after an event or an action. A future that waits for the next event
+    /// reads it.
+    announced: Arc<Mutex<Option<Outlook>>>,
 }
 
 /// The offer and the truths of an actuator; another one is announced at once.
@@ -258,6 +262,8 @@ impl Device for RosActuator {
         let detail = asked.told(&result).unwrap_or_else(|| format!("{} is done", call.action));
         self.override_topics(&observations, &known);
         self.known = known;
+        let told = outlook(&self.nodes().state.borrow(), &self.settings.topics);
+        *lock(&self.announced) = Some(told);
         MethodResult { detail, observations }
     }
 
@@ -279,16 +285,19 @@ impl Device for RosActuator {
     fn next_event(&mut self) -> Option<BoxFuture<DeviceEvent<RosActuator>>> {
         let (nodes, settings) = (self.nodes(), Arc::clone(&self.settings));
         let earliest = self.announced_at.map(|at| at + ANNOUNCED_APART);
+        let announced = Arc::clone(&self.announced);
         let mut changes = nodes.state.subscribe();
-        let known = outlook(&changes.borrow(), &settings.topics);
         Some(Box::pin(async move {
             if let Some(earliest) = earliest {
                 tokio::time::sleep_until(earliest).await;
             }
-            loop {
+            let now = loop {
                 let state = changes.borrow_and_update().clone();
-                if outlook(&state, &settings.topics) != known {
-                    break;
+                let now = outlook(&state, &settings.topics);
+                // Not compared with the state at the call: what has changed since the announcement is
+                // an event, too.
+                if lock(&announced).as_ref() != Some(&now) {
+                    break now;
                 }
                 let topics = state.topics.iter().zip(&settings.topics);
                 let expiry = topics.filter_map(|(topic, rule)| topic.expiry(rule.valid_for)).min();
@@ -302,14 +311,19 @@ impl Device for RosActuator {
                     }
                     () = until(expiry) => (),
                 }
-            }
+            };
             let event: DeviceEvent<RosActuator> = Box::new(|actuator| {
                 actuator.announced_at = Some(Instant::now());
+                *lock(&actuator.announced) = Some(now);
                 Vec::new()
             });
             event
         }))
     }
+}
+
+fn lock(announced: &Mutex<Option<Outlook>>) -> MutexGuard<'_, Option<Outlook>> {
+    announced.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 async fn until(instant: Option<Instant>) {

@@ -400,6 +400,48 @@ async fn a_topic_follows_an_action_until_it_tells_more_and_ignores_no_nonsense()
     until_fact(&mut device, "(gripping arm-1)").await;
 }
 
+/// The daemon announces between two calls of `next_event`, and after an action.
+#[tokio::test(flavor = "multi_thread")]
+async fn a_message_that_differs_from_what_was_announced_is_an_event() {
+    let cell = Cell::start(RobotWire::Ros2Dds, None).await;
+    let mut entry = config(&cell.endpoint, "ros2dds");
+    entry["topics"][0].as_object_mut().expect("a table").remove("valid-for");
+    let mut device = reached(entry).await;
+    until_fact(&mut device, "(unknown (gripping arm-1))").await;
+    let first = device.next_event().expect("it has events");
+    let event = tokio::time::timeout(PATIENCE, first).await.expect("the state is new");
+    assert!(event(&mut device).is_empty());
+
+    let nodes = device.nodes();
+    let mut state = nodes.state.subscribe();
+    let rule = device.settings.topics[0].valid_for;
+    let is_told = |state: &NodeState| state.topics[0].fact(0, rule) != FactState::Unknown;
+    let telling = async {
+        loop {
+            cell.grip(1.0).await;
+            tokio::time::sleep(Duration::from_millis(500)).await;
+        }
+    };
+    tokio::select! {
+        () = telling => (),
+        told = state.wait_for(is_told) => drop(told.expect("a sender")),
+    }
+
+    let second = device.next_event().expect("it has events");
+    let event = tokio::time::timeout(PATIENCE, second).await.expect("the message is an event");
+    assert!(event(&mut device).is_empty());
+    let opened = "(not (gripping arm-1))".to_owned();
+    assert!(facts(&device).contains(&opened), "{:?}", facts(&device));
+
+    let third = tokio::spawn(device.next_event().expect("it has events"));
+    act(&mut device, PICK_CUP).await.expect("it picks");
+    assert!(facts(&device).contains(&"(gripping arm-1)".to_owned()), "{:?}", facts(&device));
+    cell.grip(1.0).await;
+    let event = tokio::time::timeout(PATIENCE, third).await.expect("it differs from the action");
+    assert!(event.expect("no panic")(&mut device).is_empty());
+    assert!(facts(&device).contains(&opened), "{:?}", facts(&device));
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn an_arm_out_of_reach_offers_no_actions_and_says_why() {
     let cell = Cell::start(RobotWire::Ros2Dds, None).await;
