@@ -58,6 +58,8 @@ async fn acts(
     meeting.plug_in(&building).map_err(|error| error.to_string())?;
     performance.plug_in(screen).await?;
     performance.until(|truth| truth.channel_of(screen).is_some()).await?;
+    // Otherwise the robot may be planned with, which presents wherever it stands.
+    performance.await_action(screen, "present").await?;
     performance.say(format!("{screen} has a channel; no goal asked for it"));
     performance.ask(&format!("(can-present {room})"), Keep::Achieve).await?;
     performance.until_it_holds().await?;

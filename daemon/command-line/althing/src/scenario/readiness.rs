@@ -1,6 +1,6 @@
 //! A helper agent that notifies the scenario when all expected agents are in the composite domain.
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 
 use acl::AgentId;
 use acl::content::{Inform, Snapshot};
@@ -9,7 +9,8 @@ use tokio::sync::oneshot;
 
 /// An agent that waits until the expected agents are in the composite domain.
 pub(super) struct ReadinessProbe {
-    expected: BTreeSet<String>,
+    /// Names of agents, each with the actions that it must offer.
+    expected: BTreeMap<String, Vec<String>>,
     /// Names of objects that must be in the composite domain.
     objects: BTreeSet<String>,
     seen: Option<oneshot::Sender<()>>,
@@ -31,10 +32,10 @@ impl Agent for ReadinessProbe {
 }
 
 impl ReadinessProbe {
-    /// Creates an agent that waits for the agents in `expected` and for `objects`; `seen` is
-    /// notified when all are in the composite domain.
+    /// Creates an agent that waits for the agents in `expected`, each with its actions, and for
+    /// `objects`; `seen` is notified when all are in the composite domain.
     pub(super) fn new(
-        expected: BTreeSet<String>,
+        expected: BTreeMap<String, Vec<String>>,
         objects: BTreeSet<String>,
         seen: oneshot::Sender<()>,
     ) -> ReadinessProbe {
@@ -62,7 +63,10 @@ impl ReadinessProbe {
             let snapshot =
                 answers.first().and_then(|bytes| serde_json::from_slice::<Snapshot>(bytes).ok());
             let Some(snapshot) = snapshot else { return };
-            let is_here = |name: &String| snapshot.offers.contains_key(name.as_str());
+            let is_here = |(name, actions): (&String, &Vec<String>)| {
+                let offers = snapshot.offers.get(name.as_str());
+                offers.is_some_and(|offers| actions.iter().all(|name| offers.contains_key(name)))
+            };
             // The domain contains a sensor on a robot only if the robot is present, too.
             let is_known = |name: &String| {
                 snapshot.problem.split([' ', '\n', '(', ')']).any(|word| word == name)

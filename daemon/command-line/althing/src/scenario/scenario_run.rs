@@ -3,7 +3,7 @@
 //! - The steps report events, with their times, and receive the user's messages.
 //! - They wait until the true state of the building meets a condition, never for a fixed time.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use ::building::{Building, Truth};
@@ -81,11 +81,8 @@ impl<'t> ScenarioRun<'t> {
     pub(super) async fn await_agents(&mut self, setting: &Setting) -> Result<(), String> {
         let expected = setting.devices_at_first();
         let count = expected.len();
-        let (seen, all) = oneshot::channel();
-        let usher = ReadinessProbe::new(expected, setting.parcels(), seen);
-        let id = name("usher")?;
-        self.set.node.launch(id, usher, self.set.ecosystem.domain.name.as_str());
-        all.await.map_err(|_| "the agent that waits for the devices has ended".to_owned())?;
+        let expected = expected.into_iter().map(|agent| (agent, Vec::new())).collect();
+        self.await_domain("usher", expected, setting.parcels()).await?;
         let place = match self.set.processes.len() {
             0 => "in one process".to_owned(),
             processes => format!("in {processes} processes"),
@@ -93,6 +90,26 @@ impl<'t> ScenarioRun<'t> {
         let devices = if count == 1 { "device" } else { "devices" };
         self.say(format!("{count} {devices} can be planned with, {place}"));
         Ok(())
+    }
+
+    /// Waits until plans can use an action of an agent.
+    pub(super) async fn await_action(&mut self, agent: &str, action: &str) -> Result<(), String> {
+        let expected = BTreeMap::from([(agent.to_owned(), vec![action.to_owned()])]);
+        self.await_domain(&format!("usher-of-{agent}"), expected, BTreeSet::new()).await
+    }
+
+    /// Waits for agents, their actions and objects in the composite domain, by an agent named
+    /// `usher`.
+    async fn await_domain(
+        &mut self,
+        usher: &str,
+        expected: BTreeMap<String, Vec<String>>,
+        objects: BTreeSet<String>,
+    ) -> Result<(), String> {
+        let (seen, all) = oneshot::channel();
+        let probe = ReadinessProbe::new(expected, objects, seen);
+        self.set.node.launch(name(usher)?, probe, self.set.ecosystem.domain.name.as_str());
+        all.await.map_err(|_| "the agent that waits for the devices has ended".to_owned())
     }
 
     /// Kills an agent or, if the agents run in several processes, the process that hosts it.
