@@ -44,6 +44,7 @@ pub const CONFIGURATIONS: &[Configuration] = &[
                 List::Novel,
                 List::Landmarks,
                 List::Types,
+                List::Covered,
             ],
         },
     },

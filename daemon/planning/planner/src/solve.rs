@@ -106,17 +106,26 @@ impl<'t> Solver<'t> {
         self.task.unprovable.is_none()
     }
 
-    /// Runs hill climbing. Returns [`ClimbingOutcome::GaveUp`] also if the configuration does not
+    /// Runs hill climbing; in a task with numbers a second time, with relaxed plans that cover their
+    /// deficits, if the first time gives up. Returns [`ClimbingOutcome::GaveUp`] also if the configuration does not
     /// include it.
     fn climb(&mut self) -> ClimbingOutcome {
         if !matches!(self.options.configuration.method, SearchMethod::Lists { climb: true, .. }) {
             return ClimbingOutcome::GaveUp;
         }
         let mut ff = FastForward::new(self.task, Weights::Unit);
-        let mut climb = HillClimbing::new(self.task, &mut ff);
-        let climbed = climb.run(self.cancel);
-        self.statistics.evaluations += climb.evaluations;
-        self.statistics.expansions += climb.expansions;
+        let covering: &[bool] = if ff.may_have_deficits() { &[false, true] } else { &[false] };
+        let mut climbed = ClimbingOutcome::GaveUp;
+        for &covers in covering {
+            ff.set_covering(covers);
+            let mut climb = HillClimbing::new(self.task, &mut ff);
+            climbed = climb.run(self.cancel);
+            self.statistics.evaluations += climb.evaluations;
+            self.statistics.expansions += climb.expansions;
+            if !matches!(climbed, ClimbingOutcome::GaveUp) {
+                break;
+            }
+        }
         climbed
     }
 

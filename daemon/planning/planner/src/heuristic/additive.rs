@@ -111,6 +111,11 @@ impl AdditiveHeuristic {
         self.reached[proposition as usize].cost
     }
 
+    /// Returns the cost of a proposition; `None` if the exploration ended before it was reached.
+    pub(super) fn reached_cost(&self, proposition: u32) -> Option<u32> {
+        Some(self.cost(proposition)).filter(|cost| *cost != UNREACHED)
+    }
+
     /// Returns the best supporter of a proposition: the relaxed operator that reaches it at the
     /// lowest cost.
     #[inline]

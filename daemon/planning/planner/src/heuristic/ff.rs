@@ -3,6 +3,7 @@
 
 use super::Evaluator;
 use super::additive::{AdditiveHeuristic, NO_SUPPORTER};
+use super::deficits::{Cover, Deficits};
 use super::relaxation::{Relaxation, Weights};
 use crate::state::{State, all_hold};
 use crate::task::{OperatorId, Task};
@@ -10,6 +11,10 @@ use crate::task::{OperatorId, Task};
 /// Maximum length of the stored relaxed plan; further steps are not stored. A longer plan is
 /// unlikely to be executable.
 const PLAN_MAX: usize = 10_000;
+
+/// Maximum number of rounds in which deficits of a relaxed plan are covered. To cover one may cause
+/// another, along a chain of counters for instance, or again and again.
+const ROUNDS_MAX: usize = 8;
 
 /// Number of occurrences of an operator in a relaxed plan.
 #[derive(Clone, Copy, Debug, Default)]
@@ -26,7 +31,11 @@ pub(crate) struct FastForward<'t> {
     task: &'t Task,
     relaxation: Relaxation,
     additive: AdditiveHeuristic,
+    /// Preferred operators: first those of the relaxed plan before its deficits were covered.
     preferred: Vec<OperatorId>,
+    uncovered_count: usize,
+    /// Applicable operators that approach a comparison of the relaxed plan.
+    helpful: Vec<OperatorId>,
     /// Last relaxed plan, unordered. An operator that must be repeated occurs several times.
     plan: Vec<OperatorId>,
     /// Per proposition: the number of the last evaluation that visited it.
@@ -34,6 +43,15 @@ pub(crate) struct FastForward<'t> {
     operator_marks: Vec<OperatorMark>,
     evaluation: u32,
     waiting: Vec<u32>,
+    /// Operators of the last relaxed plan, each once.
+    chosen: Vec<OperatorId>,
+    /// Deficits of relaxed plans; `None` for a task without numbers.
+    deficits: Option<Deficits>,
+    /// Whether relaxed plans cover their deficits.
+    covers_deficits: bool,
+    covers: Vec<Cover>,
+    /// Cost of the last relaxed plan before its deficits were covered.
+    uncovered: u64,
 }
 
 // === impl FastForward ===
@@ -45,11 +63,18 @@ impl<'t> FastForward<'t> {
             task,
             additive: AdditiveHeuristic::new(&relaxation),
             preferred: Vec::new(),
+            uncovered_count: 0,
+            helpful: Vec::new(),
             plan: Vec::new(),
             marks: vec![0; relaxation.proposition_count()],
             operator_marks: vec![OperatorMark::default(); task.operators.len()],
             evaluation: 0,
             waiting: Vec::new(),
+            chosen: Vec::new(),
+            deficits: Deficits::new(task, &relaxation),
+            covers_deficits: true,
+            covers: Vec::new(),
+            uncovered: 0,
             relaxation,
         }
     }
@@ -86,6 +111,28 @@ impl<'t> FastForward<'t> {
         costs.max().unwrap_or(0)
     }
 
+    /// Sets whether relaxed plans cover their deficits from now on.
+    pub(crate) fn set_covering(&mut self, covers: bool) {
+        self.covers_deficits = covers;
+    }
+
+    /// Whether the task has numbers, so that relaxed plans may have deficits.
+    pub(crate) fn may_have_deficits(&self) -> bool {
+        self.deficits.is_some()
+    }
+
+    /// Returns the last estimate without the cost of covering deficits. Where deficits mislead, such
+    /// as that of a tank which need not be full, it is the better one.
+    pub(crate) fn uncovered(&self) -> u64 {
+        self.uncovered
+    }
+
+    /// Returns the number of preferred operators of the last relaxed plan before its deficits were
+    /// covered. They come first.
+    pub(crate) fn uncovered_count(&self) -> usize {
+        self.uncovered_count
+    }
+
     fn mark(&mut self, proposition: u32) {
         let mark = &mut self.marks[proposition as usize];
         if *mark != self.evaluation {
@@ -95,39 +142,125 @@ impl<'t> FastForward<'t> {
     }
 
     /// Extracts the relaxed plan backwards from the goal, and returns its cost. The plan's
-    /// operators that are applicable in `state` become the preferred operators.
+    /// operators that are applicable in `state` become the preferred operators. If deficits are
+    /// covered, these are more, and all that approach a comparison of the plan.
     fn extract(&mut self, state: &State) -> u64 {
-        let mut size: u64 = 0;
         self.evaluation += 1;
         for index in 0..self.relaxation.goal().len() {
             self.mark(self.relaxation.goal()[index]);
         }
+        self.uncovered = self.support_waiting(state);
+        self.preferred.sort_unstable();
+        self.uncovered_count = self.preferred.len();
+        if !self.covers_deficits || self.deficits.is_none() {
+            return self.uncovered;
+        }
+        let size = self.cover_deficits(state);
+        self.helpful.extend(self.preferred.drain(self.uncovered_count..));
+        self.helpful.retain(|one| self.preferred.binary_search(one).is_err());
+        self.helpful.sort_unstable();
+        self.helpful.dedup();
+        self.preferred.append(&mut self.helpful);
+        self.uncovered.saturating_add(size)
+    }
+
+    /// Adds the supporters of all waiting propositions to the relaxed plan, with what these require
+    /// in turn. Returns their cost.
+    fn support_waiting(&mut self, state: &State) -> u64 {
+        let mut size: u64 = 0;
         while let Some(proposition) = self.waiting.pop() {
             if self.is_given(proposition) {
                 continue;
             }
+            self.note_helpful(proposition, state);
             let supporter = self.additive.supporter(proposition);
             for index in 0..self.relaxation.preconditions(supporter).len() {
                 self.mark(self.relaxation.preconditions(supporter)[index]);
             }
             let Some(operator) = self.relaxation.origin(supporter) else { continue };
             let times = self.additive.repetitions(&self.relaxation, proposition);
-            let mark = &mut self.operator_marks[operator.index()];
-            let known = if mark.evaluation == self.evaluation { mark.times } else { 0 };
-            if times <= known {
-                continue;
-            }
-            *mark = OperatorMark { evaluation: self.evaluation, times };
-            let further = u64::from(times - known);
-            let cost = self.relaxation.base_cost(supporter).saturating_mul(further);
-            size = size.saturating_add(cost);
-            let room = PLAN_MAX.saturating_sub(self.plan.len());
-            self.plan.extend(std::iter::repeat_n(operator, room.min(further as usize)));
-            if known == 0 && all_hold(state, self.task.operator(operator).preconditions) {
-                self.preferred.push(operator);
+            let known = self.times(operator);
+            if times > known {
+                let relaxed = (supporter, operator);
+                size = size.saturating_add(self.apply(relaxed, times - known, state));
             }
         }
         size
+    }
+
+    /// Returns the number of occurrences of an operator in the relaxed plan so far.
+    fn times(&self, operator: OperatorId) -> u32 {
+        let mark = self.operator_marks[operator.index()];
+        if mark.evaluation == self.evaluation { mark.times } else { 0 }
+    }
+
+    /// Adds an operator to the relaxed plan, `further` times. Returns the cost. The operator is that
+    /// of the relaxed one.
+    fn apply(&mut self, relaxed: (u32, OperatorId), further: u32, state: &State) -> u64 {
+        let (relaxed, operator) = relaxed;
+        let known = self.times(operator);
+        let times = known.saturating_add(further);
+        self.operator_marks[operator.index()] = OperatorMark { evaluation: self.evaluation, times };
+        let room = PLAN_MAX.saturating_sub(self.plan.len());
+        self.plan.extend(std::iter::repeat_n(operator, room.min(further as usize)));
+        if known == 0 {
+            self.chosen.push(operator);
+            if all_hold(state, self.task.operator(operator).preconditions) {
+                self.preferred.push(operator);
+            }
+        }
+        self.relaxation.base_cost(relaxed).saturating_mul(u64::from(further))
+    }
+
+    /// Covers the deficits of the relaxed plan, and those that this causes. Returns the cost of the
+    /// operators that it adds.
+    fn cover_deficits(&mut self, state: &State) -> u64 {
+        let mut size: u64 = 0;
+        let Some(deficits) = &mut self.deficits else { return size };
+        deficits.start(self.task, state);
+        for _ in 0..ROUNDS_MAX {
+            let covers = self.find_covers();
+            if covers.is_empty() {
+                self.covers = covers;
+                return size;
+            }
+            for Cover { proposition, relaxed, operator, times } in &covers {
+                self.note_helpful(*proposition, state);
+                for index in 0..self.relaxation.preconditions(*relaxed).len() {
+                    self.mark(self.relaxation.preconditions(*relaxed)[index]);
+                }
+                size = size.saturating_add(self.apply((*relaxed, *operator), *times, state));
+            }
+            self.covers = covers;
+            size = size.saturating_add(self.support_waiting(state));
+        }
+        size
+    }
+
+    fn find_covers(&mut self) -> Vec<Cover> {
+        let mut found = std::mem::take(&mut self.covers);
+        let FastForward { deficits, relaxation, additive, chosen, .. } = self;
+        let (operator_marks, marks, evaluation) =
+            (&self.operator_marks, &self.marks, self.evaluation);
+        if let Some(deficits) = deficits {
+            let plan = chosen.iter().map(|one| (*one, operator_marks[one.index()].times));
+            let is_needed = |one: u32| marks[one as usize] == evaluation;
+            deficits.find(relaxation, additive, plan, is_needed, &mut found);
+        }
+        found
+    }
+
+    /// Notes all applicable operators that approach a comparison as helpful. Which one of them is the
+    /// supporter is decided by costs that are often equal, and hides those that also help others:
+    /// of two counters in the wrong order, either one can be changed (Scala, Haslum, Magazzeni and
+    /// Thiébaux, 2020).
+    fn note_helpful(&mut self, proposition: u32, state: &State) {
+        let Some(deficits) = &self.deficits else { return };
+        let origins = deficits.approaching(proposition).iter();
+        let origins = origins.filter_map(|relaxed| self.relaxation.origin(*relaxed));
+        let is_applicable =
+            |one: &OperatorId| all_hold(state, self.task.operator(*one).preconditions);
+        self.helpful.extend(origins.filter(is_applicable));
     }
 
     /// Whether a proposition holds in the evaluated state and needs no supporter.
@@ -140,12 +273,12 @@ impl Evaluator for FastForward<'_> {
     fn evaluate(&mut self, state: &State) -> Option<u64> {
         self.preferred.clear();
         self.plan.clear();
+        self.chosen.clear();
+        self.helpful.clear();
         if !self.additive.explore(&self.relaxation, state) {
             return None;
         }
-        let size = self.extract(state);
-        self.preferred.sort_unstable();
-        Some(size)
+        Some(self.extract(state))
     }
 
     fn preferred(&self) -> &[OperatorId] {
@@ -153,6 +286,77 @@ impl Evaluator for FastForward<'_> {
     }
 
     fn bytes(&self) -> usize {
-        self.relaxation.bytes() + self.additive.bytes() + self.operator_marks.len() * 8
+        let deficits = self.deficits.as_ref().map_or(0, Deficits::bytes);
+        self.relaxation.bytes() + self.additive.bytes() + self.operator_marks.len() * 8 + deficits
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::progression::Progression;
+    use crate::test_tasks::task;
+
+    /// Returns the steps that are preferred in the initial state, sorted.
+    fn preferred(task: &Task) -> Vec<String> {
+        let mut ff = FastForward::new(task, Weights::Unit);
+        let state = Progression::new(task).initial();
+        ff.evaluate(&state).expect("a goal in reach");
+        let mut steps: Vec<_> =
+            task.plan(ff.preferred()).steps.iter().map(ToString::to_string).collect();
+        steps.sort();
+        steps
+    }
+
+    #[test]
+    fn all_steps_towards_the_bound_of_a_comparison_are_preferred() {
+        let domain = "(define (domain d) (:types counter) (:functions (value ?c - counter))
+            (:action up :parameters (?c - counter) :precondition (< (value ?c) 9)
+                :effect (increase (value ?c) 1))
+            (:action down :parameters (?c - counter) :precondition (> (value ?c) 0)
+                :effect (decrease (value ?c) 1)))";
+        let problem = "(define (problem p) (:domain d) (:objects a b c - counter)
+            (:init (= (value a) 5) (= (value b) 3) (= (value c) 9))
+            (:goal (and (< (value a) (value b)) (< (value b) (value c)))))";
+        let task = task(domain, problem);
+        assert_eq!(preferred(&task), ["(down a)", "(up b)"]);
+    }
+
+    const JOURNEY: &str = "(define (domain d) (:types place)
+        (:predicates (at ?p - place) (road ?p ?q - place)) (:functions (fuel))
+        (:action move :parameters (?p ?q - place)
+            :precondition (and (at ?p) (road ?p ?q) (>= (fuel) 1))
+            :effect (and (not (at ?p)) (at ?q) (decrease (fuel) 1)))
+        (:action refuel :parameters () :precondition (< (fuel) 9) :effect (increase (fuel) 1)))";
+
+    fn journey(fuel: u32, goal: &str) -> Task {
+        task(
+            JOURNEY,
+            &format!(
+                "(define (problem p) (:domain d) (:objects a b c d - place)
+            (:init (at a) (road a b) (road b c) (road c d) (= (fuel) {fuel})) (:goal {goal}))"
+            ),
+        )
+    }
+
+    #[test]
+    fn what_the_steps_of_a_relaxed_plan_use_up_is_supplied() {
+        for (fuel, goal, moves, refuels) in [
+            (1, "(at d)", 3, 2),
+            (3, "(at d)", 3, 0),
+            // A goal must still hold when all steps are done.
+            (1, "(and (at c) (>= (fuel) 1))", 2, 2),
+            (1, "(and (at c) (> (fuel) 1))", 2, 3),
+        ] {
+            let task = journey(fuel, goal);
+            let state = Progression::new(&task).initial();
+            let mut ff = FastForward::new(&task, Weights::Unit);
+            assert_eq!(ff.evaluate(&state), Some(moves + refuels), "{fuel} {goal}");
+            ff.set_covering(false);
+            let uncovered = ff.evaluate(&state);
+            assert_eq!(uncovered, Some(ff.uncovered()), "{fuel} {goal}");
+            let of_goal = u64::from(goal.contains("> (fuel)"));
+            assert_eq!(ff.uncovered(), moves + of_goal, "{fuel} {goal}");
+        }
     }
 }

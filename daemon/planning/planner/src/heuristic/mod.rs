@@ -5,6 +5,7 @@
 
 mod additive;
 mod cost_queue;
+mod deficits;
 mod ff;
 mod landmark_cut;
 mod landmarks;

@@ -7,8 +7,10 @@
 //!   Richter and Westphal, 2010);
 //! - one sorted by novelty, partitioned by landmark count.
 //!
-//! Two more lists are possible: LAMA's landmark count for all operators, for tasks with an
-//! uninformative FF heuristic, and type-based buckets, for tasks where all heuristics mislead.
+//! More lists are possible: LAMA's landmark count for all operators, for tasks with an uninformative
+//! FF heuristic; type-based buckets, for tasks where all heuristics mislead; and, for tasks with
+//! numbers, one sorted by the cost of a relaxed plan that covers its deficits.
+//!
 //! Whenever the search makes progress, the lists of preferred operators get a thousand additional
 //! turns.
 //!
@@ -48,6 +50,9 @@ pub(crate) enum List {
     Landmarks,
     /// Type-based: each turn returns a random state of a random type.
     Types,
+    /// Sorted by the FF heuristic with the cost of covering deficits; only the operators that are
+    /// preferred then are applied. Empty in a task without numbers.
+    Covered,
 }
 
 /// Open lists of the second search, which runs in parallel to the configured search if two threads
@@ -55,11 +60,8 @@ pub(crate) enum List {
 pub(crate) const EXPLORATION_LISTS: &[List] =
     &[List::Ff, List::Novel, List::Landmarks, List::Types];
 
-/// Number of kinds of open lists with a sort key.
-const SORTED: usize = 5;
-
-/// Number of all kinds of open lists.
-const LISTS: usize = 6;
+/// Number of kinds of open lists; the entry of [`List::Types`] stays empty.
+const LISTS: usize = 7;
 
 /// Limit on the work of finding mutex groups, in visited parts of effects. After it, the groups
 /// found so far are used. The work takes some hundredths of a second.
@@ -96,11 +98,10 @@ pub(crate) struct LazySearch<'t> {
     /// Per state: the cost of its path, in units of the task, and the weight of its path.
     spent: Vec<PathCost>,
     preferred: Preferred,
-    sorted: [OpenList; SORTED],
+    sorted: [OpenList; LISTS],
     types: TypeList,
     turns: [i64; LISTS],
-    /// Lowest estimate and lowest landmark count so far.
-    best: (u64, u32),
+    lowest: Lowest,
     /// Number of evaluations at the last progress of the search.
     progress_at: u64,
     started: bool,
@@ -109,6 +110,16 @@ pub(crate) struct LazySearch<'t> {
     evaluations: u64,
     successor: Vec<u64>,
     cancel: Cancel,
+}
+
+/// Lowest values so far.
+#[derive(Clone, Copy, Debug)]
+struct Lowest {
+    estimate: u64,
+    /// Estimate without the cost of covering deficits.
+    uncovered: u64,
+    /// Landmark count.
+    count: u32,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -120,7 +131,9 @@ struct PathCost {
 /// Preferred operators of every evaluated state.
 #[derive(Debug, Default)]
 struct Preferred {
-    ranges: Vec<(u32, u32)>,
+    /// Per state: where its operators begin in `operators`, where those of the relaxed plan before
+    /// deficits were covered end, and where all end.
+    ranges: Vec<(u32, u32, u32)>,
     operators: Vec<OperatorId>,
 }
 
@@ -170,7 +183,7 @@ impl<'t> LazySearch<'t> {
             sorted: Default::default(),
             types: TypeList::default(),
             turns: [0; LISTS],
-            best: (u64::MAX, u32::MAX),
+            lowest: Lowest { estimate: u64::MAX, uncovered: u64::MAX, count: u32::MAX },
             progress_at: 0,
             started: false,
             dead_end_at_start: false,
@@ -242,9 +255,12 @@ impl<'t> LazySearch<'t> {
             turns[list as usize] += 1;
             let entry = match list {
                 List::Types => types.pop(&mut all),
-                List::FfPreferred | List::LandmarksPreferred => {
+                List::FfPreferred => sorted[list as usize].pop(|state, operators| {
+                    operators.extend_from_slice(preferred.uncovered(state));
+                }),
+                List::LandmarksPreferred | List::Covered => {
                     sorted[list as usize].pop(|state, operators| {
-                        operators.extend_from_slice(preferred.of(state));
+                        operators.extend_from_slice(preferred.all(state));
                     })
                 }
                 _ => sorted[list as usize].pop(&mut all),
@@ -270,35 +286,44 @@ impl<'t> LazySearch<'t> {
         self.evaluations += 1;
         match self.ff.evaluate(self.space.state(id)) {
             Some(estimate) => self.queue(id, Some(parent), estimate),
-            None => self.preferred.set(id, &[]),
+            None => self.preferred.set(id, &[], 0),
         }
     }
 
     fn queue(&mut self, id: StateId, parent: Option<StateId>, estimate: u64) {
         self.expansions += 1;
-        let operators = self.ff.preferred();
-        self.preferred.set(id, operators);
+        let (preferred, uncovered_count) = (self.ff.preferred(), self.ff.uncovered_count());
+        self.preferred.set(id, preferred, uncovered_count);
         let (count, spent) = (self.counts[id.0 as usize], self.spent[id.0 as usize].weight);
-        let has_progressed = estimate < self.best.0 || count < self.best.1;
-        self.best = (self.best.0.min(estimate), self.best.1.min(count));
+        let uncovered = self.ff.uncovered();
+        let Lowest { estimate: lowest, uncovered: lowest_uncovered, count: fewest } = self.lowest;
+        let has_progressed = estimate < lowest || uncovered < lowest_uncovered || count < fewest;
+        self.lowest = Lowest {
+            estimate: lowest.min(estimate),
+            uncovered: lowest_uncovered.min(uncovered),
+            count: fewest.min(count),
+        };
         if has_progressed {
             self.progress_at = self.evaluations;
             self.turns[List::FfPreferred as usize] -= BOOST;
             self.turns[List::LandmarksPreferred as usize] -= BOOST;
+            self.turns[List::Covered as usize] -= BOOST;
         }
-        let near = self.manner.key(spent, estimate);
+        let near = self.manner.key(spent, uncovered);
+        let near_covered = self.manner.key(spent, estimate);
         let few = self.manner.key(spent, u64::from(count));
         let short = u32::try_from(spent).unwrap_or(u32::MAX);
-        let has_preferred = !operators.is_empty();
+        let (has_preferred, has_numbers) = (!preferred.is_empty(), self.ff.may_have_deficits());
         for &list in self.manner.lists {
             let key = match list {
                 List::Types => {
-                    self.types.push((near, short), id);
+                    self.types.push((near_covered, short), id);
                     continue;
                 }
                 List::Ff => Some((near, 0, 0)),
                 List::Landmarks => Some((few, 0, 0)),
-                List::FfPreferred => has_preferred.then_some((near, 0, 0)),
+                List::Covered => (has_preferred && has_numbers).then_some((near_covered, 0, 0)),
+                List::FfPreferred => (uncovered_count > 0).then_some((near, 0, 0)),
                 List::LandmarksPreferred => has_preferred.then_some((few, 0, 0)),
                 List::Novel => {
                     let novelty = self.novelty(id, parent);
@@ -390,22 +415,30 @@ impl Search for LazySearch<'_> {
 // === impl Preferred ===
 
 impl Preferred {
-    fn set(&mut self, state: StateId, operators: &[OperatorId]) {
-        let start = self.operators.len() as u32;
+    /// Stores the preferred operators of a state. The first `uncovered_count` are those of its
+    /// relaxed plan before deficits were covered.
+    fn set(&mut self, state: StateId, operators: &[OperatorId], uncovered_count: usize) {
+        let start = self.operators.len();
         self.operators.extend_from_slice(operators);
         let index = state.0 as usize;
         if index >= self.ranges.len() {
-            self.ranges.resize(index + 1, (0, 0));
+            self.ranges.resize(index + 1, (0, 0, 0));
         }
-        self.ranges[index] = (start, self.operators.len() as u32);
+        let ends = (start + uncovered_count, self.operators.len());
+        self.ranges[index] = (start as u32, ends.0 as u32, ends.1 as u32);
     }
 
-    fn of(&self, state: StateId) -> &[OperatorId] {
-        let (start, end) = self.ranges[state.0 as usize];
+    fn uncovered(&self, state: StateId) -> &[OperatorId] {
+        let (start, end, _) = self.ranges[state.0 as usize];
+        &self.operators[start as usize..end as usize]
+    }
+
+    fn all(&self, state: StateId) -> &[OperatorId] {
+        let (start, _, end) = self.ranges[state.0 as usize];
         &self.operators[start as usize..end as usize]
     }
 
     fn bytes(&self) -> usize {
-        self.ranges.len() * 8 + self.operators.len() * 4
+        self.ranges.len() * 12 + self.operators.len() * 4
     }
 }

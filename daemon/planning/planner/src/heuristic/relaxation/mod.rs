@@ -10,9 +10,11 @@
 
 mod builder;
 mod dominance;
+mod margins;
 mod numbers;
 
 use self::builder::RelaxationBuilder;
+pub(super) use self::margins::{MarginChange, Margins, NumericCondition};
 use self::numbers::NumericSteps;
 use super::cost_queue::CostQueue;
 use crate::rows::Rows;
@@ -187,6 +189,17 @@ impl Relaxation {
     /// Returns, per proposition, the relaxed operators that add it.
     pub(super) fn adding(&self) -> Rows {
         self.adds.inverted(self.proposition_count)
+    }
+
+    /// Returns, per proposition that is a comparison, the relaxed operators that approach its bound.
+    pub(super) fn approaching(&self) -> Rows {
+        let all = 0..self.adds.len() as u32;
+        let numeric = all.flat_map(|relaxed| {
+            let additions = self.adds.range(relaxed).zip(self.adds.row(relaxed));
+            let numeric = additions.filter(|(index, _)| self.steps[*index] != NO_STEP);
+            numeric.map(move |(_, proposition)| (*proposition, relaxed))
+        });
+        Rows::collect(self.proposition_count, numeric)
     }
 
     /// Writes the weight of each operator to `weights`.

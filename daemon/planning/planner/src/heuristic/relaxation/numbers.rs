@@ -83,6 +83,35 @@ impl NumericSteps {
         NumericSteps { comparisons: comparisons.to_vec(), weights, ..NumericSteps::default() }
     }
 
+    /// Returns the sign that makes the distance of a comparison grow in the direction that the
+    /// comparison requires, or its negation if `truth` is false, and whether the distance must end
+    /// above zero. Returns `None` if the comparison is not a linear inequality.
+    pub(super) fn bound(&self, comparison: usize, truth: bool) -> Option<(f64, bool)> {
+        self.weights[comparison].as_ref()?;
+        let (wanted, sign) = wanted(self.comparisons[comparison].comparison, truth);
+        match wanted {
+            RequiredDistance::AtLeastZero => Some((sign, false)),
+            RequiredDistance::AboveZero => Some((sign, true)),
+            RequiredDistance::Zero | RequiredDistance::NotZero => None,
+        }
+    }
+
+    /// Returns the amount by which changes raise the distance of a comparison; `None` if the amount
+    /// depends on the state.
+    pub(super) fn constant(&self, comparison: usize, changes: &[NumericChange]) -> Option<f64> {
+        match self.change(comparison, changes, 0) {
+            DistanceChange::Constant(by) => Some(by),
+            DistanceChange::Depends { .. } | DistanceChange::Unknown => None,
+        }
+    }
+
+    /// Returns the distance of a comparison for the values of the fluents in a state.
+    pub(super) fn distance(&self, comparison: usize, values: &[u64]) -> f64 {
+        let value = |fluent: u32| f64::from_bits(values[fluent as usize]);
+        let GroundComparison { left, right, .. } = &self.comparisons[comparison];
+        left.evaluate(&value) - right.evaluate(&value)
+    }
+
     pub(in crate::heuristic) fn is_empty(&self) -> bool {
         self.steps.is_empty()
     }
@@ -141,9 +170,8 @@ impl NumericSteps {
     /// a state.
     pub(in crate::heuristic) fn repetitions(&self, values: &[u64], found: &mut Vec<u32>) {
         let value = |fluent: u32| f64::from_bits(values[fluent as usize]);
-        let distances: Vec<f64> = { self.comparisons.iter() }
-            .map(|one| one.left.evaluate(&value) - one.right.evaluate(&value))
-            .collect();
+        let distances: Vec<f64> =
+            (0..self.comparisons.len()).map(|index| self.distance(index, values)).collect();
         let changes: Vec<f64> =
             self.changes.iter().map(|change| current_change(change, &value)).collect();
         found.clear();
