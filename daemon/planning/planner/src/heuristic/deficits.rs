@@ -6,31 +6,36 @@
 //! sum is below the bound, the cheapest operator that raises the margin is added as often as the
 //! deficit requires. This may use up something else, so it is repeated for a few rounds.
 
+use pddl::Assignment;
+
 use super::additive::AdditiveHeuristic;
-use super::relaxation::{MarginChange, Margins, NumericCondition, Relaxation};
+use super::relaxation::{Margins, NumericCondition, Relaxation};
 use crate::rows::Rows;
 use crate::state::State;
-use crate::task::{OperatorId, Task};
+use crate::task::{GroundOperator, OperatorId, Task};
 
-/// Tolerance for the comparison of a sum with a bound.
+/// Tolerance for the comparison of a margin with zero, since sums of decimal fractions are not
+/// exact.
 const EPSILON: f64 = 1e-6;
 
-/// Maximum number of repetitions of one operator that cover a deficit.
+/// Maximum number of repetitions of one operator for one deficit in one round. Beyond it, states
+/// hardly differ.
 const TIMES_MAX: f64 = 1_000.0;
 
-/// The numeric conditions of a task, with their sums in one relaxed plan.
+/// The numeric conditions of a task, with the sums of one relaxed plan.
 #[derive(Debug)]
 pub(super) struct Deficits {
     margins: Margins,
-    /// Per comparison: the relaxed operators that approach its bound.
+    /// Per comparison: the relaxed operators that may reach its bound from some state.
     approaching: Rows,
-    /// Per condition: its margin in the evaluated state.
-    present: Vec<f64>,
-    /// Per condition: its margin after all steps of the plan.
+    /// Per fluent: its value in the evaluated state.
+    values: Vec<f64>,
+    /// Per fluent: its change by all steps of the plan. Not a number if the amount of one of them is
+    /// not known; conditions on this fluent have no deficit.
     sums: Vec<f64>,
-    /// Per condition: the most that a step of the plan which requires the condition takes from it.
-    /// The last of these steps may take the sum below the bound.
-    last: Vec<f64>,
+    /// Per condition: the greatest amount that one step of the plan takes from a condition that it
+    /// requires itself. The bound need not hold after the last of these steps.
+    last_use: Vec<f64>,
 }
 
 /// Relaxed operator that covers a deficit.
@@ -46,73 +51,99 @@ pub(super) struct Cover {
 // === impl Deficits ===
 
 impl Deficits {
-    /// Returns `None` for a task whose operators change no number that matters.
+    /// Returns `None` if no operator can reach the bound of a comparison.
     pub(super) fn new(task: &Task, relaxation: &Relaxation) -> Option<Deficits> {
         relaxation.has_numbers().then(|| Deficits {
             margins: Margins::new(task, relaxation),
             approaching: relaxation.approaching(),
-            present: Vec::new(),
+            values: Vec::new(),
             sums: Vec::new(),
-            last: Vec::new(),
+            last_use: Vec::new(),
         })
     }
 
-    /// Returns the relaxed operators that approach the bound of a comparison; none for another
-    /// proposition.
+    /// Returns the relaxed operators that may reach the bound of a comparison from some state; none
+    /// for another proposition.
     pub(super) fn approaching(&self, proposition: u32) -> &[u32] {
         self.approaching.row(proposition)
     }
 
-    /// Begins with the relaxed plans of a state.
+    /// Reads the numbers of a state. Must be called before [`Deficits::find`] for its plans.
     pub(super) fn start(&mut self, task: &Task, state: &State) {
-        self.margins.measure(&state[task.fact_count.div_ceil(64)..], &mut self.present);
+        let values = &state[task.fact_count.div_ceil(64)..];
+        self.values.clear();
+        self.values.extend(values.iter().map(|value| f64::from_bits(*value)));
     }
 
     /// Finds a cover for each deficit of a plan. `plan` contains its operators with their
     /// repetitions. `is_needed` tells whether the plan requires or reaches a proposition.
     pub(super) fn find(
         &mut self,
-        relaxation: &Relaxation,
+        (task, relaxation): (&Task, &Relaxation),
         additive: &AdditiveHeuristic,
         plan: impl Iterator<Item = (OperatorId, u32)>,
         is_needed: impl Fn(u32) -> bool,
         found: &mut Vec<Cover>,
     ) {
         found.clear();
-        self.add_up(plan);
-        for (index, condition) in self.margins.conditions().iter().enumerate() {
-            let sum = self.sums[index] + self.last[index];
-            let holds = if condition.is_strict { sum > EPSILON } else { sum >= -EPSILON };
-            if holds || sum.is_nan() || !is_needed(condition.proposition) {
+        self.add_up(task, plan);
+        for index in 0..self.margins.conditions().len() {
+            let condition = &self.margins.conditions()[index];
+            if !is_needed(condition.proposition) {
                 continue;
             }
-            let covers = self.covers(relaxation, index, condition, -sum);
+            let sum = condition
+                .margin(|fluent| self.values[fluent as usize] + self.sums[fluent as usize]);
+            let sum = sum + self.last_use[index];
+            let holds = if condition.is_strict { sum > EPSILON } else { sum >= -EPSILON };
+            if holds || sum.is_nan() {
+                continue;
+            }
+            let covers = self.covers((task, relaxation), condition, -sum);
             let cost = |cover: &Cover| cost(relaxation, additive, cover, &is_needed);
             let cheapest = covers.filter_map(|cover| Some((cost(&cover)?, cover)));
-            found.extend(cheapest.min_by_key(|(cost, _)| *cost).map(|(_, cover)| cover));
+            let Some((_, cover)) = cheapest.min_by_key(|(cost, _)| *cost) else { continue };
+            // One supply covers several bounds of the same number.
+            self.add(task.operator(cover.operator), cover.times);
+            found.push(cover);
         }
     }
 
-    fn add_up(&mut self, plan: impl Iterator<Item = (OperatorId, u32)>) {
-        self.sums.clone_from(&self.present);
-        self.last.clear();
-        self.last.resize(self.sums.len(), 0.0);
+    fn add_up(&mut self, task: &Task, plan: impl Iterator<Item = (OperatorId, u32)>) {
+        self.sums.clear();
+        self.sums.resize(self.values.len(), 0.0);
+        self.last_use.clear();
+        self.last_use.resize(self.margins.conditions().len(), 0.0);
         for (operator, times) in plan {
-            for change in self.margins.changes(operator) {
-                let index = change.condition as usize;
-                self.sums[index] += change.by * f64::from(times);
-                if change.is_required && !self.margins.conditions()[index].is_goal {
-                    self.last[index] = self.last[index].max(-change.by);
+            let operator = task.operator(operator);
+            self.add(operator, times);
+            for index in self.margins.among(operator.preconditions) {
+                let condition = &self.margins.conditions()[index];
+                let by = change(condition, operator, &self.values);
+                if !condition.is_goal && by < 0.0 {
+                    self.last_use[index] = self.last_use[index].max(-by);
                 }
             }
+        }
+    }
+
+    /// Adds the changes by an operator to the sums.
+    fn add(&mut self, operator: GroundOperator<'_>, times: u32) {
+        for one in operator.effect.numeric {
+            let by = amount(one.assignment, || {
+                one.value.evaluate(&|fluent| self.values[fluent as usize])
+            });
+            self.sums[one.fluent as usize] += by * f64::from(times);
+        }
+        for one in operator.conditional.iter().flat_map(|one| one.effect.numeric) {
+            self.sums[one.fluent as usize] = f64::NAN;
         }
     }
 
     /// Returns each operator that raises the margin of a condition, as often as `deficit` requires.
     fn covers(
         &self,
-        relaxation: &Relaxation,
-        index: usize,
+        (task, relaxation): (&Task, &Relaxation),
         condition: &NumericCondition,
         deficit: f64,
     ) -> impl Iterator<Item = Cover> {
@@ -120,21 +151,48 @@ impl Deficits {
         let operators = self.approaching.row(proposition).iter();
         operators.filter_map(move |&relaxed| {
             let operator = relaxation.origin(relaxed)?;
-            let changes = self.margins.changes(operator).iter();
-            let raises =
-                |change: &&MarginChange| change.condition as usize == index && change.by > 0.0;
-            let by = { changes }.find(raises)?.by;
+            let by = change(condition, task.operator(operator), &self.values);
+            if by.is_nan() || by <= 0.0 {
+                return None;
+            }
             let times = match is_strict {
                 true => (deficit / by + EPSILON).floor() + 1.0,
-                false => (deficit / by - EPSILON).ceil().max(1.0),
+                false => (deficit / by - EPSILON).ceil(),
             };
-            Some(Cover { proposition, relaxed, operator, times: times.min(TIMES_MAX) as u32 })
+            // The quotient of two infinite numbers is none.
+            let times = (times.min(TIMES_MAX) as u32).max(1);
+            Some(Cover { proposition, relaxed, operator, times })
         })
     }
 
     /// Returns the number of bytes of the tables.
     pub(super) fn bytes(&self) -> usize {
-        self.margins.bytes() + self.approaching.bytes() + self.present.len() * 24
+        self.margins.bytes()
+            + self.approaching.bytes()
+            + self.values.len() * 16
+            + self.last_use.len() * 8
+    }
+}
+
+/// Returns the amount by which one application of an operator raises the margin of a condition in
+/// the evaluated state, without conditional effects. The amount is not a number if it is not known.
+fn change(condition: &NumericCondition, operator: GroundOperator<'_>, values: &[f64]) -> f64 {
+    let changes = operator.effect.numeric.iter();
+    let changes = changes.filter_map(|one| Some((condition.weight(one.fluent)?, one)));
+    changes
+        .map(|(weight, one)| {
+            let value = || one.value.evaluate(&|fluent| values[fluent as usize]);
+            weight * amount(one.assignment, value)
+        })
+        .sum()
+}
+
+fn amount(assignment: Assignment, value: impl Fn() -> f64) -> f64 {
+    match assignment {
+        Assignment::Increase => value(),
+        Assignment::Decrease => -value(),
+        // Repetitions have another effect than the first application.
+        Assignment::Assign | Assignment::ScaleUp | Assignment::ScaleDown => f64::NAN,
     }
 }
 

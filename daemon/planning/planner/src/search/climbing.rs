@@ -14,16 +14,20 @@ use crate::task::{OperatorId, Task};
 /// hill climbing gives up.
 const PLATEAU_MAX: usize = 100;
 
-/// Limit on the work of the whole climb: the number of evaluations times the size of the
-/// relaxation. When it is exceeded, hill climbing gives up. The limit allows some hundredths of a
-/// second.
+/// Limit on the work of a climb before it looks for another better state: the number of evaluations
+/// times the size of the relaxation. When it is exceeded, hill climbing gives up. The limit allows
+/// some hundredths of a second. One breadth-first search may exceed it by as much again.
 const WORK_MAX: usize = 20_000_000;
+
+/// Number of evaluations that are allowed in any case, also where one takes long.
+const EVALUATIONS_MIN: u64 = 1_000;
 
 /// Hill climbing from the initial state of a task towards the goal.
 pub(crate) struct HillClimbing<'t, 'h> {
     task: &'t Task,
     ff: &'h mut FastForward<'t>,
     progression: Progression<'t>,
+    evaluations_max: u64,
     /// Number of states evaluated so far.
     pub(crate) evaluations: u64,
     /// Number of states expanded so far.
@@ -47,9 +51,11 @@ pub(crate) enum ClimbingOutcome {
 
 impl<'t, 'h> HillClimbing<'t, 'h> {
     pub(crate) fn new(task: &'t Task, ff: &'h mut FastForward<'t>) -> HillClimbing<'t, 'h> {
+        let evaluations_max = (WORK_MAX / ff.size().max(1)) as u64;
         HillClimbing {
             task,
             ff,
+            evaluations_max,
             progression: Progression::new(task),
             evaluations: 0,
             expansions: 0,
@@ -62,7 +68,6 @@ impl<'t, 'h> HillClimbing<'t, 'h> {
             return ClimbingOutcome::Plan(Vec::new());
         }
         let Some(mut estimate) = self.evaluate(&state) else { return ClimbingOutcome::DeadEnd };
-        let evaluations_max = (WORK_MAX / self.ff.size().max(1)) as u64;
         let mut plan = Vec::new();
         loop {
             let preferred = self.ff.preferred().to_vec();
@@ -75,7 +80,7 @@ impl<'t, 'h> HillClimbing<'t, 'h> {
             if all_hold(&state, &self.task.goal) {
                 return ClimbingOutcome::Plan(plan);
             }
-            if self.evaluations > evaluations_max {
+            if self.evaluations > self.evaluations_max {
                 return ClimbingOutcome::GaveUp;
             }
         }
@@ -89,16 +94,24 @@ impl<'t, 'h> HillClimbing<'t, 'h> {
     /// Applies the operators of the last relaxed plan, as long as one of them is applicable.
     /// Returns `None` if the resulting state has no better estimate.
     fn apply_relaxed_plan(&mut self, from: &State, estimate: u64) -> Option<ClimbingStep> {
-        let mut left: Vec<OperatorId> = self.ff.relaxed_plan().to_vec();
-        left.sort_by_key(|operator| (self.ff.depth(*operator), *operator));
+        let mut plan: Vec<OperatorId> = self.ff.relaxed_plan().to_vec();
+        plan.sort_by_key(|operator| (self.ff.depth(*operator), *operator));
+        // An operator may be repeated a thousand times.
+        let runs = plan.chunk_by(|one, next| one == next).map(|run| (run[0], run.len()));
+        let mut left: Vec<(OperatorId, usize)> = runs.collect();
         let (mut state, mut next) = (from.to_vec(), Vec::new());
-        let mut steps = Vec::with_capacity(left.len());
-        while let Some(position) = left.iter().position(|id| {
+        let mut steps = Vec::with_capacity(plan.len());
+        while let Some(position) = left.iter().position(|(id, _)| {
             let operator = self.task.operator(*id);
             all_hold(&state, operator.preconditions)
                 && self.progression.apply(operator, &state, &mut next)
         }) {
-            steps.push(left.remove(position));
+            let (operator, times) = &mut left[position];
+            steps.push(*operator);
+            *times -= 1;
+            if *times == 0 {
+                left.remove(position);
+            }
             std::mem::swap(&mut state, &mut next);
             if all_hold(&state, &self.task.goal) {
                 self.expansions += steps.len() as u64;
@@ -131,7 +144,9 @@ impl<'t, 'h> HillClimbing<'t, 'h> {
             self.expansions += 1;
             next += 1;
             for id in operators {
-                if next > PLATEAU_MAX || cancel.is_set() {
+                let is_over =
+                    self.evaluations > self.evaluations_max.saturating_mul(2).max(EVALUATIONS_MIN);
+                if next > PLATEAU_MAX || is_over || cancel.is_set() {
                     return None;
                 }
                 let operator = self.task.operator(id);

@@ -2,12 +2,19 @@
 
 use crate::limits::Cancel;
 use crate::progression::Progression;
-use crate::state::all_hold;
+use crate::state::{State, all_hold};
 use crate::task::{OperatorId, Task};
 
 /// Maximum number of steps of a plan that is checked for superfluous steps. A longer plan is
 /// returned unchanged, because the check takes quadratic time.
 const STEPS_MAX: usize = 1_000;
+
+/// Limit on the work, in words of the states that are computed. After it, which takes some tenths of
+/// a second, the rest of the plan stays as it is.
+const WORK_MAX: usize = 20_000_000;
+
+/// Work to evaluate a comparison, in words of a state.
+const COMPARISON_WORK: usize = 8;
 
 /// Returns the plan without superfluous steps. The result never costs more than the given plan.
 pub(crate) fn eliminate(
@@ -19,31 +26,41 @@ pub(crate) fn eliminate(
         return plan;
     }
     let mut progression = Progression::new(task);
-    let mut position = 0;
-    while position < plan.len() && !cancel.is_set() {
-        match without(task, &mut progression, &plan, position) {
-            Some(shorter) => plan = shorter,
-            None => position += 1,
+    let (mut position, mut work) = (0, 0);
+    let (mut before, mut next) = (progression.initial(), Vec::new());
+    let per_step = before.len() + task.comparisons.len() * COMPARISON_WORK;
+    while position < plan.len() && work < WORK_MAX && !cancel.is_set() {
+        work += (plan.len() - position) * per_step;
+        match without(task, &mut progression, &before, &plan[position + 1..]) {
+            Some(rest) => {
+                plan.truncate(position);
+                plan.extend(rest);
+            }
+            None => {
+                if !progression.apply(task.operator(plan[position]), &before, &mut next) {
+                    return plan;
+                }
+                std::mem::swap(&mut before, &mut next);
+                position += 1;
+            }
         }
     }
     plan
 }
 
-/// Returns the plan without one step and without all later steps that become inapplicable. Returns
-/// `None` if the remaining steps do not reach the goal.
+/// Returns the steps of `later` that are applicable in `state`, one after the other. Returns `None`
+/// if they do not reach the goal.
 fn without(
     task: &Task,
     progression: &mut Progression<'_>,
-    plan: &[OperatorId],
-    left_out: usize,
+    state: &State,
+    later: &[OperatorId],
 ) -> Option<Vec<OperatorId>> {
-    let mut state = progression.initial();
-    let mut next = Vec::new();
-    let mut kept = Vec::with_capacity(plan.len());
-    for (position, &id) in plan.iter().enumerate() {
+    let (mut state, mut next) = (state.to_vec(), Vec::new());
+    let mut kept = Vec::with_capacity(later.len());
+    for &id in later {
         let operator = task.operator(id);
-        let applies = position != left_out
-            && all_hold(&state, operator.preconditions)
+        let applies = all_hold(&state, operator.preconditions)
             && progression.apply(operator, &state, &mut next);
         if applies {
             std::mem::swap(&mut state, &mut next);

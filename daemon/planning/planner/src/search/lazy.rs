@@ -37,11 +37,12 @@ const BOOST: i64 = 1_000;
 /// Kind of an open list: the order of its states, and the operators that are applied in them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum List {
-    /// Sorted by the FF heuristic; all operators are applied.
+    /// Sorted by the FF heuristic, before deficits are covered; all operators are applied.
     Ff,
-    /// Sorted by the FF heuristic; only preferred operators are applied.
+    /// Sorted as [`List::Ff`]; only operators that are preferred before deficits are covered are
+    /// applied.
     FfPreferred,
-    /// Sorted by landmark count; only preferred operators are applied.
+    /// Sorted by landmark count; all preferred operators are applied, but no others.
     LandmarksPreferred,
     /// Sorted by novelty among the states with the same landmark count. States without novelty are
     /// not added.
@@ -50,8 +51,8 @@ pub(crate) enum List {
     Landmarks,
     /// Type-based: each turn returns a random state of a random type.
     Types,
-    /// Sorted by the FF heuristic with the cost of covering deficits; only the operators that are
-    /// preferred then are applied. Empty in a task without numbers.
+    /// Sorted by the FF heuristic with the cost of covering deficits; all preferred operators are
+    /// applied, but no others. Empty if no deficit can be covered.
     Covered,
 }
 
@@ -117,7 +118,7 @@ pub(crate) struct LazySearch<'t> {
 struct Lowest {
     estimate: u64,
     /// Estimate without the cost of covering deficits.
-    uncovered: u64,
+    plain: u64,
     /// Landmark count.
     count: u32,
 }
@@ -183,7 +184,7 @@ impl<'t> LazySearch<'t> {
             sorted: Default::default(),
             types: TypeList::default(),
             turns: [0; LISTS],
-            lowest: Lowest { estimate: u64::MAX, uncovered: u64::MAX, count: u32::MAX },
+            lowest: Lowest { estimate: u64::MAX, plain: u64::MAX, count: u32::MAX },
             progress_at: 0,
             started: false,
             dead_end_at_start: false,
@@ -205,8 +206,8 @@ impl<'t> LazySearch<'t> {
         self.evaluations
     }
 
-    /// Returns the number of evaluations since the last progress, which is a lower estimate or a
-    /// lower landmark count than any before.
+    /// Returns the number of evaluations since the last progress, which is a lower estimate, with or
+    /// without covered deficits, or a lower landmark count than any before.
     pub(crate) fn stalled(&self) -> u64 {
         self.evaluations - self.progress_at
     }
@@ -222,7 +223,9 @@ impl<'t> LazySearch<'t> {
         }
         self.evaluations += 1;
         let state = self.space.state(initial);
-        let Some(estimate) = self.ff.evaluate(state) else {
+        // All landmarks are in the plain relaxed plan.
+        self.ff.set_covering(false);
+        let Some(mut estimate) = self.ff.evaluate(state) else {
             self.dead_end_at_start = true;
             return SearchStep::Exhausted;
         };
@@ -233,6 +236,10 @@ impl<'t> LazySearch<'t> {
             LandmarkCount::new(self.task, relaxation, state, &candidates, &mutex, &self.cancel);
         let count = self.landmarks.start(relaxation, state, &mut self.statuses);
         self.counts.push(count);
+        if self.ff.may_have_deficits() && self.manner.lists.contains(&List::Covered) {
+            self.ff.set_covering(true);
+            estimate = self.ff.evaluate(state).unwrap_or(estimate);
+        }
         self.queue(initial, None, estimate);
         SearchStep::InProgress
     }
@@ -256,7 +263,7 @@ impl<'t> LazySearch<'t> {
             let entry = match list {
                 List::Types => types.pop(&mut all),
                 List::FfPreferred => sorted[list as usize].pop(|state, operators| {
-                    operators.extend_from_slice(preferred.uncovered(state));
+                    operators.extend_from_slice(preferred.plain(state));
                 }),
                 List::LandmarksPreferred | List::Covered => {
                     sorted[list as usize].pop(|state, operators| {
@@ -292,15 +299,15 @@ impl<'t> LazySearch<'t> {
 
     fn queue(&mut self, id: StateId, parent: Option<StateId>, estimate: u64) {
         self.expansions += 1;
-        let (preferred, uncovered_count) = (self.ff.preferred(), self.ff.uncovered_count());
-        self.preferred.set(id, preferred, uncovered_count);
+        let (preferred, plain_count) = (self.ff.preferred(), self.ff.plain_count());
+        self.preferred.set(id, preferred, plain_count);
         let (count, spent) = (self.counts[id.0 as usize], self.spent[id.0 as usize].weight);
-        let uncovered = self.ff.uncovered();
-        let Lowest { estimate: lowest, uncovered: lowest_uncovered, count: fewest } = self.lowest;
-        let has_progressed = estimate < lowest || uncovered < lowest_uncovered || count < fewest;
+        let plain = self.ff.plain_estimate();
+        let Lowest { estimate: lowest, plain: lowest_plain, count: fewest } = self.lowest;
+        let has_progressed = estimate < lowest || plain < lowest_plain || count < fewest;
         self.lowest = Lowest {
             estimate: lowest.min(estimate),
-            uncovered: lowest_uncovered.min(uncovered),
+            plain: lowest_plain.min(plain),
             count: fewest.min(count),
         };
         if has_progressed {
@@ -309,7 +316,7 @@ impl<'t> LazySearch<'t> {
             self.turns[List::LandmarksPreferred as usize] -= BOOST;
             self.turns[List::Covered as usize] -= BOOST;
         }
-        let near = self.manner.key(spent, uncovered);
+        let near = self.manner.key(spent, plain);
         let near_covered = self.manner.key(spent, estimate);
         let few = self.manner.key(spent, u64::from(count));
         let short = u32::try_from(spent).unwrap_or(u32::MAX);
@@ -323,7 +330,7 @@ impl<'t> LazySearch<'t> {
                 List::Ff => Some((near, 0, 0)),
                 List::Landmarks => Some((few, 0, 0)),
                 List::Covered => (has_preferred && has_numbers).then_some((near_covered, 0, 0)),
-                List::FfPreferred => (uncovered_count > 0).then_some((near, 0, 0)),
+                List::FfPreferred => (plain_count > 0).then_some((near, 0, 0)),
                 List::LandmarksPreferred => has_preferred.then_some((few, 0, 0)),
                 List::Novel => {
                     let novelty = self.novelty(id, parent);
@@ -415,20 +422,20 @@ impl Search for LazySearch<'_> {
 // === impl Preferred ===
 
 impl Preferred {
-    /// Stores the preferred operators of a state. The first `uncovered_count` are those of its
+    /// Stores the preferred operators of a state. The first `plain_count` are those of its
     /// relaxed plan before deficits were covered.
-    fn set(&mut self, state: StateId, operators: &[OperatorId], uncovered_count: usize) {
+    fn set(&mut self, state: StateId, operators: &[OperatorId], plain_count: usize) {
         let start = self.operators.len();
         self.operators.extend_from_slice(operators);
         let index = state.0 as usize;
         if index >= self.ranges.len() {
             self.ranges.resize(index + 1, (0, 0, 0));
         }
-        let ends = (start + uncovered_count, self.operators.len());
+        let ends = (start + plain_count, self.operators.len());
         self.ranges[index] = (start as u32, ends.0 as u32, ends.1 as u32);
     }
 
-    fn uncovered(&self, state: StateId) -> &[OperatorId] {
+    fn plain(&self, state: StateId) -> &[OperatorId] {
         let (start, end, _) = self.ranges[state.0 as usize];
         &self.operators[start as usize..end as usize]
     }

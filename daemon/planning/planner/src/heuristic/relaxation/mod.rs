@@ -14,12 +14,12 @@ mod margins;
 mod numbers;
 
 use self::builder::RelaxationBuilder;
-pub(super) use self::margins::{MarginChange, Margins, NumericCondition};
+pub(super) use self::margins::{Margins, NumericCondition};
 use self::numbers::NumericSteps;
 use super::cost_queue::CostQueue;
 use crate::rows::Rows;
 use crate::state::{State, is_true, true_facts};
-use crate::task::{FactId, GroundOperator, OperatorId, Task};
+use crate::task::{FactId, GroundOperator, Literal, OperatorId, Task};
 
 /// Cost of an unreached proposition.
 pub(super) const UNREACHED: u64 = u64::MAX;
@@ -191,7 +191,8 @@ impl Relaxation {
         self.adds.inverted(self.proposition_count)
     }
 
-    /// Returns, per proposition that is a comparison, the relaxed operators that approach its bound.
+    /// Returns, per proposition that is a comparison, the relaxed operators that may reach its bound
+    /// from some state.
     pub(super) fn approaching(&self) -> Rows {
         let all = 0..self.adds.len() as u32;
         let numeric = all.flat_map(|relaxed| {
@@ -227,6 +228,16 @@ impl Relaxation {
             None => is_true(state, FactId(proposition)),
             Some(index) => self.negated.get(index).is_some_and(|fact| !is_true(state, *fact)),
         }
+    }
+
+    /// Returns the proposition of a literal; `None` if no condition requires the fact to be false.
+    fn proposition(&self, literal: Literal) -> Option<u32> {
+        let fact = literal.fact();
+        if literal.is_positive() {
+            return Some(fact.0);
+        }
+        let index = self.negated.iter().position(|one| *one == fact)?;
+        Some((self.fact_count + index) as u32)
     }
 
     /// Returns the fact of a proposition that is a positive literal; `None` for other propositions.

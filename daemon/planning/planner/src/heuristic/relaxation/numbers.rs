@@ -1,6 +1,6 @@
 //! Number of repetitions of an operator that make a comparison true. The method is subgoaling
-//! (Scala, Haslum, Magazzeni and Thiébaux, “Subgoaling Techniques for Satisficing and Optimal
-//! Numeric Planning”, 2020).
+//! (Scala, Haslum, Thiébaux and Ramirez, “Subgoaling Techniques for Satisficing and Optimal Numeric
+//! Planning”, 2020).
 //!
 //! A comparison is represented by a distance from a bound. An operator that changes the distance by
 //! a constant amount is repeated as often as the distance requires. If it changes the distance in
@@ -83,9 +83,9 @@ impl NumericSteps {
         NumericSteps { comparisons: comparisons.to_vec(), weights, ..NumericSteps::default() }
     }
 
-    /// Returns the sign that makes the distance of a comparison grow in the direction that the
-    /// comparison requires, or its negation if `truth` is false, and whether the distance must end
-    /// above zero. Returns `None` if the comparison is not a linear inequality.
+    /// Returns 1 if the distance must grow for the comparison to be true (or to be false, if `truth`
+    /// is false), and −1 if it must shrink; and whether a distance of zero is too small. Returns
+    /// `None` if the comparison is not a linear inequality.
     pub(super) fn bound(&self, comparison: usize, truth: bool) -> Option<(f64, bool)> {
         self.weights[comparison].as_ref()?;
         let (wanted, sign) = wanted(self.comparisons[comparison].comparison, truth);
@@ -96,20 +96,10 @@ impl NumericSteps {
         }
     }
 
-    /// Returns the amount by which changes raise the distance of a comparison; `None` if the amount
-    /// depends on the state.
-    pub(super) fn constant(&self, comparison: usize, changes: &[NumericChange]) -> Option<f64> {
-        match self.change(comparison, changes, 0) {
-            DistanceChange::Constant(by) => Some(by),
-            DistanceChange::Depends { .. } | DistanceChange::Unknown => None,
-        }
-    }
-
-    /// Returns the distance of a comparison for the values of the fluents in a state.
-    pub(super) fn distance(&self, comparison: usize, values: &[u64]) -> f64 {
-        let value = |fluent: u32| f64::from_bits(values[fluent as usize]);
-        let GroundComparison { left, right, .. } = &self.comparisons[comparison];
-        left.evaluate(&value) - right.evaluate(&value)
+    /// Returns the coefficient of each fluent in the distance of a comparison; `None` if the
+    /// comparison is not linear.
+    pub(super) fn weights(&self, comparison: usize) -> Option<&FxHashMap<u32, f64>> {
+        self.weights[comparison].as_ref()
     }
 
     pub(in crate::heuristic) fn is_empty(&self) -> bool {
@@ -170,8 +160,9 @@ impl NumericSteps {
     /// a state.
     pub(in crate::heuristic) fn repetitions(&self, values: &[u64], found: &mut Vec<u32>) {
         let value = |fluent: u32| f64::from_bits(values[fluent as usize]);
-        let distances: Vec<f64> =
-            (0..self.comparisons.len()).map(|index| self.distance(index, values)).collect();
+        let distances: Vec<f64> = { self.comparisons.iter() }
+            .map(|one| one.left.evaluate(&value) - one.right.evaluate(&value))
+            .collect();
         let changes: Vec<f64> =
             self.changes.iter().map(|change| current_change(change, &value)).collect();
         found.clear();
