@@ -106,9 +106,9 @@ impl<'t> Solver<'t> {
         self.task.unprovable.is_none()
     }
 
-    /// Runs hill climbing; in a task with numbers a second time, with relaxed plans that cover their
-    /// deficits, if the first time gives up. Returns [`ClimbingOutcome::GaveUp`] also if the configuration does not
-    /// include it.
+    /// Runs hill climbing. If it gives up in a task with numbers, runs it again with relaxed plans
+    /// that cover their deficits. Returns [`ClimbingOutcome::GaveUp`] also if the configuration does
+    /// not include hill climbing.
     fn climb(&mut self) -> ClimbingOutcome {
         if !matches!(self.options.configuration.method, SearchMethod::Lists { climb: true, .. }) {
             return ClimbingOutcome::GaveUp;

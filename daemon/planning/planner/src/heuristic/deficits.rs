@@ -6,10 +6,8 @@
 //! sum is below the bound, the cheapest operator that raises the margin is added as often as the
 //! deficit requires. This may use up something else, so it is repeated for a few rounds.
 
-use pddl::Assignment;
-
 use super::additive::AdditiveHeuristic;
-use super::relaxation::{Margins, NumericCondition, Relaxation};
+use super::relaxation::{Margins, NumericCondition, Relaxation, repeatable_change};
 use crate::rows::Rows;
 use crate::state::State;
 use crate::task::{GroundOperator, OperatorId, Task};
@@ -20,7 +18,7 @@ const EPSILON: f64 = 1e-6;
 
 /// Maximum number of repetitions of one operator for one deficit in one round. Beyond it, states
 /// hardly differ.
-const TIMES_MAX: f64 = 1_000.0;
+const TIMES_MAX: u32 = 1_000;
 
 /// The numeric conditions of a task, with the sums of one relaxed plan.
 #[derive(Debug)]
@@ -99,7 +97,7 @@ impl Deficits {
             if holds || sum.is_nan() {
                 continue;
             }
-            let covers = self.covers((task, relaxation), condition, -sum);
+            let covers = self.covers((task, relaxation), condition, sum);
             let cost = |cover: &Cover| cost(relaxation, additive, cover, &is_needed);
             let cheapest = covers.filter_map(|cover| Some((cost(&cover)?, cover)));
             let Some((_, cover)) = cheapest.min_by_key(|(cost, _)| *cost) else { continue };
@@ -130,9 +128,7 @@ impl Deficits {
     /// Adds the changes by an operator to the sums.
     fn add(&mut self, operator: GroundOperator<'_>, times: u32) {
         for one in operator.effect.numeric {
-            let by = amount(one.assignment, || {
-                one.value.evaluate(&|fluent| self.values[fluent as usize])
-            });
+            let by = repeatable_change(one, &|fluent| self.values[fluent as usize]);
             self.sums[one.fluent as usize] += by * f64::from(times);
         }
         for one in operator.conditional.iter().flat_map(|one| one.effect.numeric) {
@@ -140,14 +136,15 @@ impl Deficits {
         }
     }
 
-    /// Returns each operator that raises the margin of a condition, as often as `deficit` requires.
+    /// Returns each operator that raises the margin of a condition, as often as it takes from
+    /// `margin` to the bound.
     fn covers(
         &self,
         (task, relaxation): (&Task, &Relaxation),
         condition: &NumericCondition,
-        deficit: f64,
+        margin: f64,
     ) -> impl Iterator<Item = Cover> {
-        let NumericCondition { proposition, is_strict, .. } = *condition;
+        let proposition = condition.proposition;
         let operators = self.approaching.row(proposition).iter();
         operators.filter_map(move |&relaxed| {
             let operator = relaxation.origin(relaxed)?;
@@ -155,12 +152,7 @@ impl Deficits {
             if by.is_nan() || by <= 0.0 {
                 return None;
             }
-            let times = match is_strict {
-                true => (deficit / by + EPSILON).floor() + 1.0,
-                false => (deficit / by - EPSILON).ceil(),
-            };
-            // The quotient of two infinite numbers is none.
-            let times = (times.min(TIMES_MAX) as u32).max(1);
+            let times = condition.times(margin, by).min(TIMES_MAX);
             Some(Cover { proposition, relaxed, operator, times })
         })
     }
@@ -179,21 +171,8 @@ impl Deficits {
 fn change(condition: &NumericCondition, operator: GroundOperator<'_>, values: &[f64]) -> f64 {
     let changes = operator.effect.numeric.iter();
     let changes = changes.filter_map(|one| Some((condition.weight(one.fluent)?, one)));
-    changes
-        .map(|(weight, one)| {
-            let value = || one.value.evaluate(&|fluent| values[fluent as usize]);
-            weight * amount(one.assignment, value)
-        })
-        .sum()
-}
-
-fn amount(assignment: Assignment, value: impl Fn() -> f64) -> f64 {
-    match assignment {
-        Assignment::Increase => value(),
-        Assignment::Decrease => -value(),
-        // Repetitions have another effect than the first application.
-        Assignment::Assign | Assignment::ScaleUp | Assignment::ScaleDown => f64::NAN,
-    }
+    let value = |fluent: u32| values[fluent as usize];
+    changes.map(|(weight, one)| weight * repeatable_change(one, &value)).sum()
 }
 
 /// Returns what a cover adds to the cost of a plan; `None` if it has an unreached precondition.

@@ -2,6 +2,7 @@
 //! numbers move it.
 
 use super::Relaxation;
+use super::numbers::{RequiredDistance, times};
 use crate::task::{FactId, Literal, Task};
 
 /// Entry in place of a condition.
@@ -98,6 +99,15 @@ impl NumericCondition {
     pub(in crate::heuristic) fn margin(&self, value: impl Fn(u32) -> f64) -> f64 {
         let sum: f64 = self.weights.iter().map(|(fluent, weight)| weight * value(*fluent)).sum();
         self.constant + sum
+    }
+
+    /// Returns the number of changes by `by`, which raise the margin, from `margin` to the bound.
+    pub(in crate::heuristic) fn times(&self, margin: f64, by: f64) -> u32 {
+        let wanted = match self.is_strict {
+            true => RequiredDistance::AboveZero,
+            false => RequiredDistance::AtLeastZero,
+        };
+        times(wanted, margin, by)
     }
 
     /// Returns the weight of a fluent; `None` if the condition does not read it.

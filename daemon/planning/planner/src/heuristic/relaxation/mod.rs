@@ -16,6 +16,7 @@ mod numbers;
 use self::builder::RelaxationBuilder;
 pub(super) use self::margins::{Margins, NumericCondition};
 use self::numbers::NumericSteps;
+pub(super) use self::numbers::repeatable_change;
 use super::cost_queue::CostQueue;
 use crate::rows::Rows;
 use crate::state::{State, is_true, true_facts};

@@ -26,7 +26,7 @@ const REPETITIONS_MAX: u32 = 100_000;
 
 /// Required value of the distance for a comparison to be true (or to be false).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum RequiredDistance {
+pub(super) enum RequiredDistance {
     AtLeastZero,
     AboveZero,
     Zero,
@@ -194,7 +194,7 @@ impl NumericStep {
 }
 
 /// Returns the number of changes by `by` until `distance` has the value that `wanted` requires.
-fn times(wanted: RequiredDistance, distance: f64, by: f64) -> u32 {
+pub(super) fn times(wanted: RequiredDistance, distance: f64, by: f64) -> u32 {
     if distance.is_nan() || by.is_nan() {
         return 1;
     }
@@ -245,6 +245,18 @@ fn current_change(change: &NumericChange, value: &dyn Fn(u32) -> f64) -> f64 {
         Assignment::Assign => operand - old,
         Assignment::ScaleUp => old * operand - old,
         Assignment::ScaleDown => old / operand - old,
+    }
+}
+
+/// Returns the amount by which each application of a change raises its fluent in the current state.
+/// The amount is not a number if the second application has another effect than the first.
+pub(in crate::heuristic) fn repeatable_change(
+    change: &NumericChange,
+    value: &dyn Fn(u32) -> f64,
+) -> f64 {
+    match change.assignment {
+        Assignment::Increase | Assignment::Decrease => current_change(change, value),
+        Assignment::Assign | Assignment::ScaleUp | Assignment::ScaleDown => f64::NAN,
     }
 }
 
