@@ -24,6 +24,14 @@ impl Language {
         }
     }
 
+    /// Returns the English name of the language.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Language::English => "English",
+            Language::German => "German",
+        }
+    }
+
     /// Returns the language of a tag such as `de`, or of a locale such as `de_AT.UTF-8`; `None` if
     /// there are no words in it.
     pub fn from_tag(tag: &str) -> Option<Language> {

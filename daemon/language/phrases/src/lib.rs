@@ -12,23 +12,29 @@
 //! with a goal or a [`NotUnderstood`], and never with a panic. `Phrasebook::read` of
 //! `Phrasebook::print` of a goal is that goal.
 
+mod alignment;
 mod completion;
 mod default_name;
 mod known_names;
 mod language;
+mod likeness;
 mod nearest;
 mod not_understood;
+mod numbers;
 mod pattern;
 mod phrasebook;
 mod quantifiers;
 mod reading;
+mod refusals;
 mod saying;
 mod sentences;
 mod token;
+mod words_check;
 mod words_file;
 
 pub use known_names::KnownNames;
 pub use language::Language;
 pub use not_understood::NotUnderstood;
 pub use phrasebook::Phrasebook;
+pub use words_check::{WordsMistake, key_mistakes};
 pub use words_file::{OwnWords, WordsError};

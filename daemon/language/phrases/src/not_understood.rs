@@ -4,9 +4,6 @@ use std::fmt;
 
 use pddl::{Diagnostic, Span};
 
-/// Share of the distance in the chosen language below which the answer is that of another language.
-const OTHER_LANGUAGE: f64 = 0.5;
-
 /// The place at which a text is not understood, and the nearest texts that are.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NotUnderstood {
@@ -16,18 +13,19 @@ pub struct NotUnderstood {
     pub why: String,
     /// The nearest texts that are understood, the best one first.
     pub nearest: Vec<String>,
-    /// Whether the nearest text is near enough that it was probably meant.
+    /// Whether the text is near enough to words that words were probably meant. Then the nearest texts
+    /// are what was probably meant.
     pub is_near: bool,
-    /// How far the nearest text is from what was written, in words; for a comparison of languages.
-    pub(crate) distance: f64,
+    /// How many of the words that were written are words of the language.
+    pub(crate) likeness: f64,
 }
 
 // === impl NotUnderstood ===
 
 impl NotUnderstood {
     pub(crate) fn new(at: Span, why: impl Into<String>) -> NotUnderstood {
-        let (nearest, distance) = (Vec::new(), f64::INFINITY);
-        NotUnderstood { at, why: why.into(), nearest, is_near: false, distance }
+        let (nearest, likeness) = (Vec::new(), 0.0);
+        NotUnderstood { at, why: why.into(), nearest, is_near: false, likeness }
     }
 
     /// Returns the answer if there are no words at all.
@@ -35,11 +33,11 @@ impl NotUnderstood {
         NotUnderstood::new(Span::new(0, 0), "the text says nothing")
     }
 
-    /// Returns the answer of the language in which the text is nearest to one that is understood:
-    /// `self`, the chosen language, unless the other one is clearly nearer.
+    /// Returns the answer of the language that has most of the words that were written: `self`, the
+    /// chosen language, unless the other one has more.
     #[must_use]
     pub fn nearer(self, other: NotUnderstood) -> NotUnderstood {
-        if other.distance < self.distance * OTHER_LANGUAGE { other } else { self }
+        if other.likeness > self.likeness { other } else { self }
     }
 
     /// Returns the answer as a diagnostic with its place.

@@ -1,9 +1,10 @@
 //! The words of quantifiers: `every room`, `some camera`, `jedem Raum`.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use pddl::Name;
 
+use crate::alignment::letters;
 use crate::default_name::is_name;
 use crate::pattern::GrammaticalCase;
 use crate::token::Token;
@@ -11,6 +12,9 @@ use crate::words_file::TypeWords;
 
 /// The part of a word that stands for the name of a type that has no words of its own.
 const TYPE: &str = "{type}";
+
+/// Share of the letters of a type that may differ.
+const LETTERS_MAX: f64 = 0.34;
 
 /// The words of quantifiers of one language.
 #[derive(Clone, Debug)]
@@ -67,6 +71,51 @@ impl QuantifierWords {
             note(template_match(form, tokens, is_every));
         }
         best
+    }
+
+    /// Reads a quantifier in a wrong form at the start of `tokens`, such as `all room` or `every
+    /// rooms`; `None` if there is none. Also returns the share of the letters by which its type
+    /// differs. If no types are `known`, any name may be one.
+    pub(crate) fn read_near(
+        &self,
+        tokens: &[Token<'_>],
+        known: &BTreeSet<&Name>,
+    ) -> Option<(QuantifierMatch, f64)> {
+        let (first, rest) = tokens.split_first()?;
+        let all = self.own.values().chain(std::iter::once(&self.others));
+        let begins = |form: &str| form.split_whitespace().next() == Some(first.lower.as_str());
+        let (is_every, _) = all.flat_map(forms).find(|(_, form)| begins(form))?;
+        let types: BTreeSet<&Name> = known.iter().copied().chain(self.own.keys()).collect();
+        let is_possible = |ty: &&Name| known.is_empty() || known.contains(ty);
+        let mut best: Option<(QuantifierMatch, f64)> = None;
+        for ty in types.into_iter().filter(is_possible) {
+            let words = self.own.get(ty).unwrap_or(&self.others);
+            for (_, form) in forms(words) {
+                let form = form.replace(TYPE, ty.spelled()).to_lowercase();
+                let Some((_, noun)) = form.split_once(' ') else { continue };
+                let count = noun.split_whitespace().count();
+                let Some(said) = rest.get(..count).filter(|_| count > 0) else { continue };
+                let said: Vec<_> = said.iter().map(|token| token.lower.as_str()).collect();
+                let differs = letters(&said.join(" "), noun);
+                if differs <= LETTERS_MAX && best.as_ref().is_none_or(|best| differs < best.1) {
+                    let (ty, length) = (ty.clone(), count + 1);
+                    best = Some((QuantifierMatch { is_every, ty, length }, differs));
+                }
+            }
+        }
+        let open = || {
+            let name = rest.first().filter(|one| known.is_empty() && is_name(one.text))?;
+            let ty = Name::new(name.text);
+            Some((QuantifierMatch { is_every, ty, length: 2 }, 0.0))
+        };
+        best.or_else(open)
+    }
+
+    /// Returns the words of all quantifiers, without the names of types.
+    pub(crate) fn all_words(&self) -> impl Iterator<Item = &str> {
+        let all = self.own.values().chain(std::iter::once(&self.others));
+        let words = all.flat_map(forms).flat_map(|(_, form)| form.split_whitespace());
+        words.filter(|word| !word.contains(TYPE))
     }
 
     /// Returns the quantifiers over the types `known` that are said, in all cases, for completion.

@@ -17,11 +17,12 @@ use pddl::{Term, TypeExpr, Typed};
 
 use crate::default_name::{default_name, is_name};
 use crate::known_names::KnownNames;
+use crate::likeness::likeness;
 use crate::nearest;
 use crate::not_understood::NotUnderstood;
+use crate::numbers;
 use crate::pattern::{Pattern, PhrasePart};
 use crate::phrasebook::{COMPARISONS, Phrase, PhraseKind, Phrasebook};
-use crate::quantifiers::QuantifierMatch;
 use crate::token::{Token, TokenKind, tokens};
 
 /// Longest text that is read, in bytes. A building has at most some hundred rooms to enumerate.
@@ -30,11 +31,33 @@ const BYTES_MAX: usize = 64 << 10;
 /// Maximum depth of nested pieces and negations, so that recursion is safe on any thread.
 const DEPTH_MAX: usize = 32;
 
+/// Maximum number of mistakes of one text that are corrected for a suggestion.
+const CORRECTIONS_MAX: usize = 4;
+
+/// Maximum number of texts that are suggested.
+const SUGGESTED_MAX: usize = 2;
+
 /// Reads a goal.
 pub(crate) fn read(
     book: &Phrasebook,
     text: &str,
     names: &KnownNames,
+) -> Result<Condition, NotUnderstood> {
+    read_correcting(book, text, names, CORRECTIONS_MAX).map_err(|mut wrong| {
+        if text.len() <= BYTES_MAX {
+            wrong.likeness = likeness(book, &tokens(text));
+        }
+        wrong
+    })
+}
+
+/// Reads a goal. If it is not understood, at most `corrections` mistakes are corrected in what is
+/// suggested.
+pub(crate) fn read_correcting(
+    book: &Phrasebook,
+    text: &str,
+    names: &KnownNames,
+    corrections: usize,
 ) -> Result<Condition, NotUnderstood> {
     if text.len() > BYTES_MAX {
         let why = format!("the text is longer than {BYTES_MAX} bytes");
@@ -42,16 +65,17 @@ pub(crate) fn read(
     }
     let tokens = tokens(text);
     let mut reader = PhraseReader::new(book, names, text, tokens);
+    reader.corrections = corrections;
     let goal = reader.goal()?;
     match reader.tokens.get(reader.at) {
         None => Ok(goal),
-        Some(_) => Err(reader.refuse_mixture()),
+        Some(_) => Err(reader.refuse_rest()),
     }
 }
 
 /// `and` or `or`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Connective {
+pub(crate) enum Connective {
     And,
     Or,
 }
@@ -86,6 +110,8 @@ pub(crate) struct PhraseReader<'r> {
     /// The variables that may be used here, the outermost first.
     pub(crate) scope: Vec<Name>,
     depth: usize,
+    /// Number of mistakes that may still be corrected in a suggestion.
+    pub(crate) corrections: usize,
 }
 
 // === impl Connective ===
@@ -109,7 +135,8 @@ impl<'r> PhraseReader<'r> {
         text: &'r str,
         tokens: Vec<Token<'r>>,
     ) -> PhraseReader<'r> {
-        PhraseReader { book, names, text, tokens, at: 0, scope: Vec::new(), depth: 0 }
+        let (at, scope, depth) = (0, Vec::new(), 0);
+        PhraseReader { book, names, text, tokens, at, scope, depth, corrections: CORRECTIONS_MAX }
     }
 
     fn goal(&mut self) -> Result<Condition, NotUnderstood> {
@@ -135,7 +162,7 @@ impl<'r> PhraseReader<'r> {
             note(self.piece()?);
             match self.loose_connective() {
                 Some(next) if next == connective => (),
-                Some(_) => return Err(self.refuse_mixture()),
+                Some(_) => return Err(self.refuse_loose_mixture()),
                 None => return Ok(connective.join(conditions)),
             }
         }
@@ -228,12 +255,13 @@ impl<'r> PhraseReader<'r> {
 
     /// Reads units joined by `and`, by `or`, or by commas only.
     fn group(&mut self) -> Result<PhrasePiece, NotUnderstood> {
+        let start = self.at;
         let mut units = vec![self.unit()?];
         let mut connective: Option<Connective> = None;
         loop {
             if let Some(next) = self.connective(self.at) {
                 if connective.is_some_and(|known| known != next) {
-                    return Err(self.refuse_mixture());
+                    return Err(self.refuse_mixture(start));
                 }
                 connective = Some(next);
                 self.at += 1;
@@ -258,8 +286,7 @@ impl<'r> PhraseReader<'r> {
 
     fn unit(&mut self) -> Result<Condition, NotUnderstood> {
         let Some(token) = self.tokens.get(self.at) else {
-            let why = "a condition is expected at the end";
-            return Err(NotUnderstood::new(self.here(), why));
+            return Err(self.refuse_end());
         };
         match token.kind {
             TokenKind::Embedded => return self.embedded(),
@@ -361,14 +388,8 @@ impl<'r> PhraseReader<'r> {
     /// Reads a number and the unit of `function`. Returns the number and the position after them.
     pub(crate) fn number(&self, function: &Name, at: usize) -> Option<(f64, usize)> {
         let token = self.tokens.get(at).filter(|token| token.is_word())?;
-        let is_digit = |c: char| c.is_ascii_digit() || "+-.,".contains(c);
-        let length = token.text.find(|c| !is_digit(c)).unwrap_or(token.text.len());
-        let (digits, glued) = token.text.split_at(length);
-        let digits = match self.book.grammar.decimal {
-            ',' => digits.replace(',', "."),
-            _ => digits.to_owned(),
-        };
-        let number = digits.parse::<f64>().ok().filter(|number| number.is_finite())?;
+        let (digits, glued) = numbers::split(token.text);
+        let number = numbers::read(digits, self.book.grammar.decimal)?;
         let units = self.book.units(function);
         if !glued.is_empty() {
             let is_unit = units.iter().any(|unit| unit.eq_ignore_ascii_case(glued));
@@ -486,11 +507,11 @@ impl<'r> PhraseReader<'r> {
         self.tokens.get(at).is_some_and(|token| token.is_word() && words.contains(&token.lower))
     }
 
-    fn is_comma(&self, at: usize) -> bool {
+    pub(crate) fn is_comma(&self, at: usize) -> bool {
         self.tokens.get(at).is_some_and(|token| token.kind == TokenKind::Comma)
     }
 
-    fn connective(&self, at: usize) -> Option<Connective> {
+    pub(crate) fn connective(&self, at: usize) -> Option<Connective> {
         let grammar = &self.book.grammar;
         match at {
             _ if self.is_word(at, &grammar.and) => Some(Connective::And),
@@ -523,39 +544,36 @@ impl<'r> PhraseReader<'r> {
         self.text.get(start..end.max(start)).unwrap_or_default()
     }
 
-    fn here(&self) -> Span {
+    /// Returns the text with the bytes `from..to` replaced.
+    pub(crate) fn replaced(&self, from: usize, to: usize, by: &str) -> String {
+        let before = self.text.get(..from).unwrap_or_default().trim_start();
+        let after = self.text.get(to..).unwrap_or_default().trim_end();
+        format!("{before}{by}{after}").trim().to_owned()
+    }
+
+    /// Whether texts may be suggested; not while too many mistakes are corrected already.
+    pub(crate) fn may_suggest(&self) -> bool {
+        self.corrections > 0
+    }
+
+    /// Whether this text is the one that was written, and not a corrected one.
+    pub(crate) fn is_first_correction(&self) -> bool {
+        self.corrections == CORRECTIONS_MAX
+    }
+
+    /// Returns the number of texts that may be suggested. Of a corrected text, one is enough.
+    pub(crate) fn suggested_max(&self) -> usize {
+        if self.is_first_correction() { SUGGESTED_MAX } else { 1 }
+    }
+
+    /// Whether the condition that is read stands within no other one.
+    pub(crate) fn is_outermost_piece(&self) -> bool {
+        self.depth == 1
+    }
+
+    pub(crate) fn here(&self) -> Span {
         let end = self.text.trim_end().len();
         self.tokens.get(self.at).map_or(Span::new(end, end), Token::span)
-    }
-
-    /// Returns the answer to a quantifier over a type that the ecosystem does not have; `last` is the
-    /// position of its last word.
-    fn refuse_type(&self, found: &QuantifierMatch, last: usize) -> NotUnderstood {
-        let span = self.tokens.get(last).map_or_else(|| self.here(), Token::span);
-        let mut answer = NotUnderstood::new(span, format!("there is no type `{}`", found.ty));
-        let known = self.names.types();
-        let near = pddl::nearest(found.ty.as_str(), known.iter().map(|ty| ty.spelled()));
-        answer.is_near = near.is_some();
-        answer.nearest.extend(near.map(str::to_owned));
-        answer
-    }
-
-    /// Returns the answer to a word that may not stand at the present position.
-    fn refuse_mixture(&self) -> NotUnderstood {
-        let grammar = &self.book.grammar;
-        let first = |words: &[String]| words.first().cloned().unwrap_or_default();
-        let (and, or) = (first(&grammar.and), first(&grammar.or));
-        let why = match self.tokens.get(self.at) {
-            Some(_) if self.connective(self.at).is_some() || self.loose_connective().is_some() => {
-                format!(
-                    "`{and}` and `{or}` together leave open what belongs to which; a comma says it: \
-                     `A {and} B, {or} C`"
-                )
-            }
-            Some(token) => format!("`{}` does not continue the sentence", token.text),
-            None => "the text ends too early".to_owned(),
-        };
-        NotUnderstood::new(self.here(), why)
     }
 }
 

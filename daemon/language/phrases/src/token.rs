@@ -69,8 +69,8 @@ fn word<'t>(text: &'t str, start: usize, end: usize, tokens: &mut Vec<Token<'t>>
     let is_last = text[end..].trim().is_empty();
     let written = &text[start..end];
     let bare = match written.strip_suffix('.') {
-        // The period of a sentence; `…` and numbers such as `1.` keep theirs.
-        Some(bare) if is_last && bare.ends_with(char::is_alphabetic) => bare,
+        // The period of a sentence; `...` keeps its own.
+        Some(bare) if is_last && !bare.is_empty() && !bare.ends_with('.') => bare,
         _ => written,
     };
     let inner = bare.trim_end_matches([',', ':']);
@@ -115,6 +115,9 @@ mod tests {
         check("", &[]);
         check(" a  b, and c.", &["a", "b", ",", "and", "c"]);
         check("for every room r: 21,5 °C", &["for", "every", "room", "r", ":", "21,5", "°C"]);
+        check("below 60 %.", &["below", "60", "%"]);
+        check("above 21.5.", &["above", "21.5"]);
+        check("and so on ...", &["and", "so", "on", "..."]);
         check("(or (a) (b)) and c", &["(or (a) (b))", "and", "c"]);
         check("a (b", &["a", "(b"]);
         check(", :", &[",", ":"]);

@@ -14,6 +14,7 @@
 //! - [`network`]: the table `[zenoh]`.
 //! - [`people`]: the file of people.
 //! - [`daemons`]: names of daemons that are probably misspelled.
+//! - [`words`]: the phrases of the file, against the ontology and the agents' action models.
 //!
 //! Each check reports a mistake at its place in the text, with a correction. What only follows from
 //! another report is taken out again ([`consequences`]).
@@ -44,6 +45,8 @@ mod rooms;
 mod sensors;
 
 mod wording;
+
+mod words;
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
@@ -104,6 +107,7 @@ fn of_ecosystem(
         desk.map();
         desk.rooms();
         desk.goals();
+        desk.words();
         desk.hardware_stops();
     }
     desk.roles();

@@ -2,4 +2,6 @@
 
 mod mistakes;
 mod properties;
+mod suggestions;
 mod texts;
+mod words_check;

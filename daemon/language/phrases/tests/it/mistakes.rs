@@ -54,7 +54,7 @@ fn a_slip_is_answered_with_the_nearest_text() {
     check(
         "office1 temperature known",
         expect![
-            "1:1: error: `office1 temperature known` is not understood; the nearest that can be said is `temperature of office1 known`"
+            "1:1: error: `office1 temperature known` is not understood; did you mean `temperature of office1 known`?"
         ],
     );
     check(
@@ -84,7 +84,7 @@ fn a_slip_is_answered_with_the_nearest_text() {
     check(
         "make me a coffee",
         expect![
-            "1:1: error: `make me a coffee` is not understood; the nearest that can be said is `turtlebot-1 at hall`"
+            "1:1: error: `make me a coffee` is not understood; a condition is written as in `hall swept`"
         ],
     );
 }
@@ -92,11 +92,11 @@ fn a_slip_is_answered_with_the_nearest_text() {
 #[test]
 fn a_sentence_that_is_built_wrongly_is_answered_with_the_reason() {
     check("", expect!["1:1: error: the text says nothing"]);
-    check("office1 swept and", expect!["1:18: error: a condition is expected at the end"]);
+    check("office1 swept and", expect!["1:18: error: something must follow `and`"]);
     check(
         "office1 swept and office2 swept or hall swept",
         expect![
-            "1:33: error: `and` and `or` together leave open what belongs to which; a comma says it: `A and B, or C`"
+            "1:33: error: `and` and `or` together leave open what belongs to which; a comma says it: `A and B, or C`; did you mean `office1 swept and office2 swept, or hall swept` or `office1 swept, and office2 swept or hall swept`?"
         ],
     );
     check("if office1 swept", expect!["1:17: error: `then` is expected after the condition"]);

@@ -58,6 +58,14 @@ impl Interpreter<'_> {
                 });
                 continue;
             };
+            let unknown = phrases::key_mistakes(&value);
+            for mistake in &unknown {
+                let path = format!("words.{tag}.{}", mistake.path.join("."));
+                self.about_key(&path, |span| mistake.diagnostic(span));
+            }
+            if !unknown.is_empty() {
+                continue;
+            }
             match serde_json::from_value::<OwnWords>(value) {
                 Ok(own) => match Phrasebook::standard(language).with_own(&own) {
                     Ok(_) => {
