@@ -407,8 +407,8 @@ fn refuse_other_arity(
 ) -> Result<(), String> {
     match known {
         Some(known) if known.len() != own.len() => Err(format!(
-            "`{name}` takes {} arguments for `{agent}`, and {} for another agent",
-            own.len(),
+            "`{name}` takes {} for `{agent}`, and {} for another agent",
+            crate::check::count(own.len(), "argument"),
             known.len()
         )),
         _ => Ok(()),

@@ -31,6 +31,7 @@ pub mod knowledge;
 pub mod factored;
 
 mod arithmetic;
+mod characters;
 mod grammar;
 mod lexer;
 mod nearest;

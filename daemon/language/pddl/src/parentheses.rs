@@ -5,6 +5,7 @@
 //! - Missing and extra parentheses are repaired where possible, so that one wrong parenthesis gives
 //!   one diagnostic and the rest of the file is parsed.
 
+use crate::characters::{self, Lookalike};
 use crate::diagnostic::{Diagnostic, DiagnosticList};
 use crate::lexer::{self, LexToken};
 use crate::tree::Span;
@@ -52,6 +53,10 @@ pub(crate) struct StoredNode {
 pub(crate) enum NodeKind {
     List,
     Symbol,
+    /// A word that looks like `-`, and is read as such. It has been reported already.
+    Dash,
+    /// A word with a character that has been reported already.
+    SpoiledSymbol,
     Damaged,
 }
 
@@ -109,7 +114,14 @@ impl<'t, 'd> ForestBuilder<'t, 'd> {
                 self.end = comment;
                 continue;
             }
-            self.take(token, before);
+            match token {
+                LexToken::Symbol(length)
+                    if !self.text.as_bytes()[self.end - length..self.end].is_ascii() =>
+                {
+                    self.take_foreign(length, before);
+                }
+                _ => self.take(token, before),
+            }
         }
         self.finish();
         self.entries
@@ -144,6 +156,82 @@ impl<'t, 'd> ForestBuilder<'t, 'd> {
             .with_help("begin each line of a comment with `;`"),
         );
         Some(start + length)
+    }
+
+    /// Adds a word with characters beyond ASCII to the tree. Characters that PDDL does not know are
+    /// reported. Those that look like spaces split the word, and those at its ends are left out.
+    fn take_foreign(&mut self, length: usize, before: usize) {
+        let (start, end) = (self.end - length, self.end);
+        let text = self.text;
+        let word = &text[start..end];
+        let mut found = Vec::new();
+        let mut last = None;
+        let mut rest = word.char_indices().peekable();
+        while let Some((offset, character)) = rest.next() {
+            let after = rest.peek().map(|(_, after)| *after);
+            if let Some((kind, name)) = characters::lookalike(last, character, after) {
+                let offset = start + offset;
+                self.problems.push(characters::mistake(offset, character, kind, name));
+                found.push((offset, character.len_utf8(), kind));
+            }
+            last = Some(character);
+        }
+        if found.is_empty() {
+            return self.take(LexToken::Symbol(length), before);
+        }
+        let mut from = start;
+        let spaces = found.iter().filter(|(.., kind)| *kind == Lookalike::Space);
+        for (space, width) in spaces.map(|(at, width, _)| (*at, *width)).chain([(end, 0)]) {
+            self.take_piece(from, space, &found, before);
+            from = space + width;
+        }
+        self.end = end;
+        self.after_word = false;
+    }
+
+    /// Adds the word between two offsets, which has no spaces, to the tree. `found` are the
+    /// characters in the text that have been reported: their offsets, lengths and kinds.
+    fn take_piece(
+        &mut self,
+        mut start: usize,
+        mut end: usize,
+        found: &[(usize, usize, Lookalike)],
+        before: usize,
+    ) {
+        let is_left_out = |kind: Lookalike| matches!(kind, Lookalike::Invisible | Lookalike::Quote);
+        let within = found.iter().filter(|(at, ..)| (start..end).contains(at));
+        let mut within: Vec<_> = within.copied().collect();
+        while let Some((at, width, _)) = within.first().filter(|one| is_left_out(one.2))
+            && *at == start
+        {
+            start += width;
+            within.remove(0);
+        }
+        while let Some((at, width, _)) = within.last().filter(|one| is_left_out(one.2))
+            && at + width == end
+        {
+            end = *at;
+            within.pop();
+        }
+        if start >= end {
+            return;
+        }
+        self.end = end;
+        match within.as_slice() {
+            [] => self.take(LexToken::Symbol(end - start), before),
+            _ if self.open_skipped > 0 => {}
+            [(_, width, Lookalike::Dash)] if *width == end - start => {
+                self.take_spoiled(start, NodeKind::Dash);
+            }
+            _ => self.take_spoiled(start, NodeKind::SpoiledSymbol),
+        }
+    }
+
+    fn take_spoiled(&mut self, start: usize, kind: NodeKind) {
+        self.report_stray();
+        self.after_stray = false;
+        self.after_word = true;
+        self.push(start, kind);
     }
 
     /// Adds a token to the tree; `before` is the end of the previous token.

@@ -131,7 +131,7 @@ fn read<T>(
 ) -> Parsed<T> {
     let mut problems = DiagnosticList::default();
     let forest = Forest::read(text, &mut problems);
-    let mut reader = GrammarReader::new(problems, forest.len());
+    let mut reader = GrammarReader::new(problems, forest.len(), forest.spoiled());
     let value = meaning(&mut reader, forest.roots());
     Parsed { value, diagnostics: reader.into_diagnostics() }
 }

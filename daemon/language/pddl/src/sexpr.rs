@@ -55,6 +55,12 @@ impl<'t> Forest<'t> {
         self.entries.len()
     }
 
+    /// Returns the places of words with characters that have been reported, in the order of the text.
+    pub(crate) fn spoiled(&self) -> Vec<Span> {
+        let spoiled = self.entries.iter().filter(|node| node.kind == NodeKind::SpoiledSymbol);
+        spoiled.map(|node| Span { start: node.start, end: node.end }).collect()
+    }
+
     /// Returns the nodes that are outside of all lists.
     pub(crate) fn roots(&self) -> Items<'_> {
         Items {
@@ -87,7 +93,8 @@ impl<'f> SyntaxNode<'f> {
                 stop: entry.next,
                 end: self.close(),
             }),
-            NodeKind::Symbol => NodeContent::Symbol(self.text()),
+            NodeKind::Symbol | NodeKind::SpoiledSymbol => NodeContent::Symbol(self.text()),
+            NodeKind::Dash => NodeContent::Symbol("-"),
             NodeKind::Damaged => NodeContent::Damaged,
         }
     }
@@ -139,8 +146,10 @@ impl<'f> SyntaxNode<'f> {
     pub(crate) fn touching_list(self) -> Option<SyntaxNode<'f>> {
         let StoredNode { end, next, kind, .. } = *self.entry();
         let list = self.forest.entries.get(next as usize)?;
-        let touches =
-            kind == NodeKind::Symbol && list.kind != NodeKind::Symbol && list.start == end;
+        let is_word = |kind: NodeKind| {
+            matches!(kind, NodeKind::Symbol | NodeKind::SpoiledSymbol | NodeKind::Dash)
+        };
+        let touches = is_word(kind) && !is_word(list.kind) && list.start == end;
         touches.then_some(SyntaxNode { forest: self.forest, index: next })
     }
 

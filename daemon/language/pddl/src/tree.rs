@@ -39,6 +39,9 @@ struct Spelling {
     spelled: Option<Box<str>>,
 }
 
+/// What a domain or a problem without a valid name is called.
+const PLACEHOLDER: &str = "unnamed";
+
 /// A type: `TYPE | (either TYPE+)`. The empty list stands for an omitted type, which is `object`.
 ///
 /// `object` alone and the empty list are equal.
@@ -559,6 +562,18 @@ impl Name {
         let canonical: Box<str> = spelled.to_lowercase().into();
         let spelled = (*canonical != *spelled).then(|| spelled.into());
         Name { spelling: Arc::new(Spelling { canonical, spelled }), span }
+    }
+
+    /// Returns the name of a domain or a problem that lacks a valid one. `place` is where the name
+    /// is missing.
+    pub(crate) fn placeholder(place: Span) -> Name {
+        Name::spanned(PLACEHOLDER, Span { end: place.start, ..place })
+    }
+
+    /// Whether the parser put this name in the place of a missing or invalid one.
+    pub(crate) fn is_placeholder(&self) -> bool {
+        let is_written = self.span.end > self.span.start;
+        !is_written && self.span.start > 0 && self.as_str() == PLACEHOLDER
     }
 
     /// Returns a copy of the name that stands at the place `span`.

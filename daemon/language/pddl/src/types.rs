@@ -140,6 +140,14 @@ impl Types {
         !actual.alternatives.is_empty() && actual.alternatives.iter().all(fits)
     }
 
+    /// Whether an object of the declared type belongs to `expected`. An object that is declared as
+    /// `(either a b)` belongs to both types, and a variable that is declared so to one of them:
+    /// [`Types::accepts`] is for variables.
+    pub fn holds(&self, expected: &TypeExpr, declared: &TypeExpr) -> bool {
+        expected.is_object()
+            || declared.alternatives.iter().any(|own| self.is_one_of(own, expected))
+    }
+
     fn is_one_of(&self, sub: &Name, expected: &TypeExpr) -> bool {
         expected.alternatives.iter().any(|sup| self.is_subtype(sub.as_str(), sup.as_str()))
     }
@@ -230,6 +238,20 @@ mod tests {
         assert!(!types.accepts(&either(&["room"]), &either(&["room", "corridor"])));
         assert!(types.overlap(&either(&["room"]), &either(&["room", "corridor"])));
         assert!(!types.overlap(&either(&["room"]), &either(&["robot"])));
+    }
+
+    #[test]
+    fn an_object_declared_by_either_belongs_to_each_alternative() {
+        let types = types(OFFICE);
+        let ty = |names: &[&str]| TypeExpr {
+            alternatives: names.iter().map(|name| Name::new(name)).collect(),
+        };
+        let declared = ty(&["turtlebot", "corridor"]);
+        for expected in [ty(&["robot"]), ty(&["location"]), ty(&["room", "corridor"]), ty(&[])] {
+            assert!(types.holds(&expected, &declared), "{expected}");
+        }
+        assert!(!types.holds(&ty(&["room"]), &declared));
+        assert!(!types.holds(&ty(&["room"]), &ty(&[])));
     }
 
     #[test]

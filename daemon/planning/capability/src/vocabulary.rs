@@ -120,7 +120,7 @@ impl DomainVocabulary {
         parameters.iter().zip(fact.arguments()).find_map(|(wanted, object)| {
             match self.objects.get(object) {
                 None => Some(format!("`{object}` is not here")),
-                Some(ty) if !self.types.accepts(wanted, ty) => {
+                Some(ty) if !self.types.holds(wanted, ty) => {
                     Some(format!("`{object}` is not of the type that `{symbol}` takes"))
                 }
                 Some(_) => None,

@@ -103,7 +103,7 @@ impl PrivateSymbols {
 
     /// Whether an object can be of a type.
     pub(crate) fn accepts(&self, expected: &TypeExpr, object: &Typed) -> bool {
-        self.types.accepts(expected, &object.ty)
+        self.types.holds(expected, &object.ty)
     }
 
     /// Returns the private symbol of an atom; `None` if the atom is public.

@@ -115,6 +115,12 @@ impl<'t> Checker<'_, 't> {
             let confused = Diagnostic::error(name.span(), message);
             return self.report(confused.with_rule(predicate.to_string()));
         }
+        if symbols.object(name).is_some() && fluent.arguments.is_empty() {
+            let message = format!("`{name}` is an object, and has no value to compare or compute");
+            let help = "only a variable can be compared with an object that is named by digits: \
+                        `(= ?x 1)`";
+            return self.report(Diagnostic::error(name.span(), message).with_help(help));
+        }
         let near = self.nearest(name.as_str(), symbols.function_names());
         let message = format!("unknown function `{name}`");
         let mut unknown = Diagnostic::error(name.span(), message).with_suggestion(near);
@@ -227,7 +233,11 @@ impl<'t> Checker<'_, 't> {
         } else {
             let near = self.nearest(name.as_str(), symbols.object_names());
             let mut unknown = Diagnostic::error(name.span(), message).with_suggestion(near);
-            if near.is_none() && symbols.is_of_domain {
+            if is_number(name) {
+                let help = "a variable or an argument is an object, and no object is called so; \
+                            numbers are the values of functions: `(= (FUNCTION …) NUMBER)`";
+                unknown = unknown.with_help(help);
+            } else if near.is_none() && symbols.is_of_domain {
                 let help = "add it to `:constants`, or take a parameter: a domain knows no \
                             objects of problems";
                 unknown = unknown.with_help(help);
@@ -236,6 +246,11 @@ impl<'t> Checker<'_, 't> {
         }
         None
     }
+}
+
+/// Whether a name is written like a number.
+fn is_number(name: &Name) -> bool {
+    name.as_str().parse::<f64>().is_ok_and(f64::is_finite)
 }
 
 /// A predicate or a function with its arguments.

@@ -58,6 +58,11 @@ impl<'t> Checker<'_, 't> {
         );
         self.signatures("function", domain.functions.iter().map(|it| (&it.name, &*it.parameters)));
         self.types_of(&domain.constants);
+        for (index, constant) in domain.constants.iter().enumerate() {
+            if index == 0 || constant.ty != domain.constants[index - 1].ty {
+                self.either_of_an_object(constant);
+            }
+        }
         for function in &domain.functions {
             self.named_like_a_predicate(&function.name);
         }
@@ -298,6 +303,18 @@ impl<'t> Checker<'_, 't> {
                 self.type_expr(&typed.ty);
             }
         }
+    }
+
+    /// Reports an object with several types in an `either`, which belongs to all of them. In other
+    /// planners such an object may belong to none.
+    pub(super) fn either_of_an_object(&mut self, object: &'t Typed) {
+        if object.ty.is_object() || object.ty.alternatives.len() < 2 {
+            return;
+        }
+        let types: Vec<_> = object.ty.alternatives.iter().map(|ty| format!("`{ty}`")).collect();
+        let message = format!("`{}` is of type {}", object.name, types.join(" and of type "));
+        let help = "an `either` is meant for variables: declare a type below all of these";
+        self.report(Diagnostic::warning(object.name.span(), message).with_help(help));
     }
 
     pub(super) fn type_expr(&mut self, ty: &'t TypeExpr) {

@@ -30,10 +30,7 @@ impl<'t> Checker<'_, 't> {
         problem: &'t Problem,
         values: UndeclaredSymbols,
     ) {
-        if problem.domain != domain.name {
-            let message = format!("the domain is called `{}`", domain.name);
-            self.report(Diagnostic::warning(problem.domain.span(), message));
-        }
+        self.domain_name(&problem.domain, &domain.name);
         self.requirements(&problem.requirements);
         self.objects(domain, &problem.objects);
         self.init(&problem.init, values);
@@ -54,6 +51,7 @@ impl<'t> Checker<'_, 't> {
             // In `a b c - typo`, the type is one mistake, not three.
             if index == 0 || object.ty != objects[index - 1].object.ty {
                 self.type_expr(&object.ty);
+                self.either_of_an_object(object);
             }
             if let Some(constant) = constants.get(object.name.as_str()) {
                 self.constant_again(declaration, constant.ty == object.ty);

@@ -29,7 +29,9 @@ use std::fmt;
 
 use crate::diagnostic::{Diagnostic, DiagnosticList};
 use crate::nearest::nearest;
-use crate::tree::{ActionModel, Condition, Domain, FluentTerm, InitElement, Plan, Problem, Typed};
+use crate::tree::{
+    ActionModel, Condition, Domain, FluentTerm, InitElement, Name, Plan, Problem, Typed,
+};
 use symbols::Symbols;
 
 /// Checks a domain by itself.
@@ -166,6 +168,16 @@ impl<'s, 't> Checker<'s, 't> {
         self.problems.push(diagnostic);
     }
 
+    /// Reports that a text names another domain. A name that is missing is a mistake of the text that
+    /// lacks it, which the parser has reported.
+    fn domain_name(&mut self, named: &'t Name, actual: &Name) {
+        if named == actual || named.is_placeholder() || actual.is_placeholder() {
+            return;
+        }
+        let message = format!("the domain is called `{actual}`");
+        self.report(Diagnostic::warning(named.span(), message));
+    }
+
     /// Returns the candidate that `word` most likely misspells; `None` if no candidate is near
     /// enough or the limit on comparisons is reached.
     fn nearest<'a>(
@@ -202,7 +214,7 @@ impl<'s, 't> Checker<'s, 't> {
 }
 
 /// Writes a number with its noun: “1 argument”, “2 arguments”.
-fn count(number: usize, noun: &str) -> impl fmt::Display {
+pub fn count(number: usize, noun: &str) -> impl fmt::Display {
     let plural = if number == 1 { "" } else { "s" };
     format!("{number} {noun}{plural}")
 }

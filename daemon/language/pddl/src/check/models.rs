@@ -8,10 +8,7 @@ use crate::tree::{ActionModel, Domain, Name, Typed};
 impl<'t> Checker<'_, 't> {
     pub(super) fn model(&mut self, ontology: &'t Domain, model: &'t ActionModel) {
         self.foreign_types = Some(&ontology.types);
-        if model.domain != ontology.name {
-            let message = format!("the domain is called `{}`", ontology.name);
-            self.report(Diagnostic::warning(model.domain.span(), message));
-        }
+        self.domain_name(&model.domain, &ontology.name);
         self.requirements(&model.requirements);
         self.types(&model.types);
         self.types_once(&model.types);

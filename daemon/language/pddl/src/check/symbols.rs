@@ -96,7 +96,7 @@ impl<'t> Symbols<'t> {
     /// declarations.
     pub(super) fn is_also(&self, object: &Name, wanted: &TypeExpr) -> bool {
         let mut named = self.objects.order.iter().filter(|one| one.name == *object);
-        named.any(|one| self.types.accepts(wanted, &one.ty))
+        named.any(|one| self.types.holds(wanted, &one.ty))
     }
 
     pub(super) fn is_derived(&self, predicate: &Name) -> bool {

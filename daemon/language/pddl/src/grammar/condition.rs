@@ -85,12 +85,17 @@ pub(super) fn atom<'f>(reader: &mut GrammarReader<'f>, node: SyntaxNode<'f>) -> 
 /// Returns advice to replace an operator of another language by PDDL; `None` for any other word.
 fn foreign(word: &str) -> Option<&'static str> {
     Some(match word {
-        "!=" | "<>" | "/=" | "~=" => "write `(not (= … …))`",
+        "!=" | "<>" | "/=" | "~=" | "≠" => "write `(not (= … …))`",
         "==" => "write `(= … …)`",
-        "&&" | "&" => "write `(and … …)`",
-        "||" | "|" => "write `(or … …)`",
-        "!" | "~" => "write `(not …)`",
-        "->" | "=>" => "write `(imply … …)`",
+        "&&" | "&" | "∧" => "write `(and … …)`",
+        "||" | "|" | "∨" => "write `(or … …)`",
+        "!" | "~" | "¬" => "write `(not …)`",
+        "->" | "=>" | "→" | "⇒" => "write `(imply … …)`",
+        "<->" | "<=>" | "↔" | "⇔" => EQUIVALENCE,
+        "≤" => "write `(<= … …)`",
+        "≥" => "write `(>= … …)`",
+        "∃" => "write `(exists (VARIABLES) CONDITION)`",
+        "∀" => "write `(forall (VARIABLES) CONDITION)`",
         "+=" => "write `(increase FLUENT EXPRESSION)`",
         "-=" => "write `(decrease FLUENT EXPRESSION)`",
         ":=" => "write `(assign FLUENT EXPRESSION)`",
@@ -114,14 +119,39 @@ const KEYWORDS: &[&str] = &[
     "scale-down",
 ];
 
-/// Reports a predicate with a list as an argument. If the predicate is similar to a keyword, the
-/// keyword is proposed.
+const EQUIVALENCE: &str = "write `(and (imply A B) (imply B A))`";
+
+/// Returns advice to replace an operator that other languages write as a word; `None` for any other
+/// word.
+fn foreign_word(word: &str) -> Option<&'static str> {
+    Some(match Keyword::of(word).as_str() {
+        "implies" | "implied" | "implication" => "did you mean `imply`?",
+        "if" => "write `(imply A B)` in a condition, and `(when CONDITION EFFECT)` in an effect",
+        "iff" | "equiv" | "equivalent" => EQUIVALENCE,
+        "some" | "forsome" | "for-some" | "any" | "there-exists" => "did you mean `exists`?",
+        "every" | "each" | "foreach" | "for-each" => "did you mean `forall`?",
+        "xor" => "write `(or (and A (not B)) (and (not A) B))`",
+        "nand" => "write `(not (and …))`",
+        "nor" => "write `(not (or …))`",
+        "eq" | "equal" | "equals" => "did you mean `=`?",
+        "set" => "did you mean `assign`?",
+        _ => return None,
+    })
+}
+
+/// Reports a predicate with a list as an argument. If the predicate is similar to a keyword, or an
+/// operator of another language, what PDDL has instead is proposed.
 fn nested<T>(
     reader: &mut GrammarReader<'_>,
     head: SyntaxNode<'_>,
     argument: SyntaxNode<'_>,
 ) -> Option<T> {
     let word = head.symbol().unwrap_or("");
+    if let Some(help) = foreign_word(word) {
+        let unknown = Diagnostic::error(head.span(), format!("unknown keyword `{word}`"));
+        reader.report(unknown.with_help(help));
+        return None;
+    }
     let near = reader.nearest(word, KEYWORDS.iter().copied());
     let diagnostic = match near {
         Some(_) => Diagnostic::error(head.span(), format!("unknown keyword `{word}`")),
@@ -257,9 +287,13 @@ pub(super) fn is_body(node: SyntaxNode<'_>) -> bool {
 
 /// Parses an equation: `(= TERM TERM) | (= EXPRESSION EXPRESSION)`.
 ///
-/// Two words are terms. If either side is a list or a number, the equation compares numbers.
+/// Two words are terms. If either side is a list or a number, the equation compares numbers, except
+/// for `(= ?x 1)`: a variable stands for an object, so `1` is the name of one, too.
 fn equal<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>, span: Span) -> Option<Condition> {
-    if items.into_iter().any(|node| is_numeric(reader, node)) {
+    let is_list = |node: SyntaxNode<'f>| node.list().is_some();
+    let is_of_objects =
+        items.into_iter().any(is_object_variable) && !items.into_iter().any(is_list);
+    if !is_of_objects && items.into_iter().any(|node| is_numeric(reader, node)) {
         return compare(reader, Comparison::Equal, items, span);
     }
     let mut items = items;
@@ -269,6 +303,12 @@ fn equal<'f>(reader: &mut GrammarReader<'f>, items: Items<'f>, span: Span) -> Op
     let right = names::term(reader, right);
     reader.expect_end(items, "`=`", EQUAL);
     Some(Condition::Equal(left?, right?, span))
+}
+
+/// Whether a node is a variable, and not the duration of an action.
+fn is_object_variable(node: SyntaxNode<'_>) -> bool {
+    let is_variable = |word: &str| word.starts_with('?') && !word.eq_ignore_ascii_case("?duration");
+    node.symbol().is_some_and(is_variable)
 }
 
 fn is_numeric(reader: &GrammarReader<'_>, node: SyntaxNode<'_>) -> bool {

@@ -99,7 +99,7 @@ fn title_of<'f>(
     let name = name.and_then(|node| names::name(reader, node, "a name"));
     reader.expect_end(items, "the name", DEFINE);
     // The rest is parsed even without a valid name.
-    let name = name.unwrap_or_else(|| reader.intern("unnamed", node.span()));
+    let name = name.unwrap_or_else(|| Name::placeholder(node.span()));
     Some((kind, name))
 }
 

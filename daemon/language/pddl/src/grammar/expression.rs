@@ -60,8 +60,42 @@ pub(super) fn fluent<'f>(
     };
     let head = reader.expect(&mut items, "function", FLUENT)?;
     let function = names::applied(reader, head, "a function", FLUENT)?;
+    if items.into_iter().any(|node| node.list().is_some()) && is_arithmetic(function.as_str()) {
+        let message = format!("PDDL has no `{function}`");
+        let unknown = Diagnostic::error(head.span(), message).with_rule(EXPRESSION);
+        reader.report(unknown.with_help("it computes with `+`, `-`, `*` and `/`"));
+        return None;
+    }
     let arguments = names::terms(reader, items)?;
     Some(FluentTerm { function, arguments, span: node.span() })
+}
+
+/// Whether a word is an operator of other languages on numbers.
+fn is_arithmetic(word: &str) -> bool {
+    matches!(
+        word,
+        "^" | "**"
+            | "%"
+            | "mod"
+            | "div"
+            | "min"
+            | "max"
+            | "abs"
+            | "sqrt"
+            | "pow"
+            | "exp"
+            | "log"
+            | "floor"
+            | "ceil"
+            | "round"
+            | "sum"
+            | "plus"
+            | "minus"
+            | "times"
+            | "×"
+            | "·"
+            | "÷"
+    )
 }
 
 /// Parses an expression that is a single word: `NUMBER | FUNCTION | ?duration | #t | total-time`.

@@ -48,13 +48,13 @@ pub(super) fn domain_name<'f>(
     reader.expect_end(items, "`:domain`", DOMAIN);
     let name = names::name(reader, node, "a name");
     // A wrong name was reported already; it must not be reported as missing, too.
-    Some(name.unwrap_or_else(|| reader.intern("unnamed", node.span())))
+    Some(name.unwrap_or_else(|| Name::placeholder(node.span())))
 }
 
-/// Reports that the name of the domain is missing. Returns the placeholder `unnamed`.
+/// Reports that the name of the domain is missing. Returns a placeholder.
 pub(super) fn missing_domain(reader: &mut GrammarReader<'_>, end: Span) -> Name {
     reader.report(Diagnostic::error(end, "missing `(:domain NAME)`").with_rule(DOMAIN));
-    reader.intern("unnamed", end)
+    Name::placeholder(end)
 }
 
 /// Parses the section with the goal: `(:goal CONDITION)`.

@@ -22,6 +22,9 @@ pub(crate) struct GrammarReader<'f> {
     /// Start of a list that was reported together with the word before it and must be skipped;
     /// `None` if there is none.
     passed_over: Option<u32>,
+    /// Places of words with characters that were reported when the tree was built, in the order of
+    /// the text.
+    spoiled: Vec<Span>,
 }
 
 /// Maximum number of arguments that are repeated in the advice to write `(at r1 hall)` instead of
@@ -51,8 +54,13 @@ pub(super) struct Keyword<'f>(Cow<'f, str>);
 // === impl GrammarReader ===
 
 impl<'f> GrammarReader<'f> {
-    /// Creates the state for a text with `node_count` words and lists.
-    pub(crate) fn new(problems: DiagnosticList, node_count: usize) -> GrammarReader<'f> {
+    /// Creates the state for a text with `node_count` words and lists. The words at the places
+    /// `spoiled` were reported already.
+    pub(crate) fn new(
+        problems: DiagnosticList,
+        node_count: usize,
+        spoiled: Vec<Span>,
+    ) -> GrammarReader<'f> {
         // In the text of a building, about one node in ten has a new spelling.
         let names = HashMap::with_capacity_and_hasher(node_count / 10, RandomState::default());
         GrammarReader {
@@ -61,6 +69,7 @@ impl<'f> GrammarReader<'f> {
             place: ExpressionPlace::Plain,
             copies_left: COPIES_MAX,
             passed_over: None,
+            spoiled,
         }
     }
 
@@ -68,8 +77,15 @@ impl<'f> GrammarReader<'f> {
         self.problems.into_sorted()
     }
 
+    /// Adds a mistake. A mistake at a word with a character that was reported is a consequence of
+    /// that character, and is left out.
     pub(super) fn report(&mut self, diagnostic: Diagnostic) {
-        self.problems.push(diagnostic);
+        let span = diagnostic.span;
+        let next = self.spoiled.partition_point(|word| word.end < span.end);
+        let word = self.spoiled.get(next);
+        if !word.is_some_and(|word| word.start <= span.start && span.start < word.end) {
+            self.problems.push(diagnostic);
+        }
     }
 
     /// Returns the name with the spelling `word`, placed at `span`.

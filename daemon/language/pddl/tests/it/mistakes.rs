@@ -424,15 +424,17 @@ fn names_contain_no_invalid_characters() {
     check(
         "(define (domain d\u{a0}e) (:predicates (\"p\") (:q) (?r) (ö)))",
         expect![[r#"
-            1:17: error: expected a name, found `d e`; U+00A0 looks like a space, but is none in PDDL [NAME = a letter or digit, then letters, digits, `-` and `_`]
-              at `d e`
+            1:18: error: U+00A0 (no-break space) is no space in PDDL; write a space
+              at ` `
+            1:19: error: the name ends before `e` [(define (domain|problem|agent NAME) SECTION*)]
+              at `e`
             1:36: error: expected a name, found `"p"`; a name cannot hold `"` [NAME = a letter or digit, then letters, digits, `-` and `_`]
               at `"p"`
             1:42: error: expected a name, found `:q` [NAME = a letter or digit, then letters, digits, `-` and `_`]
               at `:q`
             1:47: error: expected a name, found `?r`; variables have no place here [NAME = a letter or digit, then letters, digits, `-` and `_`]
               at `?r`
-            (define (domain unnamed)
+            (define (domain d)
               (:predicates (ö)))
         "#]],
     );

@@ -103,7 +103,7 @@ fn wrong_agent(
     let Some(ty) = standing.vocabulary.objects.get(name) else {
         return Some(format!("`{name}` is no object; write `(:objects {name} - {})`", agent.ty));
     };
-    (!standing.vocabulary.types.accepts(&agent.ty, ty))
+    (!standing.vocabulary.types.holds(&agent.ty, ty))
         .then(|| format!("its agent is a `{}`, and `{name}` is a `{ty}`", agent.ty))
 }
 

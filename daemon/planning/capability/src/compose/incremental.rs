@@ -121,5 +121,5 @@ fn stands(
         Some((_, declared)) => &declared.object.ty,
         None => composite.vocabulary.objects.get(party.agent.as_str())?,
     };
-    composite.vocabulary.types.accepts(&agent.ty, ty).then_some(place)
+    composite.vocabulary.types.holds(&agent.ty, ty).then_some(place)
 }

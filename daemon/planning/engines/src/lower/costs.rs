@@ -410,7 +410,7 @@ impl Filling<'_> {
     fn fits(&self, variable: &Name, object: &Name) -> bool {
         let parameter = self.action.parameters.iter().find(|it| it.name == *variable);
         match (parameter, self.facts.objects.get(object)) {
-            (Some(parameter), Some(own)) => self.facts.types.accepts(&parameter.ty, own),
+            (Some(parameter), Some(own)) => self.facts.types.holds(&parameter.ty, own),
             _ => false,
         }
     }

@@ -166,7 +166,7 @@ impl TypeGuards {
                 parameters: vec![parameter],
                 privacy: Privacy::Public,
             });
-            let members = objects.iter().filter(|object| types.accepts(ty, &object.ty));
+            let members = objects.iter().filter(|object| types.holds(ty, &object.ty));
             problem.init.extend(members.map(|object| {
                 let arguments = vec![Term::Object(object.name.clone())];
                 InitElement::Atom(Atom { predicate: name(index), arguments, span: Span::default() })

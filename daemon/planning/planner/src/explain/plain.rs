@@ -303,7 +303,7 @@ impl UnsolvabilityExplainer<'_> {
         let declared = || self.problem.objects.iter().map(|declaration| &declaration.object);
         let is_empty = |one: &&&Typed| {
             let mut all = self.domain.constants.iter().chain(declared());
-            !all.any(|object| self.types.accepts(&one.ty, &object.ty))
+            !all.any(|object| self.types.holds(&one.ty, &object.ty))
         };
         { free }.find(is_empty).map(|one| (**one).clone())
     }
@@ -374,7 +374,7 @@ impl UnsolvabilityExplainer<'_> {
     fn is_of(&self, object: &Name, ty: &TypeExpr) -> bool {
         let declared = self.problem.objects.iter().map(|declaration| &declaration.object);
         let mut all = self.domain.constants.iter().chain(declared);
-        all.any(|one| one.name == *object && self.types.accepts(ty, &one.ty))
+        all.any(|one| one.name == *object && self.types.holds(ty, &one.ty))
     }
 
     /// Returns the conjuncts of conditions. Bound variables are replaced by their terms, and free

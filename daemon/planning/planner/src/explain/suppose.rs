@@ -155,16 +155,23 @@ impl SupposedTask {
         for object in here {
             self.problem.init.push(InitElement::Atom(atom(THERE, vec![Term::Object(object)])));
         }
-        let mut kinds: Vec<&TypeExpr> = Vec::new();
+        let mut kinds: Vec<TypeExpr> = Vec::new();
         for agent in acting.iter().filter_map(|(action, _)| action.agent.as_ref()) {
-            if !kinds.contains(&&agent.ty) {
-                kinds.push(&agent.ty);
+            // An object that is declared by `either` is of both types, which no new agent has to be.
+            let each: Vec<TypeExpr> = match agent.ty.alternatives.as_slice() {
+                several @ [_, _, ..] => several.iter().cloned().map(TypeExpr::of).collect(),
+                _ => vec![agent.ty.clone()],
+            };
+            for ty in each {
+                if !kinds.contains(&ty) {
+                    kinds.push(ty);
+                }
             }
         }
         for (number, ty) in kinds.into_iter().enumerate() {
             let name = Name::new(&format!("%new-{number}"));
             self.new.insert(name.clone(), ty.clone());
-            let object = Typed { name: name.clone(), ty: ty.clone() };
+            let object = Typed { name: name.clone(), ty };
             let privacy = Privacy::Public;
             Arc::make_mut(&mut self.problem.objects).push(ObjectDeclaration { object, privacy });
             self.problem.init.push(InitElement::Atom(atom(NEW, vec![Term::Object(name)])));
@@ -268,7 +275,7 @@ impl SupposedTask {
         let objects = self.problem.objects.iter().map(|declared| &declared.object);
         let free: Vec<Name> = { objects.chain(&self.domain.constants) }
             .filter(|object| !self.new.contains_key(&object.name))
-            .filter(|object| types.accepts(&agent.ty, &object.ty) && !taken(&object.name))
+            .filter(|object| types.holds(&agent.ty, &object.ty) && !taken(&object.name))
             .map(|object| object.name.clone())
             .collect();
         if free.is_empty() || !self.new.values().any(|ty| types.accepts(&other.ty, ty)) {

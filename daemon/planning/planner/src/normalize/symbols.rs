@@ -127,9 +127,9 @@ impl SymbolTable {
             let object = ObjectId::from_index(index);
             let also = || {
                 let more = self.more_types.get(&object);
-                more.is_some_and(|more| more.iter().any(|own| self.hierarchy.accepts(ty, own)))
+                more.is_some_and(|more| more.iter().any(|own| self.hierarchy.holds(ty, own)))
             };
-            if *accepted.entry(own).or_insert_with(|| self.hierarchy.accepts(ty, own)) || also() {
+            if *accepted.entry(own).or_insert_with(|| self.hierarchy.holds(ty, own)) || also() {
                 members.push(object);
             }
         }
@@ -182,7 +182,8 @@ impl SymbolTable {
 
     fn expect_arity(&mut self, name: &Name, expected: usize, found: usize) {
         if expected != found {
-            let message = format!("`{name}` takes {expected} arguments, not {found}");
+            let expected = pddl::check::count(expected, "argument");
+            let message = format!("`{name}` takes {expected}, not {found}");
             self.problems.push(Diagnostic::error(name.span(), message));
         }
     }

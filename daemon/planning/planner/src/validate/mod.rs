@@ -218,7 +218,7 @@ impl fmt::Display for FaultReason {
             FaultReason::UnknownAction => f.write_str("no action has this name"),
             FaultReason::Durative => f.write_str("durative actions are not checked"),
             FaultReason::ArgumentCount { expected, found } => {
-                write!(f, "takes {expected} arguments, not {found}")
+                write!(f, "takes {}, not {found}", pddl::check::count(*expected, "argument"))
             }
             FaultReason::UnknownObject(name) => write!(f, "no object is called `{name}`"),
             FaultReason::WrongType { object, expected } => {

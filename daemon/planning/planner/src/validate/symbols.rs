@@ -124,7 +124,7 @@ impl Objects {
         if ty.is_object() {
             return Arc::new(Extension::Everything(self.typed.len() as u32));
         }
-        let accepted: Vec<bool> = self.types.iter().map(|own| types.accepts(ty, own)).collect();
+        let accepted: Vec<bool> = self.types.iter().map(|own| types.holds(ty, own)).collect();
         let numbers = (0..).map(Object).zip(&self.typed);
         let again = |object: &Object| {
             let more = self.typed_again.get(object);

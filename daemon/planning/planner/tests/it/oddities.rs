@@ -292,3 +292,35 @@ fn a_total_cost_that_is_not_declared_is_counted() {
         assert!(warned[0].message.contains("`total-cost` is not declared"), "{warned:?}");
     }
 }
+
+#[test]
+fn an_object_may_be_declared_by_either_and_has_both_types() {
+    let domain = "(define (domain d) (:types b c) (:predicates (p ?x - b) (q ?x - c) (done ?x))
+        (:action a :parameters (?x - b ?y - c) :precondition (and (p ?x) (q ?y)) :effect (done ?x)))";
+    check(
+        domain,
+        "(define (problem p) (:domain d) (:objects k - (either b c)) (:init (p k) (q k))
+           (:goal (and (done k) (exists (?x - c) (done ?x)) (exists (?x - b) (done ?x)))))",
+        "`k` is of type `b` and of type `c`",
+        "k",
+        "(a k k)",
+    );
+    // An `either` of a variable means one of the types.
+    let either = domain.replace("?x - b ?y - c", "?x ?y - (either b c)");
+    check(
+        &either,
+        "(define (problem p) (:domain d) (:objects k - (either b c) l - c) (:init (p k) (q l))
+           (:goal (done k)))",
+        "`k` is of type `b` and of type `c`",
+        "k",
+        "(a k l)",
+    );
+}
+
+#[test]
+fn an_object_that_is_named_by_digits_can_be_compared() {
+    let domain = "(define (domain d) (:constants 1) (:predicates (p ?x))
+        (:action a :parameters (?x) :precondition (not (= ?x 1)) :effect (p ?x)))";
+    let problem = "(define (problem q) (:domain d) (:objects k) (:goal (exists (?x) (p ?x))))";
+    support::check(domain, problem, expect_test::expect![["(a k)\ncost 1, optimal\n"]]);
+}

@@ -298,7 +298,7 @@ impl<'t> State<'t> {
     }
 
     fn is_of(&self, object: &Typed, variable: &Typed) -> bool {
-        self.types.accepts(&variable.ty, &object.ty)
+        self.types.holds(&variable.ty, &object.ty)
     }
 }
 
