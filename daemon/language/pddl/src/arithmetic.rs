@@ -6,6 +6,11 @@
 //! would also treat different numbers as equal. Instead, every result is rounded to the fifteen
 //! decimal digits that a binary number can hold. Sums, differences and products of decimals are
 //! then exact decimals, and comparisons need no tolerance.
+//!
+//! A sum may need more digits: `(+ 1000000000000 0.001)` loses the thousandth. Such losses are counted
+//! ([`rounding_losses`]), because a proof that rests on them is none.
+
+use std::cell::Cell;
 
 use crate::tree::{Assignment, Comparison, Operator};
 
@@ -24,6 +29,37 @@ const POWERS: [f64; 23] = [
     1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16,
     1e17, 1e18, 1e19, 1e20, 1e21, 1e22,
 ];
+
+/// Part of the last kept digit from which a sum has lost a digit of an operand; below it is the error
+/// of binary numbers.
+const LOSS_MIN: f64 = 1e-9;
+
+/// The same in relation to the operand, for operands with many digits.
+const RELATIVE_LOSS_MIN: f64 = 4.0 * f64::EPSILON;
+
+thread_local! {
+    static LOSSES: Cell<u64> = const { Cell::new(0) };
+}
+
+/// Returns the number of sums and differences on this thread so far that have lost a decimal digit of
+/// one of their operands.
+///
+/// ```
+/// use pddl::{Operator, rounding_losses};
+/// let before = rounding_losses();
+/// Operator::Add.apply(0.1, 0.2);
+/// assert_eq!(rounding_losses(), before);
+/// Operator::Add.apply(1e12, 0.001);
+/// assert_eq!(rounding_losses(), before + 1);
+/// ```
+pub fn rounding_losses() -> u64 {
+    LOSSES.get()
+}
+
+/// Adds losses that another thread has counted to those of this thread.
+pub fn add_rounding_losses(losses: u64) {
+    LOSSES.set(LOSSES.get() + losses);
+}
 
 // === impl Operator ===
 
@@ -104,7 +140,31 @@ impl Comparison {
 }
 
 fn sum(left: f64, right: f64) -> f64 {
-    rounded(left + right, left.abs().max(right.abs()), DIGITS)
+    let (value, magnitude) = (left + right, left.abs().max(right.abs()));
+    // Fast path: most numbers in most tasks are whole.
+    if left.fract() == 0.0 && right.fract() == 0.0 && magnitude <= WHOLE_MAX / 2.0 {
+        return value;
+    }
+    // A number that is no decimal, such as a third, stays as it is.
+    if left == 0.0 || right == 0.0 || !value.is_finite() {
+        return value;
+    }
+    let places = places(magnitude, DIGITS);
+    if loses_digit(left, places) || loses_digit(right, places) {
+        add_rounding_losses(1);
+    }
+    rounded(value, magnitude, DIGITS)
+}
+
+/// Returns the position of the `digits`-th digit of a number, in places behind the point.
+fn places(magnitude: f64, digits: i32) -> i32 {
+    digits - 1 - magnitude.log10().floor() as i32
+}
+
+/// Whether a number has digits behind this many places.
+fn loses_digit(number: f64, places: i32) -> bool {
+    let scaled = (number * 10_f64.powi(places)).abs();
+    (scaled - scaled.round()).abs() > LOSS_MIN.max(RELATIVE_LOSS_MIN * scaled)
 }
 
 fn quotient(left: f64, right: f64) -> f64 {
@@ -127,8 +187,7 @@ fn rounded(value: f64, magnitude: f64, digits: i32) -> f64 {
 
 fn round_fraction(value: f64, magnitude: f64, digits: i32) -> f64 {
     // `magnitude` is finite, because `value` is.
-    let places = digits - 1 - magnitude.log10().floor() as i32;
-    let Ok(places) = usize::try_from(places) else { return value };
+    let Ok(places) = usize::try_from(places(magnitude, digits)) else { return value };
     let Some(power) = POWERS.get(places) else { return of_text(value, places) };
     let scaled = (value * power).round();
     // A whole number divided by an exact power of ten gives the binary number nearest to the
@@ -145,6 +204,49 @@ fn of_text(value: f64, places: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Whether adding the two numbers loses a digit.
+    fn loses(left: f64, right: f64) -> bool {
+        let before = rounding_losses();
+        sum(left, right);
+        rounding_losses() > before
+    }
+
+    #[test]
+    fn a_digit_that_is_lost_is_counted() {
+        for (left, right) in [
+            (1e12, 0.001),
+            (1e12, 0.0001234),
+            (0.1234567, 1e12),
+            (1.0 / 3.0, 1.0 / 3.0),
+            (1e15, 0.5),
+            (1e16, 0.1),
+        ] {
+            assert!(loses(left, right) && loses(right, left), "{left} {right}");
+        }
+        for (left, right) in [
+            (0.1, 0.2),
+            (0.3, -0.1),
+            (1e9, 0.1),
+            (1e12, 0.12),
+            (123_456.789_012_345, 0.1),
+            (99_999_999.999_999, -1e-6),
+            (1.0 / 3.0, 0.0),
+            (1e12, 1e12),
+            (4_503_599_627_370_496.0, 1.0),
+            (1e-7, 2e-20),
+        ] {
+            assert!(!loses(left, right) && !loses(-left, -right), "{left} {right}");
+        }
+    }
+
+    #[test]
+    fn zero_changes_no_number() {
+        for number in [1.0 / 3.0, 0.1, 3.14159265358979, -2.5] {
+            assert_eq!(sum(number, 0.0).to_bits(), number.to_bits());
+            assert_eq!(sum(0.0, number).to_bits(), number.to_bits());
+        }
+    }
 
     #[test]
     fn decimals_are_calculated_exactly() {

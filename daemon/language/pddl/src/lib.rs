@@ -41,6 +41,7 @@ mod printer;
 mod sexpr;
 mod times;
 
+pub use arithmetic::{add_rounding_losses, rounding_losses};
 pub use check::{
     check_action_model, check_condition, check_domain, check_init_elements, check_map,
     check_metric_values, check_plan, check_problem,

@@ -91,6 +91,9 @@ pub enum StopReason {
         /// take while a plan is validated.
         limit: u64,
     },
+    /// The search ended without a plan, but numbers were rounded on the way: with all of their digits
+    /// there may be one.
+    Rounded,
     /// The caller set the [`crate::Cancel`] flag.
     Cancelled,
 }
@@ -183,6 +186,15 @@ impl PlanningOutcome {
 // === impl StopReason ===
 
 impl StopReason {
+    /// Returns the reason for a planning call in which sums lost digits, if `is_rounded`: what is
+    /// proven with rounded numbers is not proven.
+    pub(crate) fn if_rounded(self, is_rounded: bool) -> StopReason {
+        match self {
+            StopReason::Unsolvable { .. } if is_rounded => StopReason::Rounded,
+            reason => reason,
+        }
+    }
+
     /// Whether the stop reason is a limit that grounding can reach.
     pub(crate) fn is_limit_of_grounding(self) -> bool {
         matches!(self, StopReason::MemoryLimit { .. } | StopReason::JoinStepLimit { .. })
@@ -195,6 +207,7 @@ impl StopReason {
             StopReason::Unsolvable { before_search: true } => 10,
             StopReason::Unsolvable { before_search: false } => 11,
             StopReason::Exhausted
+            | StopReason::Rounded
             | StopReason::ExpansionLimit { .. }
             | StopReason::JoinStepLimit { .. }
             | StopReason::ValidationLimit { .. } => 12,
@@ -213,6 +226,9 @@ impl fmt::Display for StopReason {
             }
             StopReason::Unsolvable { before_search: false } => f.write_str("proven unsolvable"),
             StopReason::Exhausted => f.write_str("search ended without a plan or a proof"),
+            StopReason::Rounded => f.write_str(
+                "ended without a plan; this is no proof, because sums were rounded to fifteen digits",
+            ),
             StopReason::ExpansionLimit { limit } => write!(f, "stopped at {limit} expansions"),
             StopReason::JoinStepLimit { limit } => {
                 write!(f, "stopped at {limit} join steps of grounding")

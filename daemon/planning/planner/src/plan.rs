@@ -51,6 +51,8 @@ pub fn plan_with_progress(
     tell: &mut dyn FnMut(PlanningProgress<'_>),
 ) -> Result<PlanningOutcome, PlanError> {
     refuse_mistakes(domain, problem)?;
+    let losses = pddl::rounding_losses();
+    let is_rounded = || pddl::rounding_losses() > losses;
     let mut lifted = normalize(domain, problem)?;
     split_wide(&mut lifted);
     let mut statistics = Statistics::default();
@@ -59,11 +61,11 @@ pub fn plan_with_progress(
     let (grounded, piecewise) = match ground {
         Ok(ground) => ground,
         Err(reason) => {
-            return Ok(without_plan(reason, statistics, Vec::new()));
+            return Ok(without_plan(reason.if_rounded(is_rounded()), statistics, Vec::new()));
         }
     };
     let Some(task) = grounded.task else {
-        let reason = StopReason::Unsolvable { before_search: true };
+        let reason = StopReason::Unsolvable { before_search: true }.if_rounded(is_rounded());
         return Ok(without_plan(reason, statistics, grounded.warnings));
     };
     statistics.facts = task.fact_count;
@@ -81,6 +83,8 @@ pub fn plan_with_progress(
             judge.submit(plan, &mut |plan| tell(PlanningProgress::Plan(plan)));
         }
     });
+    statistics.proven_optimal &= !is_rounded();
+    let reason = reason.if_rounded(is_rounded());
     judge.outcome(reason, options.effort, statistics, task.unprovable, grounded.warnings)
 }
 

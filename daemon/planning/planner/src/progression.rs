@@ -1,6 +1,6 @@
 //! Progression: applies operators to states.
 
-use pddl::Assignment;
+use pddl::{Assignment, Operator};
 
 use crate::axioms::AxiomEvaluator;
 use crate::state::{State, all_hold, set};
@@ -115,7 +115,15 @@ fn combine(old: f64, group: &[(u32, Assignment, f64)]) -> Option<f64> {
     if first == Assignment::Assign && group.iter().any(|(.., value)| value != &first_value) {
         return None;
     }
-    let new = { group.iter() }
-        .fold(old, |number, (_, assignment, value)| assignment.apply(number, *value));
+    let new = match group {
+        // Several changes are added first, so that those that cancel each other change nothing.
+        [_, _, ..] if kind(first) == 1 => {
+            let change = { group.iter() }
+                .fold(0.0, |sum, (_, assignment, value)| assignment.apply(sum, *value));
+            Operator::Add.apply(old, change)
+        }
+        _ => { group.iter() }
+            .fold(old, |number, (_, assignment, value)| assignment.apply(number, *value)),
+    };
     new.is_finite().then_some(new)
 }

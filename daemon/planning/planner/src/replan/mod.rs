@@ -420,6 +420,7 @@ impl<'c> ReplanningCall<'c> {
     ) -> (Result<Replanned, PlanError>, Option<World>) {
         self.statistics.facts = task.fact_count;
         self.statistics.operators = task.operator_count();
+        let losses = pddl::rounding_losses();
         let judge = &mut self.judge;
         let mut resumes = false;
         let resumable = ResumableTask::new(task, rest);
@@ -437,7 +438,9 @@ impl<'c> ReplanningCall<'c> {
         });
         // The plan may have the least cost, but no plan of equal cost with fewer steps was searched
         // for.
-        self.statistics.proven_optimal &= !resumes;
+        let is_rounded = pddl::rounding_losses() > losses;
+        self.statistics.proven_optimal &= !resumes && !is_rounded;
+        let reason = reason.if_rounded(is_rounded);
         let world = self.judge.world.take();
         let effort = self.options.effort;
         let outcome =

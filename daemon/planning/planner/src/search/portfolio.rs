@@ -42,10 +42,12 @@ pub(crate) fn run<'t>(
         tell(SearchProgress::Searching(lanes.iter().map(Search::expansions).sum()));
         let [greedy, curious] = &mut lanes;
         let (first, second) = std::thread::scope(|scope| {
-            let beside = scope.spawn(|| round(curious));
+            let beside = scope.spawn(|| (round(curious), pddl::rounding_losses()));
             let first = round(greedy);
             // A panic of the second thread is resumed on this thread.
-            let second = beside.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            let (second, losses) =
+                beside.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            pddl::add_rounding_losses(losses);
             (first, second)
         });
         if let Some(found) = first.or(second) {

@@ -1,7 +1,7 @@
 //! Numeric evaluation: values of expressions, comparisons, and the value of a fluent after several
 //! changes in one step.
 
-use pddl::{Assignment, FluentTerm, Name, Term};
+use pddl::{Assignment, FluentTerm, Name, Operator, Term};
 
 use super::compiled::{Argument, CompiledComparison, CompiledExpression, Fluent};
 use super::query::WorldView;
@@ -159,9 +159,13 @@ pub(super) fn combine(
         return updates.all(agrees).then_some(first_value);
     }
     let additive = is_additive(first);
-    updates.try_fold(old?, |value, (assignment, operand)| match assignment {
+    let (old, is_single) = (old?, updates.clone().nth(1).is_none());
+    // Several changes are added first, so that those that cancel each other change nothing.
+    let start = if additive && !is_single { 0.0 } else { old };
+    let changed = updates.try_fold(start, |value, (assignment, operand)| match assignment {
         Assignment::Assign => None,
         one if is_additive(one) == additive => Some(one.apply(value, operand)),
         _ => None,
-    })
+    })?;
+    Some(if additive && !is_single { Operator::Add.apply(old, changed) } else { changed })
 }

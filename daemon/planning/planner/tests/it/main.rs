@@ -13,6 +13,7 @@ mod optimality;
 mod ordering;
 mod plain;
 mod replanning;
+mod rounding;
 mod simulation;
 mod simulator;
 mod spoiled;

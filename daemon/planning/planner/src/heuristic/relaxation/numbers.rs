@@ -146,7 +146,9 @@ impl NumericSteps {
         for (index, change) in (first..).zip(changes) {
             let Some(&weight) = weights.get(&change.fluent) else { continue };
             constant = match (constant, constant_change(change)) {
-                (Some(sum), Some(by)) => Some(sum + weight * by),
+                (Some(sum), Some(by)) => {
+                    Some(Arithmetic::Add.apply(sum, Arithmetic::Multiply.apply(weight, by)))
+                }
                 _ => None,
             };
             parts.push((weight, index));
