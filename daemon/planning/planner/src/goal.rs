@@ -304,6 +304,11 @@ impl Splitter<'_> {
         self.parts_max = parts_max;
         let open = parts.into_iter().map(|part| fold(world, part)).filter(|part| !part.is_always());
         let open: Vec<Condition> = open.collect();
+        // A condition that never holds tells less than the atom that needs it.
+        let is_never = |part: &Condition| matches!(part, Condition::Or(any) if any.is_empty());
+        if open.iter().any(is_never) {
+            return ControlFlow::Continue(None);
+        }
         // If exactly one conjunct is left, the atom itself is kept, because the author of the
         // domain chose its name.
         ControlFlow::Continue((open.len() != 1).then_some(open))

@@ -16,6 +16,7 @@
 //! - Suppositions ignore numbers: a supposed action is assumed to be applicable whatever its
 //!   numeric conditions are.
 
+mod achievers;
 mod hindrances;
 mod places;
 mod plain;

@@ -9,11 +9,9 @@
 //! - The number of explained parts and the length of a chain of reasons are limited; omitted parts
 //!   are counted.
 
-use pddl::{
-    Atom, Condition, Domain, Effect, FluentTerm, InitElement, Name, Problem, Term, TypeExpr, Typed,
-    Types,
-};
+use pddl::{Condition, Domain, Effect, FluentTerm, InitElement, Problem, Typed, Types};
 
+use super::achievers::{Achiever, Literal, conjuncts_of, simplified};
 use super::suppose::has_comparison;
 use crate::goal::{first_conjuncts, unreachable, unreachable_or_undecided};
 use crate::limits::{Budget, Cancel};
@@ -35,6 +33,16 @@ const LINKS_MAX: usize = 6;
 /// Maximum number of achievers of one fact (actions and axioms that could make it true) that are
 /// named; further ones are only counted.
 const ACHIEVERS_MAX: usize = 3;
+
+/// Maximum number of branches of a disjunction that are explained; further ones are only counted.
+const BRANCHES_MAX: usize = 3;
+
+/// Maximum number of disjunctions in each other whose branches are explained. Each branch has a chain
+/// of its own.
+const BRANCH_DEPTH_MAX: usize = 1;
+
+/// Maximum number of conditions of one achiever for each of which a plan is searched.
+const SEARCHED_NEEDS_MAX: usize = 8;
 
 /// Maximum number of characters of a condition that are shown; the rest is replaced by “…”.
 const TEXT_CHARS_MAX: usize = 120;
@@ -82,7 +90,7 @@ pub fn why_unsolvable(
         unreachable_or_undecided(domain, problem, &parts, &why.options, cancel)?;
     let mut found = Unsolvability::default();
     for part in missing.iter().take(EXPLAINED_PARTS_MAX) {
-        found.parts.push((parts[*part].clone(), why.chain(&parts[*part])?));
+        found.parts.push((parts[*part].clone(), why.chain(&parts[*part], BRANCH_DEPTH_MAX)?));
     }
     found.more = missing.len().saturating_sub(EXPLAINED_PARTS_MAX);
     match missing.is_empty() {
@@ -94,30 +102,13 @@ pub fn why_unsolvable(
 }
 
 /// Inputs of an explanation, with its limits.
-struct UnsolvabilityExplainer<'w> {
-    domain: &'w Domain,
-    problem: &'w Problem,
-    types: Types,
+pub(super) struct UnsolvabilityExplainer<'w> {
+    pub(super) domain: &'w Domain,
+    pub(super) problem: &'w Problem,
+    pub(super) types: Types,
     options: Options,
     cancel: &'w Cancel,
 }
-
-/// An action or an axiom that could make a fact true.
-struct Achiever {
-    name: Name,
-    is_axiom: bool,
-    /// Conjuncts of the achiever's conditions, with the objects of the fact. Other variables are
-    /// existentially quantified.
-    needs: Vec<Condition>,
-    /// Conjunction of all conditions of the achiever, for the same objects.
-    whole: Condition,
-    /// A parameter of the achiever without an object of its type; `None` if every parameter has
-    /// one.
-    vacant: Option<Typed>,
-}
-
-/// Replacements of variables: each entry is a variable and the term that replaces it.
-type TermBindings = Vec<(Name, Term)>;
 
 // === impl UnsolvabilityExplainer ===
 
@@ -144,20 +135,29 @@ impl UnsolvabilityExplainer<'_> {
                 continue;
             }
             if found.parts.len() < EXPLAINED_PARTS_MAX {
-                found.parts.push((part.clone(), self.explain_obstruction(part)));
+                let unmet = self.unmet_needs(part)?;
+                let why = unmet.unwrap_or_else(|| self.explain_obstruction(part));
+                found.parts.push((part.clone(), why));
             } else {
                 found.more += 1;
             }
         }
-        if found.parts.is_empty() {
-            found.together = Some(match parts {
-                [part] if is_one => self.explain_obstruction(part),
-                _ if all_reached => {
-                    "each part of the goal can be reached, but not all of them together".to_owned()
-                }
-                _ => UNEXPLAINED.to_owned(),
-            });
+        if !found.parts.is_empty() {
+            return Ok(());
         }
+        found.together = Some(match parts {
+            [part] if is_one => match self.unmet_needs(part)? {
+                Some(unmet) => {
+                    found.parts.push((part.clone(), unmet));
+                    return Ok(());
+                }
+                None => self.explain_obstruction(part),
+            },
+            _ if all_reached => {
+                "each part of the goal can be reached, but not all of them together".to_owned()
+            }
+            _ => UNEXPLAINED.to_owned(),
+        });
         Ok(())
     }
 
@@ -179,6 +179,32 @@ impl UnsolvabilityExplainer<'_> {
         }
     }
 
+    /// Names, for each action that could make a fact true, a condition for which it is proven that no
+    /// sequence of steps reaches it. Returns `None` if an action has no such condition.
+    fn unmet_needs(&self, part: &Condition) -> Result<Option<String>, PlanError> {
+        let Some(literal) = Literal::of(part) else { return Ok(None) };
+        let achievers = self.achievers(&literal);
+        let mut words = Vec::new();
+        for achiever in achievers.iter().filter(|_| achievers.len() <= ACHIEVERS_MAX) {
+            let mut unmet = None;
+            for need in achiever.needs.iter().take(SEARCHED_NEEDS_MAX) {
+                let alone = Problem { goal: need.clone(), metric: None, ..self.problem.clone() };
+                let outcome = crate::plan(self.domain, &alone, &self.options, self.cancel)?;
+                if matches!(outcome.stop_reason, StopReason::Unsolvable { .. }) {
+                    unmet = Some(need);
+                    break;
+                }
+            }
+            let Some(need) = unmet else { return Ok(None) };
+            let what = achiever.what("it");
+            let why = self.undefined(need).map(|why| format!(" ({why})")).unwrap_or_default();
+            let need = quoted(need);
+            words
+                .push(format!("{what}, but needs {need}, which no sequence of steps reaches{why}"));
+        }
+        Ok((!words.is_empty()).then(|| words.join(", and ")))
+    }
+
     /// Explains that a condition compares an undefined fluent that no action assigns; `None` if
     /// there is no such fluent.
     fn undefined(&self, condition: &Condition) -> Option<String> {
@@ -192,31 +218,27 @@ impl UnsolvabilityExplainer<'_> {
             let gets_one = actions.any(|action| action.effect.assigns(&fluent.function));
             !is_total_cost && !gets_one && !self.problem.init.iter().any(is_told)
         };
-        let Condition::Compare(_) = condition else { return None };
+        let is_comparison = match condition {
+            Condition::Not(inner) => matches!(**inner, Condition::Compare(_)),
+            other => matches!(other, Condition::Compare(_)),
+        };
+        if !is_comparison {
+            return None;
+        }
         let missing = condition.fluents().find(is_missing)?;
         Some(format!("`{missing}` has no value, and no action assigns it one"))
     }
 
     /// Returns the chain of reasons from a condition to a fact that no action makes true, as a
-    /// clause of a sentence.
-    fn chain(&self, condition: &Condition) -> Result<String, PlanError> {
+    /// clause of a sentence. Disjunctions are explained by their branches, up to the depth `depth`.
+    fn chain(&self, condition: &Condition, depth: usize) -> Result<String, PlanError> {
         let mut links: Vec<String> = Vec::new();
         let mut seen: Vec<Condition> = Vec::new();
         let mut at = condition.clone();
         while links.len() < LINKS_MAX && !seen.contains(&at) && !self.cancel.is_set() {
             seen.push(at.clone());
             let subject = if links.is_empty() { "it".to_owned() } else { quoted(&at) };
-            let Some(atom) = wanted(&at) else {
-                let undefined = self.undefined(&at);
-                links.push(undefined.unwrap_or_else(|| format!("nothing makes {subject} true")));
-                break;
-            };
-            let achievers = self.achievers(atom);
-            if achievers.is_empty() {
-                links.push(self.nothing_makes(atom, &subject));
-                break;
-            }
-            let (link, next) = self.link(&subject, &achievers)?;
+            let (link, next) = self.reason(&at, &subject, depth)?;
             links.push(link);
             let Some(next) = next else { break };
             at = next;
@@ -224,19 +246,110 @@ impl UnsolvabilityExplainer<'_> {
         Ok(links.join("; "))
     }
 
-    /// Explains why no action makes an atom true: either no action adds its predicate, or actions
-    /// add the predicate only for other objects.
-    fn nothing_makes(&self, atom: &Atom, subject: &str) -> String {
-        let name = &atom.predicate;
-        let mut is_changed = self.domain.derived.iter().any(|axiom| axiom.predicate == *name);
-        for action in &self.domain.actions {
-            added(&action.effect, &mut Vec::new(), &mut |other, _| {
-                is_changed |= other.predicate == *name;
-            });
+    /// Explains why an unreachable condition never holds. Also returns a missing condition of it that
+    /// may be explained in turn.
+    fn reason(
+        &self,
+        at: &Condition,
+        subject: &str,
+        depth: usize,
+    ) -> Result<(String, Option<Condition>), PlanError> {
+        if let Some(undefined) = self.undefined(at) {
+            return Ok((undefined, None));
         }
-        match is_changed {
-            true => format!("no action makes {subject} true of these objects"),
-            false => format!("no action makes {subject} true, and `:init` does not contain it"),
+        let simple = simplified(at);
+        match &simple {
+            Condition::Or(branches) if !branches.is_empty() && depth > 0 => {
+                return Ok((self.branches(branches, depth - 1)?, None));
+            }
+            Condition::And(_) | Condition::Exists(..) => {
+                if let Some(parts) = conjuncts_of(&simple) {
+                    return self.lacking(&parts, subject);
+                }
+            }
+            _ => (),
+        }
+        let Some(literal) = Literal::of(&simple) else {
+            let is_number = matches!(simple, Condition::Compare(_));
+            let never = if is_number { "nothing makes it true" } else { "it never holds" };
+            return Ok((never.replacen("it", subject, 1), None));
+        };
+        if let Some(parts) = self.negated_axioms(&literal) {
+            return self.lacking(&parts, subject);
+        }
+        if !literal.is_positive && self.is_derived(&literal) {
+            return Ok((format!("{subject} never holds"), None));
+        }
+        let achievers = self.achievers(&literal);
+        match achievers.is_empty() {
+            true => Ok((self.nothing_makes(&literal, subject), None)),
+            false => self.link(subject, &achievers),
+        }
+    }
+
+    /// Explains why none of several conditions, of which one would suffice, is reachable.
+    fn branches(&self, branches: &[Condition], depth: usize) -> Result<String, PlanError> {
+        let mut words = Vec::new();
+        for branch in branches.iter().take(BRANCHES_MAX) {
+            words.push(format!("for {}, {}", quoted(branch), self.chain(branch, depth)?));
+        }
+        match branches.len().saturating_sub(BRANCHES_MAX) {
+            0 => (),
+            1 => words.push("one more branch never holds, either".to_owned()),
+            rest => words.push(format!("{rest} more branches never hold, either")),
+        }
+        Ok(words.join("; "))
+    }
+
+    /// Explains which of the conditions that `subject` needs are unreachable.
+    fn lacking(
+        &self,
+        parts: &[Condition],
+        subject: &str,
+    ) -> Result<(String, Option<Condition>), PlanError> {
+        let blocked = self.unreachable(parts)?;
+        let missing: Vec<&Condition> = blocked.iter().map(|part| &parts[*part]).collect();
+        if missing.is_empty() {
+            return Ok((format!("what {subject} needs never holds together"), None));
+        }
+        let next = missing.iter().find(|need| self.has_reason(need)).map(|need| (*need).clone());
+        let listed: Vec<String> = missing.iter().map(|need| quoted(need)).collect();
+        let never = never(&listed, next.is_some());
+        Ok((format!("{subject} needs {}{never}", listed.join(" and ")), next))
+    }
+
+    /// Whether more can be said about an unreachable condition than that it never holds.
+    fn has_reason(&self, condition: &Condition) -> bool {
+        let simple = simplified(condition);
+        let is_split = match &simple {
+            Condition::Or(branches) => !branches.is_empty(),
+            other => conjuncts_of(other).is_some(),
+        };
+        is_split || Literal::of(&simple).is_some() || self.undefined(condition).is_some()
+    }
+
+    /// Explains why no action makes a literal true: either no action changes its predicate in this
+    /// way, or actions change the predicate only for other objects.
+    fn nothing_makes(&self, literal: &Literal<'_>, subject: &str) -> String {
+        let any = Literal { variables: Vec::new(), ..literal.clone() };
+        let others = self.achievers(&any);
+        let types = literal.types();
+        if let (Some(first), false) = (others.first(), types.is_empty()) {
+            let is = if literal.is_positive { "true" } else { "false" };
+            let (name, atom) = (&first.name, quoted(&Condition::Atom(literal.atom.clone())));
+            let types = types.join(" and ");
+            return match first.is_axiom {
+                true => format!("an axiom derives {atom}, but not of objects of type {types}"),
+                false => format!("`{name}` makes {atom} {is}, but not of objects of type {types}"),
+            };
+        }
+        let of_these = if self.is_changed(literal) { " of these objects" } else { "" };
+        match literal.is_positive {
+            false => format!("no action makes `{}` false{of_these}", literal.atom),
+            true if of_these.is_empty() => {
+                format!("no action makes {subject} true, and `:init` does not contain it")
+            }
+            true => format!("no action makes {subject} true{of_these}"),
         }
     }
 
@@ -253,26 +366,25 @@ impl UnsolvabilityExplainer<'_> {
             if achiever.vacant.is_some() {
                 blocked.clear();
             }
-            let name = &achiever.name;
-            let verb = if achiever.is_axiom { "derives" } else { "makes" };
-            let what = match achiever.is_axiom {
-                true => format!("an axiom {verb} {subject}"),
-                false => format!("`{name}` {verb} {subject} true"),
-            };
+            let what = achiever.what(subject);
             let listed: Vec<String> =
                 blocked.iter().map(|need| quoted(&achiever.needs[*need])).collect();
-            let is_fact = |need: &usize| wanted(&achiever.needs[*need]).is_some();
-            let never = match listed.len() {
-                _ if blocked.iter().all(is_fact) => "",
-                1 => ", which never holds",
-                _ => ", which never hold",
-            };
+            let has_reason = |need: &&usize| self.has_reason(&achiever.needs[**need]);
+            let is_of_effect = blocked.iter().all(|need| *need >= achiever.effect_needs_start);
+            let is_explained = blocked.iter().all(|need| has_reason(&need));
             words.push(match listed.is_empty() {
                 true => format!("{what}, but {}", self.why_not(achiever)?),
-                false => format!("{what}, but needs {}{never}", listed.join(" and ")),
+                false if is_of_effect && !is_explained => format!(
+                    "{what}, but the condition of its effect never holds: {}",
+                    listed.join(" and ")
+                ),
+                false => {
+                    let never = never(&listed, is_explained);
+                    format!("{what}, but needs {}{never}", listed.join(" and "))
+                }
             });
             if next.is_none() {
-                let fact = blocked.iter().find(|need| is_fact(need));
+                let fact = blocked.iter().find(has_reason);
                 next = fact.map(|need| achiever.needs[*need].clone());
             }
         }
@@ -283,7 +395,7 @@ impl UnsolvabilityExplainer<'_> {
         Ok((words.join(", and "), next))
     }
 
-    /// Explains why an achiever is never applicable although each of its conditions alone is
+    /// Explains why an achiever never achieves its fact although each of its conditions alone is
     /// reachable.
     fn why_not(&self, achiever: &Achiever) -> Result<String, PlanError> {
         if let Some(Typed { name, ty }) = &achiever.vacant {
@@ -291,121 +403,9 @@ impl UnsolvabilityExplainer<'_> {
         }
         let whole = std::slice::from_ref(&achiever.whole);
         Ok(match self.unreachable(whole)?.is_empty() {
-            true => "it can never be applied".to_owned(),
+            true => "in no state that can be reached".to_owned(),
             false => "its conditions never hold together".to_owned(),
         })
-    }
-
-    /// Returns the first unbound parameter without an object of its type; `None` if there is none.
-    fn vacant(&self, bindings: &TermBindings, parameters: &[&Typed]) -> Option<Typed> {
-        let free =
-            parameters.iter().filter(|one| !bindings.iter().any(|(name, _)| *name == one.name));
-        let declared = || self.problem.objects.iter().map(|declaration| &declaration.object);
-        let is_empty = |one: &&&Typed| {
-            let mut all = self.domain.constants.iter().chain(declared());
-            !all.any(|object| self.types.holds(&one.ty, &object.ty))
-        };
-        { free }.find(is_empty).map(|one| (**one).clone())
-    }
-
-    /// Returns every action and axiom with an effect that unifies with the atom.
-    fn achievers(&self, atom: &Atom) -> Vec<Achiever> {
-        let mut achievers: Vec<Achiever> = Vec::new();
-        for action in &self.domain.actions {
-            added(&action.effect, &mut Vec::new(), &mut |effect, conditions| {
-                let parameters: Vec<&Typed> = action.all_parameters().collect();
-                if effect.predicate != atom.predicate {
-                    return;
-                }
-                let bindings = self.unify(&effect.arguments, &atom.arguments, &parameters);
-                let Some(bindings) = bindings else { return };
-                let all = std::iter::once(&action.precondition).chain(conditions.iter().copied());
-                let whole = whole(all.clone(), &bindings, &parameters);
-                let needs = self.needs(all, &bindings, &parameters);
-                let vacant = self.vacant(&bindings, &parameters);
-                let name = action.name.clone();
-                achievers.push(Achiever { name, is_axiom: false, needs, whole, vacant });
-            });
-        }
-        for axiom in self.domain.derived.iter().filter(|one| one.predicate == atom.predicate) {
-            let parameters: Vec<&Typed> = axiom.parameters.iter().collect();
-            let terms: Vec<Term> =
-                parameters.iter().map(|one| Term::Variable(one.name.clone())).collect();
-            if let Some(bindings) = self.unify(&terms, &atom.arguments, &parameters) {
-                let body = std::iter::once(&axiom.condition);
-                let whole = whole(body.clone(), &bindings, &parameters);
-                let needs = self.needs(body, &bindings, &parameters);
-                let vacant = self.vacant(&bindings, &parameters);
-                let name = axiom.predicate.clone();
-                achievers.push(Achiever { name, is_axiom: true, needs, whole, vacant });
-            }
-        }
-        achievers
-    }
-
-    /// Returns the bindings of `parameters` that make an effect with the arguments `own` equal to
-    /// an atom with the arguments `wanted`; `None` if there are none.
-    fn unify(&self, own: &[Term], wanted: &[Term], parameters: &[&Typed]) -> Option<TermBindings> {
-        if own.len() != wanted.len() {
-            return None;
-        }
-        let mut bindings: TermBindings = Vec::new();
-        for (own, wanted) in own.iter().zip(wanted) {
-            let Term::Object(object) = wanted else { continue };
-            match own {
-                Term::Object(other) if other != object => return None,
-                Term::Object(_) => (),
-                Term::Variable(name) => {
-                    let known = bindings.iter().find(|(bound, _)| bound == name);
-                    if known.is_some_and(|(_, term)| term != wanted) {
-                        return None;
-                    }
-                    let parameter = parameters.iter().find(|one| one.name == *name);
-                    if parameter.is_some_and(|one| !self.is_of(object, &one.ty)) {
-                        return None;
-                    }
-                    bindings.push((name.clone(), wanted.clone()));
-                }
-            }
-        }
-        Some(bindings)
-    }
-
-    fn is_of(&self, object: &Name, ty: &TypeExpr) -> bool {
-        let declared = self.problem.objects.iter().map(|declaration| &declaration.object);
-        let mut all = self.domain.constants.iter().chain(declared);
-        all.any(|one| one.name == *object && self.types.holds(ty, &one.ty))
-    }
-
-    /// Returns the conjuncts of conditions. Bound variables are replaced by their terms, and free
-    /// variables are quantified.
-    fn needs<'c>(
-        &self,
-        conditions: impl Iterator<Item = &'c Condition>,
-        bindings: &TermBindings,
-        parameters: &[&Typed],
-    ) -> Vec<Condition> {
-        let mut parts = Vec::new();
-        conditions.for_each(|condition| flatten(condition, &mut parts));
-        let close = |part: &Condition| {
-            let part = substituted(part, bindings);
-            let free: Vec<Typed> = { parameters.iter() }
-                .filter(|one| !bindings.iter().any(|(name, _)| *name == one.name))
-                .filter(|one| mentions(&part, &one.name))
-                .map(|one| (*one).clone())
-                .collect();
-            match free.is_empty() {
-                true => part,
-                false => Condition::Exists(free, Box::new(part)),
-            }
-        };
-        let mut needs: Vec<Condition> = Vec::new();
-        for need in parts.into_iter().map(close) {
-            if !needs.contains(&need) {
-                needs.push(need);
-            }
-        }
-        needs
     }
 }
 
@@ -433,74 +433,12 @@ fn quoted(condition: &Condition) -> String {
     format!("`{}`", short.split_whitespace().collect::<Vec<_>>().join(" "))
 }
 
-/// Returns the atom of a condition that is an atom, or an `exists` over an atom; `None` for other
-/// conditions.
-fn wanted(condition: &Condition) -> Option<&Atom> {
-    match condition {
-        Condition::Atom(atom) => Some(atom),
-        Condition::Exists(_, inner) => wanted(inner),
-        _ => None,
-    }
-}
-
-fn flatten<'c>(condition: &'c Condition, parts: &mut Vec<&'c Condition>) {
-    match condition {
-        Condition::And(all) => all.iter().for_each(|part| flatten(part, parts)),
-        other => parts.push(other),
-    }
-}
-
-/// Calls `visit` for every atom that an effect adds, with the conditions of the `when`s around it.
-fn added<'e>(
-    effect: &'e Effect,
-    conditions: &mut Vec<&'e Condition>,
-    visit: &mut dyn FnMut(&'e Atom, &[&'e Condition]),
-) {
-    match effect {
-        Effect::And(parts) => parts.iter().for_each(|part| added(part, conditions, visit)),
-        Effect::Add(atom) => visit(atom, conditions),
-        Effect::Delete(_) | Effect::Assign(_) => (),
-        // The variables of the `forall` could be confused with others, so conditions that use them
-        // are omitted.
-        Effect::Forall(_, inner) => {
-            let mut none = Vec::new();
-            added(inner, &mut none, &mut |atom, _| visit(atom, &[]));
-        }
-        Effect::When(condition, inner) => {
-            conditions.push(condition);
-            added(inner, conditions, visit);
-            conditions.pop();
-        }
-    }
-}
-
-fn substituted(condition: &Condition, bindings: &TermBindings) -> Condition {
-    let mut names = crate::validate::bindings::Bindings::default();
-    for (name, term) in bindings {
-        names.bind(name, term.name().clone());
-    }
-    names.substitute(condition)
-}
-
-/// Whether a condition contains a variable. If so, substituting the variable changes the condition.
-fn mentions(condition: &Condition, variable: &Name) -> bool {
-    let mut names = crate::validate::bindings::Bindings::default();
-    names.bind(variable, Name::new(""));
-    names.substitute(condition) != *condition
-}
-
-/// Returns the conjunction of all conditions, so that they are checked for the same objects.
-fn whole<'c>(
-    conditions: impl Iterator<Item = &'c Condition>,
-    bindings: &TermBindings,
-    parameters: &[&Typed],
-) -> Condition {
-    let all = conditions.map(|condition| substituted(condition, bindings)).collect();
-    let is_free = |one: &&&Typed| !bindings.iter().any(|(name, _)| *name == one.name);
-    let free: Vec<Typed> = parameters.iter().filter(is_free).map(|one| (*one).clone()).collect();
-    match free.is_empty() {
-        true => Condition::And(all),
-        false => Condition::Exists(free, Box::new(Condition::And(all))),
+/// Returns the clause that says that the listed conditions never hold, unless a reason for it follows.
+fn never(listed: &[String], is_explained: bool) -> &'static str {
+    match listed.len() {
+        _ if is_explained => "",
+        1 => ", which never holds",
+        _ => ", which never hold",
     }
 }
 
