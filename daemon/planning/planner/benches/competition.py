@@ -17,7 +17,7 @@ lama`), and the cheapest counts. --every 4 takes every fourth task only.
 The agile score is that of the competitions: 1 for a task solved within a second, then less on a logarithmic scale,
 and 0 at the time limit.
 """
-import argparse, contextlib, importlib.util, json, math, os, pathlib, re, resource, shlex, signal, subprocess, sys
+import argparse, contextlib, importlib.util, json, math, os, pathlib, re, resource, shlex, shutil, signal, subprocess, sys
 import tempfile, time
 
 ROOT = pathlib.Path(__file__).resolve().parents[4]
@@ -58,8 +58,8 @@ def cost_of(text):
     return float(said[-1]) if said else float(sum("(" in line.split(";")[0] for line in text.splitlines()))
 
 
-def attempt(command, domain, problem, args):
-    """Runs the planner once, and returns the row for the results."""
+def attempt(command, domain, problem, args, kept=None):
+    """Runs the planner once, and returns the row for the results. The plan is copied to the file `kept`."""
     with tempfile.TemporaryDirectory() as folder:
         plan = pathlib.Path(folder) / "plan"
         words = [word.format(domain=domain, problem=problem, plan=plan) for word in shlex.split(command)]
@@ -78,6 +78,8 @@ def attempt(command, domain, problem, args):
         found = newest(plan)
         if not found.exists():
             return {"solved": False, "valid": None, "wall": wall, "cost": None}
+        if kept is not None:
+            shutil.copy(found, kept)
         judge = subprocess.run([ALTHING, "validate", domain, problem, found], capture_output=True)
         valid = judge.returncode == 0
         return {"solved": valid, "valid": valid, "wall": wall, "cost": cost_of(found.read_text())}
