@@ -358,7 +358,7 @@ pub(crate) struct WishArgs {
     #[arg(long, conflicts_with = "cancel")]
     pub(crate) maintain: bool,
     /// The priority; greater goes first [default: that of the goal in the file, or 0]
-    #[arg(long, value_name = "N", allow_negative_numbers = true, conflicts_with = "cancel")]
+    #[arg(long, value_name = "N", allow_negative_numbers = true, conflicts_with = "cancel", value_parser = priority)]
     pub(crate) priority: Option<i32>,
     /// What happens to the goal during a network partition [default: that of the goal in the file,
     /// or pursue]
@@ -580,6 +580,12 @@ pub(crate) struct ReplayArgs {
 fn share(text: &str) -> Result<f64, String> {
     let share = text.parse::<f64>().ok().filter(|share| (0.0..=1.0).contains(share));
     share.ok_or_else(|| "a share is a number from 0 to 1, such as 0.1".to_owned())
+}
+
+/// Parses the priority of a goal.
+fn priority(text: &str) -> Result<i32, String> {
+    text.parse()
+        .map_err(|_| "a priority is a whole number; greater goes first, such as 5".to_owned())
 }
 
 fn speed(text: &str) -> Result<f64, String> {

@@ -90,6 +90,9 @@ pub enum EditError {
     /// The changed text is not valid.
     #[error("the text could not be added in a valid way ({0}); nothing is changed")]
     Broken(String),
+    /// The check of the whole text refuses what was added; the text is that of the check.
+    #[error("{0}")]
+    Refused(String),
     /// A sensor has no device, and is not to be simulated.
     #[error(
         "say which device measures the {quantity} in `{place}`: {quantity}@{place}=DEVICE, where \

@@ -24,6 +24,10 @@ pub trait Respondent {
     /// answer without spaces around it; `None` if the person gives none, because the input has
     /// ended.
     fn ask(&mut self, question: &str, usual: &str) -> Option<String>;
+
+    /// Checks the text of the file that the answers so far make. Returns the first mistake, as a
+    /// sentence for the person.
+    fn mistake(&mut self, text: &str) -> Option<String>;
 }
 
 /// Asks a person for rooms, doors, devices and goals. `draft` has what is known already, which is
@@ -70,9 +74,18 @@ impl InterviewState<'_> {
         loop {
             let answer = self.respondent.ask(question, usual)?;
             let answer = if answer.is_empty() { usual.to_owned() } else { answer };
-            match read(&mut self.draft, &answer) {
+            let before = self.draft.clone();
+            let value = read(&mut self.draft, &answer).and_then(|value| {
+                let text = self.draft.text()?;
+                match self.respondent.mistake(&text) {
+                    Some(mistake) => Err(EditError::Refused(mistake)),
+                    None => Ok(value),
+                }
+            });
+            match value {
                 Ok(value) => return Some(value),
                 Err(error) => {
+                    self.draft = before;
                     self.respondent.tell(&format!("  {error}"));
                     self.mistakes += 1;
                     if self.mistakes >= MISTAKES_MAX {

@@ -33,4 +33,4 @@ pub use edit_error::EditError;
 pub use editable_file::{EditableFile, FileEditError};
 pub use interview::{Respondent, interview};
 pub use setting::SettingText;
-pub use words::{DoorWords, GoalWords, PlaceOptions, RobotWords, SensorWords, as_name};
+pub use words::{DoorWords, GoalWords, PlaceOptions, RobotWords, SensorWords, as_name, meters};

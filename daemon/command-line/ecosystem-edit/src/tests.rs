@@ -585,6 +585,10 @@ impl Respondent for Scripted<'_> {
         self.told += &format!("{question} [{usual}]: {}\n", answer.as_deref().unwrap_or("(end)"));
         answer
     }
+
+    fn mistake(&mut self, text: &str) -> Option<String> {
+        text.contains("korridor").then(|| "there is no kind `korridor`".to_owned())
+    }
 }
 
 #[test]

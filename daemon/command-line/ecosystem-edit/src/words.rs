@@ -183,7 +183,7 @@ fn wrong_word(
 }
 
 /// Returns a length in meters, with or without its unit; a comma counts as a decimal point.
-fn meters(text: &str) -> Option<f64> {
+pub fn meters(text: &str) -> Option<f64> {
     let number = text.trim().trim_end_matches('m').trim_end().replace(',', ".");
     number.parse::<f64>().ok().filter(|length| length.is_finite() && *length > 0.0)
 }

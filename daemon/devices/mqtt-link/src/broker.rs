@@ -53,8 +53,16 @@ impl Broker {
             None => (false, name),
             Some(("mqtt", rest)) => (false, rest),
             Some(("mqtts", rest)) => (true, rest),
-            Some(_) => {
+            // Other programs write these for the same.
+            Some(("tcp", rest)) => (false, rest),
+            Some(("ssl" | "tls", rest)) => (true, rest),
+            Some(("ws" | "wss", _)) => {
                 return wrong("websockets are not built; write HOST:PORT or mqtts://HOST:PORT");
+            }
+            Some((scheme, _)) => {
+                let problem =
+                    format!("`{scheme}` is not MQTT; write HOST:PORT or mqtts://HOST:PORT");
+                return wrong(&problem);
             }
         };
         if rest.contains('@') {
@@ -76,6 +84,9 @@ impl Broker {
         let host = host.trim_start_matches('[').trim_end_matches(']');
         if host.is_empty() {
             return wrong("it has no host; write HOST:PORT");
+        }
+        if !is_host(host) {
+            return wrong("its host is neither a name nor an address; write HOST:PORT");
         }
         if is_encrypted != ca.is_some() {
             return wrong(match is_encrypted {
@@ -181,6 +192,19 @@ fn without_secret(name: &str) -> String {
     }
 }
 
+/// Whether a text is an IP address, or a name that a host may have.
+fn is_host(text: &str) -> bool {
+    let is_label = |label: &str| {
+        let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_".contains(&byte);
+        !label.is_empty() && label.bytes().all(is_plain)
+    };
+    // A name whose last label is a number would be read as an address.
+    let ends_in_number =
+        text.rsplit('.').next().is_some_and(|last| last.bytes().all(|byte| byte.is_ascii_digit()));
+    text.parse::<IpAddr>().is_ok()
+        || !ends_in_number && text.trim_end_matches('.').split('.').all(is_label)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -196,6 +220,8 @@ mod tests {
             ("broker.local", "broker.local:1883"),
             ("broker.local:1884", "broker.local:1884"),
             ("mqtt://10.0.0.2", "10.0.0.2:1883"),
+            ("tcp://localhost:1884", "localhost:1884"),
+            ("zigbee_1.lan.", "zigbee_1.lan.:1883"),
             ("mqtts://broker.local/", "broker.local:8883"),
             ("mqtts://broker.local:9000", "broker.local:9000"),
             ("::1", "[::1]:1883"),
@@ -209,6 +235,10 @@ mod tests {
             ("x:0", "its port is no number"),
             (":1883", "it has no host"),
             ("ws://x", "websockets are not built"),
+            ("http://x", "`http` is not MQTT"),
+            ("lokal host", "neither a name nor an address"),
+            ("192.168.1.300", "neither a name nor an address"),
+            ("broker..local", "neither a name nor an address"),
         ] {
             assert!(named(name).is_err_and(|problem| problem.contains(expected)), "{name}");
         }

@@ -119,6 +119,8 @@ fn what_cannot_be_meant_is_refused_with_the_cure() {
     refused(&[("at", "08:00"), ("every", "hour")], "at", "again and again");
     refused(&[("every", "day")], "every", "\"day 08:00\"");
     refused(&[("every", "fortnight")], "every", "is no recurrence");
+    refused(&[("every", "year 30-02 08:00")], "every", "the month stands first, such as 02-30");
+    refused(&[("every", "year 13-40 08:00")], "every", "the month stands first, such as 12-24");
     refused(&[("every", "90s")], "every", "whole number of minutes");
     refused(&[("every", "RRULE:FREQ=SECONDLY")], "every", "once a minute");
     refused(&[("every", "RRULE:BYHOUR=8")], "every", "FREQ");

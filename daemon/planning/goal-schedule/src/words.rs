@@ -321,6 +321,16 @@ fn rule(every: &str) -> Result<String, ScheduleError> {
             let (month, day) = date.split_once('-').ok_or_else(unknown)?;
             let number = |text: &str| text.parse::<u8>().ok();
             let (month, day) = number(month).zip(number(day)).ok_or_else(unknown)?;
+            if !(1..=12).contains(&month) || !(1..=31).contains(&day) {
+                let meant = match (1..=12).contains(&day) && (1..=31).contains(&month) {
+                    true => format!("{day:02}-{month:02}"),
+                    false => "12-24".to_owned(),
+                };
+                let message = format!(
+                    "`{date}` in `{every}` is no day: the month stands first, such as {meant}"
+                );
+                return Err(wrong(message));
+            }
             Ok(format!("FREQ=YEARLY;BYMONTH={month};BYMONTHDAY={day};{}", time(at)?))
         }
         [at] if mark::time_of_day(at).is_some() => {

@@ -344,12 +344,29 @@ pub fn problems(ecosystem: &EcosystemId, zenoh: &Value, is_secured: bool) -> Vec
         let path = culprit(&said);
         let at = path.join(".");
         let mut message = OpenError::Settings { at: at.clone(), source }.to_string();
-        if let Some(meant) = path.last().and_then(|key| split_setting(key)) {
+        let meant = path.last().and_then(|key| split_setting(key));
+        if let Some(meant) = meant.or_else(|| in_other_number(&path)) {
             message += &format!("; did you mean `{meant}`?");
         }
         found.push(problem(&at, message));
     }
     found
+}
+
+/// Returns the setting whose name is the plural or the singular of that of an unknown one.
+fn in_other_number(path: &[String]) -> Option<String> {
+    let (key, tables) = path.split_last()?;
+    let other = key.strip_suffix('s').map_or_else(|| format!("{key}s"), str::to_owned);
+    let nested = |value: Value| {
+        tables.iter().rev().fold(
+            json!({ other.as_str(): value }),
+            |within, table| json!({ table.as_str(): within }),
+        )
+    };
+    let values = [json!([]), json!(true), json!(1), json!("")];
+    let is_known = values.into_iter().any(|value| read(&nested(value)).is_ok());
+    is_known
+        .then(|| tables.iter().chain([&other]).map(String::as_str).collect::<Vec<_>>().join("."))
 }
 
 /// Returns the nested setting that is probably meant by a flat one: `listen.endpoints` for

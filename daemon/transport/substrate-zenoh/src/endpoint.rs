@@ -13,6 +13,14 @@ pub enum EndpointError {
     /// The endpoint does not have the form `protocol/address`.
     #[error("read endpoint `{0}`: write PROTOCOL/ADDRESS, like `tls/office-pi.local:7447`")]
     Malformed(String),
+    /// The endpoint is written as a URL.
+    #[error("read endpoint `{endpoint}`: write `{meant}`")]
+    Url {
+        /// The invalid endpoint.
+        endpoint: String,
+        /// The same endpoint in the form of Zenoh.
+        meant: String,
+    },
     /// The endpoint has a protocol that this build does not support.
     #[error("use endpoint `{endpoint}`: this build speaks {}, not `{protocol}`", PROTOCOLS.join(", "))]
     UnknownProtocol {
@@ -136,6 +144,13 @@ fn check_address(
 /// (`#…`).
 fn split(endpoint: &str) -> Result<(&str, &str), EndpointError> {
     let malformed = || EndpointError::Malformed(endpoint.to_owned());
+    if let Some((protocol, address)) = endpoint.split_once("://") {
+        let (endpoint, protocol) = (endpoint.to_owned(), protocol.to_owned());
+        return Err(match PROTOCOLS.contains(&protocol.as_str()) {
+            true => EndpointError::Url { endpoint, meant: format!("{protocol}/{address}") },
+            false => EndpointError::UnknownProtocol { endpoint, protocol },
+        });
+    }
     let (protocol, rest) = endpoint.split_once('/').ok_or_else(malformed)?;
     let address = rest.split(['?', '#']).next().unwrap_or_default();
     if protocol.is_empty() || address.is_empty() {

@@ -150,6 +150,11 @@ impl HardwareConfig {
     }
 }
 
+/// Whether a device is named by its name and its place. The numbers of the kernel change.
+fn names_place(device: &str) -> bool {
+    device.split_once('@').is_some_and(|(name, place)| !name.is_empty() && !place.is_empty())
+}
+
 /// The connection of a Phidget to its interface kit or hub, and the Phidget's part number.
 #[derive(Debug, Default)]
 pub(crate) struct PhidgetWiring {
@@ -177,6 +182,13 @@ impl Config {
             let driver = drivers.first().copied().unwrap_or_default();
             let problem =
                 format!("`{key}` is for `driver = \"{driver}\"`, and this driver is `{this}`");
+            return Err(blueprint.problem(problem));
+        }
+        if let Some(device) = self.device.as_deref().filter(|device| !names_place(device)) {
+            let problem = format!(
+                "device = \"{device}\": write NAME@PLACE, as `althing sensors` lists the devices of \
+                 this machine"
+            );
             return Err(blueprint.problem(problem));
         }
         if let Some(pointer) = self.json.as_deref().filter(|pointer| !pointer.starts_with('/')) {

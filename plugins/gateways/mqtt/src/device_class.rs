@@ -258,6 +258,9 @@ fn read(said: &Value) -> Result<BTreeMap<String, DeviceClass>, String> {
             };
             return Err(format!("classes.{name}: there is no key `{unknown}`; {help}"));
         }
+        if !entry.is_object() {
+            return Err(format!("classes.{name}: write a table, such as {name} = {{ agent = … }}"));
+        }
         let class = serde_json::from_value(entry.clone());
         Ok((name.clone(), class.map_err(|error| format!("classes.{name}: {error}"))?))
     };

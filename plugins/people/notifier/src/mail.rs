@@ -83,8 +83,12 @@ impl MailRelay {
         }
         let mailbox = |text: &str| {
             let parsed = text.parse::<Mailbox>();
-            let parsed =
-                parsed.map_err(|error| format!("`{text}` is no address of e-mail: {error}"))?;
+            let parsed = parsed.map_err(|_| {
+                format!(
+                    "`{text}` is no address of e-mail; write \"caretaker@example.org\" or \
+                     \"Caretaker <caretaker@example.org>\""
+                )
+            })?;
             match parsed.email.to_string().is_ascii() {
                 true => Ok(parsed),
                 false => {

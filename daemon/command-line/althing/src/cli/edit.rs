@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use ecosystem_edit::{DoorWords, GoalWords, PlaceOptions, RobotWords, SensorWords, SettingText};
+use ecosystem_edit::{
+    DoorWords, GoalWords, PlaceOptions, RobotWords, SensorWords, SettingText, meters,
+};
 use terminal::arguments::PrintArgs;
 
 pub(crate) const INIT_HELP: &str = "\
@@ -105,9 +107,9 @@ pub(crate) struct AddRoomArgs {
     /// Its type in the ontology, such as corridor [default: room]
     #[arg(long, value_name = "TYPE")]
     pub(crate) kind: Option<String>,
-    /// The number of its floor
-    #[arg(long, value_name = "N", allow_negative_numbers = true)]
-    pub(crate) floor: Option<i64>,
+    /// The number of its floor, or its name
+    #[arg(long, value_name = "FLOOR", allow_negative_numbers = true)]
+    pub(crate) floor: Option<String>,
     /// Its area in square meters
     #[arg(long, value_name = "M2")]
     pub(crate) area: Option<f64>,
@@ -129,7 +131,7 @@ pub(crate) struct AddDoorArgs {
     /// The place on the other side
     pub(crate) to: String,
     /// The length of the way in meters
-    #[arg(long, value_name = "METERS")]
+    #[arg(long, value_name = "METERS", value_parser = length)]
     pub(crate) length: Option<f64>,
     /// The door leads from the first place to the second only
     #[arg(long)]
@@ -203,6 +205,11 @@ pub(crate) struct EditArgs {
 pub(crate) struct DoorSide {
     pub(crate) room: String,
     pub(crate) length: Option<f64>,
+}
+
+/// Parses a length in meters.
+fn length(text: &str) -> Result<f64, String> {
+    meters(text).ok_or_else(|| "a length is a number of meters above 0, such as 3.5".to_owned())
 }
 
 fn side(text: &str) -> Result<DoorSide, String> {

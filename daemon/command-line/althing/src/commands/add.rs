@@ -144,12 +144,15 @@ fn additions(
 
 fn room(args: &AddRoomArgs) -> Vec<EcosystemAddition> {
     let AddRoomArgs { name, kind, floor, area, doors, settings, .. } = args;
+    let number = floor.as_ref().and_then(|floor| floor.parse::<i64>().ok());
+    let named = floor.as_ref().filter(|_| number.is_none());
+    let named = named.map(|floor| SettingText::text("floor", floor));
     let room = RoomAddition {
         name: name.clone(),
         kind: kind.clone(),
-        floor: *floor,
+        floor: number,
         area: *area,
-        settings: settings.clone(),
+        settings: named.into_iter().chain(settings.iter().cloned()).collect(),
     };
     let door = |DoorSide { room, length }: &DoorSide| {
         let (from, to) = (room.clone(), name.clone());

@@ -20,7 +20,7 @@ pub(super) struct CheckedText {
 pub(super) fn check(file: &Path, text: &str) -> CheckedText {
     let known = plugins::known();
     let reading = Ecosystem::read_text(file, text, &Overrides::default(), &known);
-    let mut report = review::review(&reading, ReviewScope::Everything);
+    let mut report = review::review(&reading, ReviewScope::Building);
     let ParsedEcosystem { ecosystem, .. } = reading;
     if let Some(ecosystem) = ecosystem.as_ref().filter(|_| !report.has_errors()) {
         report.extend(interfacing::check(ecosystem, &known));

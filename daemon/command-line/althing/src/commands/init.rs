@@ -97,7 +97,7 @@ fn init(args: &InitArgs) -> Result<ExitCode, InitFailure> {
     match asks {
         false => offers.iter().for_each(|offer| draft.take_offer(offer, None)),
         true => {
-            draft = interview(&mut TerminalPerson, draft, &offers)
+            draft = interview(&mut TerminalPerson { file: &file }, draft, &offers)
                 .ok_or(InitFailure::NotAgreed("nothing is written"))?;
         }
     }
@@ -194,10 +194,12 @@ fn next_steps(file: &Path, draft: &EcosystemDraft) -> String {
     text
 }
 
-/// The person at the terminal.
-struct TerminalPerson;
+/// The person at the terminal, who is asked for the ecosystem file `file`.
+struct TerminalPerson<'f> {
+    file: &'f Path,
+}
 
-impl Respondent for TerminalPerson {
+impl Respondent for TerminalPerson<'_> {
     fn tell(&mut self, text: &str) {
         output::print_note(text);
     }
@@ -211,5 +213,13 @@ impl Respondent for TerminalPerson {
             Ok(1..) => Some(answer.trim().to_owned()),
             _ => None,
         }
+    }
+
+    fn mistake(&mut self, text: &str) -> Option<String> {
+        let report = checked_text::check(self.file, text).report;
+        let found = report.findings().iter().find(|found| found.diagnostic.is_error())?;
+        let help = found.diagnostic.help.as_deref();
+        let help = help.map(|help| format!("; {help}")).unwrap_or_default();
+        Some(format!("{}{help}", found.diagnostic.message))
     }
 }

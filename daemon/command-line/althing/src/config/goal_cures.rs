@@ -9,16 +9,23 @@ const SIGNS: &[&str] = &[">=", "<=", "==", ">", "<", "="];
 /// Returns the diagnostics of a goal that cannot be parsed, or a single one with the goal that was
 /// probably meant.
 pub(crate) fn improved(goal: &str, found: Vec<Diagnostic>) -> Vec<Diagnostic> {
-    if !found.iter().any(Diagnostic::is_error) {
-        return found;
-    }
     let whole = Span::new(0, goal.len());
     let single = |message: &str, meant: String| {
         vec![Diagnostic::error(whole, message).with_help(format!("write {meant}"))]
     };
     let trimmed = goal.trim();
+    // A sign in the middle may look like an object, so that nothing is wrong with the form.
     if let Some(meant) = prefix_comparison(trimmed) {
         return single("a comparison begins with its sign", meant);
+    }
+    if !found.iter().any(Diagnostic::is_error) {
+        return found;
+    }
+    if let Some(meant) = with_points(trimmed) {
+        return single("a number has a point, not a comma", meant);
+    }
+    if let Some(meant) = negated(trimmed) {
+        return single("the condition that is negated stands in parentheses", meant);
     }
     let wrapped = format!("({trimmed})");
     if !trimmed.starts_with('(') && !trimmed.is_empty() && is_goal(&wrapped) {
@@ -43,6 +50,29 @@ pub(crate) fn has_cure(goal: &str) -> bool {
         && (begins_with_name || prefix_comparison(goal.trim()).is_some())
 }
 
+/// Returns a goal with points in its numbers, for one with commas: `21.5` for `21,5`.
+fn with_points(goal: &str) -> Option<String> {
+    let letters: Vec<char> = goal.chars().collect();
+    let is_digit =
+        |at: Option<usize>| at.and_then(|at| letters.get(at)).is_some_and(char::is_ascii_digit);
+    let meant: String = letters
+        .iter()
+        .enumerate()
+        .map(|(at, letter)| match letter {
+            ',' if is_digit(at.checked_sub(1)) && is_digit(Some(at + 1)) => '.',
+            other => *other,
+        })
+        .collect();
+    (meant != goal && is_goal(&meant)).then_some(meant)
+}
+
+/// Returns `(not (known hall))` for `(not known hall)`.
+fn negated(goal: &str) -> Option<String> {
+    let inner = goal.strip_prefix("(not ")?.strip_suffix(')')?.trim();
+    let meant = format!("(not ({inner}))");
+    (!inner.starts_with('(') && is_goal(&meant)).then_some(meant)
+}
+
 /// Whether a text is a goal without mistakes in its form.
 fn is_goal(text: &str) -> bool {
     pddl::parse_condition(text).into_result().is_ok()
@@ -52,7 +82,12 @@ fn is_goal(text: &str) -> bool {
 /// `(>= (temperature hall) 21)` for `(temperature hall) >= 21 °C`.
 fn prefix_comparison(goal: &str) -> Option<String> {
     let inner = goal.strip_prefix("((").and_then(|rest| rest.strip_suffix(')'));
-    let goal = inner.map_or_else(|| goal.to_owned(), |inner| format!("({inner}"));
+    let mut goal = inner.map_or_else(|| goal.to_owned(), |inner| format!("({inner}"));
+    // `(temperature hall >= 21)`: the parentheses are around the comparison as a whole.
+    let flat = goal.strip_prefix('(').and_then(|rest| rest.strip_suffix(')'));
+    if let Some(flat) = flat.filter(|flat| !flat.contains(['(', ')', '?'])) {
+        goal = flat.to_owned();
+    }
     let (sign, at) = SIGNS.iter().find_map(|sign| Some((*sign, goal.find(sign)?)))?;
     let (left, right) = (goal[..at].trim(), goal[at + sign.len()..].trim());
     let number = right.find(|c: char| !c.is_ascii_digit() && !".,-+".contains(c));
@@ -86,6 +121,11 @@ mod tests {
         check("(temperature hall) >= 21", sign, "write (>= (temperature hall) 21)");
         check("((temperature hall) > 20,5 °C)", sign, "write (> (temperature hall) 20.5)");
         check("temperature hall == 21", sign, "write (= (temperature hall) 21)");
+        check("(temperature hall >= 21)", sign, "write (>= (temperature hall) 21)");
+        let comma = "a number has a point, not a comma";
+        check("(>= (temperature hall) 21,5)", comma, "write (>= (temperature hall) 21.5)");
+        let negated = "the condition that is negated stands in parentheses";
+        check("(not known hall)", negated, "write (not (known hall))");
     }
 
     #[test]
@@ -97,7 +137,9 @@ mod tests {
 
     #[test]
     fn a_right_goal_and_any_other_mistake_are_left_alone() {
-        for goal in ["(known-temperature hall)", "(known (hall", "", "(>= (t a) 3)"] {
+        let comparisons = ["(>= (t a) 3)", "(and (>= (t a) 3) (not (k b)))", "(= ?x hall)"];
+        for goal in ["(known-temperature hall)", "(known (hall", ""].into_iter().chain(comparisons)
+        {
             let found = pddl::parse_condition(goal).diagnostics;
             assert_eq!(improved(goal, found.clone()), found, "{goal}");
         }

@@ -45,7 +45,9 @@ use agent::Mode;
 pub(crate) use ::interfacing::{InterfaceEntry, RuleEntry};
 #[cfg(feature = "web")]
 pub(crate) use ecosystem::WebSettings;
-pub(crate) use ecosystem::{AgentEntry, Ecosystem, SecuritySettings, is_pddl, plain_goal};
+pub(crate) use ecosystem::{
+    AgentEntry, DEFAULT_AGENTS, Ecosystem, SecuritySettings, is_pddl, plain_goal,
+};
 pub(crate) use environment::{Variables, variables};
 pub(crate) use interpret::moved_goal;
 pub(crate) use mistake_location::MistakeLocation;

@@ -222,6 +222,10 @@ fn scalar(shape: &Shape, value: &DeValue<'_>) -> Result<Value, Option<String>> {
     }
 }
 
+/// Keys whose texts have a form of their own, with the text that a number alone was meant to be.
+const FORMED_TEXTS: &[(&str, &str)] =
+    &[("for", "{}h"), ("every", "{}min"), ("by", "{}min"), ("listen", "127.0.0.1:{}")];
+
 /// Returns a help text with the correct form, for a value of a wrong type.
 fn type_correction(path: &str, shape: &Shape, value: &DeValue<'_>) -> Option<String> {
     let spoken = display_path(path);
@@ -232,7 +236,10 @@ fn type_correction(path: &str, shape: &Shape, value: &DeValue<'_>) -> Option<Str
             Some(format!("write {key} = [\"{text}\"]"))
         }
         (Shape::Text | Shape::Texts, DeValue::Integer(_) | DeValue::Float(_)) => {
-            Some(format!("write {key} = \"{}\"", toml_text(value)))
+            let number = toml_text(value);
+            let formed = FORMED_TEXTS.iter().find(|(formed, _)| *formed == key);
+            let text = formed.map(|(_, form)| form.replace("{}", &number)).unwrap_or(number);
+            Some(format!("write {key} = \"{text}\""))
         }
         (Shape::Flag, DeValue::String(text)) if ["true", "false"].contains(&text.as_ref()) => {
             Some(format!("write {key} = {text}, without quotes"))

@@ -146,6 +146,8 @@ impl AgentSupervisor {
         match ended {
             Ok(Ok(())) => return true,
             Ok(Err(error)) => tracing::error!(%id, "failed to {error}"),
+            // The runtime ends with the daemon.
+            Err(error) if error.is_cancelled() => return true,
             // The panic message itself is on stderr already, with its source location.
             Err(error) => tracing::error!(%id, %error, "the agent panicked"),
         }

@@ -19,8 +19,12 @@ const UNREAD: &[(&str, &[&str])] = &[
 const ROOMS: &[&str] = &[" under [rooms]", "[rooms] names no place"];
 const DOORS: &[&str] = &["no door leads there from its start"];
 
-/// The report that the value of `keep` is wrong, and what follows from it for the same goal.
-const KEEP: (&str, &str) = (".keep` must be ", "only a kept goal is asked for always");
+/// Reports, each with what follows from it in the same line: a goal whose `keep` has a wrong value,
+/// and a safeguard with a misspelt key.
+const IN_ONE_LINE: &[(&str, &str)] = &[
+    (".keep` must be ", "only a kept goal is asked for always"),
+    ("unknown key `", "this safeguard has no effect"),
+];
 
 /// The words of a report about a name that no agent can have.
 const NO_NAME: &str = " cannot be the name of an agent";
@@ -30,7 +34,7 @@ pub(super) fn remove(report: &mut DiagnosticReport) {
     without_misspelt(report);
     without_repeated_names(report);
     without_unread(report);
-    without_keep(report);
+    IN_ONE_LINE.iter().for_each(|pair| without_consequence(report, *pair));
 }
 
 /// Removes the reports that refer to an agent by a name that no agent can have, if its own entry is
@@ -64,9 +68,8 @@ fn without_unread(report: &mut DiagnosticReport) {
     }
 }
 
-/// Removes the report about a goal that is always asked for if its `keep` is wrong in the same line.
-fn without_keep(report: &mut DiagnosticReport) {
-    let (cause, consequence) = KEEP;
+/// Removes each report `consequence` that stands in the same line as the report `cause`.
+fn without_consequence(report: &mut DiagnosticReport, (cause, consequence): (&str, &str)) {
     let line = |found: &SourcedDiagnostic| {
         let before = found.source.as_ref()?.text.get(..found.diagnostic.span.start as usize)?;
         Some(before.matches('\n').count())

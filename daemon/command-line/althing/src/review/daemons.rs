@@ -1,5 +1,6 @@
-//! Warns about names of daemons that are probably misspelled. A daemon exists as soon as an entry
-//! names it, so a misspelled name adds a machine that does not exist.
+//! Warns about names of daemons that are probably misspelled, and about agents that no daemon hosts.
+//! A daemon exists as soon as an entry names it, so a misspelled name adds a machine that does not
+//! exist.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -7,16 +8,48 @@ use acl::DaemonId;
 use pddl::{Diagnostic, Span};
 
 use super::Reviewer;
-use crate::config::AgentEntry;
+use crate::config::{AgentEntry, DEFAULT_AGENTS};
 
 /// Length of the shortest name that is checked. Shorter names of different daemons often differ by
 /// one letter, as `a` and `b`, or `pi1` and `pi2`.
 const LETTERS_MIN: usize = 5;
 
+/// The same if the other name is listed under `[ecosystem]` and this one is not.
+const LETTERS_BESIDE_LIST_MIN: usize = 3;
+
+/// Maximum number of daemons that a correction names.
+const NAMED_MAX: usize = 5;
+
 impl Reviewer<'_> {
-    /// Warns about a daemon that is named only once if its name resembles that of a daemon that is
-    /// named more often.
+    /// Warns about an agent that no daemon hosts, and about a daemon that is named only once if its
+    /// name resembles that of a daemon that is named more often.
     pub(super) fn daemons(&mut self) {
+        self.agents_without_daemon();
+        self.misspelt_daemons();
+    }
+
+    /// A single daemon hosts the agents that name none. Of several, each hosts those that name it.
+    fn agents_without_daemon(&mut self) {
+        let daemons: Vec<&str> = self.ecosystem.daemons.iter().map(DaemonId::as_str).collect();
+        let [first, _, ..] = daemons.as_slice() else { return };
+        let unassigned = self.ecosystem.unassigned_agents().filter(|entry| !entry.is_default());
+        let named = daemons[..daemons.len().min(NAMED_MAX)].join(", ");
+        let further = if daemons.len() > NAMED_MAX { ", …" } else { "" };
+        let help = format!("write daemon = \"{first}\" in it; the daemons are {named}{further}");
+        let found: Vec<_> = unassigned
+            .map(|entry| {
+                let message =
+                    format!("no daemon hosts `{}`: its entry has no key `daemon`", entry.name);
+                let found = Diagnostic::warning(Span::default(), message).with_help(&help);
+                (entry.path.clone(), found)
+            })
+            .collect();
+        for (path, found) in found {
+            self.report_key(&path, found);
+        }
+    }
+
+    fn misspelt_daemons(&mut self) {
         let named = self.named_daemons();
         let listed: BTreeSet<&str> = self.listed_daemons();
         let is_sure = |name: &str| {
@@ -25,7 +58,7 @@ impl Reviewer<'_> {
         let mut slips = Vec::new();
         for (name, paths) in &named {
             let [path] = &paths[..] else { continue };
-            if is_sure(name) || name.len() < LETTERS_MIN {
+            if is_sure(name) {
                 continue;
             }
             let known = named.keys().map(String::as_str).chain(listed.iter().copied());
@@ -35,9 +68,13 @@ impl Reviewer<'_> {
                 continue;
             }
             // If two similar names occur once each, the one that contains the name of a place
-            // counts as correct.
+            // counts as correct, and the one that hosts a device, not only agents that plan.
+            let hosts_planners_only = path.starts_with(DEFAULT_AGENTS);
             let is_right = |other: &str| {
-                is_sure(other) || self.names_a_place(other) && !self.names_a_place(name)
+                let is_long = name.len() >= LETTERS_MIN;
+                name.len() >= LETTERS_BESIDE_LIST_MIN && listed.contains(other)
+                    || is_long && (is_sure(other) || hosts_planners_only)
+                    || is_long && self.names_a_place(other) && !self.names_a_place(name)
             };
             if let Some(meant) = others.find(|other| is_slip(name, other) && is_right(other)) {
                 slips.push((path.clone(), name.clone(), meant.to_owned()));

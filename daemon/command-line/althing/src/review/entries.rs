@@ -40,17 +40,22 @@ impl Reviewer<'_> {
         let mut tried = entry.clone();
         // Keys that were removed because of wrong values. They do not count as missing.
         let mut taken = BTreeSet::new();
+        // Paths of values that are not the author's: examples, and those of keys that were renamed.
+        let mut invented: Vec<Vec<String>> = Vec::new();
         for _ in 0..MISTAKES_MAX {
             let Err(error) = stage.build(&tried) else { return };
             if let HostError::Build(BuildError::Safeguards { problem, .. }) = &error {
                 return self.say_of_safeguards(entry, problem, severity);
             }
-            let path = culprit(&tried, stage, &error);
+            let path = culprit(&tried, stage, &error, self.ecosystem);
+            if invented.iter().any(|own| path.starts_with(own)) {
+                return;
+            }
             let value = at(&tried.config, &path);
             let dotted = path.join(".");
             let example = |key: &str| example(key, &dotted, self.ecosystem);
             let ExplainedMistake { kind, message, help } =
-                worded(&said(&error), &dotted, value, example);
+                worded(&said(&error), &shown(&path), value, example);
             if let ConfigMistake::MissingKey(missing) = &kind
                 && let Some(written) = self.misspelt(&tried, stage, &path, missing)
             {
@@ -75,6 +80,7 @@ impl Reviewer<'_> {
             if !goes_on(&mut tried, &path, &kind, &mut taken, self.ecosystem) {
                 return;
             }
+            invented.extend(written_instead(&path, &kind));
         }
     }
 
@@ -217,6 +223,28 @@ fn goes_on(
     true
 }
 
+/// Returns the path of the value that [`goes_on`] has written for a mistake at `path`.
+fn written_instead(path: &[String], kind: &ConfigMistake) -> Option<Vec<String>> {
+    let (tables, key) = match kind {
+        ConfigMistake::MissingKey(key) => (path, key),
+        ConfigMistake::UnknownKey(_, Some(meant)) => (path.split_last()?.1, meant),
+        _ => return None,
+    };
+    Some(tables.iter().chain([key]).cloned().collect())
+}
+
+/// Returns a path as the author reads it: behind the number of a table in a list, which the place of
+/// the report shows.
+fn shown(path: &[String]) -> String {
+    let is_number = |key: &String| key.parse::<usize>().is_ok();
+    let begins = path.iter().rposition(is_number).map_or(0, |number| number + 1);
+    let names: Vec<&str> = match path[begins..] {
+        [] => path.iter().filter(|key| !is_number(key)).map(String::as_str).collect(),
+        _ => path[begins..].iter().map(String::as_str).collect(),
+    };
+    names.join(".")
+}
+
 /// Renames a key in the table at `path` in an entry's `config`.
 fn rename(entry: &mut AgentEntry, path: &[String], from: &str, to: &str) {
     let mut config = Value::clone(&entry.config);
@@ -239,44 +267,108 @@ fn said(error: &HostError) -> String {
 }
 
 /// Returns the path of the value in an entry's `config` that causes a mistake: if that value is
-/// removed, there is no mistake or another one. The path is empty if the mistake is that a key is
-/// missing.
-fn culprit(entry: &AgentEntry, stage: &DryRun, error: &HostError) -> Vec<String> {
-    let built = |config: Value| {
-        let entry = AgentEntry { config: config.into(), ..entry.clone() };
-        stage.build(&entry).map_err(|error| error.to_string())
+/// removed, or replaced by the example of its key, there is no mistake or another one. The path is
+/// empty if the mistake is that a key is missing.
+fn culprit(
+    entry: &AgentEntry,
+    stage: &DryRun,
+    error: &HostError,
+    ecosystem: &Ecosystem,
+) -> Vec<String> {
+    let search = CulpritSearch {
+        entry,
+        stage,
+        ecosystem,
+        is_shape: matches!(error, HostError::Build(BuildError::Config { .. })),
+        told: error.to_string(),
     };
-    let (is_shape, told) =
-        (matches!(error, HostError::Build(BuildError::Config { .. })), error.to_string());
-    let mut path: Vec<String> = Vec::new();
-    while let Some(within) = at(&entry.config, &path) {
-        let keys = parts(within);
-        let outcome = |key: &String| {
-            let path: Vec<String> = path.iter().chain([key]).cloned().collect();
-            let mut config = Value::clone(&entry.config);
-            take(&mut config, &path);
-            built(config)
-        };
-        let is_right = |key: &&String| outcome(key).is_ok();
-        // Removing a required key yields another error, but does not make that key the cause.
-        // A key that is missing is missing in a table: another value cannot be the cause.
-        let may_lack = |key: &&String| {
-            let value = part(within, key.as_str());
-            !told.contains("missing field") || value.is_some_and(|it| !parts(it).is_empty())
-        };
-        let is_other = |key: &&String| {
-            outcome(key).is_err_and(|now| {
-                now != told && (is_shape || !now.contains(&format!("missing field `{key}`")))
-            })
-        };
-        let next = keys.iter().find(is_right);
-        let next = next.or_else(|| keys.iter().filter(may_lack).find(is_other)).cloned();
-        match next {
-            Some(key) => path.push(key),
-            None => break,
+    search.below(Vec::new())
+}
+
+/// The search for the value that causes a mistake.
+struct CulpritSearch<'s> {
+    entry: &'s AgentEntry,
+    stage: &'s DryRun,
+    ecosystem: &'s Ecosystem,
+    /// Whether the mistake is one of types and keys.
+    is_shape: bool,
+    /// The message about the mistake.
+    told: String,
+}
+
+// === impl CulpritSearch ===
+
+impl CulpritSearch<'_> {
+    /// Returns the path of the cause at `path` or below it.
+    fn below(&self, path: Vec<String>) -> Vec<String> {
+        let Some(within) = at(&self.entry.config, &path) else { return path };
+        let mut keys = parts(within);
+        // A key that the message names is the cause more probably than another one.
+        keys.sort_by_key(|key| !self.names(key));
+        let inner = |key: &String| -> Vec<String> { path.iter().chain([key]).cloned().collect() };
+        let is_right = |key: &&String| self.without(&inner(key)).is_ok();
+        let is_other = |key: &&String| self.may_be_cause(within, key) && self.differs(&inner(key));
+        let next = keys.iter().find(is_right).or_else(|| keys.iter().find(is_other));
+        if let Some(key) = next {
+            return self.below(inner(key));
+        }
+        // A required key cannot be removed, but what stands in it can be the cause.
+        let nested = keys.iter().map(|key| (inner(key), self.below(inner(key))));
+        if let Some((_, found)) = nested.into_iter().find(|(from, found)| found.len() > from.len())
+        {
+            return found;
+        }
+        let is_cured = |key: &&String| self.is_cured_by_example(&inner(key));
+        match keys.iter().find(is_cured) {
+            Some(key) => inner(key),
+            None => path,
         }
     }
-    path
+
+    fn names(&self, key: &str) -> bool {
+        self.told.contains(&format!("`{key}`"))
+    }
+
+    /// Whether the removal of the value at `key` is worth a trial. A key that is missing is missing
+    /// in a table: another value cannot be the cause.
+    fn may_be_cause(&self, within: &Value, key: &str) -> bool {
+        let is_container = part(within, key).is_some_and(|value| !parts(value).is_empty());
+        let is_missing = self.told.contains("missing field");
+        let needs_another = ["is missing", " needs `"].iter().any(|it| self.told.contains(it));
+        is_container || !is_missing && (self.is_shape || !needs_another || self.names(key))
+    }
+
+    /// Returns what the plugin says about the entry without the value at `path`.
+    fn without(&self, path: &[String]) -> Result<(), String> {
+        let mut config = Value::clone(&self.entry.config);
+        take(&mut config, path);
+        self.built(config)
+    }
+
+    fn built(&self, config: Value) -> Result<(), String> {
+        let entry = AgentEntry { config: config.into(), ..self.entry.clone() };
+        self.stage.build(&entry).map(|_| ()).map_err(|error| error.to_string())
+    }
+
+    /// Whether another mistake is reported without the value at `path`. Removing a required key
+    /// yields another error, but does not make that key the cause.
+    fn differs(&self, path: &[String]) -> bool {
+        let key = path.last().map_or("", String::as_str);
+        self.without(path).is_err_and(|now| {
+            now != self.told && (self.is_shape || !now.contains(&format!("missing field `{key}`")))
+        })
+    }
+
+    fn is_cured_by_example(&self, path: &[String]) -> bool {
+        let Some((key, tables)) = path.split_last() else { return false };
+        let value = example(key, &tables.join("."), self.ecosystem).and_then(|it| parsed(&it));
+        let mut config = Value::clone(&self.entry.config);
+        match (at_mut(&mut config, path), value) {
+            (Some(place), Some(value)) => *place = value,
+            _ => return false,
+        }
+        self.built(config).is_ok()
+    }
 }
 
 /// Returns the keys of a table, or the numbers of the tables in a list; nothing for another value.
@@ -345,6 +437,9 @@ fn example(key: &str, path: &str, ecosystem: &Ecosystem) -> Option<String> {
         "quantity" => quote("co2"),
         "kind" => quote("lamp"),
         "broker" => quote("localhost:1883"),
+        "line" => quote("GPIO17"),
+        "to" => "[{ kind = \"ntfy\", url = \"https://ntfy.example/TOPIC\" }]".to_owned(),
+        "max-size" => quote("1GiB"),
         "model" => quote("MODEL.pddl"),
         "command" | "run" => "[\"PROGRAM\", \"ARGUMENT\"]".to_owned(),
         "range" => "100.0".to_owned(),

@@ -5,7 +5,10 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use acl::AgentId;
-use pddl::{ActionModel, Diagnostic, Domain, ObjectDeclaration, Problem, Severity};
+use pddl::{
+    ActionModel, Atom, Condition, Diagnostic, Domain, Effect, ObjectDeclaration, Problem, Severity,
+    Span,
+};
 
 use super::Reviewer;
 use crate::config::moved_goal;
@@ -28,10 +31,22 @@ impl Reviewer<'_> {
                 let word = wish.goal.get(found.span.range()).unwrap_or("");
                 agents.contains(&word.to_lowercase())
             };
+            let is_written = self.is_written(name, &wish.goal);
+            if let Some((message, help)) = without_content(&condition).filter(|_| is_written) {
+                let found = Diagnostic::warning(Span::default(), message).with_help(help);
+                self.report_value(&format!("goals.{name}.goal"), found);
+                continue;
+            }
             let mut found = pddl::check_condition(&domain, &problem, &condition);
             found.retain(|found| !is_agent(found));
+            // In another order, the words are in wrong places, and no word is unknown.
+            if let Some(ordered) = found.iter().find_map(|it| in_order(it, &domain, &condition)) {
+                self.say_of_goal(name, &wish.goal, ordered);
+                continue;
+            }
             for found in found {
                 let found = with_example(found, &problem);
+                let found = explained_action(found, &models);
                 if let Some(found) = self.softened(found) {
                     self.say_of_goal(name, &wish.goal, found);
                 }
@@ -42,6 +57,15 @@ impl Reviewer<'_> {
     /// Returns the ontology and the map, extended from the action models.
     pub(super) fn widened(&self, models: &BTreeMap<AgentId, ActionModel>) -> (Domain, Problem) {
         widened(&self.ecosystem.domain, &self.ecosystem.problem, models.values())
+    }
+
+    /// Whether the text of a goal is the author's, and not that of a goal in words.
+    fn is_written(&self, name: &str, goal: &str) -> bool {
+        let place = self.ecosystem.places.find(&format!("goals.{name}.goal"));
+        let place = place.or_else(|| self.ecosystem.places.find(&format!("goals.{name}")));
+        place.is_some_and(|(source, place, _)| {
+            source.text.get(place.value.range()).is_some_and(|text| text.contains(goal.trim()))
+        })
     }
 
     fn say_of_goal(&mut self, name: &str, goal: &str, found: Diagnostic) {
@@ -83,6 +107,76 @@ impl Reviewer<'_> {
             return self.is_complete.then_some(found);
         }
         Some(found)
+    }
+}
+
+/// Returns a diagnostic with the explanation that the predicate stands first, if another word of the
+/// atom is the predicate: `(robot at hall)`.
+fn in_order(found: &Diagnostic, domain: &Domain, goal: &Condition) -> Option<Diagnostic> {
+    let word = found.message.strip_prefix("unknown predicate `")?.strip_suffix('`')?;
+    let is_predicate = |name: &str| domain.predicates.iter().any(|it| it.name.as_str() == name);
+    let atom = atom_named(goal, word)?;
+    let mut words: Vec<&str> = atom.arguments.iter().map(|term| term.name().as_str()).collect();
+    let at = words.iter().position(|word| is_predicate(word))?;
+    let predicate = words.remove(at);
+    words.insert(0, word);
+    let help = format!("the predicate stands first: write ({predicate} {})", words.join(" "));
+    Some(found.clone().with_help(help))
+}
+
+/// Explains that a word is an action, if an agent has one of this name.
+fn explained_action(found: Diagnostic, models: &BTreeMap<AgentId, ActionModel>) -> Diagnostic {
+    let word = found.message.strip_prefix("unknown predicate `");
+    let Some(word) = word.and_then(|rest| rest.strip_suffix('`')) else { return found };
+    let mut actions =
+        models.iter().flat_map(|(id, model)| model.actions.iter().map(move |action| (id, action)));
+    let Some((id, action)) = actions.find(|(_, action)| action.name.as_str() == word) else {
+        return found;
+    };
+    let mut help = format!("`{word}` is an action of `{id}`; a goal says what is to be");
+    if let Some(effect) = first_added(&action.effect) {
+        help += &format!(", such as {effect}");
+    }
+    Diagnostic { help: Some(help), ..found }
+}
+
+/// Returns the first fact that an effect makes true.
+fn first_added(effect: &Effect) -> Option<&Atom> {
+    match effect {
+        Effect::And(all) => all.iter().find_map(first_added),
+        Effect::Add(atom) => Some(atom),
+        Effect::Forall(_, body) | Effect::When(_, body) => first_added(body),
+        Effect::Delete(_) | Effect::Assign(_) => None,
+    }
+}
+
+/// Returns the first atom of a condition with this predicate.
+fn atom_named<'c>(condition: &'c Condition, name: &str) -> Option<&'c Atom> {
+    match condition {
+        Condition::Atom(atom) => (atom.predicate.as_str() == name).then_some(atom),
+        Condition::And(all) | Condition::Or(all) => {
+            all.iter().find_map(|each| atom_named(each, name))
+        }
+        Condition::Not(body) | Condition::Forall(_, body) | Condition::Exists(_, body) => {
+            atom_named(body, name)
+        }
+        Condition::Imply(one, other) => atom_named(one, name).or_else(|| atom_named(other, name)),
+        Condition::Equal(..) | Condition::Compare(_) => None,
+    }
+}
+
+/// Returns a message and a help text about a goal that asks for nothing, or for what can never be.
+fn without_content(condition: &Condition) -> Option<(&'static str, &'static str)> {
+    match condition {
+        Condition::And(all) if all.is_empty() => Some((
+            "this goal asks for nothing, so it holds always",
+            "name what is to be, such as (known-temperature ROOM)",
+        )),
+        Condition::Or(any) if any.is_empty() => Some((
+            "no alternative stands in this goal, so it can never hold",
+            "write the alternatives: (or (at ROBOT ROOM) (at ROBOT OTHER-ROOM))",
+        )),
+        _ => None,
     }
 }
 

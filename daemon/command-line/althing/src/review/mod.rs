@@ -13,6 +13,7 @@
 //! - [`rooms`]: agents in a place where they can do nothing.
 //! - [`network`]: the table `[zenoh]`.
 //! - [`people`]: the file of people.
+//! - [`secret_files`]: files with secrets that are not there, or that other users can read.
 //! - [`daemons`]: names of daemons that are probably misspelled.
 //! - [`words`]: the phrases of the file, against the ontology and the agents' action models.
 //!
@@ -41,6 +42,8 @@ mod rivals;
 mod roles;
 
 mod rooms;
+
+mod secret_files;
 
 mod sensors;
 
@@ -121,6 +124,8 @@ fn of_ecosystem(
         desk.sensors(&models);
         desk.reach(&models);
     }
+    // What is missing on this machine says nothing about the file.
+    desk.secret_files();
     if desk.is_complete
         && !desk.report.has_errors()
         && let Err(error) = hosting::simulate(ecosystem)

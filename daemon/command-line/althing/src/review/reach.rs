@@ -11,8 +11,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use acl::AgentId;
 use pddl::{
-    ActionModel, ActionSchema, Atom, Condition, Diagnostic, Domain, Effect, InitElement, Name,
-    Problem, Span, Term, TypeExpr, Types,
+    ActionModel, ActionSchema, Atom, Condition, Derived, Diagnostic, Domain, Effect, InitElement,
+    Name, Problem, Span, Term, TypeExpr, Types,
 };
 
 use super::Reviewer;
@@ -37,6 +37,9 @@ const WITHOUT_ACTIONS: &[&str] = &[
 const FACTS_MAX: usize = 1_000;
 const VARIABLES_MAX: usize = 2;
 
+/// Maximum number of axioms of which one needs the next, as far as they are examined.
+const DERIVATIONS_MAX: usize = 4;
+
 /// Maximum number of agents that a warning names.
 const NAMED_MAX: usize = 3;
 
@@ -50,8 +53,8 @@ struct Possibilities<'m> {
     objects: BTreeMap<Name, TypeExpr>,
     /// The facts of the map and of the models.
     given: BTreeSet<ConcreteFact>,
-    /// Predicates that an axiom derives.
-    derived: BTreeSet<Name>,
+    /// The axioms of the ontology and of the models.
+    axioms: Vec<&'m Derived>,
     /// Predicates of `given` that no action and no axiom changes.
     closed: BTreeSet<Name>,
     /// Predicates in the map, and in the models of the agents apart from their axioms.
@@ -73,7 +76,7 @@ impl Reviewer<'_> {
             let Ok(condition) = pddl::parse_condition(&wish.goal).into_result() else { continue };
             let mut facts = Vec::new();
             possible.facts_of(&condition, &mut Vec::new(), &mut facts);
-            let lacking = facts.into_iter().find(|fact| !possible.can_be(fact));
+            let lacking = facts.into_iter().find(|fact| !possible.can_be(fact, DERIVATIONS_MAX));
             found.extend(lacking.and_then(|fact| Some((name.clone(), possible.warning(&fact)?))));
         }
         for (name, warning) in found {
@@ -100,7 +103,7 @@ impl Reviewer<'_> {
 
 impl<'m> Possibilities<'m> {
     fn of(
-        domain: &Domain,
+        domain: &'m Domain,
         problem: &Problem,
         models: &'m BTreeMap<AgentId, ActionModel>,
     ) -> Possibilities<'m> {
@@ -110,7 +113,8 @@ impl<'m> Possibilities<'m> {
         let inits = models.values().flat_map(|model| &model.init).chain(problem.init.iter());
         let given: BTreeSet<ConcreteFact> = inits.filter_map(ground_fact).collect();
         let axioms = domain.derived.iter().chain(models.values().flat_map(|model| &model.derived));
-        let derived: BTreeSet<Name> = axioms.map(|axiom| axiom.predicate.clone()).collect();
+        let axioms: Vec<&Derived> = axioms.collect();
+        let derived: BTreeSet<&Name> = axioms.iter().map(|axiom| &axiom.predicate).collect();
         let (mut makers, mut changed) = (Vec::new(), BTreeSet::new());
         for (agent, model) in models {
             for action in &model.actions {
@@ -136,7 +140,7 @@ impl<'m> Possibilities<'m> {
             types: Types::of(domain),
             objects,
             given,
-            derived,
+            axioms,
             closed,
             mentioned,
             makers,
@@ -180,15 +184,55 @@ impl<'m> Possibilities<'m> {
             })
     }
 
-    /// Whether the fact is given, or some action may make it true. A fact of a predicate that no
-    /// action changes may be told by an agent that runs.
-    fn can_be(&self, fact: &ConcreteFact) -> bool {
+    /// Whether the fact is given, or some action may make it true, or an axiom may derive it through at
+    /// most `depth` others. A fact of a predicate that no action changes may be told by an agent that
+    /// runs.
+    fn can_be(&self, fact: &ConcreteFact, depth: usize) -> bool {
         let is_made = self.makers.iter().any(|(_, _, atom)| atom.predicate == fact.0);
         let is_told = !is_made && self.mentioned.contains(&fact.0);
         is_told
-            || self.derived.contains(&fact.0)
             || self.given.contains(fact)
             || self.makers.iter().any(|maker| self.can_make(maker, fact))
+            || self.can_be_derived(fact, depth)
+    }
+
+    fn can_be_derived(&self, fact: &ConcreteFact, depth: usize) -> bool {
+        let mut axioms = self.axioms.iter().filter(|axiom| axiom.predicate == fact.0);
+        axioms.any(|axiom| {
+            let fits = axiom.parameters.iter().zip(&fact.1).all(|(parameter, object)| {
+                self.objects.get(object).is_none_or(|ty| self.is_of(ty, &parameter.ty))
+            });
+            let variables = axiom.parameters.iter().map(|parameter| parameter.name.clone());
+            let mut bound: Vec<(Name, Name)> = variables.zip(fact.1.iter().cloned()).collect();
+            fits && (depth == 0 || self.can_hold(&axiom.condition, &mut bound, depth - 1))
+        })
+    }
+
+    /// Whether the condition may hold. What is neither a fact nor made of such conditions may.
+    fn can_hold(&self, condition: &Condition, bound: &mut Vec<(Name, Name)>, depth: usize) -> bool {
+        match condition {
+            Condition::And(all) => all.iter().all(|each| self.can_hold(each, bound, depth)),
+            Condition::Or(any) => any.iter().any(|each| self.can_hold(each, bound, depth)),
+            Condition::Atom(atom) => {
+                grounded(atom, bound).is_none_or(|fact| self.can_be(&fact, depth))
+            }
+            Condition::Exists(variables, _) if variables.len() > VARIABLES_MAX => true,
+            Condition::Exists(variables, body) => match variables.split_first() {
+                None => self.can_hold(body, bound, depth),
+                Some((first, rest)) => {
+                    let rest = Condition::Exists(rest.to_vec(), body.clone());
+                    let mut of_type =
+                        self.objects.iter().filter(|(_, ty)| self.is_of(ty, &first.ty));
+                    of_type.any(|(object, _)| {
+                        bound.push((first.name.clone(), object.clone()));
+                        let can = self.can_hold(&rest, bound, depth);
+                        bound.pop();
+                        can
+                    })
+                }
+            },
+            _ => true,
+        }
     }
 
     fn can_make(

@@ -33,6 +33,9 @@ const SYNONYMS: &[(&str, &[&str])] = &[
 const DURATIONS: &[&str] =
     &["valid-for", "every", "debounce", "time-out", "patience", "motion-for", "offline-after"];
 
+/// Keys in a `config` whose texts have a form of their own, so that a number in quotes is wrong, too.
+const FORMED: &[&str] = &["broker", "line", "endpoint", "max-size"];
+
 /// A mistake in a `config`, with its message and a correction.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ExplainedMistake {
@@ -95,8 +98,23 @@ pub(super) fn worded(
             help: Some(beside(key).unwrap_or_else(|| format!("take `{key}` out"))),
         };
     }
+    if let Some(found) = of_another_driver(said, path) {
+        return found;
+    }
     let help = positive(said, path, value);
     ExplainedMistake { kind: ConfigMistake::Other, message: said.to_owned(), help }
+}
+
+/// Explains that a key is for another driver than that of the entry: ``KEY` is for `driver = "X"`…`.
+fn of_another_driver(said: &str, path: &str) -> Option<ExplainedMistake> {
+    let (key, rest) = said.strip_prefix('`')?.split_once("` is for `driver = \"")?;
+    let (driver, _) = rest.split_once('"')?;
+    let help = format!("leave `{key}` out, or write driver = \"{driver}\"");
+    let kind = match ends_with(path, key) {
+        true => ConfigMistake::UnknownKey(key.to_owned(), None),
+        false => ConfigMistake::Other,
+    };
+    Some(ExplainedMistake { kind, message: said.to_owned(), help: Some(help) })
 }
 
 /// Returns how to write a number that must be above zero and is negative.
@@ -306,6 +324,8 @@ fn cure(key: &str, wanted: &str, value: &Value) -> Option<String> {
         ("a string", Value::Number(number)) if DURATIONS.contains(&key) => {
             Some(format!("write a unit too, in quotes: {key} = \"{number}s\" or \"{number}min\""))
         }
+        // The example of these keys shows more than quotes.
+        ("a string" | "path string", Value::Number(_)) if FORMED.contains(&key) => None,
         ("a string" | "path string", Value::Number(_) | Value::Bool(_)) => {
             Some(format!("write {key} = \"{value}\""))
         }

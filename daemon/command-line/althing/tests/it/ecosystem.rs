@@ -548,6 +548,15 @@ fn a_mistake_within_a_table_of_a_config() {
     house(&robot("attempts = 3")).check("check house.toml", 0);
     let run = house(&robot("attempts = 3, patience = \"soon\"")).check("check house.toml", 33);
     expect![[r#"
+        warning: there is no file /no/such
+          --> house.toml:30:52
+           |
+        30 | config = { start = "kitchen", login = { pin-file = "/no/such", attempts ...
+           |                                                    ^^^^^^^^^^
+           |
+           = help: the machine that hosts `robot` needs it: one line with the secret,
+                   mode 600
+
         error: config of `robot`: `login.patience` must be a duration, and is "soon"
           --> house.toml:30:89
            |
@@ -557,7 +566,7 @@ fn a_mistake_within_a_table_of_a_config() {
            = help: write a number and ms, s, min or h in quotes, such as "30s" or
                    "10min"
 
-        1 error
+        1 error and 1 warning
     "#]]
     .assert_eq(&run.stderr);
     assert!(

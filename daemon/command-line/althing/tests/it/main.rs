@@ -17,6 +17,7 @@ mod caretakers;
 
 mod ecosystem;
 
+mod further_mistakes;
 mod home_mistakes;
 
 mod mistakes;

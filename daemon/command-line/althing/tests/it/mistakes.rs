@@ -415,9 +415,11 @@ fn the_network() {
     for (line, words) in [
         ("listen.endpoints = [\"tls/[::]:744700\"]", &["no address", "a port from 0 to 65535"][..]),
         ("connect.endpoints = [\"office-pc:7447\"]", &["PROTOCOL/ADDRESS"]),
-        ("connect.endpoints = [\"http://office-pc:7447\"]", &["not `http:`"]),
+        ("connect.endpoints = [\"http://office-pc:7447\"]", &["not `http`"]),
         ("connect.endpoints = [\"tls/office-pc\"]", &["HOST:PORT"]),
         ("listen.endpoints = [\"tcp/0.0.0.0:7447\"]", &["plain TCP is for this machine alone"]),
+        ("listen.endpoints = [\"tcp://127.0.0.1:7447\"]", &["write `tcp/127.0.0.1:7447`"]),
+        ("listen.endpoint = [\"tls/[::]:7447\"]", &["did you mean `listen.endpoints`?"]),
         ("scouting = true", &["secure the ecosystem"]),
         ("listen_endpoints = [\"tls/[::]:7447\"]", &["did you mean `listen.endpoints`?"]),
     ] {

@@ -30,7 +30,7 @@ config = { start = "passage", speed = 0.3 }
 
 [goals]
 warm = "(known-temperature class-a)"
-lit = "(lit class-b)"
+seen = "(at rover class-b)"
 "#;
 
 const WORDS: &str = "\

@@ -71,6 +71,7 @@ fn agents(
     for entry in absent {
         let host = match entry.daemons.as_slice() {
             // The only daemon of the ecosystem hosts it.
+            [] if ecosystem.daemons.len() > 1 => None,
             [] => present.first().filter(|_| present.len() == 1),
             daemons => daemons.iter().find(|daemon| present.contains(*daemon)),
         };
@@ -89,6 +90,10 @@ fn agents(
                     "{names} of the file: absent, though `{host}` runs; to read the file again:"
                 ),
                 answers.reload(host),
+            ),
+            None if ecosystem.daemons.len() > 1 => check.problem(
+                format!("{names} of the file: no daemon hosts them, for want of the key `daemon`:"),
+                subject.check_command(),
             ),
             None => check.problem(format!("{names} of the file: absent"), None),
         }

@@ -8,6 +8,7 @@ use acl::{DaemonId, EcosystemId};
 use terminal::report::DiagnosticReport;
 
 use super::file;
+use super::finding::Remedy;
 use crate::cli::ReachArgs;
 use crate::cli::doctor::DoctorArgs;
 use crate::commands::client::{reach_words, running_here, shell_word};
@@ -32,6 +33,12 @@ pub(super) struct DoctorSubject {
 }
 
 impl DoctorSubject {
+    /// Returns the command that shows the mistakes of the ecosystem file.
+    pub(super) fn check_command(&self) -> Option<Remedy> {
+        let file = self.file.as_ref()?.to_string_lossy().into_owned();
+        Remedy::look(format!("althing check {}", shell_word(&file)))
+    }
+
     /// Finds what the user means: the ecosystem of the arguments, the one of the file in the current
     /// folder, or the only one that runs on this machine.
     ///

@@ -9,7 +9,7 @@ use serde_json::Value;
 use super::Interpreter;
 use super::files::PddlFiles;
 use crate::config::KnownPlugin;
-use crate::config::ecosystem::{AgentEntry, DEFAULT_AGENTS};
+use crate::config::ecosystem::AgentEntry;
 use crate::config::raw::RawAgentEntry;
 use crate::config::reader;
 
@@ -41,18 +41,12 @@ impl Interpreter<'_> {
         files: Option<&PddlFiles>,
     ) -> Vec<AgentEntry> {
         let names: Vec<Option<String>> = raw.iter().map(|agent| agent.name.clone()).collect();
-        let given = raw.iter().any(|agent| !agent.daemon.is_empty())
-            // A single daemon hosts the agents that name none.
-            || self.place(&format!("{DEFAULT_AGENTS}.1")).is_some();
         let poses: BTreeSet<String> = raw.iter().flat_map(poses).cloned().collect();
         let mut agents = Vec::new();
         for (index, raw) in raw.into_iter().enumerate() {
             let path = format!("agent.{index}");
             self.duplicate_name(&names, index);
             self.references(&path, &raw, &names, &poses, files);
-            if given && raw.daemon.is_empty() {
-                self.warn_unassigned(&path, raw.name.as_deref());
-            }
             agents.extend(self.agent(&path, raw, files));
         }
         agents
@@ -284,15 +278,6 @@ impl Interpreter<'_> {
                 }
             });
         }
-    }
-
-    /// Warns about an agent without a daemon although other agents have one: the daemon was
-    /// probably forgotten.
-    fn warn_unassigned(&mut self, path: &str, name: Option<&str>) {
-        let agent = name.map_or("an agent".to_owned(), |name| format!("agent `{name}`"));
-        let message = format!("{agent} has no key `daemon`");
-        let help = "others have one; without it, every machine that runs alone hosts the agent";
-        self.about_key(path, |span| Diagnostic::warning(span, message).with_help(help));
     }
 }
 

@@ -94,6 +94,9 @@ impl Interpreter<'_> {
             None if known.names.len() > PLACES_LISTED_MAX => {
                 format!("if it is another place, write {name} = {{}} under [rooms]")
             }
+            None if known.names.is_empty() => {
+                format!("write the places first: [rooms], and below it {name} = {{}}")
+            }
             None => format!(
                 "[rooms] has {}; if it is another place, write {name} = {{}} there",
                 known.names.join(", ")

@@ -36,6 +36,7 @@ impl Interpreter<'_> {
                 continue;
             };
             let found = goal_cures::improved(&goal, pddl::parse_condition(&goal).diagnostics);
+            let is_wrong = found.iter().any(Diagnostic::is_error);
             match self.place(&format!("goals.{name}.goal")) {
                 Some((source, place)) => {
                     let moved =
@@ -45,6 +46,8 @@ impl Interpreter<'_> {
                 None => found.into_iter().for_each(|found| self.report.add_general(found)),
             }
             let achieve = Achieve { goal: goal.clone(), keep, priority, partition };
+            // What is reported already is not checked once more.
+            let goal = if is_wrong { pddl::Condition::always().to_string() } else { goal };
             let asked = (ask.is_some(), options(times));
             by_themselves.goals.extend(self.file_goal(&name, achieve, asked, &zone));
             wishes.insert(name, GoalRequest { goal, keep, priority, partition });
@@ -93,7 +96,19 @@ impl Interpreter<'_> {
             });
             return None;
         }
+        self.warn_of_past(name, &times, asking);
         Some(FileGoal { name: name.to_owned(), goal, times, is_always })
+    }
+
+    /// Warns about times that are past. They are no error: a file outlives its single times.
+    fn warn_of_past(&mut self, name: &str, times: &TimeOptions, asking: Asking) {
+        let now = Asking { author: Author::Person, ..asking };
+        if let Err(ScheduleError { option, message }) = read_options(times, &now) {
+            self.about_value(&format!("goals.{name}.{option}"), |span| {
+                let help = "the goal is asked for no more; write a later time, or take it out";
+                Diagnostic::warning(span, message).with_help(help)
+            });
+        }
     }
 }
 

@@ -18,6 +18,9 @@ const ROOM: &str = "room";
 /// The type of which every place is.
 const LOCATION: &str = "location";
 
+/// The function of a place's square meters.
+const AREA: &str = "area";
+
 /// The predicate that the key `floor` stands for.
 const ON_FLOOR: &str = "on-floor";
 
@@ -181,6 +184,14 @@ impl Interpreter<'_> {
     fn floor(&mut self, path: &str, name: &str, value: &Value, span: Span) -> Vec<PlanStatement> {
         let floor = match (value.as_i64(), value.as_str()) {
             (Some(number), _) => floor_name(number),
+            (None, Some(text)) if text.trim().parse::<i64>().is_ok() => {
+                let message = format!(
+                    "the number of a floor stands without quotes, and this of `{name}` is a text"
+                );
+                let help = format!("write floor = {}", text.trim());
+                self.about_value(path, |span| Diagnostic::error(span, message).with_help(help));
+                return Vec::new();
+            }
             (None, Some(text)) if self.is_object_name(path, text) => text.to_owned(),
             (None, Some(_)) => return Vec::new(),
             (None, None) => {
@@ -202,6 +213,15 @@ impl Interpreter<'_> {
         span: Span,
     ) -> Vec<PlanStatement> {
         match value.as_f64().filter(|value| value.is_finite()) {
+            Some(value) if key == AREA && value <= 0.0 => {
+                let message = format!("`{key}` of `{name}` must be above zero");
+                let help = match value < 0.0 {
+                    true => format!("write {key} = {}", -value),
+                    false => format!("leave it out, or write its square meters: {key} = 12.5"),
+                };
+                self.about_value(path, |span| Diagnostic::error(span, message).with_help(help));
+                Vec::new()
+            }
             Some(value) => {
                 vec![PlanStatement::Measures { function: Name::spanned(key, span), value }]
             }
