@@ -15,9 +15,9 @@ task: first the third that all play, then the rest. Each process has one core, 2
 command with {domain}, {problem} and {plan}; a peer named `enhsp` plays only the numeric board, all others only the
 classical ones. `althing validate` judges the plans; `--time` and the planners must stay the same within ROWS.
 
-`page` writes Markdown: the counts of each board and domain, and the tasks that only one planner solves. With
---before, the rows of another version, it also names each task that was solved there and is not solved here, and ends
-with exit code 1 if there is one.
+`page` writes Markdown: the text of ROWS/remarks.md if it is there, the counts of each board and domain, and the tasks
+that only one planner solves. With --before, the rows of another version, it also names each task that was solved
+there and is not solved here, and ends with exit code 1 if there is one.
 
 The agile score is that of the competitions: 1 for a task solved within a second, then less on a logarithmic scale,
 and 0 at the time limit.
@@ -30,6 +30,18 @@ from draw_tasks import domain_of
 ALTHING = f"{ROOT}/target/release/althing-plan {{domain}} {{problem}} --plan {{plan}} --memory-limit 1800 --time-limit {{limit}}"
 PATTERNS = {"ipc-2018": "*-sat18-*", "ipc-2023": "*-sat23-*", "suite": "*", "ipc-2023-numeric": "*"}
 NUMERIC = "ipc-2023-numeric"
+HEAD = """# Standings
+
+Whole boards of the planning competitions, beside other planners. The estimator was chosen before the first task ran:
+
+- A task is *solved* if a plan file is there when the time is over or the process ends, and `althing validate` accepts it. Each process has {limit:g} s of wall-clock time, reading included, 2 GiB of address space and one core. The first plan counts.
+- The *agile score* of a task is 1 up to a second, then 1 − ln(time) ÷ ln({limit:g}), and 0 at the limit.
+- The other planners play every third task of each domain, task by task in turns with Althing, so that they meet the same load. Ratios are geometric means over the tasks that both solve.
+- Domains take turns. A board that is not finished is a sample of all of its domains, and the counts say how large it is.
+
+Made by `daemon/planning/planner/benches/standings.py page ROWS --out docs/standings.md`, from rows that `standings.py play ROWS …` has written ([planner.md](planner.md) names the sources of the tasks). `--before ROWS` names each task that an earlier version solved and this one does not.
+"""
+
 # Of the suite, each of three parts has the same number of tasks of a domain; the seed says which.
 SUITE_SEED = 1
 THIRD = 3
@@ -143,6 +155,10 @@ def page(args):
         results = results_of(args.rows / board)
         if "althing" not in results:
             continue
+        if not lines:
+            limit = next(iter(results["althing"].values()))["limit"]
+            remarks = args.rows / "remarks.md"
+            lines += [*HEAD.format(limit=limit).splitlines(), "", *(remarks.read_text().splitlines() if remarks.exists() else []), ""]
         lines += page_of_board(board, results)
         before = results_of(args.before / board).get("althing", {}) if args.before else {}
         lost += [key[1] for key, row in before.items() if row["solved"] and not results["althing"].get(key, row)["solved"]]
