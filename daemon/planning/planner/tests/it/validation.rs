@@ -208,3 +208,17 @@ fn the_axiom_that_depends_on_its_own_negation_is_named() {
     let messages: Vec<&str> = diagnostics.iter().map(|one| one.message.as_str()).collect();
     assert_eq!(messages, ["`c` depends on its own negation"]);
 }
+
+#[test]
+fn one_argument_is_named_in_the_singular() {
+    let domain = "(define (domain d) (:predicates (p ?x))
+        (:action a :parameters (?x) :effect (p ?x)))";
+    let problem = "(define (problem q) (:domain d) (:objects o) (:goal (and)))";
+    check(domain, problem, "(a o o)", expect!["step 1 (a o o): takes 1 argument, not 2"]);
+    let wrong = domain.replace("(p ?x)))", "(p ?x ?x)))");
+    let (wrong, problem) = parse(&wrong, problem);
+    let planned =
+        planner::plan(&wrong, &problem, &planner::Options::default(), &planner::Cancel::new());
+    let told = planned.map_err(|err| format!("{err:?}")).expect_err("an effect is wrong");
+    assert!(told.contains("takes 1 argument, ") && !told.contains("1 arguments"), "{told}");
+}
