@@ -210,7 +210,10 @@ fn mistakes_in_channels_are_reported_by_check_with_their_places() {
         ("kind = \"ntfy\"\nurl = \"https://a.example/\"", "one topic"),
         ("kind = \"ntfy\"\nurl = \"https://a.example/t\"\nrelay = \"b\"", "`relay` is no key"),
         ("kind = \"ntfy\"\nurl = \"https://a.example/t\"\nquiet = \"22-7\"", "\"22:00-07:00\""),
-        ("kind = \"ntfy\"\nurl = \"https://a.example/t\"\nquite = \"22:00-07:00\"", "`to.0.quite`"),
+        (
+            "kind = \"ntfy\"\nurl = \"https://a.example/t\"\nquite = \"22:00-07:00\"",
+            "no key `quite`",
+        ),
         ("kind = \"ntfy\"\nurl = \"https://a.example/t\"\nuntil = \"soon\"", "2027-01-31"),
         ("kind = \"email\"\nrelay = \"mail.example\"\nfrom = \"a@b.example\"", "`receivers` needs"),
         (

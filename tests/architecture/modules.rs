@@ -22,8 +22,19 @@ const CIRCLES: &[Circle] = &[
     ),
     circle(
         "phrases",
-        &["completion", "nearest", "phrasebook", "reading", "saying", "sentences"],
-        "the phrase book has the words that these read and say with, and is what calls them",
+        &[
+            "alignment",
+            "completion",
+            "likeness",
+            "nearest",
+            "numbers",
+            "phrasebook",
+            "reading",
+            "saying",
+            "sentences",
+        ],
+        "the phrase book has the words that these read and say with, and is what calls them; a \
+         text that is not understood is corrected, and each correction is read in turn",
     ),
 ];
 

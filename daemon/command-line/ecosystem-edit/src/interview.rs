@@ -76,11 +76,12 @@ impl InterviewState<'_> {
             let answer = if answer.is_empty() { usual.to_owned() } else { answer };
             let before = self.draft.clone();
             let value = read(&mut self.draft, &answer).and_then(|value| {
-                let text = self.draft.text()?;
-                match self.respondent.mistake(&text) {
-                    Some(mistake) => Err(EditError::Refused(mistake)),
-                    None => Ok(value),
-                }
+                // Before its rooms are known, a file is no ecosystem.
+                let mistake = match self.draft.rooms.is_empty() {
+                    true => None,
+                    false => self.respondent.mistake(&self.draft.text()?),
+                };
+                mistake.map_or(Ok(value), |mistake| Err(EditError::Refused(mistake)))
             });
             match value {
                 Ok(value) => return Some(value),

@@ -606,6 +606,7 @@ fn a_person_is_asked_until_the_answers_fit() {
     };
     let answers = vec![
         "",
+        "hall:korridor, kitchen bath",
         "hall:corridor, kitchen bath",
         "",
         "bathroom",
@@ -618,6 +619,7 @@ fn a_person_is_asked_until_the_answers_fit() {
     let draft = EcosystemDraft { name: "home".to_owned(), ..EcosystemDraft::default() };
     let draft = interview(&mut person, draft, &[offer]).expect("all is answered");
     assert!(person.told.contains("there is no room `bathroom`; there are"), "{}", person.told);
+    assert!(person.told.contains("  there is no kind `korridor`\nRooms"), "{}", person.told);
     assert!(person.told.contains("Doors [hall=kitchen:4 hall=bath:4]"), "{}", person.told);
     let text = draft.text().expect("it is consistent");
     for line in [

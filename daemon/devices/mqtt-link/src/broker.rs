@@ -49,21 +49,9 @@ impl Broker {
     ) -> Result<Broker, String> {
         let name = name.unwrap_or(BROKER);
         let wrong = |problem: &str| Err(format!("broker `{}`: {problem}", without_secret(name)));
-        let (is_encrypted, rest) = match name.split_once("://") {
-            None => (false, name),
-            Some(("mqtt", rest)) => (false, rest),
-            Some(("mqtts", rest)) => (true, rest),
-            // Other programs write these for the same.
-            Some(("tcp", rest)) => (false, rest),
-            Some(("ssl" | "tls", rest)) => (true, rest),
-            Some(("ws" | "wss", _)) => {
-                return wrong("websockets are not built; write HOST:PORT or mqtts://HOST:PORT");
-            }
-            Some((scheme, _)) => {
-                let problem =
-                    format!("`{scheme}` is not MQTT; write HOST:PORT or mqtts://HOST:PORT");
-                return wrong(&problem);
-            }
+        let (is_encrypted, rest) = match without_scheme(name) {
+            Ok(parts) => parts,
+            Err(problem) => return wrong(&problem),
         };
         if rest.contains('@') {
             return wrong("write `user` and `password-file` beside it: this file is no secret");
@@ -192,8 +180,25 @@ fn without_secret(name: &str) -> String {
     }
 }
 
+/// Returns whether the connection is encrypted, by the scheme of a broker's name, and the rest.
+fn without_scheme(name: &str) -> Result<(bool, &str), String> {
+    match name.split_once("://") {
+        None => Ok((false, name)),
+        // Other programs write `tcp`, `ssl` and `tls` for the same.
+        Some(("mqtt" | "tcp", rest)) => Ok((false, rest)),
+        Some(("mqtts" | "ssl" | "tls", rest)) => Ok((true, rest)),
+        Some(("ws" | "wss", _)) => {
+            Err("websockets are not built; write HOST:PORT or mqtts://HOST:PORT".to_owned())
+        }
+        Some((scheme, _)) => {
+            Err(format!("`{scheme}` is not MQTT; write HOST:PORT or mqtts://HOST:PORT"))
+        }
+    }
+}
+
 /// Whether a text is an IP address, or a name that a host may have.
 fn is_host(text: &str) -> bool {
+    let text = text.strip_suffix('.').unwrap_or(text);
     let is_label = |label: &str| {
         let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_".contains(&byte);
         !label.is_empty() && label.bytes().all(is_plain)
@@ -201,8 +206,7 @@ fn is_host(text: &str) -> bool {
     // A name whose last label is a number would be read as an address.
     let ends_in_number =
         text.rsplit('.').next().is_some_and(|last| last.bytes().all(|byte| byte.is_ascii_digit()));
-    text.parse::<IpAddr>().is_ok()
-        || !ends_in_number && text.trim_end_matches('.').split('.').all(is_label)
+    text.parse::<IpAddr>().is_ok() || !ends_in_number && text.split('.').all(is_label)
 }
 
 #[cfg(test)]

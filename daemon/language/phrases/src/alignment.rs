@@ -8,7 +8,7 @@ use crate::pattern::PhrasePart;
 use crate::phrasebook::{COMPARISONS, Phrase, PhraseKind};
 use crate::quantifiers::QuantifierMatch;
 use crate::reading::PhraseReader;
-use crate::token::Token;
+use crate::token::{Token, letter_distance};
 
 /// Stands in a corrected sentence for the name of an object that the text lacks.
 pub(crate) const GAP: &str = "…";
@@ -64,7 +64,7 @@ pub(crate) struct Alignment {
 }
 
 /// The sentence `start..end` of a text, with the quantifiers in it.
-pub(crate) struct Sentence<'s, 'r> {
+pub(crate) struct AlignedSentence<'s, 'r> {
     reader: &'s PhraseReader<'r>,
     start: usize,
     end: usize,
@@ -94,13 +94,17 @@ struct SentenceQuantifier {
     is_form: bool,
 }
 
-// === impl Sentence ===
+// === impl AlignedSentence ===
 
-impl<'s, 'r> Sentence<'s, 'r> {
-    pub(crate) fn new(reader: &'s PhraseReader<'r>, start: usize, end: usize) -> Sentence<'s, 'r> {
+impl<'s, 'r> AlignedSentence<'s, 'r> {
+    pub(crate) fn new(
+        reader: &'s PhraseReader<'r>,
+        start: usize,
+        end: usize,
+    ) -> AlignedSentence<'s, 'r> {
         let quantifiers = (start..end).filter_map(|from| quantifier(reader, from, end)).collect();
         let words = reader.book.phrases.iter().flat_map(|phrase| phrase.pattern.words()).collect();
-        Sentence {
+        AlignedSentence {
             reader,
             start,
             end,
@@ -236,7 +240,7 @@ impl<'s, 'r> Sentence<'s, 'r> {
         let token = &self.reader.tokens[position];
         match part {
             PhrasePart::Word { said, lower } => {
-                let distance = letters(&token.lower, lower);
+                let distance = letter_distance(&token.lower, lower);
                 let differs = (distance > 0.0).then_some(position);
                 if distance <= LETTERS_MAX {
                     let taken = row[at - 1].with(distance, Some(said.clone()), differs);
@@ -287,7 +291,7 @@ impl<'s, 'r> Sentence<'s, 'r> {
             return Some((distance, token.text.to_owned()));
         }
         let near = pddl::nearest(token.text, fitting().map(Name::spelled))?;
-        Some((letters(&token.lower, &near.to_lowercase()), near.to_owned()))
+        Some((letter_distance(&token.lower, &near.to_lowercase()), near.to_owned()))
     }
 
     /// Returns the distance for a part that the text lacks, and the word that is put in its place.
@@ -314,7 +318,7 @@ impl<'s, 'r> Sentence<'s, 'r> {
         for (part, taken) in parts.iter().zip(&mut taken) {
             let PhrasePart::Word { said, lower } = part else { continue };
             let free = (self.start..end).filter(|at| is_free[at - self.start]);
-            let near = free.map(|at| (at, letters(&self.reader.tokens[at].lower, lower)));
+            let near = free.map(|at| (at, letter_distance(&self.reader.tokens[at].lower, lower)));
             let best = near.min_by(|one, other| one.1.total_cmp(&other.1));
             if let Some((at, distance)) = best.filter(|best| best.1 <= LETTERS_REORDERED_MAX) {
                 is_free[at - self.start] = false;
@@ -394,7 +398,7 @@ fn quantifier(reader: &PhraseReader<'_>, from: usize, end: usize) -> Option<Sent
         let known = names.types();
         let near = pddl::nearest(found.ty.as_str(), known.iter().map(|ty| ty.as_str()));
         if let Some(near) = near {
-            let distance = letters(found.ty.as_str(), near);
+            let distance = letter_distance(found.ty.as_str(), near);
             let (ty, differs_at) = (Name::new(near), Some(to - 1));
             let found = QuantifierMatch { ty, ..found };
             return Some(SentenceQuantifier {
@@ -429,7 +433,7 @@ fn comparison(reader: &PhraseReader<'_>, start: usize, end: usize) -> Option<Sen
         let plain = words.to_lowercase().replace(' ', "");
         (number.saturating_sub(COMPARISON_WORDS_MAX).max(start + 1)..number).map(move |from| {
             let said: String = (from..number).map(|at| reader.tokens[at].lower.as_str()).collect();
-            (from, words, letters(&said, &plain))
+            (from, words, letter_distance(&said, &plain))
         })
     });
     let near = near.filter(|(.., distance)| *distance <= COMPARISON_LETTERS_MAX);
@@ -447,11 +451,6 @@ fn has_digit(reader: &PhraseReader<'_>, at: usize) -> bool {
 fn missing(word: &str) -> f64 {
     let is_short = word.chars().count() <= 3 && word.chars().all(char::is_lowercase);
     if is_short { SHORT_MISSING } else { MISSING }
-}
-
-/// Returns the share of the letters by which two words differ.
-pub(crate) fn letters(one: &str, other: &str) -> f64 {
-    if one == other { 0.0 } else { 1.0 - strsim::normalized_damerau_levenshtein(one, other) }
 }
 
 // === impl Alignment ===

@@ -2,9 +2,8 @@
 
 use std::collections::BTreeSet;
 
-use crate::alignment::letters;
 use crate::phrasebook::{COMPARISONS, Phrasebook};
-use crate::token::Token;
+use crate::token::{Token, letter_distance};
 
 /// Share of the letters by which a word may differ from one of the language.
 const LETTERS_MAX: f64 = 0.25;
@@ -33,7 +32,7 @@ fn one_word(known: &BTreeSet<String>, word: &str) -> f64 {
     if word.chars().count() <= SHORT {
         return 0.0;
     }
-    let nearest = known.iter().map(|known| letters(word, known)).fold(1.0, f64::min);
+    let nearest = known.iter().map(|known| letter_distance(word, known)).fold(1.0, f64::min);
     if nearest <= LETTERS_MAX { WITH_SLIPS * (1.0 - nearest) } else { 0.0 }
 }
 

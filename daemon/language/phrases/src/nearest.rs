@@ -5,7 +5,7 @@ use std::cmp::Reverse;
 
 use pddl::{Name, Span};
 
-use crate::alignment::{Alignment, Sentence};
+use crate::alignment::{AlignedSentence, Alignment};
 use crate::not_understood::NotUnderstood;
 use crate::numbers;
 use crate::phrasebook::{Phrase, PhraseKind};
@@ -69,7 +69,7 @@ fn alignments(reader: &PhraseReader<'_>, start: usize, end: usize) -> Vec<Alignm
     if end - start > WORDS_MAX {
         return Vec::new();
     }
-    let sentence = Sentence::new(reader, start, end);
+    let sentence = AlignedSentence::new(reader, start, end);
     let phrases = reader.book.phrases.iter();
     let known = phrases.filter(|phrase| reader.names.has_symbol(phrase.symbol.as_str()));
     let aligned = known.filter_map(|phrase| Some((phrase, sentence.align_phrase(phrase)?)));

@@ -4,10 +4,9 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use pddl::Name;
 
-use crate::alignment::letters;
 use crate::default_name::is_name;
 use crate::pattern::GrammaticalCase;
-use crate::token::Token;
+use crate::token::{Token, letter_distance};
 use crate::words_file::TypeWords;
 
 /// The part of a word that stands for the name of a type that has no words of its own.
@@ -96,7 +95,7 @@ impl QuantifierWords {
                 let count = noun.split_whitespace().count();
                 let Some(said) = rest.get(..count).filter(|_| count > 0) else { continue };
                 let said: Vec<_> = said.iter().map(|token| token.lower.as_str()).collect();
-                let differs = letters(&said.join(" "), noun);
+                let differs = letter_distance(&said.join(" "), noun);
                 if differs <= LETTERS_MAX && best.as_ref().is_none_or(|best| differs < best.1) {
                     let (ty, length) = (ty.clone(), count + 1);
                     best = Some((QuantifierMatch { is_every, ty, length }, differs));

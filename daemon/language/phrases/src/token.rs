@@ -100,6 +100,11 @@ fn closing(text: &str) -> Option<usize> {
     None
 }
 
+/// Returns the share of the letters by which two words differ.
+pub(crate) fn letter_distance(one: &str, other: &str) -> f64 {
+    if one == other { 0.0 } else { 1.0 - strsim::normalized_damerau_levenshtein(one, other) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -74,10 +74,12 @@ impl MetricsListener {
             };
             while connections.try_join_next().is_some() {}
             oldest_first.retain(|connection| !connection.is_finished());
-            if oldest_first.len() >= CONNECTIONS_MAX
-                && let Some(oldest) = oldest_first.pop_front()
-            {
-                oldest.abort();
+            while connections.len() >= CONNECTIONS_MAX {
+                if let Some(oldest) = oldest_first.pop_front() {
+                    oldest.abort();
+                }
+                // Its socket is closed before the next connection is served.
+                connections.join_next().await;
             }
             let (tls, responder) = (self.tls.clone(), Arc::clone(&responder));
             oldest_first.push_back(connections.spawn(connection::serve(stream, tls, responder)));

@@ -135,6 +135,20 @@ fn what_is_written_instead_is_taken_next() {
 }
 
 #[test]
+fn the_words_of_a_file_are_checked() {
+    let words = |entry: &str| format!("[words.en.predicates]\n{entry}\n[goals]");
+    let cases = [
+        (ERROR, "lit = { phrase = \"shines\" }", "has no place"),
+        (WARNING, "litt = { phrase = \"{1} shines\" }", "did you mean `lit`?"),
+        (ERROR, "lit = { phrse = \"{1} shines\" }", "did you mean `phrase`?"),
+    ];
+    for (severity, entry, cure) in cases {
+        one(severity, "[goals]", &words(entry), 17, &[cure]);
+    }
+    assert_eq!(told(&changed("[goals]", &words("lit = { phrase = \"{1} shines\" }")), MAP), []);
+}
+
+#[test]
 fn a_key_of_another_driver_has_two_cures() {
     let device = "location = \"kitchen\", device = \"x@y\"";
     let words = ["leave `device` out, or write driver = \"linux\""];
