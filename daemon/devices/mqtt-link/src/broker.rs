@@ -203,7 +203,7 @@ fn is_host(text: &str) -> bool {
         let is_plain = |byte: u8| byte.is_ascii_alphanumeric() || b"-_".contains(&byte);
         !label.is_empty() && label.bytes().all(is_plain)
     };
-    // A name whose last label is a number would be read as an address.
+    // `192.168.1.300` is a mistyped address: the last label of a host name is no number.
     let ends_in_number =
         text.rsplit('.').next().is_some_and(|last| last.bytes().all(|byte| byte.is_ascii_digit()));
     text.parse::<IpAddr>().is_ok() || !ends_in_number && text.split('.').all(is_label)

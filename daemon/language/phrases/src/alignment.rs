@@ -381,35 +381,25 @@ impl<'s, 'r> AlignedSentence<'s, 'r> {
 fn quantifier(reader: &PhraseReader<'_>, from: usize, end: usize) -> Option<SentenceQuantifier> {
     let (words, names) = (&reader.book.quantifiers, reader.names);
     let tokens = reader.tokens.get(from..end)?;
-    if let Some(found) = words.read(tokens) {
+    let of_type = |found: QuantifierMatch| {
         let mut to = from + found.length;
-        if names.has_type(&found.ty) {
-            to += usize::from(tokens.get(found.length).is_some_and(|t| t.text.starts_with('?')));
-            let (distance, differs_at) = (0.0, None);
-            return Some(SentenceQuantifier {
-                from,
-                to,
-                found,
-                distance,
-                differs_at,
-                is_form: false,
-            });
-        }
         let known = names.types();
-        let near = pddl::nearest(found.ty.as_str(), known.iter().map(|ty| ty.as_str()));
-        if let Some(near) = near {
-            let distance = letter_distance(found.ty.as_str(), near);
-            let (ty, differs_at) = (Name::new(near), Some(to - 1));
-            let found = QuantifierMatch { ty, ..found };
-            return Some(SentenceQuantifier {
-                from,
-                to,
-                found,
-                distance,
-                differs_at,
-                is_form: false,
-            });
-        }
+        let (found, distance, differs_at) = match names.has_type(&found.ty) {
+            true => {
+                let is_variable = |token: &Token<'_>| token.text.starts_with('?');
+                to += usize::from(tokens.get(found.length).is_some_and(is_variable));
+                (found, 0.0, None)
+            }
+            false => {
+                let near = pddl::nearest(found.ty.as_str(), known.iter().map(|ty| ty.as_str()))?;
+                let distance = letter_distance(found.ty.as_str(), near);
+                (QuantifierMatch { ty: Name::new(near), ..found }, distance, Some(to - 1))
+            }
+        };
+        Some(SentenceQuantifier { from, to, found, distance, differs_at, is_form: false })
+    };
+    if let Some(quantifier) = words.read(tokens).and_then(of_type) {
+        return Some(quantifier);
     }
     let (found, differs) = words.read_near(tokens, &names.types())?;
     let (to, distance, differs_at) = (from + found.length, WRONG_FORM + differs, Some(from));

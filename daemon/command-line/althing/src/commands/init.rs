@@ -194,7 +194,7 @@ fn next_steps(file: &Path, draft: &EcosystemDraft) -> String {
     text
 }
 
-/// The person at the terminal, who is asked for the ecosystem file `file`.
+/// The person at the terminal. Answers make the text of the ecosystem file `file`.
 struct TerminalPerson<'f> {
     file: &'f Path,
 }

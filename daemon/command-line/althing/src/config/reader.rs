@@ -222,7 +222,7 @@ fn scalar(shape: &Shape, value: &DeValue<'_>) -> Result<Value, Option<String>> {
     }
 }
 
-/// Keys whose texts have a form of their own, with the text that a number alone was meant to be.
+/// Keys whose text is more than a number in quotes, each with the text for a bare number `{}`.
 const FORMED_TEXTS: &[(&str, &str)] =
     &[("for", "{}h"), ("every", "{}min"), ("by", "{}min"), ("listen", "127.0.0.1:{}")];
 

@@ -19,8 +19,8 @@ const UNREAD: &[(&str, &[&str])] = &[
 const ROOMS: &[&str] = &[" under [rooms]", "[rooms] names no place"];
 const DOORS: &[&str] = &["no door leads there from its start"];
 
-/// Reports, each with what follows from it in the same line: a goal whose `keep` has a wrong value,
-/// and a safeguard with a misspelt key.
+/// Pairs of a cause and its consequence in the same line, by words of their messages: a wrong value
+/// of `keep`, and a misspelt key of a safeguard.
 const IN_ONE_LINE: &[(&str, &str)] = &[
     (".keep` must be ", "only a kept goal is asked for always"),
     ("unknown key `", "this safeguard has no effect"),

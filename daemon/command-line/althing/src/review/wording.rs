@@ -33,7 +33,7 @@ const SYNONYMS: &[(&str, &[&str])] = &[
 const DURATIONS: &[&str] =
     &["valid-for", "every", "debounce", "time-out", "patience", "motion-for", "offline-after"];
 
-/// Keys in a `config` whose texts have a form of their own, so that a number in quotes is wrong, too.
+/// Keys in a `config` whose text is more than a number in quotes. The correction is an example.
 const FORMED: &[&str] = &["broker", "line", "endpoint", "max-size"];
 
 /// A mistake in a `config`, with its message and a correction.

@@ -37,7 +37,7 @@ const ACHIEVERS_MAX: usize = 3;
 /// Maximum number of branches of a disjunction that are explained; further ones are only counted.
 const BRANCHES_MAX: usize = 3;
 
-/// Maximum number of disjunctions in each other whose branches are explained. Each branch has a chain
+/// Maximum depth of nested disjunctions with explained branches. Each branch has a chain
 /// of its own.
 const BRANCH_DEPTH_MAX: usize = 1;
 
