@@ -44,6 +44,23 @@ pub(crate) fn correction(key: &str, text: &str, is_whole: bool) -> Option<String
     })
 }
 
+/// Keys whose text is more than a number in quotes, each with the text for a bare number `{}`.
+const FORMED: &[(&str, &str)] = &[
+    ("broker", "localhost:{}"),
+    ("by", "{}min"),
+    ("every", "{}min"),
+    ("for", "{}h"),
+    ("line", "GPIO{}"),
+    ("listen", "127.0.0.1:{}"),
+    ("max-size", "{}MiB"),
+];
+
+/// Returns a help text for a number that must be a text.
+pub(crate) fn quoted(key: &str, number: &str) -> String {
+    let form = FORMED.iter().find(|(formed, _)| *formed == key).map_or("{}", |(_, form)| form);
+    format!("write {key} = \"{}\"", form.replace("{}", number))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -222,10 +222,6 @@ fn scalar(shape: &Shape, value: &DeValue<'_>) -> Result<Value, Option<String>> {
     }
 }
 
-/// Keys whose text is more than a number in quotes, each with the text for a bare number `{}`.
-const FORMED_TEXTS: &[(&str, &str)] =
-    &[("for", "{}h"), ("every", "{}min"), ("by", "{}min"), ("listen", "127.0.0.1:{}")];
-
 /// Returns a help text with the correct form, for a value of a wrong type.
 fn type_correction(path: &str, shape: &Shape, value: &DeValue<'_>) -> Option<String> {
     let spoken = display_path(path);
@@ -236,10 +232,7 @@ fn type_correction(path: &str, shape: &Shape, value: &DeValue<'_>) -> Option<Str
             Some(format!("write {key} = [\"{text}\"]"))
         }
         (Shape::Text | Shape::Texts, DeValue::Integer(_) | DeValue::Float(_)) => {
-            let number = toml_text(value);
-            let formed = FORMED_TEXTS.iter().find(|(formed, _)| *formed == key);
-            let text = formed.map(|(_, form)| form.replace("{}", &number)).unwrap_or(number);
-            Some(format!("write {key} = \"{text}\""))
+            Some(number_text::quoted(key, &toml_text(value)))
         }
         (Shape::Flag, DeValue::String(text)) if ["true", "false"].contains(&text.as_ref()) => {
             Some(format!("write {key} = {text}, without quotes"))

@@ -33,9 +33,6 @@ const SYNONYMS: &[(&str, &[&str])] = &[
 const DURATIONS: &[&str] =
     &["valid-for", "every", "debounce", "time-out", "patience", "motion-for", "offline-after"];
 
-/// Keys in a `config` whose text is more than a number in quotes. The correction is an example.
-const FORMED: &[&str] = &["broker", "line", "endpoint", "max-size"];
-
 /// A mistake in a `config`, with its message and a correction.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ExplainedMistake {
@@ -324,11 +321,10 @@ fn cure(key: &str, wanted: &str, value: &Value) -> Option<String> {
         ("a string", Value::Number(number)) if DURATIONS.contains(&key) => {
             Some(format!("write a unit too, in quotes: {key} = \"{number}s\" or \"{number}min\""))
         }
-        // The example of these keys shows more than quotes.
-        ("a string" | "path string", Value::Number(_)) if FORMED.contains(&key) => None,
-        ("a string" | "path string", Value::Number(_) | Value::Bool(_)) => {
-            Some(format!("write {key} = \"{value}\""))
+        ("a string" | "path string", Value::Number(number)) => {
+            Some(number_text::quoted(key, &number.to_string()))
         }
+        ("a string" | "path string", Value::Bool(_)) => Some(format!("write {key} = \"{value}\"")),
         ("a string" | "path string", Value::Array(list)) => match &list[..] {
             [Value::String(only)] => Some(format!("write {key} = \"{only}\", without [ ]")),
             _ => Some("write one text, without [ ]".to_owned()),

@@ -132,6 +132,14 @@ fn what_is_written_instead_is_taken_next() {
     one(ERROR, "area = 12.5", "area = -12.5", 5, &["above zero", "write area = 12.5"]);
     let lasts = "(known-temperature kitchen)\", every = \"day 08:00\", for = 2, keep = \"maintain";
     goal(ERROR, lasts, &["for = \"2h\""]);
+    let lamp = |line: &str| {
+        let config = format!("location = \"kitchen\", kind = \"lamp\", line = {line}");
+        format!(
+            "[[agent]]\nname = \"lamp\"\nplugin = \"switch\"\ndriver = \"gpio\"\nconfig = {{ {config} }}\n[goals]"
+        )
+    };
+    one(ERROR, "[goals]", &lamp("4"), 20, &["write line = \"GPIO4\""]);
+    assert_eq!(told(&changed("[goals]", &lamp("\"GPIO4\"")), MAP), []);
 }
 
 #[test]
