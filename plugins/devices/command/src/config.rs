@@ -5,13 +5,14 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use actuator::{UncertainEffect, check_effect, declared_model};
-use agent::{Blueprint, BuildError};
+use agent::{Blueprint, BuildError, config_duration};
 use pddl::{ActionModel, ActionSchema};
 use programs::Program;
 use serde::Deserialize;
 
-/// Default and maximum of the time limit of a program.
+/// Default, minimum and maximum of the time limit of a program.
 const TIME_OUT: Duration = Duration::from_secs(10);
+const TIME_OUT_MIN: Duration = Duration::from_millis(1);
 const TIME_OUT_MAX: Duration = Duration::from_secs(600);
 
 /// The `config` of an entry that runs programs.
@@ -104,11 +105,10 @@ impl ActionEntry {
             return Err(format!("`{{{unknown}}}` is none of its variables: {}", known.join(", ")));
         }
         check_effect(&schema.effect).map_err(advice)?;
-        let time_out = self.time_out.as_deref().map(humantime::parse_duration).transpose();
-        let time_out = time_out.map_err(|error| format!("time-out: {error}"))?.unwrap_or(TIME_OUT);
-        if time_out.is_zero() || time_out > TIME_OUT_MAX {
-            return Err(format!("time-out: between 1ms and {}s", TIME_OUT_MAX.as_secs()));
-        }
+        let time_out = match &self.time_out {
+            Some(text) => config_duration("time-out", text, TIME_OUT_MIN..=TIME_OUT_MAX)?,
+            None => TIME_OUT,
+        };
         Ok(ActionProgram { words: self.run, variables, time_out })
     }
 }

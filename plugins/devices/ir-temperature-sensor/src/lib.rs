@@ -19,7 +19,7 @@ use actuator::{
     Actuator, BoxFuture, Description, Device, MethodCall, MethodFailure, MethodResult, OwnFact,
     facts_of, model_of,
 };
-use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
+use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry, config_validity};
 use serde::Deserialize;
 use tokio::time::Instant;
 
@@ -70,11 +70,9 @@ pub struct IrMeasurement {
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let Config { mounted_on, valid_for } = blueprint.config_as()?;
     let valid_for = valid_for
-        .map(|text| {
-            humantime::parse_duration(&text)
-                .map_err(|error| blueprint.problem(format!("valid-for `{text}`: {error}")))
-        })
-        .transpose()?;
+        .map(|text| config_validity("valid-for", &text))
+        .transpose()
+        .map_err(|problem| blueprint.problem(problem))?;
     let thermometer = simulated::thermometer(&blueprint)?;
     let sensor = IrTemperatureSensor {
         id: blueprint.id.to_string(),

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use acl::content::{Achieve, Keep};
 use actuator::{PlaceName, StateFolder};
-use agent::{Blueprint, BuildCheck, BuildError};
+use agent::{Blueprint, BuildCheck, BuildError, config_duration, config_validity};
 use serde::Deserialize;
 
 use crate::album::Album;
@@ -17,6 +17,10 @@ use crate::onvif::OnvifSettings;
 use crate::position::PtzPosition;
 use crate::v4l2::V4l2Settings;
 use crate::{MOTION, ONVIF, V4L2};
+
+/// Minimum and maximum of the time for which motion counts after it was noticed.
+const MOTION_FOR_MIN: Duration = Duration::from_millis(1);
+const MOTION_FOR_MAX: Duration = Duration::from_hours(24);
 
 /// Maximum length of a recording, in seconds; a config with a greater length is invalid. The file
 /// of a recording of this length has about 10 MB.
@@ -248,10 +252,11 @@ impl Config {
             _ => self.frames(),
         };
         let driver = driver.map_err(problem)?;
+        let validity = |text| config_validity("valid-for", text);
         let settings = CameraSettings {
             album: Album::new(folder, blueprint.id.to_string(), *keep),
             recording: Duration::from_secs_f64(record_seconds),
-            valid_for: self.valid_for.as_deref().map(duration).transpose().map_err(problem)?,
+            valid_for: self.valid_for.as_deref().map(validity).transpose().map_err(problem)?,
             motion: self.motion().map_err(problem)?,
             presets: self.places().map_err(problem)?,
         };
@@ -262,7 +267,8 @@ impl Config {
         if !self.motion {
             return Ok(None);
         }
-        let lasts = duration(&self.motion_for)?;
+        let lasts =
+            config_duration("motion-for", &self.motion_for, MOTION_FOR_MIN..=MOTION_FOR_MAX)?;
         let on_motion = self.on_motion.as_ref().map(|raw| (raw.goal.clone(), raw.priority));
         if let Some((goal, _)) = &on_motion
             && !pddl::parse_condition(&goal.replace("?l", self.location.as_str())).is_ok()
@@ -280,9 +286,4 @@ impl Config {
         };
         self.presets.iter().map(understand).collect()
     }
-}
-
-/// Returns the duration that a text of the config means, such as `"30s"`.
-fn duration(text: &str) -> Result<Duration, String> {
-    humantime::parse_duration(text).map_err(|error| format!("`{text}`: {error}"))
 }

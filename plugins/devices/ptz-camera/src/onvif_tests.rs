@@ -145,7 +145,7 @@ fn a_config_that_cannot_work_is_refused_with_its_correction() {
         (ONVIF, with("sensitivity", json!(0.1)), "decides by itself what is motion"),
         (ONVIF, with("record-seconds", json!(90.0)), "record-seconds is 0.2 to 60"),
         (ONVIF, with("source", json!("/dev/video0")), "`source` is for `driver = \"motion\"`"),
-        (ONVIF, with("settle", json!("1h")), "settle is at most"),
+        (ONVIF, with("settle", json!("1h")), "settle `1h`: write a time between 0s and 20s"),
         (ONVIF, preset(json!({ "shows": "hall" })), "names no direction of the camera"),
         (ONVIF, preset(json!({ "shows": "hall", "preset": " " })), "`preset` is empty"),
         (ONVIF, preset(json!({ "shows": "hall", "pan": 3.0 })), "degrees of a simulated camera"),

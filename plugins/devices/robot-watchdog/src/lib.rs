@@ -11,13 +11,16 @@ use std::time::Duration;
 use acl::AgentId;
 use agent::{
     Agent, Blueprint, BuildError, Callbacks, Context, LaunchableAgent, PluginEntry, Presence,
-    WorkHandle,
+    WorkHandle, config_duration,
 };
 use ros2_link::{Nav2Names, Nav2Robot, RosAddress, RosError, RosLink, VelocityMessage};
 use serde::Deserialize;
 
 /// Time limit of one attempt to stop the robot. The link and each answer take some seconds at most.
 const STOPPED_WITHIN: Duration = Duration::from_secs(10);
+
+/// Maximum time for which the agent of a robot may be gone.
+const AFTER_MAX: Duration = Duration::from_hours(1);
 
 /// Pause before a failed attempt is repeated.
 const TRY_AGAIN: Duration = Duration::from_secs(1);
@@ -66,8 +69,7 @@ fn default_after() -> String {
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let Config { robot, on_loss, after, ros2, velocity } = blueprint.config_as()?;
     let problem = |text: String| blueprint.problem(text);
-    let after = humantime::parse_duration(&after)
-        .map_err(|error| problem(format!("after = \"{after}\": {error}")))?;
+    let after = config_duration("after", &after, Duration::ZERO..=AFTER_MAX).map_err(problem)?;
     ros2.check().map_err(|error| problem(format!("ros2: {error}")))?;
     if robot == blueprint.id {
         return Err(problem("robot: a watchdog watches another agent than itself".to_owned()));

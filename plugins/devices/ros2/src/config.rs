@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use actuator::{UncertainEffect, check_effect, declared_model};
-use agent::{Blueprint, BuildError};
+use agent::{Blueprint, BuildError, config_duration};
 use pddl::{ActionModel, ActionSchema};
 use ros_messages::Interfaces;
 use ros2_link::RosAddress;
@@ -259,8 +259,10 @@ impl EntryChecker<'_> {
         let field = |text: String| context.field(&text, &Value::from(""));
         let reason = reason.map(field).transpose().map_err(|why| format!("reason: {why}"))?;
         let facts = rules(&context, &facts)?;
-        let time_out = duration(time_out, TIME_OUT, TIME_OUT_MIN, TIME_OUT_MAX)
-            .map_err(|why| format!("time-out: {why}"))?;
+        let time_out = match &time_out {
+            Some(text) => config_duration("time-out", text, TIME_OUT_MIN..=TIME_OUT_MAX)?,
+            None => TIME_OUT,
+        };
         let variables = crate::fact::variables(schema).into_iter().map(str::to_owned).collect();
         Ok(ActionCall {
             is_action,
@@ -287,11 +289,9 @@ impl EntryChecker<'_> {
                 self.definitions.check_type(&type_name).map_err(|why| format!("type: {why}"))?;
                 let context = self.context(&type_name, "message", None);
                 let facts = rules(&context, &facts)?;
-                let limits = (VALID_FOR_MIN, VALID_FOR_MAX);
-                let valid_for = valid_for
-                    .map(|text| duration(Some(text), limits.0, limits.0, limits.1))
-                    .transpose()
-                    .map_err(|why| format!("valid-for: {why}"))?;
+                let validity = VALID_FOR_MIN..=VALID_FOR_MAX;
+                let read = |text: String| config_duration("valid-for", &text, validity);
+                let valid_for = valid_for.map(read).transpose()?;
                 Ok(TopicRule { name, type_name, facts, valid_for })
             };
             parsed().map_err(|why: String| format!("topics, `{shown}`: {why}"))
@@ -349,19 +349,4 @@ fn advice(effect: UncertainEffect) -> String {
                 .to_owned()
         }
     }
-}
-
-fn duration(
-    text: Option<String>,
-    default: Duration,
-    least: Duration,
-    greatest: Duration,
-) -> Result<Duration, String> {
-    let Some(text) = text else { return Ok(default) };
-    let parsed = humantime::parse_duration(&text).map_err(|error| error.to_string())?;
-    if (least..=greatest).contains(&parsed) {
-        return Ok(parsed);
-    }
-    let shown = humantime::format_duration;
-    Err(format!("between {} and {}", shown(least), shown(greatest)))
 }

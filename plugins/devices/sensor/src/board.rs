@@ -15,7 +15,7 @@ use actuator::Actuator;
 use agent::discovery::{FoundDevice, ROOM_UNKNOWN};
 use agent::{
     Agent, Blueprint, BuildError, Callbacks, Context, DiscoveredAgents, DiscoversAgents,
-    LaunchableAgent, PluginEntry, WorkHandle, discovery,
+    LaunchableAgent, PluginEntry, WorkHandle, config_validity, discovery,
 };
 use linux_sensors::{SensorBundle, Sysfs};
 use serde::Deserialize;
@@ -71,8 +71,8 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     for room in config.location.iter().chain(config.rooms.values()) {
         blueprint.host.has_place(room).map_err(|problem| blueprint.problem(problem))?;
     }
-    let valid_for = config.valid_for.as_deref().map(humantime::parse_duration).transpose();
-    valid_for.map_err(|error| blueprint.problem(format!("valid-for: {error}")))?;
+    let valid_for = config.valid_for.as_deref().map(|text| config_validity("valid-for", text));
+    valid_for.transpose().map_err(|problem| blueprint.problem(problem))?;
     let sysfs = config.sysfs.clone().map_or_else(Sysfs::default, Sysfs::new);
     let bringing = DiscoveredAgents::new(&blueprint.host, AGENTS_MAX);
     let (bundles, looking) = (Vec::new(), None);

@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use actuator::BoxFuture;
-use agent::{Blueprint, BuildError};
+use agent::{Blueprint, BuildError, config_duration};
 use programs::Program;
 use tokio::time::Instant;
 
@@ -19,6 +19,10 @@ use crate::{MEASURING, Measurement, Probe};
 
 /// Default pause between two runs of the program for a quantity that is announced when it changes.
 const LOOK_AGAIN: Duration = Duration::from_secs(1);
+
+/// Minimum and maximum of that pause. Without one, a core would only start programs.
+const EVERY_MIN: Duration = Duration::from_millis(10);
+const EVERY_MAX: Duration = Duration::from_hours(24);
 
 /// Time limit of a program. It is shorter than that of the method, so that the program's error is
 /// reported.
@@ -48,9 +52,9 @@ pub(crate) fn probe(
     let HardwareConfig { command, every, .. } = hardware;
     let program = Program::of(command.into_iter().flatten()).ok_or_else(missing)?;
     let format = format?;
-    let every = every.as_deref().map(humantime::parse_duration).transpose();
-    let every = every.map_err(|error| blueprint.problem(format!("every: {error}")))?;
-    let every = every.unwrap_or(LOOK_AGAIN);
+    let period = |text: &str| config_duration("every", text, EVERY_MIN..=EVERY_MAX);
+    let every = every.as_deref().map(period).transpose();
+    let every = every.map_err(|problem| blueprint.problem(problem))?.unwrap_or(LOOK_AGAIN);
     Ok(Arc::new(CommandProbe { program, format, every }))
 }
 
@@ -176,7 +180,7 @@ mod tests {
             (&[], json!({}), "driver `command` needs a `command`: a program and its arguments"),
             (&["echo"], json!({ "json": "temp" }), "json = \"temp\": write a JSON pointer"),
             (&["echo"], json!({ "factor": 0 }), "factor = 0: write a finite number other than 0"),
-            (&["echo"], json!({ "every": "often" }), "every: expected number at 0"),
+            (&["echo"], json!({ "every": "often" }), "every `often`: expected number at 0"),
         ] {
             let problem = measured(command, more).await.expect_err(expected);
             assert!(problem.contains(expected), "{problem} is not {expected}");

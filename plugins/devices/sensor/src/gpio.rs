@@ -12,7 +12,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use actuator::BoxFuture;
-use agent::{Blueprint, BuildError};
+use agent::{Blueprint, BuildError, config_duration};
 use gpio_lines::{GpioBoard, GpioChips, InputSettings, LineState, LineWatch, watch_line};
 use tokio::sync::watch;
 use tokio::time::Instant;
@@ -56,12 +56,9 @@ pub(crate) fn probe(
              own name, such as \"GPIO17\"; gpioinfo(1) lists those of a machine",
         )
     })?;
-    let debounce = debounce.as_deref().map(humantime::parse_duration).transpose();
-    let debounce = debounce.map_err(|error| blueprint.problem(format!("debounce: {error}")))?;
-    if debounce.is_some_and(|debounce| debounce > DEBOUNCE_MAX) {
-        let problem = format!("debounce: a line that must be still for more than {DEBOUNCE_MAX:?}");
-        return Err(blueprint.problem(format!("{problem} is hardly ever noticed")));
-    }
+    let stillness = |text: &str| config_duration("debounce", text, Duration::ZERO..=DEBOUNCE_MAX);
+    let debounce = debounce.as_deref().map(stillness).transpose();
+    let debounce = debounce.map_err(|problem| blueprint.problem(problem))?;
     let is_active_low = active_low.unwrap_or(false);
     let chips = chips.map_or_else(GpioChips::default, GpioChips::new);
     Ok(Arc::new(GpioProbe::new(
@@ -257,7 +254,7 @@ mod tests {
             (json!({ "quantity": "motion", "line": "a", "bias": "up" }), "unknown variant `up`"),
             (
                 json!({ "quantity": "motion", "line": "a", "debounce": "1h" }),
-                "debounce: a line that must be still for more than 10s is hardly ever noticed",
+                "debounce `1h`: write a time between 0s and 10s",
             ),
             (
                 json!({ "quantity": "co2", "line": "GPIO17" }),

@@ -41,7 +41,7 @@ use actuator::{
     Actuator, BoxFuture, Description, Device, DeviceEvent, MethodCall, MethodFailure, MethodResult,
     OwnFact, PlaceName, facts_of, model_of,
 };
-use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry, StopButtons};
+use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry, StopButtons, config_validity};
 use pddl::Domain;
 use tokio::time::Instant;
 
@@ -181,10 +181,8 @@ impl Sensor {
     ) -> Result<Sensor, BuildError> {
         let named =
             |name: &&str| SensorQuantity::named(name).map_err(|problem| blueprint.problem(problem));
-        let duration = |text| {
-            humantime::parse_duration(text)
-                .map_err(|error| blueprint.problem(format!("valid-for `{text}`: {error}")))
-        };
+        let validity =
+            |text| config_validity("valid-for", text).map_err(|problem| blueprint.problem(problem));
         let quantities = quantities.iter().map(named).collect::<Result<Vec<_>, _>>()?;
         let hardware = config.hardware(blueprint)?;
         let probe = match blueprint.driver.as_str() {
@@ -205,7 +203,7 @@ impl Sensor {
             location,
             is_stop_button,
             quantities,
-            valid_for: valid_for.as_deref().map(duration).transpose()?,
+            valid_for: valid_for.as_deref().map(validity).transpose()?,
             probe,
             measured: BTreeMap::new(),
             paused_until: None,

@@ -1,10 +1,11 @@
 //! The `config` of a switch's entry: the keys of all switches, and the keys of each driver.
 
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::time::Duration;
 
 use actuator::PlaceName;
-use agent::{Blueprint, BuildError};
+use agent::{Blueprint, BuildError, config_duration};
 use gpio_lines::{LineName, OutputSettings};
 use programs::Program;
 use serde::Deserialize;
@@ -12,14 +13,14 @@ use serde::Deserialize;
 use crate::kind::SwitchKind;
 use crate::{COMMAND, GPIO};
 
-/// Default and maximum of the time limit of a program. The maximum is enough for a garage door,
+/// Default and limits of the time limit of a program. The maximum is enough for a garage door,
 /// which takes half a minute.
 const TIME_OUT: Duration = Duration::from_secs(5);
-const TIME_OUT_MAX: Duration = Duration::from_mins(2);
+const TIME_OUTS: RangeInclusive<Duration> = Duration::from_millis(1)..=Duration::from_mins(2);
 
-/// Default and minimum of the pause between two checks of the state.
+/// Default and limits of the pause between two checks of the state.
 const EVERY: Duration = Duration::from_secs(10);
-const EVERY_MIN: Duration = Duration::from_millis(100);
+const PERIODS: RangeInclusive<Duration> = Duration::from_millis(100)..=Duration::from_hours(24);
 
 /// The `config` of a switch's entry in the ecosystem file.
 #[derive(Debug, Deserialize)]
@@ -106,24 +107,15 @@ impl Config {
         };
         let (on, off) = (program("on", self.on.take())?, program("off", self.off.take())?);
         let state = self.state.take().map(|list| program("state", Some(list))).transpose()?;
-        let duration = |key: &str, text: Option<String>, usual: Duration| match text {
-            Some(text) => humantime::parse_duration(&text)
-                .map_err(|error| blueprint.problem(format!("{key} `{text}`: {error}"))),
-            None => Ok(usual),
+        let duration = |key: &str, text: Option<String>, allowed| {
+            let read = text.map(|text| config_duration(key, &text, allowed)).transpose();
+            read.map_err(|problem| blueprint.problem(problem))
         };
         if state.is_none() && self.every.is_some() {
             return Err(blueprint.problem("`every` is the period of `state`; write `state` too"));
         }
-        let every = duration("every", self.every.take(), EVERY)?;
-        let time_out = duration("time-out", self.time_out.take(), TIME_OUT)?;
-        if every < EVERY_MIN {
-            let problem = format!("every: {every:?} is too often; write at least {EVERY_MIN:?}");
-            return Err(blueprint.problem(problem));
-        }
-        if time_out.is_zero() || time_out > TIME_OUT_MAX {
-            let problem = format!("time-out: write more than 0s and at most {TIME_OUT_MAX:?}");
-            return Err(blueprint.problem(problem));
-        }
+        let every = duration("every", self.every.take(), PERIODS)?.unwrap_or(EVERY);
+        let time_out = duration("time-out", self.time_out.take(), TIME_OUTS)?.unwrap_or(TIME_OUT);
         Ok(CommandConfig { on, off, state, every, time_out })
     }
 }

@@ -151,12 +151,12 @@ fn errors_of_an_entry_name_the_correction() {
         (
             "command",
             commanded("lamp", json!({ "state": ["x"], "every": "1ms" })),
-            "every: 1ms is too often; write at least 100ms",
+            "every `1ms`: write a time between 100ms and 1day",
         ),
         (
             "command",
             commanded("lamp", json!({ "time-out": "1h" })),
-            "time-out: write more than 0s and at most 120s",
+            "write a time between 1ms and 2m",
         ),
         ("command", commanded("lamp", json!({ "time-out": "soon" })), "time-out `soon`: expected"),
         ("", json!({ "location": "lab", "kind": "lamp" }), "it needs a `driver`: \"gpio\" for a"),

@@ -15,12 +15,13 @@ use std::fs::File;
 use std::io::Read as _;
 use std::os::unix::fs::MetadataExt as _;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, PoisonError};
 use std::time::Duration;
 
 use acl::content::Question;
 use actuator::{BoxFuture, Initiative, InitiativeUpdate, MethodFailure};
-use agent::{Blueprint, BuildCheck, BuildError};
+use agent::{Blueprint, BuildCheck, BuildError, config_duration};
 use serde::Deserialize;
 use tokio::sync::{Mutex, mpsc};
 use tokio::time::Instant;
@@ -38,6 +39,10 @@ const LOCK_TIME: Duration = Duration::from_secs(5 * 60);
 /// Time of an attempt beyond the wait for the person: for the transport of the question and the
 /// answer.
 const ATTEMPT_MARGIN: Duration = Duration::from_secs(2);
+
+/// Minimum and maximum of the wait for a person, and of the validity of a login.
+const DURATION_MIN: Duration = Duration::from_millis(1);
+const DURATION_MAX: Duration = Duration::from_hours(24);
 
 /// A request of the login to the actuator: to send a question, or to withdraw it.
 enum QuestionRequest {
@@ -127,6 +132,8 @@ pub(crate) struct Login {
     attempts: u32,
     pub(crate) valid_for: Duration,
     lock: LoginLock,
+    /// Number of wrong answers since the last right one, or since the screen was locked.
+    wrong_answers: Arc<AtomicU32>,
     requests: mpsc::Sender<QuestionRequest>,
     pending_requests: Arc<Mutex<mpsc::Receiver<QuestionRequest>>>,
     /// Queue of answers to the current attempt; `None` if there is no attempt.
@@ -155,16 +162,17 @@ impl Login {
             let what = "`login` needs a PIN that is not empty, and `attempts` of at least 1";
             return Err(problem(what.to_owned()));
         }
-        let duration = |text: &str| {
-            humantime::parse_duration(text).map_err(|error| problem(format!("`{text}`: {error}")))
+        let duration = |key: &str, text: &str| {
+            config_duration(key, text, DURATION_MIN..=DURATION_MAX).map_err(problem)
         };
         let (ask, asked) = mpsc::channel(WAITING_MAX);
         Ok(Login {
             secret: Secret(Arc::from(secret)),
-            patience: duration(&patience)?,
+            patience: duration("patience", &patience)?,
             attempts,
-            valid_for: duration(&valid_for)?,
+            valid_for: duration("valid-for", &valid_for)?,
             lock: LoginLock::default(),
+            wrong_answers: Arc::default(),
             requests: ask,
             pending_requests: Arc::new(Mutex::new(asked)),
             answers: None,
@@ -189,6 +197,7 @@ impl Login {
         let attempt = LoginAttempt {
             secret: self.secret.clone(),
             lock: Arc::clone(&self.lock),
+            wrong_answers: Arc::clone(&self.wrong_answers),
             rest: self.patience,
             requests: self.requests.clone(),
             answers,
@@ -233,6 +242,8 @@ impl Login {
 struct LoginAttempt {
     secret: Secret,
     lock: LoginLock,
+    /// Number of wrong answers, also in earlier attempts: one that is cancelled forgives none.
+    wrong_answers: Arc<AtomicU32>,
     /// Time for which the screen is locked if no answer comes, or if the keyboard refuses the
     /// question.
     rest: Duration,
@@ -247,8 +258,8 @@ struct LoginAttempt {
 impl LoginAttempt {
     async fn run(mut self) -> Result<String, MethodFailure> {
         let failed = |why: &str| MethodFailure::Driver(why.to_owned());
-        for attempt in 1..=self.attempts {
-            let again = if attempt == 1 { "" } else { "That was wrong. " };
+        let mut again = "";
+        loop {
             let text = format!("{again}Who is at {}? Log in with your PIN.", self.place);
             let asked = self.requests.send(QuestionRequest::This(text)).await;
             asked.map_err(|_| failed("ask for a PIN: the screen is off"))?;
@@ -257,9 +268,20 @@ impl LoginAttempt {
             self.is_open = false;
             match answer {
                 Some(InitiativeUpdate::Answer(answer)) if self.secret.is(&answer) => {
+                    self.wrong_answers.store(0, Ordering::Relaxed);
                     return Ok(self.place.clone());
                 }
-                Some(InitiativeUpdate::Answer(_)) => (),
+                Some(InitiativeUpdate::Answer(_)) => {
+                    again = "That was wrong. ";
+                    if self.wrong_answers.fetch_add(1, Ordering::Relaxed) + 1 >= self.attempts {
+                        self.wrong_answers.store(0, Ordering::Relaxed);
+                        self.close_for(LOCK_TIME);
+                        let wrong = self.attempts;
+                        return Err(failed(&format!(
+                            "validate a person: {wrong} answers were wrong"
+                        )));
+                    }
+                }
                 Some(InitiativeUpdate::Refused(refusal)) => {
                     self.close_for(self.rest);
                     return Err(failed(&format!("validate a person: {}", refusal.detail)));
@@ -273,8 +295,6 @@ impl LoginAttempt {
                 }
             }
         }
-        self.close_for(LOCK_TIME);
-        Err(failed(&format!("validate a person: {} answers were wrong", self.attempts)))
     }
 
     fn close_for(&self, time: Duration) {

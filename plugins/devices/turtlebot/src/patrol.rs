@@ -12,7 +12,7 @@ use std::time::Duration;
 use acl::Millis;
 use acl::content::{Achieve, Keep, Method};
 use actuator::{DeviceEvent, Initiative, MethodResult, OwnFact, PlaceName, facts_of};
-use agent::{Blueprint, BuildError};
+use agent::{Blueprint, BuildError, config_validity};
 use serde::Deserialize;
 use tokio::time::Instant;
 
@@ -61,11 +61,10 @@ pub(crate) struct Patrol {
 impl Patrol {
     pub(crate) fn new(blueprint: &Blueprint, config: PatrolConfig) -> Result<Patrol, BuildError> {
         let PatrolConfig { places, every, priority } = config;
-        let every = humantime::parse_duration(&every)
-            .map_err(|error| blueprint.problem(format!("patrol.every `{every}`: {error}")))?;
-        if places.is_empty() || every.is_zero() {
-            let problem = "a `patrol` needs `places`, and `every` greater than 0s";
-            return Err(blueprint.problem(problem.to_owned()));
+        let every = config_validity("patrol.every", &every)
+            .map_err(|problem| blueprint.problem(problem))?;
+        if places.is_empty() {
+            return Err(blueprint.problem("a `patrol` needs `places`"));
         }
         let map = &blueprint.host.map.objects;
         let is_on_map = |place: &PlaceName| {

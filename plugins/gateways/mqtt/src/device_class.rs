@@ -5,6 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
 use actuator::OnOffPredicates;
+use agent::config_duration;
 use serde::Deserialize;
 use serde_json::Value;
 
@@ -47,7 +48,8 @@ const KEYS: &[&str] = &[
 /// another time. Lamps and relays report within a second.
 const DONE_WITHIN: Duration = Duration::from_secs(4);
 
-/// Maximum of the time that a class may state. Longer work would block the agent for a day.
+/// Minimum and maximum of the time that a class may state. Longer work would block the agent for a day.
+const DONE_WITHIN_MIN: Duration = Duration::from_millis(1);
 const DONE_WITHIN_MAX: Duration = Duration::from_secs(24 * 3_600);
 
 /// Distance between two levels of a class that states none.
@@ -329,11 +331,10 @@ impl DeviceClass {
     ///
     /// Returns an error that names the key with an unusable value.
     fn numbers(&self) -> Result<(Duration, f64), String> {
-        let within = self.within.as_deref().map(humantime::parse_duration).transpose();
-        let within = within.map_err(|error| format!("within: {error}"))?.unwrap_or(DONE_WITHIN);
-        if within.is_zero() || within > DONE_WITHIN_MAX {
-            return Err("within: write a time of at most a day, such as \"2m\"".to_owned());
-        }
+        let within = match &self.within {
+            Some(text) => config_duration("within", text, DONE_WITHIN_MIN..=DONE_WITHIN_MAX)?,
+            None => DONE_WITHIN,
+        };
         let tolerance = self.tolerance.unwrap_or(0.0);
         if !(0.0..1e6).contains(&tolerance) {
             return Err("tolerance: write a number of 0 or more".to_owned());

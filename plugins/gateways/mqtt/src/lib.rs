@@ -61,7 +61,7 @@ use actuator::Actuator;
 use agent::discovery::FoundDevice;
 use agent::{
     Agent, Blueprint, BuildError, Callbacks, Context, DiscoveredAgents, DiscoversAgents,
-    LaunchableAgent, PluginEntry, WorkHandle, discovery,
+    LaunchableAgent, PluginEntry, WorkHandle, config_validity, discovery,
 };
 use mqtt_link::{Broker, BrokerConnection, Inbox};
 use serde::Deserialize;
@@ -154,8 +154,9 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     let broker = broker.map_err(|problem| blueprint.problem(problem))?;
     let classes =
         DeviceClasses::with(&config.classes).map_err(|problem| blueprint.problem(problem))?;
-    let valid_for = config.valid_for.as_deref().map(humantime::parse_duration).transpose();
-    let valid_for = valid_for.map_err(|error| blueprint.problem(format!("valid-for: {error}")))?;
+    let validity = |text| config_validity("valid-for", text);
+    let valid_for = config.valid_for.as_deref().map(validity).transpose();
+    let valid_for = valid_for.map_err(|problem| blueprint.problem(problem))?;
     for (device, room) in &config.rooms {
         let is_there = blueprint.host.has_place(room);
         is_there.map_err(|problem| blueprint.problem(format!("rooms.{device}: {problem}")))?;

@@ -4,11 +4,10 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::time::Duration;
 
+use agent::config_duration;
 use onvif_link::{Address, CameraAccess, Position, StreamAccess};
 
-use super::{
-    Config, DriverSettings, RawOption, RawPreset, SENSITIVITY, SETTLE, SETTLE_MAX, duration,
-};
+use super::{Config, DriverSettings, RawOption, RawPreset, SENSITIVITY, SETTLE, SETTLE_MAX};
 use crate::motion::{CameraSource, MotionProgram, MotionSettings, check_option};
 use crate::onvif::{OnvifSettings, Target};
 use crate::position::{PTZ, PtzPosition};
@@ -230,11 +229,8 @@ impl Config {
     }
 
     fn settle(&self) -> Result<Duration, String> {
-        let settle = self.settle.as_deref().map(duration).transpose()?.unwrap_or(SETTLE);
-        if settle > SETTLE_MAX {
-            return Err(format!("settle is at most {SETTLE_MAX:?}"));
-        }
-        Ok(settle)
+        let settle = |text| config_duration("settle", text, Duration::ZERO..=SETTLE_MAX);
+        Ok(self.settle.as_deref().map(settle).transpose()?.unwrap_or(SETTLE))
     }
 
     /// Returns the name of the only preset of a camera that cannot turn.

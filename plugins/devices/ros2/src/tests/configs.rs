@@ -112,7 +112,11 @@ fn mistakes_of_an_entry_are_refused_with_what_would_be_right() {
             json!(["(= (weight {p}) {result.message})"]),
             "a fact takes numbers, `when` compares other values",
         ),
-        ("/actions/pick/time-out", json!("2h"), "actions.pick.time-out: between 1ms and 1h"),
+        (
+            "/actions/pick/time-out",
+            json!("2h"),
+            "actions.pick.time-out `2h`: write a time between 1ms and 1h",
+        ),
         (
             "/topics/0/facts",
             json!([{ "fact": "(gripping arm-1)", "when": "message.grip >= 2" }]),
@@ -134,7 +138,11 @@ fn mistakes_of_an_entry_are_refused_with_what_would_be_right() {
             json!(["(gripping arm-1)", "(gripping arm-1)"]),
             "topics: `(gripping arm-1)` is told twice",
         ),
-        ("/topics/0/valid-for", json!("1ms"), "topics, `gripper`: valid-for: between 1s and 1day"),
+        (
+            "/topics/0/valid-for",
+            json!("1ms"),
+            "topics, `gripper`: valid-for `1ms`: write a time between 1s and 1day",
+        ),
         ("/ros2/endpoint", json!("192.168.1.30"), "an endpoint is such as"),
     ] {
         let mut entry = arm();
