@@ -6,7 +6,7 @@
 use std::sync::{Arc, OnceLock};
 
 use acl::content::{Inform, Request};
-use acl::{AgentId, DaemonId, Incarnation, Message, Performative};
+use acl::{AgentId, DaemonId, Incarnation, Message, Performative, Protocol};
 use bytes::Bytes;
 use substrate::{Answer, Origin, Presence, Rejected, Resident, Resource, ViolationKind};
 
@@ -86,8 +86,15 @@ impl Authorizer {
         directory: impl FnOnce() -> Arc<Directory>,
     ) -> Result<(), ForbiddenMessage> {
         let Some((rights, origin)) = self.limits(origin) else { return Ok(()) };
-        // An unreadable message is passed on, because the agent answers it with `not-understood`.
-        let Ok(message) = acl::decode(payload) else { return Ok(()) };
+        let message = match acl::decode(payload) {
+            Ok(message) => message,
+            Err(error) => match error.to_not_understood() {
+                // The agent takes it as an answer of its sender.
+                Some(answer) => answer,
+                // The agent answers what is unreadable with `not-understood`.
+                None => return Ok(()),
+            },
+        };
         let inform = inform_of(&message);
         let checked = self.check_message((rights, origin), &message, inform.as_ref(), &directory());
         checked.map_err(|detail| ForbiddenMessage {
@@ -283,6 +290,10 @@ fn check_content(
             let request = message.content_as::<Request>().ok();
             request.map_or(Ok(()), |request| rights.may_ask(sender, &request)).map_err(prefixed)
         }
+        // A cancellation ends the goal of any asker.
+        (Performative::Cancel, _) if message.protocol == Some(Protocol::Goal) => {
+            rights.may_ask_for_goals(sender).map_err(prefixed)
+        }
         (Performative::Cfp, _) => rights.may_ask_for_goals(sender).map_err(prefixed),
         (_, Some(Inform::Epoch(_))) if !rights.may_reason(sender) => Err(prefixed(format!(
             "the ecosystem's file does not let `{sender}` speak for the domain"
@@ -306,7 +317,9 @@ mod tests {
     use std::collections::BTreeMap;
     use std::sync::Mutex;
 
-    use acl::content::{ChangeState, EpochChange, Heartbeat, ModelAnnouncement, Refusal, value};
+    use acl::content::{
+        ChangeState, EpochChange, Heartbeat, ModelAnnouncement, Reason, Refusal, value,
+    };
     use acl::{ConversationId, EcosystemId, MessageId, ReplyToken};
     use substrate::memory::Network;
     use substrate::{Delivery, Destination, Inbound, ReceivedQuery, Subject};
@@ -496,6 +509,31 @@ mod tests {
         assert_eq!(House::new().hears("robot-pi", None, epoch), one("unauthorized"));
         let call = message("robot", Performative::Cfp, serde_json::Value::Null);
         assert_eq!(House::new().hears("robot-pi", None, call), one("unauthorized"));
+    }
+
+    #[tokio::test]
+    async fn only_askers_of_goals_cancel_goals() {
+        let cancel = |sender: &str, protocol| {
+            let cancel = message(sender, Performative::Cancel, serde_json::Value::Null);
+            Message { protocol: Some(protocol), ..cancel }
+        };
+        let hears = |from: &str, message| House::new().hears(from, Some("requester"), message);
+        assert_eq!(hears("robot-pi", cancel("robot", Protocol::Goal)), one("unauthorized"));
+        assert_eq!(hears("desk--cli-7", cancel("me", Protocol::Goal)), none());
+        assert_eq!(hears("robot-pi", cancel("robot", Protocol::Query)), none());
+    }
+
+    #[tokio::test]
+    async fn an_answer_of_another_version_is_checked_like_any_other() {
+        let answer = |sender: &str, version: u32| {
+            let refusal = Refusal::new(Reason::Unreadable, "no such version");
+            let answer = message(sender, Performative::NotUnderstood, value(&refusal));
+            Message { version, in_reply_to: Some(ReplyToken::new("r")), ..answer }
+        };
+        let hears = |message| House::new().hears("robot-pi", Some("requester"), message);
+        assert_eq!(hears(answer("requester", acl::SCHEMA_VERSION)), one("unauthorized"));
+        assert_eq!(hears(answer("requester", 1)), one("unauthorized"));
+        assert_eq!(hears(answer("robot", 1)), none());
     }
 
     #[tokio::test]

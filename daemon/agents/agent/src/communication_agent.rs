@@ -327,7 +327,8 @@ impl CommunicationAgent {
     /// that did not answer, so it is checked for duplicates. Any other broadcast counts as new,
     /// because each one replaces the one before it.
     pub(crate) fn is_new(&mut self, message: &Message) -> bool {
-        message.reply_with.is_none() || self.door.receive(&message.id) == MessageState::New
+        message.reply_with.is_none()
+            || self.door.receive(&message.sender, &message.id) == MessageState::New
     }
 
     /// Whether this agent is among the receivers of a broadcast. If so, the broadcast also replaces
@@ -355,9 +356,9 @@ impl CommunicationAgent {
         };
         let is_full = message.opens_exchange() && !self.outbox.has_room();
         if is_full {
-            self.door.refuse(&message.id);
+            self.door.refuse(&message.sender, &message.id);
         }
-        let passed = self.door.receive(&message.id);
+        let passed = self.door.receive(&message.sender, &message.id);
         if passed == MessageState::Refused {
             self.turn_away(message);
             return IncomingMessage::Nothing;

@@ -362,12 +362,12 @@ impl<A: Agent> AgentTask<A> {
         match self.callbacks.direct(message.performative) {
             Some(callback) => callback(&mut self.agent, message, &mut self.ctx),
             None => {
-                let detail = format!(
-                    "`{}` takes no `{}`, only: {}",
-                    self.ctx.id(),
-                    message.performative,
-                    self.callbacks.understood()
-                );
+                let (own, performative) = (self.ctx.id(), message.performative);
+                let understood = self.callbacks.understood().to_string();
+                let detail = match understood.as_str() {
+                    "" => format!("`{own}` takes no `{performative}`, nor any other message"),
+                    understood => format!("`{own}` takes no `{performative}`, only: {understood}"),
+                };
                 let reason = Reason::UnexpectedPerformative;
                 self.ctx.communication.not_understood(&message, reason, detail);
             }

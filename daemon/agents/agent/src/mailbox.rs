@@ -88,11 +88,11 @@ impl DuplicateFilter {
     }
 
     /// Records that the agent receives a message, and returns the state of the message.
-    pub(crate) fn receive(&self, id: &MessageId) -> MessageState {
+    pub(crate) fn receive(&self, sender: &AgentId, id: &MessageId) -> MessageState {
         let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        if known.refused.contains(id) {
+        if known.refused.contains(sender, id) {
             MessageState::Refused
-        } else if known.heard.insert(id) {
+        } else if known.heard.insert(sender, id) {
             MessageState::New
         } else {
             MessageState::Before
@@ -101,11 +101,11 @@ impl DuplicateFilter {
 
     /// Records that a message is refused before its agent receives it. Returns `false`, and records
     /// nothing, if the agent has received the message.
-    pub(crate) fn refuse(&self, id: &MessageId) -> bool {
+    pub(crate) fn refuse(&self, sender: &AgentId, id: &MessageId) -> bool {
         let mut known = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        let is_unheard = !known.heard.contains(id);
+        let is_unheard = !known.heard.contains(sender, id);
         if is_unheard {
-            known.refused.insert(id);
+            known.refused.insert(sender, id);
         }
         is_unheard
     }
@@ -184,10 +184,11 @@ mod tests {
     fn a_message_is_received_or_refused_and_never_both() {
         let door = DuplicateFilter::new(8);
         let [queued, heard] = ["queued", "heard"].map(MessageId::new);
-        assert!(door.refuse(&queued), "its copy found no room");
-        assert_eq!(door.receive(&queued), MessageState::Refused);
-        assert_eq!(door.receive(&heard), MessageState::New);
-        assert!(!door.refuse(&heard), "a copy that is late changes nothing");
-        assert_eq!(door.receive(&heard), MessageState::Before);
+        let robot = AgentId::new("robot").expect("a name");
+        assert!(door.refuse(&robot, &queued), "its copy found no room");
+        assert_eq!(door.receive(&robot, &queued), MessageState::Refused);
+        assert_eq!(door.receive(&robot, &heard), MessageState::New);
+        assert!(!door.refuse(&robot, &heard), "a copy that is late changes nothing");
+        assert_eq!(door.receive(&robot, &heard), MessageState::Before);
     }
 }

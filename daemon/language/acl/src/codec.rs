@@ -17,6 +17,10 @@ use crate::{AgentId, ConversationId, Incarnation, Message, MessageId, Performati
 /// actions has less than 64 KiB, and a domain of a hundred agents less than 1 MiB.
 pub const MESSAGE_BYTES_MAX: usize = 4 << 20;
 
+/// Maximum size of each identifier in a message, in bytes. Those of agents consist of the agent's
+/// name and two numbers.
+pub const IDENTIFIER_BYTES_MAX: usize = 256;
+
 /// Error for a text that is not a message.
 #[derive(Debug, thiserror::Error)]
 #[error("read an ACL message: {problem}")]
@@ -39,6 +43,15 @@ pub enum Problem {
     /// The text is not JSON, or a field is missing or has the wrong type.
     #[error("{0}")]
     Shape(serde_json::Error),
+    /// An identifier in the message is longer than [`IDENTIFIER_BYTES_MAX`]. Receivers remember
+    /// identifiers long after the message.
+    #[error("`{field}` has {bytes} bytes, and at most {IDENTIFIER_BYTES_MAX} are read")]
+    LongIdentifier {
+        /// Name of the field.
+        field: &'static str,
+        /// Size of the identifier, in bytes.
+        bytes: usize,
+    },
     /// The message has a protocol version that this crate does not support.
     #[error(
         "it is of version {version} of the protocol, and only version {SCHEMA_VERSION} is known here; \
@@ -128,7 +141,10 @@ pub fn decode(bytes: &[u8]) -> Result<Message, DecodeError> {
         return Err(DecodeError { problem, sketch: Box::default() });
     }
     match serde_json::from_slice::<Message>(bytes) {
-        Ok(message) if message.version == SCHEMA_VERSION => Ok(message),
+        Ok(message) if message.version == SCHEMA_VERSION => match long_identifier(&message) {
+            Some(problem) => Err(DecodeError { problem, sketch: Box::default() }),
+            None => Ok(message),
+        },
         Ok(message) => {
             let problem = Problem::UnknownVersion { version: u64::from(message.version) };
             Err(DecodeError { problem, sketch: Box::new(sketch(bytes)) })
@@ -138,6 +154,20 @@ pub fn decode(bytes: &[u8]) -> Result<Message, DecodeError> {
             Err(DecodeError { problem: problem_of(bytes, error), sketch })
         }
     }
+}
+
+/// Returns the mistake of an identifier that is too long; `None` if there is none.
+fn long_identifier(message: &Message) -> Option<Problem> {
+    let identifiers = [
+        ("id", Some(message.id.as_str())),
+        ("conversation_id", Some(message.conversation_id.as_str())),
+        ("reply_with", message.reply_with.as_ref().map(ReplyToken::as_str)),
+        ("in_reply_to", message.in_reply_to.as_ref().map(ReplyToken::as_str)),
+    ];
+    identifiers.into_iter().find_map(|(field, text)| {
+        let bytes = text.map_or(0, str::len);
+        (bytes > IDENTIFIER_BYTES_MAX).then_some(Problem::LongIdentifier { field, bytes })
+    })
 }
 
 /// Returns the sender of a message; `None` if the text has no valid sender. Parsing stops at the
@@ -277,6 +307,17 @@ mod tests {
         assert_eq!(other.to_not_understood(), None);
         let wrong = message(SCHEMA_VERSION, "shout").expect_err("no such performative");
         assert!(!wrong.is_of_other_version());
+    }
+
+    #[test]
+    fn an_identifier_has_a_greatest_length() {
+        for field in ["id", "conversation_id", "reply_with", "in_reply_to"] {
+            let longest = "x".repeat(IDENTIFIER_BYTES_MAX);
+            assert!(decode(&with(field, json!(longest))).is_ok(), "{field}");
+            let error = decode(&with(field, json!(longest + "x"))).expect_err("one too many");
+            assert!(error.to_string().contains(&format!("`{field}` has 257 bytes")), "{error}");
+            assert_eq!(error.sketch, Box::default(), "nothing of it is sent back");
+        }
     }
 
     #[test]

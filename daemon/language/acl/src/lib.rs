@@ -20,7 +20,7 @@ mod performative;
 #[cfg(test)]
 mod schema;
 
-pub use codec::{DecodeError, decode, encode, sender_of};
+pub use codec::{DecodeError, IDENTIFIER_BYTES_MAX, decode, encode, sender_of};
 pub use hello::{Hello, HelloAgent, HostName};
 pub use message::{
     ConversationId, Incarnation, Message, MessageId, Millis, Protocol, ReplyToken, SCHEMA_VERSION,

@@ -55,7 +55,7 @@ impl Transcript {
         let (Some(token), Some(protocol)) = (message.exchange(), message.protocol) else {
             return Ok(None);
         };
-        if !self.duplicates.insert(&message.id) {
+        if !self.duplicates.insert(&message.sender, &message.id) {
             return Ok(None);
         }
         if message.opens_exchange() {

@@ -151,7 +151,7 @@ impl MessageRouter {
             // A turn of an open exchange is retried by its sender until there is room.
             return;
         }
-        if !mailbox.door().refuse(&message.id) {
+        if !mailbox.door().refuse(&message.sender, &message.id) {
             // This is a copy of a message that the agent has received already and will answer.
             return;
         }

@@ -36,7 +36,7 @@ impl LiveView {
         if message.protocol.is_none() && message.performative == Performative::Inform {
             return self.take_announcement(at, message);
         }
-        if !self.duplicates.insert(&message.id) {
+        if !self.duplicates.insert(&message.sender, &message.id) {
             return;
         }
         self.agents.spoke(at, &message.sender);
@@ -154,7 +154,7 @@ impl LiveView {
     }
 
     fn take_change(&mut self, at: Moment, message: &Message, change: &EpochChange) {
-        if !self.duplicates.insert(&message.id) {
+        if !self.duplicates.insert(&message.sender, &message.id) {
             return;
         }
         self.agents.spoke(at, &message.sender);
