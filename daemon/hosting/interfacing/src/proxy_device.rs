@@ -206,7 +206,13 @@ impl Device for ProxyDevice {
         }
         let now = Instant::now();
         let translator = self.context.translator(&self.snapshot.model);
-        let current = self.snapshot.facts.iter().filter_map(|(fact, until)| {
+        // A heartbeat with the same facts is no news, but each of them may hold for longer now.
+        let seen = self.watch.borrow();
+        let is_same = |seen: &&AgentSnapshot| {
+            seen.incarnation == self.snapshot.incarnation && seen.digest == self.snapshot.digest
+        };
+        let facts = seen.as_ref().filter(is_same).map_or(&self.snapshot.facts, |seen| &seen.facts);
+        let current = facts.iter().filter_map(|(fact, until)| {
             let known_for = until.map(|until| until.saturating_duration_since(now));
             let is_over = known_for.is_some_and(|left| left.is_zero());
             let fact = translator.fact(fact).filter(|_| !is_over)?;

@@ -181,7 +181,7 @@ impl Declarations {
     }
 }
 
-fn announced_agents(declarations: &Arc<Declarations>) -> Weak<dyn AnnouncedAgents> {
+pub(crate) fn announced_agents(declarations: &Arc<Declarations>) -> Weak<dyn AnnouncedAgents> {
     let agents: Arc<dyn AnnouncedAgents> = Arc::<Declarations>::clone(declarations);
     Arc::downgrade(&agents)
 }
@@ -191,6 +191,10 @@ impl AnnouncedAgents for Declarations {
         let from = (agent.clone(), Incarnation::default());
         let held = self.lock();
         held.residents.range(from..).next().is_some_and(|((next, _), _)| next == agent)
+    }
+
+    fn has_announced(&self, agent: &AgentId, incarnation: Incarnation) -> bool {
+        self.lock().residents.contains_key(&(agent.clone(), incarnation))
     }
 
     fn residents(&self) -> Vec<(AgentId, Incarnation)> {

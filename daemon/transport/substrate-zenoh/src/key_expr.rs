@@ -20,6 +20,9 @@ const RECEIPT: &str = "receipt";
 /// of a question has the resource.
 const REACH: &str = "reach";
 
+/// Number of digits of the longest id of a Zenoh session.
+const ZID_DIGITS_MAX: usize = 32;
+
 /// Name of the selector parameter that contains the agent that a question is about.
 pub(crate) const AGENT_PARAMETER: &str = "agent";
 
@@ -48,6 +51,11 @@ impl KeySpace {
     /// minute would fill the memory of a board.
     pub(crate) fn of_guest(self) -> KeySpace {
         KeySpace { is_guest: true, ..self }
+    }
+
+    /// Whether this session is that of a guest.
+    pub(crate) fn is_guest(&self) -> bool {
+        self.is_guest
     }
 
     /// Returns the name of this daemon.
@@ -291,7 +299,10 @@ impl KeySpace {
         let chunks = self.chunks(key)?;
         let ["session", daemon, zid, telling] = chunks.as_slice() else { return None };
         DaemonId::new(daemon).ok()?;
-        Some((zid, number(telling)?))
+        let is_hex = |digit: u8| digit.is_ascii_digit() || (b'a'..=b'f').contains(&digit);
+        // Every answer to a roll call lists the ids, so their length is bounded.
+        let is_id = (1..=ZID_DIGITS_MAX).contains(&zid.len()) && zid.bytes().all(is_hex);
+        is_id.then_some((*zid, number(telling)?))
     }
 
     /// Returns the daemon that answered a probe, from the key of the answer; `None` for any other
@@ -491,8 +502,16 @@ mod tests {
             let key = format!("althing/office/alive/pi/robot/{garbage}");
             assert_eq!(keys().resident(&key), None, "{garbage}");
         }
-        for garbage in ["session/pi/a1", "session/Pi/a1/0", "session/pi/a1/00", "session/pi/a1/0/0"]
-        {
+        let long = format!("session/pi/{}/0", "a".repeat(ZID_DIGITS_MAX + 1));
+        for garbage in [
+            "session/pi/a1",
+            "session/Pi/a1/0",
+            "session/pi/a1/00",
+            "session/pi/a1/0/0",
+            "session/pi/A1/0",
+            "session/pi/one/0",
+            &long,
+        ] {
             assert_eq!(keys().session(&format!("althing/office/{garbage}")), None, "{garbage}");
         }
     }

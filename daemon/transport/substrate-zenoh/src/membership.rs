@@ -185,6 +185,19 @@ impl Membership {
         self.daemons.retain(|_, hosted| !hosted.tokens.is_empty());
     }
 
+    /// Handles the withdrawal of an agent by this daemon: all its tokens are removed.
+    pub(crate) fn withdraw_own(&mut self, resident: &Resident) -> Vec<Presence> {
+        let Some(hosted) = self.daemons.get_mut(&resident.daemon) else { return Vec::new() };
+        if hosted.tokens.remove(resident).is_some() {
+            self.counts.tokens -= 1;
+        }
+        let left = hosted.leave(resident, &mut self.counts);
+        if hosted.tokens.is_empty() {
+            self.daemons.remove(&resident.daemon);
+        }
+        left
+    }
+
     /// Handles the removal of a token. The daemon of the token may have gone too, so the daemon is
     /// probed at once: agents of the daemon that join next then need not wait for the result.
     pub(crate) fn remove_token(&mut self, resident: &Resident, telling: u64) -> TokenEffects {

@@ -6,6 +6,7 @@
 //! and its agents join only when the probe is answered; the rules are in `membership`.
 
 use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError, Weak};
 use std::time::{Duration, Instant};
 
@@ -20,7 +21,7 @@ use zenoh::{Session, Wait};
 use crate::known_sessions::{SyncReply, SyncRequest, digest};
 use crate::membership::{HostedAgents, Membership, TokenEffects};
 use crate::open_error::{OpenError, undeclared};
-use crate::queries::QuerySender;
+use crate::queries::{AnnouncedAgents, QuerySender};
 
 /// How long a daemon is probed after its first token. After that, only the roll calls query the
 /// daemon, once a second. The routes exist after 100 ms on an idle machine, and took three times as
@@ -35,13 +36,21 @@ const ANSWERED_WITHIN: Duration = Duration::from_millis(100);
 const PROBE_PERIOD: Duration = Duration::from_millis(5);
 const _: () = assert!(PROBE_PERIOD.as_millis() < ANSWERED_WITHIN.as_millis());
 
+/// Number of daemons that are probed in this period. If there are more, each is probed less often:
+/// tokens in invented names must not cost this daemon more than two thirds of a core.
+const PROBED_AT_ONCE: u32 = 16;
+
 /// The subscriber for liveliness tokens. It passes on changes of presence in the order in which
 /// they arise.
 pub(crate) struct LivelinessSubscriber {
     queries: QuerySender,
+    /// The agents that this daemon has announced itself.
+    announced: Weak<dyn AnnouncedAgents>,
     /// Weak reference, because the session owns the callback that owns this subscriber.
     session: Weak<Session>,
     runtime: Handle,
+    /// Number of daemons that are being probed.
+    probed: AtomicU32,
     state: Mutex<PresenceState>,
     /// Notified whenever a token of another daemon comes or goes.
     pub(crate) churn: Notify,
@@ -64,13 +73,16 @@ struct PresenceState {
 pub(crate) fn declare(
     session: &Arc<Session>,
     asking: &QuerySender,
+    announced: Weak<dyn AnnouncedAgents>,
     lease: Duration,
 ) -> Result<Arc<LivelinessSubscriber>, OpenError> {
     let roster = Membership::new(asking.keys.daemon().clone(), lease);
     let watch = Arc::new(LivelinessSubscriber {
         queries: asking.clone(),
+        announced,
         session: Arc::downgrade(session),
         runtime: Handle::current(),
+        probed: AtomicU32::new(0),
         state: Mutex::new(PresenceState {
             membership: roster,
             outbox: VecDeque::new(),
@@ -96,6 +108,9 @@ impl LivelinessSubscriber {
             return tracing::debug!(key, "ignored a liveliness token that names no agent");
         };
         let daemon = resident.daemon.clone();
+        if daemon == *watch.queries.keys.daemon() {
+            return watch.receive_own(resident, telling, sample.kind());
+        }
         let mut is_unknown = false;
         let take = |roster: &mut Membership| {
             let TokenEffects { passed_on, probe } = match sample.kind() {
@@ -105,14 +120,6 @@ impl LivelinessSubscriber {
             is_unknown = probe;
             passed_on
         };
-        if daemon == *watch.queries.keys.daemon() {
-            // Passed on at once: when `announce` returns, its caller has received the agent's
-            // presence.
-            let passed_on = take(&mut watch.lock().membership);
-            return passed_on
-                .into_iter()
-                .for_each(|presence| watch.queries.inbound.presence(presence));
-        }
         watch.with(take);
         watch.churn.notify_one();
         if is_unknown {
@@ -120,6 +127,41 @@ impl LivelinessSubscriber {
             let probe = LivelinessSubscriber::probe(Arc::clone(watch), daemon);
             watch.runtime.spawn(probe.instrument(span));
         }
+    }
+
+    /// Handles a token in this daemon's own name, which any session can declare: agents are present
+    /// from their announcement by this daemon until it withdraws them. Presence is passed on at
+    /// once: when `announce` returns, its caller has received the agent's presence.
+    fn receive_own(&self, resident: Resident, telling: u64, kind: SampleKind) {
+        let is_announced = self
+            .announced
+            .upgrade()
+            .is_some_and(|each| each.has_announced(&resident.agent, resident.incarnation));
+        let passed_on = match (kind, is_announced) {
+            (SampleKind::Put, true) => {
+                self.lock().membership.add_token(resident, telling).passed_on
+            }
+            (SampleKind::Delete, false) => self.lock().membership.withdraw_own(&resident),
+            // A guest hears of its own agents through a daemon: without one, nothing is present.
+            (SampleKind::Delete, true) if self.queries.keys.is_guest() => {
+                self.lock().membership.remove_token(&resident, telling).passed_on
+            }
+            // A token of an earlier round, or a second one of the same agent.
+            (SampleKind::Delete, true) => return,
+            (SampleKind::Put, false) => {
+                let Resident { agent, daemon, .. } = &resident;
+                let detail = format!("is a token of `{agent}`, which this daemon does not host");
+                let (violation, claimed) = (ViolationKind::Forged, Some(daemon.as_str()));
+                let key = agent.as_str();
+                return self.queries.inbound.rejected(&Rejected {
+                    violation,
+                    detail: &detail,
+                    claimed,
+                    key,
+                });
+            }
+        };
+        passed_on.into_iter().for_each(|presence| self.queries.inbound.presence(presence));
     }
 
     /// Applies `change` to the membership and passes on the changes of presence that it returns.
@@ -207,11 +249,15 @@ impl LivelinessSubscriber {
                 let Some(ended) = LivelinessSubscriber::call(&watch, &daemon) else { return };
                 // Without a route the query ends at once.
                 if tokio::time::timeout(ANSWERED_WITHIN, ended).await.is_ok() {
-                    tokio::time::sleep(PROBE_PERIOD).await;
+                    let others = watch.probed.load(Ordering::Relaxed) / PROBED_AT_ONCE;
+                    tokio::time::sleep(PROBE_PERIOD * (others + 1)).await;
                 }
             }
         };
-        if tokio::time::timeout(REACHED_WITHIN, answered).await.is_err() {
+        watch.probed.fetch_add(1, Ordering::Relaxed);
+        let in_time = tokio::time::timeout(REACHED_WITHIN, answered).await;
+        watch.probed.fetch_sub(1, Ordering::Relaxed);
+        if in_time.is_err() {
             tracing::debug!("no answer yet; it will be called again");
             watch.lock().membership.unreached(&daemon);
         }

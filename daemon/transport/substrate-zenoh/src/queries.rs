@@ -33,6 +33,9 @@ pub(crate) trait AnnouncedAgents: Send + Sync {
     /// Whether the daemon has announced an agent of this name.
     fn hosts(&self, agent: &AgentId) -> bool;
 
+    /// Whether the daemon has announced this incarnation of an agent, and has not withdrawn it.
+    fn has_announced(&self, agent: &AgentId, incarnation: Incarnation) -> bool;
+
     /// Returns the name and the incarnation of each agent that the daemon has announced, sorted by
     /// name.
     fn residents(&self) -> Vec<(AgentId, Incarnation)>;

@@ -139,7 +139,7 @@ async fn send_periodically(
     let mut is_revoked = false;
     let mut ticks = interval(REREAD_PERIOD);
     ticks.set_missed_tick_behavior(MissedTickBehavior::Delay);
-    let (mut told, mut complained) = (None::<Instant>, false);
+    let (mut told, mut complained) = (None::<Instant>, None::<String>);
     // Existing links were admitted under the first revision of the list.
     let mut admitted_by = 0;
     loop {
@@ -153,12 +153,16 @@ async fn send_periodically(
             admission.look_again();
         }
         let is_news = match verifier.reread_revocations() {
-            Ok(is_news) => is_news,
+            Ok(is_news) => {
+                complained = None;
+                is_news
+            }
             Err(error) => {
-                if !complained {
+                let error = error.to_string();
+                if complained.as_ref() != Some(&error) {
                     tracing::error!("failed to {error}");
                 }
-                complained = true;
+                complained = Some(error);
                 false
             }
         };

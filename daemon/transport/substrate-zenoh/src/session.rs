@@ -18,7 +18,7 @@ use zenoh::{Session, Wait};
 use crate::anti_entropy::AntiEntropy;
 use crate::batch::{self, HeartbeatMessage};
 use crate::config::{Config, MESSAGE_BYTES_MAX, MESSAGE_PRIORITY, SessionMode, SessionSettings};
-use crate::declarations::Declarations;
+use crate::declarations::{Declarations, announced_agents};
 use crate::key_expr::KeySpace;
 use crate::known_sessions::KnownSessions;
 use crate::open_error::{OpenError, not_opened};
@@ -109,7 +109,7 @@ impl ZenohSubstrate {
         let declarations =
             Declarations::declare(&session, &keys, &inbound, security.as_ref(), &known_sessions)?;
         let asking = QuerySender { keys: keys.clone(), inbound, security: security.clone() };
-        let watch = presence::declare(&session, &asking, lease)?;
+        let watch = presence::declare(&session, &asking, announced_agents(&declarations), lease)?;
         if let (Some(security), Some(admission)) = (&security, admission) {
             revocations::spread(&session, &keys, security, admission);
         }

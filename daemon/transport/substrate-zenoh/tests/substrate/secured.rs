@@ -545,6 +545,27 @@ async fn no_daemon_makes_the_agents_of_another_present() {
 }
 
 #[tokio::test(flavor = "multi_thread")]
+async fn no_session_makes_agents_of_this_daemon_present_or_absent() {
+    let house = House::new();
+    let mut a = house.open("a", &[]).await;
+    let rogue = house.rogue("rogue", &a).await;
+    let declare = async |agent: &str| {
+        let key = format!("althing/office/alive/a/{agent}/1");
+        rogue.liveliness().declare_token(key).await.expect("open")
+    };
+    let _invented = declare("robot").await;
+    assert_eq!(a.hear_any().await, ["rejected forged a"]);
+    let own = a.announce("lamp");
+    assert_eq!(a.hear_any().await, ["joined lamp@a"]);
+    declare("lamp").await.undeclare().await.expect("open");
+    // Declarations of one session arrive in their order, so the end of the last one was received.
+    let _last = declare("ghost").await;
+    assert_eq!(a.hear_any().await, ["rejected forged a"]);
+    drop(own);
+    assert_eq!(a.hear_any().await, ["left lamp@a"]);
+}
+
+#[tokio::test(flavor = "multi_thread")]
 async fn links_carry_nothing_but_the_ecosystem() {
     let house = House::new();
     let a = house.open("a", &[]).await;
