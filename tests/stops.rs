@@ -212,7 +212,7 @@ fn a_hardware_stop_stops_a_robot_of_another_daemon() {
     robot.await_event(|event| matches!(event, BuildingEvent::Stayed { .. }));
     let said = list(&office);
     assert!(said.contains("button-1") && said.contains("2 of 2"), "{said}");
-    assert!(said.contains("turtlebot-1 (it is pressed)"), "{said}");
+    assert!(said.contains("turtlebot-1 (it was pressed)"), "{said}");
     assert!(said.contains("hardware stop button-1: PRESSED"), "{said}");
     let (code, said) = office.ask(&["stop", "--release"]);
     assert_ne!(code, Some(0), "{said}");

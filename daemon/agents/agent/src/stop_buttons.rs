@@ -62,6 +62,8 @@ pub struct StopButtons {
 struct ButtonState {
     /// Incarnation of its agent that was heard last.
     incarnation: Incarnation,
+    /// Sequence number of the last heartbeat of that incarnation.
+    sequence: u64,
     /// `None` if it is not known.
     is_pressed: Option<bool>,
     /// When it became unknown whether the button is pressed.
@@ -152,14 +154,26 @@ impl StopButtons {
         heartbeat: &Heartbeat,
         now: Instant,
     ) -> bool {
-        if !self.rules.contains_key(agent) {
-            return false;
-        }
+        let Some(rule) = self.rules.get(agent) else { return false };
         let passing = heartbeat.known_for.keys().map(String::as_str);
         let texts = passing.chain([heartbeat.facts.as_str()]);
-        let read = texts.filter_map(|text| pddl::parse_init_elements(text).into_result().ok());
-        let facts: Vec<InitElement> = read.flatten().collect();
-        self.hear(agent, incarnation, &facts, now);
+        let read: Result<Vec<_>, _> =
+            texts.map(|text| pddl::parse_init_elements(text).into_result()).collect();
+        // What cannot be read tells nothing: it is no report that the button is not pressed.
+        let is_pressed =
+            read.ok().and_then(|facts| rule.pressed.is_pressed(agent, &facts.concat()));
+        let mut states = self.states();
+        let state = states.entry(agent.clone()).or_default();
+        // A heartbeat may come late, in the answer to a query or over a slow link.
+        if (incarnation, heartbeat.sequence) >= (state.incarnation, state.sequence) {
+            *state = ButtonState {
+                incarnation,
+                sequence: heartbeat.sequence,
+                is_pressed,
+                unknown_since: state.unknown_since,
+            };
+            state.note_silence(now);
+        }
         true
     }
 
@@ -185,7 +199,9 @@ impl StopButtons {
                     let id = free_id(button, state.incarnation, stops);
                     let (scope, by) = (rule.scope.clone(), button.clone());
                     tracing::warn!(stop = id, %button, why, "stopped by a hardware stop");
-                    stops.add(&Stop { id, scope, by, why: why.to_owned() });
+                    // The stop may hold long after the button is released.
+                    let why = why.replacen("it is", "it was", 1).replace("counts", "counted");
+                    stops.add(&Stop { id, scope, by, why });
                 }
                 None if rule.is_self_releasing && state.is_pressed == Some(false) => {
                     let own = stops.in_force().into_iter().filter(|stop| stop.by == *button);
@@ -396,6 +412,30 @@ mod tests {
             buttons.apply(&stops, later + SILENCE * 2);
             assert_eq!(stops.in_force().len(), usize::from(is_fail_safe));
         }
+    }
+
+    #[test]
+    fn a_late_or_unreadable_heartbeat_releases_nothing() {
+        let (buttons, stops, now) = (buttons(true, false), StopRegistry::default(), Instant::now());
+        let hear = |incarnation: u64, sequence: u64, facts: &str| {
+            let heartbeat = Heartbeat {
+                digest: String::new(),
+                sequence,
+                facts: facts.to_owned(),
+                known_for: BTreeMap::new(),
+                period: 1_000.into(),
+                stops: Vec::new(),
+            };
+            let incarnation = Incarnation(incarnation);
+            assert!(buttons.hear_heartbeat(&agent("button"), incarnation, &heartbeat, now));
+            buttons.apply(&stops, now);
+            stops.in_force().len()
+        };
+        assert_eq!(hear(7, 101, OPEN), 1);
+        assert_eq!(hear(7, 100, SHUT), 1, "it was sent before");
+        assert_eq!(hear(6, 500, SHUT), 1, "it is from an earlier life of the agent");
+        assert_eq!(hear(7, 102, "(shut button"), 1, "it cannot be read");
+        assert_eq!(hear(7, 103, SHUT), 0);
     }
 
     #[test]

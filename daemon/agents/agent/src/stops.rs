@@ -72,7 +72,7 @@ impl StopRegistry {
         };
         let state = read.unwrap_or_else(|problem| {
             tracing::error!(file = %file.display(), problem, "stops cannot be read; all is stopped");
-            let by = AgentId::new("althing").expect("invariant: it is a name");
+            let by = daemon_name();
             let why = format!("{} cannot be read: {problem}", file.display());
             let stop = Stop { id: UNREADABLE.to_owned(), scope: Vec::new(), by, why };
             Latched { stops: vec![stop], released: VecDeque::new() }
@@ -112,8 +112,10 @@ impl StopRegistry {
                 return false;
             }
             if state.stops.len() >= STOPS_MAX {
+                // Not in the name of the last one: a hardware stop releases its own stops by itself,
+                // and would release those of people with them.
                 let why = "there were too many stops to keep apart".to_owned();
-                state.stops = vec![Stop { scope: Vec::new(), why, ..stop }];
+                state.stops = vec![Stop { scope: Vec::new(), by: daemon_name(), why, ..stop }];
             } else {
                 state.stops.push(stop);
             }
@@ -183,6 +185,11 @@ impl StopChanges {
             std::future::pending().await
         }
     }
+}
+
+/// Returns the name in which a daemon itself stops everything.
+fn daemon_name() -> AgentId {
+    AgentId::new("althing").expect("invariant: it is a name")
 }
 
 /// Returns the stop within the limits of a stop: too many names become a stop of everything, and a
@@ -255,6 +262,7 @@ mod tests {
         assert!(registry.find(Stop::is_of_everything).is_none());
         assert!(registry.add(&stop("last", &["lab"])));
         assert_eq!(ids(&registry), ["last"]);
+        assert!(registry.find(|stop| stop.by.as_str() == "ann").is_none(), "it is none of hers");
         assert!(registry.find(Stop::is_of_everything).is_some());
         let many: Vec<&str> = vec!["hall"; STOP_NAMES_MAX + 1];
         assert!(registry.add(&stop("wide", &many)));

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use acl::AgentId;
 use acl::content::{Execute, Offer, Offers, Snapshot};
-use pddl::{Condition, Plan, PlanStep, Problem, Severity};
+use pddl::{Condition, InitElement, Plan, PlanStep, Problem, Severity};
 
 /// Returns a plan with the given action as its only step, and the time limit of the method that
 /// carries out the action.
@@ -27,6 +27,9 @@ pub(crate) fn one_step_plan(
     let domain = domain.into_result().map_err(|found| first(&found, &snapshot.domain))?;
     let problem = pddl::parse_problem(&snapshot.problem);
     let problem = problem.into_result().map_err(|found| first(&found, &snapshot.problem))?;
+    if let Some(refusal) = stopped(&step, &problem) {
+        return Err(refusal);
+    }
     let (agent, offer) = offer_of(&step, &snapshot.offers)?;
     let timeout = offer.method.as_ref().map_or(Duration::ZERO, |method| method.timeout.0);
     let inside = PlanStep { action: offer.schema.as_str().into(), ..step };
@@ -50,6 +53,22 @@ pub(crate) fn one_step_plan(
         knowledge: snapshot.knowledge,
     };
     Ok((execute, timeout))
+}
+
+/// Returns why the agent of a step acts not now, as text for a person, if a stop concerns the agent:
+/// it offers no actions meanwhile.
+fn stopped(step: &PlanStep, problem: &Problem) -> Option<String> {
+    let agent = step.arguments.first()?;
+    let is_stop = |element: &InitElement| match element {
+        InitElement::Atom(atom) => {
+            atom.predicate == "stopped"
+                && atom.arguments.first().is_some_and(|of| of.to_string() == agent.to_string())
+        }
+        _ => false,
+    };
+    problem.init.iter().any(is_stop).then(|| {
+        format!("`{agent}` is stopped; `althing stop --list` tells by whom, `--release` ends it")
+    })
 }
 
 /// Returns the agent of a step, and the agent's offer of the action. Returns an error, as text for
@@ -131,6 +150,20 @@ mod tests {
         assert_eq!(execute.plan.trim(), "(move--r r2 hall office1)");
         assert_eq!((execute.epoch, timeout), (3, Duration::from_secs(7)));
         assert!(pddl::parse_problem(&execute.problem).is_ok(), "{}", execute.problem);
+    }
+
+    #[test]
+    fn a_stopped_agent_is_told_from_an_unknown_one() {
+        let domain = "(define (domain d) (:types robot place)
+            (:predicates (stopped ?a - object)))";
+        let stopped = Snapshot {
+            domain: domain.into(),
+            problem: snapshot().problem.replace("(:init)", "(:init (stopped r2))"),
+            offers: [].into(),
+            ..snapshot()
+        };
+        let problem = one_step_plan(stopped, "(move r2 hall office1)").expect_err("stopped");
+        assert!(problem.contains("`r2` is stopped; `althing stop --list`"), "{problem}");
     }
 
     #[test]

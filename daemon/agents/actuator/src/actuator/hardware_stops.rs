@@ -37,6 +37,8 @@ impl Actuator {
         let (mut releasable, mut refusal) = (Vec::new(), None);
         for id in ids {
             match buttons.objection(&self.stops, id, ctx.now()) {
+                // The stop stays in force at this daemon, and does not concern this agent.
+                Some(_) if !self.is_stopped_by(id, ctx.id()) => (),
                 Some(why) => {
                     let detail = format!("still stopped: {why}");
                     refusal = Some(Refusal::new(Reason::Conflict, detail));

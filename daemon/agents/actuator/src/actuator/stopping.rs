@@ -104,6 +104,16 @@ impl Actuator {
         self.stops.find(concerned)
     }
 
+    /// Whether the stop `id` is in force and forbids all actions of this agent.
+    pub(super) fn is_stopped_by(&self, id: &str, own: &AgentId) -> bool {
+        let concerned = |stop: &Stop| {
+            stop.id == id
+                && (stop.concerns(own.as_str())
+                    || self.places(own).any(|place| stop.concerns(&place)))
+        };
+        self.stops.find(concerned).is_some()
+    }
+
     /// Returns a stop that forbids `action`, a ground step such as `(move robot hall lab)`; `None`
     /// if there is none.
     pub(super) fn stop_against(&self, action: &str, own: &AgentId) -> Option<Stop> {
@@ -262,7 +272,7 @@ impl Actuator {
         }
         // The stop may have come earlier, through another actuator of this daemon.
         let ended = self.ended_by_stop.as_ref().filter(|(_, id)| *id == stop.id);
-        let is_stopped = self.stop_of_all(ctx.id()).is_some();
+        let is_stopped = self.is_stopped_by(&stop.id, ctx.id());
         let (effect, detail) = match (ended, self.running_action()) {
             (Some((action, _)), _) => (StopEffect::Ended, format!("stopped: {action}")),
             (None, None) if is_stopped => (StopEffect::Still, "was already still".to_owned()),

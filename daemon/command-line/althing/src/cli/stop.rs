@@ -20,6 +20,7 @@ Exit codes: 0 all have stopped, 1 some have not (the table says which)
 #[derive(Debug, Args)]
 pub(crate) struct StopArgs {
     /// Agents and places to stop; everything if none is named. With --release: the stops to end
+    #[arg(conflicts_with = "list")]
     pub(crate) names: Vec<String>,
     /// End these stops; without names, all stops that are in force now
     #[arg(long)]

@@ -118,13 +118,23 @@ pub(crate) async fn release(view: &EcosystemView, names: &[String], json: bool) 
         Ok(by) => by,
         Err(problem) => return super::wrong(&problem, json),
     };
-    let head = format!("released: {}", ids.join(", "));
-    let request = Request::ReleaseStops(ReleaseStops { ids });
+    let request = Request::ReleaseStops(ReleaseStops { ids: ids.clone() });
     let table = match send_to_all(view, by, &request).await {
         Ok(table) => table,
         Err(problem) => return client::unavailable(problem, json),
     };
+    let head = release_head(&ids, &self::in_force(&self::states(view).await));
     print_table(view, &head, &table, None, json)
+}
+
+/// Returns which of the stops `ids` are released; `remaining` are those that some actuator has in
+/// force.
+fn release_head(ids: &[String], remaining: &BTreeMap<String, Stop>) -> String {
+    let (held, released): (Vec<&str>, Vec<&str>) =
+        ids.iter().map(String::as_str).partition(|id| remaining.contains_key(*id));
+    let parts = [("released: ", released), ("still in force: ", held)];
+    let told = parts.into_iter().filter(|(_, ids)| !ids.is_empty());
+    told.map(|(what, ids)| format!("{what}{}", ids.join(", "))).collect::<Vec<_>>().join("; ")
 }
 
 /// Returns the name under which the command asks.
@@ -185,4 +195,22 @@ fn note_unknown(view: &EcosystemView, name: &str) {
     output::print_note(&format!(
         "note: `{name}` is no agent that is present{near}, {places}; it is stopped all the same"
     ));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_stops_that_are_over_are_called_released() {
+        let stop = |id: &str| {
+            let by = AgentId::new("button").expect("a name");
+            (id.to_owned(), Stop { id: id.to_owned(), scope: Vec::new(), by, why: String::new() })
+        };
+        let ids = ["one".to_owned(), "two".to_owned()];
+        assert_eq!(release_head(&ids, &BTreeMap::new()), "released: one, two");
+        let held = [stop("two"), stop("other")].into();
+        assert_eq!(release_head(&ids, &held), "released: one; still in force: two");
+        assert_eq!(release_head(&ids[1..], &held), "still in force: two");
+    }
 }
