@@ -192,10 +192,10 @@ impl PeopleRecords {
     ///
     /// # Errors
     ///
-    /// Returns an error if there is no such person, if it has a token of the same name, or if it has
-    /// no room for another.
+    /// Returns an error if there is no such person, if it is a screen, if it has a token of the same
+    /// name, or if it has no room for another.
     pub fn add_token(&mut self, name: &str, token: StoredToken) -> Result<(), AccountsError> {
-        let person = self.get_mut(name)?;
+        let person = self.no_screen(name)?;
         if person.tokens.iter().any(|other| other.name == token.name) {
             return Err(AccountsError::TokenExists {
                 person: name.to_owned(),

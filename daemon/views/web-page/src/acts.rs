@@ -75,7 +75,7 @@ pub(crate) async fn carry_out(
     act: PageAct,
 ) -> Result<ActOutcome, Refused> {
     let person = caller.person().clone();
-    let what = act.described();
+    let mut what = act.described();
     let is_stop = matches!(act, PageAct::Stop { .. });
     let kind = if is_stop { ActKind::Stop } else { ActKind::Other };
     state.limits.take(caller.key(), kind, Instant::now()).map_err(|after| {
@@ -85,9 +85,13 @@ pub(crate) async fn carry_out(
         state.record_flood(FloodKind::Acts, Some(name), from, what.clone(), told);
         refused
     })?;
+    let right = state.host.required_right(&act);
+    if let (PageAct::Answer { .. }, Some(PersonRight::Admit)) = (&act, right) {
+        what += ", which admits agents or forbids them";
+    }
     let allowed = match &person.screen {
         Some(agent) => check_screen(state, agent, &act),
-        None => act.right().map_or(Ok(()), |right| caller.require(right)),
+        None => right.map_or(Ok(()), |right| caller.require(right)),
     };
     allowed.inspect_err(|refused| {
         state.record(Some(person.name.clone()), from, what.clone(), outcome_of(refused));

@@ -1,5 +1,6 @@
 //! The paths for what is to be seen, and for what people ask for.
 
+use std::net::IpAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -222,15 +223,30 @@ pub(crate) async fn events(RawQuery(text): RawQuery, from: FromPage) -> Result<R
     Ok(response)
 }
 
+/// Checks that a page of this server has made a request that changes something, and logs a request
+/// of another page; `what` is what it asked for.
+///
+/// # Errors
+///
+/// Returns a refusal if another page may have made the request.
+pub(crate) fn check_csrf(
+    state: &ServerState,
+    caller: &Caller,
+    (headers, from): (&HeaderMap, IpAddr),
+    what: &str,
+) -> Result<(), Refused> {
+    caller.check_csrf(headers).inspect_err(|refused| {
+        let name = caller.person().name.clone();
+        let outcome = format!("refused: {}", refused.problem());
+        state.record_flood(FloodKind::Forged, Some(name), from, what.to_owned(), outcome);
+    })
+}
+
 /// Carries out what a person asks for.
 pub(crate) async fn act(from: FromPage, body: Body) -> Result<Response, Refused> {
     let (State(state), Extension(client), headers) = from;
     let caller = Caller::of(&state, &headers, &client)?;
-    caller.check_csrf(&headers).inspect_err(|refused| {
-        let (name, what) = (caller.person().name.clone(), "ask for an act".to_owned());
-        let outcome = format!("refused: {}", refused.problem());
-        state.record_flood(FloodKind::Forged, Some(name), client.from, what, outcome);
-    })?;
+    check_csrf(&state, &caller, (&headers, client.from), "ask for an act")?;
     let act: PageAct = crate::body::json(&headers, body).await?;
     let outcome = acts::carry_out(&state, &caller, client.from, act).await?;
     Ok(json_answer(StatusCode::OK, &outcome))

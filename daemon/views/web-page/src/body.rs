@@ -46,12 +46,44 @@ pub(crate) async fn json<T: DeserializeOwned>(
         }
         false => Refused::new(StatusCode::BAD_REQUEST, "the body is not whole"),
     })?;
-    serde_json::from_slice(&bytes.to_bytes()).map_err(|error| {
-        let place = format!("line {}, column {}", error.line(), error.column());
-        let problem = match error.classify() {
-            serde_json::error::Category::Data => "the body is JSON, but not what this path takes",
-            _ => "the body is not JSON",
-        };
-        Refused::new(StatusCode::BAD_REQUEST, format!("{problem} ({place})"))
-    })
+    serde_json::from_slice(&bytes.to_bytes())
+        .map_err(|error| Refused::new(StatusCode::BAD_REQUEST, unreadable(&error)))
+}
+
+/// Describes why a body cannot be read, without a value of the body.
+fn unreadable(error: &serde_json::Error) -> String {
+    let problem = match error.classify() {
+        serde_json::error::Category::Data => "the body is JSON, but not what this path takes",
+        _ => "the body is not JSON",
+    };
+    let text = error.to_string();
+    let missing = text.strip_prefix("missing field `").and_then(|rest| rest.split('`').next());
+    match (missing, error.line()) {
+        (Some(field), _) => format!("{problem}: `{field}` is missing"),
+        // A value that was read before it was understood has no place.
+        (None, 0) => problem.to_owned(),
+        (None, line) => format!("{problem} (line {line}, column {})", error.column()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::host::PageAct;
+
+    #[test]
+    fn a_field_that_is_missing_is_named_and_a_stop_needs_none() {
+        let read = serde_json::from_str::<PageAct>;
+        let stop = read(r#"{"act":"stop"}"#).expect("it stops everything");
+        assert!(stop == PageAct::Stop { names: Vec::new(), because: String::new() });
+        let problem = |text| unreadable(&read(text).err().expect("not an act"));
+        let data = "the body is JSON, but not what this path takes";
+        assert_eq!(
+            problem(r#"{"act":"dry-run","goal":"x"}"#),
+            format!("{data}: `mode` is missing")
+        );
+        let secret = problem(r#"{"act":"answer","keyboard":"k","question":"2718","text":"x"}"#);
+        assert_eq!(secret, data, "no value is quoted");
+        assert!(problem("{").contains("is not JSON (line 1, column 1)"));
+    }
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::pin::Pin;
 
-use accounts::Person;
+use accounts::{Person, PersonRight};
 use acl::{AgentId, DaemonId, EcosystemId};
 use bytes::Bytes;
 use live_view::{LiveView, Moment};
@@ -30,6 +30,12 @@ pub trait PageHost: Send + Sync + 'static {
     /// host holds the act against the rights of the ecosystem.
     fn act(&self, person: Person, act: PageAct) -> BoxFuture<ActOutcome>;
 
+    /// Returns the right that a person needs for `act`; `None` if signing in is enough. An answer to a
+    /// question may need the right for what the question is about.
+    fn required_right(&self, act: &PageAct) -> Option<PersonRight> {
+        act.right()
+    }
+
     /// Describes the ecosystem to those that build goals.
     fn describe(&self) -> PageSetup;
 
@@ -37,7 +43,7 @@ pub trait PageHost: Send + Sync + 'static {
     fn picture(&self, agent: &AgentId) -> BoxFuture<Option<PagePicture>>;
 
     /// Returns rows of the history of the ecosystem, asked for by these parameters of the query.
-    /// What is private is among them only if `person` has the right [`accounts::PersonRight::Secrets`]
+    /// What is private is among them only if `person` has the right [`PersonRight::Secrets`]
     /// and the daemon may read it.
     ///
     /// # Errors
@@ -154,8 +160,10 @@ pub enum PageAct {
     /// Stops agents and places.
     Stop {
         /// The names of agents and places; none stops everything.
+        #[serde(default)]
         names: Vec<String>,
         /// Reason of the stop; may be empty.
+        #[serde(default)]
         because: String,
     },
     /// Releases stops.

@@ -3,6 +3,7 @@
 use std::time::{Duration, Instant};
 
 use accounts::PersonRight;
+use axum::Extension;
 use axum::body::Body;
 use axum::extract::State;
 use axum::http::StatusCode;
@@ -13,7 +14,7 @@ use tokio::time::timeout;
 
 use crate::act_limits::ActKind;
 use crate::answer::{Refused, json_answer};
-use crate::api::{FromPage, caller};
+use crate::api::{FromPage, caller, check_csrf};
 use crate::host::PushAsk;
 
 /// How long the host may take: it writes a file.
@@ -44,9 +45,9 @@ pub(crate) async fn remove(from: FromPage, body: Body) -> Result<Response, Refus
 
 /// Reads the body of a request that changes something.
 async fn read<T: serde::de::DeserializeOwned>(from: &FromPage, body: Body) -> Result<T, Refused> {
-    let (State(state), _, headers) = from;
+    let (State(state), Extension(client), headers) = from;
     let caller = caller(from, PersonRight::Look)?;
-    caller.check_csrf(headers)?;
+    check_csrf(state, &caller, (headers, client.from), "change notifications")?;
     state.limits.take(caller.key(), ActKind::Other, Instant::now()).map_err(|after| {
         let problem = "you ask for more than the daemon can follow; wait a moment";
         Refused::new(StatusCode::TOO_MANY_REQUESTS, problem).again_after(after)

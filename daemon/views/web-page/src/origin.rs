@@ -69,8 +69,9 @@ pub(crate) fn check_origin(
     };
     let mut sites = headers.get_all(SEC_FETCH_SITE).iter();
     let site = sites.next().map(|site| site.as_bytes());
+    let is_reading = matches!(*method, Method::GET | Method::HEAD);
     // A person may type an address, or open a picture in a window of its own.
-    let is_typed = *method == Method::GET && site == Some(b"none");
+    let is_typed = is_reading && site == Some(b"none");
     let is_foreign = site.is_some_and(|site| site != b"same-origin") && !is_typed;
     if sites.next().is_some() || is_foreign {
         return foreign();
@@ -82,7 +83,7 @@ pub(crate) fn check_origin(
     {
         return foreign();
     }
-    if *method != Method::GET && origin.is_none() && site.is_none() {
+    if !is_reading && origin.is_none() && site.is_none() {
         let problem = "the request does not say which page has made it (header Origin)";
         return Err(Refused::new(StatusCode::FORBIDDEN, problem));
     }

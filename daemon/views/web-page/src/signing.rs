@@ -81,7 +81,7 @@ pub(crate) async fn sign_out(
     headers: HeaderMap,
 ) -> Result<Response, Refused> {
     let caller = Caller::of(&state, &headers, &client)?;
-    caller.check_csrf(&headers)?;
+    crate::api::check_csrf(&state, &caller, (&headers, client.from), "sign out")?;
     if let Caller::Screen { person, .. } = &caller {
         let problem = format!(
             "no person has signed in at this screen; `althing people remove {}` ends it",

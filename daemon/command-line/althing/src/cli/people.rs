@@ -177,7 +177,7 @@ pub(crate) struct PeopleLogArgs {
     #[arg(value_name = "NAME")]
     pub(crate) name: Option<String>,
     /// How many requests are shown, the newest ones
-    #[arg(long, value_name = "N", default_value_t = 50)]
+    #[arg(long, value_name = "N", default_value_t = 50, value_parser = at_least_one)]
     pub(crate) last: usize,
     #[command(flatten)]
     pub(crate) place: PeoplePlaceArgs,
@@ -224,4 +224,12 @@ fn role() -> impl clap::builder::TypedValueParser<Value = PersonRole> {
         let role = PersonRole::ALL.into_iter().find(|role| role.as_str() == word);
         role.ok_or("no such role")
     })
+}
+
+/// Parses a number of at least one.
+fn at_least_one(text: &str) -> Result<usize, String> {
+    match text.parse() {
+        Ok(0) | Err(_) => Err("write a number of at least 1".to_owned()),
+        Ok(number) => Ok(number),
+    }
 }

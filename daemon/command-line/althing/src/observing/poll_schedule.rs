@@ -76,8 +76,10 @@ impl PollHints {
     pub(crate) fn note(&self, destination: &Destination) {
         use Performative::{Cancel, Inform, QueryRef, Request};
         let changed: &[Resource] = match destination {
-            // A question to a person, or the answer to one.
-            Destination::To(_, Subject::Message(QueryRef | Inform)) => &[Resource::Questions],
+            // A question to a person, or the answer to one. The Doorkeeper asks about agents that
+            // were discovered.
+            Destination::To(_, Subject::Message(QueryRef | Inform))
+            | Destination::All(_, QueryRef) => &[Resource::Questions, Resource::Discovered],
             Destination::To(agent, Subject::Message(Request | Cancel))
                 if agent.as_str() == PLAN_REQUESTER =>
             {

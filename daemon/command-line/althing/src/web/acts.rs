@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
-use accounts::Person;
+use accounts::{Person, PersonRight};
 use acl::content::{
     Achieve, AnswerQuestion, ChangeState, Keep, Outcome, PersonsAnswer, Reason, ReleaseStops,
     Report, Request, Stop,
 };
-use acl::{AgentId, ConversationId};
+use acl::{AgentId, ConversationId, IDENTIFIER_BYTES_MAX};
 use keyboard::{GoalRequest, UserEvent, UserRequest};
 use plan_requester::{DryRunResult, DryRunStep};
 use serde_json::json;
@@ -39,6 +39,9 @@ const GOAL_LIMIT_MAX: Duration = Duration::from_secs(24 * 3_600);
 /// sentence.
 const ASKED: (&str, &str) = ("act.asked", "it is asked for, and there is no answer yet");
 
+/// Beginning of the names of the Doorkeepers, one per daemon.
+const DOORKEEPER_PREFIX: &str = "doorkeeper-";
+
 /// Maximum number of agents that a sentence names; the others are counted.
 const NAMED_MAX: usize = 5;
 
@@ -48,6 +51,11 @@ pub(super) struct ActMeans {
     pub(super) page: Arc<PageView>,
     pub(super) agents: Arc<PersonAgents>,
     pub(super) answered: AnsweredQuestions,
+}
+
+/// Whether an agent is a Doorkeeper. The answer to its question admits agents or forbids them.
+pub(super) fn is_doorkeeper(agent: &AgentId) -> bool {
+    agent.as_str().starts_with(DOORKEEPER_PREFIX)
 }
 
 /// An act that is not carried out, with the reason for the person.
@@ -124,6 +132,11 @@ impl ActMeans {
     }
 
     async fn cancel(&self, person: &Person, conversation: &str) -> Result<ActOutcome, NotDone> {
+        if conversation.len() > IDENTIFIER_BYTES_MAX || conversation.contains(char::is_control) {
+            return Err("a conversation is a short text without control characters".to_owned());
+        }
+        // Who may not ask for goals may not end those of others.
+        self.agents.check_rights(&self.agents.name_of(&person.name)?, &any_goal())?;
         let conversation = ConversationId::new(conversation);
         let request = UserRequest::Cancel(conversation.clone());
         let asked = self.ask(person, request, FollowUntil::FirstAnswer).await?;
@@ -196,10 +209,7 @@ impl ActMeans {
         }
         // An action is requested from the Plan Executor as a plan; the right for it is that for
         // goals.
-        let (goal, defaults) = (String::new(), (Keep::default(), Default::default()));
-        let achieve = Achieve { goal, keep: defaults.0, priority: 0, partition: defaults.1 };
-        let own = self.agents.name_of(&person.name)?;
-        self.agents.check_rights(&own, &Request::Achieve(achieve))?;
+        self.agents.check_rights(&self.agents.name_of(&person.name)?, &any_goal())?;
         let asked = self.ask(person, request, FollowUntil::FirstAnswer).await?;
         Ok(followed(asked, ASKED))
     }
@@ -242,6 +252,11 @@ impl ActMeans {
         if person.screen.as_deref().is_some_and(|agent| agent != open.from.as_str()) {
             return Ok(None);
         }
+        if is_doorkeeper(&open.from) && !person.may(PersonRight::Admit) {
+            return Err("this question is about agents that want to take part, and you may not \
+                        `admit` them"
+                .to_owned());
+        }
         let answer = PersonsAnswer::plain(String::new());
         let request = Request::AnswerQuestion(AnswerQuestion { question: open.question, answer });
         self.agents.check_rights(&self.agents.name_of(&person.name)?, &request)?;
@@ -270,10 +285,9 @@ impl ActMeans {
     ) -> Result<ActOutcome, NotDone> {
         let named = format!("`{agent}` (");
         let open = questions::questions(&self.view).await;
-        let about = open.into_iter().find(|question| {
-            let is_doorkeeper = question.from.as_str().starts_with("doorkeeper");
-            is_doorkeeper && question.text.contains(&named)
-        });
+        let about = open
+            .into_iter()
+            .find(|question| is_doorkeeper(&question.from) && question.text.contains(&named));
         let Some(question) = about else {
             return Err(format!(
                 "nobody asks whether `{agent}` may take part: it was decided already, or `admit` in \
@@ -314,24 +328,46 @@ impl ActMeans {
         names: Vec<String>,
         because: String,
     ) -> Result<ActOutcome, NotDone> {
-        let by = self.agents.new_name(&person.name, "stop")?;
-        let id = stops::new_id().map_err(|problem| format!("failed to {problem}"))?;
-        let stop = Stop { id: id.clone(), scope: names.clone(), by: by.clone(), why: because };
-        let answers = stops::send_to_all(&self.view, by, &Request::Stop(stop)).await;
-        let answers = answers.map_err(|problem| format!("failed to {problem}"))?;
+        let mut earlier = self.repeated_stop(person, &names);
+        let (id, answers) = loop {
+            let (is_repeated, by) =
+                (earlier.is_some(), self.agents.new_name(&person.name, "stop")?);
+            let stop = match earlier.take() {
+                Some(earlier) => earlier,
+                None => {
+                    let id = stops::new_id().map_err(|problem| format!("failed to {problem}"))?;
+                    let (scope, why) = (names.clone(), because.clone());
+                    Stop { id, scope, by: by.clone(), why }
+                }
+            };
+            let id = stop.id.clone();
+            let answers = stops::send_to_all(&self.view, by, &Request::Stop(stop)).await;
+            let answers = answers.map_err(|problem| format!("failed to {problem}"))?;
+            // It may just have been released.
+            if !is_repeated || answers.values().all(|it| StopAnswer::is_obeyed(it.as_ref())) {
+                break (id, answers);
+            }
+        };
         let concerns_any = answers.values().any(|it| StopAnswer::is_concerned(it.as_ref()));
-        let unknown = names.iter().find(|name| !stops::is_known(&self.view, name, concerns_any));
-        if let (Some(unknown), false) = (unknown, concerns_any) {
-            return Err(format!(
-                "`{unknown}` is no agent that is present, and no place of the map: nothing was \
-                 stopped; whatever comes by that name is"
-            ));
+        let is_unknown = |name: &&String| !stops::is_known(&self.view, name, concerns_any);
+        let unknown: Vec<&String> = names.iter().filter(is_unknown).collect();
+        if !unknown.is_empty() {
+            return Err(unknown_names(&unknown, concerns_any));
         }
         let what = match names.as_slice() {
             [] => StopWords { key: "act.stopped-all", verb: "stopped", what: "everything".into() },
             names => StopWords { key: "act.stopped", verb: "stopped", what: names.join(", ") },
         };
         Ok(self.stopped(&answers, &what, Some(&id)))
+    }
+
+    /// Returns the stop of the same names that the person has in force already. It is sent again: a
+    /// key that is pressed often must not fill the list of stops, which then become one of everything.
+    fn repeated_stop(&self, person: &Person, names: &[String]) -> Option<Stop> {
+        let own = format!("{}-stop", person.name);
+        let stops = self.page.read(|view| view.stops(observing::now()));
+        let is_own = |stop: &Stop| stop.scope == names && stop.by.as_str().starts_with(&own);
+        stops.into_iter().map(|row| row.stop).find(is_own)
     }
 
     async fn release(&self, person: &Person, ids: Vec<String>) -> Result<ActOutcome, NotDone> {
@@ -375,7 +411,8 @@ impl ActMeans {
             |(_, answer): &(&AgentId, &Option<StopAnswer>)| !StopAnswer::is_obeyed(answer.as_ref());
         let doubtful = answers.iter().filter(is_doubtful).map(|(agent, _)| agent);
         let doubtful: Vec<_> = doubtful.chain(&absent).map(|agent| format!("`{agent}`")).collect();
-        let done = words.outcome(answers.len(), &doubtful);
+        let concerned = answers.values().filter(|it| StopAnswer::is_concerned(it.as_ref()));
+        let done = words.outcome(concerned.count(), &doubtful);
         ActOutcome { detail: json!({ "id": id, "agents": rows }), ..done }
     }
 }
@@ -408,6 +445,27 @@ impl StopWords {
     }
 }
 
+/// Returns that names of a stop are those of nothing; `is_rest_stopped` states whether the stop
+/// concerns an agent nevertheless.
+fn unknown_names(unknown: &[&String], is_rest_stopped: bool) -> String {
+    let names: Vec<String> = unknown.iter().map(|name| format!("`{name}`")).collect();
+    let (is, that_name) = match unknown {
+        [_] => ("is no agent that is", "that name"),
+        _ => ("are no agents that are", "these names"),
+    };
+    let stopped = if is_rest_stopped { "the others were stopped" } else { "nothing was stopped" };
+    format!(
+        "{} {is} present, and no place of the map: {stopped}; whatever comes by {that_name} is",
+        names.join(", ")
+    )
+}
+
+/// Returns a request for a goal, for which a right is checked.
+fn any_goal() -> Request {
+    let (goal, keep, partition) = (String::new(), Keep::default(), Default::default());
+    Request::Achieve(Achieve { goal, keep, priority: 0, partition })
+}
+
 /// Returns the time limit of a goal.
 fn limit(mode: GoalMode, within_ms: Option<u64>) -> Result<Option<Duration>, NotDone> {
     match (mode, within_ms.map(Duration::from_millis)) {
@@ -416,7 +474,7 @@ fn limit(mode: GoalMode, within_ms: Option<u64>) -> Result<Option<Duration>, Not
             Err("a goal that is kept has no time limit; cancel it when it is not needed".to_owned())
         }
         (GoalMode::Reach, Some(limit)) if limit.is_zero() || limit > GOAL_LIMIT_MAX => {
-            Err("the time limit of a goal is at most a day".to_owned())
+            Err("the time limit of a goal is more than zero and at most a day".to_owned())
         }
         (GoalMode::Reach, limit) => Ok(limit),
     }
@@ -431,6 +489,17 @@ fn action_of(step: &DryRunStep) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn names_of_nothing_are_told_whether_others_are_stopped_or_not() {
+        let [hall, lab] = ["hal", "lap"].map(str::to_owned);
+        let one = unknown_names(&[&hall], true);
+        assert!(one.starts_with("`hal` is no agent that is present"), "{one}");
+        assert!(one.contains("the others were stopped"), "{one}");
+        let two = unknown_names(&[&hall, &lab], false);
+        assert!(two.starts_with("`hal`, `lap` are no agents"), "{two}");
+        assert!(two.contains("nothing was stopped"), "{two}");
+    }
 
     #[test]
     fn a_limit_is_of_a_goal_that_is_reached_once() {

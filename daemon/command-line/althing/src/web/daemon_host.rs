@@ -71,6 +71,17 @@ impl PageHost for DaemonHost {
         Box::pin(async move { acts::carry_out(&means, &person, act).await })
     }
 
+    fn required_right(&self, act: &PageAct) -> Option<PersonRight> {
+        let PageAct::Answer { keyboard, question, .. } = act else { return act.right() };
+        let (id, now) = (format!("{keyboard}/{question}"), observing::now());
+        let is_admission = self.means.page.read(|view| {
+            let questions = view.questions(now);
+            let asked = questions.iter().find(|row| row.id.as_deref() == Some(id.as_str()));
+            asked.is_some_and(|row| acts::is_doorkeeper(&row.from))
+        });
+        if is_admission { Some(PersonRight::Admit) } else { act.right() }
+    }
+
     fn describe(&self) -> PageSetup {
         // The answer is there for the next call: a page asks when it is opened and when a person
         // begins to build a goal.

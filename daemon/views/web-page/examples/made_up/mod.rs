@@ -553,6 +553,16 @@ impl PageHost for MadeUp {
         Box::pin(async { outcome })
     }
 
+    fn required_right(&self, act: &PageAct) -> Option<PersonRight> {
+        let PageAct::Answer { question, .. } = act else { return act.right() };
+        let state = self.state();
+        let asked = state.questions.iter().find(|asked| asked.number == *question);
+        match asked.is_some_and(|asked| asked.from.starts_with("doorkeeper-")) {
+            true => Some(PersonRight::Admit),
+            false => act.right(),
+        }
+    }
+
     fn describe(&self) -> PageSetup {
         let state = self.state();
         let parameter = |name: &str, kind: &str| SetupParameter {

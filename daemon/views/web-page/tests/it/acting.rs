@@ -44,6 +44,22 @@ async fn each_act_needs_its_right() {
 }
 
 #[tokio::test]
+async fn an_answer_that_admits_an_agent_needs_the_right_to_admit() {
+    let served = Served::new().await;
+    let (ada, cleo) = (served.sign_in("ada").await, served.sign_in("cleo").await);
+    served.host.ask("doorkeeper-pi-0", "May `plug` take part?", Duration::from_secs(60), false);
+    let answer = json!({ "act": "answer", "keyboard": "hall", "question": 1, "text": "yes plug" });
+    let (status, outcome) = act(&served, &cleo, answer.clone()).await;
+    assert_eq!(status, 403, "{outcome}");
+    assert!(outcome["problem"].as_str().expect("a sentence").contains("`admit`"), "{outcome}");
+    assert_eq!(act(&served, &ada, answer).await.0, 200);
+    let log = served.log.recent(2);
+    for request in &log {
+        assert!(request.what.contains("hall/1, which admits agents"), "{log:?}");
+    }
+}
+
+#[tokio::test]
 async fn goals_are_said_in_words() {
     let served = Served::new().await;
     let ben = served.sign_in("ben").await;

@@ -112,6 +112,24 @@ async fn an_act_carries_the_token_of_its_session() {
 }
 
 #[tokio::test]
+async fn a_forged_request_of_any_path_is_logged() {
+    for (line, what) in [
+        ("POST /api/sign-out", "sign out"),
+        ("POST /api/push", "change notifications"),
+        ("POST /api/push/remove", "change notifications"),
+    ] {
+        let served = Served::new().await;
+        let session = served.sign_in("ada").await;
+        let headers = served.headers(&session).replace(&session.csrf, "another");
+        assert_eq!(served.ask(line, &headers, "{}").await.status, 403, "{line}");
+        let log = served.log.recent(10);
+        let told = log.iter().find(|request| request.what == what);
+        let told = told.unwrap_or_else(|| panic!("{line} is not logged: {log:?}"));
+        assert!(told.outcome.starts_with("refused: "), "{told:?}");
+    }
+}
+
+#[tokio::test]
 async fn only_the_cookie_of_an_open_session_counts() {
     let served = Served::new().await;
     let session = served.sign_in("ada").await;
