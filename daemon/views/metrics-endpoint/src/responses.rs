@@ -52,8 +52,9 @@ impl Responder {
 
     /// Returns the answer to a request; its body is not read.
     pub(crate) fn respond<B>(&self, request: &Request<B>) -> Response<Full<Bytes>> {
-        if self.requires_address && !names_address(request.headers()) {
-            let text = "the header Host names another machine; ask by an address, or localhost\n";
+        if self.requires_address && !names_address(request) {
+            let text =
+                "name this machine once, in the header Host, by an address or as localhost\n";
             return answer(StatusCode::MISDIRECTED_REQUEST, PLAIN_TEXT, text.to_owned());
         }
         if !matches!(*request.method(), Method::GET | Method::HEAD) {
@@ -101,10 +102,15 @@ fn answer(status: StatusCode, media_type: &'static str, text: String) -> Respons
     response
 }
 
-/// Whether a request names the host by an address, as `localhost`, or not at all.
-fn names_address(headers: &HeaderMap) -> bool {
-    let Some(host) = headers.get(header::HOST) else { return true };
+/// Whether a request names this machine once, by an address or as `localhost`.
+fn names_address<B>(request: &Request<B>) -> bool {
+    let mut hosts = request.headers().get_all(header::HOST).iter();
+    let (Some(host), None) = (hosts.next(), hosts.next()) else { return false };
     let Ok(host) = host.to_str() else { return false };
+    // Only proxies are asked for whole addresses.
+    if request.uri().authority().is_some() {
+        return false;
+    }
     let name = match host.strip_prefix('[') {
         Some(rest) => rest.split(']').next().unwrap_or_default(),
         None => host.split(':').next().unwrap_or_default(),
@@ -150,9 +156,13 @@ mod tests {
             (Method::POST, "/metrics", 405),
             (Method::DELETE, "/healthz", 405),
         ] {
-            assert_eq!(status(method.clone(), path, None, &[]), expected, "{method} {path}");
+            assert_eq!(
+                status(method.clone(), path, Some("localhost"), &[]),
+                expected,
+                "{method} {path}"
+            );
         }
-        assert_eq!(status(Method::GET, "/healthz", None, &["no disk"]), 503);
+        assert_eq!(status(Method::GET, "/healthz", Some("[::1]:1"), &["no disk"]), 503);
     }
 
     #[test]
@@ -164,5 +174,13 @@ mod tests {
         for host in ["evil.example", "evil.example:9464", "", "127.0.0.1.evil.example", "["] {
             assert_eq!(status(Method::GET, "/metrics", Some(host), &[]), 421, "{host}");
         }
+        assert_eq!(status(Method::GET, "/metrics", None, &[]), 421, "it names none");
+        let whole = "http://evil.example/metrics";
+        assert_eq!(status(Method::GET, whole, Some("127.0.0.1"), &[]), 421, "it names two");
+        let hosts = ["127.0.0.1", "evil.example"];
+        let two = Request::builder().uri("/metrics").header(header::HOST, hosts[0]);
+        let two = two.header(header::HOST, hosts[1]).body(()).expect("a request");
+        let responder = Responder::new(Arc::new(Patient(Vec::new())), false);
+        assert_eq!(responder.respond(&two).status(), StatusCode::MISDIRECTED_REQUEST);
     }
 }
