@@ -129,7 +129,8 @@ pub type TopicText = (String, String);
 pub struct ReceivedText {
     /// The text itself.
     pub text: Arc<str>,
-    /// Time when the text was received.
+    /// Time when the text was received. If the broker repeats a retained text, this is the time when
+    /// it was received first.
     pub at: Instant,
     /// Number of the connection over which the text was received.
     pub session: u64,
@@ -301,6 +302,9 @@ impl BrokerConnection {
         let mut filters = Vec::new();
         {
             let mut topics = lock(&self.topics);
+            // Before the topics are collected: one that is added later is subscribed to by its
+            // listener, which reads this.
+            self.problem.send_replace(None);
             topics.session += 1;
             let TopicStates { single, patterns, session } = &mut *topics;
             for (topic, said) in single.iter().chain(patterns.iter()) {
@@ -316,7 +320,6 @@ impl BrokerConnection {
         let wanted = inboxes.iter().map(|(filter, _)| filter.clone());
         filters.extend(wanted.filter(|filter| filter_problem(filter).is_none()));
         drop(inboxes);
-        self.problem.send_replace(None);
         self.subscribe(filters);
     }
 
@@ -390,8 +393,11 @@ impl BrokerConnection {
                 tracing::warn!(topic, "ignored a message of more than {KEPT_TEXT_BYTES_MAX} bytes");
                 return;
             }
-            let word = ReceivedText { text: text.into(), at: Instant::now(), session, is_retained };
             said.send_modify(|said| {
+                // A retained text that is known comes again with each connection, and is no younger.
+                let known = said.texts.front().filter(|known| is_retained && *known.text == *text);
+                let at = known.map_or_else(Instant::now, |known| known.at);
+                let word = ReceivedText { text: text.into(), at, session, is_retained };
                 said.count += 1;
                 said.texts.truncate(KEPT_TEXTS_MAX - 1);
                 said.texts.push_front(word);
@@ -412,9 +418,13 @@ fn client_name(called: &str) -> String {
 async fn serve(connection: Weak<BrokerConnection>, mut events: EventLoop, broker: Broker) {
     let (mut pause, mut since) = (RECONNECT_WAIT, None::<Instant>);
     loop {
-        // The files with the password and the certificates are read at each attempt, so that
-        // corrections take effect.
-        let event = match broker.prepare(&mut events.mqtt_options) {
+        // The files with the password and the certificates are read at each attempt to connect, so
+        // that corrections take effect. A connection that is there needs none of them.
+        let prepared = match since {
+            None => broker.prepare(&mut events.mqtt_options),
+            Some(_) => Ok(()),
+        };
+        let event = match prepared {
             Ok(()) => events.poll().await.map_err(|error| {
                 lengthen_keep_alive(&mut events.mqtt_options, &error);
                 error.to_string()

@@ -14,7 +14,7 @@ use std::time::Duration;
 
 use actuator::BoxFuture;
 use agent::{Blueprint, BuildError};
-use mqtt_link::{Broker, BrokerConnection, TopicState};
+use mqtt_link::{Broker, BrokerConnection, ReceivedText, TopicState};
 use tokio::sync::watch;
 
 use crate::config::HardwareConfig;
@@ -100,10 +100,13 @@ impl MqttProbe {
     /// Returns the last value of a quantity, or the reason why the quantity has no value. Returns
     /// `None` if no message was received yet.
     fn read(&self, quantity: &str, said: &TopicState) -> Option<Result<Measurement, String>> {
-        let (newest, named) = (said.texts.front()?, SensorQuantity::named(quantity).ok()?);
+        let named = SensorQuantity::named(quantity).ok()?;
+        // A yes or no may have changed while the broker was away, and the device need not repeat it.
+        let counts = |word: &&ReceivedText| !named.is_noticed() || word.session == said.session;
+        let newest = said.texts.iter().find(counts)?;
         // A text without this quantity does not invalidate an earlier value; a text with an invalid
         // value does.
-        let measured = said.texts.iter().find_map(|word| {
+        let measured = said.texts.iter().filter(counts).find_map(|word| {
             let value = self.format.extract(&word.text, named)?;
             Some(value.map(|value| Measurement { value, at: word.at }))
         });
@@ -161,7 +164,9 @@ impl Probe for MqttProbe {
         // model is needed then.
         let Some(link) = lock(&self.subscriptions).clone() else { return true };
         let is_offline = link.availability.as_ref().is_some_and(|said| {
-            said.borrow().texts.front().is_some_and(|word| text::is_offline(&word.text))
+            let said = said.borrow();
+            let newest = said.texts.front().filter(|word| word.session == said.session);
+            newest.is_some_and(|word| text::is_offline(&word.text))
         });
         link.trouble.borrow().is_none() && !is_offline
     }

@@ -220,7 +220,9 @@ impl FeatureTracker {
                     let reason = "it has reported nothing for too long".to_owned();
                     return FeatureStatus::NotKnown(Some(reason));
                 }
-                if is_set && *session != self.session(feature) {
+                // A yes or no may have changed meanwhile, and the device need not repeat it.
+                let may_differ = is_set || matches!(value, ObservedValue::Yes(_));
+                if may_differ && *session != self.session(feature) {
                     let reason = match known.feature.states.is_empty() {
                         true => "it reports no state, and the broker was away since its command",
                         false => "it has reported nothing since the broker was away",
