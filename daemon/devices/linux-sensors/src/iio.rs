@@ -19,6 +19,15 @@ const KINDS: &[(&str, SysfsQuantity, f64)] = &[
     ("distance", SysfsQuantity::Distance, 1.0),
 ];
 
+/// Beginnings of the names of quantities that only sensors of the air measure.
+const AIR: &[&str] = &["humidityrelative", "pressure", "concentration"];
+
+/// Beginnings of the names of chips that measure the temperature around them or at a probe.
+const THERMOMETERS: &[&str] = &[
+    "ad741", "ltc2983", "max3185", "max3186", "mcp9600", "mcp9601", "mcp98", "mlx90614",
+    "mlx90632", "tmp006", "tmp007", "tmp11", "tsic", "tsys",
+];
+
 /// Suffixes of channels without current measurements: maximum and minimum since the start, and
 /// averages.
 const DERIVED: &[&str] = &["_peak", "_trough", "_mean"];
@@ -73,5 +82,21 @@ fn channel(device: &DeviceIdentity, file: &Path) -> Option<SensorChannel> {
     let (fault, no_values, at_power_up, factor) = (None, &[][..], None, *factor);
     let reading = ValueFiles { file, offset, scale, fault, no_values, at_power_up, factor };
     let (device, name) = (device.clone(), name.to_owned());
-    Some(SensorChannel { device, name, quantity: *quantity, is_ambient: true, reading })
+    let is_ambient = *quantity != SysfsQuantity::Temperature || is_of_room(&device, &reading.file);
+    Some(SensorChannel { device, name, quantity: *quantity, is_ambient, reading })
+}
+
+/// Whether a temperature is that of the room: power chips, converters and inertial sensors report
+/// their own, and infrared thermometers that of an object.
+fn is_of_room(device: &DeviceIdentity, file: &Path) -> bool {
+    let measures_air = || {
+        let siblings = file.parent().map(list).unwrap_or_default();
+        siblings.iter().filter_map(|file| file_name(file)).any(|name| {
+            let kind = name.strip_prefix("in_").unwrap_or_default();
+            AIR.iter().any(|air| kind.starts_with(air))
+        })
+    };
+    let is_of_object = file_name(file).is_some_and(|name| name.contains("_object"));
+    let is_thermometer = THERMOMETERS.iter().any(|chip| device.name.starts_with(chip));
+    !is_of_object && (is_thermometer || measures_air())
 }

@@ -75,7 +75,7 @@ impl MotionEvents {
     pub async fn next(&mut self) -> Result<bool, LinkError> {
         let pulled = self.pull().await;
         if pulled.is_err() {
-            self.subscription = None;
+            self.abandon();
         }
         pulled?;
         Ok(self.is_motion())
@@ -89,8 +89,16 @@ impl MotionEvents {
     /// Ends the subscription. Cameras have few of them, and keep each for minutes otherwise.
     pub async fn close(&mut self) {
         if let Some(subscription) = self.subscription.take() {
-            self.unsubscribe(&subscription).await;
+            unsubscribe(&self.camera, &subscription).await;
         }
+    }
+
+    /// Ends the subscription beside everything else, as far as the camera can be reached.
+    fn abandon(&mut self) {
+        let Some(subscription) = self.subscription.take() else { return };
+        let Ok(runtime) = tokio::runtime::Handle::try_current() else { return };
+        let camera = Arc::clone(&self.camera);
+        runtime.spawn(async move { unsubscribe(&camera, &subscription).await });
     }
 
     async fn pull(&mut self) -> Result<(), LinkError> {
@@ -155,8 +163,7 @@ impl MotionEvents {
             if known.since.elapsed() < SUBSCRIPTION_AGE_MAX {
                 return Ok(known.clone());
             }
-            let old = known.clone();
-            self.unsubscribe(&old).await;
+            unsubscribe(&self.camera, known).await;
         }
         let fresh = self.subscribe().await?;
         self.subscription = Some(fresh.clone());
@@ -209,14 +216,20 @@ impl MotionEvents {
             tracing::debug!(camera = %self.camera.session.address(), "failed to {error}");
         }
     }
+}
 
-    async fn unsubscribe(&self, subscription: &Subscription) {
-        let action = format!("{NOTIFICATION_ACTIONS}/SubscriptionManager/UnsubscribeRequest");
-        let operation = Operation { namespace: NOTIFICATION, name: "Unsubscribe", action: &action };
-        let call = subscription.call(operation, "", CALL_TIME_MAX);
-        if let Err(error) = self.camera.session.call(&call).await {
-            tracing::debug!(camera = %self.camera.session.address(), "failed to {error}");
-        }
+impl Drop for MotionEvents {
+    fn drop(&mut self) {
+        self.abandon();
+    }
+}
+
+async fn unsubscribe(camera: &OnvifCamera, subscription: &Subscription) {
+    let action = format!("{NOTIFICATION_ACTIONS}/SubscriptionManager/UnsubscribeRequest");
+    let operation = Operation { namespace: NOTIFICATION, name: "Unsubscribe", action: &action };
+    let call = subscription.call(operation, "", CALL_TIME_MAX);
+    if let Err(error) = camera.session.call(&call).await {
+        tracing::debug!(camera = %camera.session.address(), "failed to {error}");
     }
 }
 

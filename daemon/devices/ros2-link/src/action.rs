@@ -43,7 +43,7 @@ const SERVER_LOST_AFTER: Duration = Duration::from_secs(10);
 /// Least duration of a request for the result that shows, although it ends without an answer, that
 /// the robot is reachable: a node of the robot has held the request. If no node receives it, Zenoh
 /// ends the request within the round trip.
-const HELD_FOR: Duration = Duration::from_secs(1);
+pub(crate) const HELD_FOR: Duration = Duration::from_secs(1);
 
 /// Pause before the next request for the result, after one that ended without an answer.
 const ASK_AGAIN: Duration = Duration::from_millis(250);
@@ -190,8 +190,9 @@ impl ActionClient {
         self.link.call(&service, &type_name, request, within).await
     }
 
-    /// Cancels a goal.
-    pub(crate) async fn cancel(&self, id: &[u8]) -> Result<(), RosError> {
+    /// Cancels a goal, or all goals if `id` is zero. Returns the identifiers of the goals that the
+    /// server is cancelling.
+    pub(crate) async fn cancel(&self, id: &[u8]) -> Result<Vec<Value>, RosError> {
         let service = format!("{}/_action/cancel_goal", self.name);
         let request = json!({ "goal_info": { "goal_id": { "uuid": id } } });
         let cancelled = self
@@ -200,7 +201,14 @@ impl ActionClient {
             .await?;
         match cancelled["return_code"].as_i64() {
             // 0: cancelling; 3: the goal is over already.
-            Some(0 | 3) => Ok(()),
+            Some(0 | 3) => {
+                let goals = cancelled["goals_canceling"].as_array();
+                Ok(goals
+                    .into_iter()
+                    .flatten()
+                    .map(|goal| goal["goal_id"]["uuid"].clone())
+                    .collect())
+            }
             code => {
                 let code = code.map_or("none".to_owned(), |code| code.to_string());
                 Err(RosError::Robot(format!("cancel its goal: the server answered {code}")))

@@ -4,8 +4,9 @@ use std::time::Duration;
 
 use serde::Deserialize;
 use serde_json::{Value, json};
+use tokio::time::Instant;
 
-use crate::action::ActionClient;
+use crate::action::{ActionClient, HELD_FOR};
 use crate::error::RosError;
 use crate::nav2::Nav2Robot;
 
@@ -50,17 +51,10 @@ impl Nav2Robot {
     async fn end_all_goals(&self) -> Result<(), RosError> {
         let navigation = self.navigation().await?;
         let (dock, undock) = (self.docking().await?, self.undocking().await?);
+        // Many robots have no dock.
         let (ended, docking, undocking) =
-            tokio::join!(navigation.end_all(), dock.end_all(), undock.end_all());
-        ended?;
-        for other in [docking, undocking] {
-            match other {
-                // Many robots have no dock.
-                Ok(()) | Err(RosError::NoAnswer { .. }) => (),
-                Err(error) => return Err(error),
-            }
-        }
-        Ok(())
+            tokio::join!(navigation.end_all(), dock.end_all_if_there(), undock.end_all_if_there());
+        ended.and(docking).and(undocking)
     }
 
     async fn set_velocity_zero(&self, velocity: VelocityMessage) -> Result<(), RosError> {
@@ -85,13 +79,41 @@ impl ActionClient {
     /// Returns an error if the server does not confirm the cancellation.
     pub async fn end_all(&self) -> Result<(), RosError> {
         // To ROS, an identifier and a time of zero mean all goals.
-        self.cancel(&[0; 16]).await?;
+        let cancelled = self.cancel(&[0; 16]).await?;
         let mut statuses = self.statuses();
-        while statuses.latest()?.as_ref().is_some_and(has_goal) {
-            statuses.next().await?;
+        let (mut known, mut is_fresh) = (statuses.latest()?, false);
+        loop {
+            let is_over = match &known {
+                None => cancelled.is_empty(),
+                // Statuses from before the cancellation need not list all goals.
+                Some(known) => !has_goal(known) && (is_fresh || are_listed(known, &cancelled)),
+            };
+            if is_over {
+                return Ok(());
+            }
+            (known, is_fresh) = (Some(statuses.next().await?), true);
         }
-        Ok(())
     }
+}
+
+impl ActionClient {
+    /// Does the same as [`ActionClient::end_all`] if there is a server.
+    async fn end_all_if_there(&self) -> Result<(), RosError> {
+        let asked_at = Instant::now();
+        match self.end_all().await {
+            // A server that holds the request and does not answer may go on.
+            Err(RosError::NoAnswer { .. }) if asked_at.elapsed() < HELD_FOR => Ok(()),
+            ended => ended,
+        }
+    }
+}
+
+/// Whether an array of statuses lists all goals with the identifiers `goals`.
+fn are_listed(statuses: &Value, goals: &[Value]) -> bool {
+    let list = statuses["status_list"].as_array().map_or(&[][..], Vec::as_slice);
+    let is_listed =
+        |goal: &Value| list.iter().any(|status| status["goal_info"]["goal_id"]["uuid"] == *goal);
+    goals.iter().all(is_listed)
 }
 
 /// Whether a goal in an array of statuses is accepted, running or being cancelled.
@@ -103,6 +125,15 @@ fn has_goal(statuses: &Value) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn statuses_from_before_list_not_all_goals() {
+        let status = |number: u8| json!({ "goal_info": { "goal_id": { "uuid": [number] } } });
+        let statuses = json!({ "status_list": [status(1), status(2)] });
+        assert!(are_listed(&statuses, &[json!([1]), json!([2])]));
+        assert!(!are_listed(&statuses, &[json!([3])]));
+        assert!(are_listed(&json!({ "status_list": [] }), &[]));
+    }
 
     #[test]
     fn goals_are_over_when_none_is_accepted_running_or_cancelled() {

@@ -84,12 +84,17 @@ impl TopicReader {
             .await
             .map_err(RosError::zenoh)?;
         let (appeared, mut publishers) = mpsc::channel(PUBLISHERS_MAX);
+        let forgetting = Arc::clone(&inbox);
         let tokens = session
             .liveliness()
             .declare_subscriber(format!("{key}/@adv/pub/**"))
             .callback(move |token| {
-                if token.kind() == SampleKind::Put {
-                    drop(appeared.try_send(token.key_expr().to_string()));
+                match token.kind() {
+                    SampleKind::Put => drop(appeared.try_send(token.key_expr().to_string())),
+                    // The last message of a node that has ended says nothing about the present.
+                    SampleKind::Delete => {
+                        forgetting.latest.send_replace(None);
+                    }
                 }
             })
             .await

@@ -344,7 +344,8 @@ impl Browser {
             }
             Some("Page.loadEventFired") => self.is_loaded |= self.has_arrived,
             Some("Page.javascriptDialogOpening") => {
-                let close = json!({ "accept": false });
+                // To refuse the dialog before a page is left means to stay there.
+                let close = json!({ "accept": parameters["type"] == "beforeunload" });
                 self.send("Page.handleJavaScriptDialog", close).await?;
             }
             _ => (),

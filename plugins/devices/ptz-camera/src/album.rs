@@ -79,7 +79,7 @@ impl Album {
         let path = self.folder.join(format!("{}_{}_{place}.{kind}", self.camera, now()));
         // Readers find only complete files.
         fs::rename(part.path(), &path)?;
-        self.drop_oldest(kind)?;
+        self.drop_oldest(kind, &path)?;
         Ok(path)
     }
 
@@ -88,11 +88,14 @@ impl Album {
         Ok(PartFile(self.folder.join(format!("{}_{}.{PART}", self.camera, now()))))
     }
 
-    fn drop_oldest(&self, kind: &str) -> io::Result<()> {
+    /// Removes the oldest files beside `newest` that exceed the maximum.
+    fn drop_oldest(&self, kind: &str, newest: &Path) -> io::Result<()> {
         let mut files = self.files(kind)?;
+        // It sorts first if the clock of the machine was set back.
+        files.retain(|path| path != newest);
         // The time follows the camera's name, so that sorting by name is sorting by time.
         files.sort();
-        let surplus = files.len().saturating_sub(self.keep);
+        let surplus = (files.len() + 1).saturating_sub(self.keep);
         files.iter().take(surplus).try_for_each(fs::remove_file)
     }
 

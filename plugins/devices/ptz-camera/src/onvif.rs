@@ -184,6 +184,8 @@ impl Camera for OnvifDriver {
             turning::check_view(&shared, &preset).await?;
             let camera = shared.camera().await.map_err(text)?;
             let picture = camera.snapshot().await.map_err(text)?;
+            // Somebody may have turned the camera meanwhile.
+            turning::check_view(&shared, &preset).await?;
             let caption = format!("{} kB", picture.content.len().div_ceil(1_000));
             let content = FileContent::Made(Box::new(move || picture.content.to_vec()));
             Ok(RecordedFile { extension: picture.extension, content, caption })

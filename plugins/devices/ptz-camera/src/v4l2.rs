@@ -277,17 +277,21 @@ impl Camera for V4l2Driver {
             let began = Instant::now();
             let mut pictures = shared.picture.subscribe();
             // A picture that was taken before may show what was there before a turn.
-            let newer = pictures
-                .wait_for(|picture| picture.as_ref().is_some_and(|(arrived, _)| *arrived > began));
-            let newer = tokio::time::timeout(PICTURE_TIME_MAX, newer).await;
-            let picture = match newer {
-                Ok(Ok(picture)) => picture.as_ref().map(|(_, picture)| Arc::clone(picture)),
-                _ => None,
+            let picture = {
+                let newer = pictures.wait_for(|picture| {
+                    picture.as_ref().is_some_and(|(arrived, _)| *arrived > began)
+                });
+                match tokio::time::timeout(PICTURE_TIME_MAX, newer).await {
+                    Ok(Ok(picture)) => picture.as_ref().map(|(_, picture)| Arc::clone(picture)),
+                    _ => None,
+                }
             };
             let picture = picture.ok_or_else(|| {
                 format!("get a picture of {} within {PICTURE_TIME_MAX:?}", shared.settings.device)
             })?;
             shared.check()?;
+            // Somebody may have turned the camera meanwhile.
+            shared.check_view(&preset).await?;
             let caption = format!("{} kB", picture.len().div_ceil(1_000));
             let content = FileContent::Made(Box::new(move || picture.to_vec()));
             Ok(RecordedFile { extension: "jpg", content, caption })

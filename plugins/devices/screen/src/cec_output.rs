@@ -57,7 +57,10 @@ impl CecOutput {
             } else if line.contains("Not Acknowledged") {
                 read.is_unanswered = true;
             } else if let Some(power) = line.strip_prefix("pwr-state: ") {
-                read.power = power_of(power).or(read.power);
+                // Other devices of the bus announce their power, too (CEC 2.0).
+                if received.is_empty() || received.trim_start().starts_with("TV") {
+                    read.power = power_of(power).or(read.power);
+                }
             } else {
                 read.take_field(received, line);
             }
@@ -97,6 +100,17 @@ fn power_of(text: &str) -> Option<Power> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_power_of_another_device_is_not_that_of_the_television() {
+        let output = "
+    Received from Audio System to all (5 to 15):
+    REPORT_POWER_STATUS (0x90):
+\tpwr-state: standby (0x01)";
+        assert_eq!(CecOutput::read(output).power, None);
+        let output = output.replace("Audio System to all (5 to 15)", "TV (0)");
+        assert_eq!(CecOutput::read(&output).power, Some(Power::Standby));
+    }
 
     /// Outputs of cec-ctl 1.22 in a real kernel (Debian's 6.1), whose driver `vivid` emulates the
     /// cable, and whose television is `cec-follower`.
