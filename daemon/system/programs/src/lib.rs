@@ -14,6 +14,7 @@ pub use running::{ProgramStart, ProgramWords, RunningProgram};
 
 use std::io;
 use std::path::Path;
+use std::pin::pin;
 use std::process::{ExitStatus, Stdio};
 use std::time::Duration;
 
@@ -135,13 +136,27 @@ impl Program {
         command.args(&self.arguments).stdin(Stdio::null()).stdout(Stdio::piped());
         command.stderr(Stdio::piped()).kill_on_drop(true).process_group(0);
         let mut child = command.spawn().map_err(failed(START))?;
-        let _group = child.id().map(ProgramGroup);
-        let (text, complaint) = tokio::join!(read(child.stdout.take()), read(child.stderr.take()));
+        let mut group = child.id().map(ProgramGroup);
+        let (stdout, stderr) = (child.stdout.take(), child.stderr.take());
+        let mut printed = pin!(async { tokio::join!(read(stdout), read(stderr)) });
+        let (status, (text, complaint)) = tokio::select! {
+            status = child.wait() => {
+                // Processes that the program leaves behind keep its pipes open.
+                drop(group.take());
+                (status, printed.await)
+            }
+            printed = &mut printed => {
+                if printed.0.as_ref().is_ok_and(|text| text.len() > OUTPUT_BYTES_MAX) {
+                    return Err(ProgramError::TooMuch { program: program() });
+                }
+                (child.wait().await, printed)
+            }
+        };
         let text = text.map_err(failed("read the output of"))?;
         if text.len() > OUTPUT_BYTES_MAX {
             return Err(ProgramError::TooMuch { program: program() });
         }
-        let status = child.wait().await.map_err(failed("wait for"))?;
+        let status = status.map_err(failed("wait for"))?;
         if !status.success() {
             let complaint = last_line(&complaint.unwrap_or_default());
             return Err(ProgramError::Failed { program: program(), status, complaint });
@@ -274,6 +289,16 @@ mod tests {
         let pids = std::fs::read_to_string(&file).expect("it has begun");
         assert_eq!(pids.lines().count(), 2);
         all_end(&pids).await;
+    }
+
+    #[tokio::test]
+    async fn a_child_that_keeps_the_pipes_delays_nothing() {
+        let text = "sleep 600 & echo $!";
+        let pids = script(text).run(PATIENCE).await.expect("it ends well");
+        all_end(&pids).await;
+        let text = "sleep 600 & echo no bulb >&2; exit 4";
+        let said = problem(script(text), PATIENCE).await;
+        assert_eq!(said, "run `/bin/sh`: exit status: 4: no bulb");
     }
 
     #[tokio::test]

@@ -52,7 +52,8 @@ impl SavedQueues {
                 self.queues.insert(state.channel.name.clone(), waiting);
             }
         }
-        if !has_changed {
+        // A disk that has failed is tried again: it may have been full for a moment.
+        if !has_changed && !self.has_failed {
             return true;
         }
         let text = serde_json::to_vec(&self.queues).unwrap_or_default();

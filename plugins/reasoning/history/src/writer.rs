@@ -10,7 +10,7 @@ use crate::event::RecordedEvent;
 use crate::past::PastHistory;
 use crate::query;
 use crate::recorder::EventRecorder;
-use crate::store::{HistoryStore, HistoryStoreError, OpenedHistory};
+use crate::store::{HistoryStore, HistoryStoreError, OpenedHistory, SEGMENT_EVENTS};
 use crate::{HistoryAgent, wall_ms};
 
 /// Maximum number of events that wait for a disk that does not take them. Older ones are lost and
@@ -81,6 +81,19 @@ impl PendingEvents {
         events.append(&mut self.events);
         self.events = events;
         self.bound();
+    }
+
+    /// Gives all events numbers greater than `newest`, and returns by how much they have grown. A
+    /// day begins with a segment of its own, so the numbers grow by whole segments.
+    fn renumber(&mut self, newest: u64) -> u64 {
+        let Some(first) = self.events.first().map(|event| event.number) else { return 0 };
+        let shift = newest.saturating_sub(first).next_multiple_of(SEGMENT_EVENTS) + SEGMENT_EVENTS;
+        for event in &mut self.events {
+            event.number += shift;
+            event.cause =
+                event.cause.map(|cause| if cause < first { cause } else { cause + shift });
+        }
+        shift
     }
 
     fn bound(&mut self) {
@@ -176,6 +189,9 @@ impl HistoryAgent {
             history.work = None;
             match outcome {
                 Ok((written, events, answers)) => {
+                    if let HistoryDisk::Open(store) = &history.disk {
+                        history.pending.notices.extend(store.take_notices());
+                    }
                     if !is_paused {
                         history.written(written, events, lost, ctx);
                     }
@@ -208,6 +224,13 @@ impl HistoryAgent {
                 }
                 self.pending.lost_written = lost;
             }
+            Err(HistoryStoreError::Outnumbered { newest }) => {
+                self.pending.give_back(events);
+                self.pending.take(&mut self.recorder);
+                let shift = self.pending.renumber(newest);
+                self.recorder.skip_numbers(shift);
+                self.write(ctx);
+            }
             Err(error) => {
                 ctx.failure_counters().count_not_persisted();
                 if self.pending.failure.replace(error.to_string()).is_none() {
@@ -221,5 +244,27 @@ impl HistoryAgent {
                 });
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::event::test_event;
+
+    #[test]
+    fn events_get_greater_numbers_and_keep_their_causes() {
+        let mut pending = PendingEvents::default();
+        let mut of = |number, cause| {
+            let event = RecordedEvent { cause, ..test_event(number) };
+            pending.events.push(event);
+        };
+        of(70, Some(5));
+        of(71, Some(70));
+        let shift = pending.renumber(1_000_000);
+        let numbers: Vec<_> = pending.events.iter().map(|it| (it.number, it.cause)).collect();
+        assert_eq!(numbers, [(70 + shift, Some(5)), (71 + shift, Some(70 + shift))]);
+        assert!(numbers[0].0 > 1_000_000 && shift % SEGMENT_EVENTS == 0);
+        assert_eq!(PendingEvents::default().renumber(9), 0);
     }
 }

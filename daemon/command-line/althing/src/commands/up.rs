@@ -50,25 +50,12 @@ pub(super) fn run(args: &UpArgs) -> ExitCode {
         Err(exit) => return exit,
     };
     speech::learn(&ecosystem.words);
-    let wished = |goal: &String| wishes::goal(Some(&ecosystem), goal);
-    let goals: Result<Vec<_>, _> = args.goals.iter().map(wished).collect();
-    let goals = match goals {
-        Ok(goals) => goals,
-        Err(problem) => {
-            output::print_note(&format!("error: {problem}"));
-            return exit::with(exit::CONFIG);
-        }
+    let (goals, others) = match check_start(&ecosystem, &place, &args.goals) {
+        Ok(checked) => checked,
+        Err(exit) => return exit,
     };
     let manner =
         UpTasks { goals, has_prompt: args.keyboard, until_stdin_ends: args.until_stdin_ends };
-    let others = match others(&ecosystem, &place) {
-        Ok(others) => others,
-        Err(report) => return output::show(&report, false, "bad-input", exit::CONFIG),
-    };
-    if let Some(problem) = page_problem(&ecosystem, &place) {
-        output::print_note(&format!("error: {problem}"));
-        return exit::with(exit::CONFIG);
-    }
     if let Err(problem) = hosting::claim_state(&ecosystem.name, &place.daemon) {
         output::print_note(&format!("error: failed to {problem}"));
         return exit::with(exit::CONFIG);
@@ -87,6 +74,29 @@ pub(super) fn run(args: &UpArgs) -> ExitCode {
         read_text: ReadText::default(),
     };
     super::in_runtime(up(ecosystem, place, others, manner, reload))
+}
+
+/// Checks what a daemon needs to start beyond its own part of the ecosystem file: the goals of the
+/// command line, the files of other ecosystems, and the page. Mistakes are shown to the user; the
+/// error is the exit code.
+fn check_start(
+    ecosystem: &Ecosystem,
+    place: &HostedPart,
+    goals: &[String],
+) -> Result<(Vec<GoalRequest>, PeerInterfaces), ExitCode> {
+    let refused = |problem: String| {
+        output::print_note(&format!("error: {problem}"));
+        exit::with(exit::CONFIG)
+    };
+    let goals: Result<_, _> =
+        goals.iter().map(|goal| wishes::goal(Some(ecosystem), goal)).collect();
+    let goals = goals.map_err(refused)?;
+    let others = others(ecosystem, place)
+        .map_err(|report| output::show(&report, false, "bad-input", exit::CONFIG))?;
+    match page_problem(ecosystem, place) {
+        Some(problem) => Err(refused(problem)),
+        None => Ok((goals, others)),
+    }
 }
 
 /// Reads the ecosystem file and finds the part that this daemon hosts. Mistakes in the file are

@@ -255,6 +255,11 @@ impl EventRecorder {
         }
     }
 
+    /// Gives the next events numbers that are greater by `shift`.
+    pub fn skip_numbers(&mut self, shift: u64) {
+        self.next_number += shift;
+    }
+
     // === for the other files of the recorder ===
 
     /// Records an event, and returns a reference to it.

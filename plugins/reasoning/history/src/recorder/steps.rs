@@ -253,7 +253,9 @@ impl EventRecorder {
             return;
         }
         // A stop goes to all agents; one that moves nothing has nothing to stop.
-        if topic == ExchangeTopic::Stop && matches!(reason, Some(Reason::Incapable) | None) {
+        if topic == ExchangeTopic::Stop
+            && matches!(reason, Some(Reason::Incapable | Reason::UnexpectedPerformative) | None)
+        {
             return;
         }
         let detail = refusal.map_or_else(String::new, |refusal| format!(": {}", refusal.detail));
@@ -281,6 +283,8 @@ impl EventRecorder {
         let known = exchange
             .map(|exchange| (exchange.topic, Arc::clone(&exchange.subject), exchange.event));
         match (message.protocol, known) {
+            // Anybody can name a goal that never was.
+            (Some(Protocol::Goal), _) if !self.goals.contains(conversation) => (),
             (Some(Protocol::Goal), _) => {
                 let goal = self.goal(conversation, at_ms).goal.clone();
                 let cause = self.own_initiative(sender);

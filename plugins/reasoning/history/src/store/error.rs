@@ -54,6 +54,12 @@ pub enum HistoryStoreError {
     /// The embedded store returned an error when events were written.
     #[error("write to the history: {0}")]
     Write(String),
+    /// The newest file was broken and is moved aside. Numbers up to `newest` may have been used in it.
+    #[error("write to the history: its newest file was broken and is moved aside")]
+    Outnumbered {
+        /// Greatest number that an event may have had.
+        newest: u64,
+    },
     /// The embedded store returned an error when events were read.
     #[error("read the history: {0}")]
     Read(String),

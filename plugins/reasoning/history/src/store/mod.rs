@@ -41,6 +41,8 @@ pub struct HistoryStore {
     /// The open files; `None` after a failed write. The embedded store accepts no further writes
     /// then until a file is opened again, so the next use opens them.
     files: Mutex<Option<HistoryFiles>>,
+    /// Damaged files that were moved aside since the last [`HistoryStore::take_notices`].
+    notices: Mutex<Vec<String>>,
 }
 
 /// What was found when the history was opened.
@@ -71,8 +73,21 @@ impl HistoryStore {
         let (files, notices) = HistoryFiles::open(folder)?;
         let lost = files.parts.iter().map(|part| part.lost).max().unwrap_or(0);
         let opened = OpenedHistory { newest: files.newest, lost, notices };
-        let files = Mutex::new(Some(files));
-        Ok((HistoryStore { folder: folder.to_owned(), limits, files }, opened))
+        let (files, notices) = (Mutex::new(Some(files)), Mutex::default());
+        Ok((HistoryStore { folder: folder.to_owned(), limits, files, notices }, opened))
+    }
+
+    /// Opens the files again after a failed write.
+    fn reopen(&self) -> Result<HistoryFiles, HistoryStoreError> {
+        let (files, moved) = HistoryFiles::open(&self.folder)?;
+        self.notices.lock().unwrap_or_else(PoisonError::into_inner).extend(moved);
+        Ok(files)
+    }
+
+    /// Returns the damaged files that were moved aside since the last call, each as text for a
+    /// person.
+    pub(crate) fn take_notices(&self) -> Vec<String> {
+        std::mem::take(&mut *self.notices.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// Writes the events, which are in the order of their numbers, and deletes what is older than
@@ -82,7 +97,8 @@ impl HistoryStore {
     /// # Errors
     ///
     /// Returns an error if the disk does not take the events. Some of them may be on disk; the
-    /// caller can give the same events again.
+    /// caller can give the same events again. Returns [`HistoryStoreError::Outnumbered`] if the
+    /// events need greater numbers.
     pub fn append(
         &self,
         events: &[RecordedEvent],
@@ -92,8 +108,16 @@ impl HistoryStore {
         let mut guard = self.files.lock().unwrap_or_else(PoisonError::into_inner);
         let mut files = match guard.take() {
             Some(files) => files,
-            None => HistoryFiles::open(&self.folder)?.0,
+            None => self.reopen()?,
         };
+        // Without this check they would count as events that are on disk already.
+        if let Some(last) = events.last()
+            && last.number < files.newest
+        {
+            let newest = files.newest;
+            *guard = Some(files);
+            return Err(HistoryStoreError::Outnumbered { newest });
+        }
         files.append(&self.folder, events, lost, self.limits)?;
         files.enforce(self.limits, now_ms)?;
         *guard = Some(files);
@@ -112,7 +136,7 @@ impl HistoryStore {
         let mut guard = self.files.lock().unwrap_or_else(PoisonError::into_inner);
         let files = match guard.take() {
             Some(files) => files,
-            None => HistoryFiles::open(&self.folder)?.0,
+            None => self.reopen()?,
         };
         let files = guard.insert(files);
         read(&mut EventReader::new(files))

@@ -9,6 +9,7 @@
 use std::collections::BTreeSet;
 use std::io::IsTerminal as _;
 use std::path::PathBuf;
+use std::process::ExitCode;
 use std::sync::Arc;
 
 use ::building::Building;
@@ -82,13 +83,21 @@ impl Reload {
         }
     }
 
+    /// Reads the ecosystem file again. Mistakes are shown with their places. A file with which this
+    /// daemon could not start again has a mistake, too.
+    fn read(&self) -> Result<(Ecosystem, HostedPart), ExitCode> {
+        let (ecosystem, place) = read(&self.file, &self.overrides, self.asked.as_deref())?;
+        if place.daemon == self.place.daemon {
+            super::check_start(&ecosystem, &place, &self.goals)?;
+        }
+        Ok((ecosystem, place))
+    }
+
     /// Reads the ecosystem file again, and applies the changes that are possible in a running
     /// daemon. Prints the changes. Returns whether the daemon continues or has to restart itself.
     pub(super) async fn again(&mut self, node: &mut DaemonNode) -> ReloadOutcome {
         let file = self.file.display().to_string();
-        // Mistakes are shown by `read`, with their places.
-        let Ok((ecosystem, place)) = read(&self.file, &self.overrides, self.asked.as_deref())
-        else {
+        let Ok((ecosystem, place)) = self.read() else {
             output::print_note(&format!("SIGHUP: {file} has mistakes; nothing is changed"));
             return ReloadOutcome::Continue;
         };
