@@ -167,7 +167,8 @@ impl<'t> Solver<'t> {
         let first = improve::eliminate(self.task, first, self.cancel);
         // If costs are not exact, a plan that seems cheaper may be more expensive. The validator
         // computes the true costs and therefore receives both plans.
-        let is_told = self.options.effort == Effort::Anytime || !self.is_provable();
+        // The search for a cheapest plan may end at a limit of time or memory.
+        let is_told = self.options.effort != Effort::First || !self.is_provable();
         if is_told {
             tell(SearchProgress::Found(&first));
         }
@@ -232,17 +233,22 @@ impl<'t> Solver<'t> {
         first: Vec<OperatorId>,
         tell: &mut dyn FnMut(SearchProgress<'_>),
     ) -> (Vec<OperatorId>, StopReason) {
+        let is_asked = self.options.effort == Effort::Optimal;
+        // A* expands at least the states of a plan, and each evaluation needs about as many cuts as
+        // there are steps left.
+        let needed = (first.len() as u64).saturating_mul(first.len() as u64).max(1);
+        // The evaluator, which is as large as the task, has at least one part per operator.
+        let operators = self.task.operators.len().max(1) as u64;
+        if !is_asked && OPTIMAL_WORK_MAX / operators < needed {
+            return (first, StopReason::Exhausted);
+        }
         let evaluator = LandmarkCut::new(self.task);
         let size = evaluator.size().max(1) as u64;
-        let is_asked = self.options.effort == Effort::Optimal;
         let (explorations_max, expansions_max) = match is_asked {
             true => (u64::MAX, self.options.budget.expansions_max),
             false => (OPTIMAL_WORK_MAX / size, self.options.optimal_expansions_max),
         };
-        // A* expands at least the states of a plan, and each evaluation needs about as many cuts as
-        // there are steps left.
-        let needed = (first.len() as u64).saturating_mul(first.len() as u64);
-        if expansions_max == 0 || explorations_max < needed.max(1) {
+        if expansions_max == 0 || explorations_max < needed {
             return (first, StopReason::Exhausted);
         }
         let bound = weight(self.task, &first);
@@ -320,6 +326,8 @@ impl<'t> Solver<'t> {
                     tell(SearchProgress::Found(&best));
                 }
                 Err(StopReason::ExpansionLimit { .. }) if makes_room => (),
+                // The greedy stage keeps the first path to a state, so a cheaper one was perhaps dropped.
+                Err(StopReason::Exhausted) if weight.is_none() => (),
                 Err(StopReason::Exhausted) => {
                     // If all steps have the same cost, a cheapest plan is a shortest plan.
                     self.statistics.proven_optimal = self.task.costs_equal && self.is_provable();

@@ -151,6 +151,7 @@ impl<'t> FastForward<'t> {
         }
         self.plain_estimate = self.support_waiting(state);
         self.preferred.sort_unstable();
+        self.preferred.dedup();
         self.plain_count = self.preferred.len();
         if !self.covers_deficits || self.deficits.is_none() {
             return self.plain_estimate;
@@ -178,11 +179,12 @@ impl<'t> FastForward<'t> {
                 self.mark(self.relaxation.preconditions(supporter)[index]);
             }
             let Some(operator) = self.relaxation.origin(supporter) else { continue };
+            self.prefer((supporter, operator), state);
             let times = self.additive.repetitions(&self.relaxation, proposition);
             let known = self.times(operator);
             if times > known {
                 let relaxed = (supporter, operator);
-                cost = cost.saturating_add(self.apply(relaxed, times - known, state));
+                cost = cost.saturating_add(self.apply(relaxed, times - known));
             }
         }
         cost
@@ -194,9 +196,20 @@ impl<'t> FastForward<'t> {
         if mark.evaluation == self.evaluation { mark.times } else { 0 }
     }
 
+    /// Notes the operator of a relaxed one as preferred if it achieves in `state` what the relaxed one
+    /// is for: the condition of its effect must hold, too.
+    fn prefer(&mut self, (relaxed, operator): (u32, OperatorId), state: &State) {
+        let mut preconditions = self.relaxation.preconditions(relaxed).iter();
+        if preconditions.all(|one| self.relaxation.holds(state, *one))
+            && all_hold(state, self.task.operator(operator).preconditions)
+        {
+            self.preferred.push(operator);
+        }
+    }
+
     /// Adds an operator to the relaxed plan, `further` times. Returns the cost. The operator is that
     /// of the relaxed one.
-    fn apply(&mut self, relaxed: (u32, OperatorId), further: u32, state: &State) -> u64 {
+    fn apply(&mut self, relaxed: (u32, OperatorId), further: u32) -> u64 {
         let (relaxed, operator) = relaxed;
         let known = self.times(operator);
         let times = known.saturating_add(further);
@@ -205,9 +218,6 @@ impl<'t> FastForward<'t> {
         self.plan.extend(std::iter::repeat_n(operator, room.min(further as usize)));
         if known == 0 {
             self.chosen.push(operator);
-            if all_hold(state, self.task.operator(operator).preconditions) {
-                self.preferred.push(operator);
-            }
         }
         self.relaxation.base_cost(relaxed).saturating_mul(u64::from(further))
     }
@@ -229,7 +239,8 @@ impl<'t> FastForward<'t> {
                 for index in 0..self.relaxation.preconditions(*relaxed).len() {
                     self.mark(self.relaxation.preconditions(*relaxed)[index]);
                 }
-                cost = cost.saturating_add(self.apply((*relaxed, *operator), *times, state));
+                self.prefer((*relaxed, *operator), state);
+                cost = cost.saturating_add(self.apply((*relaxed, *operator), *times));
             }
             self.covers = covers;
             cost = cost.saturating_add(self.support_waiting(state));

@@ -9,11 +9,13 @@ pub(super) fn assign(axioms: &mut [LiftedAxiom], domain: &Domain) -> Result<(), 
     let heads: Vec<usize> = axioms.iter().map(|axiom| axiom.head).collect();
     let mut dependencies = Vec::new();
     for (index, axiom) in axioms.iter().enumerate() {
+        // All axioms of a predicate are of one stratum, also those whose bodies have no literals.
+        let same = (0..heads.len()).filter(|other| *other != index && heads[*other] == axiom.head);
+        dependencies.extend(same.map(|other| (index, other, 0)));
         axiom.body.literals(&mut |positive, atom| {
             for (other, head) in heads.iter().enumerate() {
-                if *head == atom.predicate || heads[index] == heads[other] {
-                    let strict = *head == atom.predicate && !positive;
-                    dependencies.push((index, other, usize::from(strict)));
+                if *head == atom.predicate {
+                    dependencies.push((index, other, usize::from(!positive)));
                 }
             }
         });

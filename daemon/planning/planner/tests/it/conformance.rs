@@ -390,6 +390,27 @@ fn derived_predicates_support_recursion_negation_and_changes() {
 }
 
 #[test]
+fn all_axioms_of_a_predicate_are_of_one_layer() {
+    case(
+        "(:requirements :derived-predicates)
+         (:constants a e) (:predicates (b ?x) (c) (p ?x) (q ?x) (r ?x) (done))
+         (:derived (q ?x) (b ?x))
+         (:derived (p ?x) (= ?x a))
+         (:derived (p ?x) (not (q ?x)))
+         (:derived (r ?x) (p ?x))
+         (:action go :effect (c))
+         (:action win :parameters (?x) :precondition (and (r ?x) (q ?x) (c)) :effect (done))
+         ",
+        "(:init (b a) (b e)) (:goal (done))",
+        expect![[r#"
+            (go)
+            (win a)
+            cost 2, optimal
+        "#]],
+    );
+}
+
+#[test]
 fn an_axiom_may_not_depend_on_its_own_negation() {
     case(
         "(:requirements :derived-predicates) (:predicates (p) (q)) (:derived (p) (not (q)))
