@@ -16,8 +16,11 @@ pub(crate) fn split(word: &str) -> (&str, &str) {
 
 /// Reads a number with the mark `decimal` before its fraction; `None` if it is none.
 pub(crate) fn read(digits: &str, decimal: char) -> Option<f64> {
-    let plain = digits.replace('−', "-");
-    let plain = if decimal == ',' { plain.replace(',', ".") } else { plain };
+    let other = if decimal == ',' { '.' } else { ',' };
+    if digits.contains(other) {
+        return None;
+    }
+    let plain = digits.replace('−', "-").replace(decimal, ".");
     plain.parse::<f64>().ok().filter(|number| number.is_finite())
 }
 
@@ -108,6 +111,20 @@ fn meant(digits: &str, decimal: char) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_mark_of_another_language_is_no_part_of_a_number() {
+        for (digits, decimal, expected) in [
+            ("21.5", '.', Some(21.5)),
+            ("21,5", ',', Some(21.5)),
+            ("−3", ',', Some(-3.0)),
+            ("21.5", ',', None),
+            ("1.000", ',', None),
+            ("1,000", '.', None),
+        ] {
+            assert_eq!(read(digits, decimal), expected, "{digits}");
+        }
+    }
 
     #[test]
     fn the_number_that_is_meant_is_written_with_the_mark_of_the_language() {

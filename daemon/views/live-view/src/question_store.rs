@@ -8,6 +8,9 @@ use crate::moment::Moment;
 use crate::rows::QuestionRow;
 use crate::text::cut;
 
+/// Longest time that a query of the questions takes: a younger question may have come meanwhile.
+const QUERY_MS_MAX: u64 = 5_000;
+
 /// Time for which a question without a deadline is kept.
 const WITHOUT_DEADLINE_MS: u64 = 3_600_000;
 
@@ -70,6 +73,8 @@ impl QuestionStore {
         self.listed.retain(|listed| listed.from != ended.from || listed.text != ended.text);
     }
 
+    /// Takes all open questions that have a number, as a query has found them. An older question that
+    /// is not among them is over, and its end was not observed.
     pub(crate) fn listed(&mut self, at: Moment, questions: &[OpenQuestion]) {
         let questions = questions.iter().take(self.questions_max);
         let records = questions.map(|open| QuestionRecord {
@@ -82,17 +87,26 @@ impl QuestionStore {
             ends_at: Some(at.plus(u64::from(open.remaining))),
         });
         self.listed = records.collect();
+        let is_old = |record: &QuestionRecord| at.since(record.asked_at) > QUERY_MS_MAX;
+        let over: Vec<ReplyToken> = self
+            .asked
+            .iter()
+            .filter(|(_, record)| is_old(record) && !self.is_listed(record))
+            .map(|(token, _)| token.clone())
+            .collect();
+        for token in over {
+            self.asked.remove(&token);
+        }
+    }
+
+    fn is_listed(&self, asked: &QuestionRecord) -> bool {
+        self.listed.iter().any(|listed| listed.from == asked.from && listed.text == asked.text)
     }
 
     /// Returns the open questions, those with the least remaining time first.
     pub(crate) fn rows(&self, now: Moment) -> Vec<QuestionRow> {
-        let is_listed = |asked: &QuestionRecord| {
-            let same =
-                |listed: &QuestionRecord| listed.from == asked.from && listed.text == asked.text;
-            self.listed.iter().any(same)
-        };
         let asked = self.asked.newest_first().map(|(_, record)| record);
-        let asked = asked.filter(|record| !is_listed(record));
+        let asked = asked.filter(|record| !self.is_listed(record));
         let open = self.listed.iter().chain(asked).filter(|record| record.is_open(now));
         let mut rows: Vec<_> = open.map(|record| record.row(now)).collect();
         rows.sort_by_key(|row| (row.remaining_ms.unwrap_or(u64::MAX), row.id.clone()));
@@ -150,6 +164,18 @@ mod tests {
         assert_eq!(store.rows(Moment(2_000)).len(), 1, "another keyboard may answer");
         store.ended(&token, false);
         assert!(store.rows(Moment(2_000)).is_empty());
+    }
+
+    #[test]
+    fn a_question_whose_end_was_not_observed_ends_with_the_next_query() {
+        let mut store = QuestionStore::new(10, 100);
+        let (door, token) = (name("door"), ReplyToken::new("t"));
+        let question = Question { text: "PIN?".to_owned(), seal_to: None };
+        store.asked(Moment(0), &token, (&door, None), (&question, None));
+        store.listed(Moment(1_000), &[]);
+        assert_eq!(store.rows(Moment(1_000)).len(), 1, "the query may have been answered before");
+        store.listed(Moment(10_000), &[]);
+        assert!(store.rows(Moment(10_000)).is_empty());
     }
 
     #[test]

@@ -45,7 +45,7 @@ export function clock(moment) {
   if (moment === null || moment === undefined) return "";
   const date = new Date(moment);
   const isToday = date.toDateString() === new Date(now()).toDateString();
-  const time = { hour: "2-digit", minute: "2-digit", second: "2-digit", hour12: false };
+  const time = { hour: "2-digit", minute: "2-digit", second: "2-digit", hourCycle: "h23" };
   if (isToday) return format("time", time).format(date);
   return format("day", { ...time, month: "short", day: "numeric" }).format(date);
 }
@@ -57,7 +57,7 @@ const WEEK_MS = 6 * 24 * 3600 * 1000;
 export function when(moment) {
   if (moment === null || moment === undefined) return "";
   const date = new Date(moment);
-  const time = { hour: "2-digit", minute: "2-digit", hour12: false };
+  const time = { hour: "2-digit", minute: "2-digit", hourCycle: "h23" };
   const isToday = date.toDateString() === new Date(now()).toDateString();
   if (isToday) return format("minute", time).format(date);
   const isSoon = Math.abs(moment - now()) < WEEK_MS;

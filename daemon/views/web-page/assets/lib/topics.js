@@ -310,6 +310,8 @@ export async function checkVersion() {
   try {
     const answer = await fetch("/api/me", { headers: BY_PAGE, credentials: "same-origin", cache: "no-store" });
     if (answer.status === 401) return me.set(null);
+    // Another refusal, perhaps of a proxy, says nothing about the person.
+    if (!answer.ok) return;
     const found = await answer.json();
     if (before && found.version && found.version !== before) return location.reload();
     me.set(found);

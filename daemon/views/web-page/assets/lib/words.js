@@ -31,7 +31,7 @@ const GATHERED_FOR = 40;
 // Time after which a failed request is made again, in milliseconds.
 const TRY_AGAIN = 10000;
 
-// Texts whose words are remembered. A page with more begins anew.
+// Texts whose words are remembered. Of more, those that were asked for first are forgotten.
 const KEPT_MAX = 5000;
 
 // The words that are known, by language and text, and the number of answers so far.
@@ -69,8 +69,11 @@ async function ask() {
   texts.forEach((pddl) => wanted.delete(pddl));
   try {
     const words = await said(texts, tag);
-    if (known.size > KEPT_MAX) known.clear();
     texts.forEach((pddl, at) => known.set(`${tag} ${pddl}`, words[at] ?? pddl));
+    for (const oldest of known.keys()) {
+      if (known.size <= KEPT_MAX) break;
+      known.delete(oldest);
+    }
     answers.set(answers.value + 1);
     gathering = wanted.size > 0 ? setTimeout(ask, 0) : null;
   } catch {

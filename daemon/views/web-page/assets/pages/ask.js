@@ -53,6 +53,13 @@ function Builder({ setup: described }) {
   const built = goalOf(conditions, described);
   const goal = typed ?? built ?? "";
   const isWhole = goal.trim() !== "";
+  // An agent or a place that comes or goes may change the goal: what was tried is another one then.
+  const shown = useRef(goal);
+  useEffect(() => {
+    if (shown.current === goal) return;
+    shown.current = goal;
+    forgetTried();
+  }, [goal]);
   const changed = (next) => { next(); forgetTried(); forgetAsked(); };
   const replace = (at, condition) => changed(() => setConditions(conditions.map((old, n) => (n === at ? condition : old))));
   const minutes = Number(within);
@@ -73,7 +80,7 @@ function Builder({ setup: described }) {
           onChange=${(next) => replace(at, next)} onRemove=${conditions.length > 1 ? () => changed(() => setConditions(conditions.filter((_, n) => n !== at))) : null} />`)}
         ${predicates.length > 0 && html`<button type="button" class="button" disabled=${conditions.length >= CONDITIONS_MAX} onClick=${() => changed(() => setConditions([...conditions, fresh(predicates[0])]))}>${t("ask.and")}</button>`}` : null}
       <div class="field pddl"><label for=${goalId}>${t("ask.pddl")}</label>
-        <textarea id=${goalId} rows="3" spellcheck="false" readonly=${typed === null} value=${line(goal)} onInput=${(event) => changed(() => setTyped(event.target.value))}></textarea></div>
+        <textarea id=${goalId} rows="3" spellcheck="false" readonly=${typed === null} value=${typed ?? line(goal)} onInput=${(event) => changed(() => setTyped(event.target.value))}></textarea></div>
       <${Said} of=${goal} />
       <button type="button" class="button" onClick=${() => changed(() => setTyped(typed === null ? goal : null))}>${typed === null ? t("ask.type") : t("ask.build")}</button>
     <//>
