@@ -5,6 +5,7 @@
 //! The three layers of settings are merged as JSON, and Zenoh parses the result once as a whole:
 //! some of its sections are accepted as whole objects only.
 
+use std::net::SocketAddr;
 use std::time::Duration;
 
 use acl::{DaemonId, EcosystemId};
@@ -394,6 +395,25 @@ fn located_endpoints(value: &Value, path: &str) -> Vec<(String, String)> {
         }
         _ => Vec::new(),
     }
+}
+
+/// Returns the addresses of the endpoints at which Zenoh listens, each with its path in the `[zenoh]`
+/// table. Endpoints with a host name, and sockets of the file system, are left out.
+pub fn listen_addresses(zenoh: &Value) -> Vec<(String, SocketAddr)> {
+    let endpoints = located_endpoints(&zenoh["listen"]["endpoints"], "listen.endpoints");
+    let address = |(path, endpoint): (String, String)| {
+        let (host, port) = endpoint::host_and_port(&endpoint)?;
+        Some((path, SocketAddr::new(host.parse().ok()?, port)))
+    };
+    endpoints.into_iter().filter_map(address).collect()
+}
+
+/// Returns the endpoints to which messages leave this machine as plain text, each with its path in
+/// the `[zenoh]` table.
+pub fn plain_connections(zenoh: &Value) -> Vec<(String, String)> {
+    let mut endpoints = located_endpoints(&zenoh["connect"]["endpoints"], "connect.endpoints");
+    endpoints.retain(|(_, each)| endpoint::is_plain_text(each) && endpoint::leaves_machine(each));
+    endpoints
 }
 
 /// Returns how long a silent daemon counts as alive according to the `[zenoh]` settings; `None` if

@@ -109,6 +109,11 @@ pub(crate) fn leaves_machine(endpoint: &str) -> bool {
     split(endpoint).is_ok_and(beyond)
 }
 
+/// Whether messages over an endpoint are neither encrypted nor authenticated.
+pub(crate) fn is_plain_text(endpoint: &str) -> bool {
+    split(endpoint).is_ok_and(|(protocol, _)| protocol == "tcp")
+}
+
 /// Returns host and port of an endpoint over IP, the host without brackets; `None` for other
 /// endpoints.
 pub(crate) fn host_and_port(endpoint: &str) -> Option<(String, u16)> {
@@ -191,6 +196,7 @@ mod tests {
         for bad in ["tcp/[::]:7447", "tcp/0.0.0.0:1", "tcp/192.168.1.2:7447", "tcp/office:1"] {
             assert!(matches!(check_listen(bad), Err(EndpointError::PlainText { .. })), "{bad}");
             assert_eq!(check_connect(bad), Ok(()), "{bad}");
+            assert!(is_plain_text(bad) && leaves_machine(bad), "{bad}");
         }
     }
 

@@ -45,7 +45,8 @@ mod tap;
 mod zenoh_errors;
 
 pub use config::{
-    Config, LEASE, MESSAGE_BYTES_MAX, REOPEN_DELAY, SessionMode, SettingProblem, lease, problems,
+    Config, LEASE, MESSAGE_BYTES_MAX, REOPEN_DELAY, SessionMode, SettingProblem, lease,
+    listen_addresses, plain_connections, problems,
 };
 pub use endpoint::EndpointError;
 pub use open_error::OpenError;

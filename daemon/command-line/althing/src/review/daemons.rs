@@ -5,6 +5,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use acl::DaemonId;
+use agent::AllowedNames;
 use pddl::{Diagnostic, Span};
 
 use super::Reviewer;
@@ -26,6 +27,7 @@ impl Reviewer<'_> {
     pub(super) fn daemons(&mut self) {
         self.agents_without_daemon();
         self.misspelt_daemons();
+        self.misspelt_guests();
     }
 
     /// A single daemon hosts the agents that name none. Of several, each hosts those that name it.
@@ -87,6 +89,37 @@ impl Reviewer<'_> {
                  under [ecosystem]"
             );
             self.report_value(&path, Diagnostic::warning(Span::default(), message).with_help(help));
+        }
+    }
+
+    /// Warns about names in `[rights]` that resemble that of a daemon. People take part through
+    /// machines that host no agent, too: a name that resembles none is right.
+    fn misspelt_guests(&mut self) {
+        let rights = &self.ecosystem.rights;
+        let mut slips = Vec::new();
+        for (key, allowed) in [("guests", &rights.guests), ("newcomers", &rights.newcomers)] {
+            let AllowedNames::These(names) = allowed else { continue };
+            let is_unknown = |name: &&DaemonId| {
+                name.as_str().len() >= LETTERS_BESIDE_LIST_MIN
+                    && !self.ecosystem.daemons.contains(*name)
+            };
+            for name in names.iter().filter(is_unknown) {
+                let name = name.as_str();
+                let mut daemons = self.ecosystem.daemons.iter().map(DaemonId::as_str);
+                let meant =
+                    daemons.find(|other| is_slip(name, other) && !are_siblings(name, other));
+                if let Some(meant) = meant {
+                    let message = format!("no daemon of this file is called `{name}`");
+                    let help = format!("did you mean `{meant}`?");
+                    slips.push((
+                        format!("rights.{key}"),
+                        Diagnostic::warning(Span::default(), message).with_help(help),
+                    ));
+                }
+            }
+        }
+        for (path, found) in slips {
+            self.report_value(&path, found);
         }
     }
 

@@ -103,6 +103,50 @@ fn the_mistake_of_a_channel_is_at_its_value() {
 }
 
 #[test]
+fn two_services_at_one_address_are_reported() {
+    let web = |address: &str| {
+        format!("[metrics]\nlisten = \"127.0.0.1:8650\"\n[web]\nlisten = \"{address}\"\n[goals]")
+    };
+    let metrics = "files/school.toml:17";
+    let words = ["`metrics.listen` and `web.listen`", "another port, such as 8651"];
+    check(&changed("[goals]", &web("127.0.0.1:8650")), MAP, ERROR, metrics, &words);
+    assert_eq!(told(&changed("[goals]", &web("127.0.0.1:8651")), MAP), []);
+    let zenoh = "[metrics]\nlisten = \"127.0.0.1:7447\"\n[zenoh.listen]\n\
+                 endpoints = [\"tcp/127.0.0.1:7447\"]\n[goals]";
+    one(ERROR, "[goals]", zenoh, 17, &["`metrics.listen` and `zenoh.listen.endpoints.0`"]);
+}
+
+#[test]
+fn plain_text_that_leaves_the_machine_is_reported() {
+    let zenoh = |security: &str, endpoint: &str| {
+        format!("{security}[zenoh.connect]\nendpoints = [\"{endpoint}\"]\n[goals]")
+    };
+    let words = ["as plain text", "write [security]"];
+    one(WARNING, "[goals]", &zenoh("", "tcp/192.168.1.2:7447"), 17, &words);
+    assert_eq!(told(&changed("[goals]", &zenoh("", "tcp/127.0.0.1:7447")), MAP), []);
+    assert_eq!(told(&changed("[goals]", &zenoh("[security]\n", "tls/192.168.1.2:7447")), MAP), []);
+}
+
+#[test]
+fn a_misspelt_daemon_of_the_rights_is_reported() {
+    let daemons =
+        "name = \"home\"\ndaemons = [\"desk\"]\nreasoning = \"desk\"\n[security]\n[rights]\n";
+    let guests = |names: &str| changed("name = \"home\"", &format!("{daemons}guests = [{names}]"));
+    let place = "files/school.toml:7";
+    check(&guests("\"dek\""), MAP, WARNING, place, &["`dek`", "did you mean `desk`?"]);
+    assert_eq!(told(&guests("\"desk\", \"anna-laptop\""), MAP), []);
+}
+
+#[test]
+fn a_duration_without_sense_is_reported() {
+    let valid = "location = \"kitchen\", valid-for = \"0s\"";
+    one(ERROR, "location = \"kitchen\"", valid, 11, &["`0s`", "between 1ms and"]);
+    let endless =
+        "location = \"kitchen\", command = [\"cat\"], every = \"0s\" }\ndriver = \"command\"";
+    one(ERROR, "location = \"kitchen\" }", endless, 11, &["`0s`", "between 10ms and"]);
+}
+
+#[test]
 fn a_time_that_is_past_is_reported() {
     let at = "\", at = \"2020-01-01T08:00";
     goal(WARNING, &format!("(known-temperature kitchen){at}"), &["is past", "asked for no more"]);
