@@ -37,21 +37,43 @@ impl TimeMark {
         })
     }
 
-    /// Returns the instant of the mark, counted from `due`. Returns `None` at the end of the calendar.
-    pub(crate) fn from(self, due: Timestamp, zone: &TimeZone) -> Option<Timestamp> {
+    /// Returns the instant of the mark, counted from the instant `due` and the time `wall` on the
+    /// calendar that leads to it. The two differ if summer time leaves `wall` out. Returns `None` at
+    /// the end of the calendar.
+    pub(crate) fn from(self, due: Timestamp, wall: DateTime, zone: &TimeZone) -> Option<Timestamp> {
         match self {
             TimeMark::After(duration) => due.checked_add(duration).ok(),
             TimeMark::At(time) => instant(time, zone),
-            TimeMark::Clock(time) => {
-                let from = zone.to_datetime(due);
-                let date = match time > from.time() {
-                    true => from.date(),
-                    false => from.date().tomorrow().ok()?,
-                };
-                instant(date.to_datetime(time), zone)
-            }
+            TimeMark::Clock(time) => instant(next_clock(time, wall)?, zone),
         }
     }
+
+    /// Returns the instant of a deadline, counted like [`TimeMark::from`]. A deadline that summer time
+    /// puts before `due` keeps its distance from the start instead: a goal that begins at 03:30 instead
+    /// of 02:30 is not late at 03:15.
+    pub(crate) fn deadline(
+        self,
+        due: Timestamp,
+        wall: DateTime,
+        zone: &TimeZone,
+    ) -> Option<Timestamp> {
+        let deadline = self.from(due, wall, zone)?;
+        match self {
+            TimeMark::Clock(time) if deadline <= due => {
+                due.checked_add(wall.duration_until(next_clock(time, wall)?)).ok()
+            }
+            _ => Some(deadline),
+        }
+    }
+}
+
+/// Returns the next time after `wall` with this time of the day.
+fn next_clock(time: Time, wall: DateTime) -> Option<DateTime> {
+    let date = match time > wall.time() {
+        true => wall.date(),
+        false => wall.date().tomorrow().ok()?,
+    };
+    Some(date.to_datetime(time))
 }
 
 /// Returns the instant at which clocks show `time`. A time that is left out moves on; of a time that

@@ -128,9 +128,43 @@ impl Schedule {
 
     /// Returns the occurrence at the time `due`.
     pub fn occurrence(&self, due: Timestamp) -> DueOccurrence {
-        let ends = self.ends.and_then(|ends| ends.from(due, &self.zone));
+        let wall = self.wall_time(due);
+        let ends = self.ends.and_then(|ends| ends.from(due, wall, &self.zone));
         let ends = ends.into_iter().chain(self.until).min();
-        DueOccurrence { due, ends, by: self.by.and_then(|by| by.from(due, &self.zone)) }
+        DueOccurrence { due, ends, by: self.by.and_then(|by| by.deadline(due, wall, &self.zone)) }
+    }
+
+    /// Returns the time on the calendar that leads to the instant `due`: what clocks show then, unless
+    /// the schedule has a time that summer time leaves out, and that has moved on to `due`.
+    fn wall_time(&self, due: Timestamp) -> DateTime {
+        let shown = self.zone.to_datetime(due);
+        let Some(start) = self.start else { return shown };
+        let before = due.checked_sub(ZONE_SHIFT_MAX).unwrap_or(due);
+        let has_moved_on = self.zone.to_offset(due) > self.zone.to_offset(before);
+        if !has_moved_on {
+            return shown;
+        }
+        let leads_there = |time: &DateTime| mark::instant(*time, &self.zone) == Some(due);
+        let Some(rule) = &self.rule else {
+            return if leads_there(&start) { start } else { shown };
+        };
+        let from = shown.checked_sub(ZONE_SHIFT_MAX).unwrap_or(start).max(start);
+        let times = rule.times_from(start, from, &self.zone).take(LOOKED_AT_MAX);
+        let all = times.take_while(|time| *time <= shown).filter(leads_there);
+        // A rule may have both the time that is left out and the time to which it moves.
+        all.last().unwrap_or(shown)
+    }
+
+    /// Whether the hours of an occurrence end after it begins: summer time can leave out the hour in
+    /// which they lie.
+    fn has_time(&self, due: Timestamp) -> bool {
+        match self.ends {
+            Some(ends @ TimeMark::Clock(_)) => {
+                let ends = ends.from(due, self.wall_time(due), &self.zone);
+                ends.is_none_or(|ends| ends > due)
+            }
+            _ => true,
+        }
     }
 
     /// Returns the first time at which the goal is asked for after the time `after`; `None` if there
@@ -182,7 +216,10 @@ impl Schedule {
         let Some(start) = self.start else { return Vec::new() };
         let mut found = Vec::new();
         let is_wanted = |time: &Timestamp| {
-            *time > after && *time <= end && self.until.is_none_or(|until| *time < until)
+            *time > after
+                && *time <= end
+                && self.until.is_none_or(|until| *time < until)
+                && self.has_time(*time)
         };
         let Some(rule) = &self.rule else {
             found.extend(mark::instant(start, &self.zone).filter(is_wanted));

@@ -170,6 +170,45 @@ fn an_hour_that_does_not_exist_moves_on() {
 }
 
 #[test]
+fn hours_that_end_in_the_hour_that_is_left_out_do_not_last_a_day() {
+    // Clocks go from 02:00 to 03:00 on 2027-03-28.
+    for between in ["02:15-03:15", "02:30-03:15"] {
+        let times = schedule(&[("between", between)]);
+        let next = times.next_after(at("2027-03-27T12:00:00Z")).expect("the next day");
+        assert_eq!(next.to_zoned(berlin()).date().to_string(), "2027-03-29", "{between}");
+        let ends = times.occurrence(next).ends.expect("an end");
+        assert!(ends.duration_since(next) <= jiff::SignedDuration::from_hours(1), "{between}");
+    }
+    for (between, ends) in
+        [("02:15-04:00", "2027-03-28T02:00:00Z"), ("02:15-02:45", "2027-03-28T01:45:00Z")]
+    {
+        let times = schedule(&[("between", between)]);
+        let next = times.next_after(at("2027-03-27T12:00:00Z")).expect("the same day");
+        let occurrence = times.occurrence(next);
+        assert_eq!(occurrence.due, at("2027-03-28T01:15:00Z"), "{between}");
+        assert_eq!(occurrence.ends, Some(at(ends)), "{between}");
+    }
+}
+
+#[test]
+fn a_deadline_moves_on_with_a_start_that_is_left_out() {
+    let times = schedule(&[("every", "day 02:30"), ("by", "03:15")]);
+    let occurrence = times.occurrence(at("2027-03-28T01:30:00Z"));
+    assert_eq!(occurrence.by, Some(at("2027-03-28T02:15:00Z")), "45 minutes after 03:30");
+    let times = schedule(&[("every", "day 02:30"), ("by", "05:00")]);
+    let occurrence = times.occurrence(at("2027-03-28T01:30:00Z"));
+    assert_eq!(occurrence.by, Some(at("2027-03-28T03:00:00Z")));
+    // A start at the time to which the other one moves is a start of its own.
+    let times = schedule(&[("every", "day 03:30"), ("by", "03:15")]);
+    let occurrence = times.occurrence(at("2027-03-28T01:30:00Z"));
+    assert_eq!(occurrence.by, Some(at("2027-03-29T01:15:00Z")));
+    // Of a time that comes twice, the second has a deadline after it, too.
+    let times = schedule(&[("every", "30min"), ("by", "02:45")]);
+    let occurrence = times.occurrence(at("2027-10-31T01:30:00Z"));
+    assert_eq!(occurrence.by, Some(at("2027-10-31T01:45:00Z")));
+}
+
+#[test]
 fn an_hour_that_comes_twice_counts_once() {
     // Clocks go from 03:00 to 02:00 on 2027-10-31.
     let daily = schedule(&[("every", "day 02:30")]);
