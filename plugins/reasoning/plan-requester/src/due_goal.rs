@@ -4,7 +4,7 @@ use std::time::SystemTime;
 
 use acl::content::{
     Achieve, DueStatus, GoalPhase, GoalStatus, GoalTimes, HISTORY_ENTRIES_MAX, HistoryEntry,
-    Version,
+    Reason, Version,
 };
 use acl::{AgentId, ConversationId, ReplyToken};
 use goal_schedule::{Due, DueOccurrence, Schedule, SeenOccurrences};
@@ -17,6 +17,11 @@ pub(crate) const DUE: &str = "due/";
 /// How long a goal of the file that is always asked for rests after it has ended by a failure, such
 /// as a name that no agent has declared yet.
 const ALWAYS_RESTS: SignedDuration = SignedDuration::from_secs(60);
+
+/// How long an occurrence rests that was refused for the time being, such as because too many goals
+/// are pursued: short beside the time for which it may be late, and long enough that 256 goals that
+/// ask again are no load.
+const REFUSED_RESTS: SignedDuration = SignedDuration::from_secs(5);
 
 /// Step in which times are kept in records.
 const CLOCK_GRAIN: SignedDuration = SignedDuration::from_millis(1);
@@ -43,8 +48,12 @@ pub(crate) struct DueGoal {
     pub(crate) is_of_file: bool,
     /// How long the last occurrences took until they were reached, in milliseconds, oldest first.
     pub(crate) took_ms: Vec<u64>,
-    /// Time before which a goal that is always asked for is not asked for again.
+    /// Time before which the goal is not asked for again: a goal that is always asked for after an
+    /// end, and any goal after it was refused for the time being.
     rests_until: Option<Timestamp>,
+    /// The occurrence that was refused last, for the time being, and was not accepted since; `None` if
+    /// there is none. The history tells the first of several refusals only.
+    refused: Option<Timestamp>,
     /// Version of the last record that was sent to the Journals.
     pub(crate) version: Version,
     pub(crate) history: Vec<HistoryEntry>,
@@ -90,6 +99,7 @@ impl DueGoal {
             is_of_file: false,
             took_ms: Vec::new(),
             rests_until: None,
+            refused: None,
             version: Version::default(),
             history: Vec::new(),
         }
@@ -102,6 +112,21 @@ impl DueGoal {
 
     /// Returns what is due at the time `now`.
     pub(crate) fn due(&self, now: Timestamp) -> Due {
+        let found = self.due_without_rest(now);
+        // A clock that was set back must not prolong a rest.
+        let rest = self
+            .rests_until
+            .filter(|until| now < *until && until.duration_since(now) <= ALWAYS_RESTS);
+        match rest.filter(|_| found.now.is_some()) {
+            Some(until) => {
+                let next = found.next.map_or(until, |next| next.min(until));
+                Due { now: None, next: Some(next), ..found }
+            }
+            None => found,
+        }
+    }
+
+    fn due_without_rest(&self, now: Timestamp) -> Due {
         if !self.is_always() {
             return self.schedule.due(self.seen, now);
         }
@@ -110,10 +135,7 @@ impl DueGoal {
         if is_over || self.pursued.is_some() {
             return Due::default();
         }
-        match self.rests_until.filter(|until| now < *until) {
-            Some(until) => Due { next: Some(until), ..Due::default() },
-            None => Due { now: Some(occurrence), ..Due::default() },
-        }
+        Due { now: Some(occurrence), ..Due::default() }
     }
 
     /// Whether the goal will not be asked for any more and is not pursued.
@@ -126,7 +148,10 @@ impl DueGoal {
     pub(crate) fn rest(&mut self, now: Timestamp) {
         self.pursued = None;
         self.exchange = None;
-        self.rests_until = now.checked_add(ALWAYS_RESTS).ok();
+        self.refused = None;
+        // The rule of a goal with times says when it comes again.
+        let rests = self.is_always().then(|| now.checked_add(ALWAYS_RESTS).ok());
+        self.rests_until = rests.flatten();
     }
 
     /// Notes how long the present occurrence took, which has just been reached.
@@ -146,12 +171,31 @@ impl DueGoal {
         sorted.get(sorted.len() / 2).and_then(|ms| i64::try_from(*ms).ok())
     }
 
-    /// Takes back that the goal was asked for at the time `due`, so that it is asked for again as long
-    /// as it is not too late.
-    pub(crate) fn take_back(&mut self, due: Timestamp) {
+    /// Takes back that the goal was asked for at the time `due`, because it was refused at the time
+    /// `now` for the time being. The goal is asked for again after a rest, as long as it is not too
+    /// late. Returns `true` if the refusal is the first one of this occurrence.
+    pub(crate) fn take_back(&mut self, due: Timestamp, now: Timestamp) -> bool {
+        let is_first = !self.is_refused(due);
         self.pursued = None;
         self.exchange = None;
         self.seen.asked = due.checked_sub(CLOCK_GRAIN).ok();
+        self.rests_until = now.checked_add(REFUSED_RESTS).ok();
+        self.refused = Some(due);
+        is_first
+    }
+
+    /// Whether the goal of the occurrence `due` was refused before for the time being. All occurrences
+    /// of a goal that is always asked for are one.
+    pub(crate) fn is_refused(&self, due: Timestamp) -> bool {
+        self.refused.is_some_and(|refused| refused == due || self.is_always())
+    }
+
+    /// Notes that the goal of the occurrence `due` was accepted. Returns `true` if it was refused
+    /// before.
+    pub(crate) fn accepted(&mut self, due: Timestamp) -> bool {
+        let was_refused = self.is_refused(due);
+        self.refused = None;
+        was_refused
     }
 
     /// Returns the conversation of the goal that is pursued now; `None` if there is none.
@@ -266,7 +310,91 @@ pub(crate) fn timestamp(clock: SystemTime) -> Timestamp {
     Timestamp::try_from(clock).unwrap_or(Timestamp::UNIX_EPOCH)
 }
 
+/// Whether a request that was refused for this reason may be accepted unchanged a little later.
+pub(crate) fn is_passing(reason: Reason) -> bool {
+    matches!(reason, Reason::Busy | Reason::MailboxFull | Reason::StandingBy)
+}
+
 /// Returns what is known of the occurrences of one goal from two replicas.
 pub(crate) fn merged(one: SeenOccurrences, other: SeenOccurrences) -> SeenOccurrences {
     SeenOccurrences { asked: one.asked.max(other.asked), settled: one.settled.max(other.settled) }
+}
+
+#[cfg(test)]
+mod tests {
+    use acl::content::Keep;
+    use jiff::tz::TimeZone;
+
+    use super::*;
+
+    fn at(text: &str) -> Timestamp {
+        text.parse().expect("an instant")
+    }
+
+    fn due_goal(times: GoalTimes) -> DueGoal {
+        let schedule = Schedule::read(&times, TimeZone::UTC).expect("times");
+        let asked = Achieve::new("(lit hall)", Keep::Achieve, 0);
+        DueGoal::new(AgentId::new("ann").expect("a name"), asked, times, schedule)
+    }
+
+    fn daily() -> DueGoal {
+        due_goal(GoalTimes {
+            start: Some("2026-11-28T08:00:00".to_owned()),
+            rule: Some("FREQ=DAILY".to_owned()),
+            ..GoalTimes::default()
+        })
+    }
+
+    fn ask(due: &mut DueGoal, time: Timestamp) {
+        (due.seen.asked, due.pursued) = (Some(time), Some(time));
+    }
+
+    #[test]
+    fn a_refused_occurrence_rests_and_is_told_once() {
+        let time = at("2026-11-28T08:00:00Z");
+        for mut due in [daily(), due_goal(GoalTimes::default())] {
+            let mut firsts = Vec::new();
+            for round in 0..3 {
+                let now = time + REFUSED_RESTS * round;
+                let found = due.due(now).now.expect("it has rested");
+                ask(&mut due, found.due);
+                firsts.push(due.take_back(found.due, now));
+                let resting = due.due(now);
+                assert_eq!((resting.now, resting.next), (None, Some(now + REFUSED_RESTS)));
+                assert!(!due.is_over(now));
+            }
+            assert_eq!(firsts, [true, false, false]);
+            let now = time + REFUSED_RESTS * 3;
+            let found = due.due(now).now.expect("it has rested");
+            ask(&mut due, found.due);
+            assert!(due.accepted(found.due));
+            assert!(!due.accepted(found.due), "it was told");
+        }
+    }
+
+    #[test]
+    fn an_occurrence_that_ended_does_not_delay_the_next() {
+        let mut due = due_goal(GoalTimes {
+            start: Some("2026-11-28T08:00:00".to_owned()),
+            rule: Some("FREQ=MINUTELY".to_owned()),
+            ..GoalTimes::default()
+        });
+        ask(&mut due, at("2026-11-28T08:00:00Z"));
+        due.rest(at("2026-11-28T08:00:30Z"));
+        let next = due.due(at("2026-11-28T08:01:00Z")).now.map(|next| next.due);
+        assert_eq!(next, Some(at("2026-11-28T08:01:00Z")));
+    }
+
+    #[test]
+    fn a_clock_that_goes_back_does_not_prolong_a_rest() {
+        let mut always = due_goal(GoalTimes::default());
+        always.rest(at("2036-11-28T08:00:00Z"));
+        assert!(always.due(at("2026-11-28T08:00:00Z")).now.is_some());
+    }
+
+    #[test]
+    fn a_full_mailbox_is_a_reason_to_ask_again() {
+        assert!([Reason::Busy, Reason::MailboxFull].into_iter().all(is_passing));
+        assert!(!is_passing(Reason::BadContent));
+    }
 }

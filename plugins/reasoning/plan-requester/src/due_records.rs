@@ -5,7 +5,7 @@
 //! was asked for counts as asked for. The end of a goal by the clock is final; a goal of the file
 //! begins anew if its entry in the file has changed.
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 
 use acl::content::{Achieve, GoalTimes, HISTORY_ENTRIES_MAX, HistoryEntry, Record, Report};
 use acl::content::{Version, value};
@@ -22,7 +22,8 @@ use crate::PlanRequester;
 use crate::due_goal::{DUE, DueGoal, TIMES_LEARNED, merged, occurrence_id, timestamp};
 use crate::failover::acceptance;
 
-/// Maximum number of goals by the clock whose ends are known; of more, the oldest is dropped.
+/// Maximum number of goals by the clock whose ends are known, not counting goals that stand in the
+/// ecosystem file; of more, the oldest is dropped.
 const ENDED_MAX: usize = 128;
 
 /// Record of a goal by the clock, in the form in which it is replicated to the Journals.
@@ -56,7 +57,12 @@ struct DueRecord {
 
 /// Goals by the clock that have ended, oldest first.
 #[derive(Debug, Default)]
-pub(crate) struct EndedDueGoals(VecDeque<EndedDueGoal>);
+pub(crate) struct EndedDueGoals {
+    ends: VecDeque<EndedDueGoal>,
+    /// Goals that stand in the ecosystem file. Their ends are never dropped, because such a goal would
+    /// be asked for again as if it were new. The file bounds their number.
+    in_file: BTreeSet<ConversationId>,
+}
 
 #[derive(Debug)]
 struct EndedDueGoal {
@@ -69,6 +75,16 @@ struct EndedDueGoal {
 // === impl EndedDueGoals ===
 
 impl EndedDueGoals {
+    /// Returns an empty list. The ends of the goals `in_file` are never dropped from it.
+    pub(crate) fn new(in_file: BTreeSet<ConversationId>) -> EndedDueGoals {
+        EndedDueGoals { ends: VecDeque::new(), in_file }
+    }
+
+    /// Forgets all ends, because another replica has them.
+    pub(crate) fn clear(&mut self) {
+        self.ends.clear();
+    }
+
     /// Returns how a goal by the clock has ended; `None` if no end is known.
     pub(crate) fn report_of(&self, id: &ConversationId) -> Option<Report> {
         self.find(id).map(|ended| ended.report.clone())
@@ -87,23 +103,26 @@ impl EndedDueGoals {
             version: ended.version,
             body: ended.body.clone(),
         };
-        self.0.iter().map(record).collect()
+        self.ends.iter().map(record).collect()
     }
 
     pub(crate) fn forget(&mut self, id: &ConversationId) {
-        self.0.retain(|ended| ended.id != *id);
+        self.ends.retain(|ended| ended.id != *id);
     }
 
     fn find(&self, id: &ConversationId) -> Option<&EndedDueGoal> {
-        self.0.iter().find(|ended| ended.id == *id)
+        self.ends.iter().find(|ended| ended.id == *id)
     }
 
     /// Adds an end. Returns the goals that were dropped to make room.
     fn add(&mut self, ended: EndedDueGoal) -> Vec<ConversationId> {
         self.forget(&ended.id);
-        self.0.push_back(ended);
-        let surplus = self.0.len().saturating_sub(ENDED_MAX);
-        self.0.drain(..surplus).map(|oldest| oldest.id).collect()
+        self.ends.push_back(ended);
+        let others = self.ends.iter().filter(|ended| !self.in_file.contains(&ended.id));
+        let surplus = others.clone().count().saturating_sub(ENDED_MAX);
+        let dropped: Vec<_> = others.take(surplus).map(|oldest| oldest.id.clone()).collect();
+        self.ends.retain(|ended| !dropped.contains(&ended.id));
+        dropped
     }
 }
 
@@ -192,7 +211,7 @@ impl PlanRequester {
             records.push(self.journal_client.write(key, value(&record_of(&due))));
             due.exchange.into_iter().for_each(|exchange| ctx.close(&exchange));
         }
-        self.clock.ended = EndedDueGoals::default();
+        self.clock.ended.clear();
         records
     }
 
@@ -355,4 +374,32 @@ fn record_of(due: &DueGoal) -> DueRecord {
 
 fn instant(ms: Option<i64>) -> Option<Timestamp> {
     Timestamp::from_millisecond(ms?).ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use acl::content::Outcome;
+
+    use super::*;
+
+    fn ended(id: &str) -> EndedDueGoal {
+        EndedDueGoal {
+            id: ConversationId::new(id),
+            version: Version::default(),
+            body: Value::Null,
+            report: Report::new(Outcome::Cancelled, "cancelled as asked"),
+        }
+    }
+
+    #[test]
+    fn the_end_of_a_goal_of_the_file_is_never_dropped() {
+        let of_file = ConversationId::of_file_goal("morning");
+        let mut ends = EndedDueGoals::new([of_file.clone()].into());
+        assert!(ends.add(ended(of_file.as_str())).is_empty());
+        let dropped: Vec<_> =
+            (0..ENDED_MAX + 2).flat_map(|n| ends.add(ended(&format!("c{n}")))).collect();
+        assert_eq!(dropped, [ConversationId::new("c0"), ConversationId::new("c1")]);
+        assert!(ends.report_of(&of_file).is_some());
+        assert_eq!(ends.records().len(), ENDED_MAX + 1);
+    }
 }

@@ -19,9 +19,9 @@ use jiff::Timestamp;
 use jiff::tz::TimeZone;
 
 use crate::PlanRequester;
-use crate::due_goal::{DueGoal, GoalLimits, occurrence_id, parent_of, timestamp};
+use crate::due_goal::{DueGoal, GoalLimits, is_passing, occurrence_id, parent_of, timestamp};
 use crate::due_records::EndedDueGoals;
-use crate::file_goals::FileGoals;
+use crate::file_goals::{FileGoal, FileGoals};
 
 /// Maximum number of goals by the clock; further ones are refused. A building has tens of them.
 const DUE_GOALS_MAX: usize = 256;
@@ -50,9 +50,10 @@ pub(crate) struct GoalClock {
 
 impl GoalClock {
     pub(crate) fn new(file: FileGoals) -> GoalClock {
+        let in_file = file.goals.iter().map(FileGoal::conversation).collect();
         GoalClock {
             goals: BTreeMap::new(),
-            ended: EndedDueGoals::default(),
+            ended: EndedDueGoals::new(in_file),
             file,
             has_read_file: false,
             timer: None,
@@ -268,7 +269,13 @@ impl PlanRequester {
         let Some(due) = self.clock.goals.get_mut(id) else { return };
         let found = due.due(now);
         if let Some(missed) = found.missed {
-            let text = missed_text(&due.schedule, missed, now);
+            let text = match due.is_refused(missed.last) && missed.count == 1 {
+                true => {
+                    let last = due.schedule.clock_text(missed.last, now);
+                    format!("{last}: missed: it was refused until it was too late")
+                }
+                false => missed_text(&due.schedule, missed, now),
+            };
             tracing::warn!(conversation = %id, text, "a goal by the clock");
             due.seen.settled = Some(missed.last);
             due.add_history(now, text);
@@ -308,14 +315,12 @@ impl PlanRequester {
             conversation: occurrence_id(id, time),
             content: value(&Request::Achieve(due.asked.clone())),
         };
-        let late = now.duration_since(time).as_secs();
-        let spoken = due.schedule.clock_text(time, now);
-        let text = match late {
-            _ if due.pursued == Some(time) => format!("{spoken}: asked for again by a new leader"),
-            ..60 => format!("{spoken}: asked for"),
-            _ => format!("{spoken}: asked for, {} min late", late / 60),
-        };
-        due.add_history(now, text);
+        if due.pursued == Some(time) {
+            let spoken = due.schedule.clock_text(time, now);
+            due.add_history(now, format!("{spoken}: asked for again by a new leader"));
+        } else if !due.is_refused(time) {
+            due.add_history(now, asked_text(due, time, now));
+        }
         (due.seen.asked, due.pursued) = (due.seen.asked.max(Some(time)), Some(time));
         let about = id.clone();
         let token = ctx.open(opening, PURSUED_MAX, move |requester: &mut Self, answer, ctx| {
@@ -342,7 +347,14 @@ impl PlanRequester {
         let spoken = due.schedule.clock_text(time, now);
         let text = match answer {
             ExchangeEvent::Message(message) => match message.content_as::<Report>() {
-                Ok(report) if !report.outcome.is_final() => return,
+                Ok(report) if !report.outcome.is_final() => {
+                    if due.accepted(time) {
+                        let text = asked_text(due, time, now);
+                        due.add_history(now, text);
+                        self.replicate_due(id, ctx);
+                    }
+                    return;
+                }
                 Ok(report) => {
                     if report.outcome == Outcome::Done {
                         due.learn(now);
@@ -358,13 +370,12 @@ impl PlanRequester {
                 }
                 Err(_) => {
                     let refusal = message.content_as::<Refusal>().ok();
-                    let is_busy = refusal.as_ref().is_some_and(|why| why.reason == Reason::Busy);
-                    if is_busy {
-                        due.take_back(time)
-                    } else {
-                        due.rest(now)
+                    let why = refusal.as_ref().map(|why| why.detail.clone()).unwrap_or_default();
+                    if refusal.is_some_and(|why| is_passing(why.reason)) {
+                        let text = format!("{spoken}: refused: {why}; it is asked for again");
+                        return self.occurrence_refused(id, time, text, ctx);
                     }
-                    let why = refusal.map(|refusal| refusal.detail).unwrap_or_default();
+                    due.rest(now);
                     format!("{spoken}: refused: {why}")
                 }
             },
@@ -374,12 +385,30 @@ impl PlanRequester {
                 return;
             }
             ExchangeEvent::TimedOut | ExchangeEvent::Undelivered(_) => {
-                due.take_back(time);
-                format!("{spoken}: could not be asked for")
+                let text = format!("{spoken}: could not be asked for; it is asked for again");
+                return self.occurrence_refused(id, time, text, ctx);
             }
         };
         due.add_history(now, text);
         self.replicate_due(id, ctx);
+        self.look_at_clock(ctx);
+    }
+
+    /// Handles that the goal of an occurrence is not taken for the time being: it is asked for again
+    /// after a rest. Only the first of several refusals is told and recorded.
+    fn occurrence_refused(
+        &mut self,
+        id: &ConversationId,
+        time: Timestamp,
+        text: String,
+        ctx: &mut Context<Self>,
+    ) {
+        let now = timestamp(ctx.wall_clock());
+        let Some(due) = self.clock.goals.get_mut(id) else { return };
+        if due.take_back(time, now) {
+            due.add_history(now, text);
+            self.replicate_due(id, ctx);
+        }
         self.look_at_clock(ctx);
     }
 
@@ -427,6 +456,15 @@ impl PlanRequester {
                 self.replicate_cancellation(&id, ctx, |_| ());
             }
         }
+    }
+}
+
+/// Returns the text for people about an occurrence that is asked for.
+fn asked_text(due: &DueGoal, time: Timestamp, now: Timestamp) -> String {
+    let spoken = due.schedule.clock_text(time, now);
+    match now.duration_since(time).as_secs() {
+        ..60 => format!("{spoken}: asked for"),
+        late => format!("{spoken}: asked for, {} min late", late / 60),
     }
 }
 

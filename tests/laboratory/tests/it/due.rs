@@ -147,6 +147,26 @@ async fn a_goal_that_is_late_is_told_and_one_whose_time_is_over_is_given_up() {
     assert_eq!(last.outcome, Outcome::Cancelled, "{reports:?}");
 }
 
+/// Every place is taken when a goal is due: it is asked for again every few seconds, and once there is
+/// room it is taken.
+#[tokio::test(start_paused = true)]
+async fn a_due_goal_that_is_refused_is_asked_for_again_after_a_rest() {
+    let mut trial = Trial::open(6).await;
+    trial.keep_dark();
+    trial.ask("d", every("FREQ=HOURLY;INTERVAL=2")).await;
+    trial.ask_often(256).await;
+    tokio::time::sleep(MINUTE).await;
+    let told = trial.history_of("d").await;
+    let [_, asked, refused] = told.as_slice() else { panic!("{told:?}") };
+    assert_eq!(asked, "today 13:34: asked for");
+    assert!(refused.starts_with("today 13:34: refused: 256 goals are pursued"), "{refused}");
+    trial.cancel("g250").await;
+    tokio::time::sleep(MINUTE).await;
+    let told = trial.history_of("d").await;
+    let taken = told.get(3).map(String::as_str).unwrap_or_default();
+    assert!(taken.starts_with("today 13:34: asked for"), "{told:?}");
+}
+
 /// Clocks of the machines jump by hours, and leaders die, also while the executor is being asked.
 #[test]
 fn jumps_and_deaths_repeat_no_occurrence() {

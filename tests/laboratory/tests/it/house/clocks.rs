@@ -355,6 +355,16 @@ impl Trial {
         }
     }
 
+    /// Asks for the lamp in this many conversations, `g0`, `g1` …, and awaits no end.
+    pub(crate) async fn ask_often(&mut self, times: usize) {
+        let request = value(&Request::Achieve(Achieve::new("(lit lamp)", Keep::Achieve, 0)));
+        for number in 0..times {
+            drop(self.asker(Performative::Request, &format!("g{number}"), request.clone()));
+            // The mailbox of the leader does not hold all of them.
+            tokio::time::sleep(Duration::from_millis(20)).await;
+        }
+    }
+
     pub(crate) async fn cancel(&mut self, id: &str) -> Report {
         let mut heard = self.asker(Performative::Cancel, id, serde_json::Value::Null);
         timeout(PATIENCE, heard.recv()).await.expect("in time").expect("it lives")
