@@ -13,6 +13,7 @@
 mod records;
 mod store;
 
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
@@ -24,7 +25,7 @@ use agent::{
     Presence, Resource, StateFolder, WorkHandle,
 };
 
-use crate::records::Records;
+use crate::records::{Records, SplitRecords};
 pub use crate::store::{FORMAT, MemoryStore};
 use crate::store::{Store, StoreError};
 
@@ -39,6 +40,10 @@ const REOPEN_INTERVAL: Duration = Duration::from_secs(5);
 /// Delay before another query to a Journal that gave no answer, because that Journal may still be
 /// opening its file.
 const FETCH_RETRY_DELAY: Duration = Duration::from_secs(2);
+
+/// Delay before the records of another Journal for which there was no room are fetched again: goals
+/// that end meanwhile make room.
+const ROOM_RETRY_DELAY: Duration = Duration::from_secs(60);
 
 /// The entry of the Journal in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
@@ -62,6 +67,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
         queued: Vec::new(),
         work: None,
         fetching: Vec::new(),
+        refetched: BTreeSet::new(),
         has_missed_writes: false,
     }))
 }
@@ -84,6 +90,8 @@ struct Journal {
     /// The running write to the file, or the opening of the file.
     work: Option<WorkHandle>,
     fetching: Vec<(AgentId, WorkHandle)>,
+    /// Journals whose records are fetched again after a delay.
+    refetched: BTreeSet<AgentId>,
     /// Whether the last write failed; other Journals may then have newer records.
     has_missed_writes: bool,
 }
@@ -164,7 +172,7 @@ impl Journal {
         }
         if was_unusable && matches!(self.disk, DiskState::Open(_)) {
             // This Journal has refused the requests that arrived meanwhile.
-            self.others.clone().into_iter().for_each(|other| self.fetch(other, ctx));
+            self.fetch_all(ctx);
         }
     }
 
@@ -179,22 +187,46 @@ impl Journal {
         }
     }
 
-    /// Queues records for the next write.
+    /// Queues records for the next write, or refuses them.
     fn queue_records(
         &mut self,
         asker: Option<Participation>,
         records: Vec<Record>,
         ctx: &mut Context<Self>,
     ) {
+        match self.try_queue(asker, records, ctx) {
+            Ok(()) => (),
+            Err((Some(asker), refusal)) => ctx.answer(&asker, Performative::Refuse, &refusal),
+            // Records of another Journal, which arrived before it was known how many have room.
+            Err((None, _)) => {
+                for other in self.others.clone() {
+                    self.fetch_after(FETCH_RETRY_DELAY, other, ctx);
+                }
+            }
+        }
+    }
+
+    /// Queues records for the next write.
+    ///
+    /// Returns the exchange that waits for the answer, and the refusal, if the records cannot be
+    /// queued.
+    fn try_queue(
+        &mut self,
+        asker: Option<Participation>,
+        records: Vec<Record>,
+        ctx: &mut Context<Self>,
+    ) -> Result<(), (Option<Participation>, Refusal)> {
         let refusal = match &mut self.disk {
             DiskState::Opening(early) if early.len() < QUEUED_MAX => {
-                return early.push((asker, records));
+                early.push((asker, records));
+                return Ok(());
             }
             DiskState::Open(_) if self.queued.len() < QUEUED_MAX => {
                 match self.records.rejection_reason(&records) {
                     None => {
                         self.queued.push((asker, records));
-                        return self.write(ctx);
+                        self.write(ctx);
+                        return Ok(());
                     }
                     Some(objection) => Refusal::new(Reason::BadContent, objection),
                 }
@@ -202,9 +234,7 @@ impl Journal {
             DiskState::Unusable(why) => Refusal::new(Reason::Incapable, why.clone()),
             _ => Refusal::new(Reason::Busy, "the disk does not keep up; ask again later"),
         };
-        if let Some(asker) = asker {
-            ctx.answer(&asker, Performative::Refuse, &refusal);
-        }
+        Err((asker, refusal))
     }
 
     /// Writes all queued records in one transaction, unless a write is running.
@@ -248,7 +278,7 @@ impl Journal {
         }
         let was_behind = std::mem::replace(&mut self.has_missed_writes, outcome.is_err());
         if was_behind && outcome.is_ok() {
-            self.others.clone().into_iter().for_each(|other| self.fetch(other, ctx));
+            self.fetch_all(ctx);
         }
         for asker in waiting.into_iter().filter_map(|(asker, _)| asker) {
             match &outcome {
@@ -264,6 +294,10 @@ impl Journal {
         }
     }
 
+    fn fetch_all(&mut self, ctx: &mut Context<Self>) {
+        self.others.clone().into_iter().for_each(|other| self.fetch(other, ctx));
+    }
+
     /// Fetches all records of another Journal, and stores those that are newer than the records
     /// here.
     fn fetch(&mut self, other: AgentId, ctx: &mut Context<Self>) {
@@ -274,28 +308,63 @@ impl Journal {
         let from = other.clone();
         let work = ctx.run(asked, move |journal: &mut Self, answers, ctx| {
             journal.fetching.retain(|(other, _)| *other != from);
-            if answers.is_empty() {
-                let from = from.clone();
-                ctx.after(FETCH_RETRY_DELAY, move |journal: &mut Self, ctx| {
-                    journal.fetch(from, ctx)
-                });
-            }
+            let mut again = answers.is_empty().then_some(FETCH_RETRY_DELAY);
             for answer in answers {
                 match serde_json::from_slice::<Vec<Record>>(&answer) {
-                    Ok(mut records) => {
-                        records.retain(|record| journal.records.is_newer(record));
-                        if !records.is_empty() {
-                            tracing::info!(agent = %ctx.id(), %from, records = records.len(),
-                                "copies records of another Journal");
-                            journal.queue_records(None, records, ctx);
-                        }
-                    }
+                    Ok(records) => again = again.max(journal.copy_records(&from, records, ctx)),
                     Err(error) => tracing::info!(%from, %error, "an answer cannot be read"),
                 }
             }
+            again.into_iter().for_each(|wait| journal.fetch_after(wait, from.clone(), ctx));
         });
         self.fetching.retain(|(fetching, _)| *fetching != other);
         self.fetching.push((other, work));
+    }
+
+    /// Fetches the records of another Journal after `wait`, unless that is planned already.
+    fn fetch_after(&mut self, wait: Duration, other: AgentId, ctx: &mut Context<Self>) {
+        if !self.refetched.insert(other.clone()) {
+            return;
+        }
+        ctx.after(wait, move |journal: &mut Self, ctx| {
+            journal.refetched.remove(&other);
+            journal.fetch(other, ctx);
+        });
+    }
+
+    /// Queues those records of another Journal that are newer than the records here. Returns the
+    /// delay after which they must be fetched again, because some cannot be queued now; `None` if
+    /// all are queued.
+    fn copy_records(
+        &mut self,
+        from: &AgentId,
+        mut records: Vec<Record>,
+        ctx: &mut Context<Self>,
+    ) -> Option<Duration> {
+        records.retain(|record| self.records.is_newer(record));
+        if records.is_empty() {
+            return None;
+        }
+        let SplitRecords { kept, malformed, without_room } = self.records.split(records);
+        for reason in malformed {
+            tracing::warn!(agent = %ctx.id(), %from, reason, "a record of another Journal is not kept");
+        }
+        if without_room > 0 {
+            tracing::warn!(agent = %ctx.id(), %from, without_room,
+                "there is no room for records of another Journal: they are fetched again");
+        }
+        let again = (without_room > 0).then_some(ROOM_RETRY_DELAY);
+        if kept.is_empty() {
+            return again;
+        }
+        tracing::info!(agent = %ctx.id(), %from, records = kept.len(),
+            "copies records of another Journal");
+        match self.try_queue(None, kept, ctx) {
+            Ok(()) => again,
+            // The next success after `Unusable` fetches by itself.
+            Err((_, Refusal { reason: Reason::Incapable, .. })) => again,
+            Err(_) => Some(FETCH_RETRY_DELAY),
+        }
     }
 }
 

@@ -18,6 +18,16 @@ const BODY_BYTES_MAX: usize = 4 << 20;
 #[derive(Debug, Default)]
 pub(crate) struct Records(BTreeMap<String, Record>);
 
+/// Records of another Journal, split into those that this Journal can keep and the others.
+#[derive(Debug, Default)]
+pub(crate) struct SplitRecords {
+    pub(crate) kept: Vec<Record>,
+    /// Reasons why records can never be kept here.
+    pub(crate) malformed: Vec<String>,
+    /// Number of records for which there is no room now.
+    pub(crate) without_room: usize,
+}
+
 // === impl Records ===
 
 impl Records {
@@ -39,21 +49,38 @@ impl Records {
 
     /// Returns the reason why the Journal must refuse these records; `None` if it accepts them.
     pub(crate) fn rejection_reason(&self, records: &[Record]) -> Option<String> {
-        let key = |record: &&Record| record.key.is_empty() || record.key.len() > KEY_BYTES_MAX;
-        if let Some(record) = records.iter().find(key) {
-            let len = record.key.len();
-            return Some(format!("a key has 1 to {KEY_BYTES_MAX} bytes, this one {len}"));
+        if let Some(reason) = records.iter().find_map(malformation) {
+            return Some(reason);
         }
-        let is_long = |record: &&Record| {
-            serde_json::to_vec(&record.body).is_ok_and(|body| body.len() > BODY_BYTES_MAX)
-        };
-        if let Some(record) = records.iter().find(is_long) {
-            return Some(format!("`{}` has more than {BODY_BYTES_MAX} bytes", record.key));
+        let new = records.iter().filter(|record| self.is_new(record)).count();
+        (new > self.room()).then(|| format!("{RECORDS_MAX} records are kept already"))
+    }
+
+    /// Splits records of another Journal into those that this Journal can keep, and the others.
+    pub(crate) fn split(&self, records: Vec<Record>) -> SplitRecords {
+        let mut split = SplitRecords::default();
+        let mut room = self.room();
+        for record in records {
+            let is_new = self.is_new(&record);
+            if let Some(reason) = malformation(&record) {
+                split.malformed.push(reason);
+            } else if is_new && room == 0 {
+                split.without_room += 1;
+            } else {
+                room -= usize::from(is_new);
+                split.kept.push(record);
+            }
         }
-        let is_new = |record: &&Record| !self.0.contains_key(&record.key);
-        let new = records.iter().filter(is_new).count();
-        let room = RECORDS_MAX.saturating_sub(self.0.len() - self.deletion_markers().count());
-        (new > room).then(|| format!("{RECORDS_MAX} records are kept already"))
+        split
+    }
+
+    fn is_new(&self, record: &Record) -> bool {
+        !self.0.contains_key(&record.key)
+    }
+
+    /// Returns the number of records for which there is room under new keys.
+    fn room(&self) -> usize {
+        RECORDS_MAX.saturating_sub(self.0.len() - self.deletion_markers().count())
     }
 
     /// Returns the keys that must be dropped to make room for `more` records: those of the oldest
@@ -73,6 +100,16 @@ impl Records {
     pub(crate) fn to_json(&self) -> Option<String> {
         serde_json::to_string(&self.0.values().collect::<Vec<_>>()).ok()
     }
+}
+
+/// Returns the reason why no Journal keeps this record; `None` if it is well-formed.
+fn malformation(record: &Record) -> Option<String> {
+    let len = record.key.len();
+    if len == 0 || len > KEY_BYTES_MAX {
+        return Some(format!("a key has 1 to {KEY_BYTES_MAX} bytes, this one {len}"));
+    }
+    let is_long = serde_json::to_vec(&record.body).is_ok_and(|body| body.len() > BODY_BYTES_MAX);
+    is_long.then(|| format!("`{}` has more than {BODY_BYTES_MAX} bytes", record.key))
 }
 
 #[cfg(test)]
@@ -113,5 +150,23 @@ mod tests {
         assert!(records.rejection_reason(&[record("", 1, json!(1))]).is_some());
         let long = json!("x".repeat(BODY_BYTES_MAX));
         assert!(records.rejection_reason(&[record("goal/11", 9_999, long)]).is_some());
+    }
+    #[test]
+    fn records_of_another_journal_are_kept_as_far_as_there_is_room() {
+        let mut records = Records::default();
+        for number in 0..RECORDS_MAX - 1 {
+            records.insert_if_newer(record(&format!("goal/{number}"), 1, json!(number)));
+        }
+        let long = json!("x".repeat(BODY_BYTES_MAX));
+        let split = records.split(vec![
+            record("goal/0", 2, json!(0)),
+            record("goal/1", 2, long),
+            record("plan/0", 1, json!(0)),
+            record("plan/1", 1, json!(1)),
+            record("goal/2", 2, json!(2)),
+        ]);
+        let kept: Vec<_> = split.kept.iter().map(|record| record.key.as_str()).collect();
+        assert_eq!(kept, ["goal/0", "plan/0", "goal/2"]);
+        assert_eq!((split.malformed.len(), split.without_room), (1, 1));
     }
 }

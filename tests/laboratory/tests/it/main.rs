@@ -5,6 +5,7 @@ mod house;
 
 mod apart;
 mod bids;
+mod copying;
 mod ended;
 mod joint;
 mod lost;
