@@ -21,7 +21,7 @@ use crate::composite::Composite;
 use crate::declined::Declined;
 use crate::fact::{ClaimSource, FactKey, FactSymbolKind, FactValue, Owner};
 use crate::limits;
-use crate::pending_changes::PendingChanges;
+use crate::pending_changes::{PendingChanges, UNTOLD_MAX};
 use crate::timestamp::Timestamp;
 
 /// The claim of one owner about one fact.
@@ -99,6 +99,9 @@ pub(crate) struct Beliefs {
     /// Claims that requests have changed since the possible start of a partition, in which another
     /// leader may be active. `None` if no partition is possible now.
     partition_log: Option<PendingChanges>,
+    /// Facts about which all claims were withdrawn by request since then, even if there was no claim:
+    /// a record that is read later may have some. At most `UNTOLD_MAX` facts are kept.
+    retracted_apart: BTreeSet<FactKey>,
     stamps: u64,
 }
 
@@ -305,7 +308,36 @@ impl Beliefs {
     /// Stops the recording. Returns the claims that requests have changed since
     /// [`Beliefs::begin_partition_log`]; `None` if there was no recording.
     pub(crate) fn take_partition_log(&mut self) -> Option<PendingChanges> {
+        self.retracted_apart.clear();
         self.partition_log.take()
+    }
+
+    /// Returns the claims that requests have changed since [`Beliefs::begin_partition_log`] and that
+    /// still exist, in the order in which they were made. Each entry is the fact, the owner and the
+    /// claim. If too many have changed, returns all claims that came by request.
+    pub(crate) fn claims_made_apart(&self) -> Vec<(FactKey, Owner, FactClaim)> {
+        let Some(apart) = &self.partition_log else { return Vec::new() };
+        let changed = self.requested.iter().filter(|(fact, owner)| apart.has(fact, owner));
+        let mut made: Vec<_> = changed
+            .filter_map(|(fact, owner)| {
+                let (stamp, claim) = self.stamped_claim_of(fact, owner)?;
+                claim.source.is_requested().then_some((stamp, fact, owner, claim))
+            })
+            .collect();
+        made.sort_by_key(|(stamp, ..)| *stamp);
+        let claims = made.into_iter();
+        claims.map(|(_, fact, owner, claim)| (fact.clone(), owner.clone(), claim.clone())).collect()
+    }
+
+    /// Whether a request has withdrawn what `owner` may claim about `fact`, since
+    /// [`Beliefs::begin_partition_log`] was called.
+    pub(crate) fn is_withdrawn_apart(&self, fact: &FactKey, owner: &Owner) -> bool {
+        let is_listed = match &self.partition_log {
+            Some(apart @ PendingChanges::These(_)) => apart.has(fact, owner),
+            // Too many claims have changed to tell those that were withdrawn.
+            Some(PendingChanges::All) | None => false,
+        };
+        self.retracted_apart.contains(fact) || (is_listed && self.claim_of(fact, owner).is_none())
     }
 
     /// Whether requests may have changed the claim of `owner` about `fact` since
@@ -455,6 +487,9 @@ impl Beliefs {
 
     /// Removes all claims about `fact`, whatever their owners.
     pub(crate) fn withdraw_all(&mut self, fact: &FactKey) {
+        if self.partition_log.is_some() && self.retracted_apart.len() < UNTOLD_MAX {
+            self.retracted_apart.insert(fact.clone());
+        }
         let owners: Vec<Owner> = { self.claims.get(fact).into_iter() }
             .flat_map(ClaimsByOwner::iter)
             .map(|(owner, _)| owner.clone())

@@ -7,7 +7,7 @@ use crate::fact::{ClaimSource, FactKey, Owner};
 
 /// Maximum number of changed claims that are recorded individually. If more have changed, all
 /// claims are sent to the other maintainers.
-const UNTOLD_MAX: usize = 1_024;
+pub(crate) const UNTOLD_MAX: usize = 1_024;
 
 /// Claims that may have changed since claims were last sent to other maintainers.
 #[derive(Clone, Debug, Default)]

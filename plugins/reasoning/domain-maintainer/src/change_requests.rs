@@ -119,7 +119,11 @@ impl DomainMaintainer {
         };
         let now = self.domain_sync.timestamp();
         let changed = self.domain_sync.maintainer.set_metric(metric, now);
-        Ok((changed.map_err(|declined| declined.refusal())?, detail))
+        let changed = changed.map_err(|declined| declined.refusal())?;
+        if !self.has_base {
+            self.early.note_metric();
+        }
+        Ok((changed, detail))
     }
 
     fn change_actions(&mut self, change: ChangeActions) -> Result<AcceptedChange, Refusal> {
@@ -133,6 +137,9 @@ impl DomainMaintainer {
         let now = self.domain_sync.timestamp();
         let changed = self.domain_sync.maintainer.change_actions(&withhold, &give_back, now);
         let changed = changed.map_err(|declined| declined.refusal())?;
+        if !self.has_base {
+            self.early.note_actions(&withhold, &give_back);
+        }
         let parts = [("withheld", withhold), ("given back", give_back)];
         let parts = parts.into_iter().filter(|(_, of)| !of.is_empty()).map(|(what, of)| {
             let names: Vec<String> = of.iter().map(describe_action).collect();

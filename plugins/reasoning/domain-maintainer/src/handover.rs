@@ -52,7 +52,9 @@ impl DomainMaintainer {
         } else if !here.is_empty() {
             *met = here;
             let since = *together.get_or_insert(now);
-            if self.is_leading && now.since(since) >= REUNITED_AFTER {
+            // Before the Journals are read, the log tells what is younger than their record.
+            let is_over = self.has_base && now.since(since) >= REUNITED_AFTER;
+            if self.is_leading && is_over {
                 self.domain_sync.maintainer.drop_partition_log();
             }
         }

@@ -11,11 +11,12 @@
 
 mod change_requests;
 mod derived;
+mod early_changes;
 mod handover;
 mod stored_requests;
 
 use std::sync::Arc;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use acl::content::{
     BelievedFact, BelievedState, Claim, EpochChange, Inform, Reason, Record, Refusal, Requested,
@@ -33,6 +34,7 @@ use capability::{
 };
 use serde::Deserialize;
 
+use crate::early_changes::EarlyChanges;
 use crate::handover::KnownReplicas;
 use crate::stored_requests::StoredRequests;
 
@@ -80,6 +82,8 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
         full_announcement_timer: None,
         has_announced: false,
         has_requests: false,
+        has_base: blueprint.host.journals.is_empty(),
+        early: EarlyChanges::default(),
         journal_client: JournalClient::new(&blueprint.host),
         is_leading: false,
         record_version: None,
@@ -104,6 +108,12 @@ struct DomainMaintainer {
     /// not count, because they follow from the ecosystem file, and the Journals never store them
     /// alone.
     has_requests: bool,
+    /// Whether this replica knows what was requested before it led: it has read the Journals, or has
+    /// received all requested changes from a leader. Until then its own requests do not replace the
+    /// record in the Journals.
+    has_base: bool,
+    /// Changes that were requested from this replica before that.
+    early: EarlyChanges,
     journal_client: JournalClient<DomainMaintainer>,
     /// Whether this replica of the Domain Maintainer leads. A standby receives the same messages
     /// and sends none.
@@ -228,36 +238,33 @@ impl ReplicatesRecords for DomainMaintainer {
     }
 
     /// Restores, from records of the Journals, the requested changes that were in force before all
-    /// replicas were restarted.
+    /// replicas were restarted. What was requested before the Journals could be read stays in force.
     fn records_restored(&mut self, records: Vec<Record>, ctx: &mut Context<Self>) {
-        let Some(record) = records.into_iter().find(|record| record.key == REQUESTED) else {
+        let is_first = !std::mem::replace(&mut self.has_base, true);
+        let early = std::mem::take(&mut self.early);
+        let record = records.into_iter().find(|record| record.key == REQUESTED);
+        let Some(record) = record else {
+            if early.is_unwritten {
+                self.replicate_all_requests(ctx);
+            }
             return;
         };
         // Changes that this replica received or wrote itself are newer than its record.
         let is_known = self.record_version.is_some_and(|known| known >= record.version);
         let is_own = record.version.term == self.journal_client.term();
-        if is_known || is_own || self.has_requests {
+        if is_known || is_own || (self.has_requests && !is_first) {
             return;
         }
         self.record_version = Some(record.version);
-        let now = self.domain_sync.timestamp();
-        let wall_clock = ctx.wall_clock();
-        let kept = StoredRequests::deserialize(record.body).map_err(|error| error.to_string());
-        let requests = kept.and_then(|kept| {
-            let mistakes = |found: Vec<pddl::Diagnostic>| {
-                found.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
-            };
-            RequestedChanges::read(&kept.in_force_at(wall_clock), now).map_err(mistakes)
-        });
-        let recalled = requests.and_then(|requests| {
-            let maintainer = &mut self.domain_sync.maintainer;
-            maintainer.restore_requests(&requests, now).map_err(|declined| declined.to_string())
-        });
-        match recalled {
+        match self.restore(record, is_first.then_some(early), ctx.wall_clock()) {
             Ok(change) => {
                 tracing::info!("restores the changes that were requested earlier");
                 self.announcement_scope = AnnouncementScope::Full;
                 domain_sync::report_change(self, &change, ctx);
+                if is_first {
+                    self.announce_requests(ctx);
+                    self.replicate_all_requests(ctx);
+                }
             }
             Err(why) => tracing::warn!(why, "earlier requests cannot be restored"),
         }
@@ -267,6 +274,47 @@ impl ReplicatesRecords for DomainMaintainer {
 impl DomainMaintainer {
     fn informed(&mut self, message: Message, ctx: &mut Context<Self>) {
         domain_sync::receive_inform(self, &message, ctx);
+        let is_of_leader = message.sender == *ctx.id() && !self.is_leading;
+        if is_of_leader
+            && !self.has_base
+            && let Ok(Inform::Epoch(change)) = message.content_as::<Inform>()
+        {
+            self.has_base = change.requested.is_some();
+            self.early = EarlyChanges::default();
+        }
+    }
+
+    /// Restores the requested changes of a record. `early` are the changes that were requested before
+    /// any record could be read; `None` if one was read before.
+    fn restore(
+        &mut self,
+        record: Record,
+        early: Option<EarlyChanges>,
+        wall_clock: SystemTime,
+    ) -> Result<DomainChange, String> {
+        let now = self.domain_sync.timestamp();
+        let maintainer = &mut self.domain_sync.maintainer;
+        let kept = StoredRequests::deserialize(record.body).map_err(|error| error.to_string())?;
+        let read = |requested: &Requested| {
+            RequestedChanges::read(requested, now).map_err(|found| {
+                found.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
+            })
+        };
+        let requests = read(&kept.in_force_at(wall_clock))?;
+        let restored = match early {
+            Some(early) => {
+                let present = read(&maintainer.requested(now))?;
+                let requests = early.put_upon(requests, present);
+                maintainer.restore_earlier_requests(&requests, now)
+            }
+            None => maintainer.restore_requests(&requests, now),
+        };
+        restored.map_err(|declined| declined.to_string())
+    }
+
+    fn replicate_all_requests(&mut self, ctx: &mut Context<Self>) {
+        let requested = self.domain_sync.maintainer.requested(self.domain_sync.timestamp());
+        self.replicate_requests(requested, ctx);
     }
 
     /// Announces the requested changes in force, even if nothing else has changed.
@@ -280,6 +328,11 @@ impl DomainMaintainer {
     /// itself.
     fn replicate_requests(&mut self, requested: Requested, ctx: &mut Context<Self>) {
         if self.journal_client.journals().is_empty() {
+            return;
+        }
+        if !self.has_base {
+            // The record would replace one that has not been read yet.
+            self.early.is_unwritten = true;
             return;
         }
         let kept = StoredRequests::new(requested, ctx.wall_clock());

@@ -9,6 +9,7 @@ mod copying;
 mod ended;
 mod joint;
 mod lost;
+mod restored;
 mod under_way;
 
 mod due;

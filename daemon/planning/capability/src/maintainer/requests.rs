@@ -394,11 +394,53 @@ impl Maintainer {
         Ok(change)
     }
 
+    /// Restores the changes by requests that the Journals kept, at a maintainer that has led before
+    /// the Journals could be read. What was requested from this maintainer since
+    /// [`begin_partition_log`](Maintainer::begin_partition_log) is younger and stays in force. The
+    /// metric and the withheld actions become those of `requests`.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if a limit is exceeded. The changes before the failing one take effect.
+    pub fn restore_earlier_requests(
+        &mut self,
+        requests: &RequestedChanges,
+        now: Timestamp,
+    ) -> Result<DomainChange, Declined> {
+        let younger = self.beliefs.claims_made_apart();
+        let is_in_force = |agent: &AgentId, fact: &InitElement| match FactStatement::of(fact) {
+            FactStatement::Is(key, _) => {
+                !self.beliefs.is_withdrawn_apart(&key, &Owner::Agent(agent.clone()))
+            }
+            _ => false,
+        };
+        let facts = requests.facts.iter();
+        let facts = facts.filter(|(agent, known)| is_in_force(agent, &known.fact)).cloned();
+        let earlier = RequestedChanges { facts: facts.collect(), ..requests.clone() };
+        let restored = self.adopt_claims(&earlier, now);
+        self.beliefs.adopt_announced();
+        // Of two numbers, the one that was claimed later is believed.
+        for (fact, owner, claim) in younger {
+            self.beliefs.claim(fact, &owner, claim);
+        }
+        let change = self.take_change(now);
+        restored.map(|()| change)
+    }
+
     fn adopt(
         &mut self,
         requests: &RequestedChanges,
         now: Timestamp,
     ) -> Result<DomainChange, Declined> {
+        self.adopt_claims(requests, now)?;
+        Ok(self.take_change(now))
+    }
+
+    fn adopt_claims(
+        &mut self,
+        requests: &RequestedChanges,
+        now: Timestamp,
+    ) -> Result<(), Declined> {
         let RequestedChanges { facts, retracted, metric, withheld } = requests;
         self.set_withheld(withheld.iter().cloned().collect())?;
         self.is_changed |= self.metric != *metric;
@@ -410,7 +452,7 @@ impl Maintainer {
         }
         told.sort_unstable();
         self.beliefs.withdraw_announced(&told);
-        Ok(self.take_change(now))
+        Ok(())
     }
 
     fn retract_from_map(&mut self, facts: &[InitElement]) {

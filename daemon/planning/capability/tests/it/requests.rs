@@ -369,3 +369,31 @@ fn the_central_maintainer_ignores_announced_requests() {
     let unreadable = Requested { metric: Some("minimize".into()), ..Requested::default() };
     assert!(RequestedChanges::read(&unreadable, central.now).is_err());
 }
+
+#[test]
+fn earlier_requests_are_restored_below_younger_ones() {
+    let mut office = office();
+    office.maintainer.set_standby(true);
+    office.maintainer.set_standby(false);
+    office.maintainer.begin_partition_log();
+    office.set("bob", "(= (distance corridor office2) 5)").expect("a request");
+    office.set("bob", "(not (known-temperature office2))").expect("a request");
+    office.set("cem", "(connected office2 corridor)").expect("a request");
+    let of_ann = |fact: &str| (id("ann"), KnownFact::from(facts(fact)[0].clone()));
+    let earlier = RequestedChanges {
+        facts: vec![
+            of_ann("(= (distance corridor office2) 3)"),
+            of_ann("(= (distance office2 corridor) 3)"),
+            of_ann("(known-temperature office2)"),
+        ],
+        ..RequestedChanges::default()
+    };
+    office.maintainer.restore_earlier_requests(&earlier, office.now).expect("room");
+    let expected = "(= (distance corridor office2) 5)\n(= (distance office2 corridor) 3)";
+    assert_eq!(office.known("distance"), expected);
+    assert_eq!(office.known("known-temperature"), "", "it was denied later");
+    assert_eq!(
+        office.known("connected"),
+        "(connected corridor office2)\n(connected office2 corridor)"
+    );
+}
