@@ -77,6 +77,19 @@ impl ReplicatesRecords for PlanRequester {
     }
 
     fn records_restored(&mut self, records: Vec<Record>, ctx: &mut Context<Self>) {
+        self.merge_records(records, true, ctx);
+    }
+}
+
+impl PlanRequester {
+    /// Merges records with what this replica knows. They are those of the Journals if
+    /// `are_of_journals`, otherwise those of another leader, which stands down.
+    pub(crate) fn merge_records(
+        &mut self,
+        records: Vec<Record>,
+        are_of_journals: bool,
+        ctx: &mut Context<Self>,
+    ) {
         let (due, records): (Vec<_>, Vec<_>) =
             records.into_iter().partition(|record| record.key.starts_with(DUE));
         let (goals, others): (Vec<_>, Vec<_>) =
@@ -91,6 +104,9 @@ impl ReplicatesRecords for PlanRequester {
         let numbers = numbered.filter_map(|record| record.body.get("number")?.as_u64());
         for number in numbers.filter_map(|number| u32::try_from(number).ok()) {
             self.numbers.note(number);
+        }
+        if are_of_journals {
+            self.numbers.open();
         }
         for Record { key, version, body } in goals {
             if body.is_null() {
@@ -111,14 +127,15 @@ impl ReplicatesRecords for PlanRequester {
             self.forget_plan(&id, ctx);
         }
         due.into_iter().for_each(|record| self.restore_due(record, ctx));
-        self.read_file_goals(ctx);
+        if are_of_journals {
+            self.journals_read(ctx);
+            self.read_file_goals(ctx);
+        }
         self.resume_occurrences(ctx);
         self.look_at_clock(ctx);
         self.schedule_next(ctx);
     }
-}
 
-impl PlanRequester {
     // === replication ===
 
     /// Sends the record of a new goal to the Journals, and reports to the initiator which Journals
@@ -130,6 +147,10 @@ impl PlanRequester {
                               goal is pursued in each";
                 self.send_report(id, progress(detail), ctx);
             }
+            return;
+        }
+        if self.goals.get(id).is_some_and(|goal| goal.number == 0) {
+            // The goal gets its number, and is accepted, when the Journals have been read.
             return;
         }
         let Some(record) = self.record(id) else { return };
@@ -488,6 +509,7 @@ impl PlanRequester {
         }
         self.ended.clear_except_unsent();
         self.cheaper_plan_check = None;
+        self.drop_early_requests(ctx);
         self.hand_over(records, 0, ctx);
     }
 

@@ -68,6 +68,7 @@ impl PlanRequester {
         if std::mem::replace(&mut self.clock.has_read_file, true) {
             return;
         }
+        self.numbers.open();
         let file = self.clock.file.clone();
         let stands = |id: &ConversationId| file.goals.iter().any(|goal| goal.conversation() == *id);
         let known = self.clock.goals.iter().filter(|(_, due)| due.is_of_file);
@@ -79,6 +80,7 @@ impl PlanRequester {
         for goal in file.goals {
             self.take_file_goal(goal, ctx);
         }
+        self.stop_awaiting_journals(ctx);
         self.look_at_clock(ctx);
     }
 

@@ -143,8 +143,12 @@ impl PlanRequester {
         due.number = self.numbers.next();
         due.add_history(now, format!("scheduled: {}", due.times.words));
         tracing::info!(conversation = %id, goal = due.asked.goal, times = due.times.words, "a goal by the clock");
+        let has_number = due.number != 0;
         self.clock.goals.insert(id.clone(), due);
-        self.replicate_new_due(&id, participation, ctx);
+        match has_number {
+            true => self.replicate_new_due(&id, participation, ctx),
+            false => self.early.add_schedule(participation),
+        }
         self.look_at_clock(ctx);
     }
 
@@ -209,10 +213,13 @@ impl PlanRequester {
     }
 
     /// Cancels a goal by the clock, for a person.
-    pub(crate) fn due_cancelled(&mut self, message: &Message, ctx: &mut Context<Self>) {
-        let id = &message.conversation_id;
+    pub(crate) fn due_cancelled(
+        &mut self,
+        id: &ConversationId,
+        asker: Option<Participation>,
+        ctx: &mut Context<Self>,
+    ) {
         let id = self.always_of(id).unwrap_or_else(|| id.clone());
-        let asker = message.opens_exchange().then(|| Participation::of(message));
         let report = Report::new(Outcome::Cancelled, "cancelled as asked");
         self.end_due_then(&id, report, ctx, move |ctx| {
             let report = Report::new(Outcome::Cancelled, "it is not asked for any more");

@@ -9,7 +9,6 @@ use std::time::Duration;
 
 use acl::content::{Outcome, Record, Report, Request, StoreRecords, value};
 use acl::{Message, Performative, Protocol};
-use agent::replication::ReplicatesRecords as _;
 use agent::{Context, ExchangeEvent, ExchangeOpening, Participation};
 
 use crate::PlanRequester;
@@ -80,7 +79,7 @@ impl PlanRequester {
             .iter()
             .filter_map(|record| Some((conversation_of(&record.key)?, record.version)))
             .collect();
-        self.records_restored(records, ctx);
+        self.merge_records(records, false, ctx);
         self.replicate_all_due(ctx);
         for (id, version) in handed {
             // The goal continues here, and it is unknown whether any Journal has this record.

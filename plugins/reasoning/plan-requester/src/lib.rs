@@ -23,6 +23,7 @@ mod contract_net;
 mod dry_run;
 mod due_goal;
 mod due_records;
+mod early_requests;
 mod execution;
 mod explanations;
 mod failover;
@@ -65,6 +66,7 @@ use tokio::time::Instant;
 
 pub use crate::dry_run::{DryRunRequest, DryRunResult, DryRunStep, ThreatenedGoal, dry_run};
 use crate::due_goal::{GoalLimits, timestamp};
+use crate::early_requests::EarlyRequests;
 pub use crate::file_goals::{FileGoal, FileGoals};
 use crate::finished::FinishedGoals;
 use crate::goal::{Goal, PlanningRound, Work};
@@ -85,10 +87,6 @@ const TELL_AGAIN: Duration = Duration::from_millis(200);
 
 /// Delay before the next attempt of a plan that was refused because an actuator is busy.
 const BUSY: Duration = Duration::from_millis(200);
-
-/// How long a new leader waits for a Journal before it asks for the goals of the file: a Journal that
-/// has just started opens its file within it, unless the file must be repaired.
-const JOURNALS_AWAITED: Duration = Duration::from_secs(10);
 
 /// The entry of the Plan Requester in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {
@@ -153,6 +151,7 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
         goals,
         ended,
         numbers: GoalNumbers::default(),
+        early: EarlyRequests::default(),
         clock: GoalClock::new(file_goals),
         journal_client,
         cheaper_plan_check: None,
@@ -167,6 +166,8 @@ struct PlanRequester {
     goals: BTreeMap<ConversationId, Goal>,
     ended: FinishedGoals,
     numbers: GoalNumbers,
+    /// Requests that wait until the Journals have been read.
+    early: EarlyRequests,
     /// Goals that are asked for by the clock.
     clock: GoalClock,
     journal_client: JournalClient<PlanRequester>,
@@ -190,16 +191,9 @@ impl Agent for PlanRequester {
 
     fn leadership_changed(&mut self, is_leading: bool, ctx: &mut Context<Self>) {
         replication::handle_leadership(self, is_leading, ctx);
-        if !is_leading {
-            self.resign(ctx);
-        } else if self.journal_client.journals().is_empty() {
-            self.read_file_goals(ctx);
-        } else {
-            ctx.after(JOURNALS_AWAITED, |requester: &mut Self, ctx| {
-                if requester.journal_client.is_leading() {
-                    requester.read_file_goals(ctx);
-                }
-            });
+        match is_leading {
+            true => self.await_journals(ctx),
+            false => self.resign(ctx),
         }
     }
 
@@ -361,24 +355,43 @@ impl PlanRequester {
 
     fn cancelled(&mut self, message: Message, ctx: &mut Context<Self>) {
         let id = &message.conversation_id;
+        // A `cancel` within the goal's own exchange is answered by the goal's final report. Only a
+        // sender that opens a new exchange for the `cancel` is answered here.
+        let asker = message.opens_exchange().then(|| Participation::of(&message));
+        match !self.is_goal(id) && self.early.has_unread_journals() {
+            true => self.hold_cancellation(id, asker, ctx),
+            false => self.cancel_for(id, asker, ctx),
+        }
+    }
+
+    /// Whether a goal, or a goal by the clock, of this conversation is known and has not ended.
+    fn is_goal(&self, id: &ConversationId) -> bool {
+        self.goals.contains_key(id) || self.is_due_goal(id)
+    }
+
+    /// Cancels a goal. `asker` is the exchange that waits for the answer; `None` if the goal's final
+    /// report is the answer.
+    fn cancel_for(
+        &mut self,
+        id: &ConversationId,
+        asker: Option<Participation>,
+        ctx: &mut Context<Self>,
+    ) {
         if self.is_due_goal(id) {
-            return self.due_cancelled(&message, ctx);
+            return self.due_cancelled(id, asker, ctx);
         }
         let is_here = self.goals.contains_key(id);
         self.cancel(id, ctx);
-        // A `cancel` within the goal's own exchange is answered by the goal's final report. Only a
-        // sender that opens a new exchange for the `cancel` is answered here.
-        let other = message.opens_exchange().then(|| Participation::of(&message));
         if !is_here {
             let unknown = || format!("there is no goal `{id}`");
-            other.iter().for_each(|other| ctx.refuse(other, Reason::Unknown, unknown()));
+            asker.iter().for_each(|asker| ctx.refuse(asker, Reason::Unknown, unknown()));
             return;
         }
         // The cancellation is confirmed only when it is recorded, so that a standby that takes over
         // cancels the goal too.
         self.replicate_cancellation(id, ctx, move |ctx| {
             let report = Report::new(Outcome::Cancelled, "the goal is given up");
-            other.iter().for_each(|other| ctx.answer(other, Performative::Confirm, &report));
+            asker.iter().for_each(|asker| ctx.answer(asker, Performative::Confirm, &report));
         });
     }
 

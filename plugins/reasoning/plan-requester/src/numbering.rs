@@ -1,7 +1,8 @@
 //! The numbers of goals, by which people name them: 1, 2, 3 … in the order of the requests.
 //!
 //! The leader gives the numbers, and the Journals keep them with the goals, ended ones included. A
-//! new leader continues after the highest number that a Journal has. Two leaders on the two sides of
+//! new leader gives none until it has read them (`early_requests`), and continues after the highest
+//! number that a Journal has. Two leaders on the two sides of
 //! a partition may give one number to two goals; when the partition ends, the goal that the
 //! surviving leader takes over gets a new number.
 
@@ -10,14 +11,29 @@ use crate::PlanRequester;
 /// The numbers that have been given to goals.
 #[derive(Debug, Default)]
 pub(crate) struct GoalNumbers {
+    /// Whether no numbers are given, because the Journals have not been read yet and may have any.
+    is_closed: bool,
     /// The highest number that a goal has or had, as far as it is known here; 0 before the first
     /// goal.
     highest: u32,
 }
 
 impl GoalNumbers {
-    /// Returns the number for a new goal.
+    /// Stops giving numbers, because goals may have numbers that are not known here.
+    pub(crate) fn close(&mut self) {
+        self.is_closed = true;
+    }
+
+    /// Gives numbers again.
+    pub(crate) fn open(&mut self) {
+        self.is_closed = false;
+    }
+
+    /// Returns the number for a new goal; 0 if no numbers are given now.
     pub(crate) fn next(&mut self) -> u32 {
+        if self.is_closed {
+            return 0;
+        }
         self.highest = self.highest.saturating_add(1);
         self.highest
     }
@@ -51,5 +67,10 @@ mod tests {
         numbers.note(7);
         numbers.note(3);
         assert_eq!(numbers.next(), 8);
+        numbers.close();
+        numbers.note(20);
+        assert_eq!(numbers.next(), 0);
+        numbers.open();
+        assert_eq!(numbers.next(), 21);
     }
 }

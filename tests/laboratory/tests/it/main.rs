@@ -6,6 +6,7 @@ mod house;
 mod apart;
 mod bids;
 mod copying;
+mod early;
 mod ended;
 mod joint;
 mod lost;
