@@ -33,6 +33,21 @@ pub struct AvoidedAction {
     pub is_withdrawn: bool,
 }
 
+/// A failed action of a goal, in the form in which a replica that takes the goal over receives it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FailedAction {
+    /// The agent.
+    pub agent: AgentId,
+    /// The agent's own name for the action.
+    pub action: String,
+    /// Number of failures so far.
+    pub times: u32,
+    /// Whether the agent refused the last request for the action with [`Reason::Incapable`].
+    pub is_refused: bool,
+    /// Reason of the last failure, as text for a person.
+    pub why: String,
+}
+
 /// Back-off of all failed actions of one goal.
 #[derive(Clone, Debug)]
 pub struct ActionBackoffs {
@@ -76,6 +91,30 @@ impl ActionBackoffs {
         backoff.times += 1;
         backoff.is_refused = report.declined == Some(Reason::Incapable);
         backoff.why.clone_from(&report.detail);
+    }
+
+    /// Returns the failed actions, for a replica that takes the goal over.
+    pub fn failed_actions(&self) -> Vec<FailedAction> {
+        let failed = |((agent, action), backoff): (&(AgentId, String), &ActionBackoff)| {
+            let (agent, action, why) = (agent.clone(), action.clone(), backoff.why.clone());
+            let ActionBackoff { times, is_refused, .. } = *backoff;
+            FailedAction { agent, action, times, is_refused, why }
+        };
+        self.failed.iter().map(failed).collect()
+    }
+
+    /// Restores the failed actions that an earlier replica has recorded. As its clock is not known
+    /// here, each action is avoided for the whole time that follows from its number of failures,
+    /// counted from `now`.
+    pub fn restore(&mut self, failed: impl IntoIterator<Item = FailedAction>, now: Duration) {
+        for FailedAction { agent, action, times, is_refused, why } in failed {
+            let doubled = 1_u32.checked_shl(times.saturating_sub(1)).unwrap_or(u32::MAX);
+            let span = AVOIDED_FIRST.saturating_mul(doubled).min(AVOIDED_MAX);
+            let until = now.saturating_add(span);
+            let backoff =
+                ActionBackoff { until, span, times, is_refused, is_withdrawn: false, why };
+            self.failed.insert((agent, action), backoff);
+        }
     }
 
     /// Stops avoiding all actions of an agent, because the agent has announced its action model
@@ -184,5 +223,25 @@ mod tests {
         backoffs.penalize(lamp(), &failed(Some(Reason::Incapable)), now);
         backoffs.reset(&agent);
         assert!(backoffs.avoided(now).is_empty());
+    }
+
+    #[test]
+    fn a_replica_that_takes_over_avoids_what_has_failed() {
+        let now = Duration::from_secs(7);
+        let mut former = ActionBackoffs::new(Keep::Achieve);
+        former.penalize(lamp(), &failed(Some(Reason::Incapable)), now);
+        let other = (lamp().0, "dim".to_owned());
+        former.penalize(other.clone(), &failed(None), now);
+        former.penalize(other.clone(), &failed(None), now);
+        let mut backoffs = ActionBackoffs::new(Keep::Achieve);
+        backoffs.restore(former.failed_actions(), Duration::ZERO);
+        assert_eq!(backoffs.failed_actions(), former.failed_actions());
+        let avoided = backoffs.avoided(Duration::ZERO);
+        assert!(avoided[&lamp()].is_for_good, "a refused action is not tried again");
+        assert_eq!(avoided[&other].why, "it is dark");
+        assert_eq!(backoffs.next_chance(Duration::ZERO), Some(AVOIDED_FIRST * 2));
+        // The next failure is the third one.
+        backoffs.penalize(other.clone(), &failed(None), AVOIDED_FIRST * 2);
+        assert!(backoffs.avoided(AVOIDED_MAX)[&other].is_for_good);
     }
 }

@@ -19,7 +19,7 @@ mod event;
 mod goal_state;
 mod transitions;
 
-pub use action_backoff::{ActionBackoffs, AvoidedAction, AvoidedActions};
+pub use action_backoff::{ActionBackoffs, AvoidedAction, AvoidedActions, FailedAction};
 pub use event::{
     Attempt, Blockers, ExecutionEnd, GoalCommand, GoalEvent, GoalEventKind, GoalVerdict,
     MissingPlan, PlanDecision, PlanningFlow, PlanningMode, Turn,

@@ -17,10 +17,10 @@ use std::collections::BTreeMap;
 use acl::content::{
     Achieve, Execute, GoalPhase, HistoryEntry, Outcome, Partition, Record, Report, Version, value,
 };
-use acl::{ConversationId, Incarnation, Performative};
+use acl::{AgentId, ConversationId, Incarnation, Performative};
 use agent::replication::{self, JournalClient, ReplicatesRecords, ReplicationOutcome};
 use agent::{Context, Participation, Resident};
-use goal_lifecycle::{GoalEvent, GoalState, SETTLE_DELAY, holding};
+use goal_lifecycle::{FailedAction, GoalEvent, GoalState, SETTLE_DELAY, holding};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -45,6 +45,9 @@ struct GoalRecord {
     number: u32,
     rounds: u32,
     failures: u32,
+    /// Actions that failed in earlier plans of the goal, or that a person has forbidden.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    failed: Vec<FailedActionRecord>,
     /// Identifier of the running plan of the goal; `None` if no plan runs.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     running: Option<RunningPlanId>,
@@ -61,6 +64,19 @@ struct GoalRecord {
     /// The final report about the goal; `None` if the goal has not ended.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     ended: Option<Report>,
+}
+
+/// Record of a failed action, so that the next leader neither tries it again too soon nor asks a person
+/// again that has forbidden it.
+#[derive(Debug, Serialize, Deserialize)]
+struct FailedActionRecord {
+    agent: AgentId,
+    action: String,
+    times: u32,
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    refused: bool,
+    #[serde(default)]
+    why: String,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -451,6 +467,7 @@ impl PlanRequester {
             number,
             rounds,
             failures,
+            failed,
             running,
             limits,
             happened,
@@ -466,12 +483,10 @@ impl PlanRequester {
             let is_it = |plan: &Execute| plan.term == running.term && plan.round == running.round;
             plan.as_ref().is_some_and(is_it)
         });
-        let (state, commands) = GoalState::resumed(
-            asked.keep,
-            (rounds, failures),
-            running.is_some(),
-            self.elapsed(ctx),
-        );
+        let now = self.elapsed(ctx);
+        let (mut state, commands) =
+            GoalState::resumed(asked.keep, (rounds, failures), running.is_some(), now);
+        state.backoffs_mut().restore(failed.into_iter().map(FailedAction::from), now);
         let mut goal = Goal::new(participation, incarnation, asked, condition);
         (goal.state, goal.version) = (state, version);
         goal.number = self.number_for(number);
@@ -546,7 +561,7 @@ impl PlanRequester {
             return None;
         }
         let journals = self.journal_client.journals();
-        let is_here = |journal: &&acl::AgentId| ctx.find(journal).is_some();
+        let is_here = |journal: &&AgentId| ctx.find(journal).is_some();
         let here = journals.iter().filter(is_here).count();
         let has_first = journals.first().is_some_and(|first| is_here(&first));
         let is_most = here * 2 > journals.len() || (here * 2 == journals.len() && has_first);
@@ -573,6 +588,20 @@ pub(crate) fn conversation_of(key: &str) -> Option<ConversationId> {
     key.strip_prefix(GOAL).map(ConversationId::new)
 }
 
+impl From<FailedAction> for FailedActionRecord {
+    fn from(failed: FailedAction) -> FailedActionRecord {
+        let FailedAction { agent, action, times, is_refused: refused, why } = failed;
+        FailedActionRecord { agent, action, times, refused, why }
+    }
+}
+
+impl From<FailedActionRecord> for FailedAction {
+    fn from(record: FailedActionRecord) -> FailedAction {
+        let FailedActionRecord { agent, action, times, refused: is_refused, why } = record;
+        FailedAction { agent, action, times, is_refused, why }
+    }
+}
+
 fn progress(detail: &str) -> Report {
     Report::new(Outcome::Progress, detail)
 }
@@ -597,6 +626,7 @@ fn record_of(goal: &Goal) -> GoalRecord {
         number: goal.number,
         rounds: goal.state.rounds(),
         failures: goal.state.failures(),
+        failed: goal.state.backoffs().failed_actions().into_iter().map(From::from).collect(),
         running,
         limits: goal.limits.clone().filter(|limits| !limits.is_empty()),
         happened: goal.history().to_vec(),
@@ -621,6 +651,9 @@ pub(crate) fn acceptance(number: u32, kept: &ReplicationOutcome, listed: usize) 
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
+    use acl::content::{Keep, Reason};
     use serde_json::json;
 
     use super::*;
@@ -637,6 +670,7 @@ mod tests {
         let record = GoalRecord::deserialize(goal).expect("a record of version 1");
         assert_eq!(record.incarnation, Incarnation(7));
         assert_eq!(record.participation.incarnation, Some(Incarnation(7)));
+        assert!(record.failed.is_empty());
         let plan = json!({
             "domain": "", "problem": "", "plan": "", "epoch": 1, "round": 1,
             "offers": {"lamp": {"light": {"inside": "light--2", "guard": "(offers-light lamp)"}}}
@@ -644,5 +678,27 @@ mod tests {
         let plan = Execute::deserialize(plan).expect("a plan of version 1");
         let offer = plan.offers.into_values().flatten().next().expect("one agent, one action");
         assert_eq!(offer.1.schema, "light--2");
+    }
+
+    #[test]
+    fn the_record_of_a_goal_has_what_was_forbidden() {
+        let participation = json!({
+            "initiator": "user", "incarnation": 7, "exchange": "t", "conversation": "c",
+            "protocol": "goal"
+        });
+        let participation = Participation::deserialize(participation).expect("a participation");
+        let asked = Achieve::new("(lit hall)", Keep::Achieve, 0);
+        let condition = pddl::parse_condition(&asked.goal).into_result().expect("a condition");
+        let mut goal = Goal::new(participation, Incarnation(7), asked, condition);
+        let lamp = (AgentId::new("lamp").expect("a name"), "light".to_owned());
+        let no = Report {
+            declined: Some(Reason::Incapable),
+            ..Report::new(Outcome::Failed, "ann says no")
+        };
+        goal.state.backoffs_mut().penalize(lamp, &no, Duration::ZERO);
+        let record = GoalRecord::deserialize(value(&record_of(&goal))).expect("a record");
+        let failed: Vec<FailedAction> = record.failed.into_iter().map(From::from).collect();
+        assert_eq!(failed, goal.state.backoffs().failed_actions());
+        assert!(failed[0].is_refused);
     }
 }
