@@ -270,6 +270,71 @@ fn an_upgrade_takes_over_and_a_broken_one_is_rolled_back() {
     assert!(said.contains("`version` is missing"), "{said}");
 }
 
+/// Adds a package with these files by `althing plugin add`. Its program is `./agent`, which has all the
+/// time that it wants to get ready.
+fn add_package(office: &Office, name: &str, version: &str, agent: &str) {
+    let folder = office.folder().join("made").join(name);
+    fs::create_dir_all(&folder).expect("a folder");
+    let text = format!(
+        "name = \"{name}\"\nversion = \"{version}\"\nprotocol = \"2\"\nrun = [\"./agent\"]\n\
+         ready-within = \"10m\"\n\n[[agent]]\nname = \"agent-of-{name}\"\n"
+    );
+    fs::write(folder.join("plugin.toml"), text).expect("a file");
+    fs::write(folder.join("agent"), agent).expect("a file");
+    fs::set_permissions(folder.join("agent"), Permissions::from_mode(0o755)).expect("our own");
+    let (code, said) = office.ask(&["plugin", "add", &folder.display().to_string()]);
+    assert_eq!(code, Some(0), "{said}");
+}
+
+/// Waits until a file contains a text.
+fn await_text(file: &Path, text: &str) {
+    let deadline = Instant::now() + PATIENCE;
+    while !fs::read_to_string(file).is_ok_and(|said| said.contains(text)) {
+        assert!(Instant::now() < deadline, "`{text}` is not in {}", file.display());
+        std::thread::yield_now();
+    }
+}
+
+#[test]
+fn a_package_that_comes_back_while_its_process_ends_runs_again() {
+    let office = office("decentralized", "");
+    // The process notes that it is to end, and goes on until it is killed.
+    let stubborn = "#!/bin/sh\ntrap 'echo told >> $HOME/told' TERM\necho begun >> $HOME/told\n\
+                    while :; do sleep 1; done\n";
+    add_package(&office, "stubborn", "1", stubborn);
+    let before = await_status(&office, "stubborn", |status| !status["pid"].is_null());
+    let told = office.folder().join("state/lab/daemon/plugins/stubborn/told");
+    await_text(&told, "begun");
+    let (code, said) = office.ask(&["plugin", "remove", "stubborn"]);
+    assert_eq!(code, Some(0), "{said}");
+    await_text(&told, "told");
+    add_package(&office, "stubborn", "2", stubborn);
+    let after = await_status(&office, "stubborn", |status| {
+        !status["pid"].is_null() && status["pid"] != before["pid"]
+    });
+    let expected: Value = serde_json::json!(["2", "starting", 0]);
+    let found = serde_json::json!([after["version"], after["state"], after["restarts"]]);
+    assert_eq!(found, expected, "{after}");
+    let (code, said) = office.ask(&["plugin", "remove", "stubborn"]);
+    assert_eq!(code, Some(0), "{said}");
+    await_status(&office, "stubborn", Value::is_null);
+    await_none_left(&office);
+}
+
+#[test]
+fn an_upgrade_whose_program_cannot_be_started_is_rolled_back() {
+    let office = office("decentralized", "");
+    add_package(&office, "steady", "1", "#!/bin/sh\nexec sleep 600\n");
+    await_status(&office, "steady", |status| !status["pid"].is_null());
+    let shell = office.folder().join("a-shell");
+    fs::copy("/bin/sh", &shell).expect("a program");
+    add_package(&office, "steady", "2", &format!("#!{}\nexec sleep 600\n", shell.display()));
+    await_text(&office.plugins_folder().join(".steady.failed/plugin.toml"), "version = \"2\"");
+    let (_, said) = office.ask(&["plugin", "logs", "steady"]);
+    assert!(said.contains("rolled back") && said.contains("the package may not read"), "{said}");
+    await_status(&office, "steady", |status| status["version"] == "1" && !status["pid"].is_null());
+}
+
 /// Installs a package with a shell script as its program.
 fn script(office: &Office, name: &str, text: &str, more: &str) {
     script_of(office, "sh", name, text, more);

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use acl::AgentId;
 use serde_json::Value;
 
-use crate::package::Package;
+use crate::package::{Package, Stamp};
 use crate::status::PluginState;
 
 /// Desired state of a plugin.
@@ -16,8 +16,8 @@ pub(crate) enum DesiredState {
     /// The plugin must not run. The fields are the state to show for the plugin, the reason if
     /// there is one, and the package if it can be read.
     Stopped(PluginState, Option<String>, Option<Arc<Package>>),
-    /// The plugin's package was removed: the supervision ends, and the status of the plugin is
-    /// deleted.
+    /// The plugin's package was removed: the status of the plugin is deleted, and the supervision
+    /// ends, unless the package has come back meanwhile.
     Removed,
 }
 
@@ -25,6 +25,8 @@ pub(crate) enum DesiredState {
 #[derive(Debug)]
 pub(crate) struct DesiredPlugin {
     pub(crate) package: Arc<Package>,
+    /// Stamp of the files of the package.
+    pub(crate) stamp: Stamp,
     pub(crate) agents: Vec<WantedAgent>,
 }
 

@@ -2,7 +2,8 @@
 //! package: a folder in the plugin folder. Adding a package adds its agents to the ecosystem, and
 //! removing a package removes them; the daemon is not restarted.
 //!
-//! - `manifest` and `package` read and check a package. `package_store` is the plugin folder.
+//! - `manifest` and `package` read and check a package. `package_store` is the plugin folder, and
+//!   `placing` changes files in it.
 //! - `supervision` starts, restarts and stops one plugin. `restart_policy` decides when to restart
 //!   the plugin's process, and `process_health` decides when to end the process.
 //! - `program` finds the program that a package really runs, `launching` starts the program, and
@@ -32,6 +33,7 @@ mod manifest;
 mod mediator;
 mod package;
 mod package_store;
+mod placing;
 mod plugin_client;
 mod process;
 mod process_health;
@@ -66,6 +68,7 @@ pub use desired_state::WantedAgent;
 pub use manifest::{ConfigKey, ConfigShape, OwnAgent, PackageManifest};
 pub use package::{MANIFEST, Package, PackageFaults};
 pub use package_store::{PackageStore, PackageStoreError};
+pub use placing::FolderOwner;
 pub use process::Launcher;
 pub use rights::{Permissions, Right, listed};
 pub use status::{ConfinementStatus, PluginList, PluginState, PluginStatus};
@@ -145,7 +148,6 @@ pub(crate) struct HostContext {
     machine_confinement: OnceLock<MachineConfinement>,
     /// Notified when the plugin folder is to be checked again.
     pub(crate) check_again: Notify,
-    rolled_back: Mutex<BTreeMap<String, String>>,
 }
 
 /// Placeholder for the means of confinement until they are determined.
@@ -171,12 +173,6 @@ impl HostContext {
             is_required,
             means: Some(ward.means.clone()),
         }
-    }
-
-    /// Returns the plugins that were rolled back to their previous version, each with the reason
-    /// for the rollback.
-    pub(crate) fn rolled_back(&self) -> MutexGuard<'_, BTreeMap<String, String>> {
-        self.rolled_back.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -218,7 +214,6 @@ pub fn host(setting: HostSettings) -> std::io::Result<()> {
         private,
         machine_confinement: OnceLock::new(),
         check_again: Notify::new(),
-        rolled_back: Mutex::default(),
     });
     let statuses = Statuses::default();
     // The reference is weak, because the context owns the message router, which keeps this closure.
@@ -266,7 +261,9 @@ struct PluginReconciler {
 
 /// One plugin as it was at the last check of the plugin folder, and its desired state.
 struct ManagedPlugin {
-    snapshot: PackageSnapshot,
+    /// The package; `None` if it was removed, and the supervision has not ended yet.
+    snapshot: Option<PackageSnapshot>,
+    /// Desired state, which the supervision of the plugin receives until it ends.
     desired_state: watch::Sender<DesiredState>,
 }
 
@@ -275,7 +272,8 @@ struct ManagedPlugin {
 struct PackageSnapshot {
     stamp: Stamp,
     is_disabled: bool,
-    allowed: Vec<Right>,
+    /// Rights that a person has allowed, or the reason why they cannot be read.
+    allowed: Result<Vec<Right>, String>,
     admission: AdmissionStatus,
     /// Reason why another user could have changed the package; `None` if only this user can change
     /// it.
@@ -315,7 +313,7 @@ impl PluginReconciler {
             ..
         } = &*self.context;
         let kept = package_store.allow_rights_in_use(|name| data.join(name).is_dir());
-        if let Err(error) = kept {
+        for error in [package_store.put_back_missing(), kept].into_iter().filter_map(Result::err) {
             tracing::warn!("failed to {error}");
         }
         let found = MachineConfinement::find(launcher, data, private).await;
@@ -371,10 +369,11 @@ impl PluginReconciler {
     fn reconcile(&mut self, touched: &BTreeSet<String>) {
         let mut names: BTreeSet<_> = self.context.packages.names().into_iter().collect();
         names.extend(self.agents.keys().cloned());
-        let gone: Vec<_> =
-            self.managed.keys().filter(|name| !names.contains(*name)).cloned().collect();
-        for name in gone {
-            if let Some(kept) = self.managed.remove(&name) {
+        // The supervision of a package that was removed is kept until its process has ended: a
+        // second one would need the same socket, log and control group.
+        self.managed.retain(|_, kept| !kept.desired_state.is_closed());
+        for (_, kept) in self.managed.iter_mut().filter(|(name, _)| !names.contains(*name)) {
+            if kept.snapshot.take().is_some() {
                 kept.desired_state.send_replace(DesiredState::Removed);
             }
         }
@@ -388,15 +387,16 @@ impl PluginReconciler {
             }
             let wish = self.desired_state(&name, package, &looked, &mut discovered);
             match self.managed.get_mut(&name) {
-                Some(kept) if kept.snapshot == looked && !touched.contains(&name) => (),
+                Some(kept)
+                    if kept.snapshot.as_ref() == Some(&looked) && !touched.contains(&name) => {}
                 Some(kept) => {
-                    kept.snapshot = looked;
+                    kept.snapshot = Some(looked);
                     kept.desired_state.send_replace(wish);
                 }
                 None => {
                     let wish = self.start_supervisor(&name, wish);
-                    self.managed
-                        .insert(name, ManagedPlugin { snapshot: looked, desired_state: wish });
+                    let snapshot = Some(looked);
+                    self.managed.insert(name, ManagedPlugin { snapshot, desired_state: wish });
                 }
             }
         }
@@ -411,7 +411,7 @@ impl PluginReconciler {
         PackageSnapshot {
             stamp: stamp(&package_store.package_folder(name)),
             is_disabled: package_store.is_disabled(name),
-            allowed: package_store.allowed(name),
+            allowed: package_store.allowed(name).map_err(|error| error.to_string()),
             admission: self.admissions.of(PLUGINS, name),
             writable: writers.err().map(|error| error.to_string()),
         }
@@ -492,7 +492,8 @@ impl PluginReconciler {
         match self.refusal(&package, looked) {
             Some((state, why)) => DesiredState::Stopped(state, Some(why), Some(Arc::new(package))),
             None => {
-                DesiredState::Run(Arc::new(DesiredPlugin { package: Arc::new(package), agents }))
+                let (package, stamp) = (Arc::new(package), looked.stamp.clone());
+                DesiredState::Run(Arc::new(DesiredPlugin { package, stamp, agents }))
             }
         }
     }
@@ -509,7 +510,10 @@ impl PluginReconciler {
         if let Some(problem) = &looked.writable {
             return Some((PluginState::Invalid, format!("failed to {problem}")));
         }
-        let beyond = permissions.beyond(&looked.allowed);
+        let beyond = permissions.beyond(looked.allowed.as_deref().unwrap_or_default());
+        if let (false, Err(problem)) = (beyond.is_empty(), &looked.allowed) {
+            return Some((PluginState::Invalid, format!("failed to {problem}")));
+        }
         if !beyond.is_empty() {
             let asks = listed(&beyond);
             let why = format!(
@@ -531,8 +535,14 @@ impl PluginReconciler {
             desired_states: wishes,
             statuses: Arc::clone(&self.statuses),
             log: PluginLog::new(name, path),
+            rolled_back: None,
         };
-        self.context.spawner.tasks.spawn(supervision.run());
+        let context = Arc::clone(&self.context);
+        self.context.spawner.tasks.spawn(async move {
+            supervision.run().await;
+            // The package may have come back just when its supervision ended.
+            context.check_again.notify_one();
+        });
         wish
     }
 }

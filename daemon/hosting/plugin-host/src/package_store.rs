@@ -1,39 +1,38 @@
 //! The plugin folder of a machine: one folder per package, and marker files with the decisions of
 //! people.
 //!
-//! Every change is one rename in that folder, so that a daemon that reads the folder at any moment
-//! finds either the old or the new state. Files and folders with a name that begins with a dot are
-//! not packages:
+//! Every change of a package is one rename in that folder, so that a daemon that reads the folder at
+//! any moment, and a machine that loses its power, has either the old or the new state. On a file
+//! system that cannot exchange two folders at once, a change takes several renames; one that breaks
+//! off is undone when a daemon starts. Files and folders with a name that begins with a dot are not
+//! packages:
 //!
 //! - `.NAME.disabled`: the package is disabled.
 //! - `.NAME.rights`: the rights that a person has allowed the package, one in a line.
-//! - `.NAME.before`: the version of the package before the last upgrade.
+//! - `.NAME.before`: the last version of the package that was ready, until a later one is.
 //! - `.NAME.failed`: the version of the package that was rolled back.
+//! - `.NAME.new`, `.NAME.removed`: a version that is being copied, or removed.
+//! - `.NAME.swap`: a version in the middle of an exchange by several renames.
 //!
 //! A user that can write to the folder controls which programs run here. Therefore the folder and
-//! everything in it is created with access for this user alone, regardless of the umask. A folder
-//! that others can write to is refused.
+//! everything in it is created with access for one user alone, regardless of the umask: this user,
+//! or the [`FolderOwner`]. A folder that others can write to is refused.
 
-use std::fs::{self, DirBuilder, OpenOptions, Permissions};
-use std::io::{self, Write as _};
-use std::os::unix::fs::{
-    DirBuilderExt as _, MetadataExt as _, OpenOptionsExt as _, PermissionsExt as _,
-};
+use std::fs::{self, DirBuilder};
+use std::io;
+use std::os::unix::fs::{DirBuilderExt as _, MetadataExt as _};
 use std::path::{Path, PathBuf};
 
 use crate::manifest::PackageManifest;
-use crate::package::{Package, PackageFaults};
+use crate::package::{Package, PackageFaults, Stamp, stamp};
+use crate::placing::{
+    CopyFailure, FOLDER_MODE, FolderLock, FolderOwner, OTHERS_WRITE, copy, exchange, give,
+    sync_all_in, sync_names_in, write,
+};
 use crate::rights::{Right, listed};
 
 /// Largest number of packages on one machine; further packages are ignored.
 const PACKAGES_MAX: usize = 256;
-
-/// File mode of a folder that only this user can enter.
-const FOLDER_MODE: u32 = 0o700;
-/// Bits of a file mode that let the group or other users write.
-const OTHERS_WRITE: u32 = 0o022;
-/// Mask of all bits of a file mode.
-const MODE: u32 = 0o7777;
 
 /// Name of the marker file which states that rights need a person's consent in this plugin folder.
 /// A daemon writes the file when it first checks the folder. Packages that ran there before keep
@@ -45,6 +44,8 @@ const ASKED: &str = ".rights-are-asked";
 pub struct PackageStore {
     /// Path of the plugin folder.
     pub folder: PathBuf,
+    /// Owner of the folder and of what is made in it; `None` for this user.
+    owner: Option<FolderOwner>,
 }
 
 /// Reason why an operation on a package failed. The text of the error completes “failed to …”.
@@ -77,8 +78,24 @@ pub enum PackageStoreError {
         path: PathBuf,
         /// Description of the users that can write to the path, for the message.
         who: &'static str,
-        /// Command that corrects the access rights of the path.
+        /// Description of how a person corrects that, for the message.
         cure: String,
+    },
+    /// This user may not read which rights a package was allowed.
+    #[error(
+        "read the rights that were allowed in {}: {source}; give the file to the user of the \
+         daemon: sudo chown {user} {}",
+        path.display(),
+        path.display()
+    )]
+    Unreadable {
+        /// The file with the rights.
+        path: PathBuf,
+        /// Number of this user.
+        user: u32,
+        /// Error of the system.
+        #[source]
+        source: io::Error,
     },
     /// An operation on a file or folder failed.
     #[error("{doing} {}: {source}", path.display())]
@@ -94,6 +111,17 @@ pub enum PackageStoreError {
 }
 
 impl PackageStore {
+    /// Returns the plugin folder at this path, which belongs to this user.
+    pub fn new(folder: PathBuf) -> PackageStore {
+        PackageStore { folder, owner: None }
+    }
+
+    /// Returns this plugin folder for a command that root runs, if `owner` is the user that runs
+    /// the daemon. The folder and all that is made in it belong to that user.
+    pub fn owned_by(self, owner: Option<FolderOwner>) -> PackageStore {
+        PackageStore { owner, ..self }
+    }
+
     /// Returns the names of the packages in the plugin folder, sorted.
     pub fn names(&self) -> Vec<String> {
         let Ok(entries) = fs::read_dir(&self.folder) else { return Vec::new() };
@@ -131,7 +159,7 @@ impl PackageStore {
         let mark = self.aside(name, "disabled");
         // The marker file is written even if it is removed next, so that a daemon that watches the
         // folder notices a change.
-        write(&mark, "")?;
+        self.write(&mark, "")?;
         if !is_disabled {
             fs::remove_file(&mark).map_err(|source| failed("remove", &mark, source))?;
         }
@@ -145,32 +173,35 @@ impl PackageStore {
     /// Returns an error if the plugin folder cannot be created, or other users can write to it.
     pub fn make(&self) -> Result<(), PackageStoreError> {
         let mut folder = DirBuilder::new();
-        let made = folder.recursive(true).mode(FOLDER_MODE).create(&self.folder);
-        made.map_err(|source| failed("make", &self.folder, source))?;
+        if !self.folder.is_dir() {
+            let made = folder.recursive(true).mode(FOLDER_MODE).create(&self.folder);
+            let made = made.and_then(|()| give(&self.folder, self.owner));
+            made.map_err(|source| failed("make", &self.folder, source))?;
+        }
         self.check_writers()
     }
 
-    /// Checks that only this user and root can change the plugin folder.
+    /// Checks that only this user, root and the owner can change the plugin folder.
     ///
     /// # Errors
     ///
     /// Returns an error if another user owns the plugin folder or can write to it. A folder that
     /// does not exist is no error.
     pub fn check_writers(&self) -> Result<(), PackageStoreError> {
-        others_cannot_write(&self.folder)
+        self.others_cannot_write(&self.folder)
     }
 
-    /// Checks that only this user and root can change the files of a package.
+    /// Checks that only this user, root and the owner can change the files of a package.
     ///
     /// # Errors
     ///
     /// Returns an error about the first file or folder that another user owns or can write to.
     pub(crate) fn check_writers_of(&self, name: &str) -> Result<(), PackageStoreError> {
-        others_cannot_write(&self.package_folder(name))?;
+        self.others_cannot_write(&self.package_folder(name))?;
         let mut folders = vec![self.package_folder(name)];
         while let Some(folder) = folders.pop() {
             for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-                others_cannot_write(&entry.path())?;
+                self.others_cannot_write(&entry.path())?;
                 if entry.file_type().is_ok_and(|kind| kind.is_dir()) {
                     folders.push(entry.path());
                 }
@@ -180,10 +211,24 @@ impl PackageStore {
     }
 
     /// Returns the rights that a person has allowed to a package.
-    pub fn allowed(&self, name: &str) -> Vec<Right> {
-        let text = fs::read_to_string(self.aside(name, "rights")).unwrap_or_default();
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the file with the rights is there and cannot be read.
+    pub fn allowed(&self, name: &str) -> Result<Vec<Right>, PackageStoreError> {
+        let path = self.aside(name, "rights");
+        let text = match fs::read(&path) {
+            Ok(text) => text,
+            Err(source) if source.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+            Err(source) if source.kind() == io::ErrorKind::PermissionDenied => {
+                let user = rustix::process::geteuid().as_raw();
+                return Err(PackageStoreError::Unreadable { path, user, source });
+            }
+            Err(source) => return Err(failed("read", &path, source)),
+        };
         // A line that is not a valid right is ignored.
-        text.lines().filter_map(|line| line.trim().parse().ok()).collect()
+        let text = String::from_utf8_lossy(&text);
+        Ok(text.lines().filter_map(|line| line.trim().parse().ok()).collect())
     }
 
     /// Adds to the rights that a person has allowed to a package.
@@ -194,11 +239,12 @@ impl PackageStore {
     /// written.
     pub fn allow(&self, name: &str, rights: &[Right]) -> Result<(), PackageStoreError> {
         self.known(name)?;
+        let _lock = self.lock()?;
         self.note_rights(name, rights)
     }
 
     fn note_rights(&self, name: &str, rights: &[Right]) -> Result<(), PackageStoreError> {
-        let mut all = self.allowed(name);
+        let mut all = self.allowed(name)?;
         all.retain(|known| !rights.iter().any(|right| right.covers(known)));
         all.extend(
             rights
@@ -209,7 +255,7 @@ impl PackageStore {
         );
         let text: String = all.iter().map(|right| format!("{right}\n")).collect();
         let (place, new) = (self.aside(name, "rights"), self.aside(name, "rights-new"));
-        write(&new, &text)?;
+        self.write(&new, &text)?;
         fs::rename(&new, &place).map_err(|source| failed("write", &place, source))
     }
 
@@ -232,24 +278,32 @@ impl PackageStore {
                 self.note_rights(name, &asks)?;
             }
         }
-        write(&mark, "Packages that ask for more than the least wait until a person allows it.\n")
+        self.write(
+            &mark,
+            "Packages that ask for more than the least wait until a person allows it.\n",
+        )
     }
 
     /// Returns the rights that a new version of an installed package may use without new consent:
     /// the rights that were allowed. In a folder from versions without consent to rights, the
     /// rights that the installed version requests count as allowed.
-    pub fn kept_rights(&self, name: &str) -> Vec<Right> {
-        let mut kept = self.allowed(name);
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the file with the rights is there and cannot be read.
+    pub fn kept_rights(&self, name: &str) -> Result<Vec<Right>, PackageStoreError> {
+        let mut kept = self.allowed(name)?;
         if !self.folder.join(ASKED).exists()
             && let Ok(package) = Package::open(&self.package_folder(name))
         {
             kept.extend(package.manifest.permissions.asks());
         }
-        kept
+        Ok(kept)
     }
 
     /// Installs a package. An installed package of the same name is replaced, and kept as
-    /// `.NAME.before` for a rollback. `allowed` are the rights that a person allows with this call.
+    /// `.NAME.before` for a rollback; if it was never ready, the version before it is kept instead.
+    /// `allowed` are the rights that a person allows with this call.
     ///
     /// # Errors
     ///
@@ -265,24 +319,45 @@ impl PackageStore {
         let name = package.manifest.name.clone();
         self.make()?;
         let asks = package.manifest.permissions.asks();
-        let known = [self.kept_rights(&name).as_slice(), allowed].concat();
+        let known = [self.kept_rights(&name)?.as_slice(), allowed].concat();
         let beyond = package.manifest.permissions.beyond(&known);
         if !beyond.is_empty() {
             return Err(PackageStoreError::NotAllowed { name, asks: beyond });
         }
-        let (new, before) = (self.aside(&name, "new"), self.aside(&name, "before"));
+        let _lock = self.lock()?;
+        self.settle(&name)?;
+        let new = self.aside(&name, "new");
         self.clear(&new)?;
-        copy(from, &new)?;
-        let place = self.package_folder(&name);
+        let copied = copy(from, &new, self.owner);
+        copied.map_err(|CopyFailure { doing, path, source }| failed(doing, &path, source))?;
+        // The files are on disk before the name of the package leads to them.
+        sync_all_in(&new).map_err(|source| failed("write", &new, source))?;
         // The rights are written before the package is in place, so that a daemon that reads the
         // folder meanwhile finds them.
         self.note_rights(&name, &asks)?;
-        if place.exists() {
-            self.clear(&before)?;
-            fs::rename(&place, &before).map_err(|source| failed("put aside", &place, source))?;
-        }
-        fs::rename(&new, &place).map_err(|source| failed("put in place", &place, source))?;
+        self.put_in_place(&name, &new)?;
         Ok(package.manifest)
+    }
+
+    /// Puts the folder `new` in the place of a package. A replaced version that was ready becomes
+    /// the version for a rollback.
+    fn put_in_place(&self, name: &str, new: &Path) -> Result<(), PackageStoreError> {
+        let (place, before) = (self.package_folder(name), self.aside(name, "before"));
+        let refused = |source| failed("put in place", &place, source);
+        if place.exists() {
+            exchange(new, &place, &self.aside(name, "swap")).map_err(refused)?;
+            // A version that is ready discards the one before it. So if that is still there, it is
+            // the last one that worked, and the replaced one is not.
+            match before.exists() {
+                true => self.discard(name, new)?,
+                false => fs::rename(new, &before).map_err(|error| failed("keep", new, error))?,
+            }
+        } else {
+            // What a package left that a person has removed from the folder by hand.
+            self.discard(name, &before)?;
+            fs::rename(new, &place).map_err(refused)?;
+        }
+        sync_names_in(&self.folder).map_err(|source| failed("write", &self.folder, source))
     }
 
     /// Removes a package, together with its earlier versions, rights and marker files.
@@ -292,37 +367,84 @@ impl PackageStore {
     /// Returns an error if there is no package of this name, or it cannot be removed.
     pub fn remove(&self, name: &str) -> Result<(), PackageStoreError> {
         self.known(name)?;
+        let _lock = self.lock()?;
         // One rename hides the package, so that a daemon never reads a package that is half
         // removed.
-        let gone = self.aside(name, "removed");
-        self.clear(&gone)?;
-        let place = self.package_folder(name);
-        fs::rename(&place, &gone).map_err(|source| failed("remove", &place, source))?;
-        for what in ["removed", "before", "failed", "disabled", "rights"] {
+        self.discard(name, &self.package_folder(name))?;
+        for what in ["before", "failed", "new", "swap", "disabled", "rights"] {
             self.clear(&self.aside(name, what))?;
         }
         Ok(())
     }
 
-    /// Restores the version of a package from before the last upgrade. Returns `false` if no such
-    /// version is kept.
-    pub(crate) fn roll_back(&self, name: &str) -> Result<bool, PackageStoreError> {
+    /// Restores the version of a package from before the last upgrade, if the package is still the
+    /// one that failed. Returns the stamp of the restored version; `None` if no such version is
+    /// kept, or if the package was changed meanwhile.
+    pub(crate) fn roll_back(
+        &self,
+        name: &str,
+        failed_version: &Stamp,
+    ) -> Result<Option<Stamp>, PackageStoreError> {
+        // A command that holds the lock is putting in place another version.
+        let Some(_lock) = self.lock_at_once()? else { return Ok(None) };
         let (place, before) = (self.package_folder(name), self.aside(name, "before"));
-        if !before.exists() {
-            return Ok(false);
+        if !before.exists() || stamp(&place) != *failed_version {
+            return Ok(None);
         }
         let failed_one = self.aside(name, "failed");
         self.clear(&failed_one)?;
-        fs::rename(&place, &failed_one).map_err(|source| failed("put aside", &place, source))?;
-        fs::rename(&before, &place).map_err(|source| failed("put back", &before, source))?;
-        Ok(true)
+        let exchanged = exchange(&before, &place, &self.aside(name, "swap"));
+        exchanged.map_err(|source| failed("put back", &before, source))?;
+        fs::rename(&before, &failed_one).map_err(|source| failed("put aside", &before, source))?;
+        Ok(Some(stamp(&place)))
     }
 
-    /// Removes the version of a package from before the last upgrade, because the new version
-    /// works. Afterwards the package cannot be rolled back.
-    pub(crate) fn discard_previous(&self, name: &str) {
-        // A version that cannot be removed does no harm.
-        let _ = self.clear(&self.aside(name, "before"));
+    /// Removes the version of a package from before the last upgrade, because the version with the
+    /// stamp `ready` works. Afterwards the package cannot be rolled back. Does nothing if the
+    /// package was changed meanwhile.
+    pub(crate) fn discard_previous(&self, name: &str, ready: &Stamp) {
+        let before = self.aside(name, "before");
+        if !before.exists() {
+            return;
+        }
+        let Ok(Some(_lock)) = self.lock_at_once() else { return };
+        if stamp(&self.package_folder(name)) == *ready {
+            // A version that cannot be removed does no harm.
+            let _ = self.discard(name, &before);
+        }
+    }
+
+    /// Puts back the packages that are missing because an exchange has broken off.
+    pub(crate) fn put_back_missing(&self) -> Result<(), PackageStoreError> {
+        let Ok(entries) = fs::read_dir(&self.folder) else { return Ok(()) };
+        // A command that holds the lock is in the middle of its exchange.
+        let Some(_lock) = self.lock_at_once()? else { return Ok(()) };
+        let files = entries.flatten().filter_map(|entry| entry.file_name().into_string().ok());
+        for file in files {
+            let name = file.strip_prefix('.').and_then(|name| name.strip_suffix(".swap"));
+            name.map_or(Ok(()), |name| self.settle(name))?;
+        }
+        Ok(())
+    }
+
+    /// Ends an exchange of a package that has broken off. The caller holds the lock.
+    fn settle(&self, name: &str) -> Result<(), PackageStoreError> {
+        let (place, swap) = (self.package_folder(name), self.aside(name, "swap"));
+        match (place.exists(), swap.exists()) {
+            (_, false) => Ok(()),
+            (true, true) => self.discard(name, &swap),
+            (false, true) => {
+                fs::rename(&swap, &place).map_err(|source| failed("put back", &swap, source))
+            }
+        }
+    }
+
+    fn lock(&self) -> Result<FolderLock, PackageStoreError> {
+        FolderLock::wait(&self.folder).map_err(|source| failed("lock", &self.folder, source))
+    }
+
+    fn lock_at_once(&self) -> Result<Option<FolderLock>, PackageStoreError> {
+        FolderLock::at_once(&self.folder).map_err(|source| failed("lock", &self.folder, source))
     }
 
     fn known(&self, name: &str) -> Result<(), PackageStoreError> {
@@ -333,6 +455,18 @@ impl PackageStore {
         is_known.then_some(()).ok_or_else(unknown)
     }
 
+    /// Removes a version of a package. One rename hides it first, so that no version is ever half
+    /// removed.
+    fn discard(&self, name: &str, version: &Path) -> Result<(), PackageStoreError> {
+        let removed = self.aside(name, "removed");
+        self.clear(&removed)?;
+        match fs::rename(version, &removed) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(()),
+            Err(source) => Err(failed("remove", version, source)),
+            Ok(()) => self.clear(&removed),
+        }
+    }
+
     fn clear(&self, path: &Path) -> Result<(), PackageStoreError> {
         let removed = match fs::symlink_metadata(path) {
             Ok(metadata) if metadata.is_dir() => fs::remove_dir_all(path),
@@ -341,65 +475,57 @@ impl PackageStore {
         };
         removed.map_err(|source| failed("remove", path, source))
     }
+
+    fn write(&self, file: &Path, text: &str) -> Result<(), PackageStoreError> {
+        write(file, text, self.owner).map_err(|source| failed("write", file, source))
+    }
+
+    /// Checks that this user, root and the owner alone can change a file or folder.
+    fn others_cannot_write(&self, path: &Path) -> Result<(), PackageStoreError> {
+        let Ok(metadata) = fs::symlink_metadata(path) else { return Ok(()) };
+        // A link has no mode of its own, and its target is not part of the package.
+        if metadata.is_symlink() {
+            return Ok(());
+        }
+        let (shown, found) = (path.display(), metadata.uid());
+        let own = rustix::process::geteuid().as_raw();
+        let is_known = found == own || found == 0 || self.owner.is_some_and(|it| it.user == found);
+        let (who, cure) = match metadata.mode() & OTHERS_WRITE {
+            0 if is_known => return Ok(()),
+            // The daemon of that user could not use a folder that belongs to root.
+            0 if own == 0 && path == self.folder => {
+                let cure = format!("run althing as that user, with sudo -u '#{found}'");
+                ("another user owns it and", cure)
+            }
+            0 => {
+                let cure = format!("chown -R {} {shown}", self.rightful_user(own));
+                ("another user owns it and", cure)
+            }
+            _ => ("other users", format!("chmod -R go-w {shown}")),
+        };
+        Err(PackageStoreError::Writable { path: path.to_owned(), who, cure })
+    }
+
+    /// Returns the number of the user that the packages should belong to.
+    fn rightful_user(&self, own: u32) -> u32 {
+        let of_folder = || fs::metadata(&self.folder).ok().map(|folder| folder.uid());
+        let owner = self.owner.map(|owner| owner.user);
+        owner.or_else(|| of_folder().filter(|_| own == 0)).unwrap_or(own)
+    }
 }
 
 fn failed(doing: &'static str, path: &Path, source: io::Error) -> PackageStoreError {
     PackageStoreError::Io { doing, path: path.to_owned(), source }
 }
 
-/// Writes a file that only this user can read, regardless of the umask.
-fn write(file: &Path, text: &str) -> Result<(), PackageStoreError> {
-    let opened = OpenOptions::new().create(true).truncate(true).write(true).mode(0o600).open(file);
-    let written = opened.and_then(|mut file| file.write_all(text.as_bytes()));
-    written.map_err(|source| failed("write", file, source))
-}
-
-fn others_cannot_write(path: &Path) -> Result<(), PackageStoreError> {
-    let Ok(metadata) = fs::symlink_metadata(path) else { return Ok(()) };
-    // A link has no mode of its own, and its target is not part of the package.
-    if metadata.is_symlink() {
-        return Ok(());
-    }
-    let shown = path.display();
-    let own = rustix::process::geteuid().as_raw();
-    let (who, cure) = match metadata.mode() & OTHERS_WRITE {
-        0 if metadata.uid() == own || metadata.uid() == 0 => return Ok(()),
-        0 => ("another user owns it and", format!("chown -R {own} {shown}")),
-        _ => ("other users", format!("chmod -R go-w {shown}")),
-    };
-    Err(PackageStoreError::Writable { path: path.to_owned(), who, cure })
-}
-
-/// Copies a folder with all its contents; links are copied as links. Only this user can write to
-/// the copy.
-fn copy(from: &Path, to: &Path) -> Result<(), PackageStoreError> {
-    let made = DirBuilder::new().mode(FOLDER_MODE).create(to);
-    made.map_err(|source| failed("make", to, source))?;
-    let entries = fs::read_dir(from).map_err(|source| failed("read", from, source))?;
-    for entry in entries.flatten() {
-        let (path, to) = (entry.path(), to.join(entry.file_name()));
-        let metadata =
-            fs::symlink_metadata(&path).map_err(|source| failed("read", &path, source))?;
-        let copied = if metadata.is_dir() {
-            copy(&path, &to)?;
-            Ok(())
-        } else if metadata.is_symlink() {
-            fs::read_link(&path).and_then(|target| std::os::unix::fs::symlink(target, &to))
-        } else if metadata.is_file() {
-            let mode = metadata.mode() & MODE & !OTHERS_WRITE & 0o777;
-            fs::copy(&path, &to)
-                .and_then(|_| fs::set_permissions(&to, Permissions::from_mode(mode)))
-        } else {
-            Ok(())
-        };
-        copied.map_err(|source| failed("copy", &path, source))?;
-    }
-    Ok(())
-}
-
 #[cfg(test)]
 mod tests {
+    use std::fs::Permissions;
+    use std::os::unix::fs::PermissionsExt as _;
+    use std::sync::atomic::{AtomicBool, Ordering};
+
     use super::*;
+    use crate::placing::exchange_in_steps;
 
     fn package(folder: &Path, version: &str) -> PathBuf {
         let path = folder.join("lamp");
@@ -414,11 +540,16 @@ mod tests {
         Package::open(&package_store.package_folder("lamp")).expect("it is whole").manifest.version
     }
 
+    fn roll_back(package_store: &PackageStore) -> Option<Stamp> {
+        let failed = stamp(&package_store.package_folder("lamp"));
+        package_store.roll_back("lamp", &failed).expect("renamed")
+    }
+
     #[test]
     fn packages_are_added_upgraded_rolled_back_and_removed() {
         let (source, place) =
             (tempfile::tempdir().expect("a folder"), tempfile::tempdir().expect("a folder"));
-        let package_store = PackageStore { folder: place.path().join("plugins") };
+        let package_store = PackageStore::new(place.path().join("plugins"));
         assert!(package_store.names().is_empty(), "the folder is not there yet");
         package_store.add(&package(source.path(), "1.0"), &[]).expect("added");
         assert_eq!(
@@ -427,12 +558,10 @@ mod tests {
         );
         package_store.add(&package(source.path(), "2.0"), &[]).expect("upgraded");
         assert_eq!(version(&package_store), "2.0");
-        assert!(package_store.roll_back("lamp").expect("renamed"));
+        let restored = roll_back(&package_store).expect("there is a way back");
         assert_eq!(version(&package_store), "1.0");
-        assert!(
-            !package_store.roll_back("lamp").expect("nothing"),
-            "there is no way back from here"
-        );
+        assert_eq!(restored, stamp(&package_store.package_folder("lamp")));
+        assert_eq!(roll_back(&package_store), None, "there is no way back from here");
         package_store.set_disabled("lamp", true).expect("written");
         assert!(package_store.is_disabled("lamp"));
         package_store.set_disabled("lamp", false).expect("removed");
@@ -455,7 +584,7 @@ mod tests {
     #[test]
     fn extra_rights_need_consent_and_are_kept_until_they_grow() {
         let source = tempfile::tempdir().expect("a folder");
-        let package_store = PackageStore { folder: source.path().join("plugins") };
+        let package_store = PackageStore::new(source.path().join("plugins"));
         let path = asking(source.path(), "network = true\ndevices = [\"/dev/i2c-1\"]");
         let error = package_store.add(&path, &[Right::Network]).expect_err("half of it");
         assert!(error.to_string().contains("devices=/dev/i2c-1: that is not allowed"), "{error}");
@@ -469,22 +598,22 @@ mod tests {
         package_store.allow("lamp", &[Right::Memory(1 << 30)]).expect("written");
         package_store.add(&path, &[]).expect("it was allowed before");
         package_store.remove("lamp").expect("removed");
-        assert_eq!(package_store.allowed("lamp"), []);
+        assert_eq!(package_store.allowed("lamp").expect("read"), []);
     }
 
     #[test]
     fn packages_from_before_consent_was_required_keep_their_rights() {
         let place = tempfile::tempdir().expect("a folder");
-        let package_store = PackageStore { folder: place.path().to_owned() };
+        let package_store = PackageStore::new(place.path().to_owned());
         asking(place.path(), "network = true");
         package_store.allow_rights_in_use(|_| false).expect("written");
-        assert_eq!(package_store.allowed("lamp"), [], "it was copied by hand");
+        assert_eq!(package_store.allowed("lamp").expect("read"), [], "it was copied by hand");
         package_store.allow_rights_in_use(|_| true).expect("not again");
-        assert_eq!(package_store.allowed("lamp"), []);
+        assert_eq!(package_store.allowed("lamp").expect("read"), []);
         fs::remove_file(place.path().join(ASKED)).expect("ours");
-        assert_eq!(package_store.kept_rights("lamp"), [Right::Network]);
+        assert_eq!(package_store.kept_rights("lamp").expect("read"), [Right::Network]);
         package_store.allow_rights_in_use(|name| name == "lamp").expect("written");
-        assert_eq!(package_store.allowed("lamp"), [Right::Network]);
+        assert_eq!(package_store.allowed("lamp").expect("read"), [Right::Network]);
     }
 
     /// Sets the modes of files explicitly, because changing the umask would affect the whole test
@@ -492,7 +621,7 @@ mod tests {
     #[test]
     fn files_are_writable_by_this_user_only_and_others_are_refused() {
         let source = tempfile::tempdir().expect("a folder");
-        let package_store = PackageStore { folder: source.path().join("plugins") };
+        let package_store = PackageStore::new(source.path().join("plugins"));
         let path = package(source.path(), "1.0");
         fs::write(path.join("agent"), "").expect("a file");
         let open = |path: &Path| {
@@ -522,10 +651,157 @@ mod tests {
     #[test]
     fn a_package_with_a_mistake_is_not_added() {
         let source = tempfile::tempdir().expect("a folder");
-        let package_store = PackageStore { folder: source.path().join("plugins") };
+        let package_store = PackageStore::new(source.path().join("plugins"));
         let path = package(source.path(), "");
         let error = package_store.add(&path, &[]).expect_err("no version");
         assert!(error.to_string().contains("plugin.toml:2:11: the version is empty"), "{error}");
         assert!(package_store.names().is_empty());
+    }
+
+    #[test]
+    fn a_rollback_restores_the_last_version_that_was_ready() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let package_store = PackageStore::new(folder.path().join("plugins"));
+        let of_it = || stamp(&package_store.package_folder("lamp"));
+        let add = |version| package_store.add(&package(folder.path(), version), &[]);
+        add("1.0").expect("added");
+        package_store.discard_previous("lamp", &of_it());
+        add("2.0").expect("upgraded");
+        let second = of_it();
+        // 2.0 fails, and 3.0 comes before the daemon rolls 2.0 back.
+        add("3.0").expect("upgraded again");
+        assert_eq!(package_store.roll_back("lamp", &second).expect("nothing"), None);
+        assert_eq!(version(&package_store), "3.0", "it has not failed");
+        // 2.0 gets ready so late that it has been replaced.
+        package_store.discard_previous("lamp", &second);
+        assert!(roll_back(&package_store).is_some());
+        assert_eq!(version(&package_store), "1.0", "2.0 was never ready");
+        add("4.0").expect("upgraded");
+        package_store.discard_previous("lamp", &of_it());
+        assert_eq!(roll_back(&package_store), None, "4.0 works");
+    }
+
+    #[test]
+    fn a_package_is_there_at_each_moment_of_its_upgrades() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let package_store = PackageStore::new(folder.path().join("plugins"));
+        let from = package(folder.path(), "1.0");
+        package_store.add(&from, &[]).expect("added");
+        let (ends, misses) = (AtomicBool::new(false), std::sync::atomic::AtomicUsize::new(0));
+        let place = package_store.package_folder("lamp");
+        std::thread::scope(|scope| {
+            scope.spawn(|| {
+                while !ends.load(Ordering::Relaxed) {
+                    if !place.exists() {
+                        misses.fetch_add(1, Ordering::Relaxed);
+                    }
+                }
+            });
+            // An upgrade waits for the disk, and a rollback does not.
+            for _ in 0..3 {
+                package_store.add(&from, &[]).expect("upgraded");
+            }
+            let aside = |what| package_store.aside("lamp", what);
+            for _ in 0..500 {
+                roll_back(&package_store).expect("there is a way back");
+                fs::rename(aside("failed"), aside("before")).expect("ours");
+            }
+            ends.store(true, Ordering::Relaxed);
+        });
+        assert_eq!(misses.into_inner(), 0);
+    }
+
+    #[test]
+    fn an_exchange_in_steps_that_breaks_off_is_undone() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let package_store = PackageStore::new(folder.path().join("plugins"));
+        package_store.add(&package(folder.path(), "1.0"), &[]).expect("added");
+        let (place, swap) =
+            (package_store.package_folder("lamp"), package_store.aside("lamp", "swap"));
+        let next = package(folder.path(), "2.0");
+        exchange_in_steps(&next, &place, &swap).expect("exchanged");
+        assert_eq!(version(&package_store), "2.0");
+        assert!(next.exists() && !swap.exists());
+        let error = exchange_in_steps(&folder.path().join("none"), &place, &swap);
+        assert_eq!(error.expect_err("it is not there").kind(), io::ErrorKind::NotFound);
+        assert_eq!(version(&package_store), "2.0");
+        // The process ends after the first rename.
+        fs::rename(&place, &swap).expect("ours");
+        assert!(package_store.names().is_empty());
+        package_store.put_back_missing().expect("put back");
+        assert_eq!(version(&package_store), "2.0");
+        // The process ends after the second one.
+        fs::create_dir(&swap).expect("ours");
+        package_store.put_back_missing().expect("there is nothing to put back");
+        assert!(package_store.package_folder("lamp").exists() && !swap.exists());
+    }
+
+    #[test]
+    fn commands_that_change_the_folder_take_turns() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let package_store = PackageStore::new(folder.path().join("plugins"));
+        package_store.add(&package(folder.path(), "1.0"), &[]).expect("added");
+        package_store.add(&package(folder.path(), "2.0"), &[]).expect("upgraded");
+        let lock = package_store.lock().expect("it is ours");
+        assert_eq!(roll_back(&package_store), None, "another version may come");
+        assert_eq!(version(&package_store), "2.0");
+        drop(lock);
+        assert!(roll_back(&package_store).is_some());
+    }
+
+    /// Only root can give files away.
+    #[test]
+    fn root_gives_what_it_makes_to_the_user_of_the_daemon() {
+        const DAEMON: FolderOwner = FolderOwner { user: 4_711, group: 4_712 };
+        if !rustix::process::geteuid().is_root() {
+            eprintln!("NOT TESTED: giving files away, because this user is not root");
+            return;
+        }
+        let folder = tempfile::tempdir().expect("a folder");
+        let package_store = PackageStore::new(folder.path().join("plugins")).owned_by(Some(DAEMON));
+        let path = asking(folder.path(), "network = true");
+        fs::create_dir(path.join("library")).expect("made");
+        std::os::unix::fs::symlink("plugin.toml", path.join("link")).expect("linked");
+        package_store.add(&path, &[Right::Network]).expect("added");
+        package_store.allow("lamp", &[Right::Memory(1 << 30)]).expect("written");
+        package_store.set_disabled("lamp", true).expect("written");
+        let mut found = vec![package_store.folder.clone()];
+        let mut next = 0;
+        while let Some(path) = found.get(next).cloned() {
+            let about = fs::symlink_metadata(&path).expect("it is there");
+            assert_eq!((about.uid(), about.gid()), (DAEMON.user, DAEMON.group), "{path:?}");
+            if about.is_dir() {
+                found.extend(fs::read_dir(path).expect("a folder").flatten().map(|it| it.path()));
+            }
+            next += 1;
+        }
+        assert_eq!(found.len(), 7, "{found:?}");
+        // Root accepts what belongs to that user, and no cure gives it to root.
+        package_store.check_writers_of("lamp").expect("the daemon's own");
+        package_store.add(&path, &[]).expect("added again");
+        let strict = PackageStore::new(package_store.folder.clone());
+        let error = strict.check_writers().expect_err("the folder of another").to_string();
+        assert!(error.contains("sudo -u '#4711'") && !error.contains("chown"), "{error}");
+        fs::remove_dir_all(package_store.package_folder("lamp").join("library")).expect("ours");
+        fs::create_dir(package_store.package_folder("lamp").join("library")).expect("made");
+        let foreign = package_store.package_folder("lamp").join("library");
+        give(&foreign, Some(FolderOwner { user: 4_713, group: 4_713 })).expect("root may");
+        let error = package_store.check_writers_of("lamp").expect_err("of another").to_string();
+        assert!(error.contains("chown -R 4711 "), "{error}");
+    }
+
+    #[test]
+    fn rights_that_cannot_be_read_are_an_error() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let package_store = PackageStore::new(folder.path().join("plugins"));
+        package_store.add(&package(folder.path(), "1.0"), &[]).expect("added");
+        let rights = package_store.aside("lamp", "rights");
+        fs::remove_file(&rights).expect("ours");
+        assert_eq!(package_store.allowed("lamp").expect("none were allowed"), []);
+        // A folder cannot be read as a file, not even by root.
+        fs::create_dir(&rights).expect("ours");
+        let error = package_store.allowed("lamp").expect_err("it cannot be read").to_string();
+        assert!(error.contains(".lamp.rights"), "{error}");
+        package_store.allow("lamp", &[Right::Network]).expect_err("they would be lost");
     }
 }

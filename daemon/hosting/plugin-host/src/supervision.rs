@@ -18,6 +18,7 @@ use crate::desired_state::{DesiredPlugin, DesiredState, WantedAgent};
 use crate::endpoint::{Endpoint, EndpointParameters};
 use crate::launching::{ProcessStart, StartedProcess, described, hello};
 use crate::log::PluginLog;
+use crate::package::Stamp;
 use crate::process::{PluginProcess, ending};
 use crate::process_health::{ProcessHealth, SILENT, out_of_memory_message};
 use crate::program::ResolvedProgram;
@@ -40,12 +41,23 @@ enum IncarnationEnd {
     Ended { why: String, ready: Option<Instant> },
 }
 
+/// What is needed to start the processes of a plugin, for all of its incarnations.
+struct OpenedPlugin {
+    program: ResolvedProgram,
+    /// Descriptions of the agents that the plugin must bring.
+    agents: Vec<HelloAgent>,
+    endpoint: Endpoint,
+}
+
 pub(crate) struct PluginSupervisor {
     pub(crate) name: String,
     pub(crate) context: Arc<HostContext>,
     pub(crate) desired_states: watch::Receiver<DesiredState>,
     pub(crate) statuses: Statuses,
     pub(crate) log: PluginLog,
+    /// Stamp of the version that was restored by the last rollback, and the reason; `None` if there
+    /// was no rollback.
+    pub(crate) rolled_back: Option<(Stamp, String)>,
 }
 
 impl PluginSupervisor {
@@ -115,33 +127,23 @@ impl PluginSupervisor {
             status.allowed = asks.iter().map(ToString::to_string).collect();
             status.not_enforced = lacks;
         });
-        let (program, agents, endpoint) = match self.open(wanted).await {
-            Ok(opened) => opened,
-            Err(problem) => {
-                self.status(|status| {
-                    (status.state, status.reason) = (PluginState::GivenUp, Some(problem))
-                });
-                self.wait_until_unwanted().await;
-                return;
-            }
-        };
-        self.run_until_given_up(wanted, &program, &agents, &endpoint).await;
-        endpoint.close().await;
+        let mut opened = None;
+        self.run_until_given_up(wanted, &mut opened).await;
+        if let Some(OpenedPlugin { endpoint, .. }) = opened {
+            endpoint.close().await;
+        }
         self.status(|status| {
             (status.pid, status.memory) = (None, None);
             status.agents.clear();
         });
     }
 
-    async fn open(
-        &self,
-        wanted: &DesiredPlugin,
-    ) -> Result<(ResolvedProgram, Vec<HelloAgent>, Endpoint), String> {
+    async fn open(&self, wanted: &DesiredPlugin) -> Result<OpenedPlugin, String> {
         let program = wanted.package.program().await?;
-        let (mut told, mut models) = (Vec::new(), BTreeMap::new());
+        let (mut agents, mut models) = (Vec::new(), BTreeMap::new());
         for agent in &wanted.agents {
             let (hello, model) = described(&wanted.package, agent)?;
-            told.push(hello);
+            agents.push(hello);
             models.insert(agent.name.clone(), model.map(Arc::new));
         }
         let socket = self.context.sockets.join(format!("{}.sock", self.name));
@@ -154,33 +156,33 @@ impl PluginSupervisor {
             agents: models,
             spawner: &self.context.spawner,
         };
-        let opened = Endpoint::open(purpose).await;
-        opened
-            .map(|endpoint| (program, told, endpoint))
-            .map_err(|error| format!("failed to {error}"))
+        let endpoint = Endpoint::open(purpose).await;
+        let endpoint = endpoint.map_err(|error| format!("failed to {error}"))?;
+        Ok(OpenedPlugin { program, agents, endpoint })
     }
 
+    /// Runs one incarnation after the other. What they need is opened by the first one that can, and
+    /// left in `opened`.
     async fn run_until_given_up(
         &mut self,
         wanted: &DesiredPlugin,
-        program: &ResolvedProgram,
-        agents: &[HelloAgent],
-        endpoint: &Endpoint,
+        opened: &mut Option<OpenedPlugin>,
     ) {
         let mut lives = RestartPolicy::default();
         while !self.desired_states.has_changed().unwrap_or(true) {
-            let (why, ready) = match self.run_process(wanted, program, agents, endpoint).await {
+            let (why, ready) = match self.run_incarnation(wanted, opened).await {
                 IncarnationEnd::Unwanted => return,
                 IncarnationEnd::Ended { why, ready } => (why, ready),
             };
             self.log.remark(&why);
-            if ready.is_none() && lives.ends() >= 1 && self.roll_back(&why) {
+            if ready.is_none() && lives.ends() >= 1 && self.roll_back(wanted, &why) {
                 self.wait_until_unwanted().await;
                 return;
             }
             let wait = lives.after(ready, Instant::now());
             tracing::warn!(plugin = self.name, ?wait, "{why}");
-            let advice = advice(&why, &program.file, &wanted.package.folder);
+            let program = opened.as_ref().map(|opened| &opened.program.file);
+            let advice = program.and_then(|file| advice(&why, file, &wanted.package.folder));
             self.status(|status| {
                 let state =
                     if wait.is_some() { PluginState::Waiting } else { PluginState::GivenUp };
@@ -204,21 +206,36 @@ impl PluginSupervisor {
         }
     }
 
+    /// Runs one incarnation, and opens before it what is not opened yet. A program that is not found
+    /// or cannot be described counts as one that ended before it was ready.
+    async fn run_incarnation(
+        &mut self,
+        wanted: &DesiredPlugin,
+        opened: &mut Option<OpenedPlugin>,
+    ) -> IncarnationEnd {
+        let opened = match opened {
+            Some(opened) => opened,
+            None => match self.open(wanted).await {
+                Ok(new) => opened.insert(new),
+                Err(why) => return IncarnationEnd::Ended { why, ready: None },
+            },
+        };
+        self.run_process(wanted, opened).await
+    }
+
     /// Restores the version of the package from before an upgrade, because the new version does not
     /// become ready. Returns `true` if there was such a version.
-    fn roll_back(&self, why: &str) -> bool {
-        match self.context.packages.roll_back(&self.name) {
-            Ok(true) => {
+    fn roll_back(&mut self, wanted: &DesiredPlugin, why: &str) -> bool {
+        match self.context.packages.roll_back(&self.name, &wanted.stamp) {
+            Ok(Some(restored)) => {
                 let said = format!("rolled back to the version before: {why}");
                 tracing::warn!(plugin = self.name, "{said}");
                 self.log.remark(&said);
-                let mut taken_back = self.context.rolled_back();
-                taken_back.insert(self.name.clone(), said);
-                drop(taken_back);
+                self.rolled_back = Some((restored, said));
                 self.context.check_again.notify_one();
                 true
             }
-            Ok(false) => false,
+            Ok(None) => false,
             Err(error) => {
                 tracing::error!(plugin = self.name, "failed to {error}");
                 false
@@ -230,10 +247,9 @@ impl PluginSupervisor {
     async fn run_process(
         &mut self,
         wanted: &DesiredPlugin,
-        program: &ResolvedProgram,
-        agents: &[HelloAgent],
-        endpoint: &Endpoint,
+        opened: &OpenedPlugin,
     ) -> IncarnationEnd {
+        let OpenedPlugin { program, agents, endpoint } = opened;
         self.log.begin();
         self.status(|status| {
             (status.state, status.reason, status.advice) = (PluginState::Starting, None, None);
@@ -370,9 +386,10 @@ impl PluginSupervisor {
                 ?took,
                 "is ready"
             );
-            self.context.packages.discard_previous(&self.name);
+            self.context.packages.discard_previous(&self.name, &wanted.stamp);
         }
-        let taken_back = self.context.rolled_back().get(&self.name).cloned();
+        let restored = self.rolled_back.as_ref().filter(|(stamp, _)| *stamp == wanted.stamp);
+        let taken_back = restored.map(|(_, said)| said.clone());
         let is_silent = living.ready.is_some() && here.is_empty() && !wanted.agents.is_empty();
         let silent = || format!("its agents are silent; after {SILENT:?} it is started again");
         let reason = objection.or_else(|| is_silent.then(silent)).or(taken_back);

@@ -142,7 +142,7 @@ fn add(args: &PluginAddArgs) -> ExitCode {
         let name = &package.manifest.name;
         let was =
             Package::open(&package_store.package_folder(name)).ok().map(|was| was.manifest.version);
-        let beyond = package.manifest.permissions.beyond(&package_store.kept_rights(name));
+        let beyond = package.manifest.permissions.beyond(&package_store.kept_rights(name)?);
         let command = format!("althing plugin add {}", args.package.display());
         match allow::consent(name, &beyond, &args.rights.allow, &command, json) {
             Ok(consent) => package_store.add(&from, &consent).map(|manifest| Ok((manifest, was))),
@@ -209,7 +209,7 @@ fn known_or_near(package_store: &PackageStore, name: &str, error: PackageStoreEr
 
 fn package_store(place: &PluginPlaceArgs) -> Result<PackageStore, String> {
     if let Some(folder) = &place.folder {
-        return Ok(PackageStore { folder: folder.clone() });
+        return Ok(hosting::packages_in(folder.clone()));
     }
     let file = match &place.ecosystem {
         Some(asked) => Some(config::resolve_ecosystem(asked)?),
@@ -219,7 +219,7 @@ fn package_store(place: &PluginPlaceArgs) -> Result<PackageStore, String> {
         Some(file) => load(&file)?.plugins.folder,
         None => None,
     };
-    Ok(PackageStore { folder: hosting::plugins_folder(said.as_deref()) })
+    Ok(hosting::packages_in(hosting::plugins_folder(said.as_deref())))
 }
 
 /// Reads an ecosystem file. Mistakes in the file are shown to the user.

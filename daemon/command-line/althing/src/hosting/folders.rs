@@ -203,21 +203,23 @@ pub(crate) fn is_for_root(folder: &Path) -> bool {
     geteuid().is_root() && [SERVICE_RUNTIME, SERVICE_STATE].iter().any(is_below)
 }
 
-/// Gives a folder below that of the packaged daemon to the daemon's user. Otherwise the daemon could
-/// not use what a command of root has made there before it.
-fn give_to_service(folder: &Path) -> io::Result<()> {
+/// Gives a file or folder below that of the packaged daemon to the daemon's user. Otherwise the
+/// daemon could not use what a command of root has made there before it.
+pub(super) fn give_to_service(folder: &Path) -> io::Result<()> {
+    match service_owner(folder) {
+        Some((user, _)) if fs::metadata(folder)?.uid() == user => Ok(()),
+        Some((user, group)) => chown(folder, Some(user), Some(group)),
+        None => Ok(()),
+    }
+}
+
+/// Returns the numbers of the user and the group of the packaged daemon, if this process runs as
+/// root, and `path` is below the folders of that daemon.
+pub(super) fn service_owner(path: &Path) -> Option<(u32, u32)> {
     let services = [SERVICE_RUNTIME, SERVICE_STATE].map(Path::new);
-    let Some(service) = services.into_iter().find(|service| folder.starts_with(service)) else {
-        return Ok(());
-    };
-    if !geteuid().is_root() || folder == service {
-        return Ok(());
-    }
-    let (owner, about) = (fs::metadata(service)?, fs::metadata(folder)?);
-    match about.uid() == owner.uid() {
-        true => Ok(()),
-        false => chown(folder, Some(owner.uid()), Some(owner.gid())),
-    }
+    let service = services.into_iter().find(|service| path.starts_with(service))?;
+    let about = fs::metadata(service).ok().filter(|_| geteuid().is_root() && path != service)?;
+    Some((about.uid(), about.gid()))
 }
 
 fn variable(name: &str) -> Option<PathBuf> {

@@ -65,7 +65,7 @@ pub(crate) use folders::{
 pub(crate) use hosted_part::{HostedPart, host_name};
 pub(crate) use opened_daemon::{OpenedDaemon, daemon_transport, open_daemon};
 pub(crate) use panic_watch::{note_panic, watch_zenoh_panics};
-pub(crate) use plugin_processes::{ITSELF, become_plugin};
+pub(crate) use plugin_processes::{ITSELF, become_plugin, packages_in};
 pub(crate) use reexec::restart_process;
 pub(crate) use socket_watch::{SocketWatch, watch_socket};
 pub(crate) use state_format::{STATE_FORMAT, check_state, claim_state};

@@ -8,11 +8,12 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use plugin_host::{
-    Confinement, HostSettings, LAUNCH, Launcher, PROBE, PackageStore, PackageStoreError,
-    WantedAgent, probe,
+    Confinement, FolderOwner, HostSettings, LAUNCH, Launcher, PROBE, PackageStore,
+    PackageStoreError, WantedAgent, probe,
 };
 use terminal::{exit, output};
 
+use super::folders::service_owner;
 use super::{DaemonNode, plugins_folder};
 use crate::config::{AgentEntry, Ecosystem};
 
@@ -44,7 +45,7 @@ impl DaemonNode {
         let Some(spawner) = self.spawner() else { return Ok(()) };
         let Some(admissions) = spawner.host.resources.get() else { return Ok(()) };
         let folder = plugins_folder(ecosystem.plugins.folder.as_deref());
-        let shelf = PackageStore { folder };
+        let shelf = PackageStore::new(folder);
         // The folder is created at start, so that packages can be installed into it.
         match shelf.make() {
             Err(error @ PackageStoreError::Writable { .. }) => {
@@ -78,6 +79,13 @@ impl DaemonNode {
         };
         plugin_host::host(setting).map_err(|error| format!("host plugins: {error}"))
     }
+}
+
+/// Returns the packages in `folder` for a command. What a command of root makes in the folder of the
+/// packaged daemon belongs to that daemon's user.
+pub(crate) fn packages_in(folder: PathBuf) -> PackageStore {
+    let owner = service_owner(&folder).map(|(user, group)| FolderOwner { user, group });
+    PackageStore::new(folder).owned_by(owner)
 }
 
 /// Turns this process into a plugin if it was started as `become-plugin CONFINEMENT PROGRAM

@@ -7,7 +7,7 @@ use std::os::unix::fs::MetadataExt as _;
 use std::path::Path;
 
 use acl::{DaemonId, EcosystemId};
-use plugin_host::{Package, PackageStore};
+use plugin_host::Package;
 use rustix::fs::{Access, access, statvfs};
 use rustix::process::geteuid;
 
@@ -71,7 +71,7 @@ pub(super) fn plugins(said: Option<&Path>) -> Vec<CheckFinding> {
             check.ok(format!("{} does not exist: there are no plugins", folder.display())),
         ];
     }
-    let store = PackageStore { folder: folder.clone() };
+    let store = hosting::packages_in(folder.clone());
     let mut mistakes: Vec<_> = mistake(&folder, false).into_iter().collect();
     if let Err(error) = store.check_writers() {
         let word = shell_word(&folder.to_string_lossy());

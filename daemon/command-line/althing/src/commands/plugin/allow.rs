@@ -29,17 +29,23 @@ pub(super) fn run(args: &PluginAllowArgs) -> ExitCode {
         Ok(package) => package,
         Err(faults) => return failed(format!("read its package: {}", faults.first())),
     };
-    let beyond = package.manifest.permissions.beyond(&package_store.allowed(name));
+    let allowed = match package_store.allowed(name) {
+        Ok(allowed) => allowed,
+        Err(error) => return failed(error.to_string()),
+    };
+    let beyond = package.manifest.permissions.beyond(&allowed);
     let command = format!("althing plugin allow {name}");
     let consent = match consent(name, &beyond, &args.rights.allow, &command, json) {
         Ok(consent) => consent,
         Err(code) => return code,
     };
-    if let Err(error) = package_store.allow(name, &consent) {
-        return failed(error.to_string());
-    }
+    let noted = package_store.allow(name, &consent).and_then(|()| package_store.allowed(name));
+    let allowed = match noted {
+        Ok(allowed) => allowed,
+        Err(error) => return failed(error.to_string()),
+    };
     if json {
-        let allowed: Vec<_> = package_store.allowed(name).iter().map(Right::to_string).collect();
+        let allowed: Vec<_> = allowed.iter().map(Right::to_string).collect();
         return output::print_json(&json!({ "plugin": name, "allowed": allowed }), exit::DONE);
     }
     match consent.is_empty() {
