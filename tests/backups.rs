@@ -1,6 +1,7 @@
 //! Backup and restore of a machine, and a state folder of another version.
 
 use std::fs;
+use std::io::Write as _;
 use std::os::unix::fs::PermissionsExt as _;
 use std::path::Path;
 use std::process::Stdio;
@@ -121,6 +122,48 @@ fn what_is_there_is_kept_aside_and_a_broken_archive_changes_nothing() {
     while kept_goals(&office) != [GOAL] {
         assert!(std::time::Instant::now() < deadline, "{:?}", kept_goals(&office));
     }
+}
+
+#[test]
+fn a_daemon_that_starts_while_an_archive_is_unpacked_keeps_its_state() {
+    let mut office = with_a_kept_goal();
+    let archive = path(&office, "office.tar.gz");
+    let (code, said) = office.ask(&["backup", &archive]);
+    assert_eq!(code, Some(0), "{said}");
+    office.kill("alone");
+    let whole = fs::read(&archive).expect("it is there");
+    // The command reads the archive twice: to check it, and to unpack it. Each time it reads from a
+    // pipe of its own, so that the test knows how far the command is.
+    let pipes = [path(&office, "first"), path(&office, "second")];
+    let made = std::process::Command::new("mkfifo").args(&pipes).status().expect("coreutils");
+    assert!(made.success());
+    let link = path(&office, "slow.tar.gz");
+    std::os::unix::fs::symlink(&pipes[0], &link).expect("linked");
+    let mut restore = office.command(&["restore", &link, "--replace"]);
+    let restore = restore.stdout(Stdio::piped()).stderr(Stdio::piped());
+    let restore = restore.spawn().expect("the binary is built");
+    let mut first = open_pipe(&pipes[0]);
+    let next = path(&office, "next");
+    std::os::unix::fs::symlink(&pipes[1], &next).expect("linked");
+    fs::rename(&next, &link).expect("renamed");
+    first.write_all(&whole).expect("it reads");
+    drop(first);
+    let mut second = open_pipe(&pipes[1]);
+    // It has found no daemon, and now unpacks.
+    office.up_alone(&[]);
+    second.write_all(&whole).expect("it reads");
+    drop(second);
+    let output = restore.wait_with_output().expect("our child");
+    let said = stderr(&output);
+    assert!(said.contains("is running on this machine"), "{:?} {said}", output.status);
+    let entries = fs::read_dir(office.folder().join("state")).expect("a folder").flatten();
+    let names: Vec<_> = entries.map(|entry| entry.file_name()).collect();
+    assert_eq!(names, ["lab"], "nothing has changed");
+}
+
+/// Opens a pipe for writing, as soon as a command reads from it.
+fn open_pipe(path: &str) -> fs::File {
+    fs::OpenOptions::new().write(true).open(path).expect("a pipe")
 }
 
 #[test]

@@ -92,10 +92,20 @@ pub enum BackupError {
         /// Error of the operating system.
         #[source]
         source: io::Error,
-        /// Places that could not be given their former content again, each with the name under
-        /// which that content is now.
-        stuck: Vec<(PathBuf, PathBuf)>,
+        /// Places that could not be given their former content again.
+        stuck: Vec<StuckPlace>,
     },
+}
+
+/// A place that could not be given its former content again.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct StuckPlace {
+    /// The place.
+    pub place: PathBuf,
+    /// Whether the new content is there.
+    pub is_new: bool,
+    /// Name under which the former content is now; `None` if there was none.
+    pub before: Option<PathBuf>,
 }
 
 fn more(others: usize) -> String {
@@ -105,15 +115,21 @@ fn more(others: usize) -> String {
     }
 }
 
-fn undone(stuck: &[(PathBuf, PathBuf)]) -> String {
+fn undone(stuck: &[StuckPlace]) -> String {
     if stuck.is_empty() {
         return "all is as it was".to_owned();
     }
-    let moved: Vec<String> = stuck
-        .iter()
-        .map(|(place, aside)| format!("move {} back to {}", aside.display(), place.display()))
-        .collect();
-    format!("the rest is as it was, but {}", moved.join(", and "))
+    let cure = |StuckPlace { place, is_new, before }: &StuckPlace| {
+        let place = place.display();
+        match (is_new, before.as_ref().map(|before| before.display())) {
+            (true, None) => format!("remove {place}, which was not there"),
+            (true, Some(before)) => format!("move {place} away, and {before} back to it"),
+            (false, Some(before)) => format!("move {before} back to {place}"),
+            (false, None) => format!("look at {place}"),
+        }
+    };
+    let cures: Vec<String> = stuck.iter().map(cure).collect();
+    format!("the rest is as it was, but {}", cures.join("; and "))
 }
 
 /// Returns a function that makes an error of the system an error about `path`.

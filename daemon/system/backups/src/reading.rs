@@ -1,9 +1,9 @@
 //! Reads an archive, and checks it from its first byte to its last.
 //!
-//! Nothing of an archive is trusted: a name leads to no place outside of its part, and a content
-//! counts only when its digest is right.
+//! Nothing of an archive is trusted: a name leads to no place outside of its part, neither by itself
+//! nor through a link that comes before it, and a content counts only when its digest is right.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
 use std::io::{self, BufReader, Read};
 use std::path::{Component, Path, PathBuf};
@@ -65,12 +65,41 @@ pub(crate) struct PartEntry<'a> {
     pub(crate) bytes: CheckedBytes<'a>,
 }
 
+/// The entries of an archive that were read. A forged archive may order them so that one would be
+/// unpacked through another.
+#[derive(Default)]
+struct ReadEntries {
+    names: BTreeSet<PathBuf>,
+    links: BTreeSet<PathBuf>,
+}
+
 /// The bytes of one file, which are counted and digested while they are read.
 pub(crate) struct CheckedBytes<'a> {
     entry: Entry<'a, GzDecoder<BufReader<File>>>,
     archive: &'a Path,
     context: Context,
     length: u64,
+}
+
+// === impl ReadEntries ===
+
+impl ReadEntries {
+    /// Adds an entry. Returns what is wrong with it; `None` if it leads nowhere else.
+    fn add(&mut self, name: &Path, content: &EntryContent) -> Option<&'static str> {
+        let is_link = matches!(content, EntryContent::Link(_));
+        if name.ancestors().skip(1).any(|above| self.links.contains(above)) {
+            return Some("is below a link");
+        }
+        if !self.names.insert(name.to_owned()) {
+            return Some("is there twice");
+        }
+        if is_link {
+            self.links.insert(name.to_owned());
+        } else if !self.links.is_empty() {
+            return Some("comes after a link");
+        }
+        None
+    }
 }
 
 // === impl CheckedBytes ===
@@ -119,6 +148,7 @@ pub(crate) fn visit(
     let manifest = manifest(archive, first.map_err(|error| foreign(error.to_string()))?)?;
     let mut contents = BackupContents { manifest, entries: 0, bytes: 0 };
     let mut digests: BTreeMap<String, String> = BTreeMap::new();
+    let mut known = ReadEntries::default();
     for entry in entries {
         let entry = entry.map_err(|error| damaged(archive, error.to_string()))?;
         let name = entry.path().map_err(|error| damaged(archive, error.to_string()))?.into_owned();
@@ -132,6 +162,9 @@ pub(crate) fn visit(
             return Err(damaged(archive, format!("it has more than {ENTRIES_MAX} entries")));
         }
         let mut entry = part_entry(archive, &contents.manifest, &name, entry)?;
+        if let Some(problem) = known.add(&name, &entry.content) {
+            return Err(damaged(archive, format!("{} {problem}", digest_name(&name))));
+        }
         take(&mut entry)?;
         contents.bytes += entry.bytes.length;
         if matches!(entry.content, EntryContent::File) {
@@ -245,7 +278,7 @@ fn compare(
     Ok(())
 }
 
-fn damaged(archive: &Path, problem: String) -> BackupError {
+pub(crate) fn damaged(archive: &Path, problem: String) -> BackupError {
     let problem = problem.chars().map(|char| if char.is_control() { ' ' } else { char }).collect();
     BackupError::Damaged { path: archive.to_owned(), problem }
 }

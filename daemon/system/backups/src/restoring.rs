@@ -1,7 +1,7 @@
 //! Restores an archive: unpacks it beside the places where its parts belong, and then puts all parts
 //! in place by renaming. What was there is kept under another name.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, DirBuilder, File, OpenOptions, Permissions};
 use std::io::{self, Read as _, Write as _};
 use std::os::unix::fs::{DirBuilderExt as _, OpenOptionsExt as _, PermissionsExt as _, symlink};
@@ -10,9 +10,10 @@ use std::path::{Path, PathBuf};
 use rustix::fs::syncfs;
 use rustix::process::geteuid;
 
-use crate::error::{BackupError, failed};
+use crate::error::{BackupError, StuckPlace, failed};
+use crate::manifest::digest_name;
 use crate::owners::OwnerNames;
-use crate::reading::{BackupContents, EntryContent, PartEntry, visit};
+use crate::reading::{BackupContents, EntryContent, PartEntry, damaged, visit};
 use crate::writing::beside;
 
 /// Permissions of a folder that is made above a place; the places themselves get those that they
@@ -78,26 +79,32 @@ struct Move {
     place: PathBuf,
 }
 
-/// Restores an archive to `targets`, by the name of the part; a part without a target is left out.
-/// Returns what the archive has, and the places that were changed.
+/// An archive that was checked to its end and unpacked beside the places where its parts belong. What
+/// is not put in place is removed with this value.
+pub struct UnpackedBackup {
+    /// Description of the archive.
+    pub contents: BackupContents,
+    targets: BTreeMap<String, RestoreTarget>,
+    staging: Staging,
+}
+
+/// Unpacks an archive beside `targets`, by the name of the part; a part without a target is left out.
 ///
 /// # Errors
 ///
-/// Returns an error if the archive cannot be used, if there is other content where a part belongs and
-/// it is not to be replaced, or if there is no room. Nothing is changed then.
-pub fn restore(
+/// Returns an error if the archive cannot be used, or if there is no room. Nothing is changed then.
+pub fn unpack(
     archive: &Path,
     targets: &BTreeMap<String, RestoreTarget>,
-    options: &RestoreOptions,
-) -> Result<(BackupContents, Vec<RestoredPlace>), BackupError> {
+) -> Result<UnpackedBackup, BackupError> {
     let mut staging = Staging::default();
     let owners = OwnerNames::read();
     let contents = visit(archive, |entry| {
         let Some(target) = targets.get(&entry.part) else {
             return entry.bytes.copy_to(|_| Ok(()));
         };
-        match staging.path_of(target, entry)? {
-            Some(path) => unpack(&path, entry, &owners),
+        match staging.path_of(archive, target, entry)? {
+            Some(path) => unpack_entry(&path, entry, &owners),
             None => Ok(()),
         }
     })?;
@@ -106,13 +113,29 @@ pub fn restore(
         let on_disk = File::open(folder).and_then(|folder| Ok(syncfs(folder)?));
         on_disk.map_err(failed("write", folder))?;
     }
-    let moves = staging.moves(targets);
-    if !options.replaces {
-        refuse_occupied(&moves)?;
+    Ok(UnpackedBackup { contents, targets: targets.clone(), staging })
+}
+
+impl UnpackedBackup {
+    /// Puts all parts in place. Returns the places that were changed, when they are on disk.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if there is other content where a part belongs and it is not to be replaced,
+    /// or if a part cannot be put in place. Nothing is changed then, as far as the error says.
+    pub fn put_in_place(self, options: &RestoreOptions) -> Result<Vec<RestoredPlace>, BackupError> {
+        let moves = self.staging.moves(&self.targets);
+        if !options.replaces {
+            refuse_occupied(&moves)?;
+        }
+        let places = put_in_place(&moves, &options.stamp)?;
+        let folders: BTreeSet<_> = moves.iter().filter_map(|each| each.place.parent()).collect();
+        for folder in folders {
+            let on_disk = File::open(folder).and_then(|folder| Ok(syncfs(folder)?));
+            on_disk.map_err(failed("put on disk what was restored to", folder))?;
+        }
+        Ok(places)
     }
-    let places = put_in_place(&moves, &options.stamp)?;
-    drop(staging);
-    Ok((contents, places))
 }
 
 /// Makes the folder above a place.
@@ -133,7 +156,11 @@ fn make_new(folder: &Path) -> Result<(), BackupError> {
 }
 
 /// Writes one entry to `path`.
-fn unpack(path: &Path, entry: &mut PartEntry<'_>, owners: &OwnerNames) -> Result<(), BackupError> {
+fn unpack_entry(
+    path: &Path,
+    entry: &mut PartEntry<'_>,
+    owners: &OwnerNames,
+) -> Result<(), BackupError> {
     match &entry.content {
         EntryContent::Folder => {
             let made = DirBuilder::new().recursive(true).mode(PRIVATE).create(path);
@@ -202,8 +229,8 @@ fn put_in_place(moves: &[Move], stamp: &str) -> Result<Vec<RestoredPlace>, Backu
     for each in moves {
         match put_one(each, stamp) {
             Ok(before) => done.push((each, before)),
-            Err(source) => {
-                let stuck = undo(&done);
+            Err((source, own)) => {
+                let stuck = own.into_iter().chain(undo(&done)).collect();
                 return Err(BackupError::Place { path: each.place.clone(), source, stuck });
             }
         }
@@ -216,43 +243,47 @@ fn put_in_place(moves: &[Move], stamp: &str) -> Result<Vec<RestoredPlace>, Backu
 }
 
 /// Renames one file or folder to its place. Returns the name of what was there before. After a
-/// failure, the place is as it was.
-fn put_one(each: &Move, stamp: &str) -> io::Result<Option<PathBuf>> {
-    if let Some(above) = each.place.parent() {
-        DirBuilder::new().recursive(true).mode(FOLDER_MODE).create(above)?;
+/// failure, the place is as it was, unless the error has it.
+fn put_one(each: &Move, stamp: &str) -> Result<Option<PathBuf>, (io::Error, Option<StuckPlace>)> {
+    let before = put_aside(&each.place, stamp).map_err(|error| (error, None))?;
+    match fs::rename(&each.from, &each.place) {
+        Ok(()) => Ok(before),
+        Err(error) => Err((error, put_back(&each.place, false, before.as_deref()))),
     }
-    let before = match fs::symlink_metadata(&each.place) {
-        Err(error) if error.kind() == io::ErrorKind::NotFound => None,
-        Err(error) => return Err(error),
-        Ok(_) => {
-            let aside = free_name(&each.place, stamp)?;
-            fs::rename(&each.place, &aside)?;
-            Some(aside)
-        }
-    };
-    if let Err(error) = fs::rename(&each.from, &each.place) {
-        if let Some(aside) = &before {
-            fs::rename(aside, &each.place)?;
-        }
-        return Err(error);
-    }
-    Ok(before)
 }
 
-/// Renames everything back, the last first. Returns the places with which that failed, each with the
-/// name of what was there.
-fn undo(done: &[(&Move, Option<PathBuf>)]) -> Vec<(PathBuf, PathBuf)> {
-    let mut stuck = Vec::new();
-    for (each, before) in done.iter().rev() {
-        let back = fs::rename(&each.place, &each.from).and_then(|()| match before {
-            Some(aside) => fs::rename(aside, &each.place),
-            None => Ok(()),
-        });
-        if let (Err(_), Some(aside)) = (back, before) {
-            stuck.push((each.place.clone(), aside.clone()));
+/// Renames what is at a place. Returns its new name; `None` if there is nothing.
+fn put_aside(place: &Path, stamp: &str) -> io::Result<Option<PathBuf>> {
+    if let Some(above) = place.parent() {
+        DirBuilder::new().recursive(true).mode(FOLDER_MODE).create(above)?;
+    }
+    match fs::symlink_metadata(place) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(error),
+        Ok(_) => {
+            let aside = free_name(place, stamp)?;
+            fs::rename(place, &aside)?;
+            Ok(Some(aside))
         }
     }
-    stuck
+}
+
+/// Renames everything back, the last first. Returns the places with which that failed.
+fn undo(done: &[(&Move, Option<PathBuf>)]) -> Vec<StuckPlace> {
+    let back = |(each, before): &(&Move, Option<PathBuf>)| {
+        let is_new = fs::rename(&each.place, &each.from).is_err();
+        put_back(&each.place, is_new, before.as_deref())
+    };
+    done.iter().rev().filter_map(back).collect()
+}
+
+/// Renames the former content of a place back. `is_new` is whether the new content is still there.
+/// Returns the place if that failed.
+fn put_back(place: &Path, is_new: bool, before: Option<&Path>) -> Option<StuckPlace> {
+    let is_back = !is_new && before.is_none_or(|before| fs::rename(before, place).is_ok());
+    let stuck =
+        || StuckPlace { place: place.to_owned(), is_new, before: before.map(Path::to_owned) };
+    (!is_back).then(stuck)
 }
 
 fn free_name(place: &Path, stamp: &str) -> io::Result<PathBuf> {
@@ -274,6 +305,7 @@ impl Staging {
     /// for a folder of a part whose files take their places one by one.
     fn path_of(
         &mut self,
+        archive: &Path,
         target: &RestoreTarget,
         entry: &PartEntry<'_>,
     ) -> Result<Option<PathBuf>, BackupError> {
@@ -286,6 +318,12 @@ impl Staging {
                 Ok(Some(path))
             }
             TargetManner::Single if matches!(entry.content, EntryContent::Folder) => Ok(None),
+            // The files of such a part are archived without their links, and what follows a link here
+            // could be unpacked through it.
+            TargetManner::Single if matches!(entry.content, EntryContent::Link(_)) => {
+                let name = Path::new(&entry.part).join(&entry.path);
+                Err(damaged(archive, format!("{} is a link", digest_name(&name))))
+            }
             TargetManner::Single => {
                 let place = target.folder.join(&entry.path);
                 make_above(&place)?;
@@ -331,5 +369,52 @@ impl Drop for Staging {
         for each in &self.files {
             let _ = fs::remove_file(&each.from);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_place_that_cannot_be_put_back_is_named_with_its_cure() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let at = |name: &str| folder.path().join(name);
+        let mut moves = Vec::new();
+        for name in ["new", "old"] {
+            fs::create_dir(at(&format!("staging-{name}"))).expect("made");
+            let from = at(&format!("staging-{name}/{name}"));
+            fs::create_dir(&from).expect("made");
+            moves.push(Move { from, place: at(name) });
+        }
+        fs::create_dir(at("old")).expect("made");
+        let done: Vec<_> =
+            moves.iter().map(|each| (each, put_one(each, "now").expect("it is ours"))).collect();
+        // Nothing can be renamed to a folder that is gone.
+        for name in ["new", "old"] {
+            fs::remove_dir(at(&format!("staging-{name}"))).expect("it is empty");
+        }
+        let stuck = undo(&done);
+        let before = at("old.before-now");
+        let places: Vec<_> =
+            stuck.iter().map(|it| (it.place.clone(), it.is_new, it.before.clone())).collect();
+        assert_eq!(places, [(at("old"), true, Some(before.clone())), (at("new"), true, None)]);
+        let source = io::Error::other("no room");
+        let said = BackupError::Place { path: at("third"), source, stuck }.to_string();
+        let (old, new) = (at("old"), at("new"));
+        let (old, new, before) = (old.display(), new.display(), before.display());
+        assert!(said.contains(&format!("move {old} away, and {before} back to it")), "{said}");
+        assert!(said.contains(&format!("remove {new}, which was not there")), "{said}");
+    }
+
+    #[test]
+    fn a_place_that_cannot_be_filled_is_as_it_was() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let place = folder.path().join("old");
+        fs::create_dir(&place).expect("made");
+        let each = Move { from: folder.path().join("none"), place: place.clone() };
+        let (_, stuck) = put_one(&each, "now").expect_err("there is nothing to rename");
+        assert_eq!(stuck, None);
+        assert!(place.is_dir());
     }
 }

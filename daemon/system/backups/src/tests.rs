@@ -7,9 +7,14 @@ use std::os::unix::fs::{PermissionsExt as _, symlink};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use flate2::Compression;
+use flate2::write::GzEncoder;
+use tar::{Builder, EntryType, Header};
 use tempfile::TempDir;
 
 use super::*;
+use crate::manifest::{DIGESTS, MANIFEST};
+use crate::steady::hexadecimal;
 
 /// A machine with state and configuration, in a folder of its own.
 struct Machine {
@@ -85,7 +90,39 @@ impl Machine {
 
     fn restore(&self, archive: &Path, replaces: bool) -> Result<Vec<RestoredPlace>, BackupError> {
         let options = RestoreOptions { replaces, stamp: "now".to_owned() };
-        restore(archive, &self.targets(), &options).map(|(_, places)| places)
+        unpack(archive, &self.targets())?.put_in_place(&options)
+    }
+
+    /// Writes an archive that is whole, with entries that [`write_backup`] does not write. The text
+    /// of an entry is its content, or the target of a link.
+    fn craft(&self, entries: &[(&str, EntryType, &str)]) -> PathBuf {
+        let archive = self.path("crafted.tar.gz");
+        let file = fs::File::create(&archive).expect("created");
+        let mut builder = Builder::new(GzEncoder::new(file, Compression::fast()));
+        let mut add = |name: &str, kind: EntryType, text: &str| {
+            let mut header = Header::new_gnu();
+            header.set_mode(0o777);
+            header.set_entry_type(kind);
+            header.set_size(if kind.is_symlink() { 0 } else { text.len() as u64 });
+            let added = match kind.is_symlink() {
+                true => builder.append_link(&mut header, name, text),
+                false => builder.append_data(&mut header, name, text.as_bytes()),
+            };
+            added.expect("added");
+        };
+        let manifest = serde_json::to_string(&self.manifest(&self.parts())).expect("a text");
+        add(MANIFEST, EntryType::Regular, &manifest);
+        let mut digests = String::new();
+        for (name, kind, text) in entries {
+            add(name, *kind, text);
+            if kind.is_file() {
+                let digest = ring::digest::digest(&ring::digest::SHA256, text.as_bytes());
+                digests += &format!("{}  {name}\n", hexadecimal(&digest));
+            }
+        }
+        add(DIGESTS, EntryType::Regular, &digests);
+        builder.into_inner().and_then(GzEncoder::finish).expect("written");
+        archive
     }
 
     /// Returns the names of hidden files, which no operation may leave behind.
@@ -197,6 +234,54 @@ fn names_that_lead_elsewhere_are_refused() {
     fs::write(&archive, "no archive").expect("written");
     let error = machine.restore(&archive, true).expect_err("no archive").to_string();
     assert!(error.contains("it is no backup of althing"), "{error}");
+}
+
+#[test]
+fn nothing_is_unpacked_through_a_link() {
+    const FILE: EntryType = EntryType::Regular;
+    const FOLDER: EntryType = EntryType::Directory;
+    const LINK: EntryType = EntryType::Symlink;
+    let machine = Machine::new();
+    let outside = machine.path("outside");
+    fs::create_dir(&outside).expect("made");
+    let mode = || fs::metadata(&outside).expect("it is there").permissions().mode() & 0o777;
+    fs::set_permissions(&outside, fs::Permissions::from_mode(0o750)).expect("ours");
+    let elsewhere = outside.to_str().expect("a text");
+    let state = ("state", FOLDER, "");
+    let link = ("state/x", LINK, elsewhere);
+    for (last, problem) in [
+        (("state/x/job", FILE, "rm"), "state/x/job is below a link"),
+        (("state/x/job", LINK, "/"), "state/x/job is below a link"),
+        (("state/x", FOLDER, ""), "state/x is there twice"),
+        (("state/./x", FOLDER, ""), "x is there twice"),
+        (("state/y", FILE, ""), "state/y comes after a link"),
+        (("configuration/y", LINK, elsewhere), "configuration/y is a link"),
+    ] {
+        let archive = machine.craft(&[state, link, last]);
+        let error = machine.restore(&archive, true).expect_err(problem).to_string();
+        assert!(error.contains(problem), "{problem}: {error}");
+        assert_eq!(fs::read_dir(&outside).expect("a folder").count(), 0, "{problem}");
+        assert_eq!(mode(), 0o750, "{problem}");
+        assert_eq!(machine.leftovers(), [""; 0]);
+    }
+    let twice = [state, ("state/y", FILE, "one"), ("state/y", FILE, "two")];
+    let error = inspect(&machine.craft(&twice)).expect_err("which one?").to_string();
+    assert!(error.contains("state/y is there twice"), "{error}");
+    let plain = [state, ("state/y", FILE, "one"), link];
+    machine.restore(&machine.craft(&plain), true).expect("nothing is wrong with it");
+    assert_eq!(machine.read("state/y"), "one");
+}
+
+#[test]
+fn an_archive_that_is_unpacked_only_leaves_nothing() {
+    let machine = Machine::new();
+    let archive = machine.back_up();
+    machine.write("state/hub/journal.redb", "later goals");
+    let unpacked = unpack(&archive, &machine.targets()).expect("there is room");
+    assert!(!machine.leftovers().is_empty(), "it is beside its place");
+    drop(unpacked);
+    assert_eq!(machine.leftovers(), [""; 0]);
+    assert_eq!(machine.read("state/hub/journal.redb"), "later goals");
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 
 use ::backups::{
     BackupContents, BackupManifest, RestoreOptions, RestoreTarget, RestoredPlace, TargetManner,
-    inspect, restore,
+    inspect, unpack,
 };
 use acl::EcosystemId;
 use jiff::Zoned;
@@ -16,7 +16,7 @@ use terminal::{exit, output, visible};
 use crate::cli::backup::RestoreArgs;
 use crate::commands::client::shell_word;
 use crate::commands::{byte_count, in_runtime, wrong};
-use crate::hosting::{self, STATE_FORMAT};
+use crate::hosting::{self, ClosedEntrance, STATE_FORMAT};
 
 /// Runs `althing restore`.
 pub(super) fn run(args: &RestoreArgs) -> ExitCode {
@@ -42,30 +42,45 @@ async fn put_back(args: &RestoreArgs) -> Result<ExitCode, String> {
             visible::line(&manifest.made_by),
         ));
     }
-    if args.check {
-        return Ok(show(args, &contents));
-    }
     let ecosystem = EcosystemId::new(&manifest.ecosystem)
         .map_err(|error| format!("failed to read {}: {error}", args.file.display()))?;
-    let running = hosting::present_daemons(&hosting::runtime_base().join(ecosystem.as_str())).await;
-    let running = running.map_err(|error| format!("failed to {error}"))?;
-    if let Some(daemon) = running.first() {
-        return Err(format!(
-            "the daemon `{daemon}` of `{ecosystem}` is running on this machine; stop it first: \
-             sudo systemctl stop althing"
-        ));
-    }
     let targets = targets(manifest, &ecosystem, args.configuration.as_deref());
+    if args.check {
+        return Ok(show(args, &contents, &targets));
+    }
+    drop(without_daemons(&ecosystem).await?);
+    let unpacked = unpack(&args.file, &targets).map_err(|error| format!("failed to {error}"))?;
+    // The unpacking takes minutes if there is a history, and a daemon may have started meanwhile.
+    let entrance = without_daemons(&ecosystem).await?;
     let stamp = Zoned::now().strftime("%Y-%m-%dT%H%M%S").to_string();
     let options = RestoreOptions { replaces: args.replace, stamp };
-    let restored = restore(&args.file, &targets, &options);
-    let (_, places) = restored.map_err(|error| format!("failed to {error}"))?;
+    let places = unpacked.put_in_place(&options).map_err(|error| format!("failed to {error}"))?;
+    drop(entrance);
     let file = targets.get("configuration").map(|target| target.folder.join(&manifest.file));
     if args.print.json {
         let value = json!({ "status": "ok", "manifest": manifest, "places": places, "file": file });
         return Ok(output::print_json(&value, exit::DONE));
     }
     Ok(output::print(report(args, manifest, &places, file.as_deref()), exit::DONE))
+}
+
+/// Keeps the daemons of an ecosystem from starting on this machine, as long as the returned value
+/// exists.
+///
+/// # Errors
+///
+/// Returns a sentence for a person if a daemon of the ecosystem is running.
+async fn without_daemons(ecosystem: &EcosystemId) -> Result<ClosedEntrance, String> {
+    let folder = hosting::runtime_base().join(ecosystem.as_str());
+    let entrance = ClosedEntrance::close(&folder).await;
+    let entrance = entrance.map_err(|error| format!("failed to {error}"))?;
+    match entrance.daemons.first() {
+        None => Ok(entrance),
+        Some(daemon) => Err(format!(
+            "the daemon `{daemon}` of `{ecosystem}` is running on this machine; stop it first: \
+             sudo systemctl stop althing"
+        )),
+    }
 }
 
 /// Returns the places of the parts on this machine.
@@ -99,8 +114,12 @@ fn targets(
     manifest.parts.iter().filter_map(target).collect()
 }
 
-/// Prints what is in an archive.
-fn show(args: &RestoreArgs, contents: &BackupContents) -> ExitCode {
+/// Prints what is in an archive, and where it would be put.
+fn show(
+    args: &RestoreArgs,
+    contents: &BackupContents,
+    targets: &BTreeMap<String, RestoreTarget>,
+) -> ExitCode {
     if args.print.json {
         let value = json!({ "status": "ok", "contents": contents });
         return output::print_json(&value, exit::DONE);
@@ -116,7 +135,9 @@ fn show(args: &RestoreArgs, contents: &BackupContents) -> ExitCode {
         byte_count(*bytes),
     );
     for (name, root) in &manifest.parts {
-        text.push_str(&format!("  {name:<14} from {}\n", root.display()));
+        let target = targets.get(name).map(|target| format!(", to {}", target.folder.display()));
+        let target = target.unwrap_or_default();
+        text.push_str(&format!("  {name:<14} from {}{target}\n", root.display()));
     }
     if !manifest.left_out.is_empty() {
         text.push_str(&format!("left out: {}\n", manifest.left_out.join(", ")));

@@ -26,7 +26,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use acl::DaemonId;
 use substrate_zenoh::REOPEN_DELAY;
 
-use super::folders::{FolderError, socket_in};
+use super::folders::{FolderError, give_to_service, socket_in};
 
 /// The name of the lock file by which daemons enter one at a time.
 const LOCK_FILE: &str = "entrance.lock";
@@ -86,6 +86,15 @@ pub(crate) struct PresenceGuard {
     incarnation: PathBuf,
     /// The paths by which this daemon connects to the daemons that entered before it.
     pub(crate) others: Vec<PathBuf>,
+}
+
+/// The entrance of the daemons of an ecosystem, closed: a daemon that starts waits until this value is
+/// dropped, for [`LOCK_TIMEOUT`] at most.
+#[derive(Debug)]
+pub(crate) struct ClosedEntrance {
+    _door: Option<File>,
+    /// Names of the daemons that are present.
+    pub(crate) daemons: Vec<String>,
 }
 
 /// The content and the state of the ticket file of a daemon, as they were read.
@@ -190,20 +199,6 @@ fn presence_files(folder: &Path) -> Result<Vec<PresenceFile>, RegisterError> {
     Ok(tickets)
 }
 
-/// Returns the names of the daemons that are present in a folder of sockets, which need not exist.
-///
-/// # Errors
-///
-/// Returns an error if the folder cannot be used.
-pub(crate) async fn present_daemons(folder: &Path) -> Result<Vec<String>, RegisterError> {
-    if !folder.is_dir() {
-        return Ok(Vec::new());
-    }
-    let _door = acquire_lock(folder).await?;
-    let here = presence_files(folder)?.into_iter().filter(|ticket| ticket.is_here);
-    Ok(here.map(|ticket| ticket.daemon).collect())
-}
-
 /// Reads the ticket file at `path`; returns `None` if its file name is not a daemon's name.
 fn read(path: &Path) -> io::Result<Option<PresenceFile>> {
     let stem = path.file_stem().and_then(|stem| stem.to_str());
@@ -228,6 +223,8 @@ fn read(path: &Path) -> io::Result<Option<PresenceFile>> {
 fn open(path: &Path) -> Result<File, RegisterError> {
     let mut options = OpenOptions::new();
     let opened = options.read(true).write(true).create(true).mode(0o600).open(path);
+    // A command of root may be the first one that needs the lock; the daemon needs it after that.
+    let opened = opened.and_then(|file| give_to_service(path).map(|()| file));
     opened.map_err(|source| RegisterError::Io { path: path.to_owned(), source })
 }
 
@@ -240,6 +237,26 @@ fn incarnation_name(now: SystemTime) -> String {
 
 fn is_incarnation_name(text: &str) -> bool {
     text.len() == LIFE_DIGITS && text.bytes().all(|byte| byte.is_ascii_hexdigit())
+}
+
+// === impl ClosedEntrance ===
+
+impl ClosedEntrance {
+    /// Closes the entrance in a folder of sockets. No daemon has entered a folder that does not
+    /// exist.
+    ///
+    /// # Errors
+    ///
+    /// Returns an error if the folder cannot be used.
+    pub(crate) async fn close(folder: &Path) -> Result<ClosedEntrance, RegisterError> {
+        if !folder.is_dir() {
+            return Ok(ClosedEntrance { _door: None, daemons: Vec::new() });
+        }
+        let door = acquire_lock(folder).await?;
+        let here = presence_files(folder)?.into_iter().filter(|ticket| ticket.is_here);
+        let daemons = here.map(|ticket| ticket.daemon).collect();
+        Ok(ClosedEntrance { _door: Some(door), daemons })
+    }
 }
 
 // === impl PresenceGuard ===

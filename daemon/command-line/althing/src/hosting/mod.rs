@@ -53,7 +53,7 @@ pub(crate) use address_watch::watch_addresses;
 pub(crate) use building::{simulate, update_devices};
 pub(crate) use credentials::GuestKeys;
 pub(crate) use daemon_launcher::{DaemonLauncher, end_daemons, socket_endpoint};
-pub(crate) use daemon_registry::{PresenceGuard, present_daemons};
+pub(crate) use daemon_registry::{ClosedEntrance, PresenceGuard};
 pub(crate) use dry_run::{DryRun, models};
 pub(crate) use fault_injection::FaultInjector;
 pub(crate) use file_digests::{DaemonSelfReport, FileDigests, ReadText, text_digest, watch_files};

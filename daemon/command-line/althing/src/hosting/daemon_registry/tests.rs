@@ -52,6 +52,23 @@ async fn a_daemon_connects_to_those_that_entered_before() {
     assert_eq!(called(&come(&folder, "m").await), ["b", "z"], "and comes back as a newcomer");
 }
 
+#[tokio::test(start_paused = true)]
+async fn no_daemon_enters_while_the_entrance_is_closed() {
+    let folder = folder();
+    let hub = come(&folder, "hub").await;
+    let entrance = ClosedEntrance::close(folder.path()).await.expect("the folder is ours");
+    assert_eq!(entrance.daemons, ["hub"]);
+    let door = open(&folder.path().join(LOCK_FILE)).expect("the folder is ours");
+    assert!(matches!(door.try_lock(), Err(TryLockError::WouldBlock)), "daemons wait here");
+    drop(entrance);
+    door.try_lock().expect("it is open again");
+    drop((door, hub));
+    let entrance = ClosedEntrance::close(folder.path()).await.expect("the folder is ours");
+    assert!(entrance.daemons.is_empty(), "it has left");
+    let nowhere = ClosedEntrance::close(&folder.path().join("none")).await.expect("no error");
+    assert!(nowhere.daemons.is_empty());
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn only_one_of_two_simultaneous_daemons_connects() {
     let names: Vec<_> = (0..12).map(|number| format!("daemon-{number:02}")).collect();
