@@ -7,6 +7,7 @@ mod safeguarding;
 mod stopping;
 
 use std::collections::{BTreeMap, VecDeque};
+use std::io;
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 
@@ -21,6 +22,7 @@ use agent::{
 };
 use capability::{CompositionCache, DomainSnapshot, model_digest, text_of};
 use planner::{Cancel, Replanner};
+use substrate::BoxFuture;
 use tokio::sync::oneshot;
 
 use crate::actuator::open_initiatives::OpenInitiatives;
@@ -110,6 +112,23 @@ struct RunningCommand {
     subscribers: Vec<Participation>,
     call: MethodCall,
     _work: WorkHandle,
+}
+
+/// Runs `write` on a thread that may block. Returns a future that ends when the write has ended;
+/// its failure says that `what` is not on disk.
+fn on_disk(
+    what: &'static str,
+    write: impl FnOnce() -> io::Result<()> + Send + 'static,
+    ctx: &Context<Actuator>,
+) -> BoxFuture<Result<(), MethodFailure>> {
+    let (written, counters) = (ctx.run_blocking(write), ctx.failure_counters());
+    Box::pin(async move {
+        let written = written.await.map_err(|error| MethodFailure::Driver(error.to_string()))?;
+        written.map_err(|error| {
+            counters.count_not_persisted();
+            MethodFailure::Driver(format!("keep {what} on disk: {error}"))
+        })
+    })
 }
 
 impl Actuator {
@@ -373,29 +392,20 @@ impl Actuator {
             return Err(refusal);
         }
         ctx.answer(participation, Performative::Agree, &Agreement { token: token.clone() });
-        let (count, record) =
-            (self.count_beginning(&call, ctx), self.ledger.begin_token(token.clone()));
+        // The token is on disk before the device acts, so that the next incarnation does not act
+        // again after a crash.
+        let recorded = on_disk("the token", self.ledger.begin_token(token.clone()), ctx);
         let consent = self.ask_leave(&call, ctx);
+        let timeout = self.without_patience(&call, timeout);
         let performance = self.device.perform(&call);
-        let recording = ctx.run_blocking(move || count().and_then(|()| record()));
-        let counters = ctx.failure_counters();
         let work = async move {
-            // The token is on disk before the device acts, so that the next incarnation does not
-            // act again after a crash.
-            match recording.await {
-                Ok(Ok(())) => (),
-                Ok(Err(error)) => {
-                    counters.count_not_persisted();
-                    return Err(MethodFailure::Driver(format!("keep the token on disk: {error}")));
-                }
-                Err(error) => return Err(MethodFailure::Driver(error.to_string())),
-            }
-            consent.await?;
-            let performed = tokio::time::timeout(timeout, performance).await;
-            performed.unwrap_or(Err(MethodFailure::TimedOut(timeout)))
+            recorded.await?;
+            consent.await
         };
-        let work =
-            ctx.run(work, |actuator: &mut Self, outcome, ctx| actuator.command_ended(outcome, ctx));
+        let work = ctx.run(work, move |actuator: &mut Self, leave, ctx| match leave {
+            Ok(()) => actuator.run_method(performance, timeout, ctx),
+            Err(failure) => actuator.command_ended(Err(failure), ctx),
+        });
         self.running_command = Some(RunningCommand {
             token,
             subscribers: vec![participation.clone()],
@@ -403,6 +413,30 @@ impl Actuator {
             _work: work,
         });
         Ok(())
+    }
+
+    /// Runs the method of the running action for the time `timeout` at most. Nothing is in its way
+    /// any more, so it counts as begun from now on.
+    fn run_method(
+        &mut self,
+        performance: BoxFuture<Result<ErasedYield, MethodFailure>>,
+        timeout: Duration,
+        ctx: &mut Context<Self>,
+    ) {
+        let Some(call) = self.running_command.as_ref().map(|running| running.call.clone()) else {
+            return;
+        };
+        let counted = self.count_beginning(&call, ctx);
+        let work = async move {
+            counted.await?;
+            let performed = tokio::time::timeout(timeout, performance).await;
+            performed.unwrap_or(Err(MethodFailure::TimedOut(timeout)))
+        };
+        let work =
+            ctx.run(work, |actuator: &mut Self, outcome, ctx| actuator.command_ended(outcome, ctx));
+        if let Some(running) = &mut self.running_command {
+            running._work = work;
+        }
     }
 
     /// Whether the token of `act` was requested before, by any executor of the plan. Such an action

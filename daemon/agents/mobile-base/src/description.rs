@@ -54,6 +54,8 @@ impl MobileBase {
         self.constant_facts() + &costs.unwrap_or_default()
     }
 
+    /// Returns the facts that never change. From `connected` the actuator takes the place beside a pose,
+    /// for stops of that place.
     fn constant_facts(&self) -> String {
         let mut text = format!("(= (speed {}) {})", self.id, self.speed);
         for (pose, near, meters) in &self.poses {
@@ -176,4 +178,64 @@ fn rejoin(kind: &str) -> String {
 
 fn push(text: &mut String, piece: std::fmt::Arguments<'_>) {
     text.write_fmt(piece).expect("invariant: writing to a String cannot fail");
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use actuator::{BoxFuture, PlaceName, model_of};
+    use tokio::sync::watch;
+
+    use super::*;
+    use crate::{BaseDriver, DriveFailure};
+
+    /// A driver of a base that never moves.
+    struct ParkedDriver;
+
+    impl BaseDriver for ParkedDriver {
+        fn navigate_to(&self, _place: &str) -> BoxFuture<Result<(), DriveFailure>> {
+            Box::pin(std::future::pending())
+        }
+
+        fn recharge(&self) -> BoxFuture<Result<(), String>> {
+            Box::pin(std::future::pending())
+        }
+
+        fn read(&self) -> BoxFuture<Result<BaseReading, String>> {
+            Box::pin(std::future::pending())
+        }
+    }
+
+    /// The actuator finds the place beside a pose by this type and this predicate.
+    #[test]
+    fn a_pose_has_its_type_and_is_connected_with_the_place_beside_it() {
+        let place = |name: &str| PlaceName::try_from(name.to_owned()).expect("a name");
+        let reading = BaseReading { place: BasePlace::At("desk".to_owned()), charge: None };
+        let base = MobileBase {
+            id: "robot".to_owned(),
+            kind: "courier",
+            start: "desk".to_owned(),
+            speed: 1.0,
+            move_timeout: DOCKING,
+            power: None,
+            poses: vec![(place("desk"), place("office1"), 1.0)],
+            state: Arc::new(watch::Sender::new(reading)),
+            driver: Arc::new(ParkedDriver),
+            ways: None,
+            ros: None,
+            wants_charge: false,
+        };
+        let (objects, facts) = (base.objects(), base.model_facts());
+        let text =
+            format!("(define (agent robot) (:domain d) (:objects {objects}) (:init {facts}))");
+        let model = model_of(&text);
+        let mut objects = model.objects.iter().map(|declaration| &declaration.object);
+        let pose = objects.find(|object| object.name == "desk").expect("it is declared");
+        assert_eq!(pose.ty.alternatives.len(), 1);
+        assert_eq!(pose.ty.alternatives[0].as_str(), "pose");
+        let facts: Vec<_> = model.init.iter().map(ToString::to_string).collect();
+        assert!(facts.contains(&"(connected desk office1)".to_owned()), "{facts:?}");
+        assert!(base.facts().contains("(at robot desk)"));
+    }
 }

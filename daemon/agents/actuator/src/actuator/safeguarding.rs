@@ -1,7 +1,7 @@
 //! Safeguards of an actuator: people are asked before an action begins, and an action that has
 //! begun too often is refused for a while.
 
-use std::io;
+use std::time::Duration;
 
 use acl::Millis;
 use acl::content::{Question, Reason, Refusal};
@@ -10,7 +10,7 @@ use substrate::BoxFuture;
 use tokio::sync::oneshot;
 use tokio::time::Instant;
 
-use super::Actuator;
+use super::{Actuator, on_disk};
 use crate::device::{Description, MethodCall, MethodFailure};
 use crate::initiative::InitiativeUpdate;
 
@@ -37,6 +37,12 @@ impl Actuator {
         }
     }
 
+    /// Returns the time limit of the method itself: `announced` without the time for asking people.
+    pub(super) fn without_patience(&self, call: &MethodCall, announced: Duration) -> Duration {
+        let patience = self.safeguarded.asks_people(&action_name(call)).unwrap_or_default();
+        announced.saturating_sub(patience)
+    }
+
     /// Returns a refusal if an action has begun too often.
     pub(super) fn rate_objection(&self, action: &str) -> Option<Refusal> {
         let step = pddl::parse_step(action).into_result().ok()?;
@@ -44,15 +50,18 @@ impl Actuator {
         Some(Refusal::new(Reason::Incapable, why))
     }
 
-    /// Counts that an action begins. Returns a function that writes this to disk, before the action
-    /// begins.
+    /// Counts that an action begins. Returns a future that ends when this is on disk; the method may
+    /// run only after that. Called when people have allowed the action, because an action that they
+    /// forbid has not begun.
     pub(super) fn count_beginning(
         &mut self,
         call: &MethodCall,
         ctx: &Context<Self>,
-    ) -> impl FnOnce() -> io::Result<()> + Send + use<> {
-        let record = self.safeguarded.begins(&action_name(call), ctx.wall_clock(), ctx.now());
-        move || record.map_or(Ok(()), |record| record())
+    ) -> BoxFuture<Result<(), MethodFailure>> {
+        match self.safeguarded.begins(&action_name(call), ctx.wall_clock(), ctx.now()) {
+            Some(record) => on_disk("how often it has begun", record, ctx),
+            None => Box::pin(std::future::ready(Ok(()))),
+        }
     }
 
     /// If people have to allow an action, asks them, and returns a future that ends with their answer.

@@ -5,7 +5,8 @@
 //! - A device that goes on by itself, such as a robot with a goal, is brought to a standstill. The
 //!   confirmation tells whether the device has confirmed that.
 //! - A stop of a place concerns the actions that name the place, and the agents that are there:
-//!   those with a fact about themselves and the place, such as `(at robot hall)`.
+//!   those with a fact about themselves and the place, such as `(at robot hall)`. A pose that an
+//!   agent knows by itself counts as the place beside it.
 //! - A stopped agent offers no actions, so that no plan is made with it. It has the fact `stopped`.
 
 use std::collections::BTreeSet;
@@ -15,13 +16,13 @@ use std::time::Duration;
 use acl::AgentId;
 use acl::content::{Outcome, Reason, Refusal, ReleaseStops, Report, Stop, StopEffect, StopState};
 use agent::{Context, Participation, StopChanges, WorkHandle};
-use pddl::InitElement;
+use pddl::{ActionModel, InitElement, Name, Term};
 use substrate::BoxFuture;
 use tokio::sync::watch;
 use tokio::time::Instant;
 
 use crate::actuator::Actuator;
-use crate::device::Description;
+use crate::device::{Description, OwnFact};
 use crate::pddl_text::{facts_of, model_of};
 
 /// Maximum number of confirmations that wait for the disk at a time.
@@ -34,6 +35,12 @@ const STILL_WITHIN: Duration = Duration::from_secs(2);
 /// actuators of a building go first; a planner that still counts on this one is refused.
 const ANNOUNCED_AFTER: Duration = Duration::from_millis(150);
 
+/// Type of the ontology for a spot that a mobile base knows by itself.
+const POSE: &str = "pose";
+
+/// Predicate of the ontology for two places between which one can go.
+const CONNECTED: &str = "connected";
+
 /// A standstill to which the device is brought, or was brought by the last stop.
 pub(super) struct StandingStill {
     /// Identifiers of the stops that were in force when it began.
@@ -41,6 +48,38 @@ pub(super) struct StandingStill {
     /// Whether the device has confirmed it; `None` as long as that is not known.
     outcome: watch::Receiver<Option<Result<(), String>>>,
     _work: WorkHandle,
+}
+
+/// The poses that an agent knows by itself, each with the place beside it.
+struct Poses(Vec<(Name, Name)>);
+
+impl Poses {
+    /// Returns the poses that an action model declares and connects with a place.
+    fn of(model: &ActionModel) -> Poses {
+        let is_pose = |name: &str| {
+            model.objects.iter().map(|declaration| &declaration.object).any(|object| {
+                let mut types = object.ty.alternatives.iter();
+                object.name.as_str().eq_ignore_ascii_case(name)
+                    && types.any(|ty| ty.as_str().eq_ignore_ascii_case(POSE))
+            })
+        };
+        let ways = model.init.iter().filter_map(|fact| match fact {
+            InitElement::Atom(atom) if atom.predicate.as_str().eq_ignore_ascii_case(CONNECTED) => {
+                match atom.arguments.as_slice() {
+                    [Term::Object(from), Term::Object(to)] => Some((from.clone(), to.clone())),
+                    _ => None,
+                }
+            }
+            _ => None,
+        });
+        Poses(ways.filter(|(from, to)| is_pose(from.as_str()) && !is_pose(to.as_str())).collect())
+    }
+
+    /// Returns the place beside a pose; `None` if `name` is no pose of the agent.
+    fn beside(&self, name: &str) -> Option<&str> {
+        let is_it = |(pose, _): &&(Name, Name)| pose.as_str().eq_ignore_ascii_case(name);
+        self.0.iter().find(is_it).map(|(_, place)| place.as_str())
+    }
 }
 
 /// Waits until it is known whether the device stands still.
@@ -98,44 +137,49 @@ impl Actuator {
 
     /// Returns a stop that forbids all actions of this agent; `None` if there is none.
     pub(super) fn stop_of_all(&self, own: &AgentId) -> Option<Stop> {
-        let concerned = |stop: &Stop| {
-            stop.concerns(own.as_str()) || self.places(own).any(|place| stop.concerns(&place))
-        };
-        self.stops.find(concerned)
+        self.stops.find(|stop| self.is_concerned(stop, own))
     }
 
     /// Whether the stop `id` is in force and forbids all actions of this agent.
     pub(super) fn is_stopped_by(&self, id: &str, own: &AgentId) -> bool {
-        let concerned = |stop: &Stop| {
-            stop.id == id
-                && (stop.concerns(own.as_str())
-                    || self.places(own).any(|place| stop.concerns(&place)))
-        };
-        self.stops.find(concerned).is_some()
+        self.stops.find(|stop| stop.id == id && self.is_concerned(stop, own)).is_some()
+    }
+
+    fn is_concerned(&self, stop: &Stop, own: &AgentId) -> bool {
+        stop.concerns(own.as_str()) || self.places(own).iter().any(|place| stop.concerns(place))
     }
 
     /// Returns a stop that forbids `action`, a ground step such as `(move robot hall lab)`; `None`
     /// if there is none.
     pub(super) fn stop_against(&self, action: &str, own: &AgentId) -> Option<Stop> {
+        if self.stops.in_force().is_empty() {
+            return None;
+        }
         let step = pddl::parse_step(action).into_result().ok();
-        let arguments = || step.iter().flat_map(|step| &step.arguments);
-        let names = |stop: &Stop| arguments().any(|name| stop.concerns(name.as_str()));
-        self.stop_of_all(own).or_else(|| self.stops.find(names))
+        let arguments = step.iter().flat_map(|step| &step.arguments).map(|name| name.as_str());
+        let poses = Poses::of(&self.device.describe().model);
+        let names: Vec<_> = arguments.flat_map(|name| [Some(name), poses.beside(name)]).collect();
+        let is_named = |stop: &Stop| names.iter().flatten().any(|name| stop.concerns(name));
+        self.stop_of_all(own).or_else(|| self.stops.find(is_named))
     }
 
     /// Returns the names that follow the name of the agent in facts of the device, such as `hall`
-    /// in `(at robot hall)`. The places where the agent is are among them.
-    fn places(&self, own: &AgentId) -> impl Iterator<Item = String> {
-        let facts = self.device.facts().into_iter();
-        let own = own.to_string();
-        facts.flat_map(move |fact| match &fact.fact {
-            InitElement::Atom(atom) => {
-                let mut names = atom.arguments.iter().map(ToString::to_string);
-                let is_own = names.next().is_some_and(|first| first.eq_ignore_ascii_case(&own));
-                if is_own { names.collect() } else { Vec::new() }
+    /// in `(at robot hall)`. The places where the agent is are among them: if it is at a pose of its
+    /// own, also the place beside the pose.
+    fn places(&self, own: &AgentId) -> Vec<String> {
+        let mut places = Vec::new();
+        for OwnFact { fact, .. } in self.device.facts() {
+            let InitElement::Atom(atom) = fact else { continue };
+            let mut names = atom.arguments.iter().map(ToString::to_string);
+            if names.next().is_some_and(|first| first.eq_ignore_ascii_case(own.as_str())) {
+                places.extend(names);
             }
-            _ => Vec::new(),
-        })
+        }
+        let poses = Poses::of(&self.device.describe().model);
+        let beside = places.iter().filter_map(|name| poses.beside(name)).map(str::to_owned);
+        let beside: Vec<_> = beside.collect();
+        places.extend(beside);
+        places
     }
 
     /// Returns the stops that this agent knows, and the positions of hardware stops, as the answer to

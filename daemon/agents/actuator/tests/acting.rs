@@ -1,0 +1,309 @@
+//! Tests of what lets an action begin and what ends it, over the in-memory substrate: the consent of
+//! people, the limit of beginnings, the time limit of the method, and the stop of a place.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::time::Duration;
+
+use acl::content::{
+    Act, ActionToken, Inform, Method, Outcome, PersonsAnswer, Refusal, Report, Request, Stop,
+    StopEffect, value,
+};
+use acl::{
+    AgentId, ConversationId, DaemonId, EcosystemId, Incarnation, Message, Millis, Performative,
+    Protocol,
+};
+use actuator::{
+    ActionSafeguard, Actuator, BeginLimit, BoxFuture, Description, Device, MethodCall,
+    MethodFailure, MethodResult, OwnFact, Safeguards, facts_of, model_of,
+};
+use agent::{
+    Agent, AgentSettings, Blueprint, Callbacks, Context, ExchangeEvent, ExchangeOpening, Host,
+    LaunchContext, LaunchableAgent, MessageRouter, Participation,
+};
+use substrate::memory::Network;
+use tokio::sync::mpsc;
+use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
+
+const HOUR: Duration = Duration::from_secs(3_600);
+
+/// Time limit of the robot's method.
+const TIMEOUT: Duration = Duration::from_secs(5);
+
+/// Time that people have for their answer.
+const PATIENCE: Duration = Duration::from_secs(30);
+
+fn name(text: &str) -> AgentId {
+    AgentId::new(text).expect("a name")
+}
+
+/// A robot that stands at its own pose, as a mobile base describes it, and waves there.
+struct WavingRobot {
+    waves_for: Duration,
+}
+
+impl Device for WavingRobot {
+    type Yield = ();
+
+    fn describe(&self) -> Description {
+        let model = model_of(
+            "(define (agent robot) (:domain home)
+                (:objects robot - agent desk - pose)
+                (:init (connected desk office1) (connected office1 desk))
+                (:action wave :agent ?a - agent :parameters (?l - location)
+                    :precondition (at ?a ?l) :effect (waved ?a)))",
+        );
+        let wave =
+            Method { method: "wave".to_owned(), arguments: [].into(), timeout: Millis(TIMEOUT) };
+        Description { model, methods: [("wave".to_owned(), wave)].into() }
+    }
+
+    fn facts(&self) -> Vec<OwnFact> {
+        facts_of("(at robot desk)")
+    }
+
+    fn perform(&mut self, _call: &MethodCall) -> BoxFuture<Result<(), MethodFailure>> {
+        let waves_for = self.waves_for;
+        Box::pin(async move {
+            tokio::time::sleep(waves_for).await;
+            Ok(())
+        })
+    }
+
+    fn on_success(&mut self, _call: &MethodCall, (): ()) -> MethodResult {
+        MethodResult::default()
+    }
+}
+
+/// A keyboard at which a person gives these answers, and then none.
+struct Keyboard(VecDeque<&'static str>);
+
+impl Agent for Keyboard {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new().on_broadcast(Performative::QueryRef, Self::asked)
+    }
+}
+
+impl Keyboard {
+    fn asked(&mut self, message: Message, ctx: &mut Context<Self>) {
+        let Some(answer) = self.0.pop_front() else { return };
+        let answer = Inform::Answer(PersonsAnswer::plain(answer));
+        ctx.answer(&Participation::of(&message), Performative::Inform, &answer);
+    }
+}
+
+/// Sends what it is told to the robot, and passes on the answers.
+struct Client {
+    requests: Vec<(Duration, Request)>,
+    told: mpsc::UnboundedSender<Message>,
+}
+
+impl Agent for Client {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+    }
+
+    fn activated(&mut self, ctx: &mut Context<Self>) {
+        for (after, request) in std::mem::take(&mut self.requests) {
+            ctx.after(after, move |_: &mut Client, ctx| {
+                let protocol = match request {
+                    Request::Act(_) => Protocol::Action,
+                    _ => Protocol::StateChange,
+                };
+                let opening = ExchangeOpening {
+                    to: Some(name("robot")),
+                    performative: Performative::Request,
+                    protocol,
+                    conversation: ConversationId::new("test"),
+                    content: value(&request),
+                };
+                ctx.open(opening, HOUR, |client: &mut Client, answer, _| {
+                    if let ExchangeEvent::Message(message) = answer {
+                        client.told.send(*message).expect("the test listens");
+                    }
+                });
+            });
+        }
+    }
+}
+
+/// A robot, a keyboard and a client of the robot.
+struct Home {
+    heard: mpsc::UnboundedReceiver<Message>,
+    _network: Network,
+    _router: Arc<MessageRouter>,
+}
+
+/// What is different from test to test.
+#[derive(Default)]
+struct Setting {
+    safeguard: ActionSafeguard,
+    waves_for: Duration,
+    answers: Vec<&'static str>,
+    requests: Vec<(Duration, Request)>,
+}
+
+fn home(setting: Setting) -> Home {
+    let settings = AgentSettings {
+        heartbeat_period: HOUR,
+        heartbeat_lease: HOUR * 10,
+        ..AgentSettings::default()
+    };
+    let network = Network::new();
+    let daemon = DaemonId::new("here").expect("a name");
+    let ecosystem = EcosystemId::new("home").expect("a name");
+    let router = MessageRouter::new(ecosystem, daemon.clone(), settings.clone());
+    router.connect(network.open(daemon, Arc::<MessageRouter>::clone(&router) as _));
+    let ontology = pddl::parse_domain(
+        "(define (domain home) (:requirements :typing)
+            (:types agent location - object pose - location)
+            (:predicates (at ?a - agent ?l - location) (connected ?a ?b - location)
+                (waved ?a - agent)))",
+    );
+    let map = pddl::parse_problem(
+        "(define (problem map) (:domain home) (:objects office1 - location) (:init) (:goal (and)))",
+    );
+    let mut host = Host {
+        settings,
+        ..Host::new(ontology.value.expect("a domain"), map.value.expect("a map"))
+    };
+    let of_robot = [("wave".to_owned(), setting.safeguard)].into();
+    host.resources.insert(Safeguards([(name("robot"), of_robot)].into()));
+    let blueprint = Blueprint {
+        id: name("robot"),
+        driver: String::new(),
+        config: serde_json::Value::Null.into(),
+        host: Arc::new(host),
+    };
+    let robot = WavingRobot { waves_for: setting.waves_for };
+    let (told, heard) = mpsc::unbounded_channel();
+    let client = Client { requests: setting.requests, told };
+    let agents: [(&str, Box<dyn LaunchableAgent>); 3] = [
+        ("robot", Actuator::build(&blueprint, robot).expect("built")),
+        ("keyboard", Box::new(Keyboard(setting.answers.into()))),
+        ("client", Box::new(client)),
+    ];
+    for (number, (id, agent)) in (1..).zip(agents) {
+        drop(agent.launch(LaunchContext {
+            id: name(id),
+            incarnation: Incarnation(number),
+            router: Arc::clone(&router),
+            ontology: Arc::from("home"),
+            stopping: CancellationToken::new(),
+            has_replicas: false,
+            via: [].into(),
+        }));
+    }
+    Home { heard, _network: network, _router: router }
+}
+
+impl Home {
+    /// Waits for the next refusal or report, and returns its outcome (`None` if refused) and text.
+    async fn end(&mut self) -> (Option<Outcome>, String) {
+        loop {
+            let next = tokio::time::timeout(HOUR, self.heard.recv()).await.expect("in time");
+            let message = next.expect("it lives");
+            match message.performative {
+                Performative::Agree => (),
+                Performative::Confirm => {
+                    let report: Report = message.content_as().expect("a report");
+                    return (Some(report.outcome), report.detail);
+                }
+                _ => {
+                    let refusal: Refusal = message.content_as().expect("a refusal");
+                    return (None, refusal.detail);
+                }
+            }
+        }
+    }
+}
+
+/// Builds the request for the wave of this number, which comes so many minutes after the start.
+fn wave(number: u32) -> (Duration, Request) {
+    let token =
+        ActionToken { term: 1, conversation: ConversationId::new("goal"), round: 1, step: number };
+    let act = Act {
+        action: "(wave robot desk)".to_owned(),
+        method: "wave".to_owned(),
+        arguments: [].into(),
+        token,
+    };
+    (Duration::from_secs(60) * number, Request::Act(Box::new(act)))
+}
+
+/// People have half a minute for their answer; the method does not get what they leave of it.
+#[tokio::test(start_paused = true)]
+async fn a_method_that_people_allow_has_its_own_time_limit_and_no_more() {
+    let mut home = home(Setting {
+        safeguard: ActionSafeguard { asks_people: Some(PATIENCE), limit: None },
+        waves_for: HOUR,
+        answers: vec!["yes"],
+        requests: vec![wave(1)],
+    });
+    let begun = Instant::now();
+    let (outcome, detail) = home.end().await;
+    assert_eq!(outcome, Some(Outcome::Failed), "{detail}");
+    let elapsed = begun.elapsed() - Duration::from_secs(60);
+    assert!(elapsed >= TIMEOUT && elapsed < TIMEOUT * 2, "{elapsed:?}: {detail}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn an_action_that_people_forbid_does_not_count_as_begun() {
+    let limit = Some(BeginLimit { at_most: 1, per: HOUR });
+    let mut home = home(Setting {
+        safeguard: ActionSafeguard { asks_people: Some(PATIENCE), limit },
+        answers: vec!["no", "no", "yes"],
+        requests: (1..=4).map(wave).collect(),
+        ..Setting::default()
+    });
+    for _ in 0..2 {
+        let (outcome, detail) = home.end().await;
+        assert_eq!(outcome, Some(Outcome::Failed), "{detail}");
+        assert!(detail.contains("a person said no"), "{detail}");
+    }
+    let (outcome, detail) = home.end().await;
+    assert_eq!(outcome, Some(Outcome::Done), "it has not begun before: {detail}");
+    let (outcome, detail) = home.end().await;
+    assert_eq!(outcome, None, "{detail}");
+    assert!(detail.contains("may begin at most once in 1h"), "{detail}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stop_of_a_place_stops_a_robot_at_its_own_pose_there() {
+    let stop = |id: &str, place: &str| {
+        Request::Stop(Stop {
+            id: id.to_owned(),
+            scope: vec![place.to_owned()],
+            by: name("client"),
+            why: String::new(),
+        })
+    };
+    let second = Duration::from_secs(1);
+    let mut home = home(Setting {
+        waves_for: HOUR,
+        requests: vec![
+            (second * 60, stop("other", "office2")),
+            wave(2),
+            (second * 121, stop("this", "office1")),
+            wave(3),
+        ],
+        ..Setting::default()
+    });
+    let mut effects = Vec::new();
+    let mut refusal = None;
+    while refusal.is_none() {
+        let message = home.heard.recv().await.expect("it lives");
+        match message.performative {
+            Performative::Confirm => {
+                let report: Report = message.content_as().expect("a report");
+                effects.extend(report.stop_effect);
+            }
+            Performative::Refuse => refusal = message.content_as::<Refusal>().ok(),
+            _ => (),
+        }
+    }
+    assert_eq!(effects, [StopEffect::Unconcerned, StopEffect::Ended]);
+    let refusal = refusal.expect("the loop ends with it").detail;
+    assert!(refusal.contains("stopped (office1) by `client`"), "{refusal}");
+}
