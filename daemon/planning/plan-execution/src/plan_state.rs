@@ -61,7 +61,7 @@ pub enum ExecutionCommand {
     RequestStep(usize, Box<ActionRequest>),
     /// Cancel this step. If its agent is absent, [`ExecutionEvent::StepAbandoned`] follows.
     CancelStep(usize),
-    /// Close the exchange about the step with this number.
+    /// Close the exchange about the step with this number, and await no answer in it.
     CloseStep(usize),
     /// Send this effect to the Domain Maintainer. [`ExecutionEvent::ChangeAnswered`] follows.
     SendChange(ChangeState),
@@ -237,7 +237,7 @@ impl PlanState {
                 self.reported(step, report, heartbeats, out)
             }
             ExecutionEvent::StepRefused(step, refusal) => self.refused(step, &refusal, out),
-            ExecutionEvent::StepLost(step, problem) => self.fail(step, failure(problem), out),
+            ExecutionEvent::StepLost(step, problem) => self.lost(step, problem, out),
             ExecutionEvent::StepAbandoned(step) => {
                 self.running_steps.remove(&step);
                 self.end_if_idle(out);
@@ -386,6 +386,15 @@ impl PlanState {
         running.is_blamed = !is_able;
         let problem = format!("`{}` declined: {}", running.agent, refusal.detail);
         self.fail(step, Report { declined: Some(refusal.reason), ..failure(problem) }, out);
+    }
+
+    /// Gives the plan up because a step is lost. Its agent may have begun the action, or begin it
+    /// yet, so the action is cancelled, unless that has been done.
+    fn lost(&mut self, step: usize, problem: String, out: &mut Vec<ExecutionCommand>) {
+        if self.final_report.is_none() {
+            out.push(ExecutionCommand::CancelStep(step));
+        }
+        self.fail(step, failure(problem), out);
     }
 
     fn send_change(

@@ -93,6 +93,8 @@ struct Owner {
     requested: BTreeSet<usize>,
     /// The steps that are neither confirmed nor closed.
     open: BTreeSet<usize>,
+    /// The steps whose agents have not said that they are over. A lost step is one of them.
+    acting: BTreeSet<usize>,
     confirmed: BTreeSet<usize>,
     cancelled: BTreeSet<usize>,
     ends: Vec<Report>,
@@ -112,6 +114,7 @@ impl Owner {
             sequence: 0,
             requested: BTreeSet::new(),
             open: BTreeSet::new(),
+            acting: BTreeSet::new(),
             confirmed: BTreeSet::new(),
             cancelled: BTreeSet::new(),
             ends: Vec::new(),
@@ -141,6 +144,15 @@ impl Owner {
         {
             self.confirmed.insert(*step);
         }
+        match &event {
+            ExecutionEvent::StepReported(step, report) if report.outcome.is_final() => {
+                self.acting.remove(step);
+            }
+            ExecutionEvent::StepRefused(step, _) => {
+                self.acting.remove(step);
+            }
+            _ => (),
+        }
         if let ExecutionEvent::StepAbandoned(step) = &event
             && from == ExecutionPhase::GivingUp
         {
@@ -167,6 +179,7 @@ impl Owner {
                 assert!(needs.iter().all(|before| self.confirmed.contains(before)));
                 assert_eq!(request.agent, agent(if *step == 1 { "lamp" } else { "robot" }));
                 self.open.insert(*step);
+                self.acting.insert(*step);
             }
             ExecutionCommand::CancelStep(step) => {
                 assert!(self.open.contains(step), "step {step} does not run");
@@ -192,11 +205,12 @@ impl Owner {
             }
             ExecutionPhase::GivingUp => {
                 assert!(self.ends.is_empty() && !self.open.is_empty());
-                assert!(self.open.is_subset(&self.cancelled), "a step of it runs on");
+                assert!(self.acting.is_subset(&self.cancelled), "a step of it runs on");
             }
             ExecutionPhase::Ended => {
                 assert_eq!(self.ends.len(), 1, "its requesters are told one end");
-                assert!(self.open.is_empty(), "a step of an ended plan runs on");
+                assert!(self.open.is_empty(), "a step of an ended plan is awaited");
+                assert!(self.acting.is_subset(&self.cancelled), "a step of an ended plan runs on");
                 let is_done = self.ends[0].outcome == Outcome::Done;
                 assert!(!is_done || self.confirmed.len() == self.state.done().len());
             }
@@ -333,6 +347,25 @@ fn random_events_reach_every_row_of_the_table() {
     let rows = TRANSITIONS.iter().map(|row| (row.event, row.from));
     let unseen: Vec<_> = rows.filter(|row| !seen.contains(row)).collect();
     assert!(unseen.is_empty(), "rows that no sequence reaches: {unseen:?}");
+}
+
+#[test]
+fn a_lost_step_is_cancelled_before_the_plan_ends() {
+    let mut owner = Owner::of("(go robot hall room)", "(at robot room)");
+    owner.tell(ExecutionEvent::Started);
+    let lost = ExecutionEvent::StepLost(0, "`robot` did not answer in time".to_owned());
+    let commands = owner.tell(lost);
+    assert!(
+        matches!(
+            commands[..],
+            [
+                ExecutionCommand::CancelStep(0),
+                ExecutionCommand::CloseStep(0),
+                ExecutionCommand::End(_)
+            ]
+        ),
+        "{commands:?}"
+    );
 }
 
 #[test]

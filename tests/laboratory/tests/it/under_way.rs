@@ -1,6 +1,7 @@
 //! Tests of a second plan for a goal at the Plan Executor. A plan of the same Plan Requester
 //! replaces the first. A plan of another replica, which had no record of the first, does not. A
-//! plan that is called off stops, or never begins. All requesters get the reports.
+//! plan that is called off stops, or never begins. All requesters get the reports. A step that is
+//! given up is cancelled.
 
 use std::collections::BTreeSet;
 use std::time::Duration;
@@ -199,4 +200,48 @@ async fn calling_off_one_plan_keeps_another_running() {
     let asks = vec![asked(5, 1), Request::CancelPlan(CancelPlan { term: 9, round: 1 })];
     let refusal: Refusal = first_answer(asks).await.content_as().expect("a refusal");
     assert_eq!(refusal.under_way.as_deref(), Some(&execute(5, 1)));
+}
+
+/// A lamp that does not end its action, and tells that it was cancelled.
+struct SlowLamp {
+    /// Whether the lamp agrees to the action.
+    agrees: bool,
+    cancelled: mpsc::UnboundedSender<()>,
+}
+
+impl Agent for SlowLamp {
+    fn callbacks(&self) -> Callbacks<Self> {
+        Callbacks::new()
+            .on(Performative::Request, |lamp: &mut SlowLamp, message, ctx| {
+                if lamp.agrees {
+                    let agreed = serde_json::json!({});
+                    ctx.answer(&Participation::of(&message), Performative::Agree, &agreed);
+                }
+            })
+            .on(Performative::Cancel, |lamp: &mut SlowLamp, _, _| {
+                lamp.cancelled.send(()).expect("the test listens");
+            })
+    }
+}
+
+/// The lamp may have begun, although its answer did not come in time.
+#[tokio::test(start_paused = true)]
+async fn a_step_that_is_given_up_as_lost_is_cancelled() {
+    for agrees in [false, true] {
+        let house = House::new(Mode::Centralized, DOMAIN, PROBLEM, Vec::new());
+        let here = house.machine("here");
+        let (told, mut heard) = mpsc::unbounded_channel();
+        let (cancelled, mut cancels) = mpsc::unbounded_channel();
+        let asker = Asker { asks: vec![asked(5, 1)], after: Duration::from_secs(1), told };
+        let _lives = [
+            launch(house.built(&plan_executor::PLUGIN), "plan-executor", &here, false),
+            launch(Box::new(SlowLamp { agrees, cancelled }), "lamp", &here, false),
+            launch(Box::new(asker), "plan-requester", &here, false),
+        ];
+        let answer = timeout(Duration::from_secs(120), heard.recv()).await.expect("in time");
+        let report: Report = answer.expect("it lives").content_as().expect("a report");
+        assert!(report.detail.contains("did not answer in time"), "{report:?}");
+        let cancelled = timeout(Duration::from_secs(1), cancels.recv()).await;
+        assert_eq!(cancelled, Ok(Some(())), "the action goes on: agrees: {agrees}");
+    }
 }
