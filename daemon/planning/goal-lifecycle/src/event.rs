@@ -57,9 +57,12 @@ pub enum GoalEvent {
     /// This attempt has found that the goal does not hold, and that it can be planned for, in the
     /// given flow.
     GoalOpen(Attempt, PlanningFlow),
-    /// The Planning Agent has not answered this attempt, or has declined it. The text gives the
-    /// reason; planning is tried again after the duration.
+    /// The Planning Agent has not answered this attempt in time, or has declined it. The text gives
+    /// the reason; planning is tried again after the duration.
     PlannerFailed(Attempt, String, Duration),
+    /// The Planning Agent is absent, or has no time for this attempt. The text gives the reason;
+    /// planning is tried again after the duration at least.
+    PlannerBusy(Attempt, String, Duration),
     /// Bids for this attempt use action models that are newer than the known domain. The text gives
     /// the reason to wait.
     BidsOutdated(Attempt, String),
@@ -124,6 +127,8 @@ pub enum GoalEventKind {
     GoalOpen,
     /// Kind of [`GoalEvent::PlannerFailed`].
     PlannerFailed,
+    /// Kind of [`GoalEvent::PlannerBusy`].
+    PlannerBusy,
     /// Kind of [`GoalEvent::BidsOutdated`].
     BidsOutdated,
     /// Kind of [`GoalEvent::PlanFound`].
@@ -215,8 +220,8 @@ pub enum ExecutionEnd {
     /// The plan has failed, as the report says. The pair is the agent of the failed action, and the
     /// agent's own name for the action; `None` if no action is to blame.
     Failed(Report, Option<(AgentId, String)>),
-    /// The Plan Executor does not answer or has declined the plan, so the end of the execution is
-    /// not known. The text gives the reason; planning is tried again after the duration.
+    /// The Plan Executor does not answer, or has no time for the plan, so the end of the execution is
+    /// not known. The text gives the reason; planning is tried again after the duration at least.
     Unknown(String, Duration),
 }
 
@@ -293,6 +298,7 @@ impl GoalEvent {
             GoalEvent::AgentsBusy(..) => GoalEventKind::AgentsBusy,
             GoalEvent::GoalOpen(..) => GoalEventKind::GoalOpen,
             GoalEvent::PlannerFailed(..) => GoalEventKind::PlannerFailed,
+            GoalEvent::PlannerBusy(..) => GoalEventKind::PlannerBusy,
             GoalEvent::BidsOutdated(..) => GoalEventKind::BidsOutdated,
             GoalEvent::PlanFound(..) => GoalEventKind::PlanFound,
             GoalEvent::PlanMissing(_) => GoalEventKind::PlanMissing,
@@ -322,6 +328,7 @@ impl GoalEvent {
             | GoalEvent::AgentsBusy(attempt, _)
             | GoalEvent::GoalOpen(attempt, _)
             | GoalEvent::PlannerFailed(attempt, ..)
+            | GoalEvent::PlannerBusy(attempt, ..)
             | GoalEvent::BidsOutdated(attempt, _)
             | GoalEvent::PlanFound(attempt, _)
             | GoalEvent::PlanMissing(attempt)

@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 use std::time::Duration;
 
 use acl::AgentId;
-use acl::content::{GoalPhase, Keep, Outcome, Report};
+use acl::content::{GoalPhase, Keep, Outcome, Reason, Report};
 
 use crate::action_backoff::ActionBackoffs;
 use crate::event::{
@@ -22,8 +22,9 @@ pub const SETTLE_DELAY: Duration = Duration::from_millis(20);
 pub const RECHECK_INTERVAL: Duration = Duration::from_secs(10);
 
 /// Number of plans in a row that may fail before a goal that is to be achieved once is given up.
-/// Each failure excludes an action from planning for a while, so after this many failures no other
-/// way is left.
+/// Most failures exclude an action from planning for a while, so after this many failures no other
+/// way is left. A plan that was not carried out because an agent is busy or absent is no failure: see
+/// `GoalState::postpone`.
 pub const FAILURES_MAX: u32 = 12;
 
 /// Delay before planning again when no plan was found. Within this delay the latest messages of all
@@ -57,6 +58,8 @@ const IMMEDIATE_RETRIES: u32 = 3;
 
 const NO_MAINTAINER: &str = "no Domain Maintainer answers";
 const CANCELLED: &str = "cancelled as asked";
+const CANCELLED_LATE: &str = "cancelled as asked; every step was done before the cancel came";
+const DONE_BEFORE: &str = "it was done before the cancel came";
 
 /// Settings that affect the state machine of a goal.
 #[derive(Clone, Copy, Debug)]
@@ -78,6 +81,13 @@ pub struct GoalState {
     rounds: u32,
     /// Number of plans in a row that have failed.
     failures: u32,
+    /// Number of times in a row that a plan was not made or not carried out, because an agent is busy
+    /// or absent.
+    hindrances: u32,
+    /// Whether the goal waits because of such a hindrance, which a change of the state does not end.
+    is_postponed: bool,
+    /// Whether the goal was cancelled while its plan was being carried out.
+    is_cancelled: bool,
     planning_mode: PlanningMode,
     /// Time at which this replica took the goal over from the records in the Journals; `None` if it
     /// has had the goal from the start.
@@ -113,6 +123,17 @@ fn progress(detail: impl Into<String>) -> GoalCommand {
     GoalCommand::Report(Report::new(Outcome::Progress, detail))
 }
 
+/// Returns the delay before planning again after this number of plans in a row that came to nothing.
+fn backoff(times: u32) -> Duration {
+    Duration::from_millis(100 << times.min(6))
+}
+
+/// Whether a plan has failed only because the agent of a step has other work: it can do the same
+/// action later.
+fn is_only_busy(report: &Report) -> bool {
+    matches!(report.declined, Some(Reason::Busy | Reason::MailboxFull))
+}
+
 impl GoalState {
     /// Returns the state of a goal that was just accepted.
     pub fn new(keep: Keep) -> GoalState {
@@ -123,6 +144,9 @@ impl GoalState {
             waits_because: String::new(),
             rounds: 0,
             failures: 0,
+            hindrances: 0,
+            is_postponed: false,
+            is_cancelled: false,
             planning_mode: PlanningMode::default(),
             adopted_at: None,
             blocked_by: String::new(),
@@ -184,6 +208,11 @@ impl GoalState {
         self.failures
     }
 
+    /// Whether the goal was cancelled, and what became of its plan is not known yet.
+    pub fn is_cancelled(&self) -> bool {
+        self.is_cancelled && self.phase != GoalPhase::Ended
+    }
+
     /// Returns which other plans and goals the next round of planning must respect.
     pub fn planning_mode(&self) -> PlanningMode {
         self.planning_mode
@@ -231,6 +260,7 @@ impl GoalState {
                 self.unsatisfied(event, now, policy)
             }
             GoalEvent::PlannerFailed(_, why, wait) => self.retry(why, wait, policy),
+            GoalEvent::PlannerBusy(_, why, wait) => self.postpone(why, wait, policy),
             GoalEvent::BidsOutdated(_, why) => self.bids_outdated(why, now, policy),
             GoalEvent::PlanFound(_, decision) => self.plan_found(decision, now, policy),
             GoalEvent::PlanMissing(_) => {
@@ -273,6 +303,7 @@ impl GoalState {
     fn enter(&mut self, phase: GoalPhase) {
         self.phase = phase;
         self.waits_because.clear();
+        self.is_postponed = false;
     }
 
     fn next_attempt(&mut self) -> Attempt {
@@ -315,7 +346,7 @@ impl GoalState {
     }
 
     fn satisfied(&mut self) -> Vec<GoalCommand> {
-        self.failures = 0;
+        (self.failures, self.hindrances) = (0, 0);
         self.planning_mode = PlanningMode::default();
         if self.keep == Keep::Achieve {
             let detail = if self.rounds == 0 { "it holds already" } else { "the goal holds" };
@@ -466,15 +497,30 @@ impl GoalState {
     /// `wait`, or gives the goal up.
     fn retry(&mut self, why: String, wait: Duration, policy: Policy) -> Vec<GoalCommand> {
         self.failures += 1;
+        self.hindrances = 0;
         let gives_up = self.keep == Keep::Achieve && self.failures >= FAILURES_MAX;
         if gives_up || !policy.is_replanning {
             let detail = format!("given up after {} plans: {why}", self.rounds);
             return self.end(Outcome::Failed, detail);
         }
-        let backoff = Duration::from_millis(100 << self.failures.min(6));
+        let backoff = backoff(self.failures);
         let wait = if self.failures <= IMMEDIATE_RETRIES { wait } else { wait.max(backoff) };
         let mut commands = vec![progress(format!("planning anew: {why}"))];
         commands.extend(self.wait(why, wait));
+        commands
+    }
+
+    /// Handles a plan that was not made or not carried out because an agent is busy or absent: plans
+    /// for the goal again after the time `wait` at least. Nothing has failed, so the goal is not given
+    /// up, however long this takes.
+    fn postpone(&mut self, why: String, wait: Duration, policy: Policy) -> Vec<GoalCommand> {
+        if !policy.is_replanning {
+            return self.retry(why, wait, policy);
+        }
+        self.hindrances = self.hindrances.saturating_add(1);
+        let mut commands = vec![progress(format!("planning anew: {why}"))];
+        commands.extend(self.wait(why, wait.max(backoff(self.hindrances))));
+        self.is_postponed = true;
         commands
     }
 
@@ -533,16 +579,16 @@ impl GoalState {
     ) -> Vec<GoalCommand> {
         let from = self.phase;
         // Other goals wait until this goal is verified, because their plans might undo it.
-        let is_verified_first = from == GoalPhase::Executing
+        let is_verified_first = matches!(from, GoalPhase::Executing | GoalPhase::Cancelling)
             && self.keep == Keep::Achieve
             && matches!(end, ExecutionEnd::Done);
         let next = match (from, end) {
-            (GoalPhase::Cancelling, end) => self.cancelled_in_execution(end),
             (_, ExecutionEnd::Done) if self.keep == Keep::Achieve => self.verify_first(),
+            (GoalPhase::Cancelling, end) => self.cancelled_in_execution(end),
             (_, ExecutionEnd::Done) => {
                 // The goal is checked once more before it is reported to hold: an agent may have
                 // left during the execution.
-                self.failures = 0;
+                (self.failures, self.hindrances) = (0, 0);
                 self.enter(GoalPhase::Holding);
                 vec![GoalCommand::ConsiderAfter(SETTLE_DELAY), GoalCommand::ScheduleNext]
             }
@@ -551,27 +597,28 @@ impl GoalState {
                 self.enter(GoalPhase::Queued);
                 vec![GoalCommand::ScheduleNext]
             }
+            (_, ExecutionEnd::Failed(report, _)) if is_only_busy(&report) => {
+                self.postpone(report.detail, Duration::ZERO, policy)
+            }
             (_, ExecutionEnd::Failed(report, blamed)) => {
                 blamed.into_iter().for_each(|it| self.backoffs.penalize(it, &report, now));
                 self.retry(report.detail, Duration::ZERO, policy)
             }
             (_, ExecutionEnd::Cancelled(why)) => self.retry(why, Duration::ZERO, policy),
-            (_, ExecutionEnd::Unknown(why, wait)) => self.retry(why, wait, policy),
+            (_, ExecutionEnd::Unknown(why, wait)) => self.postpone(why, wait, policy),
         };
         let released = (!is_verified_first).then_some(GoalCommand::ReleaseAgents);
         released.into_iter().chain(next).collect()
     }
 
     fn cancelled_in_execution(&mut self, end: ExecutionEnd) -> Vec<GoalCommand> {
-        let (outcome, detail) = match end {
-            ExecutionEnd::Done => (Outcome::Done, "it was done before the cancel came".to_owned()),
-            ExecutionEnd::Cancelled(_) => (Outcome::Cancelled, CANCELLED.to_owned()),
-            ExecutionEnd::Failed(report, _) => (Outcome::Cancelled, report.detail),
-            ExecutionEnd::Unknown(why, _) => {
-                (Outcome::Cancelled, format!("cancelled, not confirmed: {why}"))
-            }
+        let detail = match end {
+            ExecutionEnd::Done => CANCELLED_LATE.to_owned(),
+            ExecutionEnd::Cancelled(_) => CANCELLED.to_owned(),
+            ExecutionEnd::Failed(report, _) => report.detail,
+            ExecutionEnd::Unknown(why, _) => format!("cancelled, not confirmed: {why}"),
         };
-        self.end(outcome, detail)
+        self.end(Outcome::Cancelled, detail)
     }
 
     fn verify_first(&mut self) -> Vec<GoalCommand> {
@@ -582,12 +629,18 @@ impl GoalState {
 
     fn verified(&mut self, verdict: GoalVerdict, policy: Policy) -> Vec<GoalCommand> {
         let next = match verdict {
+            GoalVerdict::Holds if self.is_cancelled => return self.end(Outcome::Done, DONE_BEFORE),
             GoalVerdict::Holds => return self.end(Outcome::Done, "the goal holds"),
-            GoalVerdict::Unusable(why) => return self.end(Outcome::Failed, why),
             GoalVerdict::Unmet(_) if self.looks < LOOKS_MAX => {
                 self.looks += 1;
                 return vec![GoalCommand::Verify(self.next_attempt(), SETTLE_DELAY)];
             }
+            GoalVerdict::Unmet(unmet) if self.is_cancelled => {
+                let detail = format!("{CANCELLED_LATE}, and {unmet}");
+                return self.end(Outcome::Cancelled, detail);
+            }
+            _ if self.is_cancelled => return self.end(Outcome::Cancelled, CANCELLED_LATE),
+            GoalVerdict::Unusable(why) => return self.end(Outcome::Failed, why),
             GoalVerdict::Unmet(unmet) => {
                 let why = format!("every step is done, and {unmet}");
                 self.retry(why, Duration::ZERO, policy)
@@ -602,10 +655,12 @@ impl GoalState {
     fn cancelled(&mut self) -> Vec<GoalCommand> {
         match self.phase {
             GoalPhase::Executing => {
+                self.is_cancelled = true;
                 self.enter(GoalPhase::Cancelling);
                 vec![GoalCommand::CancelExecution]
             }
             GoalPhase::Preempted | GoalPhase::Cancelling => {
+                self.is_cancelled = true;
                 self.enter(GoalPhase::Cancelling);
                 Vec::new()
             }
@@ -643,7 +698,10 @@ impl GoalState {
         }
         let is_concerned = match self.phase {
             GoalPhase::Queued => !is_planning_busy,
-            GoalPhase::WaitingForChange | GoalPhase::Holding => true,
+            // A change of the state makes no agent less busy; one that joins may be the one that is
+            // missing.
+            GoalPhase::WaitingForChange => have_agents_changed || !self.is_postponed,
+            GoalPhase::Holding => true,
             // A change of state does not free the agents that other goals use.
             GoalPhase::WaitingForAgents => have_agents_changed,
             _ => false,

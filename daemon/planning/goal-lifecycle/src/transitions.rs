@@ -86,6 +86,7 @@ pub const TRANSITIONS: &[GoalTransition] = &[
         &[Planning, CollectingProposals, Ended],
     ),
     leads(GoalEventKind::PlannerFailed, only(&[Planning]), &[WaitingForChange, Ended]),
+    leads(GoalEventKind::PlannerBusy, only(&[Planning]), &[WaitingForChange, Ended]),
     may_lead(GoalEventKind::BidsOutdated, only(&[CollectingProposals]), &[WaitingForChange]),
     leads(
         GoalEventKind::PlanFound,
@@ -106,7 +107,7 @@ pub const TRANSITIONS: &[GoalTransition] = &[
         &[Verifying, Holding, WaitingForChange, Ended],
     ),
     leads(GoalEventKind::ExecutionEnded, only(&[Preempted]), &[Verifying, Holding, Queued]),
-    leads(GoalEventKind::ExecutionEnded, only(&[Cancelling]), &[Ended]),
+    leads(GoalEventKind::ExecutionEnded, only(&[Cancelling]), &[Verifying, Ended]),
     may_lead(GoalEventKind::Verified, only(&[Verifying]), &[WaitingForChange, Ended]),
     leads(GoalEventKind::Yielded, only(&[Executing]), &[Preempted]),
     leads(GoalEventKind::AgentsReleased, only(&[WaitingForAgents]), &[Queued]),

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::time::Duration;
 
-use acl::content::{GoalPhase, Keep, Outcome, Report};
+use acl::content::{GoalPhase, Keep, Outcome, Reason, Report};
 use acl::{AgentId, ConversationId};
 use goal_lifecycle::{
     Attempt, Blockers, ExecutionEnd, GoalCommand, GoalEvent, GoalState, GoalVerdict, MissingPlan,
@@ -30,6 +30,7 @@ fn events(attempt: Attempt) -> Vec<GoalEvent> {
     let in_use = Turn { agents_in_use: [agent("lamp")].into(), ..Turn::default() };
     let hope = MissingPlan { why: text(), has_hope: true, ..MissingPlan::default() };
     let failed = Report::new(Outcome::Failed, "it is dark");
+    let busy_agent = Report { declined: Some(Reason::Busy), ..failed.clone() };
     let blamed = Some((agent("lamp"), "light".to_owned()));
     vec![
         GoalEvent::Considered(Turn::default()),
@@ -45,6 +46,7 @@ fn events(attempt: Attempt) -> Vec<GoalEvent> {
         GoalEvent::GoalOpen(attempt, PlanningFlow::Centralized),
         GoalEvent::GoalOpen(attempt, PlanningFlow::Decentralized),
         GoalEvent::PlannerFailed(attempt, text(), Duration::ZERO),
+        GoalEvent::PlannerBusy(attempt, text(), Duration::ZERO),
         GoalEvent::BidsOutdated(attempt, text()),
         GoalEvent::PlanFound(attempt, PlanDecision::Run),
         GoalEvent::PlanFound(
@@ -67,6 +69,7 @@ fn events(attempt: Attempt) -> Vec<GoalEvent> {
         GoalEvent::ExecutionEnded(attempt, ExecutionEnd::Done),
         GoalEvent::ExecutionEnded(attempt, ExecutionEnd::Cancelled(text())),
         GoalEvent::ExecutionEnded(attempt, ExecutionEnd::Failed(failed, blamed)),
+        GoalEvent::ExecutionEnded(attempt, ExecutionEnd::Failed(busy_agent, None)),
         GoalEvent::ExecutionEnded(attempt, ExecutionEnd::Unknown(text(), Duration::ZERO)),
         GoalEvent::Verified(attempt, GoalVerdict::Holds),
         GoalEvent::Verified(attempt, GoalVerdict::Unmet(text())),
@@ -275,6 +278,103 @@ fn an_achieve_goal_ends_after_too_many_failures_and_a_maintain_goal_does_not() {
     }
 }
 
+/// Brings a goal from its queue to the execution of a plan.
+fn plan_and_execute(state: &mut GoalState, now: Duration) {
+    state.handle(GoalEvent::Considered(Turn::default()), now, POLICY);
+    let open = GoalEvent::GoalOpen(state.attempt(), PlanningFlow::Centralized);
+    state.handle(open, now, POLICY);
+    state.handle(GoalEvent::PlanFound(state.attempt(), PlanDecision::Run), now, POLICY);
+    assert_eq!(state.phase(), GoalPhase::Executing);
+}
+
+/// Returns the delay after which a goal is considered again.
+fn delay(commands: &[GoalCommand]) -> Option<Duration> {
+    commands.iter().find_map(|command| match command {
+        GoalCommand::ConsiderAfter(delay) => Some(*delay),
+        _ => None,
+    })
+}
+
+#[test]
+fn what_is_only_busy_or_absent_ends_no_goal() {
+    let text = || "it is busy".to_owned();
+    let refused =
+        |reason| Report { declined: Some(reason), ..Report::new(Outcome::Failed, text()) };
+    let ends = [
+        ExecutionEnd::Failed(refused(Reason::Busy), None),
+        ExecutionEnd::Failed(refused(Reason::MailboxFull), None),
+        ExecutionEnd::Unknown(text(), Duration::from_millis(500)),
+    ];
+    for end in ends {
+        let (mut state, mut now) = (GoalState::new(Keep::Achieve), Duration::ZERO);
+        for _ in 0..goal_lifecycle::FAILURES_MAX * 3 {
+            plan_and_execute(&mut state, now);
+            let ended = GoalEvent::ExecutionEnded(state.attempt(), end.clone());
+            let delay = delay(&state.handle(ended, now, POLICY)).expect("it waits");
+            assert!(delay >= Duration::from_millis(200) && delay < Duration::from_secs(7));
+            // The messages of a hundred sensors would have it planned for again at once.
+            let changed = GoalEvent::WorldChanged {
+                joined: Vec::new(),
+                have_agents_changed: false,
+                is_planning_busy: false,
+            };
+            assert!(state.handle(changed, now, POLICY).is_empty());
+            now += delay;
+        }
+        assert!(now > Duration::from_secs(60), "{now:?}");
+        assert_eq!((state.phase(), state.failures()), (GoalPhase::WaitingForChange, 0));
+    }
+}
+
+#[test]
+fn an_absent_planning_agent_ends_no_goal() {
+    let (mut state, now) = (GoalState::new(Keep::Achieve), Duration::ZERO);
+    for _ in 0..goal_lifecycle::FAILURES_MAX * 3 {
+        state.handle(GoalEvent::Considered(Turn::default()), now, POLICY);
+        let open = GoalEvent::GoalOpen(state.attempt(), PlanningFlow::Centralized);
+        state.handle(open, now, POLICY);
+        let busy = GoalEvent::PlannerBusy(state.attempt(), "absent".to_owned(), Duration::ZERO);
+        state.handle(busy, now, POLICY);
+    }
+    assert_eq!(state.phase(), GoalPhase::WaitingForChange);
+}
+
+/// Returns the end of a goal that was cancelled after its last step, and before that was known.
+fn cancelled_late(keep: Keep, verdict: GoalVerdict) -> Option<(Outcome, String)> {
+    let (mut state, now) = (GoalState::new(keep), Duration::ZERO);
+    plan_and_execute(&mut state, now);
+    state.handle(GoalEvent::Cancelled, now, POLICY);
+    let ended = GoalEvent::ExecutionEnded(state.attempt(), ExecutionEnd::Done);
+    let mut commands = state.handle(ended, now, POLICY);
+    for _ in 0..5 {
+        assert!(state.phase() == GoalPhase::Ended || state.is_cancelled());
+        let verified = GoalEvent::Verified(state.attempt(), verdict.clone());
+        commands.extend(state.handle(verified, now, POLICY));
+    }
+    commands.into_iter().find_map(|command| match command {
+        GoalCommand::End(outcome, detail) => Some((outcome, detail)),
+        _ => None,
+    })
+}
+
+#[test]
+fn a_goal_that_is_cancelled_too_late_is_done_only_if_it_holds() {
+    let unmet = || GoalVerdict::Unmet("it is dark".to_owned());
+    for (keep, verdict, expected) in [
+        (Keep::Achieve, GoalVerdict::Holds, Outcome::Done),
+        (Keep::Achieve, unmet(), Outcome::Cancelled),
+        (Keep::Achieve, GoalVerdict::Unusable("lost".to_owned()), Outcome::Cancelled),
+        (Keep::Achieve, GoalVerdict::Unanswered, Outcome::Cancelled),
+        (Keep::Maintain, GoalVerdict::Holds, Outcome::Cancelled),
+        (Keep::Maintain, unmet(), Outcome::Cancelled),
+    ] {
+        let (outcome, detail) = cancelled_late(keep, verdict.clone()).expect("it ends");
+        assert_eq!(outcome, expected, "{keep:?} {verdict:?}: {detail}");
+    }
+    let (_, detail) = cancelled_late(Keep::Achieve, unmet()).expect("it ends");
+    assert!(detail.ends_with("before the cancel came, and it is dark"), "{detail}");
+}
+
 #[test]
 fn a_result_of_an_earlier_attempt_is_ignored() {
     let mut state = GoalState::new(Keep::Achieve);
@@ -295,7 +395,7 @@ proptest! {
     fn random_events_keep_the_invariants(
         kept in any::<bool>(),
         is_replanning in any::<bool>(),
-        happenings in prop::collection::vec((0_usize..41, 0_u64..3, 0_u64..4_000), 1..120),
+        happenings in prop::collection::vec((0_usize..43, 0_u64..3, 0_u64..4_000), 1..120),
     ) {
         let mut owner = Owner::new(if kept { Keep::Maintain } else { Keep::Achieve });
         let policy = Policy { is_replanning, ..POLICY };

@@ -159,11 +159,13 @@ pub(crate) fn running_plan_of_refusal(
     refusal.and_then(|refusal| refusal.under_way).ok_or(answer)
 }
 
-/// Returns the Plan Executor's report from `answer`.
+/// Returns the Plan Executor's report from `answer`. A refusal for good is a report that the plan has
+/// failed.
 ///
 /// # Errors
 ///
-/// If the answer contains no report, returns the reason and the delay before the next attempt.
+/// If the end of the execution is not known, or the Plan Executor has no time, returns the reason and
+/// the delay before the next attempt.
 fn read(answer: ExchangeEvent) -> Result<Report, (String, Duration)> {
     let message = match answer {
         ExchangeEvent::Message(message) => message,
@@ -175,9 +177,14 @@ fn read(answer: ExchangeEvent) -> Result<Report, (String, Duration)> {
             return Err((why, crate::ASK_AGAIN));
         }
     };
-    message.content_as::<Report>().map_err(|_| {
-        let why = message.content_as::<Refusal>().map(|refusal| refusal.detail);
-        (format!("the Plan Executor declined: {}", why.unwrap_or_default()), crate::BUSY)
+    message.content_as::<Report>().or_else(|_| {
+        let refusal = message.content_as::<Refusal>().ok();
+        let detail = refusal.as_ref().map(|refusal| refusal.detail.as_str()).unwrap_or_default();
+        let why = format!("the Plan Executor declined: {detail}");
+        match refusal.map(|refusal| refusal.reason) {
+            Some(reason) if crate::is_passing(reason) => Err((why, crate::BUSY)),
+            declined => Ok(Report { declined, ..Report::new(Outcome::Failed, why) }),
+        }
     })
 }
 

@@ -630,7 +630,7 @@ fn record_of(goal: &Goal) -> GoalRecord {
         running,
         limits: goal.limits.clone().filter(|limits| !limits.is_empty()),
         happened: goal.history().to_vec(),
-        cancelled: goal.state.phase() == GoalPhase::Cancelling,
+        cancelled: goal.state.is_cancelled(),
         ended: None,
     }
 }

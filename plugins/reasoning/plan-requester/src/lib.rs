@@ -85,8 +85,14 @@ const ASK_AGAIN: Duration = Duration::from_millis(500);
 /// Delay before the outcome of a goal is sent again, if the outbox was full.
 const TELL_AGAIN: Duration = Duration::from_millis(200);
 
-/// Delay before the next attempt of a plan that was refused because an actuator is busy.
+/// Delay before the next attempt of a plan or a proposal that was declined.
 const BUSY: Duration = Duration::from_millis(200);
+
+/// Whether an agent that declines a request for this reason may take it a moment later, or another
+/// replica of the agent may.
+fn is_passing(reason: Reason) -> bool {
+    matches!(reason, Reason::Busy | Reason::MailboxFull | Reason::Stopping | Reason::StandingBy)
+}
 
 /// The entry of the Plan Requester in the daemon's table of plugins.
 pub const PLUGIN: PluginEntry = PluginEntry {

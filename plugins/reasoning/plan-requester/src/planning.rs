@@ -84,8 +84,12 @@ impl PlanRequester {
         let (token, known) = (token.clone(), Arc::clone(&round.known));
         let (sender, proposal) = match read(answer) {
             Ok(read) => read,
-            Err((why, wait)) => {
-                return self.handle(id, GoalEvent::PlannerFailed(attempt, why, wait), ctx);
+            Err(MissingProposal { why, wait, is_passing }) => {
+                let event = match is_passing {
+                    true => GoalEvent::PlannerBusy(attempt, why, wait),
+                    false => GoalEvent::PlannerFailed(attempt, why, wait),
+                };
+                return self.handle(id, event, ctx);
             }
         };
         let judged = self.judge(id, &known, &proposal).map(|(plan, cost)| {
@@ -140,26 +144,40 @@ impl PlanRequester {
     }
 }
 
+/// Why the Planning Agent has made no proposal.
+struct MissingProposal {
+    /// The reason, as text for a person.
+    why: String,
+    /// Delay before the next attempt.
+    wait: Duration,
+    /// Whether the agent is only absent or busy, so that a later attempt may succeed.
+    is_passing: bool,
+}
+
 /// Returns the Planning Agent's proposal and its sender.
 ///
 /// # Errors
 ///
-/// If the answer contains no proposal, returns the reason and the delay before the next attempt.
-fn read(answer: ExchangeEvent) -> Result<(AgentId, PlanProposal), (String, Duration)> {
+/// Returns an error if the answer contains no proposal.
+fn read(answer: ExchangeEvent) -> Result<(AgentId, PlanProposal), MissingProposal> {
     let message = match answer {
         ExchangeEvent::Message(message) => message,
         ExchangeEvent::TimedOut => {
-            return Err(("the Planning Agent did not answer in time".to_owned(), Duration::ZERO));
+            let why = "the Planning Agent did not answer in time".to_owned();
+            return Err(MissingProposal { why, wait: Duration::ZERO, is_passing: false });
         }
         ExchangeEvent::Undelivered(why) => {
             let why = format!("the Planning Agent could not be reached: {why}");
-            return Err((why, crate::ASK_AGAIN));
+            return Err(MissingProposal { why, wait: crate::ASK_AGAIN, is_passing: true });
         }
     };
     let proposal = message.content_as::<PlanProposal>().map_err(|_| {
-        let why = message.content_as::<Refusal>().map(|refusal| refusal.detail);
+        let refusal = message.content_as::<Refusal>();
+        let is_passing = refusal.as_ref().is_ok_and(|refusal| crate::is_passing(refusal.reason));
+        let why = refusal.map(|refusal| refusal.detail);
         let why = why.unwrap_or_else(|_| "its reason cannot be read".to_owned());
-        (format!("the Planning Agent declined: {why}"), crate::BUSY)
+        let why = format!("the Planning Agent declined: {why}");
+        MissingProposal { why, wait: crate::BUSY, is_passing }
     })?;
     Ok((message.sender, proposal))
 }

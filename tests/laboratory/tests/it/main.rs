@@ -8,6 +8,7 @@ mod bids;
 mod copying;
 mod early;
 mod ended;
+mod executors;
 mod forbidden;
 mod joint;
 mod lost;

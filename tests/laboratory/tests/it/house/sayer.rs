@@ -12,6 +12,9 @@ use crate::house::name;
 /// Time limit of every step.
 pub(crate) const PATIENCE: Duration = Duration::from_secs(30);
 
+/// Time limit of the whole exchange.
+const EXCHANGE_PATIENCE: Duration = Duration::from_secs(600);
+
 /// Sends one request and passes on the answers.
 pub(crate) struct Sayer {
     pub(crate) to: AgentId,
@@ -53,7 +56,7 @@ impl Agent for Sayer {
             conversation: ConversationId::new(self.conversation),
             content: value(&self.says),
         };
-        ctx.open(opening, PATIENCE, |sayer: &mut Sayer, answer, _| {
+        ctx.open(opening, EXCHANGE_PATIENCE, |sayer: &mut Sayer, answer, _| {
             if let ExchangeEvent::Message(message) = answer
                 && let Ok(report) = message.content_as::<Report>()
             {
