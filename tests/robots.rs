@@ -101,11 +101,12 @@ impl Robot {
 
 /// Returns the entry of a robot at `endpoint`, with the poses of `places`.
 pub(crate) fn entry(endpoint: &str, dialect: &str, places: &[(&str, f64, f64)]) -> String {
+    let domain = if dialect == "rmw-zenoh" { "domain-id = 7\n" } else { "" };
     let mut text = format!(
         "[[agent]]\nname = \"{ROBOT}\"\nplugin = \"turtlebot\"\ndriver = \"ros2\"\n\n\
          [agent.config]\nstart = \"corridor\"\nblocked-for = 1\n\n\
          [agent.config.ros2]\nendpoint = \"{endpoint}\"\nnamespace = \"tb1\"\n\
-         dialect = \"{dialect}\"\ndomain-id = 7\n\n[agent.config.ros2.places]\n"
+         dialect = \"{dialect}\"\n{domain}\n[agent.config.ros2.places]\n"
     );
     for (place, x, y) in places {
         writeln!(text, "{place} = {{ x = {x}, y = {y} }}").expect("a text");
@@ -166,7 +167,7 @@ fn a_robot_that_nothing_can_stop_is_reported() {
             "[[agent]]\nname = \"watchdog\"\nplugin = \"robot-watchdog\"\ndaemon = \"{daemon}\"\n\
              [agent.config]\nrobot = \"{robot}\"\non-loss = \"dock\"\n\
              [agent.config.ros2]\nendpoint = \"tcp/127.0.0.1:7447\"\nnamespace = \"tb1\"\n\
-             dialect = \"ros2dds\"\ndomain-id = 7\n"
+             dialect = \"ros2dds\"\n"
         )
     };
     let entry = entry("tcp/127.0.0.1:7447", "ros2dds", &PLACES)
@@ -240,7 +241,7 @@ fn a_watchdog_that_a_lone_machine_hosts_beside_its_robot_is_reported() {
         "[[agent]]\nname = \"watchdog\"\nplugin = \"robot-watchdog\"\ndaemon = \"hall\"\n\
          [agent.config]\nrobot = \"{ROBOT}\"\non-loss = \"stop\"\n\
          [agent.config.ros2]\nendpoint = \"tcp/127.0.0.1:9\"\nnamespace = \"tb1\"\n\
-         dialect = \"ros2dds\"\ndomain-id = 7\n"
+         dialect = \"ros2dds\"\n"
     );
     let entry = entry("tcp/127.0.0.1:9", "ros2dds", &PLACES)
         .replace("plugin = \"turtlebot\"", "plugin = \"turtlebot\"\ndaemon = \"laptop\"");

@@ -3,8 +3,10 @@
 use std::collections::BTreeMap;
 
 use actuator::PlaceName;
-use agent::Blueprint;
+use agent::{Blueprint, config_tables};
+use ros2_link::{RosAddress, is_ros_name};
 use serde::Deserialize;
+use serde_json::{Map, Value};
 
 use crate::ros2::Ros2Config;
 
@@ -39,7 +41,7 @@ pub struct BaseConfig {
 }
 
 #[derive(Clone, Debug, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[serde(remote = "Self", rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct BatteryConfig {
     /// Range of a full battery, in meters.
     pub(crate) range: f64,
@@ -51,6 +53,8 @@ pub(crate) struct BatteryConfig {
     #[serde(default = "default_recharge_time")]
     pub(crate) recharge_time: f64,
 }
+
+config_tables!(BatteryConfig);
 
 /// A pose, which is a spot beside a place of the map. The config gives that place alone, or that
 /// place and the distance between the two, in meters.
@@ -75,6 +79,35 @@ fn default_blocked_for() -> f64 {
 
 fn default_recharge_time() -> f64 {
     600.0
+}
+
+/// Keys of the table `ros2` that are the address of a robot.
+const ADDRESS: [&str; 4] = ["endpoint", "dialect", "namespace", "domain-id"];
+
+/// Returns the address in the table `ros2` of a `config`, in the form in which two addresses of one robot
+/// are equal; `None` if there is none, or if it has a mistake. The config is that of a robot, of its
+/// watchdog, or of other nodes.
+pub fn ros_address(config: &Value) -> Option<RosAddress> {
+    let table = config.get("ros2")?.as_object()?;
+    let of_address = |(key, _): &(&String, &Value)| ADDRESS.contains(&key.as_str());
+    let own = table.iter().filter(of_address).map(|(key, value)| (key.clone(), value.clone()));
+    let address: RosAddress =
+        serde_json::from_value(Value::Object(own.collect::<Map<_, _>>())).ok()?;
+    address.check().is_ok().then(|| address.canonical())
+}
+
+/// Checks the name of a topic or a service of ROS, which stands at `key` in a `config`.
+///
+/// # Errors
+///
+/// Returns what a name must be, as text for a person.
+pub fn check_ros_name(key: &str, name: &str) -> Result<(), String> {
+    is_ros_name(name).then_some(()).ok_or_else(|| {
+        format!(
+            "{key} = \"{name}\" is no name of ROS: letters, digits, `_` and `/`, and no digit at the \
+             beginning or behind a slash"
+        )
+    })
 }
 
 /// Returns `number` if it is above zero and not absurdly large.

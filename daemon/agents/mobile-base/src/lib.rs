@@ -36,10 +36,10 @@ use tokio::time::Instant;
 use crate::config::{BatteryConfig, positive};
 use crate::learned_ways::LearnedWays;
 
-pub use crate::config::BaseConfig;
+pub use crate::config::{BaseConfig, check_ros_name, ros_address};
 pub use crate::ros_part::RosPart;
 pub use crate::ros2::recorded_pose;
-pub use ros2_link::MapPose;
+pub use ros2_link::{MapPose, RosAddress, RosDialect};
 
 /// Share of the full range at or below which the battery counts as empty. A lower charge damages
 /// the cells, and the next place is too far anyway.

@@ -10,7 +10,7 @@ use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use actuator::BoxFuture;
-use agent::Blueprint;
+use agent::{Blueprint, config_tables};
 use pddl::InitElement;
 use ros2_link::{
     LinkReach, LinkWatch, MapPose, Nav2Names, Nav2Robot, RosAddress, RosDialect, RosError, RosLink,
@@ -46,7 +46,7 @@ const ASK_AGAIN: Duration = Duration::from_secs(1);
 
 /// The table `config.ros2` of a robot's entry.
 #[derive(Clone, Debug, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[serde(remote = "Self", rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct Ros2Config {
     /// Zenoh endpoint of the robot's bridge or router, such as `tcp/192.168.1.20:7447`.
     endpoint: String,
@@ -72,6 +72,8 @@ pub(crate) struct Ros2Config {
     #[serde(default = "default_initial_pose")]
     initial_pose: bool,
 }
+
+config_tables!(Ros2Config);
 
 fn default_tolerance() -> f64 {
     1.0

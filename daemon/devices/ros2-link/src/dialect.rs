@@ -29,6 +29,14 @@ pub enum RosDialect {
     RmwZenoh,
 }
 
+impl RosDialect {
+    /// Whether the domain of ROS is a part of the keys. A bridge has one domain, which it names by
+    /// itself.
+    pub fn has_domain(self) -> bool {
+        self == RosDialect::RmwZenoh
+    }
+}
+
 impl FromStr for RosDialect {
     type Err = String;
 

@@ -26,7 +26,7 @@ mod topic;
 pub use action::{ActionClient, GoalEnd, RosGoal, RosGoalStatus};
 pub use dialect::RosDialect;
 pub use error::{RosError, printable};
-pub use link::{RosAddress, RosLink};
+pub use link::{RosAddress, RosLink, is_ros_name};
 pub use link_watch::{LinkReach, LinkWatch};
 pub use nav2::{Nav2Names, Nav2Robot};
 pub use pose::MapPose;

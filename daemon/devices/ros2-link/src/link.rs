@@ -9,8 +9,9 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use ros_messages::Interfaces;
-use serde::Deserialize;
-use serde_json::{Value, json};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer};
+use serde_json::{Map, Value, json};
 use tokio::sync::{mpsc, watch};
 use tokio::time::Instant;
 use tokio_util::task::AbortOnDropHandle;
@@ -35,6 +36,9 @@ const LINK_POLL: Duration = Duration::from_millis(100);
 /// Longest message from a robot, in bytes. A map of a floor has a few megabytes.
 const MESSAGE_BYTES_MAX: usize = 16 << 20;
 
+/// Greatest ROS domain. A greater one has no ports for DDS.
+const DOMAIN_ID_MAX: u32 = 232;
+
 /// Protocols of endpoints to which a session can connect.
 const PROTOCOLS: [&str; 4] = ["tcp", "tls", "quic", "ws"];
 
@@ -43,7 +47,7 @@ const REPLIES_MAX: usize = 16;
 
 /// Address of a robot, and the names under which its nodes are found there.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[serde(remote = "Self", rename_all = "kebab-case", deny_unknown_fields)]
 pub struct RosAddress {
     /// Zenoh endpoint of the robot's bridge or router, such as `tcp/192.168.1.20:7447`.
     pub endpoint: String,
@@ -58,6 +62,15 @@ pub struct RosAddress {
     pub domain_id: u32,
 }
 
+impl<'de> Deserialize<'de> for RosAddress {
+    /// Reads an address from a table. By itself serde also takes a list of the values, which no author
+    /// means.
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<RosAddress, D::Error> {
+        let table = Map::deserialize(deserializer)?;
+        RosAddress::deserialize(Value::Object(table)).map_err(D::Error::custom)
+    }
+}
+
 impl RosAddress {
     /// Checks that the endpoint and the namespace have the right form.
     ///
@@ -65,22 +78,52 @@ impl RosAddress {
     ///
     /// Returns the mistake, and an example.
     pub fn check(&self) -> Result<(), RosError> {
-        let RosAddress { endpoint, namespace, .. } = self;
+        let RosAddress { endpoint, namespace, domain_id, .. } = self;
         if let Err(problem) = check_endpoint(endpoint) {
             return Err(RosError::Address(format!(
                 "endpoint = \"{endpoint}\": {problem}; an endpoint is such as \
                  `tcp/192.168.1.20:7447`"
             )));
         }
-        let is_fine = |letter: char| letter.is_ascii_alphanumeric() || "_/".contains(letter);
-        if !namespace.chars().all(is_fine) || namespace.contains("//") {
+        let plain = namespace.trim_matches('/');
+        if namespace.contains("//") || !plain.is_empty() && !is_ros_name(plain) {
             return Err(RosError::Address(format!(
-                "namespace = \"{namespace}\": a namespace has letters, digits and `_`, such as \
-                 `robot1`"
+                "namespace = \"{namespace}\": a namespace has letters, digits and `_`, and no digit \
+                 at the beginning or behind a slash, such as `robot1`"
+            )));
+        }
+        if *domain_id > DOMAIN_ID_MAX {
+            return Err(RosError::Address(format!(
+                "domain-id = {domain_id}: ROS has the domains 0 to {DOMAIN_ID_MAX}"
             )));
         }
         Ok(())
     }
+
+    /// Returns the address in the form in which two addresses of one robot are equal: without the
+    /// slashes at the ends of the namespace, and without the domain where it has no effect.
+    pub fn canonical(&self) -> RosAddress {
+        let RosAddress { endpoint, dialect, namespace, domain_id } = self;
+        RosAddress {
+            endpoint: endpoint.clone(),
+            dialect: *dialect,
+            namespace: namespace.trim_matches('/').to_owned(),
+            domain_id: if dialect.has_domain() { *domain_id } else { 0 },
+        }
+    }
+}
+
+/// Whether ROS allows the name of a namespace, a topic, a service or an action: parts between slashes,
+/// each of letters, digits and underscores, none with a digit at its beginning. A slash before the
+/// first part is allowed.
+pub fn is_ros_name(name: &str) -> bool {
+    let is_plain = |letter: char| letter.is_ascii_alphanumeric() || letter == '_';
+    let is_part = |part: &str| {
+        !part.is_empty()
+            && part.chars().all(is_plain)
+            && !part.starts_with(|first: char| first.is_ascii_digit())
+    };
+    name.strip_prefix('/').unwrap_or(name).split('/').all(is_part)
 }
 
 /// Checks an endpoint to which a session is to connect: its protocol, and its host and port.
@@ -95,8 +138,16 @@ fn check_endpoint(endpoint: &str) -> Result<(), String> {
     endpoint.parse::<zenoh::config::EndPoint>().map_err(|_| "it is malformed".to_owned())?;
     let address = rest.split(['?', '#']).next().unwrap_or(rest);
     let (host, port) = address.rsplit_once(':').unwrap_or((address, ""));
+    if host.contains(':') && !host.starts_with('[') {
+        return Err("an IPv6 address stands in brackets, with the port behind them: \
+                    `tcp/[fe80::1]:7447`"
+            .to_owned());
+    }
     if host.is_empty() || port.parse::<u16>().is_err() {
         return Err("it ends with the host and the port".to_owned());
+    }
+    if port.parse() == Ok(0_u16) {
+        return Err("a robot listens at a port from 1 to 65535".to_owned());
     }
     if ["0.0.0.0", "[::]"].contains(&host) {
         return Err("it is where the robot listens; write the robot's own address".to_owned());
@@ -375,11 +426,60 @@ mod tests {
             ("tcp/192.168.1.20", "the host and the port"),
             ("tcp/192.168.1.20:", "the host and the port"),
             ("tcp/0.0.0.0:7447", "where the robot listens"),
+            ("tcp/fe80::1", "in brackets"),
+            ("tcp/fe80::1:7447", "in brackets"),
+            ("tcp/[fe80::1]", "the host and the port"),
+            ("tcp/192.168.1.20:0", "a port from 1 to 65535"),
         ] {
             let checked = check_endpoint(endpoint).err().unwrap_or_default();
             let is_right = checked.is_empty() == complaint.is_empty();
             assert!(is_right && checked.contains(complaint), "{endpoint}: {checked}");
         }
+    }
+
+    fn address(namespace: &str, domain_id: u32, dialect: RosDialect) -> RosAddress {
+        let (endpoint, namespace) = ("tcp/10.0.0.7:7447".to_owned(), namespace.to_owned());
+        RosAddress { endpoint, dialect, namespace, domain_id }
+    }
+
+    #[test]
+    fn a_namespace_and_a_domain_are_those_that_ros_allows() {
+        for (namespace, domain_id, complaint) in [
+            ("", 0, ""),
+            ("/", 232, ""),
+            ("/cell/robot_1/", 7, ""),
+            ("1robot", 0, "no digit at the beginning"),
+            ("cell/1robot", 0, "behind a slash"),
+            ("robot-1", 0, "letters, digits and `_`"),
+            ("cell//robot", 0, "letters, digits and `_`"),
+            ("", 300, "domains 0 to 232"),
+        ] {
+            let checked = address(namespace, domain_id, RosDialect::RmwZenoh).check();
+            let problem = checked.err().map(|error| error.to_string()).unwrap_or_default();
+            let is_right = problem.is_empty() == complaint.is_empty();
+            assert!(is_right && problem.contains(complaint), "{namespace}: {problem}");
+        }
+    }
+
+    #[test]
+    fn an_address_is_a_table() {
+        let list = serde_json::from_value::<RosAddress>(json!(["tcp/10.0.0.7:7447"]));
+        let problem = list.err().map(|error| error.to_string());
+        assert_eq!(problem.as_deref(), Some("invalid type: sequence, expected a map"));
+        let table =
+            serde_json::from_value::<RosAddress>(json!({ "endpoint": "tcp/10.0.0.7:7447" }));
+        assert_eq!(table.ok(), Some(address("", 0, RosDialect::Ros2Dds)));
+    }
+
+    #[test]
+    fn addresses_of_one_robot_are_equal() {
+        let (bridge, own) = (RosDialect::Ros2Dds, RosDialect::RmwZenoh);
+        let canonical =
+            |namespace, domain_id, dialect| address(namespace, domain_id, dialect).canonical();
+        assert_eq!(canonical("/robot1/", 3, bridge), canonical("robot1", 0, bridge));
+        assert_eq!(canonical("/", 3, own), canonical("", 3, own));
+        assert_ne!(canonical("", 3, own), canonical("", 4, own));
+        assert_ne!(canonical("a", 0, own), canonical("b", 0, own));
     }
 
     #[test]

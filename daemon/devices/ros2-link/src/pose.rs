@@ -2,7 +2,8 @@
 
 use std::f64::consts::TAU;
 
-use serde::Deserialize;
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer};
 use serde_json::{Value, json};
 
 /// How far a heading may exceed a full turn, in radians: the error of two written decimals.
@@ -10,7 +11,7 @@ const ROUNDING: f64 = 0.01;
 
 /// Position and heading of a robot in the frame `map`.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(remote = "Self", deny_unknown_fields)]
 pub struct MapPose {
     /// Position in meters.
     pub x: f64,
@@ -19,6 +20,26 @@ pub struct MapPose {
     /// Heading in radians, counterclockwise from the x axis.
     #[serde(default)]
     pub yaw: f64,
+}
+
+impl<'de> Deserialize<'de> for MapPose {
+    /// Reads a pose from a table. A list is refused, because its third number may be a height or a
+    /// heading.
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<MapPose, D::Error> {
+        let value = Value::deserialize(deserializer)?;
+        if let Value::Array(list) = &value {
+            let number = |place: usize| list.get(place).filter(|value| value.is_number());
+            let (x, y) = match (number(0), number(1)) {
+                (Some(x), Some(y)) => (x.to_string(), y.to_string()),
+                _ => ("1.5".to_owned(), "-0.5".to_owned()),
+            };
+            return Err(D::Error::custom(format!(
+                "a pose is a table and no list: write {{ x = {x}, y = {y} }}, with yaw = … for its \
+                 heading in radians"
+            )));
+        }
+        MapPose::deserialize(value).map_err(D::Error::custom)
+    }
 }
 
 impl MapPose {
@@ -73,6 +94,21 @@ mod tests {
             let read = MapPose::of_message(&pose.to_message()).expect("a pose");
             assert!((read.yaw - yaw).abs() < 1e-9 && read.distance(&pose) == 0.0, "{read:?}");
         }
+    }
+
+    #[test]
+    fn a_pose_is_a_table() {
+        let read = |value: Value| {
+            serde_json::from_value::<MapPose>(value).map_err(|error| error.to_string())
+        };
+        assert_eq!(read(json!({ "x": 1, "y": 2.5 })), Ok(MapPose { x: 1.0, y: 2.5, yaw: 0.0 }));
+        for list in [json!([-5.8, 0.1]), json!([-5.8, 0.1, 0.0]), json!([-5.8, 0.1, 0.0, 1.0])] {
+            let problem = read(list).expect_err("a list");
+            assert!(problem.contains("no list: write { x = -5.8, y = 0.1 }"), "{problem}");
+        }
+        assert_eq!(read(json!({ "x": 1 })), Err("missing field `y`".to_owned()));
+        let text = read(json!("1, 2")).expect_err("a text");
+        assert!(text.starts_with("invalid type: string \"1, 2\", expected struct"), "{text}");
     }
 
     #[test]

@@ -19,7 +19,7 @@ use actuator::{
     OwnFact, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
-use mobile_base::{BaseConfig, BaseOutcome, MapPose, MobileBase};
+use mobile_base::{BaseConfig, BaseOutcome, MapPose, MobileBase, check_ros_name};
 use pddl::InitElement;
 use serde::Deserialize;
 
@@ -106,6 +106,9 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     }
     if bin == 0 {
         return Err(blueprint.problem("bin = 0: a bin takes at least one room"));
+    }
+    if let Some(brush) = &brush {
+        check_ros_name("brush", brush).map_err(|problem| blueprint.problem(problem))?;
     }
     let base = MobileBase::new(&blueprint, "cleaning-robot", base)?;
     let broom: Arc<dyn Broom> = match base.ros() {

@@ -20,7 +20,7 @@ use actuator::{
     OwnFact, PlaceName, facts_of, model_of,
 };
 use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
-use mobile_base::{BaseConfig, BaseOutcome, MobileBase};
+use mobile_base::{BaseConfig, BaseOutcome, MobileBase, check_ros_name};
 use serde::Deserialize;
 
 use crate::display::RosDisplay;
@@ -53,6 +53,10 @@ struct Config {
     unknown: serde_json::Map<String, serde_json::Value>,
 }
 
+/// Rule for the name of a medium, which is an object in plans.
+const NAME_RULE: &str =
+    "use lower-case letters, digits, `-` and `_`, and begin with a letter, such as `slides`";
+
 /// The driver of the robot's screen. Error texts complete “failed to …”.
 pub trait ScreenDriver: Send + Sync + 'static {
     /// Shows a text on the screen; `None` turns the screen dark.
@@ -66,8 +70,11 @@ fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
     }
     for name in media.keys() {
         PlaceName::try_from(name.clone()).map_err(|_| {
-            blueprint.problem(format!("`{name}` cannot name a medium: it has to be a PDDL name"))
+            blueprint.problem(format!("`{name}` cannot name a medium: {NAME_RULE}"))
         })?;
+    }
+    if let Some(display) = &display {
+        check_ros_name("display", display).map_err(|problem| blueprint.problem(problem))?;
     }
     let base = MobileBase::new(&blueprint, "video-robot", base)?;
     let screen: Arc<dyn ScreenDriver> = match (base.ros(), display) {

@@ -174,6 +174,7 @@ impl Interpreter<'_> {
     /// Returns all mistakes, in the order of the text, after the checks that need all agents.
     fn into_report(mut self, agents: &[AgentEntry]) -> DiagnosticReport {
         self.warn_unwatched_robots(agents);
+        self.warn_idle_domains(agents);
         self.report.sort();
         self.report
     }

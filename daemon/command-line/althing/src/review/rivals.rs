@@ -19,6 +19,8 @@ struct SharedThing {
     /// The keys that together name the thing; tables are separated by points. An entry without the
     /// first key names no such thing.
     keys: &'static [&'static str],
+    /// Returns the value of a key in the form in which two names of one thing are equal.
+    form: fn(&Value, &str) -> String,
     /// Whether the thing is one of the machine, so that another daemon has another one of the same
     /// name.
     is_of_machine: bool,
@@ -37,6 +39,7 @@ const THINGS: &[SharedThing] = &[
         plugins: &[],
         drivers: &["gpio"],
         keys: &["line", "chips"],
+        form: of_line,
         is_of_machine: true,
         severity: Severity::Error,
         kind: "the GPIO line",
@@ -47,6 +50,7 @@ const THINGS: &[SharedThing] = &[
         plugins: SENSORS,
         drivers: &["linux"],
         keys: &["device", "channel", "quantity", "sysfs"],
+        form: as_written,
         is_of_machine: true,
         severity: Severity::Warning,
         kind: "the sensor",
@@ -56,6 +60,7 @@ const THINGS: &[SharedThing] = &[
         plugins: SENSORS,
         drivers: &["phidget"],
         keys: &["serial", "hub-port", "port", "quantity"],
+        form: as_written,
         is_of_machine: false,
         severity: Severity::Warning,
         kind: "the Phidget",
@@ -65,6 +70,7 @@ const THINGS: &[SharedThing] = &[
         plugins: SENSORS,
         drivers: &["mqtt"],
         keys: &["topic", "broker", "json", "quantity"],
+        form: at_port::<1883>,
         is_of_machine: false,
         severity: Severity::Warning,
         kind: "the topic",
@@ -74,6 +80,7 @@ const THINGS: &[SharedThing] = &[
         plugins: SENSORS,
         drivers: &["command"],
         keys: &["command", "json", "quantity"],
+        form: as_written,
         is_of_machine: true,
         severity: Severity::Warning,
         kind: "the program",
@@ -83,6 +90,7 @@ const THINGS: &[SharedThing] = &[
         plugins: &["switch"],
         drivers: &["command"],
         keys: &["on"],
+        form: as_written,
         is_of_machine: true,
         severity: Severity::Warning,
         kind: "the program",
@@ -92,6 +100,7 @@ const THINGS: &[SharedThing] = &[
         plugins: &["mqtt"],
         drivers: &[],
         keys: &["broker", "devices"],
+        form: at_port::<1883>,
         is_of_machine: false,
         severity: Severity::Warning,
         kind: "the broker",
@@ -102,6 +111,7 @@ const THINGS: &[SharedThing] = &[
         plugins: ROBOTS,
         drivers: &["ros2"],
         keys: &["ros2.endpoint", "ros2.namespace", "ros2.domain-id"],
+        form: of_robot,
         is_of_machine: false,
         severity: Severity::Error,
         kind: "the robot at",
@@ -111,6 +121,7 @@ const THINGS: &[SharedThing] = &[
         plugins: ROBOTS,
         drivers: &[],
         keys: &["dock"],
+        form: as_written,
         is_of_machine: false,
         severity: Severity::Hint,
         kind: "the dock",
@@ -120,6 +131,7 @@ const THINGS: &[SharedThing] = &[
         plugins: &["screen"],
         drivers: &["cast"],
         keys: &["address"],
+        form: at_port::<8009>,
         is_of_machine: false,
         severity: Severity::Warning,
         kind: "the Chromecast",
@@ -129,6 +141,7 @@ const THINGS: &[SharedThing] = &[
         plugins: &["screen"],
         drivers: &["browser", "mpv"],
         keys: &["display"],
+        form: as_written,
         is_of_machine: true,
         severity: Severity::Warning,
         kind: "the display",
@@ -138,6 +151,7 @@ const THINGS: &[SharedThing] = &[
         plugins: &["ptz-camera"],
         drivers: &["onvif"],
         keys: &["address"],
+        form: at_port::<80>,
         is_of_machine: false,
         severity: Severity::Warning,
         kind: "the camera",
@@ -147,6 +161,7 @@ const THINGS: &[SharedThing] = &[
         plugins: &["ptz-camera"],
         drivers: &["v4l2"],
         keys: &["device"],
+        form: as_written,
         is_of_machine: true,
         severity: Severity::Error,
         kind: "the camera",
@@ -252,10 +267,7 @@ fn uses(entry: &AgentEntry) -> Vec<(String, ThingUse<'_>)> {
     for thing in things {
         let Some((main, _)) = thing.keys.split_first() else { continue };
         let Some(written) = value_at(&entry.config, main) else { continue };
-        let values = thing.keys.iter().map(|key| match value_at(&entry.config, key) {
-            Some(value) => value.to_string(),
-            None => "-".to_owned(),
-        });
+        let values = thing.keys.iter().map(|key| (thing.form)(&entry.config, key));
         let name = values.collect::<Vec<_>>().join(" ");
         // Two sensor plugins may measure different quantities of one device.
         let quantity_plugin = if thing.plugins == SENSORS { entry.plugin.as_str() } else { "" };
@@ -277,6 +289,46 @@ fn uses(entry: &AgentEntry) -> Vec<(String, ThingUse<'_>)> {
 /// Returns the value at a path of keys that points separate.
 fn value_at<'v>(config: &'v Value, path: &str) -> Option<&'v Value> {
     path.split('.').try_fold(config, |value, key| value.get(key))
+}
+
+/// Returns a value as it is written, whatever it means.
+fn as_written(config: &Value, key: &str) -> String {
+    value_at(config, key).map_or_else(|| "-".to_owned(), Value::to_string)
+}
+
+/// Returns a value of the address of a robot. Slashes at the ends of a namespace do not count, nor does
+/// a key that is left out differ from its default.
+fn of_robot(config: &Value, key: &str) -> String {
+    // A wrong address is reported already.
+    let Some(address) = mobile_base::ros_address(config) else { return as_written(config, key) };
+    match key {
+        "ros2.endpoint" => address.endpoint,
+        "ros2.namespace" => address.namespace,
+        _ => address.domain_id.to_string(),
+    }
+}
+
+/// Returns a value of the name of a line. The folder of its chip is `/dev` if it is left out.
+fn of_line(config: &Value, key: &str) -> String {
+    match (key, value_at(config, key)) {
+        ("chips", None) => "\"/dev\"".to_owned(),
+        _ => as_written(config, key),
+    }
+}
+
+/// Returns a value of the name of a thing in the network. An address without a port has the port `PORT`;
+/// the protocol, and a slash at the end, do not count.
+fn at_port<const PORT: u16>(config: &Value, key: &str) -> String {
+    let written = match (key, value_at(config, key).and_then(Value::as_str)) {
+        ("address" | "broker", Some(written)) => written.trim_end_matches('/').to_lowercase(),
+        _ => return as_written(config, key),
+    };
+    let address = written.split_once("://").map_or(written.as_str(), |(_, rest)| rest);
+    let has_port = address.rsplit_once(':').is_some_and(|(_, port)| port.parse::<u16>().is_ok());
+    if has_port || address.contains('/') {
+        return address.to_owned();
+    }
+    format!("{address}:{PORT}")
 }
 
 /// Returns a value as a person writes it: a text without quotes, a list as its words.

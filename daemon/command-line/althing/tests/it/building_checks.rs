@@ -78,6 +78,44 @@ fn one_robot_has_one_agent() {
     let (same, other) = (robot("r1"), robot("r2"));
     rivals("turtlebot", "ros2", [&same, &same], &["error: ", "the robot at `tcp/10.0.0.7:7447`"]);
     assert_eq!(of_two("turtlebot", "ros2", ["class-a-pi"; 2], [&same, &other]), [""; 0]);
+    // Slashes at the ends of a namespace do not count.
+    for (one, another) in [("/r1/", "r1"), ("/", "")] {
+        let two = [robot(one), robot(another)];
+        let two = [two[0].as_str(), two[1].as_str()];
+        rivals("turtlebot", "ros2", two, &["error: ", "the robot at `tcp/10.0.0.7:7447`"]);
+    }
+    let of_domain = |domain: u8, dialect: &str| {
+        let keys = format!("domain-id = {domain}, dialect = \"{dialect}\", places");
+        same.replacen("places", &keys, 1)
+    };
+    // A bridge names its domain by itself.
+    let idle = of_domain(3, "ros2dds");
+    let told = of_two("turtlebot", "ros2", ["class-a-pi"; 2], [&same, &idle]);
+    let begins = |words: &str| told.iter().any(|text| text.starts_with(words));
+    assert_eq!(told.len(), 2, "{told:#?}");
+    assert!(begins("error: `second` uses the robot at"), "{told:#?}");
+    assert!(begins("warning: `domain-id` has no effect with dialect = \"ros2dds\""), "{told:#?}");
+    let two = [of_domain(3, "rmw-zenoh"), of_domain(4, "rmw-zenoh")];
+    assert_eq!(of_two("turtlebot", "ros2", ["class-a-pi"; 2], [&two[0], &two[1]]), [""; 0]);
+}
+
+#[test]
+fn one_thing_of_the_network_has_one_agent_however_it_is_written() {
+    let screen = |address: &str, medium: &str| {
+        format!(
+            "location = \"class-a\", address = \"{address}\", \
+             media = {{ {medium} = \"http://10.0.0.2/{medium}.mp4\" }}"
+        )
+    };
+    let (one, other) = (screen("10.0.0.7", "one"), screen("10.0.0.7:8009", "other"));
+    rivals("screen", "cast", [&one, &other], &["warning: ", "the Chromecast `10.0.0.7:8009`"]);
+    let other = screen("10.0.0.7:32187", "other");
+    assert_eq!(of_two("screen", "cast", ["class-a-pi"; 2], [&one, &other]), [""; 0]);
+    let lamp = |room: &str, more: &str| {
+        format!("location = \"{room}\", kind = \"lamp\", line = \"GPIO17\"{more}")
+    };
+    let lamps = [lamp("class-a", ""), lamp("class-b", ", chips = \"/dev\"")];
+    rivals("switch", "gpio", [&lamps[0], &lamps[1]], &["error: ", "the GPIO line `GPIO17`"]);
 }
 
 #[test]

@@ -1,6 +1,7 @@
-//! Watchdogs of robots with ROS 2: warns of robots without one, which go on to their goals when their
-//! daemon dies, and of watchdogs that would not reach their robots.
+//! Robots with ROS 2 and their watchdogs: warns of robots without a watchdog, which go on to their goals
+//! when their daemon dies, of watchdogs that would not reach their robots, and of domains without effect.
 
+use mobile_base::{RosDialect, ros_address};
 use pddl::Diagnostic;
 use serde_json::Value;
 
@@ -60,18 +61,45 @@ impl Interpreter<'_> {
             return self
                 .about_value(&path, |span| Diagnostic::error(span, message).with_help(help));
         }
-        for (key, default) in ADDRESS {
-            let written = |entry: &AgentEntry| match &entry.config["ros2"][*key] {
+        // An address that is missing or refused is reported already, and says nothing of the other.
+        let addresses = (ros_address(&watchdog.config), ros_address(&robot.config));
+        let (Some(own), Some(other)) = addresses else { return };
+        let differs = |key: &str| match key {
+            "endpoint" => own.endpoint != other.endpoint,
+            "dialect" => own.dialect != other.dialect,
+            "namespace" => own.namespace != other.namespace,
+            _ => other.dialect.has_domain() && own.domain_id != other.domain_id,
+        };
+        for (key, default) in ADDRESS.iter().filter(|(key, _)| differs(key)) {
+            let right = match &robot.config["ros2"][*key] {
                 Value::Null => (*default).to_owned(),
                 value => value.to_string(),
             };
-            let (own, other) = (written(watchdog), written(robot));
-            if own != other {
-                let message = format!("`{key}` is not that of `{}`", robot.name);
-                let help = format!("write {key} = {other}");
-                let path = format!("{}.config.ros2", watchdog.path);
-                self.about_key(&path, |span| Diagnostic::warning(span, message).with_help(help));
-            }
+            let message = format!("`{key}` is not that of `{}`", robot.name);
+            let help = format!("write {key} = {right}");
+            let path = format!("{}.config.ros2", watchdog.path);
+            self.about_key(&path, |span| Diagnostic::warning(span, message).with_help(help));
+        }
+    }
+
+    /// Warns of each ROS domain that has no effect, because a bridge names the domain by itself.
+    pub(super) fn warn_idle_domains(&mut self, agents: &[AgentEntry]) {
+        for entry in agents {
+            let table = &entry.config["ros2"];
+            let dialect = match &table["dialect"] {
+                Value::Null => Some(RosDialect::default()),
+                value => value.as_str().and_then(|text| text.parse().ok()),
+            };
+            let is_idle = dialect.is_some_and(|dialect| !dialect.has_domain());
+            let Some(domain) = table["domain-id"].as_u64().filter(|id| *id > 0 && is_idle) else {
+                continue;
+            };
+            let message = "`domain-id` has no effect with dialect = \"ros2dds\"";
+            let help = format!(
+                "leave it out, and give the domain to the bridge: zenoh-bridge-ros2dds -d {domain}"
+            );
+            let path = format!("{}.config.ros2.domain-id", entry.path);
+            self.about_key(&path, |span| Diagnostic::warning(span, message).with_help(help));
         }
     }
 }
