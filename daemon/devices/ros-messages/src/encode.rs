@@ -214,7 +214,8 @@ fn text_of<'a>(value: Option<&'a Value>, path: FieldPath<'_>) -> Result<&'a str,
     match value {
         None => Ok(""),
         Some(Value::String(text)) if !text.contains('\0') => Ok(text),
-        Some(other) => Err(wrong(path, "a string without the character NUL", other)),
+        Some(text @ Value::String(_)) => Err(wrong(path, "a text without the character NUL", text)),
+        Some(other) => Err(wrong(path, "a text", other)),
     }
 }
 

@@ -33,7 +33,11 @@ impl fmt::Display for DefinitionMistake {
         if self.line > 0 {
             write!(formatter, "line {}, column {}: ", self.line, self.column)?;
         }
-        write!(formatter, "`{}`: {}", self.found, self.problem)
+        match self.found.as_str() {
+            // The mistake is that something is missing.
+            "" => formatter.write_str(&self.problem),
+            found => write!(formatter, "`{found}`: {}", self.problem),
+        }
     }
 }
 

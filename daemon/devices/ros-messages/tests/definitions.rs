@@ -166,7 +166,7 @@ fn services_and_actions_have_their_parts() {
                     response";
     assert_eq!(service, [expected]);
     let action = mistakes("test_msgs", "Test.action", "");
-    let expected = "line 1, column 1: ``: an action has two lines `---`, between goal, result and \
+    let expected = "line 1, column 1: an action has two lines `---`, between goal, result and \
                     feedback";
     assert_eq!(action, [expected]);
 }

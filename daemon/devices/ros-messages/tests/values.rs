@@ -119,7 +119,7 @@ fn values_that_do_not_fit_are_named_by_their_path() {
         (
             "string a",
             json!({ "a": "x\0" }),
-            "encode `a`: the field takes a string without the character NUL, not \"x\\u0000\"",
+            "encode `a`: the field takes a text without the character NUL, not \"x\\u0000\"",
         ),
         (
             "int8[2] a",

@@ -4,8 +4,8 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
-use actuator::{UncertainEffect, check_effect, declared_model};
-use agent::{Blueprint, BuildError, config_duration};
+use actuator::{UncertainEffect, check_effect, declared_model, misspelt_placeholder, placeholders};
+use agent::{Blueprint, BuildError, config_duration, config_tables};
 use pddl::{ActionModel, ActionSchema};
 use programs::Program;
 use serde::Deserialize;
@@ -26,7 +26,7 @@ pub(crate) struct Config {
 }
 
 #[derive(Debug, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[serde(remote = "Self", rename_all = "kebab-case", deny_unknown_fields)]
 struct ActionEntry {
     /// The program and its arguments. In each of these words, `{name}` is replaced by the object
     /// that is bound to the action's variable `?name`.
@@ -34,6 +34,8 @@ struct ActionEntry {
     /// Time limit of the program, such as `"30s"`; default is [`TIME_OUT`].
     time_out: Option<String>,
 }
+
+config_tables!(ActionEntry);
 
 /// The program of an action, with placeholders for the action's arguments.
 #[derive(Debug)]
@@ -98,18 +100,40 @@ impl ActionEntry {
         if self.run.first().is_none_or(String::is_empty) {
             return Err("write run = [\"PROGRAM\", \"ARGUMENT\"]".to_owned());
         }
-        let is_known = |name: &str| variables.iter().any(|known| known == name);
-        let unknown = self.run.iter().flat_map(|word| placeholders(word));
-        if let Some(unknown) = { unknown }.find(|name| !is_known(name)) {
-            let known: Vec<_> = variables.iter().map(|name| format!("{{{name}}}")).collect();
-            return Err(format!("`{{{unknown}}}` is none of its variables: {}", known.join(", ")));
-        }
+        self.check_placeholders(&variables)?;
         check_effect(&schema.effect).map_err(advice)?;
         let time_out = match &self.time_out {
             Some(text) => config_duration("time-out", text, TIME_OUT_MIN..=TIME_OUT_MAX)?,
             None => TIME_OUT,
         };
         Ok(ActionProgram { words: self.run, variables, time_out })
+    }
+
+    /// Checks that each placeholder is a variable of the action, and that no text is spelled almost
+    /// like one.
+    fn check_placeholders(&self, variables: &[String]) -> Result<(), String> {
+        let is_known = |name: &str| variables.iter().any(|known| known == name);
+        let known: Vec<_> = variables.iter().map(|name| format!("{{{name}}}")).collect();
+        let known = known.join(", ");
+        for word in &self.run {
+            for name in placeholders(word).filter(|name| !is_known(name)) {
+                match name.split_once('.') {
+                    None => return Err(format!("`{{{name}}}` is none of its variables: {known}")),
+                    Some((variable, _)) if is_known(variable) => {
+                        return Err(format!(
+                            "`{{{name}}}`: a program gets the names of objects, and no values: \
+                             write `{{{variable}}}`"
+                        ));
+                    }
+                    // A shell has braces with points of its own, such as `{a..z}`.
+                    Some(_) => (),
+                }
+            }
+            if let Some(problem) = misspelt_placeholder(word, &known, &is_known) {
+                return Err(problem);
+            }
+        }
+        Ok(())
     }
 }
 
@@ -126,15 +150,4 @@ fn advice(effect: UncertainEffect) -> String {
                 .to_owned()
         }
     }
-}
-
-/// Returns the placeholders of a word: the names in braces. Other texts in braces belong to the
-/// program.
-fn placeholders(word: &str) -> impl Iterator<Item = &str> {
-    let is_name = |text: &&str| {
-        let is_plain = |symbol: char| symbol.is_ascii_alphanumeric() || "-_".contains(symbol);
-        text.starts_with(|symbol: char| symbol.is_ascii_lowercase()) && text.chars().all(is_plain)
-    };
-    let parts = word.split('{').skip(1).filter_map(|part| part.split_once('}'));
-    parts.map(|(name, _)| name).filter(is_name)
 }

@@ -193,6 +193,21 @@ fn errors_of_an_entry_name_the_correction() {
         ),
         (
             MODEL.to_owned(),
+            json!({ "brew": { "run": ["true", "at {{ r }}"] } }),
+            "actions.brew: `{{ r }}` is no placeholder: write `{r}`",
+        ),
+        (
+            MODEL.to_owned(),
+            json!({ "brew": { "run": ["true", "?r"] } }),
+            "actions.brew: `?r` is no placeholder: write `{r}`",
+        ),
+        (
+            MODEL.to_owned(),
+            json!({ "brew": { "run": ["true", "{r.x}"] } }),
+            "actions.brew: `{r.x}`: a program gets the names of objects, and no values: write `{r}`",
+        ),
+        (
+            MODEL.to_owned(),
             json!({ "brew": { "run": [] } }),
             "actions.brew: write run = [\"PROGRAM\", \"ARGUMENT\"]",
         ),

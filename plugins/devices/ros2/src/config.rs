@@ -5,10 +5,10 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use actuator::{UncertainEffect, check_effect, declared_model};
-use agent::{Blueprint, BuildError, config_duration};
+use agent::{Blueprint, BuildError, config_duration, config_tables};
 use pddl::{ActionModel, ActionSchema};
 use ros_messages::Interfaces;
-use ros2_link::RosAddress;
+use ros2_link::{RosAddress, is_ros_name};
 use serde::Deserialize;
 use serde_json::Value;
 
@@ -55,7 +55,7 @@ pub(crate) struct Config {
 }
 
 #[derive(Debug, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[serde(remote = "Self", rename_all = "kebab-case", deny_unknown_fields)]
 struct RosActionEntry {
     #[serde(default)]
     ros_action: Option<GoalEntry>,
@@ -76,7 +76,7 @@ struct RosActionEntry {
 }
 
 #[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(remote = "Self", deny_unknown_fields)]
 struct GoalEntry {
     name: String,
     r#type: String,
@@ -85,7 +85,7 @@ struct GoalEntry {
 }
 
 #[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[serde(remote = "Self", deny_unknown_fields)]
 struct ServiceEntry {
     name: String,
     r#type: String,
@@ -94,7 +94,7 @@ struct ServiceEntry {
 }
 
 #[derive(Debug, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[serde(remote = "Self", rename_all = "kebab-case", deny_unknown_fields)]
 struct TopicEntry {
     name: String,
     r#type: String,
@@ -103,6 +103,8 @@ struct TopicEntry {
     #[serde(default)]
     valid_for: Option<String>,
 }
+
+config_tables!(RosActionEntry, GoalEntry, ServiceEntry, TopicEntry);
 
 /// A checked entry.
 pub(crate) struct Settings {
@@ -256,7 +258,9 @@ impl EntryChecker<'_> {
         let condition = |text: String| context.condition(&text);
         let success = success.map(condition).transpose();
         let success = success.map_err(|why| format!("success: {why}"))?.flatten();
-        let field = |text: String| context.field(&text, &Value::from(""));
+        let field = |text: String| {
+            context.field(&text, &Value::from(""), "`reason` names a field with a text (`string`)")
+        };
         let reason = reason.map(field).transpose().map_err(|why| format!("reason: {why}"))?;
         let facts = rules(&context, &facts)?;
         let time_out = match &time_out {
@@ -317,11 +321,10 @@ fn rules(context: &FactContext<'_>, entries: &[FactEntry]) -> Result<Vec<FactRul
 
 /// Checks the name of an action, service or topic, and the form of its type.
 fn check_names(name: &str, type_name: &str, kind: &str) -> Result<(), String> {
-    let is_fine = |letter: char| letter.is_ascii_alphanumeric() || "_/".contains(letter);
-    let parts = name.strip_prefix('/').unwrap_or(name).split('/');
-    if !name.chars().all(is_fine) || { parts }.any(str::is_empty) {
+    if !is_ros_name(name) {
         return Err(format!(
-            "name: `{name}` is no name of ROS: letters, digits, `_` and `/`, such as `arm/pick`"
+            "name: `{name}` is no name of ROS: letters, digits, `_` and `/`, and no digit at the \
+             beginning or behind a slash, such as `arm/pick`"
         ));
     }
     let is_of_kind = type_name.split('/').nth(1) == Some(kind);

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use agent::{Blueprint, BuildCheck, EcosystemFolder};
-use ros_messages::Interfaces;
+use ros_messages::{DefinitionError, Interfaces};
 use serde::Deserialize;
 
 /// Levels of folders below a named one. ROS has two: the package, and `msg`, `srv` or `action`.
@@ -119,7 +119,7 @@ fn add_text(interfaces: &mut Interfaces, name: &str, text: &str) -> Result<(), S
         ));
     };
     let added = interfaces.add(package, &format!("{plain}.{kind}"), text);
-    added.map_err(|error| format!("definitions: {error}"))
+    added.map_err(|error| format!("definitions: `{name}`: {}", mistakes(&error)))
 }
 
 fn add_file(interfaces: &mut Interfaces, file: &Path) -> Result<(), String> {
@@ -135,8 +135,17 @@ fn add_file(interfaces: &mut Interfaces, file: &Path) -> Result<(), String> {
     if size > DEFINITION_BYTES_MAX {
         return Err(format!("`{shown}` has more than {DEFINITION_BYTES_MAX} bytes"));
     }
-    let text = fs::read_to_string(file).map_err(|error| format!("read `{shown}`: {error}"))?;
-    interfaces.add(&package, &name_of(file), &text).map_err(|error| format!("`{shown}`: {error}"))
+    let bytes = fs::read(file).map_err(|error| format!("read `{shown}`: {error}"))?;
+    let text = String::from_utf8(bytes)
+        .map_err(|_| format!("`{shown}` is no text in UTF-8: save it with this encoding"))?;
+    let added = interfaces.add(&package, &name_of(file), &text);
+    added.map_err(|error| format!("`{shown}`: {}", mistakes(&error)))
+}
+
+/// Returns the mistakes of a definition without the name that `Interfaces` gives to it: the author
+/// knows the definition by its path, or by its key.
+fn mistakes(error: &DefinitionError) -> String {
+    error.mistakes.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ")
 }
 
 /// Finds the definitions at a path, and adds them in the order of their names.

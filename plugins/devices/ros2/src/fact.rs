@@ -1,12 +1,13 @@
 //! Facts that a message tells: templates of PDDL, each perhaps with a condition on the message.
 //!
 //! - A fact with a condition is true if the condition holds, and false if it does not.
-//! - A number comes from a field: `(= (weight {p}) {result.weight})`.
+//! - A number comes from a field: `(= (weight {p}) {result.weight})`. With a condition that does not
+//!   hold, it is unknown.
 //! - If the message lacks the field, or the number is impossible, the fact is unknown.
 
 use std::collections::BTreeMap;
 
-use actuator::is_possible_value;
+use actuator::{is_possible_value, misspelt_placeholder, placeholders};
 use agent::Blueprint;
 use pddl::{ActionModel, ActionSchema, Diagnostic, InitElement, Name, ObjectDeclaration, Typed};
 use serde::Deserialize;
@@ -14,7 +15,6 @@ use serde_json::Value;
 
 use crate::definitions::Definitions;
 use crate::field::{FieldCondition, FieldMistake, NamedField};
-use crate::template::placeholders;
 
 /// A fact in the config.
 #[derive(Clone, Debug, Deserialize)]
@@ -92,10 +92,19 @@ impl FactContext<'_> {
         self.tolerated(parsed)
     }
 
-    /// Checks a field that takes `value`, perhaps of a definition on another machine.
-    pub(crate) fn field(&self, text: &str, value: &Value) -> Result<NamedField, String> {
+    /// Checks a field that takes `value`, perhaps of a definition on another machine. `kind` says which
+    /// fields are right, for a field that takes other values.
+    pub(crate) fn field(
+        &self,
+        text: &str,
+        value: &Value,
+        kind: &str,
+    ) -> Result<NamedField, String> {
         let field = NamedField::parse(text, self.root)?;
         let checked = field.check(&self.definitions.interfaces, self.type_name, value);
+        if let Err(FieldMistake::WrongValue { .. }) = &checked {
+            return Err(format!("`{field}` has another type: {kind}"));
+        }
         self.tolerated(checked)?;
         Ok(field)
     }
@@ -111,27 +120,24 @@ impl FactContext<'_> {
     /// Returns the field with the number of a fact, after checking all placeholders of the fact.
     fn number(&self, template: &str) -> Result<Option<(String, NamedField)>, String> {
         let variables: Vec<&str> = self.action.map(variables).unwrap_or_default();
+        let is_variable = |name: &str| variables.contains(&name);
+        let is_field = |name: &str| name.starts_with(&format!("{}.", self.root));
+        let mut known: Vec<_> = variables.iter().map(|name| format!("{{{name}}}")).collect();
+        known.push(format!("{{{}.FIELD}}", self.root));
+        let known = known.join(", ");
         let mut number = None;
-        for placeholder in placeholders(template) {
-            if variables.contains(&placeholder) {
-                continue;
-            }
-            if !placeholder.starts_with(&format!("{}.", self.root)) {
-                let mut known: Vec<_> =
-                    variables.iter().map(|name| format!("{{{name}}}")).collect();
-                known.push(format!("{{{}.FIELD}}", self.root));
-                let known = known.join(", ");
+        for placeholder in placeholders(template).filter(|name| !is_variable(name)) {
+            if !is_field(placeholder) {
                 return Err(format!("`{{{placeholder}}}` is none of its placeholders: {known}"));
             }
-            let field = self.field(placeholder, &Value::from(0));
-            let field = field.map_err(|problem| {
-                format!("{problem}; a fact takes numbers, `when` compares other values")
-            })?;
+            let kind = "a fact takes numbers, `when` compares other values";
+            let field = self.field(placeholder, &Value::from(0), kind)?;
             if number.replace((format!("{{{placeholder}}}"), field)).is_some() {
                 return Err("a fact takes one number".to_owned());
             }
         }
-        Ok(number)
+        let is_known = |name: &str| is_variable(name) || is_field(name);
+        misspelt_placeholder(template, &known, &is_known).map_or(Ok(number), Err)
     }
 
     /// Checks that a fact is one of the ecosystem's: its predicate or function, and its objects.
@@ -151,11 +157,17 @@ impl FactContext<'_> {
         model.objects.extend(parameters.map(object));
         model.init = vec![fact];
         let found = pddl::check_action_model(&self.blueprint.host.ontology, &model);
-        match found.into_iter().find(Diagnostic::is_error) {
-            Some(Diagnostic { message, help: Some(help), .. }) => Err(format!("{message}; {help}")),
-            Some(mistake) => Err(mistake.message),
-            None => Ok(()),
-        }
+        let problem = match found.into_iter().find(Diagnostic::is_error) {
+            Some(Diagnostic { message, help: Some(help), .. }) => format!("{message}; {help}"),
+            Some(mistake) => mistake.message,
+            None => return Ok(()),
+        };
+        // The author has written placeholders, and no samples.
+        let written =
+            |text: String, name: &&str| text.replace(&sample(name), &format!("{{{name}}}"));
+        let mut names = self.action.map(variables).unwrap_or_default();
+        names.sort_by_key(|name| std::cmp::Reverse(name.len()));
+        Err(names.iter().fold(problem, written))
     }
 }
 
@@ -215,6 +227,9 @@ impl FactRule {
         match (element, state) {
             (InitElement::Atom(atom), FactState::False) => Ok(InitElement::Not(atom)),
             (InitElement::Atom(atom), FactState::Unknown) => Ok(InitElement::Unknown(atom)),
+            (InitElement::Assign(..), FactState::False | FactState::Unknown) => {
+                Err("the function has no value".to_owned())
+            }
             (element @ (InitElement::Atom(_) | InitElement::Assign(..)), _) => Ok(element),
             _ => Err("write a fact such as (held cup-1) or (= (weight cup-1) {…})".to_owned()),
         }

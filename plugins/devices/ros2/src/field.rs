@@ -70,7 +70,16 @@ impl fmt::Display for NamedField {
 pub(crate) enum FieldMistake {
     /// The definition of a type is missing.
     UnknownType(String),
-    /// The type has no such field, or the field takes other values.
+    /// The field takes other values.
+    WrongValue {
+        /// Path of the field.
+        path: String,
+        /// Description of the values that the field takes.
+        expected: String,
+        /// The value that was given.
+        found: String,
+    },
+    /// The type has no such field, or the text is no condition.
     Wrong(String),
 }
 
@@ -78,6 +87,9 @@ impl fmt::Display for FieldMistake {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             FieldMistake::UnknownType(text) | FieldMistake::Wrong(text) => f.pad(text),
+            FieldMistake::WrongValue { path, expected, found } => {
+                write!(f, "`{path}` takes {expected}, not {found}")
+            }
         }
     }
 }
@@ -102,7 +114,7 @@ pub(crate) fn check_message(
             "`{path}` is no field of `{type_name}`; its fields are {known}"
         )),
         CdrEncodeError::WrongValue { path, expected, found } => {
-            FieldMistake::Wrong(format!("`{path}` takes {expected}, not {found}"))
+            FieldMistake::WrongValue { path, expected, found }
         }
         other => FieldMistake::Wrong(other.to_string()),
     })

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use actuator::{misspelt_placeholder, placeholders};
 use agent::Blueprint;
 use pddl::{ActionModel, ActionSchema, Typed, Types};
 use serde_json::Value;
@@ -9,7 +10,7 @@ use serde_json::Value;
 use crate::definitions::Definitions;
 use crate::fact::variables;
 use crate::field::{FieldMistake, check_message};
-use crate::template::{ObjectValues, argument_value, filled, placeholders_in};
+use crate::template::{ObjectValues, argument_value, filled, texts_in};
 
 /// An action of the model, and everything with which its goal is checked.
 pub(crate) struct RequestChecker<'a> {
@@ -28,17 +29,7 @@ impl RequestChecker<'_> {
     ///
     /// Returns the first mistake as text for a person.
     pub(crate) fn check(&self, type_name: &str, request: &Value) -> Result<(), String> {
-        let variables = variables(self.schema);
-        let used = placeholders_in(request);
-        let variable_of = |name: &str| name.split('.').next().map(str::to_owned);
-        let is_known = |name: &&&str| {
-            let is_value = name.split('.').count() <= 2;
-            is_value && variable_of(name).is_some_and(|name| variables.contains(&name.as_str()))
-        };
-        if let Some(unknown) = used.iter().find(|name| !is_known(name)) {
-            let known: Vec<_> = variables.iter().map(|name| format!("{{{name}}}")).collect();
-            return Err(format!("`{{{unknown}}}` is none of its variables: {}", known.join(", ")));
-        }
+        let used = self.used_placeholders(request)?;
         let candidates: Vec<(&str, Vec<String>)> = { self.schema.all_parameters() }
             .map(|parameter| (parameter.name.as_str(), self.candidates(parameter)))
             .collect();
@@ -58,6 +49,26 @@ impl RequestChecker<'_> {
             self.check_with(type_name, request, &arguments)?;
         }
         Ok(())
+    }
+
+    /// Returns the placeholders of a goal or request. Returns an error about the first that is none of
+    /// the variables, and about a text that is spelled almost like a placeholder.
+    fn used_placeholders<'v>(&self, request: &'v Value) -> Result<Vec<&'v str>, String> {
+        let variables = variables(self.schema);
+        let is_known = |name: &str| {
+            let mut parts = name.split('.');
+            parts.next().is_some_and(|name| variables.contains(&name)) && parts.count() <= 1
+        };
+        let known: Vec<_> = variables.iter().map(|name| format!("{{{name}}}")).collect();
+        let known = known.join(", ");
+        let texts = texts_in(request);
+        let used: Vec<&'v str> = texts.iter().copied().flat_map(placeholders).collect();
+        if let Some(unknown) = used.iter().find(|name| !is_known(name)) {
+            return Err(format!("`{{{unknown}}}` is none of its variables: {known}"));
+        }
+        let mut misspelt =
+            texts.iter().filter_map(|text| misspelt_placeholder(text, &known, &is_known));
+        misspelt.next().map_or(Ok(used), Err)
     }
 
     fn check_with(

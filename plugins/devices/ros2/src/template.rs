@@ -3,28 +3,18 @@
 
 use std::collections::BTreeMap;
 
+use actuator::placeholders;
 use serde_json::Value;
 
 /// Values of objects, by the name of the object and the name of the value.
 pub(crate) type ObjectValues = BTreeMap<String, BTreeMap<String, Value>>;
 
-/// Returns the placeholders of a text, without braces: names, and names after a point. Other texts
-/// in braces are no placeholders.
-pub(crate) fn placeholders(text: &str) -> impl Iterator<Item = &str> {
-    let is_placeholder = |text: &&str| {
-        let is_plain = |symbol: char| symbol.is_ascii_alphanumeric() || "-_.".contains(symbol);
-        text.starts_with(|symbol: char| symbol.is_ascii_lowercase()) && text.chars().all(is_plain)
-    };
-    let parts = text.split('{').skip(1).filter_map(|part| part.split_once('}'));
-    parts.map(|(name, _)| name).filter(is_placeholder)
-}
-
-/// Returns the placeholders of all texts in a value.
-pub(crate) fn placeholders_in(value: &Value) -> Vec<&str> {
+/// Returns all texts in a value.
+pub(crate) fn texts_in(value: &Value) -> Vec<&str> {
     match value {
-        Value::String(text) => placeholders(text).collect(),
-        Value::Array(elements) => elements.iter().flat_map(placeholders_in).collect(),
-        Value::Object(fields) => fields.values().flat_map(placeholders_in).collect(),
+        Value::String(text) => vec![text],
+        Value::Array(elements) => elements.iter().flat_map(texts_in).collect(),
+        Value::Object(fields) => fields.values().flat_map(texts_in).collect(),
         Value::Null | Value::Bool(_) | Value::Number(_) => Vec::new(),
     }
 }

@@ -1,16 +1,19 @@
 //! Support for actuators with an action model in the ecosystem file: parsing the model, tracking the
-//! facts that its actions change, and storing these facts so that they outlive the daemon.
+//! facts that its actions change, storing these facts so that they outlive the daemon, and finding the
+//! placeholders in what the actions run or ask for.
 //!
 //! What carries out the actions is the matter of the plugin: a program, an action of ROS 2.
 
 mod facts;
 mod file;
+mod placeholders;
 
 use agent::{Blueprint, BuildError};
 use pddl::ActionModel;
 
 pub use facts::{AgentFacts, UncertainEffect, check_effect};
 pub use file::FactFile;
+pub use placeholders::{misspelt_placeholder, placeholders};
 
 /// Returns the file of an agent's facts, and its facts: those that are stored, otherwise those of the
 /// model.

@@ -84,7 +84,7 @@ fn mistakes_of_an_entry_are_refused_with_what_would_be_right() {
         (
             "/actions/pick/reason",
             json!("result.weight"),
-            "actions.pick.reason: `weight` takes a number",
+            "actions.pick.reason: `result.weight` has another type: `reason` names a field with a text",
         ),
         (
             "/actions/pick/reason",
@@ -110,7 +110,45 @@ fn mistakes_of_an_entry_are_refused_with_what_would_be_right() {
         (
             "/actions/pick/facts",
             json!(["(= (weight {p}) {result.message})"]),
-            "a fact takes numbers, `when` compares other values",
+            "`result.message` has another type: a fact takes numbers, `when` compares other values",
+        ),
+        (
+            "/actions/pick/facts",
+            json!(["(= (weight {?p}) {result.weight})"]),
+            "`{?p}` is no placeholder: write `{p}`",
+        ),
+        (
+            "/actions/pick/facts",
+            json!(["(= (weight {p}) {{ result.weight }})"]),
+            "`{{ result.weight }}` is no placeholder: write `{result.weight}`",
+        ),
+        ("/actions/pick/facts", json!(["(held {a} {s})"]), "`{s}` is of type `spot`"),
+        (
+            "/actions/pick/ros-action/goal",
+            json!({ "object": "{?p}" }),
+            "actions.pick.ros-action.goal: `{?p}` is no placeholder: write `{p}`",
+        ),
+        (
+            "/actions/pick/ros-action/goal",
+            json!({ "at": { "x": "{{ s.x }}" } }),
+            "actions.pick.ros-action.goal: `{{ s.x }}` is no placeholder: write `{s.x}`",
+        ),
+        (
+            "/actions/pick/ros-action/goal",
+            json!({ "object": 0 }),
+            "actions.pick.ros-action.goal: `object` takes a text, not 0",
+        ),
+        (
+            "/definitions/arm_msgs~1action~1Pick",
+            json!(""),
+            "definitions: `arm_msgs/action/Pick`: line 1, column 1: an action has two lines",
+        ),
+        ("/topics/0/name", json!("cell/2nd"), "name: `cell/2nd` is no name of ROS"),
+        (
+            "/ros2/namespace",
+            json!("1cell"),
+            "namespace = \"1cell\": a namespace has letters, digits and `_`, and no digit at the \
+             beginning or behind a slash",
         ),
         (
             "/actions/pick/time-out",
@@ -163,6 +201,10 @@ fn mistakes_of_an_entry_are_refused_with_what_would_be_right() {
         problem_of(entry).starts_with("`place` has nothing that carries it out: actions.place")
     );
     let mut entry = arm();
+    entry["actions"]["pick"]["facts"] = json!(["(= (weight {p}) {result.wieght})"]);
+    let problem = problem_of(entry);
+    assert!(problem.ends_with("its fields are success, weight, message"), "{problem}");
+    let mut entry = arm();
     entry["model"] = json!(MODEL.replace("(increase (total-cost) 5)", "(increase (force ?a) 5)"));
     assert!(problem_of(entry).contains("take it from the result, as in facts = [\"(= (force ?a)"));
 }
@@ -207,4 +249,8 @@ fn definitions_are_read_from_files_and_folders() {
     fs::write(path.join("share/arm_msgs/Bad.msg"), "integer x\n").expect("a file");
     let bad = with_files(path, json!("share"), true);
     assert!(bad.contains("Bad.msg`: line 1, column 1"), "{bad}");
+    assert!(!bad.contains("`arm_msgs/Bad.msg`"), "there is no such path: {bad}");
+    fs::write(path.join("share/arm_msgs/Bad.msg"), b"# f\xfcr\nint32 x\n").expect("a file");
+    let bad = with_files(path, json!("share"), true);
+    assert!(bad.contains("Bad.msg` is no text in UTF-8: save it with this encoding"), "{bad}");
 }
