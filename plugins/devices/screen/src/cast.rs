@@ -3,6 +3,7 @@
 //! The device belongs to all people of the network, so that the driver leaves alone what others have
 //! begun to show: connecting changes nothing, and only a medium of this driver is ever stopped.
 
+use std::net::IpAddr;
 use std::time::Duration;
 
 use cast_link::{CastAddress, CastError, CastMedium, Chromecast, MediumState, TelevisionState};
@@ -87,6 +88,19 @@ pub(crate) fn typed_content(address: &str, content_type: &str) -> Result<Content
     }
     let (address, content_type) = (address.to_owned(), content_type.to_owned());
     Ok(Content::Fetched { address, content_type })
+}
+
+/// Whether an address means the machine that asks for it, such as `http://localhost:8000/film.mp4`.
+pub(crate) fn is_own_machine(address: &str) -> bool {
+    let authority = address.split_once("://").map_or(address, |(_, rest)| rest);
+    let authority = authority.split(['/', '?', '#']).next().unwrap_or_default();
+    let host = authority.rsplit('@').next().unwrap_or_default();
+    let host = match host.strip_prefix('[') {
+        Some(inner) => inner.split(']').next().unwrap_or_default(),
+        None => host.split(':').next().unwrap_or_default(),
+    };
+    let is_own = |ip: IpAddr| ip.is_loopback() || ip.is_unspecified();
+    host.eq_ignore_ascii_case("localhost") || host.parse().is_ok_and(is_own)
 }
 
 fn check_address(address: &str) -> Result<(), String> {

@@ -50,31 +50,26 @@ pub(crate) struct Config {
 #[derive(Clone, Debug, Deserialize)]
 #[serde(
     untagged,
+    deny_unknown_fields,
     expecting = "write a text, an address, a path, { text = \"…\" }, or { address = \"…\", type = \"…\" }"
 )]
 enum WrittenMedium {
     /// A text, an address or a path; its beginning decides.
     Plain(String),
     /// A text, whatever its beginning.
-    Text(PlainText),
+    Text { text: String },
     /// An address with the type of its medium.
-    Typed(TypedAddress),
+    Typed {
+        address: String,
+        /// MIME type, such as `video/mp4`.
+        #[serde(rename = "type")]
+        content_type: String,
+    },
 }
 
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct PlainText {
-    text: String,
-}
-
-#[derive(Clone, Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct TypedAddress {
-    address: String,
-    /// MIME type, such as `video/mp4`.
-    #[serde(rename = "type")]
-    content_type: String,
-}
+/// Rule for the name of a medium, which is an object in plans.
+const NAME_RULE: &str =
+    "use lower-case letters, digits, `-` and `_`, and begin with a letter, such as `slides`";
 
 /// Default of `television` for the driver `cec`: the first cable that the kernel has found.
 const CEC_DEVICE: &str = "/dev/cec0";
@@ -192,10 +187,11 @@ impl Config {
         let is_check = blueprint.host.resources.get::<BuildCheck>().is_some();
         let content = |(name, written): (&String, &WrittenMedium)| {
             PlaceName::try_from(name.clone()).map_err(|_| {
-                let problem = format!("`{name}` cannot name a medium: it has to be a PDDL name");
+                let problem = format!("`{name}` cannot name a medium: {NAME_RULE}");
                 blueprint.problem(problem)
             })?;
             let content = content_of(written, &blueprint.driver, is_check)
+                .and_then(|content| self.fetchable(content))
                 .map_err(|problem| blueprint.problem(format!("media.{name}: {problem}")))?;
             Ok((name.clone(), content))
         };
@@ -206,30 +202,47 @@ impl Config {
         }
         Ok(contents)
     }
+
+    /// Checks that a Chromecast would not fetch the medium from itself. A device at an address of this
+    /// machine, such as one for trying, may.
+    fn fetchable(&self, content: Content) -> Result<Content, String> {
+        let is_device_here = self.address.as_deref().is_some_and(cast::is_own_machine);
+        match &content {
+            Content::Fetched { address, .. }
+                if cast::is_own_machine(address) && !is_device_here =>
+            {
+                Err(format!(
+                    "the Chromecast would look for {address} on itself: write the IP address of the \
+                     machine with the medium"
+                ))
+            }
+            _ => Ok(content),
+        }
+    }
 }
 
 /// Returns the medium for this driver. The error is the reason why the driver cannot show it.
 fn content_of(written: &WrittenMedium, driver: &str, is_check: bool) -> Result<Content, String> {
     let content = match written {
-        WrittenMedium::Typed(TypedAddress { address, content_type }) if driver == CAST => {
+        WrittenMedium::Typed { address, content_type } if driver == CAST => {
             return cast::typed_content(address, content_type);
         }
-        WrittenMedium::Typed(_) => {
+        WrittenMedium::Typed { .. } => {
             return Err("`type` is for the driver `cast`; write the address alone".to_owned());
         }
-        WrittenMedium::Text(PlainText { text }) | WrittenMedium::Plain(text) if driver == CAST => {
+        WrittenMedium::Text { text } | WrittenMedium::Plain(text) if driver == CAST => {
             return cast::plain_content(text);
         }
         WrittenMedium::Plain(text) if driver == CEC && text == THIS_MACHINE => {
             return Ok(Content::Text(text.clone()));
         }
-        WrittenMedium::Plain(_) | WrittenMedium::Text(_) if driver == CEC => {
+        WrittenMedium::Plain(_) | WrittenMedium::Text { .. } if driver == CEC => {
             return Err(format!(
                 "a television with the driver `cec` shows the picture of this machine and nothing \
                  else: write \"{THIS_MACHINE}\""
             ));
         }
-        WrittenMedium::Text(PlainText { text }) => Content::Text(text.clone()),
+        WrittenMedium::Text { text } => Content::Text(text.clone()),
         // A simulated screen shows any text, and has no files.
         WrittenMedium::Plain(text) if driver != BROWSER && driver != MPV => {
             Content::Text(text.clone())

@@ -11,7 +11,7 @@ use programs::Program;
 use serde::Deserialize;
 
 use crate::kind::SwitchKind;
-use crate::{COMMAND, GPIO};
+use crate::{COMMAND, DRIVERS, GPIO};
 
 /// Default and limits of the time limit of a program. The maximum is enough for a garage door,
 /// which takes half a minute.
@@ -79,11 +79,19 @@ impl Config {
             ("time-out", COMMAND, self.time_out.is_some()),
         ];
         let this = blueprint.driver.as_str();
-        let another = said.iter().find(|(_, driver, is_said)| *is_said && *driver != this);
-        another.map_or(Ok(()), |(key, driver, _)| {
-            let problem = format!("`{key}` is for `driver = \"{driver}\"`");
-            Err(blueprint.problem(format!("{problem}, and this driver is `{this}`")))
-        })
+        let mut written = said.iter().filter(|(.., is_said)| *is_said);
+        let Some((key, driver, _)) = written.clone().find(|(_, driver, _)| *driver != this) else {
+            return Ok(());
+        };
+        // If all keys are those of another driver, the driver is wrong, and not the keys.
+        if DRIVERS.contains(&this) && written.all(|(_, driver, _)| *driver != this) {
+            return Err(blueprint.problem(format!(
+                "a switch with driver = \"{this}\" has no `{key}`: write driver = \"{driver}\" beside \
+                 `plugin`"
+            )));
+        }
+        let problem = format!("`{key}` is for `driver = \"{driver}\"`");
+        Err(blueprint.problem(format!("{problem}, and this driver is `{this}`")))
     }
 
     pub(crate) fn wired(&mut self, blueprint: &Blueprint) -> Result<GpioConfig, BuildError> {

@@ -46,6 +46,9 @@ const MARGIN: Duration = Duration::from_secs(1);
 const GPIO: &str = "gpio";
 const COMMAND: &str = "command";
 
+/// Names of the drivers; the first is the default.
+const DRIVERS: &[&str] = &[GPIO, COMMAND];
+
 /// Names of the methods that switch on and off.
 const ON: &str = "on";
 const OFF: &str = "off";
@@ -54,7 +57,7 @@ const OFF: &str = "off";
 pub const PLUGIN: PluginEntry = PluginEntry {
     name: "switch",
     about: "switches a lamp, a relay or a lock in a room, by a line of a board or any program",
-    drivers: &[GPIO, COMMAND],
+    drivers: DRIVERS,
     has_replicas: false,
     build,
 };

@@ -137,6 +137,16 @@ fn errors_of_an_entry_name_the_correction() {
         (
             "command",
             wired(json!({})),
+            "a switch with driver = \"command\" has no `line`: write driver = \"gpio\" beside `plugin`",
+        ),
+        (
+            "gpio",
+            commanded("lamp", json!({ "state": ["x"], "every": "1s" })),
+            "a switch with driver = \"gpio\" has no `on`: write driver = \"command\" beside `plugin`",
+        ),
+        (
+            "command",
+            commanded("lamp", json!({ "line": "GPIO4" })),
             "`line` is for `driver = \"gpio\"`, and this driver is `command`",
         ),
         (

@@ -21,7 +21,7 @@ use std::time::Duration;
 
 use acl::content::Question;
 use actuator::{BoxFuture, Initiative, InitiativeUpdate, MethodFailure};
-use agent::{Blueprint, BuildCheck, BuildError, config_duration};
+use agent::{Blueprint, BuildCheck, BuildError, config_duration, config_tables};
 use serde::Deserialize;
 use tokio::sync::{Mutex, mpsc};
 use tokio::time::Instant;
@@ -56,7 +56,7 @@ const WAITING_MAX: usize = 4;
 
 /// The key `login` in the `config` of an entry.
 #[derive(Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[serde(remote = "Self", rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct LoginConfig {
     /// PIN that a person must enter to log in.
     #[serde(default)]
@@ -74,6 +74,8 @@ pub(crate) struct LoginConfig {
     #[serde(default = "default_valid_for")]
     valid_for: String,
 }
+
+config_tables!(LoginConfig);
 
 fn default_patience() -> String {
     "60s".to_owned()

@@ -12,7 +12,7 @@ use std::time::Duration;
 use acl::Millis;
 use acl::content::{Achieve, Keep, Method};
 use actuator::{DeviceEvent, Initiative, MethodResult, OwnFact, PlaceName, facts_of};
-use agent::{Blueprint, BuildError, config_validity};
+use agent::{Blueprint, BuildError, config_tables, config_validity};
 use serde::Deserialize;
 use tokio::time::Instant;
 
@@ -33,7 +33,7 @@ const LOOKING_TIME_MAX: Duration = Duration::from_secs(5);
 
 /// The key `patrol` in the `config` of an entry.
 #[derive(Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[serde(remote = "Self", rename_all = "kebab-case", deny_unknown_fields)]
 pub(crate) struct PatrolConfig {
     /// Places that the robot visits on patrol.
     places: Vec<PlaceName>,
@@ -43,6 +43,8 @@ pub(crate) struct PatrolConfig {
     #[serde(default = "default_priority")]
     priority: i32,
 }
+
+config_tables!(PatrolConfig);
 
 fn default_priority() -> i32 {
     -10
