@@ -66,7 +66,7 @@ impl Address {
             None => (authority, Some(if is_encrypted { TLS_PORT } else { PORT })),
         };
         let Some(port) = port.filter(|port| *port != 0) else {
-            return wrong("its port is no number; write HOST:PORT");
+            return wrong("its port is no number from 1 to 65535; write HOST:PORT");
         };
         let host = host.trim_start_matches('[').trim_end_matches(']').to_owned();
         if host.is_empty() {

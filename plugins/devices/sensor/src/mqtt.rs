@@ -397,7 +397,7 @@ mod tests {
             ),
             (
                 json!({ "topic": "a", "broker": "x:many" }),
-                "broker `x:many`: its port is no number; write HOST:PORT",
+                "broker `x:many`: its port is no number from 1 to 65535; write HOST:PORT",
             ),
         ] {
             let mut config = config;
