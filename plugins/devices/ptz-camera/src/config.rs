@@ -8,7 +8,7 @@ use std::time::Duration;
 
 use acl::content::{Achieve, Keep};
 use actuator::{PlaceName, StateFolder};
-use agent::{Blueprint, BuildCheck, BuildError, config_duration, config_validity};
+use agent::{Blueprint, BuildCheck, BuildError, config_duration, config_tables, config_validity};
 use serde::Deserialize;
 
 use crate::album::Album;
@@ -117,7 +117,7 @@ enum RawOption {
 }
 
 #[derive(Debug, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[serde(remote = "Self", rename_all = "kebab-case", deny_unknown_fields)]
 struct RawPreset {
     /// Place of the map that the camera shows at this preset.
     shows: PlaceName,
@@ -133,12 +133,14 @@ struct RawPreset {
 
 /// A goal that the camera requests; `?l` in the goal is replaced by the place of the motion.
 #[derive(Debug, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+#[serde(remote = "Self", rename_all = "kebab-case", deny_unknown_fields)]
 struct RawMotionGoal {
     goal: String,
     #[serde(default)]
     priority: i32,
 }
+
+config_tables!(RawPreset, RawMotionGoal);
 
 fn default_keep() -> usize {
     50
@@ -189,9 +191,25 @@ impl Motion {
     /// Returns the goal to request after motion at `place`; `None` if the config has no goal.
     pub(crate) fn goal(&self, place: &str) -> Option<Achieve> {
         let (goal, priority) = self.on_motion.as_ref()?;
-        let goal = goal.replace("?l", place);
-        Some(Achieve::new(goal, Keep::Achieve, *priority))
+        Some(Achieve::new(goal_at(goal, place), Keep::Achieve, *priority))
     }
+}
+
+/// Returns a goal with `place` for each variable `?l`. The variable `?lamp` is another one.
+pub fn goal_at(goal: &str, place: &str) -> String {
+    const PLACE: &str = "?l";
+    let is_of_name = |symbol: char| symbol.is_ascii_alphanumeric() || "-_".contains(symbol);
+    let (mut filled, mut done) = (String::new(), 0);
+    // PDDL does not distinguish capitals.
+    for (start, _) in goal.to_ascii_lowercase().match_indices(PLACE) {
+        let end = start + PLACE.len();
+        if !goal[end..].starts_with(is_of_name) {
+            filled += &goal[done..start];
+            filled += place;
+            done = end;
+        }
+    }
+    filled + &goal[done..]
 }
 
 /// The settings of a camera's driver.
@@ -265,13 +283,19 @@ impl Config {
 
     fn motion(&self) -> Result<Option<Motion>, String> {
         if !self.motion {
-            return Ok(None);
+            return match self.on_motion {
+                Some(_) => {
+                    Err("`on-motion` needs the detection of motion: leave `motion = false` out"
+                        .to_owned())
+                }
+                None => Ok(None),
+            };
         }
         let lasts =
             config_duration("motion-for", &self.motion_for, MOTION_FOR_MIN..=MOTION_FOR_MAX)?;
         let on_motion = self.on_motion.as_ref().map(|raw| (raw.goal.clone(), raw.priority));
         if let Some((goal, _)) = &on_motion
-            && !pddl::parse_condition(&goal.replace("?l", self.location.as_str())).is_ok()
+            && !pddl::parse_condition(&goal_at(goal, self.location.as_str())).is_ok()
         {
             return Err(format!("on-motion.goal `{goal}` is no PDDL condition"));
         }
@@ -285,5 +309,23 @@ impl Config {
             Ok((name.to_string(), raw.shows.to_string()))
         };
         self.presets.iter().map(understand).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_whole_variable_is_the_place() {
+        for (goal, expected) in [
+            ("(known-picture ?l)", "(known-picture hall)"),
+            ("(known-picture ?L)", "(known-picture hall)"),
+            ("(and (recorded ?l)(motion ?l))", "(and (recorded hall)(motion hall))"),
+            ("(forall (?lamp - lamp) (lit ?lamp))", "(forall (?lamp - lamp) (lit ?lamp))"),
+            ("?l", "hall"),
+        ] {
+            assert_eq!(goal_at(goal, "hall"), expected);
+        }
     }
 }

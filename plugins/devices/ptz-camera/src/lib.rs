@@ -62,6 +62,7 @@ use actuator::{
 use agent::{Blueprint, BuildError, LaunchableAgent, PluginEntry};
 use tokio::time::Instant;
 
+pub use config::goal_at;
 use config::{CameraSettings, Config, DriverSettings};
 pub use driver::{
     Camera, FileContent, Known, News, PartFile, RecordedFile, SharedKnown, Step, View,

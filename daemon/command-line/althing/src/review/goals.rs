@@ -81,7 +81,7 @@ impl Reviewer<'_> {
 
     /// Returns the names of the agents without a known action model: agents of interfaces and
     /// packages, and agents that cannot be built.
-    fn agents(&self, models: &BTreeMap<AgentId, ActionModel>) -> BTreeSet<String> {
+    pub(super) fn agents(&self, models: &BTreeMap<AgentId, ActionModel>) -> BTreeSet<String> {
         let own = self.ecosystem.agents.iter().map(|entry| entry.name.to_string());
         let rules = self.ecosystem.interfaces.iter().flat_map(|interface| &interface.imports);
         let borrowed = rules.map(|rule| rule.proxy_name.to_string());
@@ -91,7 +91,7 @@ impl Reviewer<'_> {
     /// Turns the error that a word is unknown into a warning if the word resembles no known word,
     /// because an agent that joins later may declare it. Returns `None` if some entries of the file
     /// could not be understood, because one of these may declare the word.
-    fn softened(&self, mut found: Diagnostic) -> Option<Diagnostic> {
+    pub(super) fn softened(&self, mut found: Diagnostic) -> Option<Diagnostic> {
         if let Some(variable) = found.message.strip_prefix("unknown variable `") {
             let variable = variable.trim_end_matches('`');
             found.help = Some(format!(
@@ -125,7 +125,10 @@ fn in_order(found: &Diagnostic, domain: &Domain, goal: &Condition) -> Option<Dia
 }
 
 /// Explains that a word is an action, if an agent has one of this name.
-fn explained_action(found: Diagnostic, models: &BTreeMap<AgentId, ActionModel>) -> Diagnostic {
+pub(super) fn explained_action(
+    found: Diagnostic,
+    models: &BTreeMap<AgentId, ActionModel>,
+) -> Diagnostic {
     let word = found.message.strip_prefix("unknown predicate `");
     let Some(word) = word.and_then(|rest| rest.strip_suffix('`')) else { return found };
     let mut actions =

@@ -2,6 +2,8 @@
 //! them before it starts.
 //!
 //! - [`entries`]: the entries of agents, checked by the agents' plugins.
+//! - [`entry_texts`]: facts and goals in the entries of agents, against all agents of the file; and
+//!   safeguards of agents without actions.
 //! - [`map`]: the connections of the map, their lengths, and places that no robot can reach. Of a
 //!   building in `[rooms]` and `[doors]`, only the last is left to check.
 //! - [`goals`]: the words of goals, checked against the ontology, the map and the agents' action
@@ -25,6 +27,8 @@ mod consequences;
 mod daemons;
 
 mod entries;
+
+mod entry_texts;
 
 mod goals;
 mod hardware_stops;
@@ -110,6 +114,8 @@ fn of_ecosystem(
         desk.map();
         desk.rooms();
         desk.goals();
+        desk.entry_texts();
+        desk.safeguarded_agents();
         desk.words();
         desk.hardware_stops();
     }

@@ -18,7 +18,9 @@ mod caretakers;
 mod ecosystem;
 
 mod further_mistakes;
+
 mod home_mistakes;
+mod robot_mistakes;
 
 mod mistakes;
 
