@@ -32,8 +32,8 @@ mod unchangeable;
 pub use actuator::Actuator;
 pub use agent::StateFolder;
 pub use declared::{
-    AgentFacts, FactFile, UncertainEffect, check_effect, declared_model, misspelt_placeholder,
-    placeholders, stored_facts,
+    AgentFacts, FactFile, UncertainEffect, check_effect, checked_model, declared_model,
+    misspelt_placeholder, placeholders, stored_facts,
 };
 pub use device::{Description, Device, MethodCall, MethodFailure, MethodResult, OwnFact};
 pub use initiative::{DeviceEvent, Initiative, InitiativeUpdate};

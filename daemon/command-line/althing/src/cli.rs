@@ -630,8 +630,9 @@ pub(crate) struct ValidateArgs {
 /// Arguments of `althing check`.
 #[derive(Debug, Args)]
 pub(crate) struct CheckArgs {
-    /// Ecosystem files (.toml), PDDL domains, problems and action models
-    #[arg(required_unless_present = "tree", value_name = "FILE")]
+    /// Ecosystem files (.toml), PDDL domains, problems and action models [default: ./althing.toml,
+    /// then the configuration folders]
+    #[arg(value_name = "FILE")]
     pub(crate) files: Vec<PathBuf>,
     /// Read every .pddl file below this folder; count the results, and list what is refused, with
     /// the reasons

@@ -9,6 +9,9 @@ use crate::words::{RobotWords, SensorWords, check_name};
 /// Driver of devices in the simulated building.
 const SIMULATED: &str = "simulated";
 
+/// Plugin of robots that show media, of which an entry names one at least.
+const WITH_MEDIA: &str = "video-robot";
+
 /// Columns of a heading, so that the headings of a file end alike. One column is for the mark of a
 /// line in a difference.
 const HEADING_COLUMNS: usize = 79;
@@ -58,12 +61,13 @@ impl EcosystemDraft {
     /// comment, because its address and the poses of places are not known.
     pub fn add_robot(&mut self, robot: &RobotWords, is_simulated: bool) {
         let name = self.free_name(&format!("{}-1", robot.plugin));
-        let agent = AgentAddition {
-            name,
-            plugin: robot.plugin.clone(),
-            config: vec![SettingText::text("start", &robot.start)],
-            ..AgentAddition::default()
-        };
+        let mut config = vec![SettingText::text("start", &robot.start)];
+        if robot.plugin == WITH_MEDIA {
+            // It is of no use without a medium, and an example shows how to write them.
+            config.push(SettingText::text_in("media", "welcome", "Welcome"));
+        }
+        let plugin = robot.plugin.clone();
+        let agent = AgentAddition { name, plugin, config, ..AgentAddition::default() };
         if is_simulated {
             let driver = Some(SIMULATED.to_owned());
             self.agents.push(AgentAddition { driver, ..agent });
@@ -74,13 +78,14 @@ impl EcosystemDraft {
             config: Vec::new(),
             ..agent.clone()
         });
+        let settings: Vec<String> = agent.config.iter().map(SettingText::line).collect();
         lines += &format!(
-            "\n[agent.config]\nstart = {}\n\n[agent.config.ros2]\n\
+            "\n[agent.config]\n{}\n\n[agent.config.ros2]\n\
              endpoint = \"tcp/192.168.1.20:7447\"   # the robot's address\n\
              dialect = \"ros2dds\"                  # or \"rmw-zenoh\"\n\
              namespace = \"\"\n\n\
              [agent.config.ros2.places]   # `althing robot` prints these lines\n",
-            quoted(&robot.start)
+            settings.join("\n")
         );
         for room in &self.rooms {
             lines += &format!("{} = {{ x = 0.0, y = 0.0, yaw = 0.0 }}\n", key_text(&room.name));

@@ -44,6 +44,11 @@ impl SettingText {
         SettingText { path: vec![key.to_owned()], value: quoted(value) }
     }
 
+    /// Returns a setting with a text as its value, of a key in a table.
+    pub fn text_in(table: &str, key: &str, value: &str) -> SettingText {
+        SettingText { path: vec![table.to_owned(), key.to_owned()], value: quoted(value) }
+    }
+
     /// Returns a setting with a number as its value.
     pub fn number(key: &str, value: f64) -> SettingText {
         SettingText { path: vec![key.to_owned()], value: decimal(value) }

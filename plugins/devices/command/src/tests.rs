@@ -214,7 +214,7 @@ fn errors_of_an_entry_name_the_correction() {
         (
             with("(agent c)", "(agent d)"),
             json!({ "brew": run }),
-            "model: it is for `d`; write (define (agent c) …",
+            "model:1:16: error: it is for `d`; write (define (agent c) …",
         ),
         (
             with("(increase (total-cost) 3)", "(when (clean ?c) (brewed ?r))"),

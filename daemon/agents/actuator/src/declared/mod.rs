@@ -9,7 +9,7 @@ mod file;
 mod placeholders;
 
 use agent::{Blueprint, BuildError};
-use pddl::ActionModel;
+use pddl::{ActionModel, Diagnostic, Domain};
 
 pub use facts::{AgentFacts, UncertainEffect, check_effect};
 pub use file::FactFile;
@@ -37,27 +37,44 @@ pub fn stored_facts(
 ///
 /// Returns an error if the model has a mistake, with its line, or is for another agent or domain.
 pub fn declared_model(blueprint: &Blueprint, text: &str) -> Result<ActionModel, BuildError> {
-    let parsed = pddl::parse_action_model(text);
-    if let Some(first) = parsed.diagnostics.iter().find(|found| found.is_error()) {
-        return Err(blueprint.problem(format!("model:{}", first.located(text))));
-    }
-    let nothing = || blueprint.problem("model: it is empty");
-    let model = parsed.value.ok_or_else(nothing)?;
-    let (id, domain) = (blueprint.id.as_str(), &blueprint.host.ontology.name);
-    if model.agent.as_str() != id {
-        let problem = format!("model: it is for `{}`; write (define (agent {id}) …", model.agent);
-        return Err(blueprint.problem(problem));
-    }
-    if model.domain != *domain {
-        let problem = format!("model: write (:domain {domain}), as the ecosystem has it");
-        return Err(blueprint.problem(problem));
-    }
-    let found = pddl::check_action_model(&blueprint.host.ontology, &model);
+    let (model, found) = checked_model(&blueprint.host.ontology, blueprint.id.as_str(), text);
     if let Some(first) = found.iter().find(|found| found.is_error()) {
         return Err(blueprint.problem(format!("model:{}", first.located(text))));
     }
-    if !model.durative_actions.is_empty() {
-        return Err(blueprint.problem("model: durative actions are not built yet"));
+    model.ok_or_else(|| blueprint.problem("model: it is empty"))
+}
+
+/// Parses an action model for the agent `agent`, and checks it against the ontology. Returns the model
+/// as far as it can be parsed, and what is found in it, with places in `text`.
+pub fn checked_model(
+    ontology: &Domain,
+    agent: &str,
+    text: &str,
+) -> (Option<ActionModel>, Vec<Diagnostic>) {
+    let parsed = pddl::parse_action_model(text);
+    let is_broken = parsed.diagnostics.iter().any(Diagnostic::is_error);
+    let Some(model) = parsed.value.filter(|_| !is_broken) else {
+        return (None, parsed.diagnostics);
+    };
+    let domain = &ontology.name;
+    let mut found = Vec::new();
+    if model.agent.as_str() != agent {
+        let message = format!("it is for `{}`", model.agent);
+        let help = format!("write (define (agent {agent}) …");
+        found.push(Diagnostic::error(model.agent.span(), message).with_help(help));
     }
-    Ok(model)
+    if model.domain != *domain {
+        let message = format!("it is for the domain `{}`", model.domain);
+        let help = format!("write (:domain {domain}), as the ecosystem has it");
+        found.push(Diagnostic::error(model.domain.span(), message).with_help(help));
+    }
+    if found.is_empty() {
+        found = pddl::check_action_model(ontology, &model);
+    }
+    if let Some(action) = model.durative_actions.first() {
+        let message = "durative actions are not built yet";
+        let help = "describe it as an `:action`";
+        found.push(Diagnostic::error(action.name.span(), message).with_help(help));
+    }
+    (Some(model), found)
 }

@@ -26,7 +26,7 @@ use terminal::report::{DiagnosticReport, SourceText};
 use terminal::{exit, output, visible};
 
 use crate::cli::{CheckArgs, PddlPart};
-use crate::config::{Ecosystem, KnownPlugin, Overrides};
+use crate::config::{self, Ecosystem, KnownPlugin, Overrides};
 use crate::interfacing;
 use crate::review::{self, ReviewScope};
 
@@ -57,6 +57,11 @@ pub(crate) fn run(args: &CheckArgs, known_plugins: &[KnownPlugin]) -> ExitCode {
     if let Some(folder) = &args.tree {
         return tree::run(args, folder, &deadline);
     }
+    let Some(files) = named_files(&args.files) else {
+        let problem = "there is no althing.toml here nor in the configuration folders; name a file: \
+                       althing check FILE";
+        return super::wrong(problem, args.print.json);
+    };
     let mut desk = FileCheck {
         domains: Vec::new(),
         report: DiagnosticReport::default(),
@@ -65,7 +70,7 @@ pub(crate) fn run(args: &CheckArgs, known_plugins: &[KnownPlugin]) -> ExitCode {
         printed: String::new(),
     };
     let (people, others): (Vec<&PathBuf>, Vec<&PathBuf>) =
-        args.files.iter().partition(|path| is_people(path));
+        files.iter().partition(|path| is_people(path));
     let (ecosystems, texts): (Vec<&PathBuf>, Vec<&PathBuf>) =
         others.into_iter().partition(|path| is_ecosystem(path));
     desk.check_texts(&texts);
@@ -77,6 +82,15 @@ pub(crate) fn run(args: &CheckArgs, known_plugins: &[KnownPlugin]) -> ExitCode {
     }
     desk.report.dedup();
     deadline.answer(|| desk.show(args.print.json))
+}
+
+/// Returns the files to check: those that the user names, otherwise the ecosystem file that `althing up`
+/// finds; `None` if it finds none.
+fn named_files(named: &[PathBuf]) -> Option<Vec<PathBuf>> {
+    match named {
+        [] => Some(vec![config::find_ecosystem_file()?]),
+        named => Some(named.to_vec()),
+    }
 }
 
 /// Whether a file is a file of people: it has a table of a person, and no table of an ecosystem.

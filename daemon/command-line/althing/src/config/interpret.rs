@@ -64,6 +64,8 @@ pub(super) struct Interpreter<'l> {
     pub(super) known_plugins: &'l [KnownPlugin],
     /// Name of the time zone of the ecosystem; `None` if the file names none.
     pub(super) time_zone: Option<String>,
+    /// Names of all agents of the file, also of those whose entries have mistakes.
+    pub(super) written_agents: BTreeSet<String>,
     pub(super) report: DiagnosticReport,
 }
 

@@ -49,6 +49,36 @@ impl SourceMap {
         found.filter_map(|(_, (source, place))| source.text.get(place.value.range())).collect()
     }
 
+    /// Returns the names of the keys that stand directly below `path`.
+    pub(crate) fn keys_under(&self, path: &str) -> impl Iterator<Item = &str> {
+        let below = format!("{path}.");
+        let under = self.0.keys().filter_map(move |key| key.strip_prefix(&below));
+        under.filter(|key| !key.contains('.'))
+    }
+
+    /// Returns the names of all agents of the file, also of those whose entries have mistakes.
+    pub(crate) fn names_of_agents(&self) -> impl Iterator<Item = String> {
+        let entries = self.0.range("agent.".to_owned()..);
+        let entries = entries.take_while(|(key, _)| key.starts_with("agent."));
+        let names = entries.filter(|(key, _)| {
+            key.strip_suffix(".name").is_some_and(|entry| entry.matches('.').count() == 1)
+        });
+        let text = |(_, (source, place)): (_, &(Arc<SourceText>, KeyValueSpan))| {
+            Some(source.text.get(place.value.range())?.trim_matches(['"', '\'']).to_owned())
+        };
+        names.filter_map(text)
+    }
+
+    /// Returns the places of the keys below `path`, at any depth, each with its text.
+    pub(crate) fn within(
+        &self,
+        path: &str,
+    ) -> impl Iterator<Item = (&Arc<SourceText>, &KeyValueSpan)> {
+        let below = format!("{path}.");
+        let within = self.0.iter().filter(move |(key, _)| key.starts_with(&below));
+        within.map(|(_, (source, place))| (source, place))
+    }
+
     /// Returns the place of the key at `path`. If no text sets that key, returns the place of the
     /// nearest table or entry around it. The flag is `true` if the place is that of `path` itself.
     pub(crate) fn find(&self, path: &str) -> Option<(Arc<SourceText>, KeyValueSpan, bool)> {

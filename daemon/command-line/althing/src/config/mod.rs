@@ -222,8 +222,15 @@ impl Ecosystem {
             Ok(raw) => {
                 let layers = &layers;
                 let time_zone = raw.ecosystem.time_zone.clone();
-                let meaning =
-                    interpret::Interpreter { file, layers, known_plugins, time_zone, report };
+                let written_agents = raw.agent.iter().filter_map(|agent| agent.name.clone());
+                let meaning = interpret::Interpreter {
+                    file,
+                    layers,
+                    known_plugins,
+                    time_zone,
+                    written_agents: written_agents.collect(),
+                    report,
+                };
                 let (ecosystem, report) = interpret::interpret(meaning, raw);
                 ParsedEcosystem { ecosystem, report, is_whole }
             }

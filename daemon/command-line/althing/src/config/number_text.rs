@@ -55,9 +55,23 @@ const FORMED: &[(&str, &str)] = &[
     ("max-size", "{}MiB"),
 ];
 
+/// Further texts for a bare number `{}`, for keys that mean another thing for each plugin.
+const FURTHER_FORMS: &[(&str, &str)] = &[("device", "/dev/video{}"), ("television", "/dev/cec{}")];
+
 /// Returns a help text for a number that must be a text.
 pub(crate) fn quoted(key: &str, number: &str) -> String {
     let form = FORMED.iter().find(|(formed, _)| *formed == key).map_or("{}", |(_, form)| form);
+    with_form(key, form, number)
+}
+
+/// Returns help texts for a number that must be a text, for a reader that may refuse the first.
+pub(crate) fn quoted_forms(key: &str, number: &str) -> Vec<String> {
+    let further = FURTHER_FORMS.iter().filter(|(formed, _)| *formed == key);
+    let further = further.map(|(_, form)| with_form(key, form, number));
+    [quoted(key, number)].into_iter().chain(further).collect()
+}
+
+fn with_form(key: &str, form: &str, number: &str) -> String {
     format!("write {key} = \"{}\"", form.replace("{}", number))
 }
 

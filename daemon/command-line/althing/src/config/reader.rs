@@ -62,7 +62,8 @@ impl TomlReader {
             let inner = join(path, name);
             self.layer.places.insert(inner.clone(), place);
             let Some(key) = keys.iter().find(|key| key.name == name) else {
-                self.diagnostics.push(unknown_key(path, keys, name, value.get_ref(), place.key));
+                let found = unknown_key((path, table), keys, name, value.get_ref(), place.key);
+                self.diagnostics.push(found);
                 continue;
             };
             let path = inner;
@@ -298,7 +299,7 @@ pub(super) fn display_path(path: &str) -> String {
 }
 
 fn unknown_key(
-    path: &str,
+    (path, around): (&str, &DeTable<'_>),
     keys: &[SchemaKey],
     name: &str,
     value: &DeValue<'_>,
@@ -338,11 +339,15 @@ fn unknown_key(
     let help = match near {
         Some(near) => format!("did you mean `{}`?", written(near)),
         None => elsewhere().unwrap_or_else(|| match table.as_str() {
+            "agent" if is_of_config(name, value) => in_config(name, value),
             "agent" if matches!(value, DeValue::Table(_)) => format!(
                 "an agent is an entry of its own: write [[agent]], and below it name = \"{name}\""
             ),
             "" if name == "config" => {
                 "write [agent.config], below the [[agent]] that it is for".to_owned()
+            }
+            "agent" if around.contains_key("config") => {
+                format!("if its plugin is to read it, move `{name}` into the entry's `config`")
             }
             "agent" => {
                 let value = toml_text(value);
@@ -355,6 +360,48 @@ fn unknown_key(
         }),
     };
     Diagnostic::error(span, format!("unknown key `{name}`{within}")).with_help(help)
+}
+
+/// Tables of the `config` of agents, each with the table in which it stands there.
+const CONFIG_TABLES: &[(&str, &str)] = &[
+    ("battery", ""),
+    ("lanes", ""),
+    ("login", ""),
+    ("media", ""),
+    ("objects", ""),
+    ("on-motion", ""),
+    ("parcels", ""),
+    ("patrol", ""),
+    ("places", "ros2."),
+    ("poses", ""),
+    ("presets", ""),
+    ("ros2", ""),
+    ("settings", ""),
+];
+
+/// Whether a key of an entry is a table of its `config`: one that agents have, or a list of tables.
+fn is_of_config(name: &str, value: &DeValue<'_>) -> bool {
+    match value {
+        DeValue::Table(table) => {
+            !table.contains_key("plugin") && CONFIG_TABLES.iter().any(|(table, _)| *table == name)
+        }
+        DeValue::Array(list) => is_list_of_tables(list),
+        _ => false,
+    }
+}
+
+fn is_list_of_tables(list: &DeArray<'_>) -> bool {
+    !list.is_empty() && list.iter().all(|element| matches!(element.get_ref(), DeValue::Table(_)))
+}
+
+/// Returns a help text for a table of a `config` that stands beside the `config`.
+fn in_config(name: &str, value: &DeValue<'_>) -> String {
+    let around = CONFIG_TABLES.iter().find(|(table, _)| *table == name);
+    let path = format!("agent.config.{}{name}", around.map_or("", |(_, around)| around));
+    match value {
+        DeValue::Array(_) => format!("its plugin reads it: write [[{path}]]"),
+        _ => format!("its plugin reads it: write [{path}]"),
+    }
 }
 
 /// Other words that users write for a key.

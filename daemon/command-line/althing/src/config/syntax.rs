@@ -327,6 +327,10 @@ fn of_value(text: &str, failure: &TomlError) -> Option<Diagnostic> {
     if !is_value || word.is_empty() {
         return None;
     }
+    if let Some(number) = with_minus(word) {
+        let found = format!("`{word}` begins with a dash that is no minus");
+        return Some(error(range.clone(), &found, format!("write {number}")));
+    }
     let digits = word.find(|c: char| !c.is_ascii_digit() && !".+-".contains(c));
     let (amount, unit) = word.split_at(digits.unwrap_or(word.len()));
     if amount.parse::<f64>().is_ok() && !unit.trim().is_empty() {
@@ -343,6 +347,13 @@ fn of_value(text: &str, failure: &TomlError) -> Option<Diagnostic> {
         None => format!("write \"{}\"", word.replace(['"', '`'], "")),
     };
     Some(error(range.clone(), "a text stands in quotes", help))
+}
+
+/// Returns a number that begins with another dash than a minus, with a minus; `None` for other texts.
+fn with_minus(word: &str) -> Option<String> {
+    let number = word
+        .strip_prefix(['\u{2010}', '\u{2011}', '\u{2012}', '\u{2013}', '\u{2014}', '\u{2212}'])?;
+    number.parse::<f64>().is_ok().then(|| format!("-{number}"))
 }
 
 /// Returns the text in quotes, with its quotes, in which a range lies; `None` if there is none.
@@ -438,6 +449,8 @@ mod tests {
         check("name = office\n", &[(1, quotes, "write \"office\"")]);
         check("on = yes\n", &[(1, quotes, "write true, or \"yes\" if it is a text")]);
         let unit = "write 21, the number alone; a text stands in quotes: \"21 C\"";
+        let minus = "`–0.4` begins with a dash that is no minus";
+        check("t = { y = –0.4 }\n", &[(1, minus, "write -0.4")]);
         check("t = { a = 21 C, b = 3 }\n", &[(1, "`21 C` is no number", unit)]);
         check("speed = 0,3\n", &[(1, "numbers have a point", "write 0.3")]);
         check("t = { speed = 0,35 }\n", &[(1, "numbers have a point", "write 0.35")]);

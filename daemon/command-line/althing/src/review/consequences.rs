@@ -32,6 +32,7 @@ const NO_NAME: &str = " cannot be the name of an agent";
 /// Removes the reports that only follow from another one.
 pub(super) fn remove(report: &mut DiagnosticReport) {
     without_misspelt(report);
+    without_misplaced(report);
     without_repeated_names(report);
     without_unread(report);
     IN_ONE_LINE.iter().for_each(|pair| without_consequence(report, *pair));
@@ -103,10 +104,41 @@ fn without_misspelt(report: &mut DiagnosticReport) {
     });
 }
 
-/// Returns the key that is missing according to a diagnostic; `None` if it is about something else.
+/// Removes the reports that an agent needs a key if the key stands beside its `config`.
+fn without_misplaced(report: &mut DiagnosticReport) {
+    let misplaced: Vec<(String, u32, String)> = report
+        .findings()
+        .iter()
+        .filter(|found| found.diagnostic.message.starts_with("unknown key `"))
+        .filter_map(|SourcedDiagnostic { source, diagnostic }| {
+            let (_, moved) = diagnostic.help.as_deref()?.split_once("move `")?;
+            let (key, _) = moved.split_once("` into the entry's `config`")?;
+            Some((source.as_ref()?.name.clone(), diagnostic.span.start, key.to_owned()))
+        })
+        .collect();
+    report.retain(|SourcedDiagnostic { source, diagnostic }| {
+        let Some(source) = source else { return true };
+        let (from, message) = (diagnostic.span.start, &diagnostic.message);
+        !misplaced.iter().any(|(file, at, key)| {
+            let needs = [format!(" needs the `{key}`"), format!(" needs a `{key}`")];
+            *file == source.name
+                && needs.iter().any(|words| message.contains(words))
+                && source
+                    .text
+                    .get(from.min(*at) as usize..from.max(*at) as usize)
+                    .is_some_and(|between| !between.contains("[["))
+        })
+    });
+}
+
+/// Returns the key that is missing according to a diagnostic: `` `fail-safe` is missing`` or
+/// `` `per` needs `at-most` ``. Returns `None` if it is about something else.
 fn missing_key(found: &Diagnostic) -> Option<&str> {
     let (key, rest) = found.message.strip_prefix('`')?.split_once('`')?;
-    rest.starts_with(" is missing in ").then_some(key)
+    if rest == " is missing" || rest.starts_with(" is missing in ") {
+        return Some(key);
+    }
+    rest.strip_prefix(" needs `")?.strip_suffix('`')
 }
 
 /// Returns those mistakes of `report` that are certain although a part of the file could not be

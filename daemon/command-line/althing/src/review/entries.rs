@@ -3,13 +3,17 @@
 use std::collections::BTreeSet;
 
 use agent::BuildError;
-use pddl::{Diagnostic, Severity, Span, Types};
+use pddl::{Diagnostic, Severity, Span};
 use serde_json::{Map, Value};
 
+use super::config_value::{at, at_mut, take};
+use super::culprit::culprit;
+use super::examples::{example, parsed};
 use super::wording::{self, ConfigMistake, ExplainedMistake, worded};
 use super::{ReviewScope, Reviewer};
 use crate::config::{AgentEntry, Ecosystem};
 use crate::hosting::{DryRun, HostError};
+use crate::plugins;
 
 /// Maximum number of mistakes that are reported per entry. An entry with more should be written
 /// anew.
@@ -37,6 +41,9 @@ impl Reviewer<'_> {
     /// Builds the agent of an entry, and reports the mistake that prevents it. Then corrects or
     /// removes the mistake and builds the agent again, so that all mistakes are found.
     fn entry(&mut self, entry: &AgentEntry, stage: &DryRun, severity: Severity) {
+        if self.say_of_missing_driver(entry, stage, severity) {
+            return;
+        }
         let mut tried = entry.clone();
         // Keys that were removed because of wrong values. They do not count as missing.
         let mut taken = BTreeSet::new();
@@ -47,15 +54,20 @@ impl Reviewer<'_> {
             if let HostError::Build(BuildError::Safeguards { problem, .. }) = &error {
                 return self.say_of_safeguards(entry, problem, severity);
             }
-            let path = culprit(&tried, stage, &error, self.ecosystem);
+            let said = with_present_table(said(&error), &tried.config);
+            if said.starts_with("model:") && self.say_of_model(entry, severity) {
+                return;
+            }
+            let path = culprit(&tried, stage, (&error, &said), self.ecosystem);
             if invented.iter().any(|own| path.starts_with(own)) {
                 return;
             }
             let value = at(&tried.config, &path);
             let dotted = path.join(".");
-            let example = |key: &str| example(key, &dotted, self.ecosystem);
-            let ExplainedMistake { kind, message, help } =
-                worded(&said(&error), &shown(&path), value, example);
+            let example = |key: &str| example(key, &dotted, entry, self.ecosystem);
+            let explained = worded(&said, &shown(&path), value, example);
+            let help = self.accepted_help(&tried, stage, &path, &explained);
+            let ExplainedMistake { kind, message, .. } = explained;
             if let ConfigMistake::MissingKey(missing) = &kind
                 && let Some(written) = self.misspelt(&tried, stage, &path, missing)
             {
@@ -70,7 +82,7 @@ impl Reviewer<'_> {
                 ConfigMistake::Other => !taken.is_empty(),
                 ConfigMistake::UnknownKey(..) | ConfigMistake::Kind => false,
             };
-            if !is_consequence {
+            if !is_consequence && !self.follows_from_wrong_name(entry, &message) {
                 self.is_complete &= severity != Severity::Error;
                 let message = format!("config of `{}`: {message}", entry.name);
                 let mut found = Diagnostic::error(Span::default(), message);
@@ -82,6 +94,42 @@ impl Reviewer<'_> {
             }
             invented.extend(written_instead(&path, &kind));
         }
+    }
+
+    /// Reports that an entry names no driver although its `config` is that of a driver that is not the
+    /// default one. Returns `false` if it is not so.
+    fn say_of_missing_driver(
+        &mut self,
+        entry: &AgentEntry,
+        stage: &DryRun,
+        severity: Severity,
+    ) -> bool {
+        let drivers = plugins::find(&entry.plugin).map_or(&[][..], |plugin| plugin.drivers);
+        let (None, [default, others @ ..]) = (&entry.driver, drivers) else { return false };
+        let Err(error) = stage.build(entry) else { return false };
+        let said = said(&error);
+        let path = culprit(entry, stage, (&error, &said), self.ecosystem);
+        // One key that is too much has a correction of its own.
+        let mut without = entry.clone();
+        let mut config = Value::clone(&entry.config);
+        if take(&mut config, &path).is_some() {
+            without.config = config.into();
+            if stage.build(&without).is_ok() {
+                return false;
+            }
+        }
+        let fits = |driver: &&&str| {
+            let driver = Some((**driver).to_owned());
+            stage.build(&AgentEntry { driver, ..entry.clone() }).is_ok()
+        };
+        let Some(driver) = others.iter().find(fits) else { return false };
+        let message = format!("config of `{}`: it is not for driver `{default}`", entry.name);
+        let help = format!("write driver = \"{driver}\" beside `plugin`");
+        let mut found = Diagnostic::error(Span::default(), message).with_help(help);
+        found.severity = severity;
+        self.is_complete &= severity != Severity::Error;
+        self.report_value(&format!("{}.plugin", entry.path), found);
+        true
     }
 
     /// Returns the key that was written instead of the missing key `missing`: a key that the plugin
@@ -147,7 +195,56 @@ impl Reviewer<'_> {
         let message = format!("safeguards of `{}`: {problem}", entry.name);
         let mut found = Diagnostic::error(Span::default(), message);
         found.severity = severity;
-        self.report_key(&format!("safeguards.{}", entry.name), found);
+        let table = format!("safeguards.{}", entry.name);
+        let action = problem.split('`').nth(1).unwrap_or_default();
+        // Names of actions are of any case in the file.
+        let mut written = self.ecosystem.places.keys_under(&table);
+        let written = written.find(|key| key.eq_ignore_ascii_case(action));
+        let path = written.map_or_else(|| table.clone(), |key| format!("{table}.{key}"));
+        self.report_key(&path, found);
+    }
+
+    /// Whether a message about an entry names a text of its `config` that is reported already, as the
+    /// name of a place that is not there.
+    fn follows_from_wrong_name(&self, entry: &AgentEntry, message: &str) -> bool {
+        let config = format!("{}.config", entry.path);
+        let places = self.ecosystem.places.within(&config);
+        let mut wrong = places.filter_map(|(source, place)| {
+            let is_said = self.said.contains(&(source.name.clone(), place.value.start));
+            let text = source.text.get(place.value.range()).filter(|_| is_said)?;
+            Some(text.trim_matches(['"', '\'']))
+        });
+        wrong.any(|text| !text.is_empty() && message.contains(&format!("`{text}`")))
+    }
+
+    /// Returns the first help text for a mistake with which the plugin would not refuse the same value
+    /// again; `None` if there is none.
+    fn accepted_help(
+        &self,
+        entry: &AgentEntry,
+        stage: &DryRun,
+        path: &[String],
+        explained: &ExplainedMistake,
+    ) -> Option<String> {
+        let mut path = path.to_vec();
+        if let ConfigMistake::MissingKey(key) = &explained.kind {
+            path.push(key.clone());
+        }
+        let is_refused = |help: &String| {
+            let written = written_values(help, &path);
+            written.into_iter().any(|(at, value)| {
+                let mut config = Value::clone(&entry.config);
+                if !put(&mut config, &at, value) {
+                    return false;
+                }
+                let cured = AgentEntry { config: config.into(), ..entry.clone() };
+                let Err(error) = stage.build(&cured) else { return false };
+                let again = culprit(&cured, stage, (&error, &said(&error)), self.ecosystem);
+                again.starts_with(&at)
+            })
+        };
+        let mut helps = explained.help.iter().chain(&explained.other_helps);
+        helps.find(|help| !is_refused(help)).cloned()
     }
 
     /// Reports a mistake in the `config` of an entry: at the key if the key is unknown or missing,
@@ -205,7 +302,8 @@ fn goes_on(
             taken.extend(path.last().cloned());
         }
         ConfigMistake::MissingKey(key) => {
-            let example = example(key, &path.join("."), ecosystem).and_then(|text| parsed(&text));
+            let example = example(key, &path.join("."), entry, ecosystem);
+            let example = example.and_then(|text| parsed(&text));
             let Some(example) = example else { return false };
             if config.is_null() {
                 config = Value::Object(Map::new());
@@ -221,6 +319,51 @@ fn goes_on(
     }
     entry.config = config.into();
     true
+}
+
+/// Returns the message of a plugin with a correction that fits if the table to write is there already:
+/// `write objects.tray = { x = … }` would be a second one.
+fn with_present_table(said: String, config: &Value) -> String {
+    let parts = || {
+        let (before, rest) = said.split_once("write ")?;
+        let (table, rest) = rest.split_once(" = { ")?;
+        let (setting, after) = rest.split_once(" }")?;
+        let path: Vec<String> = table.split('.').map(str::to_owned).collect();
+        at(config, &path)?.as_object()?;
+        Some(format!("{before}write {setting} in {table}{after}"))
+    };
+    parts().unwrap_or(said)
+}
+
+/// Returns the values that a help text tells to write for the key at `path` or a table around it, each
+/// with its path: `write after = "2s"` or `"2min"`. Returns nothing if it tells none.
+fn written_values(help: &str, path: &[String]) -> Vec<(Vec<String>, Value)> {
+    for length in (1..=path.len()).rev() {
+        let written = format!("{} = ", path[length - 1]);
+        let Some((_, text)) = help.split_once(&written) else { continue };
+        let text = text.split(", without").next().unwrap_or(text);
+        let values: Vec<Value> = match parsed(text) {
+            Some(value) => vec![value],
+            None => text.split(" or ").filter_map(|text| parsed(last_of(text, &written))).collect(),
+        };
+        return values.into_iter().map(|value| (path[..length].to_vec(), value)).collect();
+    }
+    Vec::new()
+}
+
+fn last_of<'t>(text: &'t str, written: &str) -> &'t str {
+    text.rsplit_once(written).map_or(text, |(_, value)| value)
+}
+
+/// Writes a value at `path` in a `config`. Returns `false` if no table is around the path.
+fn put(config: &mut Value, path: &[String], value: Value) -> bool {
+    if let Some(place) = at_mut(config, path) {
+        *place = value;
+        return true;
+    }
+    let Some((key, tables)) = path.split_last() else { return false };
+    let table = at_mut(config, tables).and_then(Value::as_object_mut);
+    table.is_some_and(|table| table.insert(key.clone(), value).is_none())
 }
 
 /// Returns the path of the value that [`goes_on`] has written for a mistake at `path`.
@@ -264,202 +407,4 @@ fn said(error: &HostError) -> String {
         HostError::Build(BuildError::Other { problem, .. }) => problem.clone(),
         error => format!("failed to {error}"),
     }
-}
-
-/// Returns the path of the value in an entry's `config` that causes a mistake: if that value is
-/// removed, or replaced by the example of its key, there is no mistake or another one. The path is
-/// empty if the mistake is that a key is missing.
-fn culprit(
-    entry: &AgentEntry,
-    stage: &DryRun,
-    error: &HostError,
-    ecosystem: &Ecosystem,
-) -> Vec<String> {
-    let search = CulpritSearch {
-        entry,
-        stage,
-        ecosystem,
-        is_shape: matches!(error, HostError::Build(BuildError::Config { .. })),
-        told: error.to_string(),
-    };
-    search.below(Vec::new())
-}
-
-/// The search for the value that causes a mistake.
-struct CulpritSearch<'s> {
-    entry: &'s AgentEntry,
-    stage: &'s DryRun,
-    ecosystem: &'s Ecosystem,
-    /// Whether the mistake is one of types and keys.
-    is_shape: bool,
-    /// The message about the mistake.
-    told: String,
-}
-
-// === impl CulpritSearch ===
-
-impl CulpritSearch<'_> {
-    /// Returns the path of the cause at `path` or below it.
-    fn below(&self, path: Vec<String>) -> Vec<String> {
-        let Some(within) = at(&self.entry.config, &path) else { return path };
-        let mut keys = parts(within);
-        // A key that the message names is the cause more probably than another one.
-        keys.sort_by_key(|key| !self.names(key));
-        let inner = |key: &String| -> Vec<String> { path.iter().chain([key]).cloned().collect() };
-        let is_right = |key: &&String| self.without(&inner(key)).is_ok();
-        let is_other = |key: &&String| self.may_be_cause(within, key) && self.differs(&inner(key));
-        let next = keys.iter().find(is_right).or_else(|| keys.iter().find(is_other));
-        if let Some(key) = next {
-            return self.below(inner(key));
-        }
-        // A required key cannot be removed, but what stands in it can be the cause.
-        let nested = keys.iter().map(|key| (inner(key), self.below(inner(key))));
-        if let Some((_, found)) = nested.into_iter().find(|(from, found)| found.len() > from.len())
-        {
-            return found;
-        }
-        let is_cured = |key: &&String| self.is_cured_by_example(&inner(key));
-        match keys.iter().find(is_cured) {
-            Some(key) => inner(key),
-            None => path,
-        }
-    }
-
-    fn names(&self, key: &str) -> bool {
-        self.told.contains(&format!("`{key}`"))
-    }
-
-    /// Whether the removal of the value at `key` is worth a trial. A key that is missing is missing
-    /// in a table: another value cannot be the cause.
-    fn may_be_cause(&self, within: &Value, key: &str) -> bool {
-        let is_container = part(within, key).is_some_and(|value| !parts(value).is_empty());
-        let is_missing = self.told.contains("missing field");
-        let needs_another = ["is missing", " needs `"].iter().any(|it| self.told.contains(it));
-        is_container || !is_missing && (self.is_shape || !needs_another || self.names(key))
-    }
-
-    /// Returns what the plugin says about the entry without the value at `path`.
-    fn without(&self, path: &[String]) -> Result<(), String> {
-        let mut config = Value::clone(&self.entry.config);
-        take(&mut config, path);
-        self.built(config)
-    }
-
-    fn built(&self, config: Value) -> Result<(), String> {
-        let entry = AgentEntry { config: config.into(), ..self.entry.clone() };
-        self.stage.build(&entry).map(|_| ()).map_err(|error| error.to_string())
-    }
-
-    /// Whether another mistake is reported without the value at `path`. Removing a required key
-    /// yields another error, but does not make that key the cause.
-    fn differs(&self, path: &[String]) -> bool {
-        let key = path.last().map_or("", String::as_str);
-        self.without(path).is_err_and(|now| {
-            now != self.told && (self.is_shape || !now.contains(&format!("missing field `{key}`")))
-        })
-    }
-
-    fn is_cured_by_example(&self, path: &[String]) -> bool {
-        let Some((key, tables)) = path.split_last() else { return false };
-        let value = example(key, &tables.join("."), self.ecosystem).and_then(|it| parsed(&it));
-        let mut config = Value::clone(&self.entry.config);
-        match (at_mut(&mut config, path), value) {
-            (Some(place), Some(value)) => *place = value,
-            _ => return false,
-        }
-        self.built(config).is_ok()
-    }
-}
-
-/// Returns the keys of a table, or the numbers of the tables in a list; nothing for another value.
-fn parts(value: &Value) -> Vec<String> {
-    match value {
-        Value::Object(table) => table.keys().cloned().collect(),
-        Value::Array(list) if list.iter().all(Value::is_object) => {
-            (0..list.len()).map(|number| number.to_string()).collect()
-        }
-        _ => Vec::new(),
-    }
-}
-
-/// Returns the value at a key of a table, or at a number in a list.
-fn part<'v>(value: &'v Value, key: &str) -> Option<&'v Value> {
-    match value {
-        Value::Array(list) => list.get(key.parse::<usize>().ok()?),
-        other => other.get(key),
-    }
-}
-
-fn at<'v>(value: &'v Value, path: &[String]) -> Option<&'v Value> {
-    path.iter().try_fold(value, |value, key| part(value, key))
-}
-
-fn at_mut<'v>(value: &'v mut Value, path: &[String]) -> Option<&'v mut Value> {
-    path.iter().try_fold(value, |value, key| match value {
-        Value::Array(list) => list.get_mut(key.parse::<usize>().ok()?),
-        other => other.get_mut(key.as_str()),
-    })
-}
-
-/// Removes the value at `path` from `value`, and returns it.
-fn take(value: &mut Value, path: &[String]) -> Option<Value> {
-    let (last, tables) = path.split_last()?;
-    match at_mut(value, tables)? {
-        Value::Array(list) => {
-            let number = last.parse::<usize>().ok().filter(|number| *number < list.len())?;
-            Some(list.remove(number))
-        }
-        other => other.as_object_mut()?.remove(last.as_str()),
-    }
-}
-
-/// Returns an example of the value of a key in the table at `path` of a `config`, as TOML. The example contains names of
-/// this ecosystem where possible.
-fn example(key: &str, path: &str, ecosystem: &Ecosystem) -> Option<String> {
-    let quote = |name: &str| format!("\"{name}\"");
-    let place = || place(ecosystem, "location").unwrap_or_else(|| "hall".to_owned());
-    Some(match key {
-        "location" => quote(&super::entries::place(ecosystem, "room").unwrap_or_else(place)),
-        "start" | "dock" | "shows" | "near" => quote(&place()),
-        "mounted-on" => {
-            let robots = ecosystem.agents.iter().filter(|each| each.config.get("start").is_some());
-            quote(robots.map(|each| each.name.as_str()).next().unwrap_or("robot-1"))
-        }
-        "presets" => format!("{{ door = {{ shows = \"{}\" }} }}", place()),
-        "poses" => format!("{{ window = {{ near = \"{}\", meters = 2.0 }} }}", place()),
-        "patrol" => format!("{{ places = [\"{}\"], every = \"10min\" }}", place()),
-        "endpoint" => quote("tcp/192.168.1.20:7447"),
-        "places" if path.ends_with("ros2") => {
-            format!("{{ {} = {{ x = 0.0, y = 0.0, yaw = 0.0 }} }}", place())
-        }
-        "places" => format!("[\"{}\"]", place()),
-        "media" => "{ welcome = \"Welcome\" }".to_owned(),
-        "quantity" => quote("co2"),
-        "kind" => quote("lamp"),
-        "broker" => quote("localhost:1883"),
-        "line" => quote("GPIO17"),
-        "to" => "[{ kind = \"ntfy\", url = \"https://ntfy.example/TOPIC\" }]".to_owned(),
-        "max-size" => quote("1GiB"),
-        "model" => quote("MODEL.pddl"),
-        "command" | "run" => "[\"PROGRAM\", \"ARGUMENT\"]".to_owned(),
-        "range" => "100.0".to_owned(),
-        "every" => quote("10min"),
-        "battery" => "{ range = 100.0 }".to_owned(),
-        _ => return None,
-    })
-}
-
-/// Parses a text that [`example`] has returned.
-fn parsed(text: &str) -> Option<Value> {
-    let table: toml::Table = format!("value = {text}").parse().ok()?;
-    serde_json::to_value(table.get("value")?).ok()
-}
-
-/// Returns the name of the first object of the map that has the type `sort`.
-fn place(ecosystem: &Ecosystem, sort: &str) -> Option<String> {
-    let types = Types::of(&ecosystem.domain);
-    let mut objects = ecosystem.problem.objects.iter().map(|declaration| &declaration.object);
-    let is_one = |ty: &pddl::Name| types.is_subtype(ty.as_str(), sort);
-    let found = objects.find(|object| object.ty.alternatives.iter().any(is_one));
-    found.map(|object| object.name.as_str().to_owned())
 }

@@ -83,6 +83,7 @@ impl Reviewer<'_> {
     /// packages, and agents that cannot be built.
     pub(super) fn agents(&self, models: &BTreeMap<AgentId, ActionModel>) -> BTreeSet<String> {
         let own = self.ecosystem.agents.iter().map(|entry| entry.name.to_string());
+        let own = own.chain(self.ecosystem.places.names_of_agents());
         let rules = self.ecosystem.interfaces.iter().flat_map(|interface| &interface.imports);
         let borrowed = rules.map(|rule| rule.proxy_name.to_string());
         own.chain(borrowed).filter(|name| !models.keys().any(|id| id.as_str() == name)).collect()

@@ -1,13 +1,15 @@
 //! Checks of an ecosystem file beyond its form. `althing check` runs them, and `althing up` runs
 //! them before it starts.
 //!
-//! - [`entries`]: the entries of agents, checked by the agents' plugins.
+//! - [`entries`]: the entries of agents, checked by the agents' plugins; [`culprit`] finds the value
+//!   that is wrong, and [`models`] shows mistakes in the text of an action model.
 //! - [`entry_texts`]: facts and goals in the entries of agents, against all agents of the file; and
 //!   safeguards of agents without actions.
 //! - [`map`]: the connections of the map, their lengths, and places that no robot can reach. Of a
 //!   building in `[rooms]` and `[doors]`, only the last is left to check.
 //! - [`goals`]: the words of goals, checked against the ontology, the map and the agents' action
 //!   models.
+//! - [`composition`]: parts of the agents' action models that the composed domain leaves out.
 //! - [`sensors`]: sensors that no goal of the file asks for.
 //! - [`reach`]: goals of the file that no agent of the file could ever reach.
 //! - [`rivals`]: two agents that use one thing, such as a line of a board or a topic.
@@ -22,11 +24,17 @@
 //! Each check reports a mistake at its place in the text, with a correction. What only follows from
 //! another report is taken out again ([`consequences`]).
 
+mod composition;
+mod config_value;
+
 mod consequences;
+
+mod culprit;
 
 mod daemons;
 
 mod entries;
+mod examples;
 
 mod entry_texts;
 
@@ -34,6 +42,7 @@ mod goals;
 mod hardware_stops;
 
 mod map;
+mod models;
 
 mod network;
 
@@ -123,6 +132,14 @@ fn of_ecosystem(
     desk.daemons();
     desk.network();
     desk.rivals();
+    if !matches!(scope, ReviewScope::Daemon(_))
+        && desk.is_complete
+        && !desk.report.has_errors()
+        && ecosystem.are_files_sound
+    {
+        // The Domain Maintainer of a running ecosystem tells it by itself.
+        desk.composition(&hosting::models(ecosystem));
+    }
     // A sensor in a wrong room or a word that is unknown would only be told a second time.
     let is_sound = !desk.report.has_errors() && desk.report.count(Severity::Warning) == 0;
     if matches!(scope, ReviewScope::Building) && is_sound {

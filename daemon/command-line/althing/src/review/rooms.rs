@@ -40,6 +40,10 @@ impl Reviewer<'_> {
             let (Some(location), Some(model)) = (location, models.get(&entry.name)) else {
                 continue;
             };
+            // A button stops others by its heartbeats, wherever it is.
+            if self.ecosystem.hardware_stops.contains_key(&entry.name) {
+                continue;
+            }
             let declared = map.objects.iter().map(|declaration| &declaration.object);
             let Some(place_type) = declared.clone().find(|object| object.name == location) else {
                 continue;
@@ -69,7 +73,8 @@ impl Reviewer<'_> {
         }
         let wrong = self.wrong_in_map(wrong);
         for (path, location, is, wanted) in wrong {
-            let message = format!("`{location}` is a {is}, and this agent works in a {wanted}");
+            let is = if is == "outdoors" { is } else { format!("a {is}") };
+            let message = format!("`{location}` is {is}, and this agent works in a {wanted}");
             let declaration = match self.ecosystem.is_map_of_tables() {
                 true => format!("under [rooms]: {location} = {{ kind = \"{wanted}\" }}"),
                 false => format!("on the map: {location} - {wanted}"),

@@ -30,8 +30,21 @@ const SYNONYMS: &[(&str, &[&str])] = &[
 ];
 
 /// Keys in a `config` that hold durations.
-const DURATIONS: &[&str] =
-    &["valid-for", "every", "debounce", "time-out", "patience", "motion-for", "offline-after"];
+const DURATIONS: &[&str] = &[
+    "after",
+    "debounce",
+    "every",
+    "motion-for",
+    "offline-after",
+    "patience",
+    "settle",
+    "time-out",
+    "valid-for",
+    "within",
+];
+
+/// The key among them whose durations are short: contacts bounce for milliseconds.
+const SHORT: &str = "debounce";
 
 /// A mistake in a `config`, with its message and a correction.
 #[derive(Clone, Debug, PartialEq)]
@@ -39,6 +52,21 @@ pub(super) struct ExplainedMistake {
     pub(super) kind: ConfigMistake,
     pub(super) message: String,
     pub(super) help: Option<String>,
+    /// Further corrections, for a plugin that refuses the first one.
+    pub(super) other_helps: Vec<String>,
+}
+
+// === impl ExplainedMistake ===
+
+impl ExplainedMistake {
+    fn new(
+        kind: ConfigMistake,
+        message: String,
+        helps: impl IntoIterator<Item = String>,
+    ) -> ExplainedMistake {
+        let mut helps = helps.into_iter();
+        ExplainedMistake { kind, message, help: helps.next(), other_helps: helps.collect() }
+    }
 }
 
 /// The kind of a mistake in a `config`.
@@ -80,26 +108,20 @@ pub(super) fn worded(
     if let Some((key, text)) = duration_error(said, path, value) {
         let message = format!("`{key}` must be a duration, and is \"{text}\"");
         let help = "write a number and ms, s, min or h in quotes, such as \"30s\" or \"10min\"";
-        return ExplainedMistake {
-            kind: ConfigMistake::Other,
-            message,
-            help: Some(help.to_owned()),
-        };
+        return ExplainedMistake::new(ConfigMistake::Other, message, [help.to_owned()]);
     }
     let key = said.split_once("has no key `").and_then(|(_, rest)| rest.split('`').next());
     if let Some(key) = key {
         let whole = if ends_with(path, key) { path.to_owned() } else { join(path, key) };
-        return ExplainedMistake {
-            kind: ConfigMistake::UnknownKey(key.to_owned(), None),
-            message: format!("there is no key `{whole}`"),
-            help: Some(beside(key).unwrap_or_else(|| format!("take `{key}` out"))),
-        };
+        let help = beside(key).unwrap_or_else(|| format!("take `{key}` out"));
+        let kind = ConfigMistake::UnknownKey(key.to_owned(), None);
+        return ExplainedMistake::new(kind, format!("there is no key `{whole}`"), [help]);
     }
     if let Some(found) = of_another_driver(said, path) {
         return found;
     }
-    let help = positive(said, path, value);
-    ExplainedMistake { kind: ConfigMistake::Other, message: said.to_owned(), help }
+    let message = said.to_owned();
+    ExplainedMistake::new(ConfigMistake::Other, message, positive(said, path, value))
 }
 
 /// Explains that a key is for another driver than that of the entry: ``KEY` is for `driver = "X"`…`.
@@ -111,7 +133,7 @@ fn of_another_driver(said: &str, path: &str) -> Option<ExplainedMistake> {
         true => ConfigMistake::UnknownKey(key.to_owned(), None),
         false => ConfigMistake::Other,
     };
-    Some(ExplainedMistake { kind, message: said.to_owned(), help: Some(help) })
+    Some(ExplainedMistake::new(kind, said.to_owned(), [help]))
 }
 
 /// Returns how to write a number that must be above zero and is negative.
@@ -134,11 +156,8 @@ fn unknown_key(key: &str, known: &[String], path: &str) -> ExplainedMistake {
         (None, 0) => "it takes no keys: leave it out".to_owned(),
         (None, _) => beside(key).unwrap_or_else(|| listed(known)),
     };
-    ExplainedMistake {
-        kind: ConfigMistake::UnknownKey(key.to_owned(), meant),
-        message: format!("there is no key `{whole}`"),
-        help: Some(help),
-    }
+    let kind = ConfigMistake::UnknownKey(key.to_owned(), meant);
+    ExplainedMistake::new(kind, format!("there is no key `{whole}`"), [help])
 }
 
 /// Returns a help text for a key that was written in the `config`, but belongs to the entry itself.
@@ -158,14 +177,10 @@ fn missing_key(
         "" => String::new(),
         path => format!(" in `{path}`"),
     };
-    ExplainedMistake {
-        kind: ConfigMistake::MissingKey(key.to_owned()),
-        message: format!("`{key}` is missing{within}"),
-        help: Some(match example(key) {
-            Some(example) => format!("write {key} = {example}"),
-            None => format!("write {key} = …"),
-        }),
-    }
+    let shown = example(key).map(|example| format!("write {key} = {example}"));
+    let helps = shown.into_iter().chain([format!("write {key} = …")]);
+    let kind = ConfigMistake::MissingKey(key.to_owned());
+    ExplainedMistake::new(kind, format!("`{key}` is missing{within}"), helps)
 }
 
 fn unknown_word(word: &str, known: &[String], path: &str) -> ExplainedMistake {
@@ -176,7 +191,7 @@ fn unknown_word(word: &str, known: &[String], path: &str) -> ExplainedMistake {
         Some(meant) => format!("did you mean \"{meant}\"?"),
         None => format!("write {}", either(&known)),
     };
-    ExplainedMistake { kind: ConfigMistake::Kind, message, help: Some(help) }
+    ExplainedMistake::new(ConfigMistake::Kind, message, [help])
 }
 
 fn wrong_kind(
@@ -186,8 +201,16 @@ fn wrong_kind(
     value: Option<&Value>,
     example: impl Fn(&str) -> Option<String>,
 ) -> ExplainedMistake {
-    let wanted_words = form_error::kind(wanted);
-    let got_words = form_error::got(got);
+    let (wanted_words, got_words) = match (list_length(wanted), value) {
+        (Some(wanted), Some(Value::Array(list))) if got.parse::<usize>().is_ok() => {
+            (format!("a list of {wanted}").into(), format!("one of {}", list.len()))
+        }
+        // TOML has no other value that is nothing in JSON.
+        _ if ["null", "unit value"].contains(&got) => {
+            (form_error::kind(wanted), "nan or inf".to_owned())
+        }
+        _ => (form_error::kind(wanted), form_error::got(got)),
+    };
     let is_itself = value.is_none_or(|value| is_of(got, value));
     let subject = match (path, is_itself) {
         ("", _) => "`config`".to_owned(),
@@ -196,27 +219,27 @@ fn wrong_kind(
     };
     let key = path.rsplit('.').next().unwrap_or(path);
     let text = value.filter(|_| is_itself);
-    let help = text.and_then(|value| cure(key, wanted, value)).or_else(|| {
-        let example = example(key).filter(|_| is_itself)?;
-        Some(format!("write {key} = {example}"))
-    });
+    let mut helps = text.map(|value| cures(key, wanted, value)).unwrap_or_default();
+    let own = example(key).filter(|_| is_itself);
+    helps.extend(own.map(|example| format!("write {key} = {example}")));
     let within = path.split('.').next().filter(|table| *table != path);
-    let help = help.or_else(|| {
-        within
-            .and_then(|table| Some((table, example(table)?)))
-            .map(|(table, example)| format!("such as {table} = {example}"))
-    });
+    let around = within.and_then(|table| Some((table, example(table)?)));
+    helps.extend(around.map(|(table, example)| format!("such as {table} = {example}")));
     let message = format!("{subject} must be {wanted_words}, and is {got_words}");
-    ExplainedMistake { kind: ConfigMistake::Kind, message, help }
+    ExplainedMistake::new(ConfigMistake::Kind, message, helps)
+}
+
+/// Returns the number of elements of the list that serde wants: `an array of length 3`.
+fn list_length(wanted: &str) -> Option<usize> {
+    let of_tuple = || wanted.strip_prefix("a tuple of size ");
+    wanted.strip_prefix("an array of length ").or_else(of_tuple)?.parse().ok()
 }
 
 fn of_no_form(path: &str, example: impl Fn(&str) -> Option<String>) -> ExplainedMistake {
     let key = path.split('.').next().unwrap_or(path);
-    ExplainedMistake {
-        kind: ConfigMistake::Kind,
-        message: format!("`{path}` has none of the forms that it may have"),
-        help: example(key).map(|example| format!("such as {key} = {example}")),
-    }
+    let message = format!("`{path}` has none of the forms that it may have");
+    let help = example(key).map(|example| format!("such as {key} = {example}"));
+    ExplainedMistake::new(ConfigMistake::Kind, message, help)
 }
 
 /// Returns `path`, the path of the key, and the text of its value, if the error message `said` of
@@ -264,10 +287,7 @@ fn listed(known: &[String]) -> String {
     let shown: Vec<_> = known.iter().take(LISTED_MAX).map(|key| format!("`{key}`")).collect();
     match known.len().saturating_sub(LISTED_MAX) {
         0 => format!("known are {}", shown.join(", ")),
-        more => format!(
-            "known are {}, and {more} more that are for one driver each (docs/devices.md)",
-            shown.join(", ")
-        ),
+        more => format!("known are {}, and {more} more", shown.join(", ")),
     }
 }
 
@@ -299,19 +319,22 @@ fn is_of(got: &str, value: &Value) -> bool {
     }
 }
 
-/// Returns a help text with the correct form, for a value of a wrong type.
-fn cure(key: &str, wanted: &str, value: &Value) -> Option<String> {
+/// Returns help texts with the correct form, for a value of a wrong type, the most probable one first.
+fn cures(key: &str, wanted: &str, value: &Value) -> Vec<String> {
     let is_whole = wanted.len() <= 5 && wanted.starts_with(['u', 'i']);
-    match (wanted, value) {
+    let help = match (wanted, value) {
         ("f32" | "f64", Value::String(text)) => number_text::correction(key, text, false),
         (_, Value::String(text)) if is_whole => number_text::correction(key, text, true),
         ("a boolean", Value::String(text)) => {
             let truth = match text.to_lowercase().as_str() {
-                "yes" | "on" | "true" | "ja" | "1" => true,
-                "no" | "off" | "false" | "nein" | "0" => false,
-                _ => return Some(format!("write {key} = true or {key} = false, without quotes")),
+                "yes" | "on" | "true" | "ja" | "1" => Some(true),
+                "no" | "off" | "false" | "nein" | "0" => Some(false),
+                _ => None,
             };
-            Some(format!("write {key} = {truth}, without quotes"))
+            Some(match truth {
+                Some(truth) => format!("write {key} = {truth}, without quotes"),
+                None => format!("write {key} = true or {key} = false, without quotes"),
+            })
         }
         ("a boolean", Value::Number(number)) => Some(match number.as_i64() {
             Some(0) => format!("write {key} = false"),
@@ -319,16 +342,16 @@ fn cure(key: &str, wanted: &str, value: &Value) -> Option<String> {
             _ => format!("write {key} = true or {key} = false"),
         }),
         ("a string", Value::Number(number)) if DURATIONS.contains(&key) => {
-            Some(format!("write a unit too, in quotes: {key} = \"{number}s\" or \"{number}min\""))
+            return durations(key, &number.to_string());
         }
         ("a string" | "path string", Value::Number(number)) => {
-            Some(number_text::quoted(key, &number.to_string()))
+            return number_text::quoted_forms(key, &number.to_string());
         }
         ("a string" | "path string", Value::Bool(_)) => Some(format!("write {key} = \"{value}\"")),
-        ("a string" | "path string", Value::Array(list)) => match &list[..] {
-            [Value::String(only)] => Some(format!("write {key} = \"{only}\", without [ ]")),
-            _ => Some("write one text, without [ ]".to_owned()),
-        },
+        ("a string" | "path string", Value::Array(list)) => Some(match &list[..] {
+            [Value::String(only)] => format!("write {key} = \"{only}\", without [ ]"),
+            _ => "write one text, without [ ]".to_owned(),
+        }),
         ("a sequence", Value::String(text)) => {
             let words: Vec<_> = match key {
                 // These keys hold commands, which are run without a shell.
@@ -339,6 +362,18 @@ fn cure(key: &str, wanted: &str, value: &Value) -> Option<String> {
             Some(format!("write {key} = [{}]", words.join(", ")))
         }
         _ => None,
+    };
+    help.into_iter().collect()
+}
+
+/// Returns help texts for a duration that is a number without a unit.
+fn durations(key: &str, number: &str) -> Vec<String> {
+    let write = |value: &str| format!("write a unit too, in quotes: {key} = {value}");
+    let one = |unit: &&str| write(&format!("\"{number}{unit}\""));
+    let both = write(&format!("\"{number}s\" or \"{number}min\""));
+    match key {
+        SHORT => ["ms", "s"].iter().map(one).collect(),
+        _ => [both].into_iter().chain(["s", "min", "h", "ms"].iter().map(one)).collect(),
     }
 }
 
@@ -421,6 +456,24 @@ mod tests {
     }
 
     #[test]
+    fn lists_have_lengths_and_numbers_are_finite() {
+        check(
+            "invalid length 2, expected an array of length 3",
+            "presets.desk.position",
+            json!([1.0, 2.0]),
+            "`presets.desk.position` must be a list of 3, and is one of 2",
+            "",
+        );
+        check(
+            "invalid type: null, expected f64",
+            "x",
+            json!(null),
+            "`x` must be a number, and is nan or inf",
+            "",
+        );
+    }
+
+    #[test]
     fn keys_are_those_of_the_file() {
         let many = "unknown field `lokation`, expected one of `location`, `a`, `b`, `c`, `d`, `e`, \
                     `f`, `g`";
@@ -431,8 +484,7 @@ mod tests {
             "zzz",
             json!("x"),
             "there is no key `zzz`",
-            "known are `location`, `a`, `b`, `c`, `d`, `e`, and 2 more that are for one driver \
-             each (docs/devices.md)",
+            "known are `location`, `a`, `b`, `c`, `d`, `e`, and 2 more",
         );
         let room = many.replace("lokation", "room");
         check(&room, "room", json!("x"), "there is no key `room`", help);
@@ -462,6 +514,12 @@ mod tests {
             "`login.patience` must be a duration, and is \"soon\"",
             "write a number and ms, s, min or h in quotes, such as \"30s\" or \"10min\"",
         );
+        let number = "invalid type: integer `2`, expected a string";
+        let unit = "write a unit too, in quotes: ";
+        let message = "`after` must be a text in quotes, and is 2";
+        check(number, "after", json!(2), message, &format!("{unit}after = \"2s\" or \"2min\""));
+        let message = "`debounce` must be a text in quotes, and is 2";
+        check(number, "debounce", json!(2), message, &format!("{unit}debounce = \"2ms\""));
         let own = "speed = -0.3 must be above zero";
         check(own, "speed", json!(-0.3), own, "write speed = 0.3");
     }

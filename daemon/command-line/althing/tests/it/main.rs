@@ -24,6 +24,8 @@ mod robot_mistakes;
 
 mod mistakes;
 
+mod model_mistakes;
+
 mod interfaces;
 
 mod people;

@@ -93,6 +93,13 @@ impl Interpreter<'_> {
         entry: Option<&AgentEntry>,
     ) -> Option<PressedWhen> {
         let is_fact = pressed.is_some_and(|text| text.trim_start().starts_with('('));
+        let key = format!("{path}.pressed");
+        if let Some(text) = pressed.filter(|text| !is_fact && text.contains(char::is_whitespace)) {
+            let message = format!("`{text}` is no fact: a fact stands in parentheses");
+            let help = format!("write pressed = \"({})\"", text.trim());
+            self.about_value(&key, |span| Diagnostic::error(span, message).with_help(help));
+            return None;
+        }
         let problem = match entry {
             Some(entry) if !is_fact => no_contact(entry),
             _ => None,
@@ -112,7 +119,6 @@ impl Interpreter<'_> {
             "name a sensor with quantity = \"contact\" in place of this agent, or write a fact that \
              this agent reports, such as pressed = \"(pressed button-1)\""
         };
-        let key = format!("{path}.pressed");
         match rule {
             Ok(rule) => Some(rule),
             Err(problem) if self.place(&key).is_some() => {
@@ -136,7 +142,9 @@ impl Interpreter<'_> {
     ) {
         let Some(files) = files else { return };
         for (index, name) in names.iter().enumerate() {
-            if agents.iter().any(|entry| entry.name.as_str() == name) || files.has_object(name) {
+            let is_agent = self.written_agents.contains(name)
+                || agents.iter().any(|entry| entry.name.as_str() == name);
+            if is_agent || files.has_object(name) {
                 continue;
             }
             let message = format!("`{name}` is no agent of this file, and no place of the map");

@@ -96,7 +96,10 @@ impl Interpreter<'_> {
         files: Option<&PddlFiles>,
         consequence: &str,
     ) -> bool {
-        if agents.iter().any(|entry| entry.name.as_str() == name) {
+        // What is wrong with the agent's own entry is reported there.
+        if self.written_agents.contains(name)
+            || agents.iter().any(|entry| entry.name.as_str() == name)
+        {
             return true;
         }
         if files.is_some_and(|files| files.has_object(name)) {
