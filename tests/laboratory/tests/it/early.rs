@@ -4,13 +4,14 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use acl::content::{Keep, Outcome, Record, Report, Version};
+use acl::content::{Keep, Outcome, Report};
 use acl::{ConversationId, Performative, Protocol};
 use agent::{Agent, Callbacks, Context, ExchangeEvent, ExchangeOpening, MessageRouter, Mode};
 use serde_json::json;
 use tokio::sync::mpsc;
 use tokio::time::timeout;
 
+use crate::house::lamp::kept_goal;
 use crate::house::opening_journal::{JournalFile, OpeningJournal};
 use crate::house::sayer::{PATIENCE, Sayer};
 use crate::house::{House, launch, name};
@@ -55,16 +56,9 @@ impl Started {
     async fn start() -> Started {
         let house = House::new(Mode::Centralized, DOMAIN, PROBLEM, vec![name("journal")]);
         let here = house.machine("here");
-        let participation = json!({
-            "initiator": "user", "incarnation": 7, "exchange": "t", "conversation": "g",
-            "protocol": "goal"
-        });
-        let body = json!({
-            "participation": participation, "incarnation": 7, "number": 1,
-            "asked": {"goal": "(lit)", "keep": "maintain"}, "rounds": 1, "failures": 0
-        });
-        let version = Version { term: u64::MAX / 2, count: 7 };
-        let kept = Record { key: "goal/g".to_owned(), version, body };
+        let kept = kept_goal(&json!({
+            "number": 1, "asked": { "goal": "(lit)", "keep": "maintain" }, "failures": 0
+        }));
         let (journal, file) = OpeningJournal::new(kept);
         drop(launch(Box::new(journal), "journal", &here, false));
         drop(launch(house.built(&plan_requester::PLUGIN), "plan-requester", &here, true));

@@ -5,9 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::time::Duration;
 
-use acl::content::{
-    Achieve, Keep, Offer, Offers, Outcome, Partition, Reason, Report, Request, Snapshot, value,
-};
+use acl::content::{Achieve, Keep, Outcome, Partition, Reason, Report, Request, value};
 use acl::{ConversationId, Performative, Protocol};
 use agent::{
     Agent, Callbacks, Context, ExchangeEvent, ExchangeOpening, LaunchError, LaunchableAgent,
@@ -17,6 +15,7 @@ use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio::time::timeout;
 
+use crate::house::lamp::lamp_snapshot;
 use crate::house::sayer::Sayer;
 use crate::house::{House, launch, name};
 
@@ -46,20 +45,9 @@ impl Agent for LampMaintainer {
 
     fn answer_query(&mut self, resource: Resource, _: &mut Context<Self>) -> Option<String> {
         let is_lit = self.0.load(Ordering::Relaxed);
-        let offer = Offer { schema: "light".to_owned(), guard: String::new(), method: None };
-        let snapshot = Snapshot {
-            epoch: 1,
-            revision: u64::from(is_lit),
-            domain: DOMAIN.to_owned(),
-            digest: String::new(),
-            problem: problem(if is_lit { "(idle lamp) (lit lamp)" } else { "(idle lamp)" }),
-            offers: Offers::from([(name("lamp"), [("light".to_owned(), offer)].into())]),
-            guards: [].into(),
-            former: Vec::new(),
-            knowledge: [].into(),
-            conflicts: [].into(),
-        };
-        (resource == Resource::Domain).then(|| serde_json::to_string(&snapshot).expect("JSON"))
+        let problem = problem(if is_lit { "(idle lamp) (lit lamp)" } else { "(idle lamp)" });
+        (resource == Resource::Domain)
+            .then(|| lamp_snapshot(u64::from(is_lit), DOMAIN, &problem, ""))
     }
 }
 

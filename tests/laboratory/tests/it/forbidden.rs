@@ -4,11 +4,12 @@
 use std::time::Duration;
 
 use acl::Performative;
-use acl::content::{Offer, Offers, Outcome, Record, Report, Snapshot, Version};
+use acl::content::{Outcome, Report};
 use agent::{Agent, Callbacks, Context, Mode, Participation, Resource};
 use serde_json::json;
 use tokio::sync::mpsc;
 
+use crate::house::lamp::{kept_goal, lamp_snapshot};
 use crate::house::opening_journal::OpeningJournal;
 use crate::house::{House, launch, name};
 
@@ -27,21 +28,8 @@ impl Agent for Maintainer {
     }
 
     fn answer_query(&mut self, resource: Resource, _: &mut Context<Self>) -> Option<String> {
-        let guard = "(offers-light lamp)".to_owned();
-        let offer = Offer { schema: "light".to_owned(), guard, method: None };
-        let snapshot = Snapshot {
-            epoch: 1,
-            revision: 1,
-            domain: DOMAIN.to_owned(),
-            digest: String::new(),
-            problem: PROBLEM.to_owned(),
-            offers: Offers::from([(name("lamp"), [("light".to_owned(), offer)].into())]),
-            guards: [].into(),
-            former: Vec::new(),
-            knowledge: [].into(),
-            conflicts: [].into(),
-        };
-        (resource == Resource::Domain).then(|| serde_json::to_string(&snapshot).expect("JSON"))
+        (resource == Resource::Domain)
+            .then(|| lamp_snapshot(1, DOMAIN, PROBLEM, "(offers-light lamp)"))
     }
 }
 
@@ -63,16 +51,8 @@ impl Agent for Executor {
 async fn taken_over(failed: serde_json::Value) -> (bool, Option<String>) {
     let house = House::new(Mode::Centralized, DOMAIN, PROBLEM, vec![name("journal")]);
     let here = house.machine("here");
-    let participation = json!({
-        "initiator": "user", "incarnation": 7, "exchange": "t", "conversation": "g",
-        "protocol": "goal"
-    });
-    let body = json!({
-        "participation": participation, "incarnation": 7, "asked": {"goal": "(lit lamp)"},
-        "rounds": 1, "failures": 1, "failed": failed
-    });
-    let version = Version { term: u64::MAX / 2, count: 7 };
-    let kept = Record { key: "goal/g".to_owned(), version, body };
+    let kept =
+        kept_goal(&json!({ "asked": { "goal": "(lit lamp)" }, "failures": 1, "failed": failed }));
     let (journal, mut file) = OpeningJournal::new(kept);
     file.open();
     let (asked, mut executions) = mpsc::unbounded_channel();

@@ -56,7 +56,7 @@ impl SourceMap {
         under.filter(|key| !key.contains('.'))
     }
 
-    /// Returns the names of all agents of the file, also of those whose entries have mistakes.
+    /// Returns the names of all agents of the file. Entries with mistakes count, too.
     pub(crate) fn names_of_agents(&self) -> impl Iterator<Item = String> {
         let entries = self.0.range("agent.".to_owned()..);
         let entries = entries.take_while(|(key, _)| key.starts_with("agent."));

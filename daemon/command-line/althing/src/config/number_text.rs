@@ -44,7 +44,7 @@ pub(crate) fn correction(key: &str, text: &str, is_whole: bool) -> Option<String
     })
 }
 
-/// Keys whose text is more than a number in quotes, each with the text for a bare number `{}`.
+/// Keys that take a text with more than a number. Each has the text for a bare number `{}`.
 const FORMED: &[(&str, &str)] = &[
     ("broker", "localhost:{}"),
     ("by", "{}min"),

@@ -137,7 +137,7 @@ impl Reviewer<'_> {
 }
 
 impl ComposedNames {
-    /// Returns the mistakes without those about names of agents whose models are not known.
+    /// Removes the mistakes about names of agents: the model of another agent may be unknown here.
     fn without_agents(&self, mut found: Vec<Diagnostic>, text: &EntryText<'_>) -> Vec<Diagnostic> {
         found.retain(|found| {
             let word = text.filled.get(found.span.range()).unwrap_or("");

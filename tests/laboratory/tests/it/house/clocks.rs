@@ -8,8 +8,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use acl::content::{
-    Achieve, GoalStatus, GoalTimes, Keep, Offer, Offers, Outcome, Report, Request, ScheduleGoal,
-    Snapshot, value,
+    Achieve, GoalStatus, GoalTimes, Keep, Outcome, Report, Request, ScheduleGoal, value,
 };
 use acl::{AgentId, ConversationId, DaemonId, EcosystemId, Incarnation, Performative, Protocol};
 use agent::{
@@ -24,6 +23,8 @@ use tokio::sync::mpsc;
 use tokio::task::JoinHandle;
 use tokio::time::{Instant, timeout};
 use tokio_util::sync::CancellationToken;
+
+use super::lamp::lamp_snapshot;
 
 /// Number of machines with a Plan Requester.
 pub(crate) const LEADERS: usize = 2;
@@ -107,20 +108,9 @@ impl Agent for Maintainer {
     fn answer_query(&mut self, resource: Resource, _: &mut Context<Self>) -> Option<String> {
         let lit_since = lock(&self.0).lit_since;
         let is_lit = lit_since.is_some_and(|since| since.elapsed() < LIT_FOR);
-        let offer = Offer { schema: "light".to_owned(), guard: String::new(), method: None };
-        let snapshot = Snapshot {
-            epoch: 1,
-            revision: u64::from(is_lit),
-            domain: DOMAIN.to_owned(),
-            digest: String::new(),
-            problem: if is_lit { LIT } else { DARK }.to_owned(),
-            offers: Offers::from([(name("lamp"), [("light".to_owned(), offer)].into())]),
-            guards: [].into(),
-            former: Vec::new(),
-            knowledge: [].into(),
-            conflicts: [].into(),
-        };
-        (resource == Resource::Domain).then(|| serde_json::to_string(&snapshot).expect("JSON"))
+        let problem = if is_lit { LIT } else { DARK };
+        (resource == Resource::Domain)
+            .then(|| lamp_snapshot(u64::from(is_lit), DOMAIN, problem, ""))
     }
 }
 

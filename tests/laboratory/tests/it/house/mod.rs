@@ -1,6 +1,7 @@
 //! Machines on one network with agents, for tests of a single plugin.
 
 pub(crate) mod clocks;
+pub(crate) mod lamp;
 pub(crate) mod opening_journal;
 pub(crate) mod sayer;
 
