@@ -28,6 +28,8 @@ use capability::{
 use pddl::Diagnostic;
 use substrate::Presence;
 
+use crate::applied_heartbeats::AppliedHeartbeats;
+
 /// How long to wait for the model that an agent announces by itself when it joins. An agent
 /// announces its model at once, so an earlier request would bring nothing new.
 pub(crate) const ANNOUNCED_WITHIN: Duration = Duration::from_millis(20);
@@ -51,6 +53,7 @@ pub(crate) struct DomainTracker {
     /// again has one entry, that of its last departure.
     left_at: BTreeMap<AgentId, (Timestamp, Incarnation)>,
     rejected: RejectedModels,
+    applied: AppliedHeartbeats,
 }
 
 /// Models that were not accepted lately: for each agent its incarnation, the digest of the model,
@@ -112,8 +115,11 @@ impl DomainTracker {
             Inform::Heartbeat(beat) => {
                 let needs_model = maintainer.needs_model(&message.sender, &beat.digest);
                 outcome.lacks_model = needs_model && !rejected.has(message, &beat.digest, now);
-                if !needs_model {
+                if let Some(change) = self.applied.repeat(maintainer, message, beat, now) {
+                    outcome.changes.push(change);
+                } else if !needs_model {
                     outcome.believe(maintainer, message, beat, now);
+                    self.applied.note(message, beat, !outcome.changes.is_empty());
                 }
             }
             Inform::Epoch(change) => outcome.follow(maintainer, message, change, now),
@@ -195,6 +201,7 @@ impl DomainTracker {
             && let Some((_, incarnation)) = self.left_at.remove(&gone)
         {
             if !maintainer.is_present(&gone) {
+                self.applied.forget(&gone);
                 changes.push(maintainer.remove(&gone, incarnation, now));
             }
         }
@@ -517,6 +524,57 @@ mod tests {
             let outcome = receive(&mut tracker, &mut maintainer, &beat(&digest), now);
             assert_eq!(outcome.lacks_model, is_requested, "{now:?}");
         }
+    }
+
+    /// Both maintainers get the same heartbeats; one of them reads each anew.
+    #[test]
+    fn heartbeats_have_the_same_effect_whether_they_are_repeated_or_read_anew() {
+        let beat = |sequence, facts: &str, known_for: &[(&str, u64)]| {
+            let known = |(fact, ms): &(&str, u64)| {
+                ((*fact).to_owned(), acl::Millis(Duration::from_millis(*ms)))
+            };
+            let Inform::Model(model) = announcement(MODEL) else { panic!("it is a model") };
+            Inform::Heartbeat(Heartbeat {
+                facts: facts.to_owned(),
+                known_for: known_for.iter().map(known).collect(),
+                ..heartbeat(&model.heartbeat.digest, sequence)
+            })
+        };
+        let hall = "(known hall)";
+        let beats = [
+            beat(2, hall, &[]),
+            beat(3, hall, &[]),
+            beat(3, "", &[]),
+            beat(4, "", &[]),
+            beat(5, "", &[]),
+            beat(6, hall, &[(hall, 2_000)]),
+            beat(7, hall, &[(hall, 1_000)]),
+            beat(8, hall, &[]),
+            beat(9, hall, &[]),
+            beat(11, "(unknown (known hall))", &[]),
+            beat(12, "(unknown (known hall))", &[]),
+        ];
+        let (mut tracker, mut repeating) = (DomainTracker::default(), maintainer());
+        let mut reading = maintainer();
+        let model = announcement(MODEL);
+        receive(&mut tracker, &mut repeating, &model, Timestamp(0));
+        receive(&mut DomainTracker::default(), &mut reading, &model, Timestamp(0));
+        let mut told = 0;
+        for (number, beat) in beats.iter().enumerate() {
+            let now = Timestamp(1_000 * (number as u64 + 1));
+            let repeated = receive(&mut tracker, &mut repeating, beat, now);
+            let read = receive(&mut DomainTracker::default(), &mut reading, beat, now);
+            assert_eq!(repeated.changes, read.changes, "{beat:?}");
+            assert_eq!(repeated.declined, read.declined, "{beat:?}");
+            let state = |maintainer: &Maintainer| maintainer.snapshot(now).to_content();
+            assert_eq!(state(&repeating), state(&reading), "{beat:?}");
+            assert_eq!(
+                tracker.next_due(&repeating, REMOVAL),
+                DomainTracker::default().next_due(&reading, REMOVAL)
+            );
+            told += usize::from(!repeated.changes.is_empty());
+        }
+        assert_eq!(told, beats.len() - 1, "one came late");
     }
 
     #[test]

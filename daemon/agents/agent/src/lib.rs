@@ -28,6 +28,7 @@
 
 mod activity_counters;
 mod admission;
+mod applied_heartbeats;
 mod authorization;
 mod base_agent;
 mod broadcast_cache;

@@ -250,21 +250,18 @@ impl MessageRouter {
         false
     }
 
-    /// Handles a heartbeat without decoding it, if it repeats the previous one of its sender.
-    /// Returns `false` if the heartbeat must be decoded, because it differs from the previous one
-    /// or an agent of this daemon listens to `inform` broadcasts.
+    /// Handles a heartbeat that repeats the previous one of its sender. It is decoded only if an
+    /// agent of this daemon listens to `inform` broadcasts. Returns `false` if the heartbeat must
+    /// be handled as a new one.
     fn receive_repetition(
         &self,
         payload: &Bytes,
         sender: &AgentId,
         origin: Option<&Origin>,
     ) -> bool {
-        let repetition = {
+        let (repetition, has_listeners) = {
             let state = self.read();
-            if state.hosted.has_listeners() {
-                return false;
-            }
-            state.cache.repetition(sender, payload)
+            (state.cache.repetition(sender, payload), state.hosted.has_listeners())
         };
         let Some(repetition) = repetition else { return false };
         let incarnation = repetition.now.said.incarnation;
@@ -277,6 +274,9 @@ impl MessageRouter {
         }
         let gap = self.write().cache.keep_repetition(sender, payload.clone(), repetition);
         gap.into_iter().for_each(|gap| self.activity.count_heartbeat_gap(gap));
+        if has_listeners && let Ok(message) = acl::decode(payload) {
+            self.read().hosted.broadcast(&Arc::new(message));
+        }
         true
     }
 
