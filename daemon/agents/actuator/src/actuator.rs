@@ -1,5 +1,6 @@
 //! The actuator: the agent that drives a device.
 
+mod committing;
 mod event_pacing;
 mod hardware_stops;
 mod open_initiatives;
@@ -29,6 +30,7 @@ use crate::actuator::open_initiatives::OpenInitiatives;
 use crate::actuator::stopping::StandingStill;
 use crate::agreeing::agree;
 use crate::bidding::bid;
+use crate::commitment::Commitment;
 use crate::device::{Description, Device, MethodCall, MethodFailure, MethodResult};
 use crate::erased_device::{ErasedDevice, ErasedYield};
 use crate::ledger::{Ledger, TokenState};
@@ -59,6 +61,9 @@ pub struct Actuator {
     /// ended.
     pending_reports: BTreeMap<ActionToken, WorkHandle>,
     running_bids: BTreeMap<ReplyToken, (Cancel, WorkHandle)>,
+    /// The agreement to a part of a joint plan, for whose goal alone the agent acts meanwhile; `None`
+    /// if there is none.
+    commitment: Option<Commitment>,
     /// Data that the actuator's own planner keeps, used by one bid at a time. A second bid at the
     /// same time starts with an empty planner instead of waiting.
     bid_cache: Arc<Mutex<BidCache>>,
@@ -175,6 +180,7 @@ impl Actuator {
             running_command: None,
             pending_reports: BTreeMap::new(),
             running_bids: BTreeMap::new(),
+            commitment: None,
             bid_cache: Arc::default(),
             ended_by_stop: None,
             safeguarded,
@@ -381,6 +387,9 @@ impl Actuator {
             return Err(refusal);
         }
         let timeout = self.admissible(&action, &method, ctx.id())?;
+        if let Some(refusal) = self.commitment_objection(&token.conversation) {
+            return Err(refusal);
+        }
         if let Some(running) = &self.running_command {
             let detail = format!("{} is under way", running.call.action);
             return Err(Refusal::new(Reason::Busy, detail));
@@ -392,6 +401,7 @@ impl Actuator {
             return Err(refusal);
         }
         ctx.answer(participation, Performative::Agree, &Agreement { token: token.clone() });
+        self.renew_commitment(&token.conversation);
         // The token is on disk before the device acts, so that the next incarnation does not act
         // again after a crash.
         let recorded = on_disk("the token", self.ledger.begin_token(token.clone()), ctx);
@@ -559,6 +569,7 @@ impl Actuator {
         report: Report,
         ctx: &mut Context<Self>,
     ) {
+        self.commitment_step_ended(&token, &report);
         let record = self.ledger.end_token(token.clone(), report.clone());
         let told = token.clone();
         let written = ctx.run_blocking(record);
@@ -665,6 +676,11 @@ impl Actuator {
         if call.part.is_none() && !self.device.makes_bids() {
             return ctx.refuse(&participation, Reason::Incapable, "this agent proposes no plans");
         }
+        let conversation = message.conversation_id.clone();
+        let objection = self.commitment_objection(&conversation);
+        if let Some(refusal) = objection.filter(|_| call.part.is_some()) {
+            return ctx.answer(&participation, Performative::Refuse, &refusal);
+        }
         if self.running_bids.len() >= BIDS_MAX {
             return ctx.refuse(&participation, Reason::Busy, "it is planning for other calls");
         }
@@ -689,25 +705,24 @@ impl Actuator {
                 let mut kept = planner.try_lock().ok();
                 let BidCache { composition, replanner } =
                     kept.as_deref_mut().unwrap_or(&mut afresh);
-                match &call.part {
+                let bid = match &call.part {
                     Some(part) => agree(&local(composition), &call, part, &id, &flag),
                     None => bid(local(composition), &call, replanner, &flag),
-                }
+                };
+                (call, bid)
             },
-            move |actuator: &mut Self, bid, ctx| {
+            move |actuator: &mut Self, (call, bid), ctx| {
                 actuator.running_bids.remove(&finished);
                 match bid {
-                    Ok(bid) => ctx.answer(&participation, Performative::Agree, &bid),
+                    Ok(bid) => {
+                        let asked = (conversation, &call);
+                        actuator.answer_call(&participation, asked, &bid, ctx);
+                    }
                     Err(detail) => ctx.refuse(&participation, Reason::Incapable, detail),
                 }
             },
         );
         self.running_bids.insert(exchange, (cancel, work));
-    }
-
-    fn judged(&mut self, message: Message, _ctx: &mut Context<Self>) {
-        tracing::debug!(conversation = %message.conversation_id, verdict = %message.performative,
-            "the proposal was accepted or rejected");
     }
 
     // === answers to announcements ===

@@ -18,6 +18,7 @@ mod actuator;
 mod agreeing;
 mod begun_actions;
 mod bidding;
+mod commitment;
 mod declared;
 mod device;
 mod erased_device;

@@ -63,6 +63,10 @@ pub enum GoalEvent {
     /// The Planning Agent is absent, or has no time for this attempt. The text gives the reason;
     /// planning is tried again after the duration at least.
     PlannerBusy(Attempt, String, Duration),
+    /// An agent of this attempt's joint plan has other work, so it does not agree to its part now. The
+    /// text gives the reason; planning is tried again after a delay, which is longer by this share of
+    /// it (in 256ths). Goals that want the same agents at the same time have different shares.
+    MembersBusy(Attempt, String, u8),
     /// Bids for this attempt use action models that are newer than the known domain. The text gives
     /// the reason to wait.
     BidsOutdated(Attempt, String),
@@ -129,6 +133,8 @@ pub enum GoalEventKind {
     PlannerFailed,
     /// Kind of [`GoalEvent::PlannerBusy`].
     PlannerBusy,
+    /// Kind of [`GoalEvent::MembersBusy`].
+    MembersBusy,
     /// Kind of [`GoalEvent::BidsOutdated`].
     BidsOutdated,
     /// Kind of [`GoalEvent::PlanFound`].
@@ -299,6 +305,7 @@ impl GoalEvent {
             GoalEvent::GoalOpen(..) => GoalEventKind::GoalOpen,
             GoalEvent::PlannerFailed(..) => GoalEventKind::PlannerFailed,
             GoalEvent::PlannerBusy(..) => GoalEventKind::PlannerBusy,
+            GoalEvent::MembersBusy(..) => GoalEventKind::MembersBusy,
             GoalEvent::BidsOutdated(..) => GoalEventKind::BidsOutdated,
             GoalEvent::PlanFound(..) => GoalEventKind::PlanFound,
             GoalEvent::PlanMissing(_) => GoalEventKind::PlanMissing,
@@ -329,6 +336,7 @@ impl GoalEvent {
             | GoalEvent::GoalOpen(attempt, _)
             | GoalEvent::PlannerFailed(attempt, ..)
             | GoalEvent::PlannerBusy(attempt, ..)
+            | GoalEvent::MembersBusy(attempt, ..)
             | GoalEvent::BidsOutdated(attempt, _)
             | GoalEvent::PlanFound(attempt, _)
             | GoalEvent::PlanMissing(attempt)

@@ -261,6 +261,11 @@ impl GoalState {
             }
             GoalEvent::PlannerFailed(_, why, wait) => self.retry(why, wait, policy),
             GoalEvent::PlannerBusy(_, why, wait) => self.postpone(why, wait, policy),
+            GoalEvent::MembersBusy(_, why, share) => {
+                let wait = backoff(self.hindrances.saturating_add(1));
+                let longer = wait * u32::from(share) / 256;
+                self.postpone(why, wait + longer, policy)
+            }
             GoalEvent::BidsOutdated(_, why) => self.bids_outdated(why, now, policy),
             GoalEvent::PlanFound(_, decision) => self.plan_found(decision, now, policy),
             GoalEvent::PlanMissing(_) => {

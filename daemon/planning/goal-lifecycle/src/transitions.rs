@@ -87,6 +87,7 @@ pub const TRANSITIONS: &[GoalTransition] = &[
     ),
     leads(GoalEventKind::PlannerFailed, only(&[Planning]), &[WaitingForChange, Ended]),
     leads(GoalEventKind::PlannerBusy, only(&[Planning]), &[WaitingForChange, Ended]),
+    leads(GoalEventKind::MembersBusy, only(&[CollectingProposals]), &[WaitingForChange, Ended]),
     may_lead(GoalEventKind::BidsOutdated, only(&[CollectingProposals]), &[WaitingForChange]),
     leads(
         GoalEventKind::PlanFound,

@@ -47,6 +47,7 @@ fn events(attempt: Attempt) -> Vec<GoalEvent> {
         GoalEvent::GoalOpen(attempt, PlanningFlow::Decentralized),
         GoalEvent::PlannerFailed(attempt, text(), Duration::ZERO),
         GoalEvent::PlannerBusy(attempt, text(), Duration::ZERO),
+        GoalEvent::MembersBusy(attempt, text(), 128),
         GoalEvent::BidsOutdated(attempt, text()),
         GoalEvent::PlanFound(attempt, PlanDecision::Run),
         GoalEvent::PlanFound(

@@ -5,16 +5,20 @@
 //!   incarnation. An agent that leaves, declines its part or does not answer is left out, and the
 //!   plan is made anew without it, at most [`PLANS_MAX`] times.
 //! - An agreement is an exchange of the contract net: a `cfp` with the part, `agree` or `refuse`, and
-//!   then `accept-proposal` or `reject-proposal`. It reserves nothing.
+//!   then `accept-proposal` or `reject-proposal`. It holds the agent for the goal, for a lease.
+//! - Nobody waits for an agent while holding others: if one agent has other work, all agreements are
+//!   rejected, and the goal is planned for again after a while. So several requesters that want the
+//!   same agents never wait for each other.
 //! - Nothing is executed before all agents have agreed.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use acl::content::{Bid, CallForProposals, Outcome, Refusal, Report};
+use acl::content::{Bid, CallForProposals, Choice, Outcome, Reason, Refusal, Report, value};
+use acl::fnv::Fnv64;
 use acl::{AgentId, ConversationId, Message, Performative};
 use agent::{Context, TimerId};
-use goal_lifecycle::{Attempt, PlanDecision};
+use goal_lifecycle::{Attempt, GoalEvent, PlanDecision};
 use pddl::{Condition, Plan};
 use planner::explain::Explanation;
 use planner::{Budget, Cancel, Options};
@@ -232,12 +236,13 @@ impl PlanRequester {
     /// Handles the answer of an agent that was asked to agree to its part.
     fn part_answered(&mut self, id: &ConversationId, message: Message, ctx: &mut Context<Self>) {
         let agent = message.sender.clone();
+        let awaited = self.agreeing(id).and_then(|pending| pending.awaited.get(&agent));
+        if awaited.is_none() || awaited != message.exchange() {
+            return reject_late(&message, ctx);
+        }
         let Some(state) = self.planning_jointly(id) else { return };
         let is_same = state.members.get(&agent) == Some(&message.incarnation);
         let JointPhase::Agreeing(pending) = &mut state.phase else { return };
-        if pending.awaited.get(&agent) != message.exchange() {
-            return;
-        }
         let answer = match message.performative {
             Performative::Agree => match message.content_as::<Bid>() {
                 Ok(bid) if bid.agreed.as_ref() == Some(&pending.joint.digest) && is_same => Ok(()),
@@ -246,6 +251,12 @@ impl PlanRequester {
             },
             _ => {
                 let refusal = message.content_as::<Refusal>();
+                if let Ok(refusal) = &refusal
+                    && matches!(refusal.reason, Reason::Busy | Reason::MailboxFull)
+                {
+                    let why = format!("`{agent}` has other work: {}", refusal.detail);
+                    return self.member_busy(id, &agent, why, ctx);
+                }
                 Err(refusal.map_or_else(|_| "without a reason".to_owned(), |it| it.detail))
             }
         };
@@ -271,6 +282,25 @@ impl PlanRequester {
             pending.reject("another agent does not take part", ctx);
         }
         self.plan_without(id, state, declined, ctx);
+    }
+
+    /// Gives the present joint plan up because one of its agents has other work, and plans for the
+    /// goal again after a while. Nothing has failed, so the agent is not left out.
+    fn member_busy(
+        &mut self,
+        id: &ConversationId,
+        agent: &AgentId,
+        why: String,
+        ctx: &mut Context<Self>,
+    ) {
+        let Some(state) = self.take_joint_plan(id) else { return };
+        let attempt = state.attempt;
+        if let JointPhase::Agreeing(mut pending) = state.phase {
+            // This agent has answered; its exchange is over.
+            pending.awaited.remove(agent);
+            pending.reject("another agent of the plan has other work", ctx);
+        }
+        self.handle(id, GoalEvent::MembersBusy(attempt, why, waiting_share(id, attempt)), ctx);
     }
 
     fn agreements_overdue(&mut self, id: &ConversationId, ctx: &mut Context<Self>) {
@@ -335,6 +365,27 @@ impl PlanRequester {
         };
         self.plan_missing(id, attempt, explained, ctx);
     }
+}
+
+/// Rejects an agreement that nobody waits for any more, so that it does not hold its agent.
+fn reject_late(message: &Message, ctx: &mut Context<PlanRequester>) {
+    let Some(token) = message.exchange().filter(|_| message.performative == Performative::Agree)
+    else {
+        return;
+    };
+    let detail = "the joint plan was given up meanwhile".to_owned();
+    let choice = value(&Choice { covers: Vec::new(), detail });
+    ctx.send_turn(token, &message.sender, Performative::RejectProposal, choice);
+    ctx.close(token);
+}
+
+/// Returns by which share a goal waits longer than others before it is planned for again, in 256ths.
+/// Goals that want the same agents at the same moment have different shares, and other ones in each
+/// attempt; otherwise they would meet again and again.
+fn waiting_share(id: &ConversationId, attempt: Attempt) -> u8 {
+    let hash = Fnv64::default().with(id.as_str().as_bytes()).with(&attempt.0.to_le_bytes()).value();
+    // The upper bits of this hash depend on all bytes of the input.
+    u8::try_from(hash >> 56).unwrap_or(u8::MAX)
 }
 
 /// Returns the snapshot without the actions of some agents.

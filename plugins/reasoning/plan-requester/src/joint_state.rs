@@ -129,7 +129,9 @@ impl PendingAgreements {
         for (agent, token) in &self.agreed {
             ctx.send_turn(token, agent, verdict, choice.clone());
         }
-        self.agreed.values().chain(self.awaited.values()).for_each(|token| ctx.close(token));
+        // The exchanges of agents that have not answered stay open until their time limit, so that an
+        // agreement that comes late is rejected, and holds its agent no longer.
+        self.agreed.values().for_each(|token| ctx.close(token));
         self.joint
     }
 }

@@ -5,6 +5,7 @@ mod house;
 
 mod apart;
 mod bids;
+mod commitments;
 mod copying;
 mod early;
 mod ended;

@@ -239,6 +239,10 @@ impl Actuator {
     fn obey(&mut self, ctx: &mut Context<Self>) {
         let action = self.running_action();
         let ends = action.as_ref().and_then(|action| self.stop_against(action, ctx.id()));
+        if self.stop_of_all(ctx.id()).is_some() {
+            // Its plan has to be made anew.
+            self.commitment = None;
+        }
         if ends.is_some() || self.stop_of_all(ctx.id()).is_some() {
             self.begin_standing_still(ctx);
         } else if self.stops.in_force().is_empty() {

@@ -8,6 +8,7 @@ pub(crate) mod sayer;
 use std::sync::Arc;
 
 use acl::{AgentId, DaemonId, EcosystemId};
+use actuator::{Actuator, Device};
 use agent::{
     AgentSettings, Blueprint, Host, LaunchContext, LaunchError, LaunchableAgent, MessageRouter,
     Mode, PluginEntry,
@@ -44,6 +45,14 @@ impl House {
         let (id, config) = (name(plugin.name), serde_json::json!({}).into());
         let host = Arc::clone(&self.host);
         (plugin.build)(Blueprint { id, driver: String::new(), config, host }).expect("built")
+    }
+
+    /// Builds the actuator of a device.
+    pub(crate) fn actuator(&self, id: &str, device: impl Device) -> Box<dyn LaunchableAgent> {
+        let (id, config) = (name(id), serde_json::json!({}).into());
+        let host = Arc::clone(&self.host);
+        let blueprint = Blueprint { id, driver: String::new(), config, host };
+        Actuator::build(&blueprint, device).expect("built")
     }
 }
 
