@@ -5,7 +5,8 @@
 //! - Topics with the durability “transient local”, such as the pose of a localization, are published
 //!   once, when something changes. Their last message is requested at the beginning, and again
 //!   whenever a publisher appears: it may have published while the link was broken, or before it
-//!   knew of the subscription.
+//!   knew of the subscription. When a publisher ends, the message is forgotten, because it may be of
+//!   that publisher, and those that are still there are asked again.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -65,6 +66,15 @@ struct MessageIntake {
     latest: watch::Sender<Option<TopicMessage>>,
     /// Number of messages that were received as they were published.
     received: AtomicU64,
+    /// Number of publishers that have ended. Changes only while `latest` is locked.
+    ended: AtomicU64,
+}
+
+/// What had happened when last messages were requested.
+#[derive(Clone, Copy)]
+struct RecallStart {
+    received: u64,
+    ended: u64,
 }
 
 // === impl TopicReader ===
@@ -76,7 +86,8 @@ impl TopicReader {
         topic: Topic,
     ) -> Result<TopicReader, RosError> {
         let (sender, latest) = watch::channel(None);
-        let inbox = Arc::new(MessageIntake { latest: sender, received: AtomicU64::new(0) });
+        let (received, ended) = (AtomicU64::new(0), AtomicU64::new(0));
+        let inbox = Arc::new(MessageIntake { latest: sender, received, ended });
         let receiving = Arc::clone(&inbox);
         let messages = session
             .declare_subscriber(key.clone())
@@ -84,22 +95,24 @@ impl TopicReader {
             .await
             .map_err(RosError::zenoh)?;
         let (appeared, mut publishers) = mpsc::channel(PUBLISHERS_MAX);
-        let forgetting = Arc::clone(&inbox);
+        let (forgetting, all) = (Arc::clone(&inbox), format!("{key}/@adv/**"));
+        let remaining = all.clone();
         let tokens = session
             .liveliness()
             .declare_subscriber(format!("{key}/@adv/pub/**"))
             .callback(move |token| {
-                match token.kind() {
-                    SampleKind::Put => drop(appeared.try_send(token.key_expr().to_string())),
-                    // The last message of a node that has ended says nothing about the present.
+                let asked = match token.kind() {
+                    SampleKind::Put => token.key_expr().to_string(),
                     SampleKind::Delete => {
-                        forgetting.latest.send_replace(None);
+                        forgetting.forget();
+                        remaining.clone()
                     }
-                }
+                };
+                drop(appeared.try_send(asked));
             })
             .await
             .map_err(RosError::zenoh)?;
-        inbox.recall(&session, &format!("{key}/@adv/**")).await?;
+        inbox.recall(&session, &all).await?;
         let history = tokio::spawn(async move {
             while let Some(publisher) = publishers.recv().await {
                 if let Err(error) = inbox.recall(&session, &publisher).await {
@@ -164,9 +177,22 @@ impl MessageIntake {
         self.latest.send_replace(Some(TopicMessage::of(sample)));
     }
 
+    /// Forgets the latest message, because a publisher has ended: its last message says nothing about
+    /// the present.
+    fn forget(&self) {
+        self.latest.send_modify(|latest| {
+            self.ended.fetch_add(1, Ordering::SeqCst);
+            *latest = None;
+        });
+    }
+
     /// Requests the last message of the publishers with the key `publishers`.
     async fn recall(self: &Arc<Self>, session: &Session, publishers: &str) -> Result<(), RosError> {
-        let (inbox, received) = (Arc::clone(self), self.received.load(Ordering::SeqCst));
+        let inbox = Arc::clone(self);
+        let start = RecallStart {
+            received: self.received.load(Ordering::SeqCst),
+            ended: self.ended.load(Ordering::SeqCst),
+        };
         let history = session
             .get(format!("{publishers}?_max=1"))
             .accept_replies(ReplyKeyExpr::Any)
@@ -175,20 +201,25 @@ impl MessageIntake {
             .timeout(HISTORY_TIMEOUT)
             .callback(move |reply| {
                 if let Ok(sample) = reply.result() {
-                    inbox.remember(TopicMessage::of(sample), received);
+                    inbox.remember(TopicMessage::of(sample), start);
                 }
             });
         history.await.map_err(RosError::zenoh)
     }
 
     /// Takes a message that was published before, unless it is older than the latest one. Where
-    /// times are missing, a message that came after the first `received` ones is newer.
-    fn remember(&self, message: TopicMessage, received: u64) {
+    /// times are missing, a message that was received after the `start` of the request is newer. If a
+    /// publisher has ended since, the message may be of that one, and those that remain are asked
+    /// again.
+    fn remember(&self, message: TopicMessage, start: RecallStart) {
         self.latest.send_if_modified(|latest| {
+            if self.ended.load(Ordering::SeqCst) != start.ended {
+                return false;
+            }
             let known = latest.as_ref().and_then(|latest| latest.published_at);
             let is_newer = match (known, message.published_at) {
                 (Some(known), Some(published_at)) => published_at > known,
-                _ => self.received.load(Ordering::SeqCst) == received,
+                _ => self.received.load(Ordering::SeqCst) == start.received,
             };
             if is_newer {
                 *latest = Some(message);
@@ -202,5 +233,30 @@ impl TopicMessage {
     fn of(sample: &Sample) -> TopicMessage {
         let bytes = sample.payload().to_bytes().into_owned();
         TopicMessage { bytes, published_at: sample.timestamp().copied() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn message(byte: u8) -> TopicMessage {
+        TopicMessage { bytes: vec![byte], published_at: None }
+    }
+
+    #[test]
+    fn a_late_answer_of_a_publisher_that_has_ended_is_not_remembered() {
+        let (latest, seen) = watch::channel(None);
+        let (received, ended) = (AtomicU64::new(0), AtomicU64::new(0));
+        let intake = MessageIntake { latest, received, ended };
+        let last = || seen.borrow().as_ref().map(|message: &TopicMessage| message.bytes[0]);
+        let before = RecallStart { received: 0, ended: 0 };
+        intake.remember(message(1), before);
+        assert_eq!(last(), Some(1));
+        intake.forget();
+        intake.remember(message(1), before);
+        assert_eq!(last(), None, "it was asked before the publisher ended");
+        intake.remember(message(2), RecallStart { received: 0, ended: 1 });
+        assert_eq!(last(), Some(2));
     }
 }

@@ -65,6 +65,18 @@ async fn a_publisher_that_appears_later_is_asked_for_its_last_message() {
     assert_eq!(next(&mut reader).await, json!(2));
 }
 
+/// A node that is started anew may be there before the end of the former one is noticed.
+#[tokio::test(flavor = "multi_thread")]
+async fn the_message_of_a_publisher_that_remains_is_kept_when_another_one_ends() {
+    let (robot, endpoint) = robot().await;
+    let mut reader = reader(&endpoint).await;
+    let former = robot.liveliness().declare_token("amcl_pose/@adv/pub/2/uhlc/_").await;
+    let _present = publisher(&robot, 2, robot.new_timestamp()).await;
+    assert_eq!(next(&mut reader).await, json!(2));
+    drop(former.expect("a token"));
+    assert_eq!(next(&mut reader).await, json!(2), "it is asked again");
+}
+
 #[tokio::test(flavor = "multi_thread")]
 async fn a_message_that_was_kept_does_not_replace_a_newer_one() {
     let (robot, endpoint) = robot().await;
