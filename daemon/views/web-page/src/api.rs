@@ -25,7 +25,7 @@ use crate::answer::{Refused, json_answer};
 use crate::caller::Caller;
 use crate::connection::PageClient;
 use crate::event_stream::{EventBody, EventSource};
-use crate::host::PageAct;
+use crate::host::{HistoryProblem, PageAct};
 use crate::moments;
 use crate::png;
 use crate::query;
@@ -169,8 +169,11 @@ pub(crate) async fn history(RawQuery(text): RawQuery, from: FromPage) -> Result<
     let rows = timeout(ANSWERED_WITHIN, from.0.host.history(person, parameters)).await;
     let late = |_| Refused::new(StatusCode::GATEWAY_TIMEOUT, "the history does not answer");
     let rows = rows.map_err(late)?;
-    let rows = rows.map_err(|problem| Refused::new(StatusCode::NOT_FOUND, problem))?;
-    Ok(json_answer(StatusCode::OK, &rows))
+    let refused = |problem| match problem {
+        HistoryProblem::Parameter(why) => Refused::new(StatusCode::BAD_REQUEST, why),
+        HistoryProblem::Unavailable(why) => Refused::new(StatusCode::NOT_FOUND, why),
+    };
+    Ok(json_answer(StatusCode::OK, &rows.map_err(refused)?))
 }
 
 /// Says goals and facts, given in PDDL as `of`, in the words of a language.

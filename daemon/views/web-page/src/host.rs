@@ -14,6 +14,15 @@ use tokio::sync::watch;
 /// A boxed future.
 pub type BoxFuture<T> = Pin<Box<dyn Future<Output = T> + Send>>;
 
+/// The reason why no rows of the history are returned, each with a sentence for a person.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum HistoryProblem {
+    /// A parameter of the query is wrong.
+    Parameter(String),
+    /// There is no history, or it cannot be read.
+    Unavailable(String),
+}
+
 /// The daemon that serves a page: returns what is to be seen, and carries out what people ask for.
 pub trait PageHost: Send + Sync + 'static {
     /// Returns the time now, by the clock by which the view observes.
@@ -48,14 +57,15 @@ pub trait PageHost: Send + Sync + 'static {
     ///
     /// # Errors
     ///
-    /// Returns a sentence for a person if there is no history, or the parameters are wrong.
+    /// Returns an error if there is no history, or the parameters are wrong.
     fn history(
         &self,
         person: Person,
         parameters: Vec<(String, String)>,
-    ) -> BoxFuture<Result<serde_json::Value, String>> {
+    ) -> BoxFuture<Result<serde_json::Value, HistoryProblem>> {
         drop((person, parameters));
-        Box::pin(async { Err("this daemon shows no history".to_owned()) })
+        let none = "this daemon shows no history".to_owned();
+        Box::pin(async { Err(HistoryProblem::Unavailable(none)) })
     }
 
     /// Carries out what a person asks for about notifications to a browser. Returns `None` if this

@@ -40,8 +40,9 @@ mod topic_store;
 mod topic_task;
 
 pub use host::{
-    ActOutcome, BoxFuture, GoalMode, PageAct, PageHost, PageMessage, PagePicture, PageSetup,
-    PushAnswer, PushAsk, SetupAction, SetupObject, SetupParameter, SetupPredicate, SetupType,
+    ActOutcome, BoxFuture, GoalMode, HistoryProblem, PageAct, PageHost, PageMessage, PagePicture,
+    PageSetup, PushAnswer, PushAsk, SetupAction, SetupObject, SetupParameter, SetupPredicate,
+    SetupType,
 };
 pub use options::PageOptions;
 pub use server::{PageListenError, PageServer};

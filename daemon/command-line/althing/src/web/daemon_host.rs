@@ -10,7 +10,8 @@ use live_view::{LiveView, Moment};
 use serde_json::{Value, json};
 use tokio::sync::watch;
 use web_page::{
-    ActOutcome, BoxFuture, PageAct, PageHost, PagePicture, PageSetup, PushAnswer, PushAsk,
+    ActOutcome, BoxFuture, HistoryProblem, PageAct, PageHost, PagePicture, PageSetup, PushAnswer,
+    PushAsk,
 };
 
 use super::acts::{self, ActMeans};
@@ -104,11 +105,13 @@ impl PageHost for DaemonHost {
         &self,
         person: Person,
         parameters: Vec<(String, String)>,
-    ) -> BoxFuture<Result<Value, String>> {
+    ) -> BoxFuture<Result<Value, HistoryProblem>> {
         let means = Arc::clone(&self.means);
         Box::pin(async move {
-            let (query, limit) = history_query(&parameters)?;
-            read_history(&means, query, limit, person.may(PersonRight::Secrets)).await
+            let query = history_query(&parameters).map_err(HistoryProblem::Parameter);
+            let (query, limit) = query?;
+            let rows = read_history(&means, query, limit, person.may(PersonRight::Secrets)).await;
+            rows.map_err(HistoryProblem::Unavailable)
         })
     }
 
@@ -138,7 +141,10 @@ fn history_query(parameters: &[(String, String)]) -> Result<(HistoryQuery, u32),
     };
     let number = |name: &str| match find(name) {
         None => Ok(None),
-        Some(text) => text.parse::<u64>().map(Some).map_err(|_| format!("`{name}` is no number")),
+        Some(text) => text.parse::<u64>().map(Some).map_err(|_| {
+            let example = if name == "limit" { "200" } else { "1764460800000" };
+            format!("`{name}` must be a whole number, such as {example}, and is {text:?}")
+        }),
     };
     let (from_ms, to_ms) = (number("from")?, number("to")?);
     let limit = number("limit")?.map_or(HISTORY_EVENTS, |limit| {
@@ -196,7 +202,8 @@ mod tests {
         let values = HistoryQuery::Values { fact, from_ms, to_ms };
         let asked = [("values", "(temperature office1)"), ("limit", "99999999999999")];
         assert_eq!(query(&asked), Ok((values, HISTORY_EVENTS_MAX)));
-        assert!(query(&[("limit", "-1")]).is_err());
+        let wrong = "`limit` must be a whole number, such as 200, and is \"-1\"";
+        assert_eq!(query(&[("limit", "-1")]), Err(wrong.to_owned()));
         assert!(query(&[("limits", "1")]).is_err_and(|why| why.contains("`limits`")));
     }
 }

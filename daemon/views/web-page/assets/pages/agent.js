@@ -2,7 +2,7 @@
 // of its actions.
 
 import { may, setup } from "../lib/api.js";
-import { html, useId, useState } from "../lib/html.js";
+import { html, useEffect, useId, useState } from "../lib/html.js";
 import { t } from "../lib/language.js";
 import { At, Late, Since, duration } from "../lib/time.js";
 import { useTopic } from "../lib/topics.js";
@@ -10,7 +10,7 @@ import { SmallTable } from "../lib/table.js";
 import { useFollowed } from "../lib/state.js";
 import { AskTwice, Card, Code, Empty, Facts, Link, Outcome, PageHead, State, Text, Told, useAct } from "../lib/ui.js";
 import { line } from "../lib/visible.js";
-import { argumentsOf, PickArguments } from "./ask.js";
+import { areWhole, argumentsOf, PickArguments } from "./ask.js";
 import { ActivityList } from "./activity.js";
 import { agentState } from "./agents.js";
 import { SaidFact } from "../lib/words.js";
@@ -74,13 +74,23 @@ function Act({ agent }) {
   const [picked, setPicked] = useState([]);
   const id = useId();
   const offered = (described?.actions ?? []).filter((action) => action.agent === agent);
-  if (offered.length === 0) return null;
-  const action = offered.find((one) => one.name === name) ?? offered[0];
+  // An action that was chosen and is offered no more stays chosen: another one must not take its place.
+  const found = offered.find((one) => one.name === (name || offered[0]?.name));
+  const action = found ?? { name, parameters: [] };
   const values = argumentsOf(action.parameters, picked, described);
+  const isWhole = found !== undefined && areWhole(action.parameters, values, described);
+  // What is shown stays chosen: an object that comes or goes does not change what is asked for.
+  const isSettled = name === action.name && values.every((value, at) => value === (picked[at] ?? ""));
+  useEffect(() => {
+    if (!found || isSettled) return;
+    setName(action.name);
+    setPicked(values);
+  });
+  if (offered.length === 0) return null;
   const step = `(${[action.name, agent, ...values].join(" ")})`;
-  const isWhole = values.every((value) => value !== "");
   return html`<${Card} title=${t("action.title")}><form onSubmit=${(event) => { event.preventDefault(); run({ act: "action", agent, action: step }); }}>
     <div class="builder-row"><div class="field"><label for=${id}>${t("agent.action")}</label><select id=${id} value=${action.name} onChange=${(event) => { setName(event.target.value); setPicked([]); }}>
+      ${!found && html`<option value=${name}>${t("ask.gone", { name: line(name) })}</option>`}
       ${offered.map((one) => html`<option key=${one.name} value=${one.name}>${one.name}</option>`)}</select></div>
       <${PickArguments} parameters=${action.parameters} values=${values} setup=${described} onPick=${(at, value) => setPicked(values.map((old, n) => (n === at ? value : old)))} /></div>
     <p><code>${step}</code></p>

@@ -40,8 +40,12 @@ export function AskPage() {
 function Builder({ setup: described }) {
   const predicates = goalPredicates(described);
   const [chosen, setConditions] = useState(() => [fresh(predicates[0])]);
-  // A condition of before the first predicate was known takes that; one that was chosen stays.
-  const conditions = chosen.map((condition) => (condition.name === "" ? fresh(predicates[0]) : condition));
+  // A condition of before the first predicate was known takes that; what is shown once stays chosen, so
+  // that an object that comes or goes does not change the goal.
+  const conditions = chosen.map((condition) => settled(condition, predicates, described));
+  useEffect(() => {
+    if (conditions.some((condition, at) => condition !== chosen[at])) setConditions(conditions);
+  });
   const [typed, setTyped] = useState(null);
   const [mode, setMode] = useState("reach");
   const [within, setWithin] = useState("");
@@ -146,7 +150,7 @@ function Condition({ condition, predicates, setup: described, number: at, onChan
   const found = predicates.find((one) => one.name === condition.name);
   // What no agent can change any more stays chosen, and is no goal: another one must not take its place.
   const predicate = found ?? { name: condition.name, parameters: [], is_function: false };
-  const values = argumentsOf(predicate.parameters, condition.values, described);
+  const { values } = condition;
   const id = useId();
   const pick = (position, value) => onChange({ ...condition, values: values.map((old, n) => (n === position ? value : old)) });
   return html`<fieldset class="condition"><legend>${t("ask.condition", { n: at })}</legend><div class="builder-row">
@@ -163,24 +167,43 @@ function Condition({ condition, predicates, setup: described, number: at, onChan
   </div></fieldset>`;
 }
 
-// Fields for the arguments of a predicate or an action: each offers the objects of its type.
+// Fields for the arguments of a predicate or an action: each offers the objects of its type. One that was
+// chosen and is gone stays chosen, and is said to be gone.
 export function PickArguments({ parameters, values, setup: described, onPick }) {
   const id = useId();
   return parameters.map((parameter, at) => {
     const objects = objectsOf(parameter.types, described);
+    const gone = isGone(parameter, values[at], described) ? values[at] : null;
     return html`<div class="field" key=${`${at}${parameter.name}`}><label for=${`${id}${at}`}>${line(parameter.name)}${parameter.types.length > 0 && html` <span class="muted">(${line(parameter.types.join(", "))})</span>`}</label>
       <select id=${`${id}${at}`} value=${values[at]} onChange=${(event) => onPick(at, event.target.value)}>
-        ${objects.length === 0 && html`<option value="">${t("ask.no-object")}</option>`}
+        ${objects.length === 0 && gone === null && html`<option value="">${t("ask.no-object")}</option>`}
+        ${gone !== null && html`<option value=${gone}>${t("ask.gone", { name: line(gone) })}</option>`}
         ${objects.map((name) => html`<option key=${name} value=${name}>${line(name)}</option>`)}</select></div>`;
   });
 }
 
-// The arguments as picked, or the first object that fits.
+// The arguments as picked, also those that are gone; where none is picked, the first object that fits.
 export function argumentsOf(parameters, picked, described) {
-  return parameters.map((parameter, at) => {
-    const objects = objectsOf(parameter.types, described);
-    return objects.includes(picked[at]) ? picked[at] : objects[0] ?? "";
-  });
+  return parameters.map((parameter, at) => picked[at] || (objectsOf(parameter.types, described)[0] ?? ""));
+}
+
+// Whether an argument was chosen that is no object of its type, or none any more.
+function isGone(parameter, value, described) {
+  return Boolean(value) && !objectsOf(parameter.types, described).includes(value);
+}
+
+// Whether each argument is there.
+export function areWhole(parameters, values, described) {
+  return parameters.every((parameter, at) => Boolean(values[at]) && !isGone(parameter, values[at], described));
+}
+
+// The condition with what is shown where nothing is chosen; the same one if all is chosen.
+function settled(condition, predicates, described) {
+  if (condition.name === "" && predicates.length === 0) return condition;
+  const known = condition.name === "" ? fresh(predicates[0]) : condition;
+  const parameters = predicates.find((one) => one.name === known.name)?.parameters ?? [];
+  const values = argumentsOf(parameters, known.values, described);
+  return values.every((value, at) => value === (known.values[at] ?? "")) ? known : { ...known, values };
 }
 
 // The objects of one of the types, or of a kind of them.
@@ -211,8 +234,8 @@ function goalOf(conditions, described) {
   const parts = conditions.map((condition) => {
     const predicate = goalPredicates(described).find((one) => one.name === condition.name);
     if (!predicate) return null;
-    const values = argumentsOf(predicate.parameters, condition.values, described);
-    if (values.includes("")) return null;
+    const { values } = condition;
+    if (!areWhole(predicate.parameters, values, described)) return null;
     const atom = `(${[predicate.name, ...values].join(" ")})`;
     if (predicate.is_function) {
       const value = Number(condition.number);

@@ -15,8 +15,8 @@ use live_view::{AgentPlace, ExpectedAgent, LiveView, Moment, ViewEvent, ViewLimi
 use serde_json::{Value, json};
 use tokio::sync::watch;
 use web_page::{
-    ActOutcome, BoxFuture, GoalMode, PageAct, PageHost, PagePicture, PageSetup, PushAnswer,
-    PushAsk, SetupAction, SetupObject, SetupParameter, SetupPredicate, SetupType,
+    ActOutcome, BoxFuture, GoalMode, HistoryProblem, PageAct, PageHost, PagePicture, PageSetup,
+    PushAnswer, PushAsk, SetupAction, SetupObject, SetupParameter, SetupPredicate, SetupType,
 };
 
 /// Agents of one daemon.
@@ -85,6 +85,8 @@ struct State {
     stops: Vec<Value>,
     /// The conversations of goals that wait for their times.
     scheduled: BTreeSet<String>,
+    /// Places besides the rooms.
+    places: BTreeSet<String>,
     count: u64,
 }
 
@@ -131,6 +133,7 @@ impl MadeUp {
             discovered: BTreeMap::new(),
             stops: Vec::new(),
             scheduled: BTreeSet::new(),
+            places: BTreeSet::new(),
             count: 0,
         };
         let (state, changes) = (Mutex::new(state), watch::Sender::new(0));
@@ -203,6 +206,11 @@ impl MadeUp {
             state.discovered.insert(agent.to_owned(), false);
             state.tell_discovered();
         });
+    }
+
+    /// Replaces the places besides the rooms.
+    pub(crate) fn set_places(&self, places: &[&str]) {
+        self.state().places = places.iter().copied().map(str::to_owned).collect();
     }
 
     /// Plays a made-up ecosystem for ever, with each heartbeat at a time of its own: more changes
@@ -587,7 +595,9 @@ impl PageHost for MadeUp {
             parameters: vec![parameter("from", "location"), parameter("to", "location")],
         });
         let rooms = (0..state.rooms).map(|room| object(format!("room-{room}"), "location"));
-        let objects = robots.map(|robot| object(robot.name.clone(), "robot")).chain(rooms);
+        let places = state.places.iter().map(|place| object(place.clone(), "location"));
+        let robots = robots.map(|robot| object(robot.name.clone(), "robot"));
+        let objects = robots.chain(rooms).chain(places);
         PageSetup {
             ecosystem: EcosystemId::new("made-up").expect("a name"),
             daemon: DaemonId::new("pi-0").expect("a name"),
@@ -635,9 +645,14 @@ impl PageHost for MadeUp {
         &self,
         person: Person,
         parameters: Vec<(String, String)>,
-    ) -> BoxFuture<Result<Value, String>> {
+    ) -> BoxFuture<Result<Value, HistoryProblem>> {
+        if let Some((unknown, _)) = parameters.iter().find(|(name, _)| name == "limits") {
+            let why = format!("the history has no parameter `{unknown}`");
+            return Box::pin(async { Err(HistoryProblem::Parameter(why)) });
+        }
         if !self.has_history.load(Ordering::Relaxed) {
-            return Box::pin(async { Err("this daemon shows no history".to_owned()) });
+            let none = "this daemon shows no history".to_owned();
+            return Box::pin(async { Err(HistoryProblem::Unavailable(none)) });
         }
         let hours_ago = |hours: u64| now().0 - hours * 3_600_000;
         let is_of_values = parameters.iter().any(|(name, _)| name == "values");

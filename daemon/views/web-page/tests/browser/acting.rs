@@ -66,6 +66,35 @@ fn a_goal_is_built_tried_asked_for_and_watched_to_its_end() {
 }
 
 #[test]
+fn an_object_that_comes_or_goes_does_not_change_the_goal() {
+    let Some(mut browser) = Chromium::start() else { return };
+    let site = Site::start(20);
+    site.sign_in(&mut browser, "/ask");
+    let goal = "document.querySelector('.pddl textarea').value";
+    browser.wait_for(&format!("{goal} === '(at robot-0 room-0)'"));
+    let places = "[...document.querySelectorAll('.condition select')].at(-1)";
+    let is_listed = format!("[...{places}.options].some((one) => one.value === 'annex')");
+    let ask_again = "import('/assets/lib/api.js').then((api) => api.loadSetup())";
+
+    site.host.set_places(&["annex"]);
+    browser.evaluate(ask_again);
+    browser.wait_for(&is_listed);
+    assert_eq!(browser.evaluate(goal), "(at robot-0 room-0)", "the annex sorts before room-0");
+
+    browser.evaluate(&format!(
+        "{places}.value = 'annex'; {places}.dispatchEvent(new Event('change', {{ bubbles: true }}))"
+    ));
+    browser.wait_for(&format!("{goal} === '(at robot-0 annex)'"));
+    site.host.set_places(&[]);
+    browser.evaluate(ask_again);
+    browser.wait_for(&format!("{places}.selectedOptions[0].innerText === 'annex (gone)'"));
+    assert_eq!(browser.evaluate(goal), "", "there is no such place");
+    let ask = "document.querySelector('.builder .primary').disabled";
+    assert_eq!(browser.evaluate(ask), true);
+    browser.assert_no_problems();
+}
+
+#[test]
 fn a_goal_by_the_clock_is_listed_in_words_and_cancelled() {
     let Some(mut browser) = Chromium::start() else { return };
     let site = Site::start(10);

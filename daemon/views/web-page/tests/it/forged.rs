@@ -191,6 +191,7 @@ async fn wrong_bodies_and_paths_are_refused_with_a_sentence() {
         ("GET /api/agents/%ff", 400),
         ("GET /api/cameras/lamp-2", 404),
         ("GET /api/history", 404),
+        ("GET /api/history?limits=1", 400),
         ("GET /api/events", 400),
         ("GET /api/events?topics=evil", 400),
         ("GET /api/events?topics=goal:a%0Aevent:%20x", 400),
