@@ -61,8 +61,8 @@ pub struct Actuator {
     /// ended.
     pending_reports: BTreeMap<ActionToken, WorkHandle>,
     running_bids: BTreeMap<ReplyToken, (Cancel, WorkHandle)>,
-    /// The agreement to a part of a joint plan, for whose goal alone the agent acts meanwhile; `None`
-    /// if there is none.
+    /// The agent's commitment to a joint plan. While there is one, the agent acts for the goal of that
+    /// plan only.
     commitment: Option<Commitment>,
     /// Data that the actuator's own planner keeps, used by one bid at a time. A second bid at the
     /// same time starts with an empty planner instead of waiting.

@@ -18,8 +18,8 @@ use tokio::time::Instant;
 
 /// How long an actuator that has agreed waits for the next step of its part. A longer lease keeps
 /// agents from other work after the death of a requester, or after the failure of a plan at another
-/// agent. A shorter one ends while another agent of the plan goes through two or three rooms. An agent
-/// whose lease has ended still takes the steps of the plan, if it has not agreed to another one.
+/// agent. A shorter one ends while another agent of the plan goes through two or three rooms. After the
+/// lease the agent still takes the steps of the plan, unless it has agreed to another plan.
 pub(crate) const AGREEMENT_LEASE: Duration = Duration::from_secs(10);
 
 /// The commitment of an actuator to its part of one joint plan.

@@ -72,12 +72,12 @@ pub enum PackageStoreError {
         asks: Vec<Right>,
     },
     /// Other users can change files of the plugin folder.
-    #[error("use {}: {who} can write to it, and could run anything here: {cure}", path.display())]
+    #[error("use {}: {writers} can write to it, and could run anything here: {cure}", path.display())]
     Writable {
         /// The plugin folder, or a file or folder in it, that other users can change.
         path: PathBuf,
         /// Description of the users that can write to the path, for the message.
-        who: &'static str,
+        writers: &'static str,
         /// Description of how a person corrects that, for the message.
         cure: String,
     },
@@ -490,7 +490,7 @@ impl PackageStore {
         let (shown, found) = (path.display(), metadata.uid());
         let own = rustix::process::geteuid().as_raw();
         let is_known = found == own || found == 0 || self.owner.is_some_and(|it| it.user == found);
-        let (who, cure) = match metadata.mode() & OTHERS_WRITE {
+        let (writers, cure) = match metadata.mode() & OTHERS_WRITE {
             0 if is_known => return Ok(()),
             // The daemon of that user could not use a folder that belongs to root.
             0 if own == 0 && path == self.folder => {
@@ -503,7 +503,7 @@ impl PackageStore {
             }
             _ => ("other users", format!("chmod -R go-w {shown}")),
         };
-        Err(PackageStoreError::Writable { path: path.to_owned(), who, cure })
+        Err(PackageStoreError::Writable { path: path.to_owned(), writers, cure })
     }
 
     /// Returns the number of the user that the packages should belong to.

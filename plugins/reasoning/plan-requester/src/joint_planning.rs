@@ -6,8 +6,8 @@
 //!   plan is made anew without it, at most [`PLANS_MAX`] times.
 //! - An agreement is an exchange of the contract net: a `cfp` with the part, `agree` or `refuse`, and
 //!   then `accept-proposal` or `reject-proposal`. It holds the agent for the goal, for a lease.
-//! - Nobody waits for an agent while holding others: if one agent has other work, all agreements are
-//!   rejected, and the goal is planned for again after a while. So several requesters that want the
+//! - A requester holds no agent while it waits for another: if one agent has other work, all agreements
+//!   are rejected, and the goal is planned for again after a while. So several requesters that want the
 //!   same agents never wait for each other.
 //! - Nothing is executed before all agents have agreed.
 
@@ -367,7 +367,7 @@ impl PlanRequester {
     }
 }
 
-/// Rejects an agreement that nobody waits for any more, so that it does not hold its agent.
+/// Rejects an agreement that comes too late, so that it does not hold its agent.
 fn reject_late(message: &Message, ctx: &mut Context<PlanRequester>) {
     let Some(token) = message.exchange().filter(|_| message.performative == Performative::Agree)
     else {

@@ -43,7 +43,7 @@ const DURATIONS: &[&str] = &[
     "within",
 ];
 
-/// The key among them whose durations are short: contacts bounce for milliseconds.
+/// Key with a short duration, because contacts bounce for milliseconds.
 const SHORT: &str = "debounce";
 
 /// A mistake in a `config`, with its message and a correction.

@@ -135,7 +135,7 @@ impl ActMeans {
         if conversation.len() > IDENTIFIER_BYTES_MAX || conversation.contains(char::is_control) {
             return Err("a conversation is a short text without control characters".to_owned());
         }
-        // Who may not ask for goals may not end those of others.
+        // Cancelling a goal of another person needs the same right as asking for goals.
         self.agents.check_rights(&self.agents.name_of(&person.name)?, &any_goal())?;
         let conversation = ConversationId::new(conversation);
         let request = UserRequest::Cancel(conversation.clone());

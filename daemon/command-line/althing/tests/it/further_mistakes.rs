@@ -1,7 +1,7 @@
 //! Mistakes about daemons, files with secrets, times, goals and channels in the file of a home: each
 //! is reported once, at its place, and with what would be right.
 
-use crate::mistakes::{ERROR, MAP, WARNING, check, told};
+use crate::mistakes::{ERROR, MAP, WARNING, changed, check, told};
 
 /// A home of two rooms.
 const HOME: &str = r#"[ecosystem]
@@ -26,14 +26,9 @@ first = { goal = "(known-temperature kitchen)" }
 /// The line of the goal.
 const GOAL: usize = 17;
 
-fn changed(from: &str, to: &str) -> String {
-    assert!(HOME.contains(from), "{from}");
-    HOME.replacen(from, to, 1)
-}
-
 #[track_caller]
 fn one(severity: &str, from: &str, to: &str, line: usize, words: &[&str]) {
-    check(&changed(from, to), MAP, severity, &format!("files/school.toml:{line}"), words);
+    check(&changed(HOME, from, to), MAP, severity, &format!("files/school.toml:{line}"), words);
 }
 
 /// Checks the one report about the goal `goal`.
@@ -50,7 +45,7 @@ fn the_home_has_no_mistake() {
 #[test]
 fn an_agent_that_no_daemon_hosts_is_reported() {
     let daemons = "name = \"home\"\ndaemons = [\"desk\", \"hall-pi\"]\nreasoning = \"desk\"";
-    let text = changed("name = \"home\"", daemons);
+    let text = changed(HOME, "name = \"home\"", daemons);
     let found = told(&text, MAP);
     assert_eq!(found.len(), 2, "{found:#?}");
     for agent in ["thermometer-kitchen", "robot"] {
@@ -59,14 +54,17 @@ fn an_agent_that_no_daemon_hosts_is_reported() {
     }
     // A single daemon hosts all.
     let daemons = "name = \"home\"\ndaemons = [\"desk\"]\nreasoning = \"desk\"";
-    assert_eq!(told(&changed("name = \"home\"", daemons), MAP), []);
+    assert_eq!(told(&changed(HOME, "name = \"home\"", daemons), MAP), []);
 }
 
 #[test]
 fn a_misspelt_daemon_hosts_only_agents_that_plan() {
     let reasoning = |name: &str, list: &str| {
-        let text =
-            changed("name = \"home\"", &format!("name = \"home\"\n{list}reasoning = \"{name}\""));
+        let text = changed(
+            HOME,
+            "name = \"home\"",
+            &format!("name = \"home\"\n{list}reasoning = \"{name}\""),
+        );
         text.replace("plugin = \"t", "daemon = \"office-pi\"\nplugin = \"t")
     };
     let place = "files/school.toml:3";
@@ -91,7 +89,7 @@ fn the_mistake_of_a_channel_is_at_its_value() {
             )
         };
         let agent = "[[agent]]\nname = \"n\"\nplugin = \"notifier\"\n";
-        changed("[goals]", &format!("{agent}{}{}[goals]", channel(first), channel(second)))
+        changed(HOME, "[goals]", &format!("{agent}{}{}[goals]", channel(first), channel(second)))
     };
     assert_eq!(told(&channels("", ""), MAP), []);
     let second = channels("", "quiet = \"22-7\"\n");
@@ -109,8 +107,8 @@ fn two_services_at_one_address_are_reported() {
     };
     let metrics = "files/school.toml:17";
     let words = ["`metrics.listen` and `web.listen`", "another port, such as 8651"];
-    check(&changed("[goals]", &web("127.0.0.1:8650")), MAP, ERROR, metrics, &words);
-    assert_eq!(told(&changed("[goals]", &web("127.0.0.1:8651")), MAP), []);
+    check(&changed(HOME, "[goals]", &web("127.0.0.1:8650")), MAP, ERROR, metrics, &words);
+    assert_eq!(told(&changed(HOME, "[goals]", &web("127.0.0.1:8651")), MAP), []);
     let zenoh = "[metrics]\nlisten = \"127.0.0.1:7447\"\n[zenoh.listen]\n\
                  endpoints = [\"tcp/127.0.0.1:7447\"]\n[goals]";
     one(ERROR, "[goals]", zenoh, 17, &["`metrics.listen` and `zenoh.listen.endpoints.0`"]);
@@ -123,15 +121,19 @@ fn plain_text_that_leaves_the_machine_is_reported() {
     };
     let words = ["as plain text", "write [security]"];
     one(WARNING, "[goals]", &zenoh("", "tcp/192.168.1.2:7447"), 17, &words);
-    assert_eq!(told(&changed("[goals]", &zenoh("", "tcp/127.0.0.1:7447")), MAP), []);
-    assert_eq!(told(&changed("[goals]", &zenoh("[security]\n", "tls/192.168.1.2:7447")), MAP), []);
+    assert_eq!(told(&changed(HOME, "[goals]", &zenoh("", "tcp/127.0.0.1:7447")), MAP), []);
+    assert_eq!(
+        told(&changed(HOME, "[goals]", &zenoh("[security]\n", "tls/192.168.1.2:7447")), MAP),
+        []
+    );
 }
 
 #[test]
 fn a_misspelt_daemon_of_the_rights_is_reported() {
     let daemons =
         "name = \"home\"\ndaemons = [\"desk\"]\nreasoning = \"desk\"\n[security]\n[rights]\n";
-    let guests = |names: &str| changed("name = \"home\"", &format!("{daemons}guests = [{names}]"));
+    let guests =
+        |names: &str| changed(HOME, "name = \"home\"", &format!("{daemons}guests = [{names}]"));
     let place = "files/school.toml:7";
     check(&guests("\"dek\""), MAP, WARNING, place, &["`dek`", "did you mean `desk`?"]);
     assert_eq!(told(&guests("\"desk\", \"anna-laptop\""), MAP), []);
@@ -183,7 +185,7 @@ fn what_is_written_instead_is_taken_next() {
         )
     };
     one(ERROR, "[goals]", &lamp("4"), 20, &["write line = \"GPIO4\""]);
-    assert_eq!(told(&changed("[goals]", &lamp("\"GPIO4\"")), MAP), []);
+    assert_eq!(told(&changed(HOME, "[goals]", &lamp("\"GPIO4\"")), MAP), []);
 }
 
 #[test]
@@ -197,7 +199,10 @@ fn the_words_of_a_file_are_checked() {
     for (severity, entry, cure) in cases {
         one(severity, "[goals]", &words(entry), 17, &[cure]);
     }
-    assert_eq!(told(&changed("[goals]", &words("lit = { phrase = \"{1} shines\" }")), MAP), []);
+    assert_eq!(
+        told(&changed(HOME, "[goals]", &words("lit = { phrase = \"{1} shines\" }")), MAP),
+        []
+    );
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Mistakes in the file of a home with tables of rooms and doors: each is reported once, at its place,
 //! without what only follows from it.
 
-use crate::mistakes::{ERROR, MAP, WARNING, check, told};
+use crate::mistakes::{ERROR, MAP, WARNING, changed, check, told};
 
 /// A home of three rooms.
 const HOME: &str = r#"[ecosystem]
@@ -31,8 +31,7 @@ warm = { goal = "(forall (?r - room) (known-temperature ?r))", keep = "maintain"
 /// Checks that the home with `from` replaced by `to` has one mistake, at this line.
 #[track_caller]
 fn one(severity: &str, from: &str, to: &str, line: usize, words: &[&str]) {
-    assert!(HOME.contains(from), "{from}");
-    check(&HOME.replacen(from, to, 1), MAP, severity, &format!("files/school.toml:{line}"), words);
+    check(&changed(HOME, from, to), MAP, severity, &format!("files/school.toml:{line}"), words);
 }
 
 #[test]

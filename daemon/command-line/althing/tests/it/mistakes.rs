@@ -164,6 +164,13 @@ pub(crate) fn check(school: &str, map: &str, severity: &str, place: &str, words:
     }
 }
 
+/// Returns `text` with the first `from` changed to `to`.
+#[track_caller]
+pub(crate) fn changed(text: &str, from: &str, to: &str) -> String {
+    assert!(text.contains(from), "{from}");
+    text.replacen(from, to, 1)
+}
+
 pub(crate) const ERROR: &str = "error";
 pub(crate) const WARNING: &str = "warning";
 

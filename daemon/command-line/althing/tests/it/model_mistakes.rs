@@ -1,7 +1,7 @@
 //! Mistakes in action models, presets, media and drivers of a home: each is reported once, at its place,
 //! and with what would be right.
 
-use crate::mistakes::{ERROR, MAP, WARNING, check, told};
+use crate::mistakes::{ERROR, MAP, WARNING, changed, check, told};
 use crate::sandbox::Sandbox;
 
 /// A home with a program that makes coffee, a camera and a screen.
@@ -51,11 +51,6 @@ const DESK: usize = 35;
 const SCREEN: usize = 39;
 const END: usize = 40;
 
-fn changed(from: &str, to: &str) -> String {
-    assert!(HOME.contains(from), "{from}");
-    HOME.replacen(from, to, 1)
-}
-
 #[track_caller]
 fn found(severity: &str, text: &str, line: usize, words: &[&str]) {
     check(text, MAP, severity, &format!("files/school.toml:{line}"), words);
@@ -63,7 +58,7 @@ fn found(severity: &str, text: &str, line: usize, words: &[&str]) {
 
 #[track_caller]
 fn one(severity: &str, from: &str, to: &str, line: usize, words: &[&str]) {
-    found(severity, &changed(from, to), line, words);
+    found(severity, &changed(HOME, from, to), line, words);
 }
 
 #[test]
@@ -86,11 +81,11 @@ fn a_mistake_in_a_model_is_at_its_own_line() {
     ] {
         let words = ["model of `coffee-1`: ", words];
         one(ERROR, from, to, line, &words);
-        let quoted = changed(from, to).replace("\"\"\"", "'''");
+        let quoted = changed(HOME, from, to).replace("\"\"\"", "'''");
         found(ERROR, &quoted, line, &words);
         found(ERROR, &quoted.replace('\n', "\r\n"), line, &words);
     }
-    let open = told(&changed("3))))", "3)))"), MAP);
+    let open = told(&changed(HOME, "3))))", "3)))"), MAP);
     let in_model = |(_, place, _): &(String, String, String)| {
         let line = place.rsplit(':').next().and_then(|line| line.parse::<usize>().ok());
         line.is_some_and(|line| (17..=25).contains(&line))
@@ -100,7 +95,7 @@ fn a_mistake_in_a_model_is_at_its_own_line() {
 
 #[test]
 fn what_the_composed_domain_leaves_out_is_told() {
-    let without = changed("(:objects coffee-1 - brewer)", "");
+    let without = changed(HOME, "(:objects coffee-1 - brewer)", "");
     let without = without.replace("(:init (clean coffee-1))", "");
     let words = ["action `brew` of `coffee-1` is left out", "(:objects coffee-1 - brewer)"];
     found(WARNING, &without, 22, &words);
@@ -123,7 +118,7 @@ fn names_that_an_unknown_agent_may_declare_are_not_reported() {
     let gateway = "[[agent]]\nname = \"zigbee\"\nplugin = \"mqtt\"\n\
                    config = { broker = \"localhost:1883\" }\n";
     let predicate = "(clean ?c - brewer)";
-    let text = changed(predicate, &format!("{predicate} (idle ?c - cupboard)"));
+    let text = changed(HOME, predicate, &format!("{predicate} (idle ?c - cupboard)"));
     found(WARNING, &text, 19, &["predicate `idle`", "declare the type under `:types`"]);
     assert_eq!(told(&format!("{text}{gateway}"), MAP), []);
 }
@@ -171,7 +166,7 @@ fn a_correction_would_be_taken() {
 #[test]
 fn a_wrong_driver_makes_no_agent_unknown() {
     let plugin = "plugin = \"turtlebot\"\n";
-    let wrong = changed(plugin, &format!("{plugin}driver = \"ros\"\n"));
+    let wrong = changed(HOME, plugin, &format!("{plugin}driver = \"ros\"\n"));
     let safeguards = "[safeguards.robot]\nmove = { confirm = true }\n";
     let goals = "[goals]\nthere = \"(at robot hall)\"\n";
     found(ERROR, &format!("{wrong}{safeguards}{goals}"), 11, &["no driver `ros`"]);
@@ -218,7 +213,7 @@ fn a_table_of_the_config_is_no_agent() {
     one(ERROR, run, &topics, 27, &["write [[agent.config.topics]]"]);
     let table = "driver = \"onvif\"\n[agent.config]\n";
     let beside = "driver = \"onvif\"\naddress = \"10.0.0.9\"\n[agent.config]\n";
-    let text = changed("address = \"10.0.0.9\"\n", "").replacen(table, beside, 1);
+    let text = changed(HOME, "address = \"10.0.0.9\"\n", "").replacen(table, beside, 1);
     found(ERROR, &text, 31, &["move `address` into the entry's `config`"]);
 }
 
@@ -228,7 +223,7 @@ fn ros(start: &str, poses: &str) -> Vec<(String, String, String)> {
         "driver = \"ros2\"\n[agent.config]\nstart = \"{start}\"\n[agent.config.ros2]\n\
          endpoint = \"tcp/127.0.0.1:7447\"\n[agent.config.ros2.places]\n{poses}"
     );
-    let mut all = told(&changed("config = { start = \"hall\" }\n", &config), MAP);
+    let mut all = told(&changed(HOME, "config = { start = \"hall\" }\n", &config), MAP);
     // No watchdog is there.
     all.retain(|(severity, ..)| severity == ERROR);
     all
@@ -256,7 +251,8 @@ fn a_button_works_anywhere() {
     let stop = "[hardware-stops.button]\nstops = [\"robot\"]\nfail-safe = true\n";
     assert_eq!(told(&format!("{HOME}{button}{stop}"), MAP), []);
     found(WARNING, &format!("{HOME}{button}"), END + 3, &["is a corridor", "works in a room"]);
-    let garden = changed("kitchen = {}\n", "kitchen = {}\ngarden = \"outdoors\"   # no way in\n");
+    let garden =
+        changed(HOME, "kitchen = {}\n", "kitchen = {}\ngarden = \"outdoors\"   # no way in\n");
     let outdoors = format!("{garden}{}", button.replace("hall", "garden"));
     found(WARNING, &outdoors, END + 4, &["`garden` is outdoors, and"]);
 }

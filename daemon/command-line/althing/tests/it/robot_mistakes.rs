@@ -1,7 +1,7 @@
 //! Mistakes in the entries of robots, of nodes with ROS 2, and of what is around them: each is reported
 //! once, at its place, and with what would be right.
 
-use crate::mistakes::{ERROR, MAP, WARNING, check, told};
+use crate::mistakes::{ERROR, MAP, WARNING, changed, check, told};
 
 /// A laboratory with a robot, its watchdog, an arm and a camera.
 const LAB: &str = r#"[ecosystem]
@@ -68,14 +68,9 @@ const OFFICE: usize = 19;
 const FACT: usize = 46;
 const GOAL: usize = 55;
 
-fn changed(from: &str, to: &str) -> String {
-    assert!(LAB.contains(from), "{from}");
-    LAB.replacen(from, to, 1)
-}
-
 #[track_caller]
 fn one(severity: &str, from: &str, to: &str, line: usize, words: &[&str]) {
-    check(&changed(from, to), MAP, severity, &format!("files/school.toml:{line}"), words);
+    check(&changed(LAB, from, to), MAP, severity, &format!("files/school.toml:{line}"), words);
 }
 
 #[test]
@@ -99,7 +94,7 @@ fn a_wrong_address_of_a_robot_does_not_accuse_its_watchdog() {
 #[test]
 fn a_watchdog_without_an_address_is_reported_once() {
     let table = "[agent.config.ros2]\nendpoint = \"tcp/10.0.0.7:7447\"\nnamespace = \"robot1\"\n";
-    let found = told(&changed(table, ""), MAP);
+    let found = told(&changed(LAB, table, ""), MAP);
     let [(severity, _, text)] = found.as_slice() else { panic!("one report: {found:#?}") };
     assert!(severity == ERROR && text.contains("`ros2` is missing"), "{text}");
     let other = "write namespace = \"/robot1/\"";
@@ -119,7 +114,7 @@ fn a_domain_is_one_of_ros_and_has_an_effect() {
 #[test]
 fn names_of_services_are_those_that_ros_allows() {
     let start = "config.start = \"corridor\"";
-    let text = changed(start, &format!("{start}\nconfig.brush = \"2nd/brush\""));
+    let text = changed(LAB, start, &format!("{start}\nconfig.brush = \"2nd/brush\""));
     let text = text.replacen("turtlebot", "cleaning-robot", 1);
     let words = ["brush = \"2nd/brush\" is no name of ROS", "no digit at the beginning"];
     check(&text, MAP, ERROR, "files/school.toml:15", &words);
@@ -143,12 +138,12 @@ fn the_facts_of_topics_are_compared_with_the_objects_of_all_agents() {
     one(WARNING, &own, &fact("(gripping conveyor)"), FACT, &far);
     // The place of the map has another type; the robot is an object of another agent.
     one(ERROR, &own, &fact("(gripping office)"), FACT, &["`office` is"]);
-    assert_eq!(told(&changed(&own, &fact("(near arm-1 office)")), MAP), []);
-    assert_eq!(told(&changed(&own, &fact("(at rover office)")), MAP), []);
+    assert_eq!(told(&changed(LAB, &own, &fact("(near arm-1 office)")), MAP), []);
+    assert_eq!(told(&changed(LAB, &own, &fact("(at rover office)")), MAP), []);
     let result = "actions.grip.facts = [\"(near {a} ofice)\"]\nactions.grip.service";
     one(ERROR, "actions.grip.service", result, 42, &["unknown object `ofice`", "`office`?"]);
     let result = result.replace("ofice", "office");
-    assert_eq!(told(&changed("actions.grip.service", &result), MAP), []);
+    assert_eq!(told(&changed(LAB, "actions.grip.service", &result), MAP), []);
 }
 
 #[test]
@@ -158,9 +153,9 @@ fn the_goal_of_a_camera_is_compared_with_the_words_of_all_agents() {
     one(ERROR, goal, "(known-pictur ?l)", GOAL, &words);
     let variable = ["unknown variable `?r`", "write `?l` for the place of the motion"];
     one(ERROR, goal, "(known-picture ?r)", GOAL, &variable);
-    assert_eq!(told(&changed(goal, "(gripping arm-1)"), MAP), []);
+    assert_eq!(told(&changed(LAB, goal, "(gripping arm-1)"), MAP), []);
     let idle = "device = \"/dev/video0\"\nmotion = false";
-    let found = told(&changed("device = \"/dev/video0\"", idle), MAP);
+    let found = told(&changed(LAB, "device = \"/dev/video0\"", idle), MAP);
     let [(severity, _, text)] = found.as_slice() else { panic!("one report: {found:#?}") };
     assert!(severity == ERROR && text.contains("leave `motion = false` out"), "{text}");
 }
