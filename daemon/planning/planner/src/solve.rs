@@ -54,6 +54,8 @@ pub(crate) struct Solver<'t> {
     task: &'t Task,
     generator: SuccessorGenerator,
     options: &'t Options,
+    /// What the searches may use: the limits of the options, less the memory of the task.
+    budget: Budget,
     cancel: &'t Cancel,
     statistics: &'t mut Statistics,
 }
@@ -67,13 +69,37 @@ impl<'t> Solver<'t> {
         cancel: &'t Cancel,
         statistics: &'t mut Statistics,
     ) -> Solver<'t> {
+        Solver::within(options.budget, task, options, cancel, statistics)
+    }
+
+    /// Creates a solver of a task within a budget, from which the memory of the task is taken.
+    fn within(
+        budget: Budget,
+        task: &'t Task,
+        options: &'t Options,
+        cancel: &'t Cancel,
+        statistics: &'t mut Statistics,
+    ) -> Solver<'t> {
         let generator = SuccessorGenerator::new(task);
-        Solver { task, generator, options, cancel, statistics }
+        let held_bytes = task.bytes() + generator.bytes();
+        let memory_max_bytes = budget.memory_max_bytes.saturating_sub(held_bytes);
+        let budget = Budget { memory_max_bytes, ..budget };
+        Solver { task, generator, options, budget, cancel, statistics }
     }
 
     /// Runs all stages. Calls `tell` with the progress and with every improved plan. Returns the
     /// reason why there is no plan, or no better plan than the last one.
     pub(crate) fn run(&mut self, tell: &mut dyn FnMut(SearchProgress<'_>)) -> StopReason {
+        match self.run_stages(tell) {
+            // The caller knows the limit of the whole call, not what the task leaves of it.
+            StopReason::MemoryLimit { .. } => {
+                StopReason::MemoryLimit { limit: self.options.budget.memory_max_bytes }
+            }
+            reason => reason,
+        }
+    }
+
+    fn run_stages(&mut self, tell: &mut dyn FnMut(SearchProgress<'_>)) -> StopReason {
         let first = match self.climb() {
             ClimbingOutcome::Plan(plan) if self.options.effort == Effort::First => {
                 return self.finish(plan, tell);
@@ -82,21 +108,21 @@ impl<'t> Solver<'t> {
             ClimbingOutcome::DeadEnd => return StopReason::Unsolvable { before_search: true },
             ClimbingOutcome::GaveUp => None,
         };
-        let bytes_max = self.options.budget.memory_max_bytes / 8;
+        let bytes_max = self.budget.memory_max_bytes / 8;
         match prune(self.task, PRUNING_MAX, bytes_max, self.cancel) {
             Pruned::Nothing => StopReason::Unsolvable { before_search: true },
             Pruned::Everything => self.solve_pruned(first, tell),
             Pruned::Smaller(smaller) => {
                 let first = first.and_then(|plan| smaller.translate(&plan));
-                Solver::new(&smaller.task, self.options, self.cancel, self.statistics).solve_pruned(
-                    first,
-                    &mut |told| match told {
-                        SearchProgress::Found(plan) => {
-                            tell(SearchProgress::Found(&smaller.original(plan)))
-                        }
-                        told => tell(told),
-                    },
-                )
+                let (task, options, cancel) = (&smaller.task, self.options, self.cancel);
+                let mut solver =
+                    Solver::within(self.budget, task, options, cancel, self.statistics);
+                solver.solve_pruned(first, &mut |told| match told {
+                    SearchProgress::Found(plan) => {
+                        tell(SearchProgress::Found(&smaller.original(plan)))
+                    }
+                    told => tell(told),
+                })
             }
         }
     }
@@ -189,7 +215,7 @@ impl<'t> Solver<'t> {
         lists: &'static [List],
         tell: &mut dyn FnMut(SearchProgress<'_>),
     ) -> Result<Vec<OperatorId>, StopReason> {
-        let (task, generator, budget) = (self.task, &self.generator, self.options.budget);
+        let (task, generator, budget) = (self.task, &self.generator, self.budget);
         let (result, found) = if self.options.threads > 1 {
             let ff = FastForward::new(task, Weights::Unit);
             portfolio::run(task, generator, ff, lists, budget, self.cancel, tell)
@@ -209,7 +235,7 @@ impl<'t> Solver<'t> {
     ) -> Result<Vec<OperatorId>, StopReason> {
         let evaluator = heuristic.evaluator(self.task);
         let mut search = AStar::new(self.task, &self.generator, evaluator, u64::MAX, u64::MAX);
-        let result = run(&mut search, self.options.budget, self.cancel, tell);
+        let result = run(&mut search, self.budget, self.cancel, tell);
         self.statistics.expansions = search.expansions();
         match result {
             Ok(plan) => {
@@ -245,7 +271,7 @@ impl<'t> Solver<'t> {
         let evaluator = LandmarkCut::new(self.task);
         let size = evaluator.size().max(1) as u64;
         let (explorations_max, expansions_max) = match is_asked {
-            true => (u64::MAX, self.options.budget.expansions_max),
+            true => (u64::MAX, self.budget.expansions_max),
             false => (OPTIMAL_WORK_MAX / size, self.options.optimal_expansions_max),
         };
         if expansions_max == 0 || explorations_max < needed {
@@ -254,7 +280,7 @@ impl<'t> Solver<'t> {
         let bound = weight(self.task, &first);
         let mut search =
             AStar::new(self.task, &self.generator, Box::new(evaluator), bound, explorations_max);
-        let budget = Budget { expansions_max, ..self.options.budget };
+        let budget = Budget { expansions_max, ..self.budget };
         let result = run(&mut search, budget, self.cancel, tell);
         self.statistics.optimal_expansions = search.expansions();
         // Rounded costs are no basis for a proof.
@@ -281,7 +307,7 @@ impl<'t> Solver<'t> {
     ) {
         let extent = NeighborhoodLimits {
             steps_max: expansions.saturating_mul(SHORTCUTS_PER_EXPANSION),
-            bytes_max: self.options.budget.memory_max_bytes,
+            bytes_max: self.budget.memory_max_bytes,
         };
         while let Some(cheaper) =
             neighborhood::cheaper(self.task, &self.generator, best, extent, self.cancel)
@@ -304,10 +330,10 @@ impl<'t> Solver<'t> {
         let stages = WEIGHTS.into_iter().cycle().skip(usize::from(self.task.costs_equal));
         for weight in stages {
             let left = STAGE_MIN.max(self.statistics.expansions);
-            let makes_room = left < self.options.budget.expansions_max;
-            let expansions_max = left.min(self.options.budget.expansions_max);
+            let makes_room = left < self.budget.expansions_max;
+            let expansions_max = left.min(self.budget.expansions_max);
             self.take_shortcuts(&mut best, expansions_max, tell);
-            let budget = Budget { expansions_max, ..self.options.budget };
+            let budget = Budget { expansions_max, ..self.budget };
             let manner = SearchParameters {
                 weights: Weights::PlusOne,
                 weight,
@@ -337,5 +363,31 @@ impl<'t> Solver<'t> {
             }
         }
         StopReason::GoalReached
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::configuration::configuration;
+    use crate::test_tasks::task;
+
+    #[test]
+    fn the_task_counts_towards_the_limit_of_memory() {
+        let domain = "(define (domain d) (:predicates (at ?x) (next ?x ?y))
+            (:action go :parameters (?x ?y) :precondition (and (at ?x) (next ?x ?y))
+              :effect (and (not (at ?x)) (at ?y))))";
+        let problem = "(define (problem p) (:domain d) (:objects a b c)
+            (:init (at a) (next a b) (next b c) (next c a)) (:goal (at c)))";
+        let (task, cancel) = (task(domain, problem), Cancel::new());
+        let configuration = configuration("lama-first").expect("a configuration");
+        let with_limit = |limit| {
+            let budget = Budget { memory_max_bytes: limit, ..Budget::default() };
+            let options = Options { budget, configuration, ..Options::default() };
+            Solver::new(&task, &options, &cancel, &mut Statistics::default()).run(&mut |_| ())
+        };
+        let held = task.bytes() + SuccessorGenerator::new(&task).bytes();
+        assert_eq!(with_limit(held), StopReason::MemoryLimit { limit: held });
+        assert_eq!(with_limit(held + (1 << 20)), StopReason::GoalReached);
     }
 }

@@ -9,7 +9,7 @@ use crate::id_table::{IdTable, hash_words};
 use crate::task::{FactId, Literal, OperatorId};
 
 /// Index of a state in its [`StateSpace`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub(crate) struct StateId(pub(crate) u32);
 
 /// The words of one state: the bits of its facts, then its numbers.

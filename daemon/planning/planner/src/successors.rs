@@ -40,6 +40,12 @@ impl SuccessorGenerator {
         generator
     }
 
+    /// Returns the number of bytes of the index.
+    pub(crate) fn bytes(&self) -> usize {
+        let lists = self.waiting.iter().map(Vec::capacity).sum::<usize>() + self.always.capacity();
+        self.waiting.capacity() * size_of::<Vec<OperatorId>>() + lists * size_of::<OperatorId>()
+    }
+
     /// Appends the operators that are applicable in `state` to `found`.
     pub(crate) fn applicable(&self, task: &Task, state: &State, found: &mut Vec<OperatorId>) {
         found.clear();

@@ -81,6 +81,11 @@ impl Atoms {
         self.predicates.len()
     }
 
+    fn bytes(&self) -> usize {
+        let numbers = self.predicates.capacity() + self.ends.capacity();
+        numbers * size_of::<u32>() + self.arguments.capacity() * size_of::<ObjectId>()
+    }
+
     /// Returns the number of the predicate of a basic fact, and the arguments of the fact.
     pub(crate) fn get(&self, fact: FactId) -> (u32, &[ObjectId]) {
         let (start, end) = (self.ends[fact.index()], self.ends[fact.index() + 1]);
@@ -98,6 +103,16 @@ impl Task {
 
     pub(crate) fn operator_count(&self) -> usize {
         self.operators.len()
+    }
+
+    /// Returns the number of bytes of the operators, facts and axioms.
+    pub(crate) fn bytes(&self) -> usize {
+        let body = |axiom: &GroundAxiom| axiom.body.len() * size_of::<Literal>();
+        self.operators.bytes()
+            + self.atoms.bytes()
+            + self.axioms.len() * size_of::<GroundAxiom>()
+            + self.axioms.iter().map(body).sum::<usize>()
+            + self.comparisons.len() * size_of::<GroundComparison>()
     }
 
     /// Returns an operator as a step of a plan, with the names of the PDDL texts.

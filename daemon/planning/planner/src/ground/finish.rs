@@ -332,8 +332,8 @@ impl Relevance {
     }
 }
 
-/// Per fact: the axioms and operators that can change it. An operator can change a comparison if it
-/// changes a number that the comparison depends on.
+/// Per fact: the axioms and operators that can change it. Comparisons have no entries, because all
+/// operators that change numbers are relevant anyway.
 struct Changers {
     axioms: ChangerRows,
     operators: ChangerRows,
@@ -354,20 +354,11 @@ impl Changers {
                 visit(facts.layout.dense(axiom.head), index as u32);
             }
         };
-        let readers = readers(facts, raw);
-        let all: Vec<usize> = (facts.basic_end..facts.comparison_end).collect();
         let operators = |visit: &mut dyn FnMut(usize, u32)| {
             for (index, operator) in raw.operators.iter().enumerate() {
                 for changes in all_changes(operator) {
                     for fact in changes.adds.iter().chain(changes.deletes) {
                         visit(fact.index(), index as u32);
-                    }
-                    for change in changes.numeric {
-                        // Other fluents may depend on this one. As a safe and cheap approximation,
-                        // every comparison is assumed to depend on it if none reads it directly.
-                        let own = &readers[change.fluent as usize];
-                        let comparisons = if own.is_empty() { &all } else { own };
-                        comparisons.iter().for_each(|one| visit(*one, index as u32));
                     }
                 }
             }
@@ -377,25 +368,6 @@ impl Changers {
             operators: ChangerRows::new(facts.end, operators),
         }
     }
-}
-
-/// Returns, per numeric fluent, the indices of the comparisons that use it.
-fn readers(facts: &RawFacts<'_>, raw: &RawTask) -> Vec<Vec<usize>> {
-    let mut readers: Vec<Vec<usize>> = Vec::new();
-    let mut note = |fluent: u32, comparison: Option<usize>| {
-        let needed = (fluent as usize + 1).max(readers.len());
-        readers.resize(needed, Vec::new());
-        readers[fluent as usize].extend(comparison);
-    };
-    for changes in raw.operators.iter().flat_map(all_changes) {
-        changes.numeric.iter().for_each(|change| note(change.fluent, None));
-    }
-    for (index, comparison) in raw.comparisons.iter().enumerate() {
-        let mut visit = |fluent| note(fluent, Some(facts.basic_end + index));
-        comparison.left.fluents(&mut visit);
-        comparison.right.fluents(&mut visit);
-    }
-    readers
 }
 
 // === impl ChangerRows ===

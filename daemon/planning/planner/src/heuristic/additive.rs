@@ -19,6 +19,12 @@ const UNREACHED: u32 = u32::MAX;
 /// costs does not overflow.
 const COST_MAX: u32 = 1 << 30;
 
+/// Bound on the costs of nine in ten operators. Where they cost more, as with six decimals, all costs
+/// are scaled down, so that a sum reaches [`COST_MAX`] only in very long relaxed plans. Few operators
+/// that cost more than all others do not change the scale. Costs choose among supporters here; the FF
+/// heuristic adds up the unscaled ones.
+const BASE_COST_MAX: u64 = 1 << 16;
+
 /// Supporter of a proposition that holds in the state and needs no relaxed operator.
 pub(super) const NO_SUPPORTER: u32 = u32::MAX;
 
@@ -40,7 +46,10 @@ pub(super) struct AdditiveHeuristic {
     counters: Vec<Counter>,
     /// Initial values of the counters, before any proposition is reached.
     fresh: Vec<Counter>,
+    /// Per relaxed operator: its cost, scaled down by `scale`.
     base_costs: Vec<u32>,
+    /// Number of bits by which costs are scaled down.
+    scale: u32,
     is_goal: Vec<bool>,
     /// Per numeric step: the required number of repetitions of its operator. Empty if the
     /// relaxation has no numeric steps.
@@ -64,14 +73,32 @@ struct Counter {
     cost: u32,
 }
 
+/// Returns the number of bits by which costs are scaled down so that nine in ten are at most
+/// [`BASE_COST_MAX`].
+fn scale(mut costs: Vec<u64>) -> u32 {
+    let place = costs.len() * 9 / 10;
+    if place >= costs.len() {
+        return 0;
+    }
+    let (_, high, _) = costs.select_nth_unstable(place);
+    let bits = |cost: u64| u64::BITS - cost.leading_zeros();
+    if *high > BASE_COST_MAX { bits(*high) - bits(BASE_COST_MAX - 1) } else { 0 }
+}
+
+/// Returns a cost scaled down by a number of bits. Only a cost of zero becomes zero.
+fn scaled(cost: u64, scale: u32) -> u32 {
+    let scaled = (cost >> scale).min(u64::from(COST_MAX)) as u32;
+    scaled.max(u32::from(cost > 0))
+}
+
 // === impl AdditiveHeuristic ===
 
 impl AdditiveHeuristic {
     pub(super) fn new(relaxation: &Relaxation) -> AdditiveHeuristic {
-        let base_costs: Vec<u32> = (0..relaxation.relaxed_count() as u32)
-            .map(|relaxed| relaxation.base_cost(relaxed).min(u64::from(COST_MAX)) as u32)
-            .collect();
         let all = 0..relaxation.relaxed_count() as u32;
+        let scale = scale(all.clone().map(|relaxed| relaxation.base_cost(relaxed)).collect());
+        let base_costs: Vec<u32> =
+            all.clone().map(|relaxed| scaled(relaxation.base_cost(relaxed), scale)).collect();
         let counted: Vec<u32> =
             all.filter(|relaxed| relaxation.preconditions(*relaxed).len() > 1).collect();
         let fresh: Vec<Counter> = { counted.iter() }
@@ -90,6 +117,7 @@ impl AdditiveHeuristic {
             among: among(relaxation, &counted),
             counted,
             base_costs,
+            scale,
             counters: fresh.clone(),
             fresh,
             is_goal,
@@ -102,18 +130,20 @@ impl AdditiveHeuristic {
     /// Returns the number of bytes of the tables.
     pub(super) fn bytes(&self) -> usize {
         let rows = self.alone.bytes() + self.among.bytes() + self.base_costs.len() * 4;
-        self.reached.len() * 9 + self.counters.len() * 16 + rows
+        self.reached.len() * 9 + self.counters.len() * 20 + rows
     }
 
-    /// Returns the cost of a proposition; [`UNREACHED`] if it is unreachable.
+    /// Returns the scaled cost of a proposition; [`UNREACHED`] if it is unreachable.
     #[inline]
     pub(super) fn cost(&self, proposition: u32) -> u32 {
         self.reached[proposition as usize].cost
     }
 
-    /// Returns the cost of a proposition; `None` if the exploration ended before it was reached.
-    pub(super) fn reached_cost(&self, proposition: u32) -> Option<u32> {
-        Some(self.cost(proposition)).filter(|cost| *cost != UNREACHED)
+    /// Returns the cost of a proposition, in the unit of the relaxation; `None` if the exploration
+    /// ended before it was reached.
+    pub(super) fn reached_cost(&self, proposition: u32) -> Option<u64> {
+        let cost = Some(self.cost(proposition)).filter(|cost| *cost != UNREACHED)?;
+        Some(u64::from(cost).saturating_mul(1 << self.scale))
     }
 
     /// Returns the best supporter of a proposition: the relaxed operator that reaches it at the
@@ -326,4 +356,30 @@ fn members(
     members.sort_unstable();
     members.dedup();
     Some((cost, members))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_great_costs_are_scaled_down_and_none_becomes_zero() {
+        assert_eq!((scale(vec![]), scale(vec![0]), scale(vec![BASE_COST_MAX])), (0, 0, 0));
+        for largest in [BASE_COST_MAX + 1, 3_000_000, 4_294_967_296, u64::MAX] {
+            let scale = scale(vec![1, largest]);
+            let scaled_largest = u64::from(scaled(largest, scale));
+            assert!(scaled_largest <= BASE_COST_MAX, "{largest} becomes {scaled_largest}");
+            assert!(scaled_largest * 4 > BASE_COST_MAX, "{largest} becomes {scaled_largest}");
+            assert_eq!((scaled(1, scale), scaled(0, scale)), (1, 0));
+        }
+    }
+
+    #[test]
+    fn one_penalty_leaves_the_other_costs_apart() {
+        let mut costs = vec![1, 2, 3, 4, 5, 6, 7, 8, 9, 10];
+        costs.push(1 << 40);
+        let scale = scale(costs);
+        assert_eq!((scaled(1, scale), scaled(10, scale)), (1, 10));
+        assert_eq!(scaled(1 << 40, scale), COST_MAX);
+    }
 }

@@ -186,7 +186,5 @@ fn cost(
     let steps = relaxation.base_cost(cover.relaxed).saturating_mul(u64::from(cover.times));
     let preconditions = relaxation.preconditions(cover.relaxed).iter();
     let mut others = preconditions.filter(|one| !is_needed(**one));
-    others.try_fold(steps, |sum, one| {
-        Some(sum.saturating_add(u64::from(additive.reached_cost(*one)?)))
-    })
+    others.try_fold(steps, |sum, one| Some(sum.saturating_add(additive.reached_cost(*one)?)))
 }

@@ -435,6 +435,6 @@ impl LandmarkStore {
     }
 
     fn bytes(&self) -> usize {
-        self.ranges.len() * 8 + self.prices.len() * 16 + self.operators.len() * 4
+        self.ranges.capacity() * 8 + self.prices.capacity() * 16 + self.operators.capacity() * 4
     }
 }

@@ -19,15 +19,23 @@ const PLATEAU_MAX: usize = 100;
 /// some hundredths of a second. One breadth-first search may exceed it by as much again.
 const WORK_MAX: usize = 20_000_000;
 
-/// Number of evaluations that are allowed in any case, also where one takes long.
+/// Number of evaluations that a search for a better state may make even if they exceed [`WORK_MAX`],
+/// unless they exceed [`EXTENDED_WORK_MAX`].
 const EVALUATIONS_MIN: u64 = 1_000;
+
+/// Limit on the work of [`EVALUATIONS_MIN`] evaluations. In a task with a million operators, fewer of
+/// them are made. The limit allows some tenths of a second.
+const EXTENDED_WORK_MAX: usize = 400_000_000;
 
 /// Hill climbing from the initial state of a task towards the goal.
 pub(crate) struct HillClimbing<'t, 'h> {
     task: &'t Task,
     ff: &'h mut FastForward<'t>,
     progression: Progression<'t>,
+    /// Number of evaluations after which a climb does not look for another better state.
     evaluations_max: u64,
+    /// Number of evaluations after which a search for a better state gives up.
+    evaluations_in_all_max: u64,
     /// Number of states evaluated so far.
     pub(crate) evaluations: u64,
     /// Number of states expanded so far.
@@ -51,11 +59,14 @@ pub(crate) enum ClimbingOutcome {
 
 impl<'t, 'h> HillClimbing<'t, 'h> {
     pub(crate) fn new(task: &'t Task, ff: &'h mut FastForward<'t>) -> HillClimbing<'t, 'h> {
-        let evaluations_max = (WORK_MAX / ff.size().max(1)) as u64;
+        let size = ff.size().max(1);
+        let evaluations_max = (WORK_MAX / size) as u64;
+        let allowed = EVALUATIONS_MIN.min((EXTENDED_WORK_MAX / size) as u64);
         HillClimbing {
             task,
             ff,
             evaluations_max,
+            evaluations_in_all_max: evaluations_max.saturating_mul(2).max(allowed),
             progression: Progression::new(task),
             evaluations: 0,
             expansions: 0,
@@ -144,8 +155,7 @@ impl<'t, 'h> HillClimbing<'t, 'h> {
             self.expansions += 1;
             next += 1;
             for id in operators {
-                let is_over =
-                    self.evaluations > self.evaluations_max.saturating_mul(2).max(EVALUATIONS_MIN);
+                let is_over = self.evaluations > self.evaluations_in_all_max;
                 if next > PLATEAU_MAX || is_over || cancel.is_set() {
                     return None;
                 }

@@ -18,9 +18,12 @@
 //! respects path costs, evaluates states again that it reaches at a lower cost, and returns only
 //! plans below a cost bound. Such a search is one stage of LAMA's anytime search.
 
+use std::sync::Arc;
+
 use super::open::{OpenEntry, OpenList};
 use super::types::TypeList;
 use super::{Search, SearchStep};
+use crate::arena;
 use crate::heuristic::{Evaluator, FastForward, LandmarkCount, NOT_NOVEL, Novelty, Weights};
 use crate::limits::Cancel;
 use crate::mutex::MutexGroups;
@@ -89,7 +92,9 @@ pub(crate) struct LazySearch<'t> {
     progression: Progression<'t>,
     generator: &'t SuccessorGenerator,
     ff: FastForward<'t>,
-    landmarks: LandmarkCount,
+    landmarks: Arc<LandmarkCount>,
+    /// Whether the landmarks are found. They are found at the start, unless another search has.
+    has_landmarks: bool,
     novelty: Novelty,
     space: StateSpace,
     /// Per state: its landmark status, the set of achieved landmarks.
@@ -147,12 +152,11 @@ impl SearchParameters {
         SearchParameters { weights: Weights::Unit, weight: None, bound: u64::MAX, lists }
     }
 
-    fn key(&self, spent: u64, estimate: u64) -> u32 {
-        let key = match self.weight {
+    fn key(&self, spent: u64, estimate: u64) -> u64 {
+        match self.weight {
             None => estimate,
             Some(weight) => spent.saturating_add(estimate.saturating_mul(u64::from(weight))),
-        };
-        u32::try_from(key).unwrap_or(u32::MAX)
+        }
     }
 }
 
@@ -174,7 +178,8 @@ impl<'t> LazySearch<'t> {
             progression,
             generator,
             ff,
-            landmarks: LandmarkCount::default(),
+            landmarks: Arc::default(),
+            has_landmarks: false,
             novelty: Novelty::new(task),
             space: StateSpace::new(&initial),
             statuses: Vec::new(),
@@ -193,6 +198,14 @@ impl<'t> LazySearch<'t> {
             successor: Vec::new(),
             cancel: cancel.clone(),
         }
+    }
+
+    /// Uses the landmarks that another search of the same task has found, if it has. The search must
+    /// not have started.
+    pub(crate) fn with_landmarks_of(mut self, other: &LazySearch<'_>) -> LazySearch<'t> {
+        self.landmarks = Arc::clone(&other.landmarks);
+        self.has_landmarks = other.has_landmarks;
+        self
     }
 
     /// Returns the statistics of the search, with its expansions and evaluations so far.
@@ -229,12 +242,15 @@ impl<'t> LazySearch<'t> {
             self.dead_end_at_start = true;
             return SearchStep::Exhausted;
         };
-        let candidates = self.ff.relaxed_propositions();
-        let mutex = MutexGroups::find(self.task, MUTEX_WORK_MAX, &self.cancel);
-        let relaxation = self.ff.relaxation();
-        self.landmarks =
-            LandmarkCount::new(self.task, relaxation, state, &candidates, &mutex, &self.cancel);
-        let count = self.landmarks.start(relaxation, state, &mut self.statuses);
+        if !self.has_landmarks {
+            let candidates = self.ff.relaxed_propositions();
+            let mutex = MutexGroups::find(self.task, MUTEX_WORK_MAX, &self.cancel);
+            let (task, relaxation) = (self.task, self.ff.relaxation());
+            let found =
+                LandmarkCount::new(task, relaxation, state, &candidates, &mutex, &self.cancel);
+            (self.landmarks, self.has_landmarks) = (Arc::new(found), true);
+        }
+        let count = self.landmarks.start(state, &mut self.statuses);
         self.counts.push(count);
         if self.ff.may_have_deficits() && self.manner.lists.contains(&List::Covered) {
             self.ff.set_covering(true);
@@ -281,11 +297,21 @@ impl<'t> LazySearch<'t> {
     /// Stores the landmark status, the landmark count and the path cost of a new state.
     fn enter(&mut self, id: StateId, parent: StateId, spent: PathCost) {
         let state = self.space.state(id);
-        let relaxation = self.ff.relaxation();
-        let count =
-            self.landmarks.progress(relaxation, state, parent.0 as usize, &mut self.statuses);
+        let count = self.landmarks.progress(state, parent.0 as usize, &mut self.statuses);
+        arena::make_room(&mut self.counts, 1);
         self.counts.push(count);
+        arena::make_room(&mut self.spent, 1);
         self.spent.push(spent);
+    }
+
+    /// Updates the landmark status, the landmark count and the path cost of a known state that is
+    /// reached at a lower cost from another parent.
+    fn enter_again(&mut self, id: StateId, parent: StateId, spent: PathCost) {
+        let state = self.space.state(id);
+        let (known, parent) = (id.0 as usize, parent.0 as usize);
+        self.counts[known] =
+            self.landmarks.progress_again(state, known, parent, &mut self.statuses);
+        self.spent[known] = spent;
     }
 
     /// Evaluates a state, and adds it to the open lists unless it is a dead end.
@@ -319,12 +345,11 @@ impl<'t> LazySearch<'t> {
         let near = self.manner.key(spent, plain);
         let near_covered = self.manner.key(spent, estimate);
         let few = self.manner.key(spent, u64::from(count));
-        let short = u32::try_from(spent).unwrap_or(u32::MAX);
         let (has_preferred, has_numbers) = (!preferred.is_empty(), self.ff.may_have_deficits());
         for &list in self.manner.lists {
             let key = match list {
                 List::Types => {
-                    self.types.push((near_covered, short), id);
+                    self.types.push((near_covered, spent), id);
                     continue;
                 }
                 List::Ff => Some((near, 0, 0)),
@@ -334,7 +359,7 @@ impl<'t> LazySearch<'t> {
                 List::LandmarksPreferred => has_preferred.then_some((few, 0, 0)),
                 List::Novel => {
                     let novelty = self.novelty(id, parent);
-                    (novelty != NOT_NOVEL).then_some((novelty, count, short))
+                    (novelty != NOT_NOVEL).then_some((u64::from(novelty), count, spent))
                 }
             };
             if let Some(key) = key {
@@ -381,11 +406,11 @@ impl Search for LazySearch<'_> {
             }
             self.enter(id, parent, spent);
         } else {
-            let known = &mut self.spent[id.0 as usize];
+            let known = self.spent[id.0 as usize];
             if self.manner.weight.is_none() || spent.weight >= known.weight {
                 return SearchStep::InProgress;
             }
-            *known = spent;
+            self.enter_again(id, parent, spent);
             self.space.reparent(id, parent, operator);
         }
         self.evaluate(id, parent);
@@ -398,7 +423,10 @@ impl Search for LazySearch<'_> {
 
     fn bytes(&self) -> usize {
         let lists: usize = self.sorted.iter().map(OpenList::bytes).sum();
-        let per_state = self.statuses.len() * 8 + self.counts.len() * 20 + self.preferred.bytes();
+        let per_state = arena::bytes(&self.statuses, self.landmarks.words())
+            + arena::bytes(&self.counts, 1)
+            + arena::bytes(&self.spent, 1)
+            + self.preferred.bytes();
         self.space.bytes()
             + lists
             + self.types.bytes()
@@ -426,9 +454,12 @@ impl Preferred {
     /// relaxed plan before deficits were covered.
     fn set(&mut self, state: StateId, operators: &[OperatorId], plain_count: usize) {
         let start = self.operators.len();
+        arena::make_room(&mut self.operators, operators.len());
         self.operators.extend_from_slice(operators);
         let index = state.0 as usize;
         if index >= self.ranges.len() {
+            let more = index + 1 - self.ranges.len();
+            arena::make_room(&mut self.ranges, more);
             self.ranges.resize(index + 1, (0, 0, 0));
         }
         let ends = (start + plain_count, self.operators.len());
@@ -446,6 +477,6 @@ impl Preferred {
     }
 
     fn bytes(&self) -> usize {
-        self.ranges.len() * 12 + self.operators.len() * 4
+        arena::bytes(&self.ranges, 1) + arena::bytes(&self.operators, 1)
     }
 }

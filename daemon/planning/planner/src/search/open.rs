@@ -15,7 +15,7 @@ pub(super) type OpenEntry = (StateId, OperatorId);
 /// Sort key of a state in an open list. Keys are compared by their first number, then by the
 /// second, then by the third; the lowest key comes first. Lists that need fewer numbers set the
 /// others to zero.
-pub(super) type SortKey = (u32, u32, u32);
+pub(super) type SortKey = (u64, u32, u64);
 
 /// A state in an open list, with the number of its operators that the list has returned so far.
 #[derive(Clone, Copy, Debug)]
@@ -29,6 +29,8 @@ struct QueuedState {
 pub(super) struct OpenList {
     buckets: BTreeMap<SortKey, VecDeque<QueuedState>>,
     count: usize,
+    /// Sum of the capacities of the buckets.
+    room: usize,
     current: Option<Current>,
     /// Operators of the state that is being expanded.
     operators: Vec<OperatorId>,
@@ -45,7 +47,10 @@ struct Current {
 
 impl OpenList {
     pub(super) fn push(&mut self, key: SortKey, state: StateId) {
-        self.buckets.entry(key).or_default().push_back(QueuedState { state, done: 0 });
+        let bucket = self.buckets.entry(key).or_default();
+        self.room -= bucket.capacity();
+        bucket.push_back(QueuedState { state, done: 0 });
+        self.room += bucket.capacity();
         self.count += 1;
     }
 
@@ -84,7 +89,10 @@ impl OpenList {
         let Some(Current { key, waiting }) = self.current else { return };
         let best = self.buckets.first_key_value().map(|(key, _)| *key);
         if best.is_some_and(|best| best < key) {
-            self.buckets.entry(key).or_default().push_front(waiting);
+            let bucket = self.buckets.entry(key).or_default();
+            self.room -= bucket.capacity();
+            bucket.push_front(waiting);
+            self.room += bucket.capacity();
             self.count += 1;
             self.current = None;
         }
@@ -93,9 +101,17 @@ impl OpenList {
     fn take(&mut self) -> Option<Current> {
         let mut first = self.buckets.first_entry()?;
         let key = *first.key();
-        let waiting = first.get_mut().pop_front();
-        if first.get().is_empty() {
+        let bucket = first.get_mut();
+        self.room -= bucket.capacity();
+        let waiting = bucket.pop_front();
+        if bucket.is_empty() {
             first.remove();
+        } else {
+            // A queue does not give the room of removed states back by itself.
+            if bucket.len() < bucket.capacity() / 4 {
+                bucket.shrink_to(bucket.len() * 2);
+            }
+            self.room += bucket.capacity();
         }
         self.count -= 1;
         waiting.map(|waiting| Current { key, waiting })
@@ -103,6 +119,10 @@ impl OpenList {
 
     /// Returns the number of bytes of the list.
     pub(super) fn bytes(&self) -> usize {
-        self.count * size_of::<QueuedState>() + self.operators.len() * size_of::<OperatorId>()
+        // A node of the tree may have twice the room that it needs.
+        let per_bucket = 2 * size_of::<(SortKey, VecDeque<QueuedState>)>();
+        self.room * size_of::<QueuedState>()
+            + self.buckets.len() * per_bucket
+            + self.operators.capacity() * size_of::<OperatorId>()
     }
 }

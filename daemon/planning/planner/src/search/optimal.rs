@@ -182,8 +182,8 @@ impl Search for AStar<'_> {
     }
 
     fn bytes(&self) -> usize {
-        let per_state = self.distances.len() * 16;
-        let open = self.open.len() * size_of::<AStarEntry>();
+        let per_state = self.distances.capacity() * 16;
+        let open = self.open.capacity() * size_of::<AStarEntry>();
         self.space.bytes() + open + per_state + self.evaluator.bytes()
     }
 

@@ -6,9 +6,10 @@
 //! successors, and which of several relaxed plans the FF heuristic finds. The lengths of the new
 //! searches are those of Luby, Sinclair and Zuckerman (1993).
 //!
-//! The original search always continues, so a proof that no plan exists stays possible, and makes
-//! three of four evaluations. Preparing a new search (relaxation, mutex groups, landmarks) is not
-//! counted; it takes as long as some dozens to hundreds of evaluations.
+//! The original search always continues, so a proof that no plan exists stays possible, and makes at
+//! least three of four evaluations. A new search uses the landmarks of the original one. Preparing the rest
+//! of it (operators in another order, their index, the relaxation) counts as
+//! [`PREPARATION_EVALUATIONS`].
 
 use fastrand::Rng;
 
@@ -23,6 +24,9 @@ use crate::task::{OperatorId, OperatorTable, Task};
 /// Number of evaluations of the original search for each evaluation of the new searches, while it
 /// makes no progress.
 const SHARE: u64 = 3;
+
+/// Number of evaluations that take as long as the preparation of a new search.
+const PREPARATION_EVALUATIONS: u64 = 100;
 
 /// When new searches begin, and their lengths.
 #[derive(Clone, Copy, Debug)]
@@ -97,7 +101,7 @@ impl<'r, 't> Restarts<'r, 't> {
         let parameters = SearchParameters::greedy(lists);
         let original = LazySearch::new(task, generator, ff, parameters, cancel);
         // A table that grows has up to twice the size that it needs.
-        let preparation_bytes = original.bytes() + 2 * task.operators.bytes();
+        let preparation_bytes = original.bytes() + 2 * task.bytes() + generator.bytes();
         let anew = Statistics::default();
         let meter = ProgressMeter::default();
         Restarts { task, original, preparation_bytes, lists, budget, cancel, anew, meter }
@@ -125,7 +129,8 @@ impl<'r, 't> Restarts<'r, 't> {
                 return result;
             }
             number += 1;
-            until = self.original.evaluations().saturating_add(SHARE.saturating_mul(length));
+            let taken = length.saturating_add(PREPARATION_EVALUATIONS);
+            until = self.original.evaluations().saturating_add(SHARE.saturating_mul(taken));
         }
     }
 
@@ -173,8 +178,9 @@ impl<'r, 't> Restarts<'r, 't> {
         let (task, generator) = (&shuffled.task, &shuffled.generator);
         let ff = FastForward::new(task, Weights::Unit);
         let parameters = SearchParameters::greedy(self.lists);
-        let mut search = LazySearch::new(task, generator, ff, parameters, self.cancel);
-        let kept = self.original.bytes() + task.operators.bytes();
+        let mut search = LazySearch::new(task, generator, ff, parameters, self.cancel)
+            .with_landmarks_of(&self.original);
+        let kept = self.original.bytes() + task.bytes() + generator.bytes();
         let result = loop {
             let expansions = self.original.expansions() + search.expansions();
             match self.reached(expansions, kept + search.bytes()) {

@@ -9,14 +9,16 @@ mod orders;
 
 use self::discovery::LandmarkDiscovery;
 use super::relaxation::Relaxation;
+use crate::arena;
 use crate::limits::Cancel;
 use crate::mutex::MutexGroups;
-use crate::state::State;
-use crate::task::Task;
+use crate::state::{State, holds};
+use crate::task::{Literal, Task};
 
 /// A landmark: a fact, or a disjunction of facts, that is true at some time in every plan.
 #[derive(Clone, Debug)]
 struct Landmark {
+    /// The landmark's propositions in the relaxation in which it was found.
     propositions: Vec<u32>,
     is_goal: bool,
     /// Landmarks that must be achieved before this landmark (greedy-necessary orders), or should be
@@ -32,10 +34,21 @@ struct LandmarkGraph {
     landmarks: Vec<Landmark>,
 }
 
+/// A landmark as it is counted. Its numbers are those of the task, not of a relaxation, so that
+/// searches that number their operators and propositions differently can share it.
+#[derive(Debug)]
+struct CountedLandmark {
+    /// The landmark holds if one of these literals holds.
+    literals: Vec<Literal>,
+    is_goal: bool,
+    parents: Vec<u32>,
+    needed_for: Vec<u32>,
+}
+
 /// The landmark-count heuristic of a task.
 #[derive(Debug, Default)]
 pub(crate) struct LandmarkCount {
-    landmarks: Vec<Landmark>,
+    landmarks: Vec<CountedLandmark>,
     words: usize,
 }
 
@@ -46,8 +59,19 @@ impl Landmark {
         Landmark { propositions, is_goal: false, parents: Vec::new(), needed_for: Vec::new() }
     }
 
-    fn holds(&self, relaxation: &Relaxation, state: &State) -> bool {
-        self.propositions.iter().any(|proposition| relaxation.holds(state, *proposition))
+    /// Returns the landmark as it is counted. All propositions of landmarks are literals.
+    fn counted(self, relaxation: &Relaxation) -> CountedLandmark {
+        let Landmark { propositions, is_goal, parents, needed_for } = self;
+        let literals = propositions.into_iter().filter_map(|one| relaxation.literal(one));
+        CountedLandmark { literals: literals.collect(), is_goal, parents, needed_for }
+    }
+}
+
+// === impl CountedLandmark ===
+
+impl CountedLandmark {
+    fn holds(&self, state: &State) -> bool {
+        self.literals.iter().any(|literal| holds(state, *literal))
     }
 }
 
@@ -100,61 +124,78 @@ impl LandmarkCount {
         let mut graph = discovery.run(candidates, cancel);
         orders::add_reasonable(&mut graph, task, relaxation, mutex);
         let words = graph.landmarks.len().div_ceil(64);
-        LandmarkCount { landmarks: graph.landmarks, words }
+        let counted = graph.landmarks.into_iter().map(|one| one.counted(relaxation));
+        LandmarkCount { landmarks: counted.collect(), words }
+    }
+
+    /// Returns the number of words of a status.
+    pub(crate) fn words(&self) -> usize {
+        self.words
     }
 
     /// Appends the status of the initial state to `statuses`. Returns the landmark count of the
     /// initial state.
-    pub(crate) fn start(
-        &self,
-        relaxation: &Relaxation,
-        state: &State,
-        statuses: &mut Vec<u64>,
-    ) -> u32 {
+    pub(crate) fn start(&self, state: &State, statuses: &mut Vec<u64>) -> u32 {
         let start = statuses.len();
         statuses.resize(start + self.words, 0);
         for (index, landmark) in self.landmarks.iter().enumerate() {
             // A landmark with predecessors is not yet achieved in the required order.
-            if landmark.parents.is_empty() && landmark.holds(relaxation, state) {
+            if landmark.parents.is_empty() && landmark.holds(state) {
                 statuses[start + index / 64] |= 1 << (index % 64);
             }
         }
-        self.count(relaxation, state, &statuses[start..])
+        self.count(state, &statuses[start..])
     }
 
     /// Appends the status of a state to `statuses`. Returns the landmark count of the state.
     /// `parent` is the number of the parent state's status.
-    pub(crate) fn progress(
-        &self,
-        relaxation: &Relaxation,
-        state: &State,
-        parent: usize,
-        statuses: &mut Vec<u64>,
-    ) -> u32 {
+    pub(crate) fn progress(&self, state: &State, parent: usize, statuses: &mut Vec<u64>) -> u32 {
         let (from, to) = (parent * self.words, statuses.len());
+        arena::make_room(statuses, self.words);
         statuses.extend_from_within(from..from + self.words);
         let (before, after) = statuses.split_at_mut(to);
-        let before = &before[from..from + self.words];
+        self.achieve(state, &before[from..from + self.words], after);
+        self.count(state, after)
+    }
+
+    /// Updates the status of a known state that was reached from a further parent: a landmark is
+    /// achieved if it is achieved on every known path. Returns the new landmark count. `known` and
+    /// `parent` are the numbers of the statuses.
+    pub(crate) fn progress_again(
+        &self,
+        state: &State,
+        known: usize,
+        parent: usize,
+        statuses: &mut [u64],
+    ) -> u32 {
+        let (from, to) = (parent * self.words, known * self.words);
+        let before = statuses[from..from + self.words].to_vec();
+        let mut after = before.clone();
+        self.achieve(state, &before, &mut after);
+        let known = &mut statuses[to..to + self.words];
+        known.iter_mut().zip(&after).for_each(|(known, also)| *known &= also);
+        self.count(state, known)
+    }
+
+    /// Adds the landmarks that a state achieves to `after`. `before` is the status of its parent.
+    fn achieve(&self, state: &State, before: &[u64], after: &mut [u64]) {
         let is_past = |index: u32| before[index as usize / 64] >> (index % 64) & 1 == 1;
-        for word in 0..self.words {
-            let mut open = !before[word];
+        for (word, past) in before.iter().enumerate() {
+            let mut open = !past;
             while open != 0 {
                 let index = word * 64 + open.trailing_zeros() as usize;
                 open &= open - 1;
                 let Some(landmark) = self.landmarks.get(index) else { break };
-                if landmark.holds(relaxation, state)
-                    && landmark.parents.iter().all(|parent| is_past(*parent))
-                {
+                if landmark.holds(state) && landmark.parents.iter().all(|parent| is_past(*parent)) {
                     after[word] |= 1 << (index % 64);
                 }
             }
         }
-        self.count(relaxation, state, after)
     }
 
     /// Returns the number of landmarks that are not achieved, plus the number of achieved ones that
     /// do not hold now and are required again.
-    fn count(&self, relaxation: &Relaxation, state: &State, status: &[u64]) -> u32 {
+    fn count(&self, state: &State, status: &[u64]) -> u32 {
         let is_past = |index: usize| status[index / 64] >> (index % 64) & 1 == 1;
         let mut count = 0;
         for (index, landmark) in self.landmarks.iter().enumerate() {
@@ -162,7 +203,7 @@ impl LandmarkCount {
                 landmark.is_goal
                     || landmark.needed_for.iter().any(|later| !is_past(*later as usize))
             };
-            if !is_past(index) || (!landmark.holds(relaxation, state) && is_needed()) {
+            if !is_past(index) || (!landmark.holds(state) && is_needed()) {
                 count += 1;
             }
         }
@@ -175,6 +216,7 @@ mod tests {
     use super::*;
     use crate::heuristic::{Evaluator, FastForward, Weights};
     use crate::progression::Progression;
+    use crate::task::FactId;
     use crate::test_tasks::task;
 
     /// Returns the landmark counts of the initial state, and of the state after the first operator of
@@ -190,11 +232,25 @@ mod tests {
         let relaxation = ff.relaxation();
         let landmarks = LandmarkCount::new(&task, relaxation, &state, &candidates, &mutex, &cancel);
         let mut statuses = Vec::new();
-        let before = landmarks.start(relaxation, &state, &mut statuses);
+        let before = landmarks.start(&state, &mut statuses);
         let is_meant = |schema: u32| task.schema_names[schema as usize].as_str() == action;
         let operator = task.operators.iter().find(|it| is_meant(it.schema)).expect("an operator");
         assert!(progression.apply(operator, &state, &mut next));
-        (before, landmarks.progress(relaxation, &next, 0, &mut statuses))
+        (before, landmarks.progress(&next, 0, &mut statuses))
+    }
+
+    #[test]
+    fn a_landmark_is_achieved_if_it_is_achieved_on_every_known_path() {
+        let literals = vec![Literal::new(FactId(0), true)];
+        let (parents, needed_for) = (Vec::new(), Vec::new());
+        let landmark = CountedLandmark { literals, is_goal: false, parents, needed_for };
+        let landmarks = LandmarkCount { landmarks: vec![landmark], words: 1 };
+        // The path to the first parent has achieved the landmark, that to the second one has not.
+        let mut statuses = vec![1, 0];
+        let without_the_fact = [0];
+        assert_eq!(landmarks.progress(&without_the_fact, 0, &mut statuses), 0);
+        assert_eq!(landmarks.progress_again(&without_the_fact, 2, 1, &mut statuses), 1);
+        assert_eq!(statuses, [1, 0, 0]);
     }
 
     #[test]

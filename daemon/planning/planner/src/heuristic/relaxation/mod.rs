@@ -246,6 +246,14 @@ impl Relaxation {
         ((proposition as usize) < self.fact_count).then_some(FactId(proposition))
     }
 
+    /// Returns the literal of a proposition; `None` for the proposition of a failing axiom.
+    pub(super) fn literal(&self, proposition: u32) -> Option<Literal> {
+        match (proposition as usize).checked_sub(self.fact_count) {
+            None => Some(Literal::new(FactId(proposition), true)),
+            Some(index) => self.negated.get(index).map(|fact| Literal::new(*fact, false)),
+        }
+    }
+
     /// Whether a proposition is a positive or negative literal of a fact, and not that of a failing
     /// axiom.
     pub(super) fn is_literal(&self, proposition: u32) -> bool {
