@@ -58,45 +58,50 @@ pub(crate) struct HistoryAnswer {
 }
 
 /// A guest that asks history agents.
-pub(crate) struct HistoryReader<'v> {
-    view: &'v EcosystemView,
+pub(crate) struct HistoryReader {
+    view: EcosystemView,
     terminal: Terminal,
     /// The key that private events are sealed to.
     key: AnswerKey,
-    reads_private: bool,
     _guest: DropGuard,
 }
 
 // === impl HistoryReader ===
 
-impl<'v> HistoryReader<'v> {
-    /// Launches the guest, with the name `own`. It gets private events only if `reads_private`.
+impl HistoryReader {
+    /// Launches the guest, with the name `own`.
     ///
     /// # Errors
     ///
     /// Returns an error if the ecosystem file names no history agent.
     pub(crate) fn open(
-        view: &'v EcosystemView,
+        view: &EcosystemView,
         own: AgentId,
-        reads_private: bool,
-    ) -> Result<HistoryReader<'v>, HistoryReadError> {
+    ) -> Result<HistoryReader, HistoryReadError> {
         if named(view).is_some_and(|named| named.is_empty()) {
             return Err(HistoryReadError::NotKept(advice(view)));
         }
         let (keyboard, terminal) = Keyboard::for_requests();
         let guest = hosting::launch_guest(&view.router, own, keyboard, view.ontology());
-        Ok(HistoryReader { view, terminal, key: AnswerKey::new(), reads_private, _guest: guest })
+        Ok(HistoryReader { view: view.clone(), terminal, key: AnswerKey::new(), _guest: guest })
     }
 
-    /// Reads all pages of a query, up to `limit` events.
+    /// Whether the guest has ended, so that it cannot read any more.
+    pub(crate) fn has_ended(&self) -> bool {
+        self.terminal.events.is_closed()
+    }
+
+    /// Reads all pages of a query, up to `limit` events, with private events only if
+    /// `reads_private`.
     pub(crate) async fn read(
         &mut self,
         query: &HistoryQuery,
         limit: u32,
+        reads_private: bool,
     ) -> Result<HistoryAnswer, HistoryReadError> {
         let first = ReadHistory {
             limit: limit.min(HISTORY_EVENTS_MAX),
-            seal_to: self.reads_private.then(|| self.key.public()),
+            seal_to: reads_private.then(|| self.key.public()),
             ..ReadHistory::new(query.clone())
         };
         let mut answer = best(self.ask_all(&first).await?)?;
@@ -123,11 +128,12 @@ impl<'v> HistoryReader<'v> {
         &mut self,
         request: &ReadHistory,
     ) -> Result<BTreeMap<AgentId, PageOrRefusal>, HistoryReadError> {
-        let named = named(self.view);
-        let router = &self.view.router;
+        let view = self.view.clone();
+        let named = named(&view);
+        let router = &view.router;
         let (_, mut changes) = router.presence_changes();
         let deadline = tokio::time::sleep(ANSWERED_WITHIN);
-        let (mut deadline, mut sees_all) = (pin!(deadline), pin!(stops::sees_all(self.view)));
+        let (mut deadline, mut sees_all) = (pin!(deadline), pin!(stops::sees_all(&view)));
         // All agents are visible after a moment. A history that the file names may be absent.
         let mut present = self.present(named.as_ref());
         while named.as_ref().is_none_or(|named| present.len() < named.len()) {
@@ -140,7 +146,7 @@ impl<'v> HistoryReader<'v> {
         }
         present = self.present(named.as_ref());
         match (&named, present.is_empty()) {
-            (None, true) => Err(HistoryReadError::NotKept(advice(self.view))),
+            (None, true) => Err(HistoryReadError::NotKept(advice(&self.view))),
             (Some(named), true) => {
                 let names: Vec<_> = named.iter().map(|name| format!("`{name}`")).collect();
                 Err(HistoryReadError::Silent(format!("{} is not present", names.join(" or "))))
@@ -168,6 +174,8 @@ impl<'v> HistoryReader<'v> {
         request: &ReadHistory,
     ) -> Result<BTreeMap<AgentId, PageOrRefusal>, HistoryReadError> {
         let ended = || HistoryReadError::Silent("the keyboard agent has ended".to_owned());
+        // Answers to earlier requests may still come.
+        let mut sent = BTreeSet::new();
         for agent in &agents {
             let draft = MessageDraft {
                 to: Some(agent.clone()),
@@ -177,15 +185,18 @@ impl<'v> HistoryReader<'v> {
                 content: value(&Request::ReadHistory(request.clone())),
                 patience: ANSWERED_WITHIN,
             };
-            let sent = self.terminal.requests.send(UserRequest::Send(draft)).await;
-            sent.map_err(|_| ended())?;
+            let id = self.terminal.requests.send(UserRequest::Send(draft)).await;
+            sent.insert(id.map_err(|_| ended())?);
         }
         let (mut answers, deadline) = (BTreeMap::new(), tokio::time::sleep(ANSWERED_WITHIN));
         let mut deadline = pin!(deadline);
         while answers.len() < agents.len() {
             tokio::select! {
                 heard = self.terminal.events.recv() => match heard {
-                    Some(UserEvent::Answered(_, message)) if agents.contains(&message.sender) => {
+                    Some(UserEvent::Answered(id, message))
+                        if id.is_some_and(|id| sent.contains(&id))
+                            && agents.contains(&message.sender) =>
+                    {
                         let answer = answer_of(&message, &self.key);
                         answers.insert(message.sender.clone(), answer);
                     }

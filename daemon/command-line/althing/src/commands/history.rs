@@ -71,28 +71,28 @@ async fn ask(
     args: &HistoryArgs,
 ) -> Result<(HistoryAnswer, Further), HistoryReadError> {
     let mut reader = reader(view)?;
-    let answer = reader.read(&query(view, args), args.limit()).await?;
+    let answer = reader.read(&query(view, args), args.limit(), true).await?;
     let mut more = Further { is_file_known: view.ecosystem.is_some(), ..Further::default() };
     let newest = answer.page.events.first();
     if let Some(newest) = newest.filter(|it| args.last && it.kind == HistoryKind::Fact) {
         let (fact, from_ms, to_ms) = (newest.subject.clone(), None, None);
         let values = HistoryQuery::Values { fact, from_ms, to_ms };
-        more.held = held(&reader.read(&values, FURTHER_EVENTS).await?.page.events);
+        more.held = held(&reader.read(&values, FURTHER_EVENTS, true).await?.page.events);
     }
     if args.values && newest.is_none() {
         let about = Some(subject(view, &args.what));
         let kinds = vec![HistoryKind::Fact];
         let facts = HistoryQuery::Events { about, kinds, from_ms: None, to_ms: None };
-        more.numeric = numeric(&reader.read(&facts, FURTHER_EVENTS).await?.page.events);
+        more.numeric = numeric(&reader.read(&facts, FURTHER_EVENTS, true).await?.page.events);
     }
     Ok((answer, more))
 }
 
 /// Opens a reader for a command, which gets what is private if the rights of the ecosystem allow it.
-pub(super) fn reader(view: &EcosystemView) -> Result<HistoryReader<'_>, HistoryReadError> {
+pub(super) fn reader(view: &EcosystemView) -> Result<HistoryReader, HistoryReadError> {
     let own = AgentId::new(&client::guest_name("reader"))
         .map_err(|error| HistoryReadError::Silent(error.to_string()))?;
-    HistoryReader::open(view, own, true)
+    HistoryReader::open(view, own)
 }
 
 /// Returns when a fact last held, from its events, newest first.

@@ -65,11 +65,11 @@ async fn ask(
 ) -> Result<HistoryAnswer, HistoryReadError> {
     let subject = subject(view, what);
     let mut reader = reader(view)?;
-    let causes = reader.read(&HistoryQuery::Why { subject }, EVENTS_MAX).await?;
+    let causes = reader.read(&HistoryQuery::Why { subject }, EVENTS_MAX, true).await?;
     match first_of_subject(&causes.page).filter(|_| effects) {
         Some(event) => {
             let subject = format!("#{}", event.number);
-            reader.read(&HistoryQuery::Effects { subject }, EVENTS_MAX).await
+            reader.read(&HistoryQuery::Effects { subject }, EVENTS_MAX, true).await
         }
         None => Ok(causes),
     }

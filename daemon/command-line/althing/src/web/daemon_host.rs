@@ -19,7 +19,6 @@ use super::answered::AnsweredQuestions;
 use super::page_view::PageView;
 use super::person_agents::PersonAgents;
 use super::{notifications, pictures};
-use crate::asking::history_reader::HistoryReader;
 use crate::ecosystem_view::EcosystemView;
 use crate::observing;
 
@@ -165,12 +164,10 @@ async fn read_history(
     limit: u32,
     reads_private: bool,
 ) -> Result<Value, String> {
-    let own = means.agents.reader_name()?;
     let request = Request::ReadHistory(ReadHistory::new(query.clone()));
-    means.agents.check_rights(&own, &request)?;
-    let reader = HistoryReader::open(&means.view, own, reads_private);
-    let mut reader = reader.map_err(|error| format!("failed to {error}"))?;
-    let answer = reader.read(&query, limit).await.map_err(|error| format!("failed to {error}"))?;
+    let may_read = |agent: &AgentId| means.agents.check_rights(agent, &request);
+    let mut reader = means.agents.history_readers().take(&means.view, may_read)?;
+    let answer = reader.read(&query, limit, reads_private).await?;
     let event = |event: &HistoryEvent| {
         let mut row = json!(event);
         row["at"] = json!(event.at_ms);

@@ -11,6 +11,7 @@ mod acts;
 mod answered;
 pub(crate) mod certificate;
 mod daemon_host;
+mod history_readers;
 mod notifications;
 mod page_view;
 mod person_agents;

@@ -16,6 +16,7 @@ use tokio::sync::{OwnedSemaphorePermit, Semaphore, mpsc};
 use tokio::time::{Instant, MissedTickBehavior, interval, timeout_at};
 use tokio_util::sync::DropGuard;
 
+use super::history_readers::HistoryReaders;
 use super::{DAEMON_CHARS_MAX, notifications};
 use crate::ecosystem_view::EcosystemView;
 use crate::hosting;
@@ -66,6 +67,7 @@ pub(super) struct PersonAgents {
     limited_goals: Arc<Semaphore>,
     /// Number of agents launched for a single request so far.
     launched: AtomicU64,
+    history_readers: HistoryReaders,
 }
 
 /// The agent of one person.
@@ -93,7 +95,13 @@ impl PersonAgents {
             accounts: Mutex::default(),
             limited_goals: Arc::new(Semaphore::new(LIMITED_GOALS_MAX)),
             launched: AtomicU64::new(0),
+            history_readers: HistoryReaders::default(),
         }
+    }
+
+    /// Returns the agents that read the history for pages.
+    pub(super) fn history_readers(&self) -> &HistoryReaders {
+        &self.history_readers
     }
 
     /// Sets the people of the ecosystem. The agents of people that are removed end soon.
@@ -119,17 +127,6 @@ impl PersonAgents {
         let number = self.launched.fetch_add(1, Ordering::Relaxed) + 1;
         let role = format!("{role}{number}");
         agent_name(person, &role, self.view.router.daemon())
-    }
-
-    /// Returns a new name for an agent that reads the history for a page.
-    ///
-    /// # Errors
-    ///
-    /// Returns an error if no agent can have the name. The text is for the person.
-    pub(super) fn reader_name(&self) -> Result<AgentId, String> {
-        let number = self.launched.fetch_add(1, Ordering::Relaxed) + 1;
-        let daemon = short(self.view.router.daemon());
-        AgentId::new(&format!("page-reader{number}-{daemon}")).map_err(|error| error.to_string())
     }
 
     /// Checks a request of an agent of a person against the rights of the ecosystem. Messages within
@@ -271,6 +268,7 @@ impl PersonAgents {
         let mut before = None;
         loop {
             looks.tick().await;
+            self.history_readers.end_idle();
             let accounts = lock(&self.accounts).clone();
             let people: Option<Vec<Person>> = accounts.map(|accounts| accounts.people());
             let lookers = people.as_ref().map(|people| {
