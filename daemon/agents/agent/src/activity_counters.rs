@@ -204,6 +204,11 @@ impl ActivityCounters {
         add(&self.sent, &Performative::ALL, performative);
     }
 
+    /// Counts heartbeats that have arrived at this daemon in one message.
+    pub(crate) fn count_received_heartbeats(&self, count: usize) {
+        add_many(&self.received, &Performative::ALL, Performative::Inform, count as u64);
+    }
+
     /// Counts a message that has arrived at this daemon.
     pub(crate) fn count_received(&self, performative: Performative) {
         add(&self.received, &Performative::ALL, performative);
@@ -301,8 +306,17 @@ impl Drop for TrackedGoal {
 }
 
 fn add<K: PartialEq, const N: usize>(counters: &[AtomicU64; N], keys: &[K; N], key: K) {
+    add_many(counters, keys, key, 1);
+}
+
+fn add_many<K: PartialEq, const N: usize>(
+    counters: &[AtomicU64; N],
+    keys: &[K; N],
+    key: K,
+    count: u64,
+) {
     if let Some((_, counter)) = keys.iter().zip(counters).find(|(each, _)| **each == key) {
-        counter.fetch_add(1, Ordering::Relaxed);
+        counter.fetch_add(count, Ordering::Relaxed);
     }
 }
 

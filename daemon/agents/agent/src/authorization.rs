@@ -135,12 +135,11 @@ impl Authorizer {
         origin: Option<&Origin>,
         sender: &AgentId,
         incarnation: Incarnation,
-        directory: impl FnOnce() -> Arc<Directory>,
+        directory: &Directory,
     ) -> bool {
         let Some((rights, origin)) = self.limits(origin) else { return true };
-        let directory = directory();
-        let checked = check_sender(rights, origin, sender, incarnation, &directory);
-        let checked = checked.and_then(|()| check_holds(origin, sender, &directory));
+        let checked = check_sender(rights, origin, sender, incarnation, directory);
+        let checked = checked.and_then(|()| check_holds(origin, sender, directory));
         checked.map_err(|error| self.note(&error, origin, sender.as_str())).is_ok()
     }
 

@@ -64,18 +64,22 @@ pub(crate) struct BroadcastCache {
     heard: Option<Instant>,
 }
 
-/// The last heartbeat of one agent.
+/// The last heartbeat of one agent: the last one that was decoded, and how it was repeated since.
 struct CachedHeartbeat {
+    /// The text of the decoded heartbeat.
     text: Bytes,
     /// Pattern that recognises a repetition of this heartbeat; `None` if repetitions cannot be
     /// recognised by comparing texts.
     repeatable: Option<HeartbeatPattern>,
+    /// The message id of the last repetition; empty if there is none yet.
+    repeated_id: String,
+    /// The sequence number of the last repetition, or of the decoded heartbeat.
+    sequence: u64,
 }
 
 /// Pattern of one heartbeat, with which a later repetition of that heartbeat is recognised.
-pub(crate) struct HeartbeatPattern {
-    pub(crate) said: Arc<HeartbeatContent>,
-    pub(crate) sequence: u64,
+struct HeartbeatPattern {
+    said: Arc<HeartbeatContent>,
     /// Byte range of the message id in the heartbeat's text. The next field is the byte range of
     /// the sequence number, which comes after the id.
     id: Range<usize>,
@@ -89,11 +93,13 @@ pub(crate) struct HeartbeatContent {
     pub(crate) period: Duration,
 }
 
-/// A heartbeat that repeats the previous one, with the sequence number of the previous heartbeat in
-/// `before`.
+/// A heartbeat that repeats the previous one, which has the sequence number `before`.
 pub(crate) struct HeartbeatRepetition {
+    pub(crate) said: Arc<HeartbeatContent>,
     pub(crate) before: u64,
-    pub(crate) now: HeartbeatPattern,
+    pub(crate) sequence: u64,
+    /// Byte range of the message id in the text of the repetition.
+    id: Range<usize>,
 }
 
 const ID: &str = "\"id\":\"";
@@ -103,15 +109,14 @@ const NUMBER: &str = "\"sequence\":";
 
 impl BroadcastCaches {
     /// Returns all stored broadcasts, in an order in which a receiver can handle them.
-    pub(crate) fn all(&self) -> impl Iterator<Item = &Bytes> {
+    pub(crate) fn all(&self) -> impl Iterator<Item = Bytes> {
         self.0.values().flat_map(BroadcastCache::all)
     }
 
     /// Returns all stored broadcasts by sender.
     pub(crate) fn by_sender(&self) -> BTreeMap<AgentId, Vec<Bytes>> {
-        let copy = |(sender, cache): (&AgentId, &BroadcastCache)| {
-            (sender.clone(), cache.all().cloned().collect())
-        };
+        let copy =
+            |(sender, cache): (&AgentId, &BroadcastCache)| (sender.clone(), cache.all().collect());
         self.0.iter().map(copy).collect()
     }
 
@@ -132,16 +137,23 @@ impl BroadcastCaches {
         self.0.get(sender)?.is_again(text)
     }
 
-    /// Stores a repeated heartbeat in place of the last heartbeat of `sender`. Does nothing if no
-    /// broadcast of `sender` is stored. Returns the time since the sender's last heartbeat, as
+    /// Records that the last heartbeat of `sender` was repeated. Does nothing if no heartbeat of
+    /// `sender` is stored. Returns the time since the sender's last heartbeat, as
     /// [`BroadcastCache::keep`] does.
     pub(crate) fn keep_repetition(
         &mut self,
         sender: &AgentId,
-        text: Bytes,
-        repetition: HeartbeatRepetition,
+        text: &[u8],
+        repetition: &HeartbeatRepetition,
     ) -> Option<Duration> {
         self.0.get_mut(sender)?.keep_again(text, repetition)
+    }
+
+    /// Whether the last heartbeat of `sender` was recognised as a repetition.
+    #[cfg(test)]
+    pub(crate) fn is_repeated(&self, sender: &AgentId) -> bool {
+        let heartbeat = self.0.get(sender).and_then(|cache| cache.heartbeat.as_ref());
+        heartbeat.is_some_and(|heartbeat| !heartbeat.repeated_id.is_empty())
     }
 
     /// Removes the broadcasts of an agent that has left.
@@ -166,7 +178,8 @@ impl BroadcastCache {
             Inform::Model(_) => self.model = Some(text),
             Inform::Heartbeat(heartbeat) => {
                 let repeatable = HeartbeatPattern::of(&text, message, heartbeat);
-                self.heartbeat = Some(CachedHeartbeat { text, repeatable });
+                let (repeated_id, sequence) = (String::new(), heartbeat.sequence);
+                self.heartbeat = Some(CachedHeartbeat { text, repeatable, repeated_id, sequence });
             }
             Inform::Epoch(_) => {
                 self.epoch = Some(text);
@@ -184,27 +197,78 @@ impl BroadcastCache {
     }
 
     /// Returns all stored broadcasts in the order in which a receiver must handle them.
-    pub(crate) fn all(&self) -> impl Iterator<Item = &Bytes> {
-        let heartbeat = self.heartbeat.as_ref().map(|heard| &heard.text);
-        self.model.iter().chain(heartbeat).chain(&self.epoch)
+    pub(crate) fn all(&self) -> impl Iterator<Item = Bytes> {
+        let heartbeat = self.heartbeat.as_ref().map(CachedHeartbeat::last_text);
+        self.model.iter().cloned().chain(heartbeat).chain(self.epoch.clone())
     }
 
     /// Compares a text with the last heartbeat. Returns `None` if the text does not repeat that
     /// heartbeat.
     pub(crate) fn is_again(&self, text: &[u8]) -> Option<HeartbeatRepetition> {
-        let CachedHeartbeat { text: before, repeatable } = self.heartbeat.as_ref()?;
-        repeatable.as_ref()?.is_again(before, text)
+        self.heartbeat.as_ref()?.is_again(text)
     }
 
-    /// Stores a repeated heartbeat in place of the last heartbeat. Returns the time since the last
-    /// one.
+    /// Records that the last heartbeat was repeated by `text`. Returns the time since the last one.
     pub(crate) fn keep_again(
         &mut self,
-        text: Bytes,
-        again: HeartbeatRepetition,
+        text: &[u8],
+        again: &HeartbeatRepetition,
     ) -> Option<Duration> {
-        self.heartbeat = Some(CachedHeartbeat { text, repeatable: Some(again.now) });
+        let heartbeat = self.heartbeat.as_mut()?;
+        // Another heartbeat may have come meanwhile.
+        let said = &heartbeat.repeatable.as_ref()?.said;
+        if !Arc::ptr_eq(said, &again.said) {
+            return None;
+        }
+        heartbeat.sequence = again.sequence;
+        heartbeat.repeated_id.clear();
+        // A repetition has an id of graphic ASCII characters.
+        heartbeat.repeated_id.extend(text[again.id.clone()].iter().copied().map(char::from));
         self.heard_again()
+    }
+}
+
+// === impl CachedHeartbeat ===
+
+impl CachedHeartbeat {
+    /// Returns the text of the last heartbeat: of the decoded one, or of its last repetition.
+    fn last_text(&self) -> Bytes {
+        let CachedHeartbeat { text, repeatable, repeated_id, sequence } = self;
+        let Some(HeartbeatPattern { id, number, .. }) = repeatable else { return text.clone() };
+        if repeated_id.is_empty() {
+            return text.clone();
+        }
+        let sequence = sequence.to_string();
+        let parts = [
+            &text[..id.start],
+            repeated_id.as_bytes(),
+            &text[id.end..number.start],
+            sequence.as_bytes(),
+            &text[number.end..],
+        ];
+        Bytes::from(parts.concat())
+    }
+
+    fn is_again(&self, text: &[u8]) -> Option<HeartbeatRepetition> {
+        let HeartbeatPattern { said, id, number } = self.repeatable.as_ref()?;
+        let before = &self.text;
+        let head = &before[..id.start];
+        let rest = text.strip_prefix(head)?;
+        let own_id = rest.iter().position(|byte| *byte == b'"')?;
+        if own_id == 0
+            || !rest[..own_id].iter().all(|byte| byte.is_ascii_graphic() && *byte != b'\\')
+        {
+            return None;
+        }
+        let between = &before[id.end..number.start];
+        let rest = rest[own_id..].strip_prefix(between)?;
+        let digits = rest.iter().take_while(|byte| byte.is_ascii_digit()).count();
+        if rest[digits..] != before[number.end..] || (digits > 1 && rest[0] == b'0') {
+            return None;
+        }
+        let sequence = std::str::from_utf8(&rest[..digits]).ok()?.parse().ok()?;
+        let id = head.len()..head.len() + own_id;
+        Some(HeartbeatRepetition { said: Arc::clone(said), before: self.sequence, sequence, id })
     }
 }
 
@@ -222,33 +286,9 @@ impl HeartbeatPattern {
         let text = std::str::from_utf8(text).ok()?;
         let id = value_of(text, ID, message.id.as_str())?;
         let number = value_of(text, NUMBER, &heartbeat.sequence.to_string())?;
-        let Heartbeat { digest, period, sequence, .. } = heartbeat;
-        let (digest, period) = (digest.clone(), period.0);
+        let (digest, period) = (heartbeat.digest.clone(), heartbeat.period.0);
         let said = Arc::new(HeartbeatContent { incarnation: message.incarnation, digest, period });
-        let sequence = *sequence;
-        (id.end < number.start).then_some(HeartbeatPattern { said, sequence, id, number })
-    }
-
-    fn is_again(&self, before: &[u8], text: &[u8]) -> Option<HeartbeatRepetition> {
-        let HeartbeatPattern { said, sequence, id, number } = self;
-        let head = &before[..id.start];
-        let rest = text.strip_prefix(head)?;
-        let own_id = rest.iter().position(|byte| *byte == b'"')?;
-        if !rest[..own_id].iter().all(|byte| byte.is_ascii_graphic() && *byte != b'\\') {
-            return None;
-        }
-        let between = &before[id.end..number.start];
-        let rest = rest[own_id..].strip_prefix(between)?;
-        let digits = rest.iter().take_while(|byte| byte.is_ascii_digit()).count();
-        if rest[digits..] != before[number.end..] || (digits > 1 && rest[0] == b'0') {
-            return None;
-        }
-        let own_number = std::str::from_utf8(&rest[..digits]).ok()?.parse().ok()?;
-        let id = head.len()..head.len() + own_id;
-        let start = id.end + between.len();
-        let (said, number) = (Arc::clone(said), start..start + digits);
-        let now = HeartbeatPattern { said, sequence: own_number, id, number };
-        Some(HeartbeatRepetition { before: *sequence, now })
+        (id.end < number.start).then_some(HeartbeatPattern { said, id, number })
     }
 }
 
@@ -298,10 +338,10 @@ mod tests {
         for number in [10, 11, 12, 1_000] {
             let text = written(&beat(&format!("lamp.7.{number}"), number));
             let again = hearsay.is_again(text.as_bytes()).expect("it says the same");
-            assert_eq!(again.now.sequence, number);
+            assert_eq!(again.sequence, number);
             assert!(again.before < number);
-            hearsay.keep_again(Bytes::from(text.clone()), again);
-            assert_eq!(hearsay.all().collect::<Vec<_>>(), [&Bytes::from(text)]);
+            hearsay.keep_again(text.as_bytes(), &again);
+            assert_eq!(hearsay.all().collect::<Vec<_>>(), [text]);
         }
     }
 
@@ -321,13 +361,13 @@ mod tests {
         let other = AgentId::new("other").expect("a name");
         assert!(caches.repetition(&other, &next).is_none());
         let repetition = caches.repetition(&lamp, &next).expect("it says the same");
-        caches.keep_repetition(&lamp, next.clone(), repetition);
-        assert_eq!(caches.all().collect::<Vec<_>>(), [&next]);
+        caches.keep_repetition(&lamp, &next, &repetition);
+        assert_eq!(caches.all().collect::<Vec<_>>(), [next]);
 
         let last = Bytes::from(written(&beat("lamp.7.11", 11)));
         let repetition = caches.repetition(&lamp, &last).expect("it says the same");
         caches.forget(&lamp);
-        caches.keep_repetition(&lamp, last, repetition);
+        caches.keep_repetition(&lamp, &last, &repetition);
         assert_eq!(caches.all().count(), 0, "it has left");
     }
 

@@ -64,14 +64,16 @@ impl DomainFeed {
         outcome.lacks_model
     }
 
-    /// Passes a heartbeat that repeats the previous one of its sender to the [`SharedDomain`].
-    /// Returns `false` if the heartbeat must be decoded.
-    pub(crate) fn receive_repetition(
+    /// Passes heartbeats that repeat the previous ones of their senders to the [`SharedDomain`].
+    /// Returns, for each, `false` if the heartbeat must be decoded.
+    pub(crate) fn receive_repetitions<'r>(
         &self,
-        sender: &AgentId,
-        repetition: &HeartbeatRepetition,
-    ) -> bool {
-        self.domain().is_none_or(|domain| domain.receive_repetition(sender, repetition))
+        repetitions: impl Iterator<Item = (&'r AgentId, &'r HeartbeatRepetition)>,
+    ) -> Vec<bool> {
+        match self.domain() {
+            Some(domain) => domain.receive_repetitions(repetitions),
+            None => repetitions.map(|_| true).collect(),
+        }
     }
 
     /// Passes a change of presence to the [`SharedDomain`]. Returns the time after which the

@@ -258,7 +258,7 @@ impl MessageRouter {
         let interests = BTreeSet::from_iter(interests);
         let mut state = self.write();
         let missed: Vec<_> = match interests.contains(&Performative::Inform) {
-            true => state.cache.all().cloned().collect(),
+            true => state.cache.all().collect(),
             false => Vec::new(),
         };
         let settings = &self.settings;

@@ -26,7 +26,7 @@ use capability::{Announcement, Maintainer, MaintainerScope, RepeatedHeartbeat, T
 use substrate::Presence;
 use tokio::time::Instant;
 
-use crate::broadcast_cache::{HeartbeatContent, HeartbeatPattern, HeartbeatRepetition, inform_of};
+use crate::broadcast_cache::{HeartbeatContent, HeartbeatRepetition, inform_of};
 use crate::domain_tracker::{DomainTracker, InformOutcome};
 use crate::host::Host;
 use crate::stop_buttons::StopButtons;
@@ -155,37 +155,37 @@ impl SharedDomain {
         }
     }
 
-    /// Handles a heartbeat that repeats the previous one of its sender; returns `false` if the
-    /// heartbeat must be decoded.
-    pub(crate) fn receive_repetition(
+    /// Handles heartbeats that repeat the previous ones of their senders. Returns, for each, `false`
+    /// if the heartbeat must be decoded.
+    pub(crate) fn receive_repetitions<'r>(
         &self,
-        sender: &AgentId,
-        repetition: &HeartbeatRepetition,
-    ) -> bool {
-        if self.buttons.as_ref().is_some_and(|buttons| buttons.must_read(sender)) {
-            return false;
-        }
+        repetitions: impl Iterator<Item = (&'r AgentId, &'r HeartbeatRepetition)>,
+    ) -> Vec<bool> {
         let (mut state, now) = self.state();
-        let HeartbeatRepetition { before, now: HeartbeatPattern { said, sequence, .. } } =
-            repetition;
-        let HeartbeatContent { incarnation, digest, period } = &**said;
-        let repeated = RepeatedHeartbeat {
-            agent: sender,
-            incarnation: *incarnation,
-            digest,
-            before: *before,
-            sequence: *sequence,
-            period: *period,
-        };
         let SharedDomainState { maintainer, tracker, unread, .. } = &mut *state;
-        if unread.contains_key(sender) {
-            return false;
-        }
-        let change = Arc::make_mut(maintainer).believe_repeated(&repeated, now);
-        if let Some(change) = &change {
-            tracker.schedule_removals(maintainer, change, now);
-        }
-        change.is_some()
+        let maintainer = Arc::make_mut(maintainer);
+        let receive = |(sender, repetition): (&AgentId, &HeartbeatRepetition)| {
+            if unread.contains_key(sender)
+                || self.buttons.as_ref().is_some_and(|buttons| buttons.must_read(sender))
+            {
+                return false;
+            }
+            let HeartbeatContent { incarnation, digest, period } = &*repetition.said;
+            let repeated = RepeatedHeartbeat {
+                agent: sender,
+                incarnation: *incarnation,
+                digest,
+                before: repetition.before,
+                sequence: repetition.sequence,
+                period: *period,
+            };
+            let change = maintainer.believe_repeated(&repeated, now);
+            if let Some(change) = &change {
+                tracker.schedule_removals(maintainer, change, now);
+            }
+            change.is_some()
+        };
+        repetitions.map(receive).collect()
     }
 
     /// Reads the broadcasts of an agent that arrived before this value was created, if they are not

@@ -7,6 +7,7 @@
 
 use acl::{AgentId, sender_of};
 use bytes::Bytes;
+use memchr::memchr_iter;
 
 /// Maximum length of a batch of heartbeats, in bytes; the heartbeats that do not fit go into
 /// further batches. Together with its key and its seal, a batch fits into one batch of Zenoh's
@@ -59,20 +60,29 @@ fn closed(gathered: &mut Vec<(AgentId, Bytes)>) -> Option<HeartbeatMessage> {
 }
 
 /// Returns the heartbeats in a batch, each with the sender that it names. Lines that name no sender
-/// are left out, because the batch comes from outside. Returns `None` if the batch is larger than
-/// [`pack`] makes batches.
+/// are left out, because the batch comes from outside. The heartbeats share the memory of the batch.
+/// Returns `None` if the batch is larger than [`pack`] makes batches.
 pub(crate) fn unpack(bundle: &Bytes) -> Option<Vec<(AgentId, Bytes)>> {
     if bundle.len() > BUNDLE_BYTES_MAX {
         return None;
     }
-    let lines = || bundle.split(|byte| *byte == b'\n').filter(|line| !line.is_empty());
-    if lines().nth(BUNDLE_MESSAGES_MAX).is_some() {
-        return None;
+    let (mut words, mut count, mut start) = (Vec::new(), 0, 0);
+    let ends = memchr_iter(b'\n', bundle).chain([bundle.len()]);
+    for end in ends {
+        let line = start..end;
+        start = end + 1;
+        if line.is_empty() {
+            continue;
+        }
+        count += 1;
+        if count > BUNDLE_MESSAGES_MAX {
+            return None;
+        }
+        if let Some(sender) = sender_of(&bundle[line.clone()]) {
+            words.push((sender, bundle.slice(line)));
+        }
     }
-    // The line is copied, because a slice that is kept for long would keep the whole batch in
-    // memory.
-    let word = |line| Some((sender_of(line)?, Bytes::copy_from_slice(line)));
-    Some(lines().filter_map(word).collect())
+    Some(words)
 }
 
 #[cfg(test)]
@@ -131,7 +141,7 @@ mod tests {
         for garbage in ["", "\n\n", "x", "{}", r#"{"sender":"A/b"}"#, "\u{0}"] {
             assert_eq!(unpack(&Bytes::from(garbage.to_owned())), Some(vec![]), "{garbage:?}");
         }
-        let mixed = Bytes::from("x\n{\"sender\":\"a\"}\n{");
+        let mixed = Bytes::from("x\n{\"sender\":\"a\"}\n\n{");
         assert_eq!(unpack(&mixed).map(|words| words.len()), Some(1));
     }
 

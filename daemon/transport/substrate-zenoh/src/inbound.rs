@@ -10,7 +10,7 @@ use std::sync::Arc;
 
 use bytes::Bytes;
 use credentials::DistrustReason;
-use substrate::{Delivery, Destination, Inbound, Origin, Rejected, ViolationKind};
+use substrate::{Delivery, Inbound, Origin, Rejected, ViolationKind};
 use zenoh::bytes::ZBytes;
 use zenoh::key_expr::KeyExpr;
 use zenoh::pubsub::Subscriber;
@@ -98,13 +98,13 @@ impl InboundReceiver {
         inbound.deliver(Delivery { destination: addressed, payload, origin });
     }
 
-    /// Delivers the heartbeats of a batch, each as if it had arrived in a message of its own.
+    /// Delivers the heartbeats of a batch.
     fn deliver_together(&self, key: &str, bundle: &Bytes, origin: Option<&Origin>, is_own: bool) {
         let claimed = origin.map(|origin| origin.daemon.as_str());
         let reject = |violation, detail: &str| {
             self.inbound.rejected(&Rejected { violation, detail, claimed, key });
         };
-        let Some(words) = batch::unpack(bundle) else {
+        let Some(mut words) = batch::unpack(bundle) else {
             let detail = format!("is a batch of {} bytes that cannot be read", bundle.len());
             return reject(ViolationKind::Oversized, &detail);
         };
@@ -115,14 +115,11 @@ impl InboundReceiver {
             let taken = security.verifier.take_permits(&origin.signing_daemon, beside);
             allowed = 1 + usize::try_from(taken).unwrap_or(0);
         }
-        for (index, (sender, payload)) in words.into_iter().enumerate() {
-            if index >= allowed {
-                reject(ViolationKind::Flooded, &DistrustReason::Flooded.to_string());
-                continue;
-            }
-            let (addressed, origin) = (Destination::AgentState(sender), origin.cloned());
-            self.inbound.deliver(Delivery { destination: addressed, payload, origin });
+        for _ in words.iter().skip(allowed) {
+            reject(ViolationKind::Flooded, &DistrustReason::Flooded.to_string());
         }
+        words.truncate(allowed);
+        self.inbound.deliver_heartbeats(words, origin);
     }
 }
 

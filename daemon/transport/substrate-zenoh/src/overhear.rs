@@ -12,6 +12,7 @@ use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, PoisonError, RwLock};
 
+use acl::AgentId;
 use bytes::Bytes;
 use credentials::{DistrustReason, SealChannel, SealedMessage};
 use substrate::{
@@ -72,6 +73,10 @@ impl OverhearListeners {
         self.0.write().unwrap_or_else(PoisonError::into_inner).listeners.remove(&number);
     }
 
+    fn is_empty(&self) -> bool {
+        self.0.read().unwrap_or_else(PoisonError::into_inner).listeners.is_empty()
+    }
+
     fn hear(&self, delivery: &Delivery) {
         if matches!(delivery.destination, Destination::To(_, Subject::Receipt)) {
             return;
@@ -99,6 +104,18 @@ impl Inbound for OverheardInbound {
     fn deliver(&self, delivery: Delivery) {
         self.listeners.hear(&delivery);
         self.inner.deliver(delivery);
+    }
+
+    fn deliver_heartbeats(&self, beats: Vec<(AgentId, Bytes)>, origin: Option<&Origin>) {
+        if !self.listeners.is_empty() {
+            for (sender, payload) in &beats {
+                let payload = Bytes::copy_from_slice(payload);
+                let (destination, origin) =
+                    (Destination::AgentState(sender.clone()), origin.cloned());
+                self.listeners.hear(&Delivery { destination, payload, origin });
+            }
+        }
+        self.inner.deliver_heartbeats(beats, origin);
     }
 
     fn presence(&self, presence: Presence) {
@@ -187,6 +204,7 @@ impl Eavesdropper {
         }
         for (sender, payload) in batch::unpack(&payload).into_iter().flatten() {
             let (key, origin) = (format!("{key}/{sender}"), origin.clone());
+            let payload = Bytes::copy_from_slice(&payload);
             let destination = Destination::AgentState(sender);
             hear(&key, OverheardMessage { destination, payload, origin });
         }

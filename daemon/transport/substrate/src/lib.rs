@@ -133,6 +133,19 @@ pub trait Inbound: Send + Sync + 'static {
     /// Called when a message has arrived.
     fn deliver(&self, delivery: Delivery);
 
+    /// Called when the heartbeats of several agents have arrived in one message, each as its sender
+    /// and its encoded message. All have the same origin. A daemon of ours sends at most one heartbeat
+    /// of each agent in a message; of several of one sender, any may be handled first. The payloads
+    /// share one allocation, so a receiver that keeps one must copy it. By default each is delivered
+    /// as a message of its own.
+    fn deliver_heartbeats(&self, beats: Vec<(AgentId, Bytes)>, origin: Option<&Origin>) {
+        for (sender, payload) in beats {
+            let payload = Bytes::copy_from_slice(&payload);
+            let (destination, origin) = (Destination::AgentState(sender), origin.cloned());
+            self.deliver(Delivery { destination, payload, origin });
+        }
+    }
+
     /// Called when an agent has joined or left.
     fn presence(&self, presence: Presence);
 

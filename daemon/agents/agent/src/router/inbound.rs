@@ -38,6 +38,13 @@ impl Inbound for MessageRouter {
         }
     }
 
+    fn deliver_heartbeats(&self, beats: Vec<(AgentId, Bytes)>, origin: Option<&Origin>) {
+        self.activity.count_received_heartbeats(beats.len());
+        for (sender, payload) in self.receive_repetitions(beats, origin) {
+            self.receive_new_broadcast(Bytes::copy_from_slice(&payload), &sender, origin);
+        }
+    }
+
     fn presence(&self, presence: Presence) {
         if !self.authorizer.authorize_presence(&presence) {
             return;
@@ -174,10 +181,16 @@ impl MessageRouter {
     }
 
     fn receive_broadcast(&self, payload: Bytes, sender: &AgentId, origin: Option<&Origin>) {
+        let beats = vec![(sender.clone(), payload)];
+        for (sender, payload) in self.receive_repetitions(beats, origin) {
+            self.receive_new_broadcast(payload, &sender, origin);
+        }
+    }
+
+    /// Handles a broadcast that does not repeat the previous one of its sender.
+    fn receive_new_broadcast(&self, payload: Bytes, sender: &AgentId, origin: Option<&Origin>) {
         let is_short_enough = |most| self.is_short_enough(&payload, most, sender, origin);
-        if self.receive_repetition(&payload, sender, origin)
-            || !is_short_enough(broadcast_cache::EPOCH_BYTES_MAX)
-        {
+        if !is_short_enough(broadcast_cache::EPOCH_BYTES_MAX) {
             return;
         }
         let message = match acl::decode(&payload) {
@@ -250,34 +263,53 @@ impl MessageRouter {
         false
     }
 
-    /// Handles a heartbeat that repeats the previous one of its sender. It is decoded only if an
-    /// agent of this daemon listens to `inform` broadcasts. Returns `false` if the heartbeat must
-    /// be handled as a new one.
-    fn receive_repetition(
+    /// Handles the broadcasts among `beats` that are heartbeats and repeat the previous ones of their
+    /// senders. They are decoded only if an agent of this daemon listens to `inform` broadcasts.
+    /// Returns the others, which must be handled as new ones.
+    fn receive_repetitions(
         &self,
-        payload: &Bytes,
-        sender: &AgentId,
+        beats: Vec<(AgentId, Bytes)>,
         origin: Option<&Origin>,
-    ) -> bool {
-        let (repetition, has_listeners) = {
+    ) -> Vec<(AgentId, Bytes)> {
+        let (mut repeated, mut others) = (Vec::with_capacity(beats.len()), Vec::new());
+        let (has_listeners, directory) = {
             let state = self.read();
-            (state.cache.repetition(sender, payload), state.hosted.has_listeners())
+            for (sender, payload) in beats {
+                match state.cache.repetition(&sender, &payload) {
+                    Some(repetition) => repeated.push((sender, payload, repetition)),
+                    None => others.push((sender, payload)),
+                }
+            }
+            (state.hosted.has_listeners(), Arc::clone(state.membership.directory()))
         };
-        let Some(repetition) = repetition else { return false };
-        let incarnation = repetition.now.said.incarnation;
-        let directory = || self.directory();
-        if !self.authorizer.authorize_repetition(origin, sender, incarnation, directory) {
-            return true;
+        repeated.retain(|(sender, _, repetition)| {
+            let incarnation = repetition.said.incarnation;
+            self.authorizer.authorize_repetition(origin, sender, incarnation, &directory)
+        });
+        if repeated.is_empty() {
+            return others;
         }
-        if !self.domain_feed.receive_repetition(sender, &repetition) {
-            return false;
+        let each = repeated.iter().map(|(sender, _, repetition)| (sender, repetition));
+        let mut is_taken = self.domain_feed.receive_repetitions(each).into_iter();
+        repeated.retain(|(sender, payload, _)| {
+            let is_taken = is_taken.next() == Some(true);
+            if !is_taken {
+                others.push((sender.clone(), payload.clone()));
+            }
+            is_taken
+        });
+        let mut state = self.write();
+        for (sender, payload, repetition) in &repeated {
+            let gap = state.cache.keep_repetition(sender, payload, repetition);
+            gap.into_iter().for_each(|gap| self.activity.count_heartbeat_gap(gap));
         }
-        let gap = self.write().cache.keep_repetition(sender, payload.clone(), repetition);
-        gap.into_iter().for_each(|gap| self.activity.count_heartbeat_gap(gap));
-        if has_listeners && let Ok(message) = acl::decode(payload) {
-            self.read().hosted.broadcast(&Arc::new(message));
+        drop(state);
+        if has_listeners {
+            for message in repeated.iter().filter_map(|(_, payload, _)| acl::decode(payload).ok()) {
+                self.read().hosted.broadcast(&Arc::new(message));
+            }
         }
-        true
+        others
     }
 
     // === answering ===
@@ -351,5 +383,125 @@ impl MessageRouter {
             };
             let _ = mailbox.put(MailboxItem::Question(query));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use acl::content::{Heartbeat, Inform, Methods, ModelAnnouncement};
+    use acl::{DaemonId, EcosystemId, Incarnation, Millis};
+    use serde_json::json;
+    use substrate::Resident;
+
+    use super::*;
+    use crate::host::Host;
+    use crate::settings::AgentSettings;
+
+    fn agent(name: &str) -> AgentId {
+        AgentId::new(name).expect("a name")
+    }
+
+    /// Returns a heartbeat of an agent with this digest, as Althing's own encoder writes it.
+    fn beat_of(sender: &str, digest: &str, facts: &str, sequence: u64) -> (AgentId, Bytes) {
+        let heartbeat = json!({
+            "of": "heartbeat", "digest": digest, "facts": facts, "period": 1000, "sequence": sequence
+        });
+        told(sender, sequence, heartbeat)
+    }
+
+    fn beat(sender: &str, facts: &str, sequence: u64) -> (AgentId, Bytes) {
+        beat_of(sender, "d", facts, sequence)
+    }
+
+    fn told(sender: &str, number: u64, content: serde_json::Value) -> (AgentId, Bytes) {
+        let message = json!({
+            "version": acl::SCHEMA_VERSION, "id": format!("{sender}.7.{number}"),
+            "performative": "inform", "sender": sender, "incarnation": 7, "content": content,
+            "conversation_id": sender
+        });
+        let message = acl::decode(message.to_string().as_bytes()).expect("a message");
+        (agent(sender), acl::encode(&message))
+    }
+
+    /// Returns the router of a daemon at which a lamp and a fan are present.
+    fn router() -> Arc<MessageRouter> {
+        let (ecosystem, daemon) = (EcosystemId::new("test"), DaemonId::new("here"));
+        let (ecosystem, daemon) = (ecosystem.expect("a name"), daemon.expect("a name"));
+        let router = MessageRouter::new(ecosystem, daemon.clone(), AgentSettings::default());
+        for name in ["lamp", "fan"] {
+            let (agent, daemon) = (agent(name), daemon.clone());
+            let resident = Resident { agent, daemon, incarnation: Incarnation(7) };
+            router.presence(Presence::Joined(resident));
+        }
+        router
+    }
+
+    #[test]
+    fn heartbeats_of_a_batch_are_kept_whether_they_are_repeated_or_new() {
+        let router = router();
+        let kept = || router.read().cache.all().collect::<Vec<_>>();
+        let first = [beat("fan", "", 1), beat("lamp", "(lit lamp)", 4)];
+        // The second batch repeats one and changes the other; the third has one sender twice, and
+        // a sender that is not present.
+        let second = [beat("fan", "", 2), beat("lamp", "", 5)];
+        let third =
+            [beat("fan", "", 3), beat("stranger", "", 1), beat("lamp", "", 6), beat("lamp", "", 7)];
+        for (batch, last) in [(first.to_vec(), first), (second.to_vec(), second)] {
+            router.deliver_heartbeats(batch, None);
+            assert_eq!(kept(), last.map(|(_, text)| text));
+        }
+        let is_repeated = |name| router.read().cache.is_repeated(&agent(name));
+        assert_eq!((is_repeated("fan"), is_repeated("lamp")), (true, false));
+        router.deliver_heartbeats(third.to_vec(), None);
+        assert_eq!(kept(), [beat("fan", "", 3).1, beat("lamp", "", 7).1]);
+        let counts = router.activity().counts();
+        assert!(counts.received.contains(&(Performative::Inform, 8)), "{counts:?}");
+        assert_eq!(counts.heartbeat_gaps.count, 5);
+    }
+
+    #[tokio::test]
+    async fn a_repetition_that_the_shared_domain_does_not_take_is_decoded() {
+        let ontology = "(define (domain test) (:requirements :typing) (:types agent - object)
+            (:predicates (lit ?a - agent)))";
+        let ontology = pddl::parse_domain(ontology).value;
+        let map = "(define (problem map) (:domain test) (:init) (:goal (and)))";
+        let map = pddl::parse_problem(map).value;
+        let host = Host::new(ontology.expect("a domain"), map.expect("a problem"));
+        let router = router();
+        let domain = router.shared_domain(&host);
+        let methods = Methods::default();
+        let announce = |name: &str| {
+            let model = format!("(define (agent {name}) (:domain test) (:objects {name} - agent))");
+            let digest = capability::model_digest(&model, &methods);
+            let heartbeat = Heartbeat {
+                digest: digest.clone(),
+                sequence: 1,
+                facts: String::new(),
+                known_for: [].into(),
+                period: Millis(Duration::from_secs(1)),
+                stops: Vec::new(),
+            };
+            let announced = ModelAnnouncement { model, methods: methods.clone(), heartbeat };
+            let inform = Inform::Model(Box::new(announced));
+            let (sender, payload) = told(name, 1, serde_json::to_value(&inform).expect("JSON"));
+            let destination = Destination::AgentState(sender);
+            router.deliver(Delivery { destination, payload, origin: None });
+            assert!(domain.has_model(&agent(name), Incarnation(7)), "{name}");
+            digest
+        };
+        let (of_fan, of_lamp) = (announce("fan"), announce("lamp"));
+        let fan = |sequence| beat_of("fan", &of_fan, "", sequence);
+        let lamp = |sequence| beat_of("lamp", &of_lamp, "", sequence);
+        let is_repeated = |name| router.read().cache.is_repeated(&agent(name));
+        router.deliver_heartbeats(vec![fan(2), lamp(2)], None);
+        assert_eq!((is_repeated("fan"), is_repeated("lamp")), (false, false), "the first ones");
+        // The shared domain takes the first heartbeat of the lamp; the second does not follow the one
+        // that it was compared with.
+        router.deliver_heartbeats(vec![lamp(3), fan(3), lamp(4)], None);
+        assert_eq!((is_repeated("fan"), is_repeated("lamp")), (true, false));
+        let kept: Vec<_> = router.read().cache.all().collect();
+        assert!(kept.contains(&fan(3).1) && kept.contains(&lamp(4).1), "{kept:?}");
+        router.deliver_heartbeats(vec![lamp(5), fan(4)], None);
+        assert_eq!((is_repeated("fan"), is_repeated("lamp")), (true, true));
     }
 }
