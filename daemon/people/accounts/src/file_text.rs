@@ -37,6 +37,8 @@ pub struct PeopleText {
     pub mistakes: Vec<Diagnostic>,
     /// Place of each name that could be read.
     pub places: BTreeMap<PersonName, Span>,
+    /// Place of the value of `screen`, for each screen.
+    pub screen_places: BTreeMap<PersonName, Span>,
 }
 
 /// Collects what can be read, and the mistakes.
@@ -179,7 +181,11 @@ impl PeopleReader {
                 "rights" => rights = Some(self.rights(value)),
                 "password" => record.password = self.password(name, value),
                 "token" => record.tokens = self.tokens(name, value),
-                "screen" => record.screen = self.screen(value),
+                "screen" => {
+                    let at = Span::new(value.span().start, value.span().end);
+                    self.read.screen_places.insert(name.clone(), at);
+                    record.screen = self.screen(value);
+                }
                 other => self.unknown_key(key.span(), &format!("people.{name}"), other, &KEYS),
             }
         }

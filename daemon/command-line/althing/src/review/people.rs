@@ -2,8 +2,8 @@
 
 use std::io;
 
-use accounts::{AccountsError, PeopleFile};
-use pddl::{Diagnostic, Span};
+use accounts::{AccountsError, PeopleFile, PeopleText, PersonRecord};
+use pddl::{Diagnostic, Span, nearest};
 use terminal::report::SourceText;
 
 use super::Reviewer;
@@ -35,10 +35,31 @@ impl Reviewer<'_> {
                 read.mistakes.push(Diagnostic::error(*span, message).with_help(help));
             }
         }
+        let screens = self.screens_without_agents(&read);
+        read.mistakes.extend(screens);
         // An excerpt of the text must not show hashes.
         let shown = accounts::without_secrets(&text);
         let source = SourceText::new(file.path().display().to_string(), shown);
         self.report.add(&source, read.mistakes);
+    }
+
+    /// Finds the screens of agents that the ecosystem file does not have.
+    fn screens_without_agents(&self, read: &PeopleText) -> Vec<Diagnostic> {
+        let names = || self.ecosystem.agents.iter().map(|entry| entry.name.as_str());
+        let missing = |record: &PersonRecord| {
+            let agent = record.screen.as_deref()?;
+            let span = *read.screen_places.get(&record.name)?;
+            if names().any(|name| name == agent) {
+                return None;
+            }
+            let message = format!("no agent of {} is called `{agent}`", self.ecosystem.name);
+            let help = match nearest(agent, names()) {
+                Some(near) => format!("did you mean `{near}`?"),
+                None => format!("the screen shows nothing until an agent `{agent}` joins"),
+            };
+            Some(Diagnostic::warning(span, message).with_help(help))
+        };
+        read.records.iter().filter_map(missing).collect()
     }
 
     fn missing_people(&mut self) {

@@ -186,7 +186,8 @@ fn the_file_of_people_is_checked_with_its_ecosystem() {
     house.check("check althing.toml", 0);
     house.write(
         "people.toml",
-        b"[people.domain-maintainer]\nrights = [\"lok\"]\npassword = \"hunter2hunter2\"\n",
+        b"[people.domain-maintainer]\nrights = [\"lok\"]\npassword = \"hunter2hunter2\"\n\n\
+          [people.hall]\nrights = []\nscreen = \"domain-maintaner\"\n",
     );
     let path = house.path().join("people.toml");
     fs::set_permissions(&path, Permissions::from_mode(0o600)).expect("ours");
@@ -200,6 +201,9 @@ fn the_file_of_people_is_checked_with_its_ecosystem() {
         "did you mean \"look\"?",
         "error: `password` must be an argon2id hash",
         "althing people password domain-maintainer",
+        "is called `domain-maintaner`",
+        "people.toml:7:10",
+        "did you mean `domain-maintainer`?",
     ] {
         assert!(run.stderr.contains(expected), "{expected}\n{}", run.stderr);
     }
