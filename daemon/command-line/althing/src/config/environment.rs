@@ -100,7 +100,7 @@ fn variable(
 fn tree<'v>(shape: &Shape, value: &'v str) -> Spanned<DeValue<'v>> {
     let text = || Spanned::new(0..value.len(), DeValue::String(value.into()));
     match shape {
-        Shape::Text | Shape::Choice(_) | Shape::Duration => text(),
+        Shape::Text | Shape::Path | Shape::Choice(_) | Shape::Duration => text(),
         _ => DeValue::parse(value).unwrap_or_else(|_| text()),
     }
 }

@@ -83,6 +83,9 @@ impl TomlReader {
     ) -> Option<Value> {
         let wrong = match (shape, value.get_ref()) {
             (Shape::Text, DeValue::String(_)) => return Some(to_config_value(value.get_ref())),
+            (Shape::Path, DeValue::String(path)) if !path.trim().is_empty() => {
+                return Some(to_config_value(value.get_ref()));
+            }
             (Shape::Free, DeValue::Table(table)) => {
                 self.record_places(path, table);
                 return Some(to_config_value(value.get_ref()));
@@ -232,7 +235,7 @@ fn type_correction(path: &str, shape: &Shape, value: &DeValue<'_>) -> Option<Str
         (Shape::List(Shape::Text | Shape::Choice(_)), DeValue::String(text)) => {
             Some(format!("write {key} = [\"{text}\"]"))
         }
-        (Shape::Text | Shape::Texts, DeValue::Integer(_) | DeValue::Float(_)) => {
+        (Shape::Text | Shape::Path | Shape::Texts, DeValue::Integer(_) | DeValue::Float(_)) => {
             Some(number_text::quoted(key, &toml_text(value)))
         }
         (Shape::Flag, DeValue::String(text)) if ["true", "false"].contains(&text.as_ref()) => {

@@ -17,6 +17,8 @@ pub(super) struct SchemaKey {
 pub(super) enum Shape {
     /// A text in quotes.
     Text,
+    /// The path of a file or folder, in quotes; not empty.
+    Path,
     /// A text in quotes, or a list of such texts.
     Texts,
     /// One of these words, in quotes.
@@ -88,9 +90,9 @@ pub(super) static FILE: Shape = Shape::Table(&[
 
 const ECOSYSTEM: &[SchemaKey] = &[
     key("name", Shape::Text, "its name, such as \"smart-office\""),
-    key("domain", Shape::Text, "the file of the shared ontology, such as \"domain.pddl\""),
-    key("problem", Shape::Text, "the file of the map, such as \"map.pddl\""),
-    key("vocabulary", Shape::Text, "the file with words that the standard ontology lacks"),
+    key("domain", Shape::Path, "the file of the shared ontology, such as \"domain.pddl\""),
+    key("problem", Shape::Path, "the file of the map, such as \"map.pddl\""),
+    key("vocabulary", Shape::Path, "the file with words that the standard ontology lacks"),
     key("reasoning", Shape::Texts, "the daemons that plan, if no agent of the file does"),
     key("mode", Shape::Choice(&["centralized", "decentralized"]), "the planning mode"),
     key("daemons", Shape::List(&Shape::Text), "daemons that host no agent yet"),
@@ -143,7 +145,7 @@ const AGENT: &[SchemaKey] = &[
 /// The keys of an interface. A word passes the interface only if one of these tables contains it;
 /// that holds in both directions.
 const INTERFACE: &[SchemaKey] = &[
-    key("ecosystem", Shape::Text, "the other ecosystem's file, such as \"house.toml\""),
+    key("ecosystem", Shape::Path, "the other ecosystem's file, such as \"house.toml\""),
     key("daemon", Shape::Text, "our daemon that joins both ecosystems"),
     key("as", Shape::Text, "its name in the other ecosystem"),
     key("rate", Shape::Number { min: 0.01, max: 10_000.0 }, "messages a second, each way"),
@@ -195,7 +197,7 @@ const LIMITS: &[SchemaKey] = &[
 ];
 
 const SECURITY: &[SchemaKey] = &[
-    key("folder", Shape::Text, "where keys and certificates are"),
+    key("folder", Shape::Path, "where keys and certificates are"),
     key("warn-days", Shape::Count, "how long before its end a certificate is announced"),
     key("messages-per-second-max", Shape::Count, "messages that one daemon may send"),
 ];
@@ -210,10 +212,10 @@ const RIGHTS: &[SchemaKey] = &[
 ];
 
 const PEOPLE: &[SchemaKey] =
-    &[key("file", Shape::Text, "where people are, such as \"people.toml\"")];
+    &[key("file", Shape::Path, "where people are, such as \"people.toml\"")];
 
 const PLUGINS: &[SchemaKey] = &[
-    key("folder", Shape::Text, "where packages are, such as \"plugins\""),
+    key("folder", Shape::Path, "where packages are, such as \"plugins\""),
     key(
         "admit",
         Shape::Choice(&["all", "ask", "listed"]),
@@ -233,15 +235,15 @@ const WEB: &[SchemaKey] = &[
     key("listen", Shape::Text, "the address, such as \"127.0.0.1:8650\""),
     key("daemons", Shape::Texts, "the daemons that serve it; without it, all"),
     key("names", Shape::Texts, "host names by which browsers reach it, such as \"office.lan\""),
-    key("certificate", Shape::Text, "the file of its certificate, instead of `althing cert page`"),
-    key("key", Shape::Text, "the file of the certificate's key"),
+    key("certificate", Shape::Path, "the file of its certificate, instead of `althing cert page`"),
+    key("key", Shape::Path, "the file of the certificate's key"),
 ];
 
 const BUILDING: &[SchemaKey] = &[
     key("temperatures", Shape::Each(&CELSIUS), "the true temperature of each place, in °C"),
     key("conditions", Shape::Each(&CONDITIONS), "what else is true of each place, such as its co2"),
     key("time-scale", Shape::Number { min: 0.0, max: 1_000.0 }, "1.0 is real time"),
-    key("socket", Shape::Text, "where several processes share the building"),
+    key("socket", Shape::Path, "where several processes share the building"),
 ];
 
 /// The shape of a temperature in the simulated building, in °C: from absolute zero to the heat of a
@@ -259,6 +261,7 @@ impl Shape {
     pub(super) fn expected(&self) -> String {
         match self {
             Shape::Text => "a text in quotes".to_owned(),
+            Shape::Path => "a path in quotes, which is not empty".to_owned(),
             Shape::Texts => "a text in quotes, or a list of them in [ ]".to_owned(),
             Shape::Brief(key, _) => format!("a text in quotes, or a table with `{key}`"),
             Shape::Choice(words) => {
@@ -280,6 +283,7 @@ impl Shape {
     pub(super) fn notation(&self) -> String {
         match self {
             Shape::Text => "\"TEXT\"".to_owned(),
+            Shape::Path => "\"PATH\"".to_owned(),
             Shape::Texts => "\"TEXT\" | [\"TEXT\", …]".to_owned(),
             Shape::Choice(words) => {
                 let quoted: Vec<String> = words.iter().map(|word| format!("\"{word}\"")).collect();

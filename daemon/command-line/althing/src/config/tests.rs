@@ -253,3 +253,15 @@ fn times_of_goals_are_checked_at_their_places() {
     let zone = FILE.replace("[ecosystem]", "[ecosystem]\ntime-zone = \"Middle/Earth\"");
     assert!(mistakes_of(&House::new(&zone)).contains("Middle/Earth"));
 }
+
+#[test]
+fn an_empty_path_is_a_mistake() {
+    for (place, key) in [("people", "file"), ("security", "folder"), ("plugins", "folder")] {
+        let text = format!("{FILE}\n[{place}]\n{key} = \" \"\n");
+        let found = mistakes_of(&House::new(&text));
+        let expected = format!("`{place}.{key}` must be a path in quotes, which is not empty");
+        assert!(found.contains(&expected), "{found}");
+    }
+    let text = FILE.replace("\"domain.pddl\"", "\"\"");
+    assert!(mistakes_of(&House::new(&text)).contains("`ecosystem.domain` must be a path"));
+}
