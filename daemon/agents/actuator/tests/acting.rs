@@ -1,13 +1,14 @@
 //! Tests of what lets an action begin and what ends it, over the in-memory substrate: the consent of
-//! people, the limit of beginnings, the time limit of the method, and the stop of a place.
+//! people, the limit of beginnings, the time limit of the method, the stop of a place, and what ends a
+//! commitment to a joint plan.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::Duration;
 
 use acl::content::{
-    Act, ActionToken, Inform, Method, Outcome, PersonsAnswer, Refusal, Report, Request, Stop,
-    StopEffect, value,
+    Act, ActionToken, CallForProposals, Inform, JointPlanPart, Method, Outcome, PartStep,
+    PersonsAnswer, Refusal, ReleaseStops, Report, Request, Stop, StopEffect, value,
 };
 use acl::{
     AgentId, ConversationId, DaemonId, EcosystemId, Incarnation, Message, Millis, Performative,
@@ -96,6 +97,8 @@ impl Keyboard {
 /// Sends what it is told to the robot, and passes on the answers.
 struct Client {
     requests: Vec<(Duration, Request)>,
+    /// Conversations of goals; the robot is asked to agree to a part of a joint plan for each.
+    parts: Vec<(Duration, &'static str)>,
     told: mpsc::UnboundedSender<Message>,
 }
 
@@ -105,19 +108,29 @@ impl Agent for Client {
     }
 
     fn activated(&mut self, ctx: &mut Context<Self>) {
-        for (after, request) in std::mem::take(&mut self.requests) {
+        let to_robot = |performative, protocol, conversation: &str, content| ExchangeOpening {
+            to: Some(name("robot")),
+            performative,
+            protocol,
+            conversation: ConversationId::new(conversation),
+            content,
+        };
+        let requests = std::mem::take(&mut self.requests).into_iter().map(|(after, request)| {
+            let protocol = match request {
+                Request::Act(_) => Protocol::Action,
+                _ => Protocol::StateChange,
+            };
+            (after, to_robot(Performative::Request, protocol, "test", value(&request)))
+        });
+        let parts = std::mem::take(&mut self.parts).into_iter().map(|(after, goal)| {
+            let steps = vec![PartStep::Own("(wave robot desk)".to_owned())];
+            let part = Some(JointPlanPart { digest: format!("plan-for-{goal}"), steps });
+            let conjuncts = vec!["(waved robot)".to_owned()];
+            let call = CallForProposals { conjuncts, together: true, part };
+            (after, to_robot(Performative::Cfp, Protocol::ContractNet, goal, value(&call)))
+        });
+        for (after, opening) in requests.chain(parts).collect::<Vec<_>>() {
             ctx.after(after, move |_: &mut Client, ctx| {
-                let protocol = match request {
-                    Request::Act(_) => Protocol::Action,
-                    _ => Protocol::StateChange,
-                };
-                let opening = ExchangeOpening {
-                    to: Some(name("robot")),
-                    performative: Performative::Request,
-                    protocol,
-                    conversation: ConversationId::new("test"),
-                    content: value(&request),
-                };
                 ctx.open(opening, HOUR, |client: &mut Client, answer, _| {
                     if let ExchangeEvent::Message(message) = answer {
                         client.told.send(*message).expect("the test listens");
@@ -142,6 +155,7 @@ struct Setting {
     waves_for: Duration,
     answers: Vec<&'static str>,
     requests: Vec<(Duration, Request)>,
+    parts: Vec<(Duration, &'static str)>,
 }
 
 fn home(setting: Setting) -> Home {
@@ -178,7 +192,7 @@ fn home(setting: Setting) -> Home {
     };
     let robot = WavingRobot { waves_for: setting.waves_for };
     let (told, heard) = mpsc::unbounded_channel();
-    let client = Client { requests: setting.requests, told };
+    let client = Client { requests: setting.requests, parts: setting.parts, told };
     let agents: [(&str, Box<dyn LaunchableAgent>); 3] = [
         ("robot", Actuator::build(&blueprint, robot).expect("built")),
         ("keyboard", Box::new(Keyboard(setting.answers.into()))),
@@ -219,6 +233,28 @@ impl Home {
     }
 }
 
+impl Home {
+    /// Waits for the answers to the calls to agree, and returns the goal of each and the reason of the
+    /// refusal; an empty one for an agreement.
+    async fn agreements(&mut self, count: usize) -> Vec<(String, String)> {
+        let mut answers = Vec::new();
+        while answers.len() < count {
+            let next = tokio::time::timeout(HOUR, self.heard.recv()).await.expect("in time");
+            let message = next.expect("it lives");
+            let goal = message.conversation_id.to_string();
+            match message.performative {
+                _ if goal == "test" => (),
+                Performative::Agree => answers.push((goal, String::new())),
+                _ => {
+                    let refusal: Refusal = message.content_as().expect("a refusal");
+                    answers.push((goal, refusal.detail));
+                }
+            }
+        }
+        answers
+    }
+}
+
 /// Builds the request for the wave of this number, which comes so many minutes after the start.
 fn wave(number: u32) -> (Duration, Request) {
     let token =
@@ -240,6 +276,7 @@ async fn a_method_that_people_allow_has_its_own_time_limit_and_no_more() {
         waves_for: HOUR,
         answers: vec!["yes"],
         requests: vec![wave(1)],
+        ..Setting::default()
     });
     let begun = Instant::now();
     let (outcome, detail) = home.end().await;
@@ -306,4 +343,40 @@ async fn a_stop_of_a_place_stops_a_robot_at_its_own_pose_there() {
     assert_eq!(effects, [StopEffect::Unconcerned, StopEffect::Ended]);
     let refusal = refusal.expect("the loop ends with it").detail;
     assert!(refusal.contains("stopped (office1) by `client`"), "{refusal}");
+}
+
+/// The lease of an agreement is ten seconds; all of this is within one.
+#[tokio::test(start_paused = true)]
+async fn a_stop_ends_a_commitment_before_its_lease() {
+    let stop = Request::Stop(Stop {
+        id: "s".to_owned(),
+        scope: vec!["robot".to_owned()],
+        by: name("client"),
+        why: String::new(),
+    });
+    let release = Request::ReleaseStops(ReleaseStops { ids: vec!["s".to_owned()] });
+    let second = Duration::from_secs(1);
+    let mut home = home(Setting {
+        requests: vec![(second * 4, stop), (second * 5, release)],
+        parts: vec![(second * 2, "g1"), (second * 3, "g2"), (second * 6, "g2")],
+        ..Setting::default()
+    });
+    let answers = home.agreements(3).await;
+    assert_eq!(answers[0], ("g1".to_owned(), String::new()));
+    assert!(answers[1].1.contains("plan plan-for-g1 of `client`"), "{answers:?}");
+    assert_eq!(answers[2], ("g2".to_owned(), String::new()));
+}
+
+/// A replica that takes a goal over asks in the same conversation, in an exchange of its own.
+#[tokio::test(start_paused = true)]
+async fn an_agent_agrees_again_for_the_goal_that_holds_it() {
+    let second = Duration::from_secs(1);
+    let parts =
+        vec![(second * 2, "g1"), (second * 3, "g1"), (second * 11, "g2"), (second * 14, "g2")];
+    let mut home = home(Setting { parts, ..Setting::default() });
+    let answers = home.agreements(4).await;
+    assert_eq!(answers[..2], [("g1".to_owned(), String::new()), ("g1".to_owned(), String::new())]);
+    // The second agreement has begun the lease anew.
+    assert!(answers[2].1.contains("is held for 2.0 s more"), "{answers:?}");
+    assert_eq!(answers[3], ("g2".to_owned(), String::new()));
 }
