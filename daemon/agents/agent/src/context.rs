@@ -287,6 +287,11 @@ impl<A: 'static> Context<A> {
         self.communication.message(Performative::Inform, conversation, value(inform))
     }
 
+    /// Whether a message of this agent has no receipt yet.
+    pub fn awaits_receipts(&self) -> bool {
+        self.communication.awaits_receipts()
+    }
+
     // === waiting and working ===
 
     /// Calls `then` once, after the time `wait`. Returns the identifier of the timer.

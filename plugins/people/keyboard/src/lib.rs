@@ -77,6 +77,11 @@ const RETURN_TIMEOUT: Duration = Duration::from_secs(5);
 const SEEK_INTERVAL: Duration = Duration::from_millis(200);
 const DEPARTURES_MAX: u32 = 5;
 
+/// How long a keyboard that ends waits for the receipts of its last messages, such as the
+/// confirmation of an answer that has just ended the command of the keyboard. A lost message is
+/// repeated within this time.
+const RECEIPTS_WITHIN: Duration = Duration::from_millis(500);
+
 /// A goal that this keyboard has requested.
 struct RequestedGoal {
     /// Number of the request at the terminal; `None` if the goal is in the ecosystem file.
@@ -105,6 +110,9 @@ pub struct Keyboard {
     user_requests: Option<mpsc::Receiver<(RequestId, UserRequest)>>,
     listening: Option<WorkHandle>,
     user_events: Option<EventSender>,
+    /// When this keyboard ends also without the receipts of its last messages; `None` until it is to
+    /// end.
+    ends_at: Option<Instant>,
 }
 
 fn build(blueprint: Blueprint) -> Result<Box<dyn LaunchableAgent>, BuildError> {
@@ -148,6 +156,7 @@ impl Keyboard {
             user_requests: None,
             listening: None,
             user_events: None,
+            ends_at: None,
         }
     }
 }
@@ -196,7 +205,15 @@ impl Agent for Keyboard {
             let detail = format!("`{}` was closed before an answer came", ctx.id());
             ctx.refuse(&question.participation, Reason::Stopping, detail);
         }
-        true
+        if !ctx.awaits_receipts() {
+            return true;
+        }
+        let until = *self.ends_at.get_or_insert_with(|| {
+            // The event of the timer has this function called again.
+            ctx.after(RECEIPTS_WITHIN, |_, _| ());
+            Instant::now() + RECEIPTS_WITHIN
+        });
+        Instant::now() >= until
     }
 }
 
