@@ -432,7 +432,7 @@ fn whoever_has_the_right_sees_what_happened_to_private_facts() {
     let seen = ben.get("/api/history?about=bin-free").body;
     assert!(!of(&seen).iter().any(is_private), "{seen:#}");
     assert!(seen["withheld"].as_u64() > Some(0), "{seen:#}");
-    // All this was read by one agent, whose coming the history has, too.
+    // One agent has made all these reads, and the history records that it joined.
     let about = |reader: &str| of(&ada.get(&format!("/api/history?about={reader}")).body);
     while about("page-reader1-caretaker").is_empty() {
         assert!(Instant::now() < deadline, "the history has no first reader");

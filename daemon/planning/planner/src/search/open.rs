@@ -47,11 +47,7 @@ struct Current {
 
 impl OpenList {
     pub(super) fn push(&mut self, key: SortKey, state: StateId) {
-        let bucket = self.buckets.entry(key).or_default();
-        self.room -= bucket.capacity();
-        bucket.push_back(QueuedState { state, done: 0 });
-        self.room += bucket.capacity();
-        self.count += 1;
+        self.add(key, |bucket| bucket.push_back(QueuedState { state, done: 0 }));
     }
 
     /// Returns the next operator of the best state; `None` if the list is empty. `operators`
@@ -89,13 +85,18 @@ impl OpenList {
         let Some(Current { key, waiting }) = self.current else { return };
         let best = self.buckets.first_key_value().map(|(key, _)| *key);
         if best.is_some_and(|best| best < key) {
-            let bucket = self.buckets.entry(key).or_default();
-            self.room -= bucket.capacity();
-            bucket.push_front(waiting);
-            self.room += bucket.capacity();
-            self.count += 1;
+            self.add(key, |bucket| bucket.push_front(waiting));
             self.current = None;
         }
+    }
+
+    /// Adds one state to the bucket of `key` by `push`.
+    fn add(&mut self, key: SortKey, push: impl FnOnce(&mut VecDeque<QueuedState>)) {
+        let bucket = self.buckets.entry(key).or_default();
+        self.room -= bucket.capacity();
+        push(bucket);
+        self.room += bucket.capacity();
+        self.count += 1;
     }
 
     fn take(&mut self) -> Option<Current> {

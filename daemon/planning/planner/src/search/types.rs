@@ -82,12 +82,10 @@ impl TypeList {
             let index = self.open[place];
             let position = self.draw(self.types[index].len());
             let (state, done) = self.types[index][position];
-            if let Some(kept) = self.kept.get(&state) {
-                self.applicable.clear();
-                self.applicable.extend_from_slice(kept);
-            } else {
-                self.applicable.clear();
-                operators(state, &mut self.applicable);
+            self.applicable.clear();
+            match self.kept.get(&state) {
+                Some(kept) => self.applicable.extend_from_slice(kept),
+                None => operators(state, &mut self.applicable),
             }
             let all = self.applicable.len();
             if done as usize + 1 < all {

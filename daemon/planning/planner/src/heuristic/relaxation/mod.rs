@@ -257,7 +257,7 @@ impl Relaxation {
     /// Whether a proposition is a positive or negative literal of a fact, and not that of a failing
     /// axiom.
     pub(super) fn is_literal(&self, proposition: u32) -> bool {
-        (proposition as usize) < self.fact_count + self.negated.len()
+        self.literal(proposition).is_some()
     }
 
     #[inline]
