@@ -52,6 +52,8 @@ pub(crate) struct Ecosystem {
     pub(crate) rights: Rights,
     /// The path of the file of people; the file need not exist.
     pub(crate) people: PathBuf,
+    /// Whether the ecosystem file names the file of people.
+    pub(crate) is_people_file_named: bool,
     /// The actions that a person must allow, or that are limited in their rate.
     pub(crate) safeguards: Safeguards,
     /// The sensors that stop actuators while they are pressed, by agent.

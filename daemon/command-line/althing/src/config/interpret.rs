@@ -107,13 +107,12 @@ pub(super) fn interpret(mut meaning: Interpreter<'_>, raw: RawConfig) -> Interpr
     let (agents, limited) = meaning.all_agents(agent, &hosts, files.as_ref());
     let interfaces = meaning.interfaces(interface, &agents, files.as_ref());
     let daemons = with_hosts(meaning.daemons(&daemons), &agents, &interfaces);
-    let words = meaning.words(words, &mut goals);
+    let (words, metrics) = (meaning.words(words, &mut goals), meaning.metrics(metrics));
     let (goals, settings) = (meaning.goals(goals), meaning.settings(&timing, &limits, &agents));
-    let security = meaning.security(security, name.as_ref());
+    let (security, plugins) = (meaning.security(security, name.as_ref()), meaning.plugins(plugins));
     let rights = with_borrowed_agents(meaning.rights(&rights, &agents, &limited), &interfaces);
     let safeguards = meaning.safeguards(safeguards, &agents, files.as_ref());
     let hardware_stops = meaning.hardware_stops(hardware_stops, &agents, files.as_ref());
-    let (plugins, metrics) = (meaning.plugins(plugins), meaning.metrics(metrics));
     let (web, building) = (meaning.web(web, &daemons), meaning.building(building, files.as_ref()));
     let (report, whole) = (meaning.into_report(&agents), (name, files, layers.get(1)));
     let (Some(name), Some(files), Some(file)) = whole else { return (None, report) };
@@ -132,6 +131,7 @@ pub(super) fn interpret(mut meaning: Interpreter<'_>, raw: RawConfig) -> Interpr
         security,
         rights,
         people: beside(path, people.file.as_deref().unwrap_or(PEOPLE_FILE)),
+        is_people_file_named: people.file.is_some(),
         safeguards,
         hardware_stops,
         plugins,

@@ -63,8 +63,7 @@ impl Reviewer<'_> {
     }
 
     fn missing_people(&mut self) {
-        let is_named = self.ecosystem.places.find("people.file").is_some_and(|(.., is_it)| is_it);
-        if is_named {
+        if self.ecosystem.is_people_file_named {
             let shown = self.ecosystem.people.display();
             let message = format!("there is no {shown}, so nobody can sign in");
             let help = "add a person: althing people add NAME --role operator";

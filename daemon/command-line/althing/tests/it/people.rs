@@ -222,6 +222,10 @@ fn an_ecosystem_names_another_file() {
     assert!(house.path().join("us.toml").is_file() && !house.path().join("people.toml").exists());
     let run = house.check("check althing.toml", 0);
     assert!(!run.stderr.contains("us.toml"), "{}", run.stderr);
+    // An empty path is one mistake, and is no reason to speak of the default file.
+    house.write("althing.toml", format!("{ECOSYSTEM}\n[people]\nfile = \"\"\n").as_bytes());
+    let run = house.check("check althing.toml", 33);
+    assert!(run.stderr.contains("1 error") && !run.stderr.contains("warning"), "{}", run.stderr);
 }
 
 #[test]
