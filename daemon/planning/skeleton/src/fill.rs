@@ -16,9 +16,8 @@ use pddl::{
 use planner::{Cancel, Options, StopReason};
 
 use crate::opaque_names::OpaqueNames;
-use crate::private_symbols::{PrivateSymbols, Scope, atoms};
+use crate::private_symbols::{PrivateSymbols, Scope};
 use crate::projection::ProjectedAction;
-use crate::terms::used_by;
 
 /// Predicate that holds if its arguments are the same object.
 const SAME: &str = "skeleton--same";
@@ -246,20 +245,10 @@ impl<'t> FillTask<'t> {
         }));
         let mut goals = vec![Condition::Atom(turn(end))];
         if let (true, Condition::And(conjuncts)) = (with_goals, &self.task.problem.goal) {
-            goals.extend(conjuncts.iter().filter(|it| self.is_private_goal(it)).cloned());
+            goals.extend(conjuncts.iter().filter(|it| self.symbols.concern_condition(it)).cloned());
         }
         problem.goal = Condition::And(goals);
         problem
-    }
-
-    /// Whether a conjunct of the goal is about something private.
-    fn is_private_goal(&self, conjunct: &Condition) -> bool {
-        let functions = used_by(conjunct).functions;
-        let mut is_private = functions.iter().any(|name| self.symbols.is_private_function(name));
-        atoms(conjunct, &mut Scope::new(), &mut |atom, scope| {
-            is_private |= self.symbols.symbol(atom, scope).is_some();
-        });
-        is_private
     }
 
     /// Splits a plan at the agent's steps of the skeleton.

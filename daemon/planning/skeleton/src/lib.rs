@@ -16,10 +16,14 @@
 //! What others learn: how many private objects there are, and the structure of what is kept, without
 //! any name.
 //!
+//! In a running ecosystem, agents announce the projection as their action model, and the Domain
+//! Maintainer composes it like any other: [`ConfidentialModel`].
+//!
 //! Start reading at [`plan_in_one_process`], which does all of this without messages. Other crates
 //! exchange projections and parts between processes. **Invariant:** this crate has no async function,
 //! and uses no clock, file or log.
 
+mod confidential_model;
 mod fill;
 mod local;
 mod opaque_names;
@@ -29,6 +33,7 @@ mod projection;
 mod requester;
 mod terms;
 
+pub use confidential_model::{ConfidentialModel, KnownWorld};
 pub use fill::{FillRefusal, FilledPart};
 pub use local::{LocalPlan, plan_in_one_process};
 pub use partner::Partner;

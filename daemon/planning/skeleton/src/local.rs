@@ -43,7 +43,7 @@ pub fn plan_in_one_process(
     loop {
         rounds += 1;
         for agent in news.drain(..) {
-            let projection = partners[&agent].projection().clone();
+            let projection = partners[&agent].projection();
             sent(&projection.domain);
             sent(&projection.problem);
             projections.insert(agent, projection);

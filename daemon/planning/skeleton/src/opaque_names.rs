@@ -30,10 +30,22 @@ pub(crate) fn opaque_words(text: &str) -> impl Iterator<Item = &str> {
     text.split(move |letter| !is_part(letter)).filter(|word| word.contains(OWN))
 }
 
+/// How a projection names its actions.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum ActionNaming {
+    /// Each name belongs to one agent, and the agent is a parameter like the others: for tasks that
+    /// are merged.
+    OfMember,
+    /// An action with a public effect keeps its name, and each action its agent: for action models,
+    /// which are composed by the Domain Maintainer.
+    OfModel,
+}
+
 /// The opaque names of one agent, the same in each of its projections.
 #[derive(Clone)]
 pub(crate) struct OpaqueNames {
     agent: String,
+    naming: ActionNaming,
     objects: BTreeMap<Name, Name>,
     functions: BTreeMap<Name, Name>,
     /// In the order of the declarations.
@@ -48,6 +60,7 @@ impl OpaqueNames {
         task: &AgentFiles,
         symbols: &PrivateSymbols,
         predicates: &BTreeSet<PrivateSymbol>,
+        naming: ActionNaming,
     ) -> OpaqueNames {
         let AgentFiles { agent, domain, problem } = task;
         let place = |name: &Name| domain.predicates.iter().position(|it| it.name == *name);
@@ -74,6 +87,7 @@ impl OpaqueNames {
         }
         OpaqueNames {
             agent: agent.clone(),
+            naming,
             objects: numbered(agent, "o", objects).collect(),
             functions: numbered(agent, "f", functions).collect(),
             predicates: numbered(agent, "p", in_order.into_iter()).collect(),
@@ -108,14 +122,26 @@ impl OpaqueNames {
         self.variables.get(name).unwrap_or(name).clone()
     }
 
-    /// Returns the name of an action in the projection: unique to the agent, and opaque for an
-    /// action that changes nothing public.
+    /// Returns the name of an action in the projection. It is opaque for an action that changes
+    /// nothing public.
     pub(crate) fn action(&self, number: usize, name: &Name, is_public: bool) -> Name {
         let agent = &self.agent;
-        match is_public {
-            true => Name::new(&format!("{agent}{OWN}do-{name}")),
-            false => Name::new(&format!("{agent}{OWN}a{number}")),
+        match (is_public, self.naming) {
+            (true, ActionNaming::OfMember) => Name::new(&format!("{agent}{OWN}do-{name}")),
+            (true, ActionNaming::OfModel) => name.clone(),
+            (false, _) => Name::new(&format!("{agent}{OWN}a{number}")),
         }
+    }
+
+    /// Whether each action of the projection keeps its agent.
+    pub(crate) fn keep_agents(&self) -> bool {
+        self.naming == ActionNaming::OfModel
+    }
+
+    /// Whether a name is an opaque name of this agent.
+    pub(crate) fn is_opaque(&self, name: &Name) -> bool {
+        let rest = name.as_str().strip_prefix(self.agent.as_str());
+        rest.is_some_and(|rest| rest.starts_with(OWN))
     }
 }
 

@@ -1,6 +1,6 @@
 //! An agent with secrets, as it takes part in joint planning.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeSet;
 
 use acl::content::PartStep;
 use pddl::factored::AgentFiles;
@@ -8,23 +8,22 @@ use pddl::{Atom, Condition, InitElement, Name, TOTAL_COST, Term};
 use planner::{Cancel, Options};
 
 use crate::fill::{FillRefusal, FillTask, FilledPart, ProvedRefusal};
-use crate::opaque_names::{OWN, OpaqueNames, check_member_name, opaque_words};
+use crate::opaque_names::{ActionNaming, OWN, OpaqueNames, check_member_name, opaque_words};
 use crate::private_symbols::{PrivateSymbol, PrivateSymbols, Scope, atom_of, atoms};
-use crate::projection::{ProjectedAction, Projection, Projector};
+use crate::projection::{ProjectedTask, Projection, Projector};
 use crate::terms::used_by;
 
 /// An agent's own task, and how much of it the agent has announced.
 #[derive(Clone)]
 pub struct Partner {
-    task: AgentFiles,
-    symbols: PrivateSymbols,
-    names: OpaqueNames,
+    pub(crate) task: AgentFiles,
+    pub(crate) symbols: PrivateSymbols,
+    pub(crate) names: OpaqueNames,
     /// All private symbols of the task.
     all: BTreeSet<PrivateSymbol>,
     /// The private symbols that the projection keeps.
-    kept: BTreeSet<PrivateSymbol>,
-    projection: Projection,
-    projected: BTreeMap<Name, ProjectedAction>,
+    pub(crate) kept: BTreeSet<PrivateSymbol>,
+    pub(crate) projected: ProjectedTask,
 }
 
 // === impl Partner ===
@@ -36,7 +35,10 @@ impl Partner {
     ///
     /// Returns the reason, as text for a person, if the task uses something that is not supported.
     pub fn new(task: AgentFiles) -> Result<Partner, String> {
-        let task = known_part(task)?;
+        Partner::with_naming(known_part(task)?, ActionNaming::OfMember)
+    }
+
+    pub(crate) fn with_naming(task: AgentFiles, naming: ActionNaming) -> Result<Partner, String> {
         let symbols = PrivateSymbols::of(&task);
         refuse_unsupported(&task, &symbols)?;
         let mut all = symbols.wanted(&task.problem);
@@ -45,17 +47,23 @@ impl Partner {
             all.extend(symbols.changed_by(action).0);
             all.extend(symbols.conditions_of_effects(action));
         }
-        let names = OpaqueNames::new(&task, &symbols, &all);
+        let names = OpaqueNames::new(&task, &symbols, &all, naming);
         let kept = dependencies(&task, &symbols);
         let projector = Projector { task: &task, symbols: &symbols, names: &names, kept: &kept };
-        let (projection, projected) = projector.project();
-        Ok(Partner { task, symbols, names, all, kept, projection, projected })
+        let projected = projector.project();
+        Ok(Partner { task, symbols, names, all, kept, projected })
     }
 
     /// Returns what others may learn of the task.
     #[must_use]
-    pub fn projection(&self) -> &Projection {
-        &self.projection
+    pub fn projection(&self) -> Projection {
+        let ProjectedTask { domain, problem, .. } = &self.projected;
+        Projection { domain: domain.to_string(), problem: problem.to_string() }
+    }
+
+    pub(crate) fn projector(&self) -> Projector<'_> {
+        let Partner { task, symbols, names, kept, .. } = self;
+        Projector { task, symbols, names, kept }
     }
 
     /// Returns how many private symbols the projection keeps, and how many there are.
@@ -76,7 +84,7 @@ impl Partner {
         cancel: &Cancel,
     ) -> Result<FilledPart, FillRefusal> {
         let Partner { task, symbols, names, projected, .. } = self;
-        FillTask::new(task, symbols, names, projected, part)?.fill(options, cancel)
+        FillTask::new(task, symbols, names, &projected.actions, part)?.fill(options, cancel)
     }
 
     /// Keeps more private symbols after a proved refusal: those that the refused step or the agent's
@@ -96,10 +104,14 @@ impl Partner {
         if more.is_empty() {
             return false;
         }
-        self.kept.extend(more);
-        let Partner { task, symbols, names, kept, .. } = &*self;
-        (self.projection, self.projected) = Projector { task, symbols, names, kept }.project();
+        self.keep(more);
         true
+    }
+
+    /// Keeps these private symbols, too, as far as the task uses them.
+    pub(crate) fn keep(&mut self, more: BTreeSet<PrivateSymbol>) {
+        self.kept.extend(more.into_iter().filter(|symbol| self.all.contains(symbol)));
+        self.projected = self.projector().project();
     }
 
     /// Returns the private symbols that the projection drops and on which some symbols depend most

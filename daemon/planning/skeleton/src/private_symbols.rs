@@ -41,6 +41,8 @@ pub(crate) struct PrivateSymbols {
     private_objects: BTreeSet<Name>,
     private_predicates: BTreeSet<Name>,
     private_functions: BTreeSet<Name>,
+    /// Public objects that the task does not declare.
+    further_objects: BTreeSet<Name>,
     /// Argument positions at which a variable stands for private and for public objects. There, a
     /// private object does not make a fact private.
     mixed: BTreeSet<(Name, usize)>,
@@ -68,6 +70,7 @@ impl PrivateSymbols {
             private_objects,
             private_predicates: predicates.map(|it| it.name.clone()).collect(),
             private_functions: functions.map(|it| it.name.clone()).collect(),
+            further_objects: BTreeSet::new(),
             mixed: BTreeSet::new(),
         };
         let mut mixed = BTreeSet::new();
@@ -84,6 +87,47 @@ impl PrivateSymbols {
         symbols
     }
 
+    /// Returns the same symbols, with public objects that the task does not declare. They do not
+    /// change what is private.
+    pub(crate) fn with_objects(&self, objects: impl Iterator<Item = Name>) -> PrivateSymbols {
+        PrivateSymbols { further_objects: objects.collect(), ..self.clone() }
+    }
+
+    /// Whether the task has anything private.
+    pub(crate) fn are_any(&self) -> bool {
+        !(self.private_objects.is_empty()
+            && self.private_predicates.is_empty()
+            && self.private_functions.is_empty())
+    }
+
+    /// Whether an element of a state is private or names something private.
+    pub(crate) fn concern(&self, element: &InitElement) -> bool {
+        let (name, arguments) = match (atom_of(element), element) {
+            (Some(atom), _) => (&atom.predicate, &atom.arguments),
+            (None, InitElement::Assign(fluent, _)) => (&fluent.function, &fluent.arguments),
+            // A timed assignment, which agents do not report.
+            (None, _) => return true,
+        };
+        self.private_predicates.contains(name)
+            || self.private_functions.contains(name)
+            || arguments.iter().any(|argument| self.is_private_object(argument.name()))
+    }
+
+    /// Whether a condition is about something private.
+    pub(crate) fn concern_condition(&self, condition: &Condition) -> bool {
+        let used = used_by(condition);
+        let mut is_private = used.functions.iter().any(|name| self.is_private_function(name))
+            || used.objects.iter().any(|name| self.is_private_object(name));
+        atoms(condition, &mut Scope::new(), &mut |atom, scope| {
+            is_private |= self.symbol(atom, scope).is_some();
+        });
+        is_private
+    }
+
+    pub(crate) fn is_private_predicate(&self, name: &Name) -> bool {
+        self.private_predicates.contains(name)
+    }
+
     pub(crate) fn is_private_object(&self, name: &Name) -> bool {
         self.private_objects.contains(name)
     }
@@ -93,7 +137,7 @@ impl PrivateSymbols {
     }
 
     pub(crate) fn knows_object(&self, name: &Name) -> bool {
-        self.objects.contains_key(name)
+        self.objects.contains_key(name) || self.further_objects.contains(name)
     }
 
     /// Returns the objects that are private, in the order of their declarations.
@@ -140,10 +184,17 @@ impl PrivateSymbols {
         }
     }
 
-    /// Returns the private symbols of the facts that an effect adds or deletes, and whether the
-    /// effect changes something public.
+    /// Whether what an action observes is public.
+    pub(crate) fn is_public_observation(&self, observed: &Atom, scope: &Scope) -> bool {
+        !self.is_private_function(&observed.predicate) && self.symbol(observed, scope).is_none()
+    }
+
+    /// Returns the private symbols of the facts that an action adds or deletes, and whether the
+    /// action changes or observes something public.
     pub(crate) fn changed_by(&self, action: &ActionSchema) -> (BTreeSet<PrivateSymbol>, bool) {
-        let (mut changed, mut is_public) = (BTreeSet::new(), false);
+        let scope = scope_of(action);
+        let is_seen = |observed: &Atom| self.is_public_observation(observed, &scope);
+        let (mut changed, mut is_public) = (BTreeSet::new(), action.observe.iter().any(is_seen));
         effects(&action.effect, &mut scope_of(action), &mut |literal, scope| match literal {
             EffectLiteral::Atom(atom) => match self.symbol(atom, scope) {
                 Some(symbol) => {

@@ -23,6 +23,15 @@ pub struct Projection {
     pub problem: String,
 }
 
+/// The projection of one agent's task, as trees.
+#[derive(Clone)]
+pub(crate) struct ProjectedTask {
+    pub(crate) domain: Domain,
+    pub(crate) problem: Problem,
+    /// What each action of the domain stands for.
+    pub(crate) actions: BTreeMap<Name, ProjectedAction>,
+}
+
 /// What an action of a projection stands for.
 #[derive(Clone, Debug)]
 pub(crate) struct ProjectedAction {
@@ -44,8 +53,7 @@ pub(crate) struct Projector<'t> {
 // === impl Projector ===
 
 impl Projector<'_> {
-    /// Returns the projection, and what each of its actions stands for.
-    pub(crate) fn project(&self) -> (Projection, BTreeMap<Name, ProjectedAction>) {
+    pub(crate) fn project(&self) -> ProjectedTask {
         let Domain { name, requirements, types, constants, functions, .. } = &self.task.domain;
         let mut projected = BTreeMap::new();
         let mut actions = Vec::new();
@@ -72,8 +80,7 @@ impl Projector<'_> {
             actions,
             ..Domain::named(name.clone())
         };
-        let texts = Projection { domain: domain.to_string(), problem: problem.to_string() };
-        (texts, projected)
+        ProjectedTask { domain, problem, actions: projected }
     }
 
     /// Returns the declarations of the public predicates, and of the private ones that are kept.
@@ -162,25 +169,31 @@ impl Projector<'_> {
         action: &ActionSchema,
     ) -> Option<(ActionSchema, ProjectedAction)> {
         let scope = scope_of(action);
-        let effect = self.effect(&action.effect, &scope)?;
-        if !changes_a_fact(&effect) {
+        let observed =
+            action.observe.iter().filter(|it| self.symbols.is_public_observation(it, &scope));
+        let observe: Vec<Atom> = observed.filter_map(|it| self.atom(it, &scope)).collect();
+        let effect = self.effect(&action.effect, &scope).unwrap_or(Effect::And(Vec::new()));
+        if !changes_a_fact(&effect) && observe.is_empty() {
             return None;
         }
         let precondition = self.relax(&action.precondition, true, &scope);
         let mut used = UsedTerms::default();
         used.condition(&precondition);
         used.effect(&effect);
+        observe.iter().for_each(|atom| used.terms(&atom.arguments));
         let all: Vec<Typed> = self.typed(&action.all_parameters().cloned().collect::<Vec<_>>());
-        let is_used = |place: &usize| used.variables.contains(&all[*place].name);
-        let parameters: Vec<usize> = (0..all.len()).filter(is_used).collect();
+        let agents = usize::from(self.names.keep_agents() && action.agent.is_some());
+        let is_kept = |place: &usize| *place < agents || used.variables.contains(&all[*place].name);
+        let parameters: Vec<usize> = (0..all.len()).filter(is_kept).collect();
         let (_, is_public) = self.symbols.changed_by(action);
+        let mut kept = parameters.iter().map(|place| all[*place].clone());
         let projected = ActionSchema {
             name: self.names.action(index, &action.name, is_public),
-            agent: None,
-            parameters: parameters.iter().map(|place| all[*place].clone()).collect(),
+            agent: kept.by_ref().take(agents).next(),
+            parameters: kept.collect(),
             precondition,
             effect,
-            observe: Vec::new(),
+            observe,
             span: action.span,
         };
         Some((projected, ProjectedAction { schema: index, parameters }))
@@ -261,7 +274,8 @@ impl Projector<'_> {
         })
     }
 
-    fn element(&self, element: &InitElement) -> Option<InitElement> {
+    /// Returns an element of a state with opaque names; `None` if its symbol is dropped.
+    pub(crate) fn element(&self, element: &InitElement) -> Option<InitElement> {
         let none = Scope::new();
         Some(match element {
             InitElement::Atom(atom) => InitElement::Atom(self.atom(atom, &none)?),

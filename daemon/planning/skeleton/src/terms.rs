@@ -19,7 +19,7 @@ pub(crate) struct UsedTerms {
 // === impl UsedTerms ===
 
 impl UsedTerms {
-    fn terms<'t>(&mut self, terms: impl IntoIterator<Item = &'t Term>) {
+    pub(crate) fn terms<'t>(&mut self, terms: impl IntoIterator<Item = &'t Term>) {
         for term in terms {
             match term {
                 Term::Variable(name) => self.variables.insert(name.clone()),

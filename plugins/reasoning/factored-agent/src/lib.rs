@@ -156,7 +156,7 @@ impl Agent for FactoredAgent {
         }
         let partner = self.partner.lock().unwrap_or_else(PoisonError::into_inner);
         // An agent keeps more and more of its private symbols: their number is its revision.
-        let answer = answer(partner.projection(), partner.kept().0 as u64);
+        let answer = answer(&partner.projection(), partner.kept().0 as u64);
         serde_json::to_string(&answer).ok()
     }
 
