@@ -240,6 +240,31 @@ pub struct Method {
     pub timeout: Millis,
 }
 
+impl Method {
+    /// Returns the arguments of the method for an action whose parameters have the given values: names
+    /// of parameters in lower case, without `?`.
+    ///
+    /// # Errors
+    ///
+    /// Returns the reason, as text for a person, if an argument is no parameter of the action.
+    pub fn bind(&self, values: &BTreeMap<&str, &str>) -> Result<BTreeMap<String, String>, String> {
+        let value = |template: &String| match template.strip_prefix('?') {
+            None => Ok(template.clone()),
+            Some(variable) => values
+                .get(variable.to_lowercase().as_str())
+                .map(|value| (*value).to_owned())
+                .ok_or_else(|| {
+                    let method = &self.method;
+                    format!(
+                        "method `{method}` uses `{template}`, which is no parameter of its action"
+                    )
+                }),
+        };
+        let arguments = self.arguments.iter();
+        arguments.map(|(name, template)| Ok((name.clone(), value(template)?))).collect()
+    }
+}
+
 /// Request to an actuator to carry out an action.
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use acl::AgentId;
-use acl::content::{Method, Offer, Offers};
+use acl::content::{Offer, Offers};
 use pddl::{Domain, PlanStep};
 
 /// The request that is sent to an actuator for one step.
@@ -65,30 +65,15 @@ pub(crate) fn translate(
         agent,
         action: outside_step.to_string(),
         method: method.method.clone(),
-        arguments: bind(method, &bound)?,
+        arguments: method.bind(&bound)?,
         timeout: method.timeout.0,
     })
-}
-
-fn bind(method: &Method, bound: &BTreeMap<&str, &str>) -> Result<BTreeMap<String, String>, String> {
-    let value = |template: &String| match template.strip_prefix('?') {
-        None => Ok(template.clone()),
-        Some(variable) => bound
-            .get(variable.to_lowercase().as_str())
-            .map(|value| (*value).to_owned())
-            .ok_or_else(|| {
-                format!(
-                    "method `{}` uses `{template}`, which is no parameter of its action",
-                    method.method
-                )
-            }),
-    };
-    method.arguments.iter().map(|(name, template)| Ok((name.clone(), value(template)?))).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use acl::Millis;
+    use acl::content::Method;
 
     use super::*;
 
